@@ -1,5 +1,8 @@
 """Robust planes in point clouds: outliers, normals and curvature as scikit-learn estimators."""
 
+from sklearn_mcmd._mcmd import MCMDOutlierDetector
+from sklearn_mcmd._normals import RobustNormalEstimator
+
 __version__ = "0.1.0.dev0"
 
-__all__ = ["__version__"]
+__all__ = ["MCMDOutlierDetector", "RobustNormalEstimator", "__version__"]

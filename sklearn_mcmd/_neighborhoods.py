@@ -1,0 +1,82 @@
+"""From points to neighborhoods: rows of an index array, searched in spatial order."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+__all__ = ["NeighborIndex", "spatial_order"]
+
+# Below this many points the order of memory does not matter.
+ORDER_FROM = 10_000
+COARSE_LEAF = 256
+LEAF = 32
+
+
+class NeighborIndex:
+    """Neighborhoods of any query among fixed points.
+
+    The points are kept in the order of a k-d tree's leaves: neighbors in space are then
+    neighbors in memory, which makes the search and all that follows two to three times as
+    fast on clouds whose rows come in random order.
+
+    Parameters
+    ----------
+    X : ndarray of float64 of shape (n, d)
+    n_neighbors : int or None
+        Members of a neighborhood; all points in one neighborhood when None.
+    radius : float, default=None
+        Members are not farther from the query than this, except where fewer than d + 1 are:
+        there the nearest d + 1 are taken.
+
+    Attributes
+    ----------
+    points : ndarray of shape (m, d)
+        In spatial order. Of a location that occurs more than `n_neighbors` times only so
+        many copies are kept: more cannot be in one neighborhood, and a scanner's thousands
+        of points at the origin would make the search quadratic.
+    """
+
+    def __init__(self, X, n_neighbors, radius=None):
+        self.n_neighbors = n_neighbors
+        self.radius = radius
+        if n_neighbors is None:
+            # Nearest to the mean first: an order that does not depend on that of the rows.
+            distance = np.linalg.norm(X - X.mean(axis=0), axis=1)
+            self.points = np.ascontiguousarray(X[np.argsort(distance, kind="stable")])
+            return
+        if len(X) >= ORDER_FROM:
+            X = _limit_copies(X[spatial_order(X)], n_neighbors)
+        self.points = np.ascontiguousarray(X)
+        self.tree = cKDTree(self.points, leafsize=LEAF, balanced_tree=False)
+
+    def query(self, queries):
+        """Find the neighborhoods of queries (m, d), nearest members first.
+
+        Returns
+        -------
+        indices : ndarray of int of shape (m, k)
+            Rows of `points`; members beyond the size repeat the first.
+        sizes : ndarray of int of shape (m,)
+        """
+        k = self.n_neighbors
+        if self.radius is None:
+            _, indices = self.tree.query(queries, k=k)
+            return indices.reshape(len(queries), k), np.full(len(queries), k)
+        distances, indices = self.tree.query(queries, k=k)
+        distances, indices = distances.reshape(-1, k), indices.reshape(-1, k)
+        sizes = np.count_nonzero(distances <= self.radius, axis=1)
+        sizes = np.maximum(sizes, min(self.points.shape[1] + 1, k))
+        indices = np.where(np.arange(k) < sizes[:, None], indices, indices[:, :1])
+        return indices, sizes
+
+
+def spatial_order(X):
+    """Row order in which near points are near in memory: that of a coarse tree's leaves."""
+    return cKDTree(X, leafsize=COARSE_LEAF, balanced_tree=False).indices
+
+
+def _limit_copies(X, n_copies):
+    """Drop points of which `n_copies` coincident ones precede in a run of equal rows."""
+    starts = np.flatnonzero(np.r_[True, (X[1:] != X[:-1]).any(axis=1)])
+    rank = np.arange(len(X)) - np.repeat(starts, np.diff(np.r_[starts, len(X)]))
+    keep = rank < n_copies
+    return X if keep.all() else X[keep]

@@ -1,0 +1,81 @@
+"""The sign of a normal, decided in one place."""
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import (
+    breadth_first_order,
+    connected_components,
+    minimum_spanning_tree,
+)
+
+__all__ = ["orient_by_spanning_tree", "orient_toward", "point_up"]
+
+
+def point_up(normals):
+    """Flip normals (n, d) in place so that the last coordinate that is not zero is positive."""
+    undecided = np.arange(len(normals))
+    for axis in reversed(range(normals.shape[1])):
+        values = normals[undecided, axis]
+        down = undecided[values < 0]
+        normals[down] = -normals[down]
+        undecided = undecided[values == 0]
+        if undecided.size == 0:
+            break
+    return normals
+
+
+def orient_toward(normals, directions):
+    """Flip normals (n, d) in place to the side of directions, (d,) or (n, d).
+
+    Normals at right angles to their direction keep their sign.
+    """
+    against = np.einsum("ij,ij->i", normals, np.broadcast_to(directions, normals.shape)) < 0
+    normals[against] = -normals[against]
+    return normals
+
+
+def orient_by_spanning_tree(normals, points, indices):
+    """Make normals of neighbors agree (Hoppe et al., 1992), in place.
+
+    The sign travels along the minimum spanning tree of the neighborhood graph, whose edges
+    are the cheaper the more parallel the normals are. In each connected part the normal of
+    the highest point is made to point up.
+
+    Parameters
+    ----------
+    normals : ndarray of shape (n, d)
+    points : ndarray of shape (n, d)
+    indices : ndarray of int of shape (n, k)
+        Neighbors of each point.
+    """
+    n, k = indices.shape
+    rows, columns = np.repeat(np.arange(n), k), indices.ravel()
+    agreement = np.abs(np.einsum("ij,ij->i", normals[rows], normals[columns]))
+    # SciPy takes a zero for no edge at all.
+    graph = coo_array((1.0 + 1e-9 - np.minimum(agreement, 1.0), (rows, columns)), shape=(n, n))
+    tree = minimum_spanning_tree(graph.tocsr())
+    n_parts, part = connected_components(tree, directed=False)
+
+    # One root above all parts, tied to the highest point of each: one walk serves all.
+    order = np.lexsort((points[:, -1], part))
+    roots = order[np.r_[np.flatnonzero(np.diff(part[order])), n - 1]]
+    point_up_at = normals[roots]
+    normals[roots] = point_up(point_up_at)
+    tree = tree.tocoo()
+    rows = np.r_[tree.coords[0], np.full(n_parts, n)]
+    columns = np.r_[tree.coords[1], roots]
+    joined = coo_array((np.ones(len(rows)), (rows, columns)), shape=(n + 1, n + 1)).tocsr()
+    _, parent = breadth_first_order(joined, n, directed=False)
+    parent = parent[:n]
+
+    sign = np.ones(n + 1)
+    below = np.flatnonzero(parent != n)
+    product = np.einsum("ij,ij->i", normals[below], normals[parent[below]])
+    sign[below] = np.where(product < 0, -1.0, 1.0)
+    # Pointer doubling: after i rounds a sign is the product over 2**i steps toward the root.
+    ancestor = np.r_[parent, n]
+    while (ancestor != n).any():
+        sign = sign * sign[ancestor]
+        ancestor = ancestor[ancestor]
+    normals *= sign[:n, None]
+    return normals

@@ -1,0 +1,96 @@
+"""Planes by principal components: the arithmetic every method shares."""
+
+import numpy as np
+
+__all__ = ["fit_planes", "flat_normals", "orthogonal_distances", "surface_variation"]
+
+# Eigenvalues below this share of the largest one count as zero: squared, a spread of
+# 1e-6 of the neighborhood's extent, well above rounding and far below any scanner.
+RANK_TOLERANCE = 1e-12
+
+
+def fit_planes(neighborhoods, inliers=None):
+    """Fit a plane to each neighborhood by principal components (Eq. 1).
+
+    Parameters
+    ----------
+    neighborhoods : ndarray of shape (..., k, d)
+        Points of each neighborhood. They are centered before any product is formed, so
+        large coordinates cost no accuracy.
+    inliers : ndarray of bool of shape (..., k), default=None
+        Members that take part; all of them when None.
+
+    Returns
+    -------
+    centroids : ndarray of shape (..., d)
+    eigenvalues : ndarray of shape (..., d)
+        Of the covariance matrix with divisor k, ascending, never negative.
+    axes : ndarray of shape (..., d, d)
+        Unit eigenvectors as columns; ``axes[..., 0]`` is the plane's normal, its sign
+        undecided.
+
+    References
+    ----------
+    Nurunnabi, West, Belton, "Outlier detection and robust normal-curvature estimation in
+    mobile laser scanning 3D point cloud data", Eqs 1-2.
+    """
+    origin = neighborhoods[..., :1, :]
+    local = neighborhoods - origin
+    if inliers is None:
+        mean = local.mean(axis=-2, keepdims=True)
+        local -= mean
+        covariance = np.swapaxes(local, -1, -2) @ local / local.shape[-2]
+    else:
+        weight = inliers[..., None].astype(local.dtype)
+        total = np.maximum(weight.sum(axis=-2, keepdims=True), 1.0)
+        # Rows outside may be padding of any value, infinities included.
+        local = np.where(inliers[..., None], local, 0.0)
+        mean = local.sum(axis=-2, keepdims=True) / total
+        local = (local - mean) * weight
+        covariance = np.swapaxes(local, -1, -2) @ local / total
+    eigenvalues, axes = np.linalg.eigh(covariance)
+    return (origin + mean)[..., 0, :], np.maximum(eigenvalues, 0.0), axes
+
+
+def orthogonal_distances(points, centroids, normals):
+    """Signed distances from points (..., k, d) to planes (Algorithm 1, step 2)."""
+    return np.matmul(points - centroids[..., None, :], normals[..., None])[..., 0]
+
+
+def surface_variation(eigenvalues):
+    """Share of the least eigenvalue, "curvature" in the papers (Eq. 3).
+
+    Zero for a perfect plane and 1/d for an isotropic cluster; zero, too, where all points
+    coincide.
+    """
+    total = eigenvalues.sum(axis=-1)
+    return np.divide(eigenvalues[..., 0], total, out=np.zeros_like(total), where=total > 0)
+
+
+def flat_normals(normals, eigenvalues, directions):
+    """Give neighborhoods without a plane a defined normal.
+
+    Collinear points fit every plane through their line. Of its perpendiculars the one
+    nearest to the last axis is taken (the horizontal plane through a horizontal line); where
+    all points coincide, the last axis itself.
+
+    Parameters
+    ----------
+    normals : ndarray of shape (n, d), changed in place
+    eigenvalues : ndarray of shape (n, d), ascending
+    directions : ndarray of shape (n, d)
+        Axis of the largest eigenvalue.
+    """
+    d = normals.shape[1]
+    flat = np.flatnonzero(eigenvalues[:, d - 2] <= RANK_TOLERANCE * eigenvalues[:, -1])
+    for axis in reversed(range(d)):
+        if flat.size == 0:
+            break
+        line = np.where(eigenvalues[flat, -1:] > 0, directions[flat], 0.0)
+        candidate = -line[:, axis, None] * line
+        candidate[:, axis] += 1.0
+        length = np.linalg.norm(candidate, axis=1)
+        good = length > 0.5  # the line is within 30 degrees of this axis otherwise
+        normals[flat[good]] = candidate[good] / length[good, None]
+        flat = flat[~good]
+    return normals

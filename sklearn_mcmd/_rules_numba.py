@@ -1,0 +1,237 @@
+"""The rules of ``_rules`` and Algorithm 4 around them in three dimensions, compiled.
+
+One neighborhood after another goes from indices to its plane; nothing of size (n, k, 3) is
+ever held.
+"""
+
+import numpy as np
+from numba import njit
+
+from sklearn_mcmd._consistent_set_numba import (
+    FASTMATH,
+    consistent_set_3d,
+    eigh_3d,
+    kth_smallest,
+    weighted_covariance,
+    work_arrays,
+)
+from sklearn_mcmd._rules import MAD_TO_SD, METHODS, REWEIGHT_CUTOFF, TRUNCATED_VARIANCE
+
+__all__ = ["fit_neighborhoods_3d"]
+
+PCA, MCMD_Z = METHODS["pca"].code, METHODS["mcmd_z"].code
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fit_neighborhoods_3d(
+    points, indices, sizes, queries, trials, n_support, method, cutoff, reweight, rounding,
+    saliency, distance, scale, centroids, normals, eigenvalues, directions, removed,
+):  # fmt: skip
+    """Apply a method to each neighborhood (Algorithm 4), one row at a time.
+
+    Parameters
+    ----------
+    points : float64 (n, 3)
+    indices : int (m, k), sizes : int (m,)
+    queries : float64 (m, 3)
+    trials : int32 (T, k)
+    n_support : int (k + 1,), the paper's h of each size
+    method : code of the rule
+    cutoff, reweight : as in ``_rules.mcmd_z``
+    rounding : relative rounding error of the coordinates
+    saliency : whether the plane of the inliers is wanted, beside the query's distance
+    distance ... removed : the arrays filled, see ``LocalPlanes``
+    """
+    k = indices.shape[1]
+    arrays = work_arrays(trials.shape[0], k)
+    local, member = arrays[0], arrays[6]
+    work = np.zeros(k)
+    query = np.zeros(3)
+    for i in range(indices.shape[0]):
+        size = sizes[i]
+        radius = _localize(points, indices[i], size, local)
+        magnitude = 0.0
+        for axis in range(3):
+            first = points[indices[i, 0], axis]
+            query[axis] = (queries[i, axis] - first) / radius
+            magnitude = max(magnitude, abs(first))
+        floor = rounding * (magnitude / radius + 1.0)
+
+        degenerate = False
+        if method != PCA:
+            found = consistent_set_3d(size, trials, n_support[size], arrays)
+            degenerate = found < 0.0
+        if method == PCA or degenerate:
+            for j in range(size):
+                member[j] = 1.0
+            distance[i], scale[i] = _pca(local, size, member, query, floor)
+            if degenerate:
+                distance[i], scale[i] = 0.0, floor
+        elif method == MCMD_Z:
+            distance[i], scale[i] = _mcmd_z(
+                local, size, member, query, cutoff, reweight, floor, work
+            )
+        else:
+            distance[i], scale[i] = _mcmd_md(
+                local, size, member, query, cutoff, reweight, floor, work
+            )
+        scale[i] *= radius
+
+        if saliency:
+            n_inliers = 0.0
+            for j in range(size):
+                n_inliers += member[j]
+            removed[i] = 1.0 - n_inliers / size
+            mean, covariance = weighted_covariance(local, size, member)
+            values, axes = eigh_3d(covariance)
+            for axis in range(3):
+                centroids[i, axis] = points[indices[i, 0], axis] + radius * mean[axis]
+                eigenvalues[i, axis] = values[axis] * radius * radius
+                normals[i, axis] = axes[0][axis]
+                directions[i, axis] = axes[2][axis]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _localize(points, row, size, local):
+    """Shift a neighborhood to its first point and scale it to radius one; return the radius."""
+    extent = 0.0
+    first = row[0]
+    for j in range(size):
+        for axis in range(3):
+            value = points[row[j], axis] - points[first, axis]
+            local[axis, j] = value
+            extent = max(extent, abs(value))
+    if extent == 0.0:
+        return 1.0
+    squared = 0.0
+    for j in range(size):
+        norm = 0.0
+        for axis in range(3):
+            value = local[axis, j] / extent
+            norm += value * value
+        squared = max(squared, norm)
+    radius = extent * np.sqrt(squared)
+    for axis in range(3):
+        for j in range(size):
+            local[axis, j] /= radius
+    return radius
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _pca(local, size, member, query, floor):
+    mean, covariance = weighted_covariance(local, size, member)
+    values, axes = eigh_3d(covariance)
+    scale = max(np.sqrt(values[0] * size / max(size - 3, 1)), floor)
+    return abs(_project(query, mean, axes[0])) / scale, scale
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _mcmd_z(local, size, member, query, cutoff, reweight, floor, work):
+    center = 0.0
+    if reweight:
+        mean, _, axes, scale, _ = _reweighted_plane(local, size, member, floor, work)
+        _signed_distances(local, size, mean, axes[0], work)
+    else:
+        mean, covariance = weighted_covariance(local, size, member)
+        _, axes = eigh_3d(covariance)
+        # Distances lie within +-2 radii; shifted by 4 they stay positive for the median.
+        _signed_distances(local, size, mean, axes[0], work)
+        for j in range(size):
+            work[j] += 4.0
+        center = _median_of_positive(work, size) - 4.0
+        _signed_distances(local, size, mean, axes[0], work)
+        for j in range(size):
+            work[j] = abs(work[j] - center)
+        scale = max(MAD_TO_SD * _median_of_positive(work, size), floor)
+        _signed_distances(local, size, mean, axes[0], work)
+    limit = cutoff * scale
+    for j in range(size):
+        member[j] = 1.0 if abs(work[j] - center) < limit else 0.0
+    return abs(_project(query, mean, axes[0]) - center) / scale, scale
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _mcmd_md(local, size, member, query, cutoff, reweight, floor, work):
+    if reweight:
+        mean, values, axes, scale, n_used = _reweighted_plane(local, size, member, floor, work)
+    else:
+        mean, covariance = weighted_covariance(local, size, member)
+        values, axes = eigh_3d(covariance)
+        scale, n_used = 0.0, 0.0
+        for j in range(size):
+            n_used += member[j]
+    correction = n_used / max(n_used - 1.0, 1.0)
+    least = scale if reweight else max(np.sqrt(values[0] * correction), floor)
+    middle = max(np.sqrt(values[1] * correction), floor)
+    most = max(np.sqrt(values[2] * correction), floor)
+    for j in range(size):
+        work[j] = 0.0
+    own = 0.0
+    for axis, deviation in zip(axes, (least, middle, most)):  # noqa: B905
+        _add_squared(local, size, mean, axis, deviation, work)
+        own += (_project(query, mean, axis) / deviation) ** 2
+    for j in range(size):
+        member[j] = 1.0 if work[j] < cutoff * cutoff else 0.0
+    return np.sqrt(own), least
+
+
+@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+def _add_squared(local, size, mean, axis, deviation, out):
+    x, y, z = local[0], local[1], local[2]
+    ax, ay, az = axis
+    mx, my, mz = mean
+    weight = 1.0 / deviation
+    for j in range(size):
+        projection = (ax * (x[j] - mx) + ay * (y[j] - my) + az * (z[j] - mz)) * weight
+        out[j] += projection * projection
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _reweighted_plane(local, size, member, floor, work):
+    """As in ``_rules``; `member` then holds the members that were kept."""
+    mean, covariance = weighted_covariance(local, size, member)
+    _, axes = eigh_3d(covariance)
+    _signed_distances(local, size, mean, axes[0], work)
+    for j in range(size):
+        work[j] = abs(work[j])
+    factor = MAD_TO_SD * (1.0 + 5.0 / max(size - 3, 1))
+    limit = REWEIGHT_CUTOFF * max(factor * _median_of_positive(work, size), floor)
+    n_kept = 0.0
+    for j in range(size):
+        member[j] = 1.0 if work[j] < limit else 0.0
+        n_kept += member[j]
+    mean, covariance = weighted_covariance(local, size, member)
+    values, axes = eigh_3d(covariance)
+    variance = values[0] * n_kept / max(n_kept - 3.0, 1.0) / TRUNCATED_VARIANCE
+    return mean, values, axes, max(np.sqrt(variance), floor), n_kept
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _project(query, mean, axis):
+    return (
+        axis[0] * (query[0] - mean[0])
+        + axis[1] * (query[1] - mean[1])
+        + axis[2] * (query[2] - mean[2])
+    )
+
+
+@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+def _signed_distances(local, size, mean, normal, out):
+    x, y, z = local[0], local[1], local[2]
+    nx, ny, nz = normal[0], normal[1], normal[2]
+    mx, my, mz = mean
+    for j in range(size):
+        out[j] = nx * (x[j] - mx) + ny * (y[j] - my) + nz * (z[j] - mz)
+
+
+@njit(cache=True, nogil=True)
+def _median_of_positive(values, size):
+    """Median of non-negative numbers, whose order is that of their bits read as integers."""
+    # Adding zero turns -0.0, whose bits are those of the least integer, into 0.0.
+    for j in range(size):
+        values[j] += 0.0
+    keys = values.view(np.int64)
+    lower = kth_smallest(keys, size, (size + 1) // 2)
+    upper = lower if size % 2 else kth_smallest(keys, size, size // 2 + 1)
+    pair = np.array([lower, upper]).view(np.float64)
+    return 0.5 * (pair[0] + pair[1])
