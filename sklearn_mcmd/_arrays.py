@@ -10,9 +10,8 @@ __all__ = ["cloud_from_records", "read_npy", "read_npz", "write_npy", "write_npz
 
 def read_npy(path):
     """Read a table of shape (n, >=3), or a structured array with fields x, y, z."""
+    _check_start(path, b"\x93NUMPY", "NPY")
     array = np.load(path, allow_pickle=False)
-    if not isinstance(array, np.ndarray):
-        raise PointFileError("is an archive of arrays, not one array: name it .npz")
     if array.dtype.names is not None:
         return cloud_from_records(array)
     if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "biuf":
@@ -25,9 +24,8 @@ def read_npy(path):
 
 def read_npz(path):
     """Read ``xyz``, or ``x``, ``y``, ``z``, or the first array of shape (n, 3)."""
+    _check_start(path, b"PK", "NPZ")
     with np.load(path, allow_pickle=False) as archive:
-        if isinstance(archive, np.ndarray):
-            raise PointFileError("is one array, not an archive: name it .npy")
         arrays = {name: archive[name] for name in archive.files}
     tables = [n for n, a in arrays.items() if a.ndim == 2 and a.shape[1] == 3]
     if "xyz" in arrays:
@@ -68,6 +66,13 @@ def write_npz(path, cloud):
     if any(a.dtype.hasobject for a in arrays.values()):
         raise PointFileError("attributes that hold Python objects cannot be stored in NPZ")
     np.savez(path, xyz=cloud.xyz, **arrays)
+
+
+def _check_start(path, magic, format_name):
+    """NumPy would take any other file for a pickle, and advise to load it unsafely."""
+    with open(path, "rb") as file:
+        if file.read(len(magic)) != magic:
+            raise PointFileError(f"is not a file in NumPy's format {format_name}")
 
 
 def cloud_from_records(records, **kwargs):

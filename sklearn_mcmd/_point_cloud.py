@@ -155,7 +155,8 @@ def flat_columns(attributes):
 def fit_dtype(name, values, allowed, format_name):
     """``values`` in the first dtype that the format has and that loses nothing."""
     kind = values.dtype.kind
-    wider = {"b": ["u1"], "i": ["i4", "u4", "f8"], "u": ["i4", "u4", "f8"], "f": ["f4", "f8"]}
+    whole = ["i4", "u4", "f8", "f4", "u2", "u1"]
+    wider = {"b": ["u1"], "i": whole, "u": whole, "f": ["f4", "f8"]}
     for code in [values.dtype.str[1:], *wider.get(kind, [])]:
         if code in allowed and kind in wider:
             with np.errstate(over="ignore", invalid="ignore"):

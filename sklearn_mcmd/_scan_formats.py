@@ -71,15 +71,15 @@ def read_pcd(path):
     pypcd4 = import_extra("pypcd4", "formats", "PCD")
     with open(path, "rb") as file:
         lines = _pcd_header(file)
-        header = pypcd4.MetaData.parse_header(lines)
-        if header.data == "ascii":
-            # pypcd4 splits at single spaces; columns in the wild are padded to a width.
-            dtype = header.build_dtype()
-            records = (
-                np.atleast_1d(np.loadtxt(file, dtype)) if header.points else np.empty(0, dtype)
-            )
-        else:
-            records = pypcd4.PointCloud.from_path(path).pc_data
+        try:
+            header = pypcd4.MetaData.parse_header(lines)
+        except ValueError as err:
+            raise PointFileError(f"broken PCD header: {' '.join(str(err).split())[:200]}") from err
+        try:
+            records = _pcd_records(pypcd4, path, file, header)
+        except Exception as err:  # whatever the parsers stumble over
+            reason = str(err).partition(";")[0]
+            raise PointFileError(f"the point data is truncated or damaged: {reason}") from err
     if len(records) != header.points:
         raise PointFileError(
             f"the header promises {header.points} points, the file holds {len(records)}"
@@ -219,6 +219,14 @@ def _pcd_header(file):
         fields = next(line for line in lines if line.startswith("FIELDS")).split()[1:]
         lines.insert(0, "COUNT " + " ".join("1" for _ in fields))
     return lines
+
+
+def _pcd_records(pypcd4, path, file, header):
+    if header.data != "ascii":
+        return pypcd4.PointCloud.from_path(path).pc_data
+    # pypcd4 splits at single spaces; columns in the wild are padded to a width.
+    dtype = header.build_dtype()
+    return np.atleast_1d(np.loadtxt(file, dtype)) if header.points else np.empty(0, dtype)
 
 
 def _axes(xyz):

@@ -15,15 +15,23 @@ ROWS_A_TIME = 100_000
 
 def read_text(path):
     """Read a table of numbers; integer columns become int64, all others float64."""
-    skip, names, first, delimiter = _inspect(path)
+    try:
+        skip, names, first, delimiter = _inspect(path)
+    except UnicodeDecodeError as err:
+        raise PointFileError("is not a text file in UTF-8") from err
     if len(first) < 3:
-        raise PointFileError(f"has {len(first)} column(s); at least 3 (x, y, z) are needed")
+        raise PointFileError(
+            f"line {skip + 1} has {len(first)} column(s); at least 3 (x, y, z) are needed"
+        )
     if names is not None and len(names) != len(first):
         raise PointFileError(
             f"the header names {len(names)} columns, line {skip + 1} has {len(first)}"
         )
     with open(path, encoding="utf-8-sig") as file:
-        table = np.loadtxt(file, delimiter=delimiter, skiprows=skip, ndmin=2)
+        try:
+            table = np.loadtxt(file, delimiter=delimiter, skiprows=skip, ndmin=2)
+        except ValueError as err:
+            raise PointFileError(_what_is_wrong(path, skip, len(first), delimiter)) from err
     cloud = split_table(table, names)
     written_as = dict(zip(names or _column_names(len(first)), first, strict=True))
     for name, values in cloud.attributes.items():
@@ -122,7 +130,24 @@ def _inspect(path):
                     "columns of text must be removed or encoded"
                 )
             header = text
-    raise PointFileError("holds no row of numbers, so no points")
+    header = f" (line 1 counts as header: {header[:40]!r})" if header else ""
+    raise PointFileError(f"holds no row of numbers{header}, so no points")
+
+
+def _what_is_wrong(path, skip, n_columns, delimiter):
+    """The first line that is no row of the table, counted as an editor counts."""
+    with open(path, encoding="utf-8-sig", errors="replace") as file:
+        for number, line in enumerate(file, start=1):
+            text = line.partition("#")[0].strip()
+            if number <= skip or not text:
+                continue
+            fields = text.split(delimiter)
+            if len(fields) != n_columns:
+                return f"line {number} has {len(fields)} columns, line {skip + 1} has {n_columns}"
+            for value in fields:
+                if not _is_row([value]):
+                    return f"line {number}: {value.strip()[:40]!r} is not a number"
+    return "is not a table of numbers in UTF-8"
 
 
 def _names(header, delimiter):

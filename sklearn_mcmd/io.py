@@ -109,12 +109,13 @@ def read_points(path):
     (PointCloud(2 points; label), 1)
     """
     path = Path(path)
+    if path.is_dir():
+        raise PointFileError(f"{path}: is a folder; a point file is needed")
     reader, _ = _FORMATS[_extension(path)]
     if not path.exists():
         raise PointFileError(f"{path}: no such file")
     if not path.is_file():
-        kind = "a folder" if path.is_dir() else "not a regular file"
-        raise PointFileError(f"{path}: is {kind}; a point file is needed")
+        raise PointFileError(f"{path}: is not a regular file")
     with _one_clear_line(path, "read"):
         if path.stat().st_size == 0:
             raise PointFileError("is empty (0 bytes)")
@@ -310,8 +311,8 @@ def _one_clear_line(path, action):
             f"{path}: cannot be {action}: not enough memory, or its header is broken"
         ) from err
     except BaseException as err:  # a panic in lazrs is no Exception
-        kind = "written" if action == "written" else f"read as {path.suffix.lower()[1:].upper()}"
-        raise PointFileError(f"{path}: cannot be {kind}: {_first_line(err)}") from err
+        hint = "" if action == "written" else "; it seems damaged or is of another format"
+        raise PointFileError(f"{path}: cannot be {action}{hint}: {_first_line(err)}") from err
 
 
 def _first_line(err):
