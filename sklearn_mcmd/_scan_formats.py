@@ -122,7 +122,8 @@ def write_pcd(path, cloud, encoding="binary"):
         return
     # pypcd4 writes ten decimals, which is too few for small and for packed numbers.
     with open(path, "w", encoding="ascii", newline="\n") as file:
-        file.write(pcd.metadata.compose_header(pypcd4.Encoding.ASCII))
+        pcd.metadata.data = pypcd4.Encoding.ASCII
+        file.write(pcd.metadata.compose_header())
         for rows in text_rows(list(columns.values())):
             file.writelines(f"{' '.join(map(str, row))}\n" for row in rows)
 
