@@ -1,0 +1,92 @@
+"""NPY and NPZ: NumPy's own files, without pickles."""
+
+import numpy as np
+
+from sklearn_mcmd._point_cloud import PointCloud, PointFileError
+from sklearn_mcmd._text import split_table, xyz_positions
+
+__all__ = ["cloud_from_records", "read_npy", "read_npz", "write_npy", "write_npz"]
+
+
+def read_npy(path):
+    """Read a table of shape (n, >=3), or a structured array with fields x, y, z."""
+    _check_start(path, b"\x93NUMPY", "NPY")
+    array = np.load(path, allow_pickle=False)
+    if array.dtype.names is not None:
+        return cloud_from_records(array)
+    if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "biuf":
+        raise PointFileError(
+            f"holds dtype {array.dtype} of shape {array.shape}; numbers of shape (n, 3) or more "
+            "columns, or a structured array with x, y, z are needed"
+        )
+    return split_table(array)
+
+
+def read_npz(path):
+    """Read ``xyz``, or ``x``, ``y``, ``z``, or the first array of shape (n, 3)."""
+    _check_start(path, b"PK", "NPZ")
+    with np.load(path, allow_pickle=False) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    tables = [n for n, a in arrays.items() if a.ndim == 2 and a.shape[1] == 3]
+    if "xyz" in arrays:
+        xyz = arrays.pop("xyz")
+    elif {"x", "y", "z"} <= arrays.keys():
+        xyz = np.column_stack([arrays.pop(axis) for axis in "xyz"])
+    elif tables:
+        xyz = arrays.pop(tables[0])
+    else:
+        found = ", ".join(f"{n} {a.shape}" for n, a in arrays.items()) or "nothing"
+        raise PointFileError(f"needs an array xyz of shape (n, 3), or x, y, z; it holds {found}")
+    per_point = {name: a for name, a in arrays.items() if a.ndim in (1, 2) and len(a) == len(xyz)}
+    others = {name: a for name, a in arrays.items() if name not in per_point}
+    return PointCloud(xyz, per_point, {"npz_arrays": others} if others else {})
+
+
+def write_npy(path, cloud):
+    """Write a plain (n, 3) array, or a structured one if there are attributes."""
+    if not cloud.attributes:
+        np.save(path, cloud.xyz, allow_pickle=False)
+        return
+    fields = [(axis, np.float64) for axis in "xyz"]
+    fields += [(name, a.dtype, a.shape[1:]) for name, a in cloud.attributes.items()]
+    records = np.empty(len(cloud), dtype=fields)
+    for i, axis in enumerate("xyz"):
+        records[axis] = cloud.xyz[:, i]
+    for name, values in cloud.attributes.items():
+        records[name] = values
+    np.save(path, records, allow_pickle=False)
+
+
+def write_npz(path, cloud):
+    """Write ``xyz``, every attribute and the source's other arrays, uncompressed."""
+    arrays = {**cloud.metadata.get("npz_arrays", {}), **cloud.attributes}
+    for name in ("file", "allow_pickle"):
+        if name in arrays:
+            raise PointFileError(f"attribute name {name!r} is reserved in NPZ; rename it")
+    if any(a.dtype.hasobject for a in arrays.values()):
+        raise PointFileError("attributes that hold Python objects cannot be stored in NPZ")
+    np.savez(path, xyz=cloud.xyz, **arrays)
+
+
+def _check_start(path, magic, format_name):
+    """NumPy would take any other file for a pickle, and advise to load it unsafely."""
+    with open(path, "rb") as file:
+        if file.read(len(magic)) != magic:
+            raise PointFileError(f"is not a file in NumPy's format {format_name}")
+
+
+def cloud_from_records(records, **kwargs):
+    """A cloud from a structured array with fields x, y, z (in any case)."""
+    if records.ndim != 1:
+        raise PointFileError(f"the structured array has shape {records.shape}; (n,) is needed")
+    names = list(records.dtype.names)
+    positions = xyz_positions(names)
+    if positions is None:
+        raise PointFileError(f"has no x, y, z among its fields {', '.join(names)}")
+    axes = [names[i] for i in positions]
+    xyz = np.empty((len(records), 3))
+    for i, axis in enumerate(axes):
+        xyz[:, i] = records[axis]
+    # Copies, so that neither the records nor a memory map of the file stay alive.
+    attributes = {name: records[name].copy() for name in names if name not in axes}
+    return PointCloud(xyz, attributes, **kwargs)

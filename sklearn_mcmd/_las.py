@@ -1,0 +1,251 @@
+"""LAS and LAZ: attributes, coordinate system and integer coordinates survive."""
+
+import copy
+import os
+import struct
+import warnings
+
+import numpy as np
+
+from sklearn_mcmd._point_cloud import PointCloud, PointFileError, flat_columns, import_extra
+
+__all__ = ["read_las", "write_las"]
+
+NOISE_CLASS = 7  # ASPRS "low point (noise)", the same number in every point format
+LARGEST = 2**31 - 1
+EXTRA_DTYPES = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"}
+
+
+def read_las(path):
+    """Read LAS, LAZ or COPC in one pass; plain attributes are views of the raw records."""
+    compressed = path.name.lower().endswith(".laz")
+    laspy = _import_laspy(compressed)
+    _check_structure(path)
+    las = laspy.read(path)
+    records = las.points.array
+    if len(records) != las.header.point_count:
+        raise PointFileError(
+            f"the header promises {las.header.point_count} points, the file holds {len(records)}"
+        )
+    attributes = {
+        name: np.asarray(las[name])
+        for name in las.point_format.dimension_names
+        if name not in ("X", "Y", "Z")
+    }
+    metadata = {"las_header": las.header, "las_points": records}
+    return PointCloud(_coordinates(records, las.header), attributes, metadata)
+
+
+def write_las(path, cloud, noise=None):
+    """Write LAS or LAZ; whatever did not change since it was read is written bit for bit."""
+    laspy = _import_laspy(path.name.lower().endswith(".laz"))
+    if "las_points" in cloud.metadata:
+        header = copy.deepcopy(cloud.metadata["las_header"])
+        _forget_copc(header)
+        records = laspy.ScaleAwarePointRecord(
+            cloud.metadata["las_points"].copy(), header.point_format, header.scales, header.offsets
+        )
+        attributes = cloud.attributes
+    else:
+        header, attributes = _new_header(laspy, cloud)
+        records = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=header)
+    las = laspy.LasData(header, records)
+    _store_coordinates(las, cloud.xyz)
+    _store_attributes(laspy, las, attributes)
+    if noise is not None:
+        classes = np.array(las.classification)
+        classes[noise] = NOISE_CLASS
+        las.classification = classes
+    las.write(str(path))
+
+
+def _import_laspy(compressed):
+    laspy = import_extra("laspy", "las", "LAS")
+    if compressed:
+        try:
+            import_extra("lazrs", "las", "LAZ")
+        except PointFileError:
+            try:
+                import_extra("laszip", "las", "LAZ")  # laspy's other backend serves as well
+            except PointFileError:
+                import_extra("lazrs", "las", "LAZ")
+    return laspy
+
+
+def _check_structure(path):
+    """Refuse counts that cannot be true: laspy would loop over them for hours."""
+    size = os.path.getsize(path)
+    with open(path, "rb") as file:
+        start = file.read(247)
+    if start[:4] != b"LASF":
+        raise PointFileError("not a LAS/LAZ file: it does not begin with 'LASF'")
+    if len(start) < 227:
+        raise PointFileError(f"truncated: {size} bytes are fewer than a LAS header")
+    minor = start[25]
+    header_size, points_at, n_vlrs = struct.unpack_from("<HII", start, 94)
+    format_id, record_length, n_points = struct.unpack_from("<BHI", start, 104)
+    evlrs_at, n_evlrs = 0, 0
+    if minor >= 4 and len(start) == 247:
+        evlrs_at, n_evlrs = struct.unpack_from("<QI", start, 235)
+    if n_points and points_at >= size:
+        raise PointFileError(f"truncated: the points begin at byte {points_at} of {size}")
+    if 54 * n_vlrs > size - header_size or (n_evlrs and evlrs_at + 60 * n_evlrs > size):
+        raise PointFileError("broken header: more metadata records than the file has room for")
+    if not format_id & 0x80 and n_points * record_length > size - points_at:
+        raise PointFileError(
+            f"truncated: {n_points} points of {record_length} bytes need "
+            f"{points_at + n_points * record_length} bytes, the file has {size}"
+        )
+
+
+def _forget_copc(header):
+    """The octree of a COPC file no longer describes the points: leave its records out."""
+    for records in (header.vlrs, header.evlrs or []):
+        for record in [r for r in records if r.user_id == "copc"]:
+            records.remove(record)
+
+
+def _coordinates(records, header):
+    xyz = np.empty((len(records), 3))
+    for i, axis in enumerate("XYZ"):
+        np.multiply(records[axis], header.scales[i], out=xyz[:, i])
+        xyz[:, i] += header.offsets[i]
+    return xyz
+
+
+def _store_coordinates(las, xyz):
+    """Integers stay as they are where the coordinate is unchanged."""
+    header, records = las.header, las.points.array
+    moved = ~(_coordinates(records, header) == xyz).all(axis=0)
+    if not moved.any():
+        return
+    if not np.isfinite(xyz).all():
+        raise PointFileError("LAS cannot hold coordinates that are not finite")
+    scales, offsets = header.scales.copy(), header.offsets.copy()
+    for i in np.flatnonzero(moved):
+        steps = np.rint((xyz[:, i] - offsets[i]) / scales[i])
+        if np.abs(steps).max() > LARGEST:
+            low, high = xyz[:, i].min(), xyz[:, i].max()
+            if (high - low) / scales[i] > 0.9 * LARGEST:
+                scales[i] = _finest_scale(high - low)
+            offsets[i] = _offset(low, high)
+            steps = np.rint((xyz[:, i] - offsets[i]) / scales[i])
+        records["XYZ"[i]] = steps.astype(np.int32)
+    header.scales, header.offsets = scales, offsets
+    las.points.scales, las.points.offsets = scales, offsets
+
+
+def _new_header(laspy, cloud):
+    """LAS 1.4, with colors if there are any, on a grid that suits the coordinates."""
+    attributes = dict(cloud.attributes)
+    colored = {"red", "green", "blue"} <= attributes.keys()
+    header = laspy.LasHeader(version="1.4", point_format=7 if colored else 6)
+    if colored and all(attributes[c].dtype == np.uint8 for c in ("red", "green", "blue")):
+        for color in ("red", "green", "blue"):  # LAS 1.4: 8-bit colors times 256
+            attributes[color] = attributes[color].astype(np.uint16) << 8
+    low, high = cloud.xyz.min(axis=0), cloud.xyz.max(axis=0)
+    scale = _decimal_scale(cloud.xyz, _finest_scale((high - low).max()))
+    header.scales = np.full(3, scale)
+    header.offsets = np.array([_offset(a, b) for a, b in zip(low, high, strict=True)])
+    return header, attributes
+
+
+def _finest_scale(extent):
+    """The finest power of ten with which ``extent`` fits 31 bits."""
+    # An offset on a round number may lie up to one extent below the minimum.
+    return 10.0 ** np.ceil(np.log10(2 * extent / LARGEST)) if extent > 0 else 1e-3
+
+
+def _offset(low, high):
+    """A round number at or just below the minimum, by less than the extent."""
+    if high <= low:
+        return low
+    unit = 10.0 ** np.floor(np.log10(high - low))
+    return np.floor(low / unit) * unit
+
+
+def _decimal_scale(xyz, finest):
+    """The coarsest of 1, 0.1, ... 1e-6 on whose grid all coordinates lie, else ``finest``."""
+    tolerance = 4 * np.spacing(np.abs(xyz).max())
+    for exponent in range(7):
+        scale = 10.0**-exponent
+        if scale < finest:
+            break
+        for part in (xyz[:1000], xyz):  # most grids are refused by the first points
+            steps = np.rint(part * 10.0**exponent)
+            if not (np.abs(steps / 10.0**exponent - part) <= tolerance).all():
+                break
+        else:
+            return scale
+    return finest
+
+
+def _store_attributes(laspy, las, attributes):
+    """Fill the dimensions that hold the values exactly; all others become extra dimensions."""
+    standard = set(las.point_format.standard_dimension_names)
+    extra = set(las.point_format.extra_dimension_names)
+    new, stale = {}, set()
+    for name, values in attributes.items():
+        if name in standard | extra and _assigned(las, name, values):
+            continue
+        if name in extra:
+            stale.add(name)
+        for column, part in flat_columns({name: values}).items():
+            if column in standard:
+                warnings.warn(
+                    f"{column!r} does not fit the LAS dimension of that name; it is stored as "
+                    f"the extra dimension {column + '_value'!r}.",
+                    stacklevel=4,
+                )
+                column += "_value"
+            if column in new or (column != name and column in attributes):
+                raise PointFileError(f"two attributes would both be written as {column!r}")
+            if column in extra:
+                stale.add(column)
+            new[column] = part
+    _add_dimensions(laspy, las, new, stale)
+
+
+def _assigned(las, name, values):
+    """Put values into an existing dimension if it holds them exactly, else leave it alone."""
+    stored = np.array(las[name])
+    if _same(stored, values):
+        return True  # not even touched: a scaled dimension keeps its integers
+    if values.shape != stored.shape or values.dtype.kind not in "biuf":
+        return False
+    try:
+        with np.errstate(invalid="ignore", over="ignore"):
+            las[name] = values.astype(stored.dtype)
+            if _same(np.asarray(las[name]).astype(values.dtype), values):
+                return True
+    except (OverflowError, ValueError):
+        pass  # laspy refuses what a bit field cannot hold
+    las[name] = stored
+    return False
+
+
+def _same(stored, values):
+    if stored.shape != values.shape:
+        return False
+    return np.array_equal(stored, values, equal_nan=stored.dtype.kind == values.dtype.kind == "f")
+
+
+def _add_dimensions(laspy, las, columns, replaced):
+    params, values = [], {}
+    for name, column in columns.items():
+        if len(name.encode()) > 32:
+            raise PointFileError(
+                f"attribute name {name!r} is longer than the 32 bytes LAS allows; rename it"
+            )
+        dtype = np.dtype({"b": "u1"}.get(column.dtype.kind, column.dtype))
+        dtype = np.dtype("f4") if dtype == np.float16 else dtype.newbyteorder("=")
+        if dtype.str[1:] not in EXTRA_DTYPES:
+            raise PointFileError(f"attribute {name!r} of dtype {dtype} cannot be stored in LAS")
+        params.append(laspy.ExtraBytesParams(name, dtype))
+        values[name] = column
+    if replaced:
+        las.remove_extra_dims(list(replaced))
+    if params:
+        las.add_extra_dims(params)
+    for name, column in values.items():
+        las[name] = column

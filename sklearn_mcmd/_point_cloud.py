@@ -1,0 +1,180 @@
+"""The point cloud that the readers give and the writers take, and its one error."""
+
+import importlib
+from dataclasses import dataclass, field
+
+import numpy as np
+
+__all__ = ["PointCloud", "PointFileError", "fit_dtype", "flat_columns", "import_extra"]
+
+RESERVED = {"x", "y", "z", "xyz"}
+
+
+class PointFileError(ValueError):
+    """A point file cannot be read or written; the message is one line that says why.
+
+    Errors of the underlying libraries never come through bare: they are the ``__cause__``.
+    """
+
+
+@dataclass(eq=False, repr=False)
+class PointCloud:
+    """Coordinates, one value (or row of values) a point, and what the file said besides.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Coordinates in the units of the file, kept as float64.
+    attributes : dict of str to ndarray of shape (n,) or (n, m), default={}
+        Whatever else is known about each point: ``intensity``, ``classification``,
+        ``normal_x``, results to be written. The names ``x``, ``y``, ``z`` and ``xyz`` are
+        taken by the coordinates.
+    metadata : dict, default={}
+        What a faithful copy of the source file needs: ``las_header`` and ``las_points``
+        (the raw records, so that integer coordinates survive), ``ply_comments``,
+        ``ply_obj_info``, ``pcd_viewpoint``, ``npz_arrays`` (arrays of another length).
+    n_dropped : int, default=0
+        How many points of the file were left out because a coordinate was not finite
+        or was marked invalid.
+
+    Raises
+    ------
+    ValueError
+        If ``xyz`` is not numeric of shape (n, 3), or an attribute's length is not n.
+
+    See Also
+    --------
+    sklearn_mcmd.io.read_points : Read one from a file.
+    sklearn_mcmd.io.write_points : Write one to a file.
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.io import PointCloud
+    >>> cloud = PointCloud([[0, 0, 0], [1, 0, 0], [0, 1, 9]])
+    >>> cloud = cloud.with_attributes(outlier=[False, False, True])
+    >>> cloud.subset(~cloud.attributes["outlier"])
+    PointCloud(2 points; outlier)
+    """
+
+    xyz: np.ndarray
+    attributes: dict = field(default_factory=dict)
+    metadata: dict = field(default_factory=dict)
+    n_dropped: int = 0
+
+    def __post_init__(self):
+        xyz = np.asarray(self.xyz)
+        if xyz.ndim != 2 or xyz.shape[1] != 3 or xyz.dtype.kind not in "biuf":
+            raise ValueError(
+                f"xyz must be numbers of shape (n, 3), got shape {xyz.shape} and dtype {xyz.dtype}."
+            )
+        self.xyz = xyz.astype(np.float64, copy=False)
+        self.attributes = {
+            str(name): np.asarray(values) for name, values in self.attributes.items()
+        }
+        for name, values in self.attributes.items():
+            if name.lower() in RESERVED:
+                raise ValueError(
+                    f"Attribute name {name!r} is taken by the coordinates: choose another."
+                )
+            if values.ndim not in (1, 2) or len(values) != len(xyz):
+                raise ValueError(
+                    f"Attribute {name!r} has shape {values.shape}: it needs one entry for each "
+                    f"of the {len(xyz)} points."
+                )
+
+    def __len__(self):
+        return len(self.xyz)
+
+    def __repr__(self):
+        names = f"; {', '.join(self.attributes)}" if self.attributes else ""
+        return f"PointCloud({len(self)} points{names})"
+
+    def subset(self, selection):
+        """The chosen points with their attributes and the file's metadata.
+
+        Parameters
+        ----------
+        selection : ndarray of bool of shape (n,), ndarray of int, or slice
+            A mask, or the positions to keep.
+
+        Returns
+        -------
+        PointCloud
+            A new cloud; arrays are copies unless ``selection`` is a slice.
+        """
+        if not isinstance(selection, slice):
+            selection = np.asarray(selection)
+            if selection.size == 0 and selection.dtype != bool:
+                selection = selection.astype(np.intp)
+            if selection.dtype == bool and selection.shape != (len(self),):
+                raise ValueError(
+                    f"The mask has shape {selection.shape}, the cloud has {len(self)} points."
+                )
+        metadata = dict(self.metadata)
+        if "las_points" in metadata:
+            metadata["las_points"] = metadata["las_points"][selection]
+        attributes = {name: values[selection] for name, values in self.attributes.items()}
+        return PointCloud(self.xyz[selection], attributes, metadata, self.n_dropped)
+
+    def with_attributes(self, **arrays):
+        """The same points with attributes added or replaced.
+
+        Parameters
+        ----------
+        **arrays : array-like of shape (n,) or (n, m)
+            Name and values. ``normals`` of shape (n, 3) is written as ``normal_x``,
+            ``normal_y``, ``normal_z``; any other table as ``name_0``, ``name_1`` ...
+
+        Returns
+        -------
+        PointCloud
+            A new cloud that shares the unchanged arrays with this one.
+        """
+        return PointCloud(
+            self.xyz, {**self.attributes, **arrays}, dict(self.metadata), self.n_dropped
+        )
+
+
+def flat_columns(attributes):
+    """Attributes as one-dimensional columns, for formats that know nothing else."""
+    columns = {}
+    for name, values in attributes.items():
+        if values.ndim == 1:
+            parts = {name: values}
+        elif name == "normals" and values.shape[1] == 3:
+            parts = {f"normal_{axis}": values[:, i] for i, axis in enumerate("xyz")}
+        else:
+            parts = {f"{name}_{i}": values[:, i] for i in range(values.shape[1])}
+        for part, column in parts.items():
+            if part in columns or (part != name and part in attributes):
+                raise PointFileError(f"two attributes would both be written as {part!r}")
+            columns[part] = column
+    return columns
+
+
+def fit_dtype(name, values, allowed, format_name):
+    """``values`` in the first dtype that the format has and that loses nothing."""
+    kind = values.dtype.kind
+    whole = ["i4", "u4", "f8", "f4", "u2", "u1"]
+    wider = {"b": ["u1"], "i": whole, "u": whole, "f": ["f4", "f8"]}
+    for code in [values.dtype.str[1:], *wider.get(kind, [])]:
+        if code in allowed and kind in wider:
+            with np.errstate(over="ignore", invalid="ignore"):
+                cast = values.astype(code, copy=False)
+                back = cast.astype(values.dtype, copy=False)
+            if np.array_equal(back, values, equal_nan=kind == "f"):
+                return cast
+    raise PointFileError(
+        f"attribute {name!r} of dtype {values.dtype} cannot be stored in {format_name} "
+        "without loss; convert it first"
+    )
+
+
+def import_extra(module, extra, purpose):
+    """Import an optional library, or say how to install it."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as err:
+        raise PointFileError(
+            f'{purpose} needs {module}, which is not installed: pip install "sklearn-mcmd[{extra}]"'
+        ) from err

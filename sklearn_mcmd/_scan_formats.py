@@ -1,0 +1,254 @@
+"""PLY, PCD and E57, each through the library that keeps that format."""
+
+import re
+import warnings
+
+import numpy as np
+
+from sklearn_mcmd._arrays import cloud_from_records
+from sklearn_mcmd._point_cloud import (
+    PointCloud,
+    PointFileError,
+    fit_dtype,
+    flat_columns,
+    import_extra,
+)
+from sklearn_mcmd._text import text_rows
+
+__all__ = ["read_e57", "read_pcd", "read_ply", "write_e57", "write_pcd", "write_ply"]
+
+PLY_DTYPES = {"i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"}
+PCD_DTYPES = PLY_DTYPES | {"i8", "u8"}
+# Viewers know normals in PLY by these names, everywhere else by ours.
+PLY_NORMALS = {"nx": "normal_x", "ny": "normal_y", "nz": "normal_z"}
+COLORS = ("red", "green", "blue")
+E57_FIELDS = {
+    "intensity": ("intensity", "f4"),
+    "red": ("colorRed", "u1"),
+    "green": ("colorGreen", "u1"),
+    "blue": ("colorBlue", "u1"),
+    "row_index": ("rowIndex", "u2"),
+    "column_index": ("columnIndex", "u2"),
+}
+
+
+def read_ply(path):
+    """Read the vertices of a PLY file; faces and other elements are left out."""
+    plyfile = import_extra("plyfile", "formats", "PLY")
+    ply = plyfile.PlyData.read(str(path))
+    if "vertex" not in ply:
+        raise PointFileError("has no element 'vertex'")
+    vertices = ply["vertex"].data
+    lists = [name for name in vertices.dtype.names if vertices.dtype[name].hasobject]
+    if lists:
+        warnings.warn(f"{path}: list properties are left out: {', '.join(lists)}.", stacklevel=3)
+        vertices = vertices[[n for n in vertices.dtype.names if n not in lists]]
+    metadata = {"ply_comments": list(ply.comments), "ply_obj_info": list(ply.obj_info)}
+    cloud = cloud_from_records(vertices, metadata=metadata)
+    cloud.attributes = _renamed(cloud.attributes, PLY_NORMALS)
+    return cloud
+
+
+def write_ply(path, cloud, encoding="binary"):
+    """Write the vertices of a PLY file, little-endian binary unless ``encoding="ascii"``."""
+    plyfile = import_extra("plyfile", "formats", "PLY")
+    columns = _renamed(
+        flat_columns(cloud.attributes), {ours: theirs for theirs, ours in PLY_NORMALS.items()}
+    )
+    columns = {n: fit_dtype(n, v, PLY_DTYPES, "PLY") for n, v in columns.items()}
+    records = _records(cloud.xyz, columns)
+    plyfile.PlyData(
+        [plyfile.PlyElement.describe(records, "vertex")],
+        text=encoding == "ascii",
+        byte_order="=" if encoding == "ascii" else "<",
+        comments=cloud.metadata.get("ply_comments", []),
+        obj_info=cloud.metadata.get("ply_obj_info", []),
+    ).write(str(path))
+
+
+def read_pcd(path):
+    """Read PCD; packed ``rgb`` becomes red, green, blue; padding is left out."""
+    pypcd4 = import_extra("pypcd4", "formats", "PCD")
+    with open(path, "rb") as file:
+        lines = _pcd_header(file)
+        try:
+            header = pypcd4.MetaData.parse_header(lines)
+        except ValueError as err:
+            raise PointFileError(f"broken PCD header: {' '.join(str(err).split())[:200]}") from err
+        try:
+            records = _pcd_records(pypcd4, path, file, header)
+        except Exception as err:  # whatever the parsers stumble over
+            reason = str(err).partition(";")[0]
+            raise PointFileError(f"the point data is truncated or damaged: {reason}") from err
+    if len(records) != header.points:
+        raise PointFileError(
+            f"the header promises {header.points} points, the file holds {len(records)}"
+        )
+    cloud = cloud_from_records(records, metadata={"pcd_viewpoint": tuple(header.viewpoint)})
+    attributes = {}
+    for name, values in cloud.attributes.items():
+        if name.startswith("#$%&~~"):  # pypcd4's name for the padding field "_"
+            continue
+        if name == "rgb" and values.dtype.itemsize == 4 and not attributes.keys() & set(COLORS):
+            packed = values.view(np.uint32)
+            for color, shift in zip(COLORS, (16, 8, 0), strict=True):
+                attributes[color] = (packed >> shift & 255).astype(np.uint8)
+        else:
+            attributes[name] = values
+    cloud.attributes = attributes
+    return cloud
+
+
+def write_pcd(path, cloud, encoding="binary"):
+    """Write PCD as one row of points: binary, binary_compressed or ascii."""
+    pypcd4 = import_extra("pypcd4", "formats", "PCD")
+    columns = flat_columns(cloud.attributes)
+    if all(c in columns and columns[c].dtype == np.uint8 for c in COLORS):
+        red, green, blue = (columns.pop(c).astype(np.uint32) for c in COLORS)
+        columns["rgb"] = (red << 16 | green << 8 | blue).view(np.float32)
+    for name in columns:
+        if not re.fullmatch(r"[A-Za-z0-9_.\-]+", name):
+            raise PointFileError(
+                f"attribute name {name!r} cannot be stored in PCD: use letters, digits, '_'"
+            )
+    columns = {n: fit_dtype(n, v, PCD_DTYPES, "PCD") for n, v in columns.items()}
+    columns = {**_axes(cloud.xyz), **columns}
+    pcd = pypcd4.PointCloud.from_points(
+        list(columns.values()), list(columns), [v.dtype for v in columns.values()]
+    )
+    pcd.metadata.viewpoint = cloud.metadata.get("pcd_viewpoint", pcd.metadata.viewpoint)
+    if encoding != "ascii":
+        pcd.save(str(path), pypcd4.Encoding(encoding))
+        return
+    # pypcd4 writes ten decimals, which is too few for small and for packed numbers.
+    with open(path, "w", encoding="ascii", newline="\n") as file:
+        pcd.metadata.data = pypcd4.Encoding.ASCII
+        file.write(pcd.metadata.compose_header())
+        for rows in text_rows(list(columns.values())):
+            file.writelines(f"{' '.join(map(str, row))}\n" for row in rows)
+
+
+def read_e57(path):
+    """Read all scans of an E57 file, each moved by its pose, as one cloud."""
+    pye57 = import_extra("pye57", "formats", "E57")
+    names = {theirs: ours for ours, (theirs, _) in E57_FIELDS.items()}
+    readable = {*names, *pye57.e57.SUPPORTED_POINT_FIELDS}
+    parts, skipped, n_points = [], set(), 0
+    with pye57.E57(str(path)) as file:
+        for i in range(file.scan_count):
+            header = file.get_header(i)
+            n_points += header.point_count
+            skipped |= set(header.point_fields) - readable
+            if not header.point_count:
+                continue
+            scan = file.read_scan(
+                i, intensity=True, colors=True, row_column=True, ignore_missing_fields=True
+            )
+            xyz = np.column_stack([scan[f"cartesian{axis}"] for axis in "XYZ"])
+            attributes = {ours: scan[theirs] for theirs, ours in names.items() if theirs in scan}
+            attributes["scan_index"] = np.full(len(xyz), i, dtype=np.int32)
+            parts.append((xyz, attributes))
+    if not parts:
+        return PointCloud(np.empty((0, 3)))
+    shared = set.intersection(*(set(attributes) for _, attributes in parts))
+    skipped |= {name for _, attributes in parts for name in attributes if name not in shared}
+    if skipped:
+        warnings.warn(
+            f"{path}: fields that not every scan has, or that pye57 cannot read, are left out: "
+            f"{', '.join(sorted(skipped))}.",
+            stacklevel=3,
+        )
+    if len(parts) == 1:
+        shared.discard("scan_index")
+    xyz = np.concatenate([xyz for xyz, _ in parts])
+    merged = {
+        name: np.concatenate([attributes[name] for _, attributes in parts])
+        for name in parts[0][1]
+        if name in shared
+    }
+    return PointCloud(xyz, merged, n_dropped=n_points - len(xyz))
+
+
+def write_e57(path, cloud):
+    """Write one E57 scan: float32 coordinates about a pose at the cloud's center."""
+    pye57 = import_extra("pye57", "formats", "E57")
+    low, high = cloud.xyz.min(axis=0), cloud.xyz.max(axis=0)
+    center = np.round(low / 2 + high / 2)
+    # pye57 stores single precision and refuses what rounding takes beyond its own bounds.
+    local = (cloud.xyz - center).astype(np.float32).astype(np.float64)
+    data = {f"cartesian{axis}": np.ascontiguousarray(local[:, i]) for i, axis in enumerate("XYZ")}
+    columns = flat_columns(cloud.attributes)
+    if all(c in columns and columns[c].dtype == np.uint16 for c in COLORS):
+        deep = max(columns[c].max() for c in COLORS) > 255
+        columns |= {c: (columns[c] >> (8 if deep else 0)).astype(np.uint8) for c in COLORS}
+    lost = []
+    for name, values in columns.items():
+        try:
+            theirs, code = E57_FIELDS[name]
+            if name == "intensity" and values.dtype == np.float64:
+                values = values.astype(np.float32)
+            data[theirs] = fit_dtype(name, values, {code}, "E57")
+        except (KeyError, PointFileError):
+            lost.append(name)
+    for group in (COLORS, ("row_index", "column_index")):  # written together or not at all
+        fields = [E57_FIELDS[name][0] for name in group]
+        if not all(f in data for f in fields):
+            lost += [n for n, f in zip(group, fields, strict=True) if data.pop(f, None) is not None]
+    if lost:
+        warnings.warn(
+            "E57 holds coordinates, intensity and colors only; these attributes are not "
+            f"written: {', '.join(lost)}.",
+            stacklevel=3,
+        )
+    with pye57.E57(str(path), mode="w") as file:
+        file.write_scan_raw(data, translation=center)
+
+
+def _pcd_header(file):
+    lines = []
+    for raw in iter(lambda: file.readline(10_000), b""):
+        line = raw.decode("utf-8", errors="replace").strip()
+        if line and not line.startswith("#"):
+            lines.append(line)
+        if line.startswith("DATA") or len(lines) > 20:
+            break
+    keys = {line.split()[0] for line in lines}
+    missing = [k for k in ("FIELDS", "SIZE", "TYPE", "POINTS", "DATA") if k not in keys]
+    if missing:
+        raise PointFileError(f"not a PCD file: its header has no {', '.join(missing)}")
+    if "COUNT" not in keys:  # PCL allows its absence; pypcd4 does not
+        fields = next(line for line in lines if line.startswith("FIELDS")).split()[1:]
+        lines.insert(0, "COUNT " + " ".join("1" for _ in fields))
+    return lines
+
+
+def _pcd_records(pypcd4, path, file, header):
+    if header.data != "ascii":
+        return pypcd4.PointCloud.from_path(path).pc_data
+    # pypcd4 splits at single spaces; columns in the wild are padded to a width.
+    dtype = header.build_dtype()
+    return np.atleast_1d(np.loadtxt(file, dtype)) if header.points else np.empty(0, dtype)
+
+
+def _axes(xyz):
+    """Columns x, y, z: float32 where that loses nothing, as PCL and viewers expect it."""
+    with np.errstate(over="ignore"):
+        single = xyz.astype(np.float32)
+    kept = single if np.array_equal(single, xyz) else xyz
+    return {axis: kept[:, i] for i, axis in enumerate("xyz")}
+
+
+def _records(xyz, columns):
+    columns = {**_axes(xyz), **columns}
+    records = np.empty(len(xyz), dtype=[(name, c.dtype) for name, c in columns.items()])
+    for name, column in columns.items():
+        records[name] = column
+    return records
+
+
+def _renamed(attributes, names):
+    """Rename, unless the new name is in use already."""
+    return {
+        names[name] if name in names and names[name] not in attributes else name: values
+        for name, values in attributes.items()
+    }

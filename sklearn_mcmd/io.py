@@ -1,0 +1,320 @@
+"""Point clouds from and to files, the format chosen by the extension.
+
+======================  ==============  ====================================================
+extension               extra           what is kept
+======================  ==============  ====================================================
+``.las .laz``           ``las``         everything: attributes, extra dimensions, coordinate
+                                        system, header, integer coordinates bit for bit
+``.copc.laz``           ``las``         read only, like LAZ
+``.ply``                ``formats``     vertex properties and comments; faces are dropped
+``.pcd``                ``formats``     fields and viewpoint; organized clouds become a row
+``.e57``                ``formats``     coordinates (float32 about the center), intensity,
+                                        colors, grid indices; scans are merged by their poses
+``.xyz .txt .csv``      none            columns of numbers, with or without a header line
+``.npy .npz``           none            everything numeric
+======================  ==============  ====================================================
+"""
+
+import errno
+import os
+import secrets
+import shutil
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from sklearn_mcmd._arrays import read_npy, read_npz, write_npy, write_npz
+from sklearn_mcmd._las import read_las, write_las
+from sklearn_mcmd._point_cloud import PointCloud, PointFileError
+from sklearn_mcmd._scan_formats import (
+    read_e57,
+    read_pcd,
+    read_ply,
+    write_e57,
+    write_pcd,
+    write_ply,
+)
+from sklearn_mcmd._text import read_text, write_text
+
+__all__ = ["PointCloud", "PointFileError", "read_points", "supported_extensions", "write_points"]
+
+_FORMATS = {
+    ".csv": (read_text, write_text),
+    ".e57": (read_e57, write_e57),
+    ".las": (read_las, write_las),
+    ".laz": (read_las, write_las),
+    ".npy": (read_npy, write_npy),
+    ".npz": (read_npz, write_npz),
+    ".pcd": (read_pcd, write_pcd),
+    ".ply": (read_ply, write_ply),
+    ".txt": (read_text, write_text),
+    ".xyz": (read_text, write_text),
+}
+_ENCODINGS = {".ply": ("ascii", "binary"), ".pcd": ("ascii", "binary", "binary_compressed")}
+
+
+def read_points(path):
+    """Read a point cloud; the format is chosen by the extension, in any case.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+        A file with one of :func:`supported_extensions`.
+
+    Returns
+    -------
+    PointCloud
+        Coordinates as float64 of shape (n, 3), attributes under the names of the file,
+        and the metadata that :func:`write_points` needs for a faithful copy.
+
+    Raises
+    ------
+    PointFileError
+        In one line: the file is missing, a folder, empty, truncated or not what its
+        extension says; it holds no points; a column is not numeric; or an optional
+        library is not installed.
+
+    See Also
+    --------
+    write_points : The way back.
+    numpy.loadtxt : For tables of numbers of other shapes.
+
+    Notes
+    -----
+    Points with a coordinate that is not finite (common in organized PCD), or that E57
+    marks invalid, are dropped and counted in ``PointCloud.n_dropped``.
+
+    Text may be separated by whitespace, commas or semicolons. Coordinates are the columns
+    named x, y, z in any case, else the first three; columns without a name are called
+    ``column_4`` and so on. NPY holds a table (n, >= 3) or a structured array; NPZ an array
+    ``xyz``, or ``x``, ``y``, ``z``, or else its first array of shape (n, 3). Arrays of NPZ of
+    another length (an ``offset`` of length 3, say) are not applied to the coordinates:
+    they stay in ``metadata["npz_arrays"]``.
+
+    PLY's ``nx, ny, nz`` are called ``normal_x, normal_y, normal_z``, and PCD's packed
+    ``rgb`` becomes ``red, green, blue``, so that attributes have one name in all formats.
+    Several E57 scans are merged, with ``scan_index`` telling them apart.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from sklearn_mcmd.io import read_points
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "wall.csv"
+    ...     _ = file.write_text("x;y;z;label\\n0;0;1.5;2\\n1;0;1.5;2\\nnan;0;1.5;6\\n")
+    ...     cloud = read_points(file)
+    >>> cloud, cloud.n_dropped
+    (PointCloud(2 points; label), 1)
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise PointFileError(f"{path}: is a folder; a point file is needed")
+    reader, _ = _FORMATS[_extension(path)]
+    if not path.exists():
+        raise PointFileError(f"{path}: no such file")
+    if not path.is_file():
+        raise PointFileError(f"{path}: is not a regular file")
+    with _one_clear_line(path, "read"):
+        if path.stat().st_size == 0:
+            raise PointFileError("is empty (0 bytes)")
+        cloud = reader(path)
+        finite = np.isfinite(cloud.xyz).all(axis=1)
+        if not finite.all():
+            n_dropped = cloud.n_dropped + int(np.count_nonzero(~finite))
+            cloud = cloud.subset(finite)
+            cloud.n_dropped = n_dropped
+        if len(cloud) == 0:
+            dropped = f" with finite coordinates ({cloud.n_dropped} dropped)"
+            raise PointFileError("holds no points" + (dropped if cloud.n_dropped else ""))
+    return cloud
+
+
+def write_points(path, cloud, *, noise=None, encoding=None):
+    """Write a point cloud; an existing file is replaced only by a whole new one.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+        Where to; the extension chooses the format. May be the file that was read.
+    cloud : PointCloud or array-like of shape (n, 3)
+        What to write: all points with all attributes.
+    noise : array-like of bool of shape (n,), default=None
+        Points to mark as outliers the way the format knows: classification 7 (noise) in
+        LAS and LAZ, where other points keep their class; elsewhere a column ``outlier``.
+    encoding : {"ascii", "binary", "binary_compressed"}, default=None
+        For PLY (the first two) and PCD; None means "binary".
+
+    Raises
+    ------
+    PointFileError
+        In one line: the folder is missing or not writable, the name is a folder's, an
+        attribute has a name or dtype the format cannot hold, an optional library is not
+        installed, or writing failed. An existing file is then as it was.
+    ValueError
+        If ``cloud``, ``noise`` or ``encoding`` is not of the stated form.
+
+    Warns
+    -----
+    UserWarning
+        If attributes cannot be kept: E57 holds intensity and colors only; a value that
+        does not fit the LAS dimension of its name goes to an extra dimension
+        ``<name>_value``.
+
+    See Also
+    --------
+    read_points : The way back.
+
+    Notes
+    -----
+    The data goes to a temporary file in the same folder, which takes the final name only
+    when it is complete; whatever interrupts the writing, nothing half-written remains.
+
+    *LAS, LAZ.* A cloud read from LAS keeps its header, and every coordinate that did not
+    change keeps its integers. Coordinates that did change are rounded to the header's
+    scale (an error of at most half a step); if they do not fit 32-bit integers there, the
+    offset, and if need be the scale of that axis, is chosen anew. Other clouds become
+    LAS 1.4, point format 6 (7 with colors; 8-bit colors times 256), with the coarsest
+    scale of 1, 0.1 ... 1e-6 that holds all coordinates exactly, else the finest power of
+    ten that fits: better than 1e-8 of the largest extent. Attributes without a standard
+    dimension become extra dimensions, replacing any of the same name.
+
+    *PLY, PCD.* Coordinates are float32 where that is exact, as viewers expect, else float64.
+
+    *E57.* Coordinates are float32 about the center: an error of at most 6e-8 of half the
+    largest extent.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from sklearn_mcmd.io import read_points, write_points
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "corner.xyz"
+    ...     write_points(file, [[0, 0, 0], [1, 0, 0], [0, 1, 9]], noise=[False, False, True])
+    ...     print(file.read_text())
+    x y z outlier
+    0.0 0.0 0.0 0
+    1.0 0.0 0.0 0
+    0.0 1.0 9.0 1
+    """
+    path = Path(path)
+    extension = _extension(path)
+    if path.name.lower().endswith(".copc.laz"):
+        raise PointFileError(f"{path}: COPC can be read but not written; write plain .laz instead")
+    _, writer = _FORMATS[extension]
+    if not isinstance(cloud, PointCloud):
+        cloud = PointCloud(cloud)
+    if len(cloud) == 0:
+        raise PointFileError(f"{path}: the cloud has no points, there is nothing to write")
+    if not np.isfinite(cloud.xyz).all():
+        raise PointFileError(f"{path}: xyz holds NaN or infinity; remove those points first")
+    options = {}
+    if encoding is not None:
+        if encoding not in _ENCODINGS.get(extension, ()):
+            known = ", ".join(_ENCODINGS.get(extension, ())) or "only None"
+            raise ValueError(f"encoding={encoding!r} is unknown for {extension}; known: {known}.")
+        options["encoding"] = encoding
+    if noise is not None:
+        noise = _mask(noise, len(cloud))
+        if writer is write_las:
+            options["noise"] = noise
+        elif writer is write_e57:
+            raise PointFileError(
+                f"{path}: E57 has no place to mark outliers; write another format, "
+                "or the inliers alone"
+            )
+        else:
+            cloud = cloud.with_attributes(outlier=noise)
+    with _replacing(path) as temporary, _one_clear_line(path, "written"):
+        writer(temporary, cloud, **options)
+
+
+def supported_extensions():
+    """The known extensions, in alphabetical order.
+
+    Returns
+    -------
+    tuple of str
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.io import supported_extensions
+    >>> print(*supported_extensions())
+    .csv .e57 .las .laz .npy .npz .pcd .ply .txt .xyz
+    """
+    return tuple(sorted(_FORMATS))
+
+
+def _extension(path):
+    extension = path.suffix.lower()
+    if extension not in _FORMATS:
+        found = f"unknown extension {extension!r}" if extension else "no extension"
+        raise PointFileError(f"{path}: {found}; known are {' '.join(supported_extensions())}")
+    return extension
+
+
+def _mask(noise, n_points):
+    noise = np.asarray(noise)
+    if noise.dtype != bool or noise.shape != (n_points,):
+        raise ValueError(
+            f"noise must be a boolean mask of shape ({n_points},), got shape {noise.shape} "
+            f"and dtype {noise.dtype}."
+        )
+    return noise
+
+
+@contextmanager
+def _replacing(path):
+    """A temporary name beside ``path`` that takes its place when the block has succeeded."""
+    target = Path(os.path.realpath(path))  # a link keeps pointing to the file it names
+    if not target.parent.is_dir():
+        raise PointFileError(f"{path}: the folder {target.parent} does not exist")
+    if target.is_dir():
+        raise PointFileError(f"{path}: is a folder; name a file in it")
+    if target.exists() and not target.is_file():
+        raise PointFileError(f"{path}: is not a regular file")
+    if target.exists() and not os.access(target, os.W_OK):
+        raise PointFileError(f"{path}: the file is write-protected")
+    temporary = target.with_name(f".mcmd-{secrets.token_hex(8)}{target.suffix.lower()}")
+    try:
+        with _one_clear_line(path, "written"):
+            temporary.touch(exist_ok=False)
+        yield temporary
+        with _one_clear_line(path, "written"):
+            with open(temporary, "rb+") as file:  # whole on the disk before it takes the name
+                os.fsync(file.fileno())
+            if target.exists():
+                shutil.copymode(target, temporary)
+            os.replace(temporary, target)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def _one_clear_line(path, action):
+    """Turn whatever goes wrong into a PointFileError that begins with the file's name."""
+    try:
+        yield
+    except (KeyboardInterrupt, SystemExit, GeneratorExit):
+        raise
+    except PointFileError as err:
+        raise PointFileError(f"{path}: {err}") from err.__cause__
+    except OSError as err:
+        reason = (err.strerror or _first_line(err)).lower()
+        if err.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
+            reason += f"; check the permissions of {path.parent if action != 'read' else path}"
+        raise PointFileError(f"{path}: cannot be {action}: {reason}") from err
+    except MemoryError as err:
+        raise PointFileError(
+            f"{path}: cannot be {action}: not enough memory, or its header is broken"
+        ) from err
+    except BaseException as err:  # a panic in lazrs is no Exception
+        hint = "" if action == "written" else "; it seems damaged or is of another format"
+        raise PointFileError(f"{path}: cannot be {action}{hint}: {_first_line(err)}") from err
+
+
+def _first_line(err):
+    lines = [line.strip() for line in str(err).splitlines() if line.strip()]
+    return lines[0][:200] if lines else type(err).__name__
