@@ -92,7 +92,7 @@ def _draw_clear(scene, n, clearance, propose):
     while missing > 0:
         if usable < _LEAST_ACCEPTANCE * asked and asked > _ENOUGH:
             raise ValueError(
-                f"noise leaves no room for outliers: under {_LEAST_ACCEPTANCE:.1%} of the candidates "
+                f"noise leaves no room for outliers: under {_LEAST_ACCEPTANCE:.1%} of candidates "
                 f"are farther than {CLEARANCE:g} standard deviations from the scene's surfaces. "
                 "Lower noise or noise_growth, or set outlier_share=0."
             )

@@ -116,9 +116,9 @@ def make_street(
     Raises
     ------
     ValueError
-        If a kind of outlier is unknown or given twice, if `n_samples` points at that `spacing`
-        cannot fill the shortest street, or if the noise is so large that nothing in the
-        bounding box is an outlier.
+        If a kind of outlier is unknown or given twice, if no regular point is left, if
+        `n_samples` points at that `spacing` cannot fill the shortest street, or if the noise is
+        so large that nothing in the bounding box is an outlier.
 
     See Also
     --------
@@ -130,8 +130,8 @@ def make_street(
     -----
     Sharp edges are the lines where surfaces meet at an angle (the kerb's foot and top, the wall's
     foot, all sides of the reveals, the feet of pole, post and trunk) and the free ends of things
-    (the sign's rim, the tops of pole and post). Where only the scene ends there is no edge: the
-    crown of the road, the top of the wall, both ends of the street; nor between bays.
+    (the sign's rim, the tops of pole, post and trunk). Where only the scene ends there is no
+    edge: the crown of the road, the top of the wall, both ends of the street; nor between bays.
 
     An outlier that falls within four noise standard deviations of a surface, or into foliage, is
     no outlier and is drawn anew, so the labels have no such error. The points are independent
@@ -156,6 +156,11 @@ def make_street(
     kinds = _check_kinds(outlier_kinds)
     n_outliers = round(outlier_share * n_samples)
     n_regular = n_samples - n_outliers
+    if n_regular == 0:
+        raise ValueError(
+            f"outlier_share={outlier_share:g} of n_samples={n_samples} leaves no regular point: "
+            "lower the share or give more points."
+        )
     scene = _fit_street(n_regular, spacing, spacing_growth, tree)
     # One stream a purpose: the true points stay the same whatever the noise and the outliers.
     seed = check_random_state(random_state).randint(np.iinfo(np.int32).max)
@@ -253,7 +258,7 @@ def _street(length, n_bays, tree):
     things = [*_sign(*_SIGN), _pole("lamp_pole", *_POLE, 0.09, 3.5)]
     if tree:
         x, y = _TREE
-        things += [_pole("trunk", x, y, 0.12, 1.9), Foliage("foliage", (x, y, 2.4), 0.7)]
+        things += [_pole("trunk", x, y, 0.12, 2.2), Foliage("foliage", (x, y, 2.4), 0.7)]
     feet = [Circle(p.base, up, p.radius) for p in things if isinstance(p, Cylinder)]
     parts = [
         Cylinder(

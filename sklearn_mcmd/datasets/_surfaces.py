@@ -132,6 +132,10 @@ class Cylinder:
         Angle of the arc in radians, right-handed around the axis.
     sharp : sequence of {"base", "top", "start", "stop"}, default=("base", "top")
         Its sharp edges: the circles at both ends, the straight sides of an arc.
+
+    Notes
+    -----
+    There is no lid: a scanner higher than a pole would look into it, so poles must be higher.
     """
 
     def __init__(
