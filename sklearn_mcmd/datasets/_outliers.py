@@ -1,0 +1,120 @@
+"""The four kinds of outliers that a street scan holds."""
+
+import numpy as np
+
+from sklearn_mcmd.datasets._surfaces import Foliage
+
+#: Outliers keep this many noise standard deviations from every true surface.
+CLEARANCE = 4.0
+
+#: Below this share of usable proposals, among enough of them, there is no room to draw in.
+_LEAST_ACCEPTANCE, _ENOUGH = 0.005, 5000
+
+
+def gaussian(scene, n, clearance, rng):
+    """Points of the surfaces, displaced by 0.2 m (one standard deviation) on each axis."""
+    solid = [part for part in scene.parts if not isinstance(part, Foliage)]
+    areas = np.array([part.area for part in solid])
+
+    def propose(m):
+        counts = rng.multinomial(m, areas / areas.sum())
+        origin = np.concatenate([p.sample(c, rng) for p, c in zip(solid, counts, strict=True)])
+        origin = scene.to_scene(origin, rng.integers(scene.n_bays, size=m))
+        return rng.permutation(origin + rng.normal(scale=0.2, size=(m, 3)))
+
+    return _draw_clear(scene, n, clearance, propose)
+
+
+def uniform(scene, n, clearance, rng):
+    """Points anywhere in the scene's bounding box."""
+    low, high = scene.bounds
+    return _draw_clear(scene, n, clearance, lambda m: rng.uniform(low, high, (m, 3)))
+
+
+def mixed_pixel(scene, n, clearance, rng):
+    """Points between an outline and what lies behind it, on one ray of a scanner.
+
+    A beam that is cut by an outline returns a mean of the two ranges. Rays leave the scanner
+    within 3 milliradians (a standard deviation) of visible outlines; those which pass and meet a
+    background at least 15 cm behind give a point in between.
+    """
+    lengths = np.array([part.outline_length for part in scene.parts])
+    reach = 2 * np.linalg.norm(np.diff(scene.bay_bounds, axis=0)) + scene.farthest_range
+
+    def propose(m):
+        counts = rng.multinomial(m, lengths / lengths.sum())
+        outline = np.concatenate(
+            [
+                part.sample_outline(count, rng, scene.scanner)
+                for part, count in zip(scene.parts, counts, strict=True)
+                if count
+            ]
+        )
+        outline = rng.permutation(outline[scene.visible(outline, tolerance=1e-3)])
+        ray = outline - scene.scanner
+        near = np.linalg.norm(ray, axis=1, keepdims=True)
+        ray = ray / near + rng.normal(scale=0.003, size=ray.shape)
+        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+        far = reach * scene.first_hit(scene.scanner + reach * ray)[:, None]
+        passes = (np.isfinite(far) & (far > near + 0.15))[:, 0]
+        near, far, ray = near[passes], far[passes], ray[passes]
+        points = scene.scanner + ray * (near + rng.uniform(0.05, 0.95, near.shape) * (far - near))
+        return scene.to_scene(points, rng.integers(scene.n_bays, size=len(points)))
+
+    return _draw_clear(scene, n, clearance, propose)
+
+
+def ghost(scene, n, clearance, rng):
+    """Dense balls of 10 to 60 points, 5 to 10 cm in radius, floating off the surfaces."""
+    low, high = scene.bounds
+    sizes = _cluster_sizes(n, rng)
+    radii = rng.uniform(0.05, 0.10, len(sizes))
+    centers = _draw_clear(
+        scene,
+        len(sizes),
+        lambda points: 0.25 + clearance(points),
+        lambda m: rng.uniform(low, high, (m, 3)),
+    )
+    direction = rng.standard_normal((n, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    reach = np.repeat(radii, sizes)[:, None] * np.cbrt(rng.random((n, 1)))
+    return np.repeat(centers, sizes, axis=0) + reach * direction
+
+
+#: Maker of each kind. The order sets the codes: position + 1, as 0 means no outlier.
+MAKERS = {"gaussian": gaussian, "uniform": uniform, "mixed_pixel": mixed_pixel, "ghost": ghost}
+
+
+def _draw_clear(scene, n, clearance, propose):
+    """n proposed points that are farther from the scene than their clearance."""
+    kept = [np.empty((0, 3))]
+    missing, asked, usable = n, 0, 0
+    while missing > 0:
+        if usable < _LEAST_ACCEPTANCE * asked and asked > _ENOUGH:
+            raise ValueError(
+                f"noise leaves no room for outliers: under {_LEAST_ACCEPTANCE:.1%} of candidates "
+                f"are farther than {CLEARANCE:g} standard deviations from the scene's surfaces. "
+                "Lower noise or noise_growth, or set outlier_share=0."
+            )
+        # As many as the acceptance so far calls for, within reason.
+        ask = 64 + int(min(1.2 * asked / max(usable, 1), 20.0) * missing if asked else missing)
+        points = propose(ask)
+        clear = points[scene.distance(points) > clearance(points)]
+        asked, usable = asked + ask, usable + len(clear)
+        kept.append(clear[:missing])
+        missing -= len(kept[-1])
+    return np.concatenate(kept)
+
+
+def _cluster_sizes(n, rng):
+    """Sizes of 10 to 60 points that sum to n (fewer than 10 points make one small cluster)."""
+    if n == 0:
+        return np.zeros(0, int)
+    n_clusters = max(1, round(n / 35))
+    if n_clusters == 1:
+        return np.array([n])
+    sizes = rng.integers(10, 61, n_clusters)
+    surplus = sizes.sum() - n
+    if surplus > 0:
+        return sizes - rng.multivariate_hypergeometric(sizes - 10, surplus, method="marginals")
+    return sizes + rng.multivariate_hypergeometric(60 - sizes, -surplus, method="marginals")

@@ -1,0 +1,333 @@
+"""A street as a laser scanner sees it, with the truth of every point."""
+
+import numpy as np
+from sklearn.utils import Bunch, check_random_state
+
+from sklearn_mcmd._base import Integral, Interval, Real, validate_params
+from sklearn_mcmd.datasets._outliers import CLEARANCE, MAKERS
+from sklearn_mcmd.datasets._scene import Scene
+from sklearn_mcmd.datasets._surfaces import Circle, Cylinder, Foliage, Patch
+
+# Metres; x along the street, y across it, z up.
+_BAY = 5.0
+_BAY_MIN, _BAY_MAX = 4.2, 7.5
+_CROWN_RADIUS, _CROWN_Z = 75.0, 0.03
+_KERB_Y, _PATH_Z = 3.0, 0.10
+_WALL_Y, _WALL_TOP = 4.5, 2.7
+_WINDOW = (0.4, 1.6, 0.95, 2.15)  # x0, x1, z0, z1
+_DOOR = (2.2, 3.1, _PATH_Z, 2.1)
+_WINDOW_DEPTH, _DOOR_DEPTH = 0.20, 0.12
+_SIGN, _POLE, _TREE = (0.9, 3.4), (3.6, 3.45), (2.3, 3.55)  # x, y of their feet
+
+
+@validate_params(
+    {
+        "n_samples": [Interval(Integral, 1, None, closed="left")],
+        "spacing": [Interval(Real, 0, None, closed="neither"), None],
+        "spacing_growth": [Interval(Real, 1, None, closed="left")],
+        "noise": [Interval(Real, 0, None, closed="left")],
+        "noise_growth": [Interval(Real, 1, None, closed="left")],
+        "outlier_share": [Interval(Real, 0, 1, closed="left")],
+        "outlier_kinds": [list, tuple],
+        "tree": ["boolean"],
+        "random_state": ["random_state"],
+    },
+    prefer_skip_nested_validation=True,
+)
+def make_street(
+    n_samples=100_000,
+    *,
+    spacing=None,
+    spacing_growth=1.0,
+    noise=0.005,
+    noise_growth=1.0,
+    outlier_share=0.1,
+    outlier_kinds=("gaussian", "uniform", "mixed_pixel", "ghost"),
+    tree=False,
+    random_state=None,
+):
+    """Make a laser scan of a street whose truth is known at every point.
+
+    A cambered road, a 13 cm kerb, a footpath, a facade with a recessed window and door, a sign
+    on a post, a lamp pole and, if asked, a tree; x runs along the street, y across it, z up. The
+    street is a row of equal bays of about 5 m, each scanned from 2 m above its road, so what lies
+    behind the sign or the pole is in shadow. Surfaces, noise and outliers are known exactly:
+    what a method says about outliers, normals and edges can be checked point by point.
+
+    Parameters
+    ----------
+    n_samples : int, default=100_000
+        Number of points, outliers included.
+    spacing : float, default=None
+        Mean point spacing in metres where the scanner is nearest: a square of that side holds
+        one point on average. The street gets as many bays as `n_samples` points fill, and the
+        bays between 4.2 and 7.5 m of length. With None it is one bay of 5 m, and the spacing is
+        what `n_samples` gives: 2 cm for 100 000 points.
+    spacing_growth : float, default=1.0
+        Spacing at the far end of a bay over that at its near end, at least 1. Between them the
+        spacing grows linearly with the range from the scanner; 1 is uniform, 3.4 is about
+        a constant angle between rays.
+    noise : float, default=0.005
+        Standard deviation of the noise, in metres on each axis, where the scanner is nearest.
+    noise_growth : float, default=1.0
+        Noise at the far end of a bay over that at its near end, at least 1; linear in between.
+    outlier_share : float, default=0.1
+        Share of outliers in [0, 1), rounded to a whole number of points.
+    outlier_kinds : list or tuple of str
+        Kinds of outliers, in (nearly) equal shares:
+
+        - ``"gaussian"``: points of the surfaces, displaced by 0.2 m (one standard deviation) on
+          each axis, the noise of the paper's Section 5.2.1;
+        - ``"uniform"``: anywhere in the bounding box;
+        - ``"mixed_pixel"``: on rays that pass an outline (sign, post, pole, window or door),
+          between it and the background;
+        - ``"ghost"``: dense balls of 10 to 60 points, 5 to 10 cm in radius, off the surfaces.
+    tree : bool, default=False
+        Whether each bay has a tree: a trunk and a ball of foliage. Foliage is regular, but has
+        no normal and no edge.
+    random_state : int, RandomState instance or None, default=None
+        Seed. The same seed gives the same cloud.
+
+    Returns
+    -------
+    street : :class:`~sklearn.utils.Bunch`
+        In metres, rows shuffled:
+
+        - ``data``, float64 (n_samples, 3);
+        - ``target``, int64 (n_samples,): +1 regular, -1 outlier;
+        - ``true_points``, float64 (n_samples, 3): `data` without noise; NaN for outliers;
+        - ``normals``, float64 (n_samples, 3): true unit normals, to the seen side of the
+          surface; NaN for foliage and outliers;
+        - ``surface``, int64 (n_samples,): number of the surface in ``surface_names``, every flat
+          or round part its own; -1 for outliers;
+        - ``bay``, int64 (n_samples,): number of the bay; (bay, surface) tells the sign of one bay
+          from that of the next; -1 for outliers;
+        - ``edge_distance``, float64 (n_samples,): distance of the true point to the nearest sharp
+          edge of its surface; NaN for foliage and outliers;
+        - ``outlier_kind``, int8 (n_samples,): number of the kind in ``outlier_kind_names``; 0,
+          "regular", for no outlier;
+        - ``noise_scale``, float64 (n_samples,): standard deviation, on each axis, of the noise
+          at that range; for outliers what a true point there would have;
+        - ``surface_names``, ``outlier_kind_names``, ``feature_names``: lists of str;
+        - ``scanners``, float64 (n_bays, 3): the scanners' positions, one a bay;
+        - ``spacing``, ``length``: floats, the true spacing at the near end and the length of the
+          street.
+
+    Raises
+    ------
+    ValueError
+        If a kind of outlier is unknown or given twice, if no regular point is left, if
+        `n_samples` points at that `spacing` cannot fill the shortest street, or if the noise is
+        so large that nothing in the bounding box is an outlier.
+
+    See Also
+    --------
+    make_contaminated_plane : The single plane of the paper's Section 5.1.
+    sklearn_mcmd.metrics.outlier_scores : Compares a verdict with ``target``.
+    sklearn_mcmd.metrics.bias_angle : Compares normals with ``normals``.
+
+    Notes
+    -----
+    Sharp edges are the lines where surfaces meet at an angle (the kerb's foot and top, the wall's
+    foot, all sides of the reveals, the feet of pole, post and trunk) and the free ends of things
+    (the sign's rim, the tops of pole, post and trunk). Where only the scene ends there is no
+    edge: the crown of the road, the top of the wall, both ends of the street; nor between bays.
+
+    An outlier that falls within four noise standard deviations of a surface, or into foliage, is
+    no outlier and is drawn anew, so the labels have no such error. The points are independent
+    draws; they don't lie on scan lines, and spacing does not depend on the angle of incidence.
+
+    Time is linear in `n_samples`, a few seconds for a million points.
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.datasets import make_street
+    >>> street = make_street(20_000, random_state=0)
+    >>> street.data.shape, int((street.target == -1).sum())
+    ((20000, 3), 2000)
+    >>> street.surface_names[:4]
+    ['road', 'kerb', 'footpath', 'wall']
+    >>> round(street.spacing, 3)
+    0.045
+    >>> long_street = make_street(20_000, spacing=0.1, random_state=0)
+    >>> len(long_street.scanners), round(long_street.spacing, 3)
+    (5, 0.1)
+    """
+    kinds = _check_kinds(outlier_kinds)
+    n_outliers = round(outlier_share * n_samples)
+    n_regular = n_samples - n_outliers
+    if n_regular == 0:
+        raise ValueError(
+            f"outlier_share={outlier_share:g} of n_samples={n_samples} leaves no regular point: "
+            "lower the share or give more points."
+        )
+    scene = _fit_street(n_regular, spacing, spacing_growth, tree)
+    # One stream a purpose: the true points stay the same whatever the noise and the outliers.
+    seed = check_random_state(random_state).randint(np.iinfo(np.int32).max)
+    points_rng, noise_rng, outlier_rng, order_rng = np.random.default_rng(seed).spawn(4)
+
+    def noise_at(points):
+        return noise * scene.growth(scene.to_bay(points)[0], noise_growth)
+
+    local, surface = scene.sample(n_regular, spacing_growth, points_rng)
+    bay = points_rng.integers(scene.n_bays, size=n_regular)
+    true_points = scene.to_scene(local, bay)
+    scale = noise * scene.growth(local, noise_growth)
+    normals, edge_distance = _truth(scene, local, surface, bay)
+
+    sizes = np.full(len(kinds), n_outliers // len(kinds)) if kinds else np.zeros(0, int)
+    sizes[: n_outliers - sizes.sum()] += 1
+    outliers = [
+        MAKERS[kind](scene, size, lambda points: CLEARANCE * noise_at(points), outlier_rng)
+        for kind, size in zip(kinds, sizes, strict=True)
+    ]
+    outliers = np.concatenate([np.empty((0, 3)), *outliers])
+    names = ["regular", *MAKERS]
+    codes = np.repeat([names.index(kind) for kind in kinds], sizes)
+
+    order = order_rng.permutation(n_samples)
+
+    def rows(regular, filling):
+        filling = np.broadcast_to(filling, (n_outliers, *regular.shape[1:]))
+        return np.concatenate([regular, filling]).astype(regular.dtype)[order]
+
+    noisy = true_points + scale[:, None] * noise_rng.standard_normal((n_regular, 3))
+    effective = scene.n_bays * scene.effective_area(spacing_growth)
+    return Bunch(
+        data=rows(noisy, outliers),
+        target=rows(np.ones(n_regular, np.int64), -1),
+        true_points=rows(true_points, np.nan),
+        normals=rows(normals, np.nan),
+        surface=rows(surface, -1),
+        bay=rows(bay, -1),
+        edge_distance=rows(edge_distance, np.nan),
+        outlier_kind=rows(np.zeros(n_regular, np.int8), codes),
+        noise_scale=rows(scale, noise_at(outliers)),
+        surface_names=[part.name for part in scene.parts],
+        outlier_kind_names=names,
+        feature_names=["x", "y", "z"],
+        scanners=scene.scanners,
+        spacing=float(np.sqrt(effective / n_regular)),
+        length=scene.length,
+    )
+
+
+def _check_kinds(kinds):
+    unknown = [kind for kind in kinds if kind not in MAKERS]
+    if unknown or len(set(kinds)) < len(kinds) or not kinds:
+        raise ValueError(
+            f"outlier_kinds={kinds!r} must name, once each, one or more of {list(MAKERS)}; "
+            "for a street without outliers set outlier_share=0."
+        )
+    return list(kinds)
+
+
+def _fit_street(n_regular, spacing, spacing_growth, tree):
+    """The street that n_regular points fill at the asked spacing."""
+    scene = _street(_BAY, 1, tree)
+    if spacing is None:
+        return scene
+    per_bay = scene.effective_area(spacing_growth) / spacing**2
+    n_bays = max(1, round(n_regular / per_bay))
+    # A bay's surface grows nearly in proportion to its length: three steps settle it.
+    bay_length = _BAY
+    for _ in range(3):
+        bay_length *= n_regular / (n_bays * per_bay)
+        bay_length = min(max(bay_length, _BAY_MIN), _BAY_MAX)
+        scene = _street(bay_length, n_bays, tree)
+        per_bay = scene.effective_area(spacing_growth) / spacing**2
+    if bay_length == _BAY_MIN and n_regular < 0.97 * n_bays * per_bay:
+        raise ValueError(
+            f"n_samples is too small for spacing={spacing:g}: the shortest street takes "
+            f"{int(np.ceil(per_bay))} regular points and gets {n_regular}. Give more points, a "
+            f"larger spacing, or spacing=None."
+        )
+    return scene
+
+
+def _street(length, n_bays, tree):
+    """The street of n_bays bays of that length."""
+    gutter_angle = np.arcsin(_KERB_Y / _CROWN_RADIUS)
+    gutter_z = _CROWN_Z - _CROWN_RADIUS * (1 - np.cos(gutter_angle))
+    recess_y = _WALL_Y + _DOOR_DEPTH
+    along, up = np.array([length, 0, 0]), np.array([0, 0, 1.0])
+    beside_door = [
+        (0.0, _DOOR[0], _WALL_Y - _KERB_Y, recess_y - _KERB_Y),
+        (_DOOR[1], length, _WALL_Y - _KERB_Y, recess_y - _KERB_Y),
+    ]
+    things = [*_sign(*_SIGN), _pole("lamp_pole", *_POLE, 0.09, 3.5)]
+    if tree:
+        x, y = _TREE
+        things += [_pole("trunk", x, y, 0.12, 2.2), Foliage("foliage", (x, y, 2.4), 0.7)]
+    feet = [Circle(p.base, up, p.radius) for p in things if isinstance(p, Cylinder)]
+    parts = [
+        Cylinder(
+            "road",
+            (length, 0, _CROWN_Z - _CROWN_RADIUS),
+            -along,  # right-handed around -x: from the crown towards the kerb
+            _CROWN_RADIUS,
+            start=up,
+            arc=gutter_angle,
+            sharp=("stop",),
+        ),
+        Patch(
+            "kerb", (0, _KERB_Y, gutter_z), along, (_PATH_Z - gutter_z) * up, smooth=("u0", "u1")
+        ),
+        Patch(
+            "footpath",
+            (0, _KERB_Y, _PATH_Z),
+            along,
+            (0, recess_y - _KERB_Y, 0),
+            holes=beside_door,
+            smooth=("u0", "u1"),
+            circles=feet,
+        ),
+        Patch(
+            "wall",
+            (0, _WALL_Y, _PATH_Z),
+            along,
+            (_WALL_TOP - _PATH_Z) * up,
+            holes=[(x0, x1, z0 - _PATH_Z, z1 - _PATH_Z) for x0, x1, z0, z1 in (_WINDOW, _DOOR)],
+            smooth=("u0", "u1", "v1"),
+        ),
+        *_recess("window", *_WINDOW, _WINDOW_DEPTH, sill=True),
+        *_recess("door", *_DOOR, _DOOR_DEPTH, sill=False),
+        *things,
+    ]
+    return Scene(parts, length, n_bays, scanner=(length / 2, 1.0, 2.0))
+
+
+def _recess(name, x0, x1, z0, z1, depth, sill):
+    """The back of an opening in the wall and its reveals."""
+    x, y, z = (x1 - x0, 0, 0), (0, depth, 0), (0, 0, z1 - z0)
+    parts = [
+        Patch(f"{name}_back", (x0, _WALL_Y + depth, z0), x, z),
+        Patch(f"{name}_left", (x0, _WALL_Y, z0), y, z),
+        Patch(f"{name}_right", (x1, _WALL_Y, z0), z, y),
+        Patch(f"{name}_head", (x0, _WALL_Y, z1), y, x),
+    ]
+    return [*parts, Patch(f"{name}_sill", (x0, _WALL_Y, z0), x, y)] if sill else parts
+
+
+def _sign(x, y):
+    """A plate of 0.5 m by 0.6 m, turned 30 degrees, before its post."""
+    turn = np.radians(30)
+    facing = np.array([np.sin(turn), -np.cos(turn), 0])
+    side = 0.5 * np.array([np.cos(turn), np.sin(turn), 0])
+    plate = np.array([x, y, 1.9]) + 0.05 * facing - 0.5 * side
+    return [Patch("sign", plate, side, (0, 0, 0.6)), _pole("sign_post", x, y, 0.03, 2.4)]
+
+
+def _pole(name, x, y, radius, top):
+    return Cylinder(name, (x, y, _PATH_Z), (0, 0, top - _PATH_Z), radius)
+
+
+def _truth(scene, local, surface, bay):
+    """Normal and distance to the nearest sharp edge of the own surface, for each point."""
+    normals = np.empty_like(local)
+    edge_distance = np.empty(len(local))
+    for number, part in enumerate(scene.parts):
+        mine = np.flatnonzero(surface == number)
+        normals[mine] = part.normals(local[mine])
+        edge_distance[mine] = scene.over_bays(part.edge_distance, local[mine], bay[mine])
+    return normals, edge_distance

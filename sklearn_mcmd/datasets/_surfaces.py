@@ -1,0 +1,326 @@
+"""Parts of a made-up scene: flat patches, cylinders and foliage.
+
+A part knows how to sample itself and what is true about it. All have the same interface, so a
+scene is a list of parts:
+
+- ``name``, ``area`` and ``bounds`` (2, 3);
+- ``sample(n, rng)``: n points, uniform over the part, (n, 3);
+- ``normals(points)``: unit normals on the seen side, NaN where there is none;
+- ``distance(points)``: distance of any points to the part;
+- ``edge_distance(points)``: distance to the part's sharp edges, inf if it has none;
+- ``hit(origin, ends)``: where segments from one origin first meet the part, as the fraction of
+  the segment, inf where they miss;
+- ``outline_length`` and ``sample_outline(n, rng, viewpoint)``: lines of the part behind which
+  the background may start, as seen from a viewpoint.
+"""
+
+import numpy as np
+
+
+class Patch:
+    """Flat rectangle, with rectangular holes if wished.
+
+    Parameters
+    ----------
+    name : str
+    corner : array-like of shape (3,)
+    u, v : array-like of shape (3,)
+        The two sides, at right angles; ``u x v`` points to the seen side.
+    holes : sequence of (u0, u1, v0, v1), default=()
+        Rectangles cut out, in metres from the corner.
+    smooth : sequence of {"u0", "u1", "v0", "v1"}, default=()
+        Sides that are no sharp edges: the surface goes on, or only the scene ends.
+    circles : sequence of Circle, default=()
+        More sharp edges: the feet of what stands on the patch.
+    """
+
+    def __init__(self, name, corner, u, v, *, holes=(), smooth=(), circles=()):
+        self.name = name
+        self.corner = np.asarray(corner, float)
+        u, v = np.asarray(u, float), np.asarray(v, float)
+        self.size = np.array([np.linalg.norm(u), np.linalg.norm(v)])
+        u, v = u / self.size[0], v / self.size[1]
+        self.frame = np.column_stack([u, v, np.cross(u, v)])
+        self.circles = tuple(circles)
+
+        # Holes cut the rectangle along grid lines; what is left is a set of whole cells.
+        holes = np.asarray(holes, float).reshape(-1, 2, 2)
+        self.cuts = [np.unique([0.0, self.size[i], *holes[:, i].ravel()]) for i in (0, 1)]
+        low = np.stack(np.meshgrid(*(c[:-1] for c in self.cuts), indexing="ij"), axis=-1)
+        high = np.stack(np.meshgrid(*(c[1:] for c in self.cuts), indexing="ij"), axis=-1)
+        middle = 0.5 * (low + high)[..., None, :]
+        cut_out = ((middle > holes[:, :, 0]) & (middle < holes[:, :, 1])).all(axis=-1)
+        self.solid = ~cut_out.any(axis=-1)
+        self.low, self.high = low[self.solid], high[self.solid]
+        self.cell_areas = np.prod(self.high - self.low, axis=1)
+        self.area = self.cell_areas.sum()
+
+        self.border, sides = _cell_border(self.solid, *self.cuts)
+        self.edges = self.border[[side not in smooth for side in sides]]
+        corners = self._to_scene(self.border.reshape(-1, 2))
+        self.bounds = np.array([corners.min(axis=0), corners.max(axis=0)])
+        self.outline_length = np.linalg.norm(self.edges[:, 1] - self.edges[:, 0], axis=1).sum()
+
+    def sample(self, n, rng):
+        cell = rng.choice(len(self.low), size=n, p=self.cell_areas / self.area)
+        low = self.low[cell]
+        return self._to_scene(low + rng.random((n, 2)) * (self.high[cell] - low))
+
+    def normals(self, points):
+        return np.tile(self.frame[:, 2], (len(points), 1))
+
+    def distance(self, points):
+        local = (points - self.corner) @ self.frame
+        aside = np.zeros(len(local))
+        outside = ~self._contains(local[:, 0], local[:, 1])
+        aside[outside] = _segments_distance(local[outside, :2], self.border)
+        return np.hypot(aside, local[:, 2])
+
+    def edge_distance(self, points):
+        local = (points - self.corner) @ self.frame
+        aside = _segments_distance(local[:, :2], self.edges)
+        distance = np.hypot(aside, local[:, 2])
+        for circle in self.circles:
+            np.minimum(distance, circle.distance(points), out=distance)
+        return distance
+
+    def hit(self, origin, ends):
+        start = (origin - self.corner) @ self.frame
+        way = (ends - self.corner) @ self.frame - start
+        fraction = np.full(len(ends), np.inf)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = -start[2] / way[:, 2]
+        crosses = np.flatnonzero((t > 0) & (t <= 1))
+        t = t[crosses]
+        u, v = start[:2, None] + t * way[crosses, :2].T
+        inside = self._contains(u, v)
+        fraction[crosses[inside]] = t[inside]
+        return fraction
+
+    def sample_outline(self, n, rng, viewpoint):
+        a, b = self.edges[:, 0], self.edges[:, 1]
+        lengths = np.linalg.norm(b - a, axis=1)
+        side = rng.choice(len(lengths), size=n, p=lengths / lengths.sum())
+        return self._to_scene(a[side] + rng.random((n, 1)) * (b - a)[side])
+
+    def _to_scene(self, local):
+        return self.corner + local @ self.frame[:, :2].T
+
+    def _contains(self, u, v):
+        inside = (u >= 0) & (u <= self.size[0]) & (v >= 0) & (v <= self.size[1])
+        cells = []
+        for coordinate, cuts in zip((u, v), self.cuts, strict=True):
+            cell = np.searchsorted(cuts, coordinate, side="right") - 1
+            cells.append(np.clip(cell, 0, len(cuts) - 2))
+        return inside & self.solid[tuple(cells)]
+
+
+class Cylinder:
+    """Round surface, whole (a pole) or an arc of it (a cambered road), seen from outside.
+
+    Parameters
+    ----------
+    name : str
+    base : array-like of shape (3,)
+        Start of the axis.
+    axis : array-like of shape (3,)
+        From the start of the axis to its end.
+    radius : float
+    start : array-like of shape (3,), default=None
+        Direction, at right angles to the axis, from which the arc's angle counts.
+    arc : float, default=2 pi
+        Angle of the arc in radians, right-handed around the axis.
+    sharp : sequence of {"base", "top", "start", "stop"}, default=("base", "top")
+        Its sharp edges: the circles at both ends, the straight sides of an arc.
+
+    Notes
+    -----
+    There is no lid: a scanner higher than a pole would look into it, so poles must be higher.
+    """
+
+    def __init__(
+        self, name, base, axis, radius, *, start=None, arc=2 * np.pi, sharp=("base", "top")
+    ):
+        self.name = name
+        self.base = np.asarray(base, float)
+        axis = np.asarray(axis, float)
+        self.length = np.linalg.norm(axis)
+        axis = axis / self.length
+        if start is None:
+            start = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+        first = np.asarray(start, float) / np.linalg.norm(start)
+        self.frame = np.column_stack([first, np.cross(axis, first), axis])
+        self.radius, self.arc = float(radius), float(arc)
+        self.whole = arc >= 2 * np.pi
+        self.area = self.arc * self.radius * self.length
+        self.circles = [
+            Circle(self.base + end * axis, axis, radius)
+            for name, end in (("base", 0.0), ("top", self.length))
+            if name in sharp
+        ]
+        # Straight sides of the arc, as seen along the axis.
+        self.sides = self.radius * np.array(
+            [(np.cos(a), np.sin(a)) for n, a in (("start", 0.0), ("stop", arc)) if n in sharp]
+        ).reshape(-1, 2)
+        angle = np.linspace(0, self.arc, 721)
+        ring = self.radius * (
+            np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * self.frame[:, 1]
+        )
+        rings = self.base + np.concatenate([ring, ring + self.length * axis])
+        self.bounds = np.array([rings.min(axis=0), rings.max(axis=0)])
+        self.outline_length = 2 * self.length if self.whole else 0.0
+
+    def sample(self, n, rng):
+        angle = self.arc * rng.random(n)
+        local = np.column_stack(
+            [
+                self.radius * np.cos(angle),
+                self.radius * np.sin(angle),
+                self.length * rng.random(n),
+            ]
+        )
+        return self.base + local @ self.frame.T
+
+    def normals(self, points):
+        local = (points - self.base) @ self.frame
+        radial = local[:, :2] / np.linalg.norm(local[:, :2], axis=1, keepdims=True)
+        return radial @ self.frame[:, :2].T
+
+    def distance(self, points):
+        local = (points - self.base) @ self.frame
+        aside = np.abs(np.hypot(local[:, 0], local[:, 1]) - self.radius)
+        if not self.whole:
+            outside = ~self._contains(local[:, 0], local[:, 1])
+            ends = self.radius * np.array([[1.0, 0.0], [np.cos(self.arc), np.sin(self.arc)]])
+            gaps = np.linalg.norm(local[outside, None, :2] - ends, axis=2)
+            aside[outside] = gaps.min(axis=1)
+        beyond = np.maximum(np.maximum(-local[:, 2], local[:, 2] - self.length), 0.0)
+        return np.hypot(aside, beyond)
+
+    def edge_distance(self, points):
+        distance = np.full(len(points), np.inf)
+        for circle in self.circles:
+            np.minimum(distance, circle.distance(points), out=distance)
+        local = (points - self.base) @ self.frame
+        beyond = np.maximum(np.maximum(-local[:, 2], local[:, 2] - self.length), 0.0)
+        for side in self.sides:
+            aside = np.linalg.norm(local[:, :2] - side, axis=1)
+            np.minimum(distance, np.hypot(aside, beyond), out=distance)
+        return distance
+
+    def hit(self, origin, ends):
+        start = (origin - self.base) @ self.frame
+        way = (ends - self.base) @ self.frame - start
+        fraction = np.full(len(ends), np.inf)
+        a = np.einsum("ij,ij->i", way[:, :2], way[:, :2])
+        b = way[:, :2] @ start[:2]
+        c = start[:2] @ start[:2] - self.radius**2
+        root = b * b - a * c
+        meets = np.flatnonzero((root >= 0) & (a > 0))
+        a, b, root, way = a[meets], b[meets], np.sqrt(root[meets]), way[meets]
+        for t in ((-b + root) / a, (-b - root) / a):  # the nearer one last: it overwrites
+            place = start + t[:, None] * way
+            on_part = (t > 0) & (t <= 1) & (place[:, 2] >= 0) & (place[:, 2] <= self.length)
+            if not self.whole:
+                on_part &= self._contains(place[:, 0], place[:, 1])
+            fraction[meets[on_part]] = t[on_part]
+        return fraction
+
+    def sample_outline(self, n, rng, viewpoint):
+        # The two lines where the rays from the viewpoint graze the cylinder.
+        seen = (viewpoint - self.base) @ self.frame
+        middle = np.arctan2(seen[1], seen[0])
+        half = np.arccos(self.radius / np.hypot(seen[0], seen[1]))
+        angle = middle + half * rng.choice([-1.0, 1.0], size=n)
+        local = np.column_stack(
+            [
+                self.radius * np.cos(angle),
+                self.radius * np.sin(angle),
+                self.length * rng.random(n),
+            ]
+        )
+        return self.base + local @ self.frame.T
+
+    def _contains(self, first, second):
+        return np.mod(np.arctan2(second, first), 2 * np.pi) <= self.arc
+
+
+class Foliage:
+    """Ball filled with leaves: points without a surface; rays pass through it.
+
+    Parameters
+    ----------
+    name : str
+    center : array-like of shape (3,)
+    radius : float
+
+    Notes
+    -----
+    Its `area`, which sets its share of the points, is that of the half ball that a scanner
+    sees.
+    """
+
+    outline_length = 0.0
+
+    def __init__(self, name, center, radius):
+        self.name = name
+        self.center = np.asarray(center, float)
+        self.radius = float(radius)
+        self.area = 2 * np.pi * radius**2
+        self.bounds = np.array([self.center - radius, self.center + radius])
+
+    def sample(self, n, rng):
+        direction = rng.standard_normal((n, 3))
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        return self.center + self.radius * np.cbrt(rng.random((n, 1))) * direction
+
+    def normals(self, points):
+        return np.full((len(points), 3), np.nan)
+
+    def distance(self, points):
+        return np.maximum(np.linalg.norm(points - self.center, axis=1) - self.radius, 0.0)
+
+    def edge_distance(self, points):
+        return np.full(len(points), np.nan)
+
+    def hit(self, origin, ends):
+        return np.full(len(ends), np.inf)
+
+
+class Circle:
+    """A round edge."""
+
+    def __init__(self, center, axis, radius):
+        self.center = np.asarray(center, float)
+        self.axis = np.asarray(axis, float) / np.linalg.norm(axis)
+        self.radius = float(radius)
+
+    def distance(self, points):
+        local = points - self.center
+        height = local @ self.axis
+        reach = np.linalg.norm(local - height[:, None] * self.axis, axis=1)
+        return np.hypot(reach - self.radius, height)
+
+
+def _cell_border(solid, cuts_u, cuts_v):
+    """Border of a union of grid cells: segments (m, 2, 2) and the outer side each lies on."""
+    filled = np.pad(solid, 1)
+    segments, sides = [], []
+    for i, j in np.argwhere(filled[1:, 1:-1] != filled[:-1, 1:-1]):  # across u
+        segments.append([(cuts_u[i], cuts_v[j]), (cuts_u[i], cuts_v[j + 1])])
+        sides.append("u0" if i == 0 else "u1" if i == len(cuts_u) - 1 else "")
+    for i, j in np.argwhere(filled[1:-1, 1:] != filled[1:-1, :-1]):  # across v
+        segments.append([(cuts_u[i], cuts_v[j]), (cuts_u[i + 1], cuts_v[j])])
+        sides.append("v0" if j == 0 else "v1" if j == len(cuts_v) - 1 else "")
+    return np.array(segments), sides
+
+
+def _segments_distance(points, segments):
+    """Distance of points (n, 2) to the nearest of segments (m, 2, 2); inf without segments."""
+    nearest = np.full(len(points), np.inf)
+    for a, b in segments:
+        way = b - a
+        along = np.clip((points - a) @ way / (way @ way), 0.0, 1.0)
+        rest = points - a - along[:, None] * way
+        np.minimum(nearest, np.einsum("ij,ij->i", rest, rest), out=nearest)
+    return np.sqrt(nearest)

@@ -1,0 +1,311 @@
+"""Measures of the paper: the bias angle (Eq. 19) and the outlier rates (Eqs. 20-24)."""
+
+import warnings
+
+import numpy as np
+from sklearn.exceptions import UndefinedMetricWarning
+from sklearn.metrics import accuracy_score, confusion_matrix
+from sklearn.utils import Bunch, check_array, check_consistent_length, column_or_1d
+
+__all__ = [
+    "bias_angle",
+    "masking_rate",
+    "outlier_scores",
+    "swamping_rate",
+    "true_negative_rate",
+    "true_positive_rate",
+]
+
+
+def bias_angle(normals_a, normals_b):
+    """Angle between two planes, from their normals, in degrees (Eq. 19).
+
+    A normal and its opposite stand for the same plane, so the angle lies in [0, 90].
+
+    Parameters
+    ----------
+    normals_a, normals_b : array-like of shape (n_features,) or (..., n_features)
+        Normals, of any length but zero; the leading axes are broadcast. A row that holds
+        NaN (the normal of a point that has none) gives NaN.
+
+    Returns
+    -------
+    angle : float or ndarray of shape (...), float64
+        Degrees in [0, 90]. A float where both inputs are single vectors.
+
+    Raises
+    ------
+    ValueError
+        If a normal is zero or infinite, or the shapes do not broadcast.
+
+    Notes
+    -----
+    Eq. 19 is ``arccos|n1 . n2|``. Near 0 the cosine is flat: rounding alone turns parallel
+    normals into angles of up to 1e-6 degrees, or into NaN where the product exceeds one. Here
+    the angle is twice the arctangent of chord over opposite chord, which is right to the last
+    digits everywhere.
+
+    References
+    ----------
+    .. [1] Nurunnabi, West, Belton, "Outlier detection and robust normal-curvature estimation
+       in mobile laser scanning 3D point cloud data", Pattern Recognition 48 (2015).
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.metrics import bias_angle
+    >>> bias_angle([0, 0, 1], [0, 0, -2])
+    0.0
+    >>> bias_angle([[0, 0, 1], [0, 1, 1]], [0, 0, 1]).round(6)
+    array([ 0., 45.])
+    """
+    a, b = _unit(normals_a, "normals_a"), _unit(normals_b, "normals_b")
+    if a.shape[-1] != b.shape[-1]:
+        raise ValueError(
+            f"normals_a has {a.shape[-1]} coordinates and normals_b {b.shape[-1]}: "
+            "both need the same number."
+        )
+    try:
+        difference, total = a - b, a + b
+    except ValueError as error:
+        raise ValueError(
+            f"normals_a of shape {a.shape} and normals_b of shape {b.shape} do not broadcast: "
+            "give one normal, or as many in both."
+        ) from error
+    chords = np.stack([np.linalg.norm(difference, axis=-1), np.linalg.norm(total, axis=-1)])
+    angle = np.degrees(2.0 * np.arctan2(chords.min(axis=0), chords.max(axis=0)))
+    return float(angle) if angle.ndim == 0 else angle
+
+
+def true_positive_rate(y_true, y_pred):
+    """Correct outlier identification rate, COIR (Eq. 20).
+
+    The share of the true outliers (-1) that are called outliers. The paper prints it times 100.
+
+    Parameters
+    ----------
+    y_true : array-like of shape (n_samples,)
+        The truth: -1 for outliers, +1 for inliers.
+    y_pred : array-like of shape (n_samples,)
+        The verdict, as any scikit-learn outlier detector's ``predict`` gives it.
+
+    Returns
+    -------
+    rate : float
+        In [0, 1]; NaN, with an ``UndefinedMetricWarning``, where `y_true` has no outlier.
+
+    Raises
+    ------
+    ValueError
+        If a label is neither -1 nor +1, or the lengths differ.
+
+    See Also
+    --------
+    masking_rate : One minus this rate.
+    outlier_scores : All of Eqs. 20 to 24 at once.
+    sklearn.metrics.recall_score : The same with ``pos_label=-1``, where both labels occur.
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.metrics import true_positive_rate
+    >>> true_positive_rate([1, 1, 1, -1, -1], [1, 1, -1, -1, 1])
+    0.5
+    """
+    (found, missed), _ = _counts(y_true, y_pred)
+    return _rate(found, found + missed, "true_positive_rate", "outlier (-1)")
+
+
+def true_negative_rate(y_true, y_pred):
+    """Correct inlier identification rate, CIIR (Eq. 21).
+
+    The share of the true inliers (+1) that are called inliers. The paper prints it times 100.
+
+    Parameters
+    ----------
+    y_true, y_pred : array-like of shape (n_samples,)
+        Truth and verdict: -1 for outliers, +1 for inliers.
+
+    Returns
+    -------
+    rate : float
+        In [0, 1]; NaN, with an ``UndefinedMetricWarning``, where `y_true` has no inlier.
+
+    Raises
+    ------
+    ValueError
+        If a label is neither -1 nor +1, or the lengths differ.
+
+    See Also
+    --------
+    swamping_rate : One minus this rate.
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.metrics import true_negative_rate
+    >>> true_negative_rate([1, 1, 1, 1, -1], [1, 1, 1, -1, -1])
+    0.75
+    """
+    _, (swamped, kept) = _counts(y_true, y_pred)
+    return _rate(kept, swamped + kept, "true_negative_rate", "inlier (+1)")
+
+
+def swamping_rate(y_true, y_pred):
+    """Swamping rate or false positive rate, FPR (Eq. 22).
+
+    The share of the true inliers (+1) that are called outliers. The paper prints it times 100.
+
+    Parameters
+    ----------
+    y_true, y_pred : array-like of shape (n_samples,)
+        Truth and verdict: -1 for outliers, +1 for inliers.
+
+    Returns
+    -------
+    rate : float
+        In [0, 1]; NaN, with an ``UndefinedMetricWarning``, where `y_true` has no inlier.
+
+    Raises
+    ------
+    ValueError
+        If a label is neither -1 nor +1, or the lengths differ.
+
+    See Also
+    --------
+    true_negative_rate : One minus this rate.
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.metrics import swamping_rate
+    >>> swamping_rate([1, 1, 1, 1, -1], [1, 1, 1, -1, -1])
+    0.25
+    """
+    _, (swamped, kept) = _counts(y_true, y_pred)
+    return _rate(swamped, swamped + kept, "swamping_rate", "inlier (+1)")
+
+
+def masking_rate(y_true, y_pred):
+    """Masking rate or false negative rate, FNR (Eq. 23).
+
+    The share of the true outliers (-1) that are called inliers. The paper prints it times 100.
+
+    Parameters
+    ----------
+    y_true, y_pred : array-like of shape (n_samples,)
+        Truth and verdict: -1 for outliers, +1 for inliers.
+
+    Returns
+    -------
+    rate : float
+        In [0, 1]; NaN, with an ``UndefinedMetricWarning``, where `y_true` has no outlier.
+
+    Raises
+    ------
+    ValueError
+        If a label is neither -1 nor +1, or the lengths differ.
+
+    See Also
+    --------
+    true_positive_rate : One minus this rate.
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.metrics import masking_rate
+    >>> masking_rate([1, 1, 1, -1, -1], [1, 1, -1, -1, -1])
+    0.0
+    """
+    (found, missed), _ = _counts(y_true, y_pred)
+    return _rate(missed, found + missed, "masking_rate", "outlier (-1)")
+
+
+def outlier_scores(y_true, y_pred):
+    """The five measures of an outlier detector as a classifier (Eqs. 20-24).
+
+    Parameters
+    ----------
+    y_true, y_pred : array-like of shape (n_samples,)
+        Truth and verdict: -1 for outliers, +1 for inliers.
+
+    Returns
+    -------
+    scores : :class:`~sklearn.utils.Bunch`
+        Floats in [0, 1]: ``true_positive_rate``, ``true_negative_rate``, ``swamping_rate``,
+        ``masking_rate`` and ``accuracy`` (the share of all labels that are right). The rates of
+        a class that `y_true` lacks are NaN, with one ``UndefinedMetricWarning`` each.
+
+    Raises
+    ------
+    ValueError
+        If a label is neither -1 nor +1, or the lengths differ.
+
+    See Also
+    --------
+    sklearn.metrics.accuracy_score : Eq. 24 alone.
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.metrics import outlier_scores
+    >>> scores = outlier_scores([1, 1, 1, 1, -1], [1, 1, 1, -1, -1])
+    >>> scores.accuracy, scores.swamping_rate, scores.masking_rate
+    (0.8, 0.25, 0.0)
+    """
+    return Bunch(
+        true_positive_rate=true_positive_rate(y_true, y_pred),
+        true_negative_rate=true_negative_rate(y_true, y_pred),
+        swamping_rate=swamping_rate(y_true, y_pred),
+        masking_rate=masking_rate(y_true, y_pred),
+        accuracy=float(accuracy_score(y_true, y_pred)),
+    )
+
+
+def _unit(normals, name):
+    """Normals as float64 of length one; NaN rows stay NaN."""
+    normals = check_array(
+        normals,
+        dtype=np.float64,
+        ensure_2d=False,
+        allow_nd=True,
+        ensure_all_finite="allow-nan",
+        ensure_min_samples=0,
+        input_name=name,
+    )
+    if normals.ndim == 0 or normals.shape[-1] == 0:
+        raise ValueError(f"{name} has no coordinates: give vectors of shape (..., n_features).")
+    # Divided by the largest coordinate first, so that squares neither overflow nor vanish.
+    largest = np.abs(normals).max(axis=-1, keepdims=True)
+    if np.any(largest == 0):
+        raise ValueError(
+            f"{name} holds {int((largest == 0).sum())} zero vectors, which have no direction: "
+            "drop them, or mark missing normals by NaN."
+        )
+    scaled = normals / largest
+    return scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
+
+
+def _counts(y_true, y_pred):
+    """((found, missed), (swamped, kept)): outliers' row, inliers' row."""
+    y_true, y_pred = _labels(y_true, "y_true"), _labels(y_pred, "y_pred")
+    check_consistent_length(y_true, y_pred)
+    return confusion_matrix(y_true, y_pred, labels=[-1, 1])
+
+
+def _labels(y, name):
+    y = column_or_1d(y)
+    if y.size == 0:
+        raise ValueError(f"{name} is empty: rates need at least one label.")
+    values = np.unique(y)
+    if y.dtype.kind not in "iuf" or not np.isin(values, (-1, 1)).all():
+        raise ValueError(
+            f"{name} holds the values {values[:5].tolist()}; outlier labels are -1 (outlier) and "
+            f"+1 (inlier). Flags turn into labels by np.where(is_outlier, -1, 1)."
+        )
+    return y.astype(np.int8)
+
+
+def _rate(count, total, name, missing):
+    if total == 0:
+        warnings.warn(
+            f"{name} is undefined and set to nan: y_true holds no {missing}.",
+            UndefinedMetricWarning,
+            stacklevel=3,
+        )
+        return np.nan
+    return float(count / total)

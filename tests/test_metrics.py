@@ -1,0 +1,162 @@
+"""Measures against hand-made truth, high-precision arithmetic and scikit-learn."""
+
+from decimal import Decimal, getcontext
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+from sklearn.exceptions import UndefinedMetricWarning
+from sklearn.metrics import accuracy_score, recall_score
+
+from sklearn_mcmd.metrics import (
+    bias_angle,
+    masking_rate,
+    outlier_scores,
+    swamping_rate,
+    true_negative_rate,
+    true_positive_rate,
+)
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize("degrees", [1e-12, 1e-9, 1e-6, 1e-3, 1.0, 30.0, 60.0, 89.0, 89.999999])
+def test_the_bias_angle_is_the_angle_by_which_a_normal_was_turned(degrees):
+    angle = np.radians(degrees)
+    turned = [np.sin(angle), 0.0, np.cos(angle)]
+    assert_allclose(bias_angle(UP, turned), degrees, rtol=1e-12)
+
+
+def test_the_bias_angle_agrees_with_the_arc_cosine_where_that_is_well_conditioned():
+    rng = np.random.default_rng(0)
+    a, b = rng.standard_normal((2, 200, 3))
+    cosine = np.abs((a * b).sum(axis=1)) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
+    assert_allclose(bias_angle(a, b), np.degrees(np.arccos(cosine)), rtol=1e-7)
+
+
+def test_tiny_angles_in_general_position_agree_with_50_digit_arithmetic():
+    getcontext().prec = 50
+    a = [0.3, -0.5, 0.81]
+    b = [0.3 + 1e-9, -0.5, 0.81 - 3e-10]
+    x, y = [Decimal(v) for v in a], [Decimal(v) for v in b]
+    cross = [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]]
+    sine = (sum(c * c for c in cross) / (sum(v * v for v in x) * sum(v * v for v in y))).sqrt()
+    # The angle is 1e-9: sine and angle agree to 1e-18, the unit vectors' rounding gives 1e-7.
+    assert_allclose(bias_angle(a, b), np.degrees(float(sine)), rtol=5e-7)
+
+
+@given(st.lists(st.floats(-1e150, 1e150), min_size=2, max_size=6), st.floats(1e-3, 1e3))
+def test_parallel_normals_of_any_length_have_no_angle_and_no_nan(normal, factor):
+    normal = np.array(normal)
+    if np.abs(normal).max() < 1e-150:
+        return
+    assert bias_angle(normal, -factor * normal) < 1e-13
+
+
+def test_the_angle_does_not_change_with_the_sign_of_a_normal():
+    rng = np.random.default_rng(1)
+    a, b = rng.standard_normal((2, 50, 3))
+    assert_array_equal(bias_angle(a, b), bias_angle(-a, b))
+
+
+def test_one_normal_is_compared_with_many():
+    many = np.array([[0, 0, 1], [0, 1, 0], [1, 0, 1]])
+    assert_allclose(bias_angle(many, UP), [0, 90, 45])
+    assert_allclose(bias_angle(UP, many), [0, 90, 45])
+
+
+def test_two_vectors_give_a_float_and_arrays_an_array():
+    assert isinstance(bias_angle(UP, UP), float)
+    assert bias_angle(UP[None], UP).shape == (1,)
+
+
+def test_missing_normals_give_nan_and_leave_the_others_alone():
+    assert_array_equal(bias_angle([[np.nan] * 3, [0, 1, 0]], UP), [np.nan, 90.0])
+
+
+def test_zero_vectors_are_refused_as_they_have_no_direction():
+    with pytest.raises(ValueError, match="normals_b holds 1 zero vectors"):
+        bias_angle(UP, [[0, 0, 0], [0, 0, 1]])
+
+
+def test_normals_of_different_dimensions_are_refused():
+    with pytest.raises(ValueError, match="normals_a has 3 coordinates and normals_b 1"):
+        bias_angle(UP, [1.0])
+
+
+def test_normals_that_do_not_broadcast_are_refused():
+    with pytest.raises(ValueError, match="do not broadcast"):
+        bias_angle(np.ones((2, 3)), np.ones((4, 3)))
+
+
+def test_infinite_normals_are_refused():
+    with pytest.raises(ValueError, match="infinity"):
+        bias_angle([np.inf, 0, 0], UP)
+
+
+# 10 outliers of which 7 are found; 40 inliers of which 4 are swamped.
+Y_TRUE = np.repeat([-1, 1], [10, 40])
+Y_PRED = np.repeat([-1, 1, -1, 1], [7, 3, 4, 36])
+
+
+@pytest.mark.parametrize(
+    ("rate", "expected"),
+    [
+        (true_positive_rate, 7 / 10),
+        (true_negative_rate, 36 / 40),
+        (swamping_rate, 4 / 40),
+        (masking_rate, 3 / 10),
+    ],
+)
+def test_each_rate_is_the_ratio_of_counts_of_its_equation(rate, expected):
+    assert rate(Y_TRUE, Y_PRED) == expected
+
+
+def test_outlier_scores_hold_every_rate_and_the_accuracy():
+    assert outlier_scores(Y_TRUE, Y_PRED) == {
+        "true_positive_rate": 0.7,
+        "true_negative_rate": 0.9,
+        "swamping_rate": 0.1,
+        "masking_rate": 0.3,
+        "accuracy": 43 / 50,
+    }
+
+
+def test_rates_agree_with_scikit_learn_on_random_labels():
+    y_true, y_pred = np.random.default_rng(2).choice([-1, 1], (2, 500))
+    scores = outlier_scores(y_true, y_pred)
+    assert_allclose(scores.true_positive_rate, recall_score(y_true, y_pred, pos_label=-1))
+    assert_allclose(scores.true_negative_rate, recall_score(y_true, y_pred, pos_label=1))
+    assert_allclose(scores.accuracy, accuracy_score(y_true, y_pred))
+
+
+@pytest.mark.parametrize("rate", [true_positive_rate, masking_rate])
+def test_rates_of_outliers_are_nan_with_a_warning_where_there_are_none(rate):
+    with pytest.warns(UndefinedMetricWarning, match="holds no outlier"):
+        assert np.isnan(rate([1, 1], [1, -1]))
+
+
+@pytest.mark.parametrize("rate", [true_negative_rate, swamping_rate])
+def test_rates_of_inliers_are_nan_with_a_warning_where_there_are_none(rate):
+    with pytest.warns(UndefinedMetricWarning, match="holds no inlier"):
+        assert np.isnan(rate([-1, -1], [1, -1]))
+
+
+@pytest.mark.parametrize(
+    "flags", [[0, 1, 1], [True, False, True], ["in", "out", "in"], [1.5, 1, 1]]
+)
+def test_labels_other_than_plus_and_minus_one_are_refused_with_the_remedy(flags):
+    with pytest.raises(ValueError, match=r"y_pred holds the values .*np\.where"):
+        outlier_scores([1, 1, -1], flags)
+
+
+def test_labels_of_different_lengths_are_refused():
+    with pytest.raises(ValueError, match="inconsistent numbers of samples"):
+        true_positive_rate([1, -1], [1, -1, 1])
+
+
+def test_empty_labels_are_refused():
+    with pytest.raises(ValueError, match="y_true is empty"):
+        swamping_rate([], [])
