@@ -1,6 +1,7 @@
 """From neighborhoods to planes: Algorithm 4 in chunks and threads, compiled or in NumPy."""
 
 from dataclasses import dataclass, fields
+from threading import Lock
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -8,6 +9,7 @@ from joblib import Parallel, delayed
 from sklearn_mcmd._consistent_set import localize, maximum_consistent_sets, n_support_points
 from sklearn_mcmd._neighborhoods import ORDER_FROM, spatial_order
 from sklearn_mcmd._plane import RANK_TOLERANCE, fit_planes, flat_normals
+from sklearn_mcmd._progress import current_listener
 from sklearn_mcmd._rules import METHODS, robust_distances
 
 __all__ = ["LocalPlaneModel", "LocalPlanes"]
@@ -93,8 +95,15 @@ class LocalPlaneModel:
         step = CHUNK[self.compiled]
         evaluate = self._evaluate_compiled if self.compiled else self._evaluate_numpy
 
+        listener, n_done, lock = current_listener(), 0, Lock()
+
         def task(rows):
+            nonlocal n_done
             planes[rows] = evaluate(queries[rows], saliency)
+            if listener is not None:
+                with lock:
+                    n_done += len(rows)
+                    listener(n_done, n_queries)
 
         chunks = (order[start : start + step] for start in range(0, n_queries, step))
         if n_queries <= step:

@@ -1,6 +1,10 @@
-"""Fixtures that several test modules share."""
+"""Settings and fixtures that several test modules share."""
 
+import os
 from pathlib import Path
+
+# Before SciPy is imported: without it scikit-learn skips its array API checks.
+os.environ.setdefault("SCIPY_ARRAY_API", "1")
 
 import pytest
 

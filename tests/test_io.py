@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.testing import assert_allclose, assert_array_equal
 
-from sklearn_mcmd import io
 from sklearn_mcmd.io import (
     PointCloud,
     PointFileError,
+    _files,
     read_points,
     supported_extensions,
     write_points,
@@ -751,7 +751,7 @@ def fail_midway(error):
 def test_a_failure_midway_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch, error):
     path = tmp_path / "a.xyz"
     path.write_text("1 2 3\n")
-    monkeypatch.setitem(io._FORMATS, ".xyz", (None, fail_midway(error)))
+    monkeypatch.setitem(_files._FORMATS, ".xyz", (None, fail_midway(error)))
     with pytest.raises(PointFileError, match=r"cannot be written: (boom|no space left)"):
         write_points(path, np.eye(3))
     assert path.read_text() == "1 2 3\n"
@@ -761,7 +761,7 @@ def test_a_failure_midway_leaves_the_old_file_and_nothing_else(tmp_path, monkeyp
 def test_an_interruption_midway_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
     path = tmp_path / "a.xyz"
     path.write_text("1 2 3\n")
-    monkeypatch.setitem(io._FORMATS, ".xyz", (None, fail_midway(KeyboardInterrupt())))
+    monkeypatch.setitem(_files._FORMATS, ".xyz", (None, fail_midway(KeyboardInterrupt())))
     with pytest.raises(KeyboardInterrupt):
         write_points(path, np.eye(3))
     assert path.read_text() == "1 2 3\n"
@@ -769,7 +769,7 @@ def test_an_interruption_midway_leaves_the_old_file_and_nothing_else(tmp_path, m
 
 
 def test_a_failed_first_writing_leaves_no_file(tmp_path, monkeypatch):
-    monkeypatch.setitem(io._FORMATS, ".xyz", (None, fail_midway(RuntimeError("boom"))))
+    monkeypatch.setitem(_files._FORMATS, ".xyz", (None, fail_midway(RuntimeError("boom"))))
     with pytest.raises(PointFileError):
         write_points(tmp_path / "a.xyz", np.eye(3))
     assert os.listdir(tmp_path) == []

@@ -7,7 +7,7 @@ import warnings
 
 import numpy as np
 
-from sklearn_mcmd._point_cloud import PointCloud, PointFileError, flat_columns, import_extra
+from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, flat_columns, import_extra
 
 __all__ = ["read_las", "write_las"]
 

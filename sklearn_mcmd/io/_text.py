@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 
-from sklearn_mcmd._point_cloud import PointCloud, PointFileError, fit_dtype, flat_columns
+from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, fit_dtype, flat_columns
 
 __all__ = ["read_text", "split_table", "text_rows", "write_text", "xyz_positions"]
 

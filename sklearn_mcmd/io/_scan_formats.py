@@ -5,15 +5,15 @@ import warnings
 
 import numpy as np
 
-from sklearn_mcmd._arrays import cloud_from_records
-from sklearn_mcmd._point_cloud import (
+from sklearn_mcmd.io._arrays import cloud_from_records
+from sklearn_mcmd.io._point_cloud import (
     PointCloud,
     PointFileError,
     fit_dtype,
     flat_columns,
     import_extra,
 )
-from sklearn_mcmd._text import text_rows
+from sklearn_mcmd.io._text import text_rows
 
 __all__ = ["read_e57", "read_pcd", "read_ply", "write_e57", "write_pcd", "write_ply"]
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sklearn_mcmd._point_cloud import PointCloud, PointFileError
-from sklearn_mcmd._text import split_table, xyz_positions
+from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
+from sklearn_mcmd.io._text import split_table, xyz_positions
 
 __all__ = ["cloud_from_records", "read_npy", "read_npz", "write_npy", "write_npz"]
 

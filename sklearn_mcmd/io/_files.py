@@ -1,19 +1,4 @@
-"""Point clouds from and to files, the format chosen by the extension.
-
-======================  ==============  ====================================================
-extension               extra           what is kept
-======================  ==============  ====================================================
-``.las .laz``           ``las``         everything: attributes, extra dimensions, coordinate
-                                        system, header, integer coordinates bit for bit
-``.copc.laz``           ``las``         read only, like LAZ
-``.ply``                ``formats``     vertex properties and comments; faces are dropped
-``.pcd``                ``formats``     fields and viewpoint; organized clouds become a row
-``.e57``                ``formats``     coordinates (float32 about the center), intensity,
-                                        colors, grid indices; scans are merged by their poses
-``.xyz .txt .csv``      none            columns of numbers, with or without a header line
-``.npy .npz``           none            everything numeric
-======================  ==============  ====================================================
-"""
+"""Reading and writing by extension: dispatch, whole outputs, one-line errors."""
 
 import errno
 import os
@@ -24,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from sklearn_mcmd._arrays import read_npy, read_npz, write_npy, write_npz
-from sklearn_mcmd._las import read_las, write_las
-from sklearn_mcmd._point_cloud import PointCloud, PointFileError
-from sklearn_mcmd._scan_formats import (
+from sklearn_mcmd.io._arrays import read_npy, read_npz, write_npy, write_npz
+from sklearn_mcmd.io._las import read_las, write_las
+from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
+from sklearn_mcmd.io._scan_formats import (
     read_e57,
     read_pcd,
     read_ply,
@@ -35,9 +20,9 @@ from sklearn_mcmd._scan_formats import (
     write_pcd,
     write_ply,
 )
-from sklearn_mcmd._text import read_text, write_text
+from sklearn_mcmd.io._text import read_text, write_text
 
-__all__ = ["PointCloud", "PointFileError", "read_points", "supported_extensions", "write_points"]
+__all__ = ["read_points", "supported_extensions", "write_points"]
 
 _FORMATS = {
     ".csv": (read_text, write_text),
