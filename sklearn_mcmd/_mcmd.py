@@ -50,7 +50,7 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
         for "mcmd_md" (3.0575 in 3D).
 
     refine : {"reweight"} or None, default="reweight"
-        "reweight" refits plane and scale once to the neighbors within 2.5 robust standard
+        "reweight" refits plane and scale twice to the neighbors within 2.5 robust standard
         deviations; it repairs the swamping of "mcmd_md", gives more accurate planes and needs
         no knowledge of the outlier rate. None is the paper to the letter.
 

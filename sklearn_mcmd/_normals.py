@@ -60,7 +60,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         for "mcmd_md".
 
     refine : {"reweight"} or None, default="reweight"
-        "reweight" refits plane and scale once before outliers are removed; None is the paper
+        "reweight" refits plane and scale twice before outliers are removed; None is the paper
         to the letter.
 
     radius : float, default=None

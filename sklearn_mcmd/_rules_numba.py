@@ -15,7 +15,13 @@ from sklearn_mcmd._consistent_set_numba import (
     weighted_covariance,
     work_arrays,
 )
-from sklearn_mcmd._rules import MAD_TO_SD, METHODS, REWEIGHT_CUTOFF, TRUNCATED_VARIANCE
+from sklearn_mcmd._rules import (
+    MAD_TO_SD,
+    METHODS,
+    REWEIGHT_CUTOFF,
+    REWEIGHT_STEPS,
+    TRUNCATED_VARIANCE,
+)
 
 __all__ = ["fit_neighborhoods_3d"]
 
@@ -190,20 +196,25 @@ def _add_squared(local, size, mean, axis, deviation, out):
 def _reweighted_plane(local, size, member, floor, work):
     """As in ``_rules``; `member` then holds the members that were kept."""
     mean, covariance = weighted_covariance(local, size, member)
-    _, axes = eigh_3d(covariance)
+    values, axes = eigh_3d(covariance)
     _signed_distances(local, size, mean, axes[0], work)
     for j in range(size):
         work[j] = abs(work[j])
     factor = MAD_TO_SD * (1.0 + 5.0 / max(size - 3, 1))
-    limit = REWEIGHT_CUTOFF * max(factor * _median_of_positive(work, size), floor)
+    scale = max(factor * _median_of_positive(work, size), floor)
     n_kept = 0.0
-    for j in range(size):
-        member[j] = 1.0 if work[j] < limit else 0.0
-        n_kept += member[j]
-    mean, covariance = weighted_covariance(local, size, member)
-    values, axes = eigh_3d(covariance)
-    variance = values[0] * n_kept / max(n_kept - 3.0, 1.0) / TRUNCATED_VARIANCE
-    return mean, values, axes, max(np.sqrt(variance), floor), n_kept
+    for step in range(REWEIGHT_STEPS):
+        if step > 0:
+            _signed_distances(local, size, mean, axes[0], work)
+        n_kept = 0.0
+        for j in range(size):
+            member[j] = 1.0 if abs(work[j]) < REWEIGHT_CUTOFF * scale else 0.0
+            n_kept += member[j]
+        mean, covariance = weighted_covariance(local, size, member)
+        values, axes = eigh_3d(covariance)
+        variance = values[0] * n_kept / max(n_kept - 3.0, 1.0) / TRUNCATED_VARIANCE
+        scale = max(np.sqrt(variance), floor)
+    return mean, values, axes, scale, n_kept
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
