@@ -180,9 +180,8 @@ def main():
 
     modules = (np, scipy, sklearn, numba)
     versions = ", ".join(f"{module.__name__} {module.__version__}" for module in modules)
-    print(
-        f"{platform.machine()}, {os.cpu_count()} CPUs, Python {platform.python_version()}, {versions}"
-    )
+    print(f"{platform.machine()}, {os.cpu_count()} CPUs, Python {platform.python_version()}")
+    print(versions)
     print(
         f"k = {options.n_neighbors}, {options.threads} threads, rows in {options.order} order, "
         f"medians of {options.rounds} rounds\n"

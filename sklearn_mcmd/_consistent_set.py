@@ -18,11 +18,11 @@ __all__ = [
     "n_trials_needed",
 ]
 
-# Distances to a trial plane closer than this share of the neighborhood's radius are tied
-# (the nearer neighbor goes first), so that ties do not hang on rounding.
+# Distances to a trial plane closer than this share of the neighborhood's median radius are
+# tied (the nearer neighbor goes first), so that ties do not hang on rounding.
 DISTANCE_STEP = 2.0**-29
-# Least eigenvalues closer than this share of the squared radius are tied (the earlier trial
-# wins): below it eigenvalues are rounding errors, as on perfect planes.
+# Least eigenvalues closer than this share of the squared median radius are tied (the earlier
+# trial wins): below it eigenvalues are rounding errors, as on perfect planes.
 EIGENVALUE_STEP = 1e-14
 # A minimal subset spans no plane when its second-least singular value is below this share of
 # the largest.
@@ -93,23 +93,33 @@ def n_support_points(support_fraction, sizes, n_features):
 
 
 def localize(neighborhoods, sizes=None):
-    """Shift each neighborhood to its first point and scale it to radius one.
+    """Shift each neighborhood to its first point and scale its median radius to one.
+
+    The median, since one gross outlier must not make the others' distances vanish.
 
     Returns
     -------
     local : ndarray of shape (B, k, d)
         Members beyond `sizes` are at the origin.
     radius : ndarray of shape (B,)
-        One where all points coincide.
+        Median distance from the first point; the largest one where half of the points
+        coincide with the first, and one where all do.
     """
     local = neighborhoods - neighborhoods[:, :1]
-    if sizes is not None:
-        local[np.arange(local.shape[1]) >= sizes[:, None]] = 0.0
+    n_sets, k, _ = local.shape
+    sizes = np.full(n_sets, k) if sizes is None else sizes
+    inside = np.arange(k) < sizes[:, None]
+    local[~inside] = 0.0
     # The largest coordinate goes out first: squares of 1e-200 would vanish.
     extent = np.abs(local).max(axis=(1, 2))
     extent[extent == 0] = 1.0
     local /= extent[:, None, None]
-    radius = np.sqrt(np.einsum("bkd,bkd->bk", local, local).max(axis=1))
+    distances = np.sqrt(np.einsum("bkd,bkd->bk", local, local))
+    distances[~inside] = np.inf
+    distances.sort(axis=1)
+    rows = np.arange(n_sets)
+    radius = distances[rows, sizes // 2]
+    radius = np.where(radius > 0, radius, distances[rows, sizes - 1])
     radius[radius == 0] = 1.0
     local /= radius[:, None, None]
     return local, extent * radius
@@ -138,11 +148,13 @@ def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None):
         Where the points span no plane (collinear, coincident) the first h members.
     least_eigenvalue : ndarray of shape (B,)
         Of the set's covariance (divisor h), in squared units of the points.
+    degenerate : ndarray of bool of shape (B,)
+        Whether no trial found a plane.
 
     Notes
     -----
-    Distances within 2e-9 of the neighborhood's radius are tied and go to the earlier member;
-    eigenvalues within 1e-14 of the squared radius are tied and go to the earlier trial. The
+    Distances within 2e-9 of the neighborhood's median radius are tied and go to the earlier
+    member; eigenvalues within 1e-14 of the squared radius are tied and go to the earlier trial. The
     answer then does not hang on rounding, not on a perfect plane either.
     """
     n_sets, k, _ = neighborhoods.shape
@@ -154,9 +166,10 @@ def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None):
     step = max(1, CHUNK_ENTRIES // (n_sets * k))
     for start in range(0, len(trials), step):
         block = slice(start, start + step)
-        normals, offsets, _ = _trial_planes(local, trials[block], sizes)
+        normals, offsets, degenerate = _trial_planes(local, trials[block], sizes)
         support = _nearest_members(local, normals, offsets, n_support, sizes)
-        eigenvalues[:, block] = _least_eigenvalues(local, support, n_support)
+        least = _least_eigenvalues(local, support, n_support)
+        eigenvalues[:, block] = np.where(degenerate, np.inf, least)
 
     # The first trial among the best, so that rounding does not choose.
     best = eigenvalues.min(axis=1)
@@ -165,7 +178,8 @@ def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None):
     support = _nearest_members(local, normals, offsets, n_support, sizes)[:, 0]
     first = np.arange(k) < n_support[:, None]
     support = np.where(degenerate, first, support)
-    return support, np.take_along_axis(eigenvalues, winner[:, None], 1)[:, 0] * radius**2
+    least = np.take_along_axis(eigenvalues, winner[:, None], 1)[:, 0] * radius**2
+    return support, least, degenerate[:, 0]
 
 
 def _trial_planes(local, trials, sizes, chosen=None):
@@ -252,4 +266,11 @@ def _least_eigenvalues(local, support, n_support):
     covariance[..., upper[0], upper[1]] = second
     covariance[..., upper[1], upper[0]] = second
     covariance -= mean[..., :, None] * mean[..., None, :]
-    return np.linalg.eigvalsh(covariance)[..., 0]
+    _, axes = np.linalg.eigh(covariance)
+    # The variance of the members themselves along the axis, not the eigenvalue: far members
+    # within the plane make the matrix so large that rounding could pass for a perfect plane.
+    along = (
+        np.matmul(local[:, None], axes[..., :1])[..., 0]
+        - np.matmul(mean[..., None, :], axes[..., :1])[..., 0]
+    )
+    return np.einsum("btk,btk->bt", support, np.square(along)) / n_support[:, None]

@@ -25,6 +25,10 @@ F01, F09 = np.float32(0.1), np.float32(0.9)
 FIRST_GUESS = np.float32(0.7)
 # How far the screening's least eigenvalue may be off: rounding of the moments, a few float32
 # steps of the trace, and of the determinant, which flat and long neighborhoods magnify.
+# Beyond so many median radii float32 rounds too coarsely for a bound: all trials are decided
+# in float64.
+FAR = 100.0
+MOST_STEPS = 2.0**60
 SCREEN_RTOL = np.float32(1e-3)
 SCREEN_STEP = np.float32(1e-6)
 
@@ -48,9 +52,11 @@ def consistent_set_3d(size, trials, n_support, arrays):
     """
     local, local32, lanes, lanes32, least, keys, member = arrays
     n_trials = trials.shape[0]
+    farthest = 0.0
     for axis in range(3):
         for j in range(size):
             local32[axis, j] = np.float32(local[axis, j])
+            farthest = max(farthest, abs(local[axis, j]))
     first_plane = _trial_planes(local, size, trials, lanes)
     if first_plane < 0:
         for j in range(size):
@@ -61,7 +67,11 @@ def consistent_set_3d(size, trials, n_support, arrays):
         if t >= n_trials or lanes[3, t] == np.inf:
             for axis in range(4):
                 lanes[axis, t] = lanes[axis, first_plane]
-    bound = _screen(local32, size, n_support, lanes, lanes32)
+    bound = lanes32[20]
+    if farthest <= FAR:
+        _screen(local32, size, n_support, lanes, lanes32)
+    else:
+        bound[:] = F0
 
     best = np.inf
     for t in range(n_trials):
@@ -111,7 +121,7 @@ def _trial_planes(local, size, trials, lanes):
     """
     x, y, z = local[0], local[1], local[2]
     first_plane = -1
-    hopeless = False
+    n_failures = 0
     for t in range(trials.shape[0]):
         row = trials[t]
         # The first three positions inside the neighborhood.
@@ -140,9 +150,9 @@ def _trial_planes(local, size, trials, lanes):
             lanes[3, t] = -(nx * x[a] + ny * y[a] + nz * z[a]) * scale
             found = True
         else:
-            # One neighborhood without a plane need not be read to its end 69 times.
-            found = not hopeless and _complete_trial(local, size, row, p, lanes, t)
-            hopeless = hopeless or not found
+            # A neighborhood without a plane need not be read to its end 69 times.
+            found = n_failures < 3 and _complete_trial(local, size, row, p, lanes, t)
+            n_failures += not found
         if not found:
             lanes[3, t] = np.inf
         elif first_plane < 0:
@@ -174,7 +184,7 @@ def _complete_trial(local, size, row, p, lanes, t):
 
 @njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _screen(local32, size, n_support, lanes, work):
-    """Lower bounds of the trials' least eigenvalues (steps 2 and 3), in float32.
+    """Lower bounds of the trials' least eigenvalues (steps 2 and 3), in float32, to work[20].
 
     The distance that h members do not exceed is found by counting: a comparison and a sum,
     which run at full vector width, where sorting would not. Where the count is not exactly h
@@ -283,7 +293,6 @@ def _screen(local32, size, n_support, lanes, work):
         minors = minors if minors > TINY else TINY
         error = SCREEN_STEP * (size2 + size2 * trace * trace / minors)
         bound[t] = (root * (F1 - SCREEN_RTOL) - error) * (s[t] / wanted)
-    return bound
 
 
 @njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
@@ -293,7 +302,7 @@ def _select(local, size, n_support, lanes, t, keys, member):
     nx, ny, nz, offset = lanes[0, t], lanes[1, t], lanes[2, t], lanes[3, t]
     for j in range(size):
         distance = abs(nx * x[j] + ny * y[j] + nz * z[j] + offset)
-        keys[j] = np.int64(np.rint(distance / DISTANCE_STEP))
+        keys[j] = np.int64(min(np.rint(distance / DISTANCE_STEP), MOST_STEPS))
     limit = kth_smallest(keys, size, n_support)
     left = n_support
     for j in range(size):
@@ -323,7 +332,9 @@ def kth_smallest(keys, size, rank):
     turn = 0
     while low < high:
         turn += 1
-        if turn % 3 == 0:
+        if low < 0 <= high:
+            guess = np.int64(-1)  # the difference of the ends might not fit
+        elif turn % 3 == 0:
             guess = low + (high - low) // 2
         else:
             share = (rank - n_below - 0.5) / (n_high - n_below)
@@ -373,21 +384,27 @@ def weighted_covariance(local, size, weight):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _least_eigenvalue(local, size, member):
-    """Least eigenvalue of the covariance of the members (step 3)."""
-    _, (xx, xy, xz, yy, yz, zz) = weighted_covariance(local, size, member)
-    trace = xx + yy + zz
-    minors = xx * yy - xy * xy + xx * zz - xz * xz + yy * zz - yz * yz
-    determinant = xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
-    root = 0.0
-    for _ in range(60):
-        slope = (3.0 * root - 2.0 * trace) * root + minors
-        if slope <= 0.0:
-            break
-        move = (((root - trace) * root + minors) * root - determinant) / slope
-        root -= move
-        if abs(move) <= 1e-14 * abs(root):
-            break
-    return max(root, 0.0)
+    """Least eigenvalue of the covariance of the members (step 3).
+
+    Taken as the variance of the members along the axis, which errs to the large side only:
+    see the NumPy form.
+    """
+    mean, covariance = weighted_covariance(local, size, member)
+    _, axes = eigh_3d(covariance)
+    return _variance_along(local, size, member, mean, axes[0])
+
+
+@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+def _variance_along(local, size, weight, mean, axis):
+    x, y, z = local[0], local[1], local[2]
+    ax, ay, az = axis
+    mx, my, mz = mean
+    total = variance = 0.0
+    for j in range(size):
+        distance = ax * (x[j] - mx) + ay * (y[j] - my) + az * (z[j] - mz)
+        total += weight[j]
+        variance += weight[j] * distance * distance
+    return variance / max(total, 1.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

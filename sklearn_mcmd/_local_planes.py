@@ -8,7 +8,7 @@ from joblib import Parallel, delayed
 
 from sklearn_mcmd._consistent_set import localize, maximum_consistent_sets, n_support_points
 from sklearn_mcmd._neighborhoods import ORDER_FROM, spatial_order
-from sklearn_mcmd._plane import RANK_TOLERANCE, fit_planes, flat_normals
+from sklearn_mcmd._plane import fit_planes, flat_normals
 from sklearn_mcmd._progress import current_listener
 from sklearn_mcmd._rules import METHODS, robust_distances
 
@@ -177,17 +177,15 @@ class LocalPlaneModel:
         local, radius = localize(neighborhoods, sizes)
         valid = np.arange(k) < sizes[:, None]
         floor = self.rounding * (np.abs(neighborhoods[:, 0]).max(axis=1) / radius + 1.0)
-        support = None
+        support, flat = None, np.zeros(len(local), dtype=bool)
         if rule.needs_consistent_set:
             n_support = n_support_points(self.support_fraction, sizes, d)
-            support, _ = maximum_consistent_sets(neighborhoods, self.trials, n_support, sizes)
+            support, _, flat = maximum_consistent_sets(neighborhoods, self.trials, n_support, sizes)
         centers, whitening = rule.apply(local, valid, support, self.reweight, floor)
         scale = 1.0 / np.linalg.norm(whitening[..., 0], axis=1)
         if not rule.needs_consistent_set:
             return radius, centers, whitening, radius * scale, valid
         # Points that span no plane leave nothing to be an outlier of.
-        _, eigenvalues, _ = fit_planes(local, valid)
-        flat = eigenvalues[:, 1] <= RANK_TOLERANCE * eigenvalues[:, -1]
         whitening[flat], scale[flat] = 0.0, floor[flat]
         inliers = valid & (robust_distances(local, centers, whitening) < self.cutoff)
         return radius, centers, whitening, radius * scale, inliers

@@ -25,6 +25,7 @@ from sklearn_mcmd._rules import (
 
 __all__ = ["fit_neighborhoods_3d"]
 
+MAGNITUDE = np.int64(2**63 - 1)
 PCA, MCMD_Z = METHODS["pca"].code, METHODS["mcmd_z"].code
 
 
@@ -50,12 +51,12 @@ def fit_neighborhoods_3d(
     """
     k = indices.shape[1]
     arrays = work_arrays(trials.shape[0], k)
-    local, member = arrays[0], arrays[6]
+    local, keys, member = arrays[0], arrays[5], arrays[6]
     work = np.zeros(k)
     query = np.zeros(3)
     for i in range(indices.shape[0]):
         size = sizes[i]
-        radius = _localize(points, indices[i], size, local)
+        radius = _localize(points, indices[i], size, local, work, keys)
         magnitude = 0.0
         for axis in range(3):
             first = points[indices[i, 0], axis]
@@ -75,11 +76,11 @@ def fit_neighborhoods_3d(
                 distance[i], scale[i] = 0.0, floor
         elif method == MCMD_Z:
             distance[i], scale[i] = _mcmd_z(
-                local, size, member, query, cutoff, reweight, floor, work
+                local, size, member, query, cutoff, reweight, floor, work, keys
             )
         else:
             distance[i], scale[i] = _mcmd_md(
-                local, size, member, query, cutoff, reweight, floor, work
+                local, size, member, query, cutoff, reweight, floor, work, keys
             )
         scale[i] *= radius
 
@@ -98,8 +99,8 @@ def fit_neighborhoods_3d(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _localize(points, row, size, local):
-    """Shift a neighborhood to its first point and scale it to radius one; return the radius."""
+def _localize(points, row, size, local, work, keys):
+    """Shift a neighborhood to its first point and scale its median radius to one."""
     extent = 0.0
     first = row[0]
     for j in range(size):
@@ -109,14 +110,17 @@ def _localize(points, row, size, local):
             extent = max(extent, abs(value))
     if extent == 0.0:
         return 1.0
-    squared = 0.0
     for j in range(size):
         norm = 0.0
         for axis in range(3):
             value = local[axis, j] / extent
             norm += value * value
-        squared = max(squared, norm)
-    radius = extent * np.sqrt(squared)
+        work[j] = np.sqrt(norm)
+    _order_keys(work, size, keys)
+    radius = _decode(kth_smallest(keys, size, size // 2 + 1))
+    if radius == 0.0:
+        radius = _decode(kth_smallest(keys, size, size))
+    radius *= extent
     for axis in range(3):
         for j in range(size):
             local[axis, j] /= radius
@@ -132,23 +136,19 @@ def _pca(local, size, member, query, floor):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _mcmd_z(local, size, member, query, cutoff, reweight, floor, work):
+def _mcmd_z(local, size, member, query, cutoff, reweight, floor, work, keys):
     center = 0.0
     if reweight:
-        mean, _, axes, scale, _ = _reweighted_plane(local, size, member, floor, work)
+        mean, _, axes, scale, _ = _reweighted_plane(local, size, member, floor, work, keys)
         _signed_distances(local, size, mean, axes[0], work)
     else:
         mean, covariance = weighted_covariance(local, size, member)
         _, axes = eigh_3d(covariance)
-        # Distances lie within +-2 radii; shifted by 4 they stay positive for the median.
         _signed_distances(local, size, mean, axes[0], work)
-        for j in range(size):
-            work[j] += 4.0
-        center = _median_of_positive(work, size) - 4.0
-        _signed_distances(local, size, mean, axes[0], work)
+        center = _median(work, size, keys)
         for j in range(size):
             work[j] = abs(work[j] - center)
-        scale = max(MAD_TO_SD * _median_of_positive(work, size), floor)
+        scale = max(MAD_TO_SD * _median(work, size, keys), floor)
         _signed_distances(local, size, mean, axes[0], work)
     limit = cutoff * scale
     for j in range(size):
@@ -157,9 +157,11 @@ def _mcmd_z(local, size, member, query, cutoff, reweight, floor, work):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _mcmd_md(local, size, member, query, cutoff, reweight, floor, work):
+def _mcmd_md(local, size, member, query, cutoff, reweight, floor, work, keys):
     if reweight:
-        mean, values, axes, scale, n_used = _reweighted_plane(local, size, member, floor, work)
+        mean, values, axes, scale, n_used = _reweighted_plane(
+            local, size, member, floor, work, keys
+        )
     else:
         mean, covariance = weighted_covariance(local, size, member)
         values, axes = eigh_3d(covariance)
@@ -193,7 +195,7 @@ def _add_squared(local, size, mean, axis, deviation, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _reweighted_plane(local, size, member, floor, work):
+def _reweighted_plane(local, size, member, floor, work, keys):
     """As in ``_rules``; `member` then holds the members that were kept."""
     mean, covariance = weighted_covariance(local, size, member)
     values, axes = eigh_3d(covariance)
@@ -201,7 +203,7 @@ def _reweighted_plane(local, size, member, floor, work):
     for j in range(size):
         work[j] = abs(work[j])
     factor = MAD_TO_SD * (1.0 + 5.0 / max(size - 3, 1))
-    scale = max(factor * _median_of_positive(work, size), floor)
+    scale = max(factor * _median(work, size, keys), floor)
     n_kept = 0.0
     for step in range(REWEIGHT_STEPS):
         if step > 0:
@@ -236,13 +238,22 @@ def _signed_distances(local, size, mean, normal, out):
 
 
 @njit(cache=True, nogil=True)
-def _median_of_positive(values, size):
-    """Median of non-negative numbers, whose order is that of their bits read as integers."""
-    # Adding zero turns -0.0, whose bits are those of the least integer, into 0.0.
-    for j in range(size):
-        values[j] += 0.0
-    keys = values.view(np.int64)
+def _median(values, size, keys):
+    _order_keys(values, size, keys)
     lower = kth_smallest(keys, size, (size + 1) // 2)
     upper = lower if size % 2 else kth_smallest(keys, size, size // 2 + 1)
-    pair = np.array([lower, upper]).view(np.float64)
-    return 0.5 * (pair[0] + pair[1])
+    return 0.5 * (_decode(lower) + _decode(upper))
+
+
+@njit(cache=True, nogil=True)
+def _order_keys(values, size, keys):
+    """Integers in the order of the numbers: their bits, negated below zero."""
+    bits = values.view(np.int64)
+    for j in range(size):
+        keys[j] = bits[j] if bits[j] >= 0 else -(bits[j] & MAGNITUDE)
+
+
+@njit(cache=True, nogil=True)
+def _decode(key):
+    value = np.array([abs(key)]).view(np.float64)[0]
+    return value if key >= 0 else -value
