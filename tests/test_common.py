@@ -1,0 +1,21 @@
+"""scikit-learn's own checks, on several configurations of each estimator."""
+
+from sklearn.utils.estimator_checks import parametrize_with_checks
+
+from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
+
+
+@parametrize_with_checks(
+    [
+        MCMDOutlierDetector(),
+        MCMDOutlierDetector(n_neighbors=20, method="mcmd_md", outlier_rate=0.2),
+        MCMDOutlierDetector(refine=None, outlier_rate=0.3, support_fraction="auto", n_jobs=2),
+        MCMDOutlierDetector(n_neighbors=None, outlier_rate=0.2),
+        RobustNormalEstimator(outlier_rate=0.2),
+        RobustNormalEstimator(n_neighbors=20, method="mcmd_md", radius=1.5, outlier_rate=0.1),
+        RobustNormalEstimator(method="pca", orientation="mst"),
+        RobustNormalEstimator(n_neighbors=None, refine=None, outlier_rate=0.2),
+    ]
+)
+def test_estimators_follow_the_conventions(estimator, check):
+    check(estimator)

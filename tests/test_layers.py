@@ -1,0 +1,77 @@
+"""Who imports whom: arrows go one way, and nothing heavy comes with the package."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import sklearn_mcmd
+
+ROOT = Path(sklearn_mcmd.__file__).parent
+LAYERS = {  # a module imports only from lower layers, or from its own
+    "_progress": 0,
+    "_plane": 0,
+    "_orientation": 0,
+    "_neighborhoods": 0,
+    "_consistent_set": 1,
+    "_consistent_set_numba": 2,
+    "_rules": 2,
+    "_rules_numba": 3,
+    "_local_planes": 4,
+    "_base": 5,
+    "_mcmd": 6,
+    "_normals": 6,
+    "adjustment": 6,
+    "plotting": 7,
+    "cli": 8,
+    "__main__": 9,
+}
+APART = {"datasets", "io", "metrics"}  # import no estimator
+
+
+def imports_of(path):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            names = [node.module]
+            if node.module == "sklearn_mcmd":
+                names = [f"sklearn_mcmd.{alias.name}" for alias in node.names]
+            yield from (name.split(".")[1] for name in names if name.startswith("sklearn_mcmd."))
+
+
+@pytest.mark.parametrize("path", sorted(ROOT.rglob("*.py")), ids=lambda p: str(p.relative_to(ROOT)))
+def test_imports_point_downward(path):
+    module = path.relative_to(ROOT).parts[0].removesuffix(".py")
+    if module == "__init__":
+        return
+    for imported in imports_of(path):
+        if imported[0].isupper():  # an estimator, from the package itself
+            assert module in {"plotting", "cli"}
+        elif module in APART:
+            assert imported in APART | {"_base"}, f"{module} imports {imported}"
+        elif imported not in APART:
+            assert LAYERS[imported] <= LAYERS[module], f"{module} imports {imported}"
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    statement = "import sys, sklearn_mcmd; print(*sys.modules)"
+    loaded = subprocess.run(
+        [sys.executable, "-c", statement], capture_output=True, text=True, check=True
+    ).stdout.split()
+    heavy = {"numba", "matplotlib", "laspy", "pandas", "typer", "scipy.stats"}
+    assert not heavy & set(loaded) - _loaded_by_scikit_learn()
+
+
+def _loaded_by_scikit_learn():
+    statement = "import sys, sklearn.neighbors; print(*sys.modules)"
+    result = subprocess.run([sys.executable, "-c", statement], capture_output=True, text=True)
+    return set(result.stdout.split())
+
+
+def test_private_scikit_learn_is_touched_in_one_file_only():
+    private = ("from sklearn.utils._param_validation", "import _fit_context")
+    for path in ROOT.rglob("*.py"):
+        if path.name != "_base.py":
+            text = path.read_text(encoding="utf-8")
+            assert not any(statement in text for statement in private), path.name
