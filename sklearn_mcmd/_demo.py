@@ -77,7 +77,7 @@ def draw(street, clean, with_normals, path):
         _stack(read_points(with_normals), "normal_"),
     )
     raw, small = io.BytesIO(), io.BytesIO()
-    fig.savefig(raw, format="png", dpi=100)
+    fig.savefig(raw, format="png", dpi=110)
     palette = Image.open(raw).convert("RGB").quantize(COLORS, dither=Image.Dither.NONE)
     palette.save(small, format="png", optimize=True)
     path.write_bytes(small.getvalue())

@@ -401,13 +401,15 @@ def _parse_viewpoint(orientation, text):
     if text is None:
         return None
     try:
-        x, y, z = (float(part) for part in text.split(","))
+        position = [float(part) for part in text.split(",")]
     except ValueError:
+        position = []
+    if len(position) != 3 or not np.isfinite(position).all():
         raise typer.BadParameter(
             f"{text!r} is not three numbers separated by commas, such as 2.5,1,2.",
             param_hint="--viewpoint",
-        ) from None
-    return [x, y, z]
+        )
+    return position
 
 
 # ---- mcmd info ------------------------------------------------------------------------------

@@ -88,7 +88,7 @@ def plot_cloud(xyz, *, color=None, outliers=None, view=VIEW, size=None, ax=None)
             )
         color = _as_rgb(color, len(xyz))
         color[outliers] = OUTLIER_COLOR
-        sizes[outliers] *= 1.5
+        sizes[outliers] *= 1.2
     per_point = np.ndim(color) > 0 and not isinstance(color, str) and len(color) == len(xyz)
     ax.scatter(
         *picture[order].T,
@@ -200,8 +200,10 @@ def _marker_size(ax, extent, n_points):
     figure = ax.get_figure()
     figure.draw_without_rendering()  # settles the layout
     box = ax.get_window_extent()
-    scale = 72.0 / figure.dpi * min(
-        box.width / max(extent[0], 1e-300), box.height / max(extent[1], 1e-300)
+    scale = (
+        72.0
+        / figure.dpi
+        * min(box.width / max(extent[0], 1e-300), box.height / max(extent[1], 1e-300))
     )
     return float(np.clip(scale * np.sqrt(extent[0] * extent[1] / n_points), 0.4, 6.0))
 
