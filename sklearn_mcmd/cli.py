@@ -149,6 +149,7 @@ def denoise(
             random_state=random_state,
             n_jobs=n_jobs,
         )
+        _warn_if_without_scale(score)
         _write(target, *_denoised(cloud, is_outlier, score, mark))
         if not quiet:
             n_outliers = int(np.count_nonzero(is_outlier))
@@ -236,8 +237,9 @@ def normals(
 def info(source: InFile):
     """Show what a file holds: points, bounds, spacing, duplicates, attributes."""
     with _clear_exits():
-        cloud = _read(source)
-        _print_table(str(source), **_describe(source, cloud))
+        from sklearn_mcmd._file_summary import summarize
+
+        _print_table(str(source), **summarize(source, _read(source)))
 
 
 @app.command()
@@ -290,6 +292,10 @@ _NORMAL_COLUMNS = (
 )
 
 
+# Standard deviations that no measured noise leads to, only the rounding of floats.
+EXACT_PLANE_SCORE = 1e6
+
+
 def _find_outliers(xyz, quiet, **params):
     """Whether each point is an outlier, and its robust distance to its plane."""
     from sklearn_mcmd import MCMDOutlierDetector
@@ -298,6 +304,18 @@ def _find_outliers(xyz, quiet, **params):
         detector = MCMDOutlierDetector(**params).fit(xyz)
         scores = detector.score_samples(xyz)
     return scores < detector.offset_, -scores
+
+
+def _warn_if_without_scale(score):
+    """Say so where exact planes, which have no noise to measure by, made many outliers."""
+    share = np.count_nonzero(score > EXACT_PLANE_SCORE) / len(score)
+    if share >= 0.01:
+        warnings.warn(
+            f"{100 * share:.1f} % of the points are outliers only because most of their neighbors "
+            "lie exactly in one plane, as where coordinates are rounded more coarsely than the "
+            "noise; check these before they are dropped (--mode mark)",
+            stacklevel=2,
+        )
 
 
 def _find_normals(xyz, quiet, **params):
@@ -410,70 +428,6 @@ def _parse_viewpoint(orientation, text):
             param_hint="--viewpoint",
         )
     return position
-
-
-# ---- mcmd info ------------------------------------------------------------------------------
-
-SPACING_SAMPLE = 200_000
-
-
-def _describe(source, cloud):
-    """Rows of the table that `mcmd info` prints."""
-    from scipy.spatial import cKDTree
-
-    xyz = cloud.xyz
-    low, high = xyz.min(axis=0), xyz.max(axis=0)
-    order = np.lexsort(xyz.T)
-    first = np.r_[True, (np.diff(xyz[order], axis=0) != 0).any(axis=1)]
-    distinct = xyz[order[first]]
-    rows = {"format": source.suffix[1:].upper(), "points": f"{len(xyz):,}"}
-    header = cloud.metadata.get("las_header")
-    if header is not None:
-        rows["format"] += f" {header.version}, point format {header.point_format.id}"
-        rows["CRS"] = _coordinate_system(header) or "not stated"
-    digits = max(0, 5 - int(np.floor(np.log10(max((high - low).max(), 1e-12)))))
-    for i, axis in enumerate("xyz"):
-        rows[axis] = (
-            f"{low[i]:.{digits}f} to {high[i]:.{digits}f} (extent {high[i] - low[i]:.{digits}f})"
-        )
-    if len(distinct) > 1:
-        step = -(-len(distinct) // SPACING_SAMPLE)
-        distance, _ = cKDTree(distinct, balanced_tree=False).query(distinct[::step], k=2)
-        rows["spacing"] = f"{np.median(distance[:, 1]):.4g} (median distance to the nearest)"
-    n_duplicates = len(xyz) - len(distinct)
-    rows["duplicates"] = f"{n_duplicates:,} ({100 * n_duplicates / len(xyz):.2f} %)"
-    constant = []
-    for name, values in cloud.attributes.items():
-        if values.dtype.kind not in "biuf":
-            rows[f"- {name}"] = str(values.dtype)
-            continue
-        known = values[np.isfinite(values)]
-        if known.size == 0:
-            constant.append(f"{name} nan")
-        elif known.min() == known.max() and known.size == values.size:
-            constant.append(f"{name} {known.min():g}")
-        else:
-            shape = f" x {values.shape[1]}" if values.ndim == 2 else ""
-            unknown = ", some NaN" if known.size < values.size else ""
-            low_high = f"{known.min():.6g} to {known.max():.6g}"
-            rows[f"- {name}"] = f"{values.dtype}{shape}, {low_high}{unknown}"
-    if constant:
-        rows["constant"] = ", ".join(constant)
-    return rows
-
-
-def _coordinate_system(header):
-    """Name or EPSG code of the coordinate system of a LAS header, or None."""
-    name = None
-    for record in [*header.vlrs, *(header.evlrs or [])]:
-        wkt = getattr(record, "string", "")
-        if wkt.count('"') >= 2:  # WKT begins with its kind and its name
-            return wkt.split('"')[1]
-        for key in getattr(record, "geo_keys", ()):
-            # GeoTIFF: 3072 a projected system, 2048 a geographic one, both as EPSG codes.
-            if key.id == 3072 or (key.id == 2048 and name is None):
-                name = f"EPSG:{key.value_offset}"
-    return name
 
 
 # ---- how the verbs speak --------------------------------------------------------------------

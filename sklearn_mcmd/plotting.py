@@ -68,7 +68,7 @@ def plot_cloud(xyz, *, color=None, outliers=None, view=VIEW, size=None, ax=None)
     if ax is None:
         _, ax = plt.subplots(figsize=(8, 6), layout="constrained")
     low, high = picture.min(axis=0), picture.max(axis=0)
-    margin = 0.02 * max(*(high - low), np.finfo(float).tiny)
+    margin = 0.02 * (high - low).max() or 1.0  # a single point has no extent
     ax.set(
         aspect="equal",
         xlim=(low[0] - margin, high[0] + margin),
@@ -76,8 +76,7 @@ def plot_cloud(xyz, *, color=None, outliers=None, view=VIEW, size=None, ax=None)
     )
     ax.set_axis_off()
 
-    if color is None:
-        color = _distance_colors(depth)
+    color = _distance_colors(depth) if color is None else _as_rgb(color, len(xyz))
     sizes = np.full(len(xyz), _marker_size(ax, high - low, len(xyz)) if size is None else size)
     if outliers is not None:
         outliers = np.asarray(outliers)
@@ -86,14 +85,12 @@ def plot_cloud(xyz, *, color=None, outliers=None, view=VIEW, size=None, ax=None)
                 f"outliers must be a boolean mask of shape ({len(xyz)},), got shape "
                 f"{outliers.shape} and dtype {outliers.dtype}."
             )
-        color = _as_rgb(color, len(xyz))
         color[outliers] = OUTLIER_COLOR
         sizes[outliers] *= 1.2
-    per_point = np.ndim(color) > 0 and not isinstance(color, str) and len(color) == len(xyz)
     ax.scatter(
         *picture[order].T,
         s=sizes[order] ** 2,
-        c=np.asarray(color)[order] if per_point else color,
+        c=color[order],
         linewidths=0,
         rasterized=True,
     )

@@ -160,6 +160,17 @@ def test_points_without_finite_coordinates_are_counted_in_a_warning(room, tmp_pa
     assert len(result.stderr.splitlines()) == 1
 
 
+def test_exact_planes_are_warned_about_where_they_make_outliers(tmp_path):
+    rng = np.random.default_rng(0)
+    steps = 0.01 * np.round(rng.normal(0, 0.6, 300))
+    xyz = np.column_stack([rng.uniform(0, 1, (300, 2)), steps])
+    write_points(tmp_path / "rounded.csv", xyz)
+    result = run("denoise", tmp_path / "rounded.csv", tmp_path / "out.csv")
+    assert result.exit_code == 0
+    assert "lie exactly in one plane" in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+
+
 # ---- mcmd normals ---------------------------------------------------------------------------
 
 
@@ -444,48 +455,6 @@ def test_an_error_of_the_program_itself_is_not_hidden(room_file, tmp_path, monke
     monkeypatch.setattr(cli, "_find_outliers", lambda *args, **kwargs: 1 / 0)
     result = run("denoise", room_file, tmp_path / "out.laz")
     assert isinstance(result.exception, ZeroDivisionError)
-
-
-# ---- mcmd demo ------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def demo(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("demo") / "new" / "folder"
-    pytest.importorskip("matplotlib")
-    return folder, run("demo", folder)
-
-
-def test_demo_writes_its_four_files(demo):
-    folder, result = demo
-    assert result.exit_code == 0, result.output
-    assert files_in(folder) == ["clean.laz", "demo.png", "normals.laz", "street.laz"]
-    assert (folder / "demo.png").stat().st_size < 400_000
-
-
-def test_demo_prints_the_accuracy_that_its_files_have(demo):
-    folder, result = demo
-    truth = read_points(folder / "street.laz").attributes["true_outlier"] == 1
-    left = read_points(folder / "clean.laz").attributes["true_outlier"] == 1
-    found = 1 - left.sum() / truth.sum()
-    kept = (~left).sum() / (~truth).sum()
-    assert f"outliers found       {100 * found:.1f} %" in result.stdout
-    assert f"regular points kept  {100 * kept:.1f} %" in result.stdout
-
-
-def test_demo_normals_are_nearer_to_the_truth_than_principal_components(demo):
-    _, result = demo
-    high = {
-        line.split()[0]: float(line.split("below")[1].split()[0])
-        for line in result.stdout.splitlines()
-        if "95 % below" in line
-    }
-    assert high["mcmd_z"] < 0.5 * high["pca"]
-
-
-def test_demo_refuses_a_file_as_folder(tmp_path):
-    (tmp_path / "taken").write_text("")
-    assert "taken" in error_line(run("demo", tmp_path / "taken"))
 
 
 # ---- as a program ---------------------------------------------------------------------------
