@@ -14,7 +14,9 @@ FRONT = (-90.0, 0.0)  # the camera looks along +y
 @pytest.fixture(autouse=True)
 def _close_figures():
     yield
-    matplotlib.pyplot.close("all")
+    import matplotlib.pyplot as plt
+
+    plt.close("all")
 
 
 @pytest.fixture
