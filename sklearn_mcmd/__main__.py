@@ -23,9 +23,13 @@ def main():
             file=sys.stderr,
         )
         sys.exit(1)
-    from sklearn_mcmd.cli import app
+    try:
+        from sklearn_mcmd.cli import app
 
-    app(prog_name="mcmd")
+        app(prog_name="mcmd")
+    except KeyboardInterrupt:  # while modules are imported; the verbs see to their own time
+        print("mcmd: error: interrupted", file=sys.stderr)
+        sys.exit(130)
 
 
 if __name__ == "__main__":
