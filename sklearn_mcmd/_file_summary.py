@@ -1,0 +1,65 @@
+"""What a point file holds, in the words of ``mcmd info``."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+__all__ = ["summarize"]
+
+SPACING_SAMPLE = 200_000  # points at most that the median spacing is taken from
+
+
+def summarize(source, cloud):
+    """Names and values of the table that `mcmd info` prints."""
+    xyz = cloud.xyz
+    low, high = xyz.min(axis=0), xyz.max(axis=0)
+    order = np.lexsort(xyz.T)
+    first = np.r_[True, (np.diff(xyz[order], axis=0) != 0).any(axis=1)]
+    distinct = xyz[order[first]]
+    rows = {"format": source.suffix[1:].upper(), "points": f"{len(xyz):,}"}
+    header = cloud.metadata.get("las_header")
+    if header is not None:
+        rows["format"] += f" {header.version}, point format {header.point_format.id}"
+        rows["CRS"] = _coordinate_system(header) or "not stated"
+    digits = max(0, 5 - int(np.floor(np.log10(max((high - low).max(), 1e-12)))))
+    for i, axis in enumerate("xyz"):
+        rows[axis] = (
+            f"{low[i]:.{digits}f} to {high[i]:.{digits}f} (extent {high[i] - low[i]:.{digits}f})"
+        )
+    if len(distinct) > 1:
+        step = -(-len(distinct) // SPACING_SAMPLE)
+        distance, _ = cKDTree(distinct, balanced_tree=False).query(distinct[::step], k=2)
+        rows["spacing"] = f"{np.median(distance[:, 1]):.4g} (median distance to the nearest)"
+    n_duplicates = len(xyz) - len(distinct)
+    rows["duplicates"] = f"{n_duplicates:,} ({100 * n_duplicates / len(xyz):.2f} %)"
+    constant = []
+    for name, values in cloud.attributes.items():
+        if values.dtype.kind not in "biuf":
+            rows[f"- {name}"] = str(values.dtype)
+            continue
+        known = values[np.isfinite(values)]
+        if known.size == 0:
+            constant.append(f"{name} nan")
+        elif known.min() == known.max() and known.size == values.size:
+            constant.append(f"{name} {known.min():g}")
+        else:
+            shape = f" x {values.shape[1]}" if values.ndim == 2 else ""
+            unknown = ", some NaN" if known.size < values.size else ""
+            low_high = f"{known.min():.6g} to {known.max():.6g}"
+            rows[f"- {name}"] = f"{values.dtype}{shape}, {low_high}{unknown}"
+    if constant:
+        rows["constant"] = ", ".join(constant)
+    return rows
+
+
+def _coordinate_system(header):
+    """Name or EPSG code of the coordinate system of a LAS header, or None."""
+    name = None
+    for record in [*header.vlrs, *(header.evlrs or [])]:
+        wkt = getattr(record, "string", "")
+        if wkt.count('"') >= 2:  # WKT begins with its kind and its name
+            return wkt.split('"')[1]
+        for key in getattr(record, "geo_keys", ()):
+            # GeoTIFF: 3072 a projected system, 2048 a geographic one, both as EPSG codes.
+            if key.id == 3072 or (key.id == 2048 and name is None):
+                name = f"EPSG:{key.value_offset}"
+    return name

@@ -1,0 +1,231 @@
+"""Still pictures of point clouds: an orthographic view, drawn from far to near."""
+
+import numpy as np
+
+__all__ = ["normal_colors", "plot_before_after", "plot_cloud"]
+
+VIEW = (-64.0, 26.0)  # azimuth and elevation of the camera, degrees
+OUTLIER_COLOR = (0.84, 0.10, 0.11)
+FAR, NEAR = (0.80, 0.83, 0.87), (0.24, 0.28, 0.34)
+
+
+def plot_cloud(xyz, *, color=None, outliers=None, view=VIEW, size=None, ax=None):
+    """Draw a cloud as it looks from far away, near points over far ones.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Coordinates, z up. All points are drawn; a million take some seconds.
+    color : color, or array-like of shape (n,), (n, 3) or (n, 4), default=None
+        One Matplotlib color, a number a point (colored by Matplotlib's color map), or a color a
+        point. None shades by distance, from light (far) to dark (near).
+    outliers : array-like of bool of shape (n,), default=None
+        Points to draw in red, and larger.
+    view : tuple of two floats
+        Azimuth and elevation of the camera, in degrees. The default looks along +y, a little to
+        the left, and from above.
+    size : float, default=None
+        Diameter of a point in typographic points. None covers the picture about evenly.
+    ax : matplotlib.axes.Axes, default=None
+        Where to draw; None makes a new figure.
+
+    Returns
+    -------
+    ax : matplotlib.axes.Axes
+        With equal scales and no frame. Data coordinates are those of the picture plane, in the
+        units of `xyz`.
+
+    Raises
+    ------
+    ImportError
+        If Matplotlib is not installed.
+    ValueError
+        If `xyz` or `outliers` is not of the stated shape.
+
+    See Also
+    --------
+    normal_colors : Colors that make a cloud look like a lit solid.
+    plot_before_after : Three such views side by side.
+
+    Examples
+    --------
+    >>> import matplotlib
+    >>> matplotlib.use("agg")
+    >>> from sklearn_mcmd.datasets import make_street
+    >>> from sklearn_mcmd.plotting import plot_cloud
+    >>> street = make_street(2_000, random_state=0)
+    >>> ax = plot_cloud(street.data, outliers=street.target == -1)
+    >>> len(ax.collections[0].get_offsets())
+    2000
+    """
+    plt = _import_pyplot()
+    xyz = _check_points(xyz)
+    right, up, toward = camera(view)
+    picture = np.column_stack([xyz @ right, xyz @ up])
+    depth = xyz @ toward
+    order = np.argsort(depth, kind="stable")
+
+    if ax is None:
+        _, ax = plt.subplots(figsize=(8, 6), layout="constrained")
+    low, high = picture.min(axis=0), picture.max(axis=0)
+    margin = 0.02 * (high - low).max() or 1.0  # a single point has no extent
+    ax.set(
+        aspect="equal",
+        xlim=(low[0] - margin, high[0] + margin),
+        ylim=(low[1] - margin, high[1] + margin),
+    )
+    ax.set_axis_off()
+
+    color = _distance_colors(depth) if color is None else _as_rgb(color, len(xyz))
+    sizes = np.full(len(xyz), _marker_size(ax, high - low, len(xyz)) if size is None else size)
+    if outliers is not None:
+        outliers = np.asarray(outliers)
+        if outliers.dtype != bool or outliers.shape != (len(xyz),):
+            raise ValueError(
+                f"outliers must be a boolean mask of shape ({len(xyz)},), got shape "
+                f"{outliers.shape} and dtype {outliers.dtype}."
+            )
+        color[outliers] = OUTLIER_COLOR
+        sizes[outliers] *= 1.2
+    ax.scatter(
+        *picture[order].T,
+        s=sizes[order] ** 2,
+        c=color[order],
+        linewidths=0,
+        rasterized=True,
+    )
+    return ax
+
+
+def plot_before_after(before, outliers, after, missed, normals, *, view=VIEW):
+    """Draw a contaminated cloud, the cleaned one and its normals in a row.
+
+    Parameters
+    ----------
+    before, after : array-like of shape (n, 3), (m, 3)
+        The cloud and what is left of it.
+    outliers, missed : array-like of bool of shape (n,), (m,)
+        Points to draw in red in either.
+    normals : array-like of shape (m, 3)
+        Normals of `after`; their sign does not matter.
+    view : tuple of two floats
+        Azimuth and elevation of the camera, in degrees.
+
+    Returns
+    -------
+    fig : matplotlib.figure.Figure
+        With three axes.
+
+    See Also
+    --------
+    plot_cloud : One view.
+    """
+    plt = _import_pyplot()
+    fig, axes = plt.subplots(1, 3, figsize=(15, 4.5), layout="constrained", facecolor="white")
+    for ax, xyz, marked in ((axes[0], before, outliers), (axes[1], after, missed)):
+        plot_cloud(xyz, outliers=marked, view=view, ax=ax)
+    plot_cloud(after, color=normal_colors(normals, view=view), view=view, ax=axes[2])
+    n_marked, n_missed = np.count_nonzero(outliers), np.count_nonzero(missed)
+    titles = (
+        f"Before: {len(before):,} points, {n_marked:,} outliers in red",
+        f"After: {len(before) - len(after):,} removed, {n_missed:,} outliers missed",
+        "Normals of what is left",
+    )
+    for ax, title in zip(axes, titles, strict=True):
+        ax.set_title(title, fontsize=13, color="0.25")
+    for ax in axes[1:]:  # the same place and scale, so that the eye can compare
+        ax.set(xlim=axes[0].get_xlim(), ylim=axes[0].get_ylim())
+    return fig
+
+
+def normal_colors(normals, *, view=VIEW):
+    """Colors of a solid lit from the camera's upper left, tinted by where its faces look.
+
+    Parameters
+    ----------
+    normals : array-like of shape (n, 3)
+        Unit normals; their sign does not matter. NaN gives gray.
+    view : tuple of two floats
+        Azimuth and elevation of the camera, in degrees.
+
+    Returns
+    -------
+    colors : ndarray of float of shape (n, 3)
+        RGB in [0, 1].
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.plotting import normal_colors
+    >>> up, down = normal_colors([[0, 0, 1], [0, 0, -1]])
+    >>> bool((up == down).all())
+    True
+    """
+    normals = _check_points(normals, "normals")
+    right, up, toward = camera(view)
+    seen = np.where((normals @ toward < 0)[:, None], -normals, normals)
+    light = 0.8 * toward - 0.5 * right + 0.5 * up
+    shade = 0.45 + 0.55 * np.clip(seen @ (light / np.linalg.norm(light)), 0.0, 1.0)
+    # Faces along x, y and z each have a hue of their own; what lies between is mixed.
+    hues = np.array([[0.86, 0.42, 0.30], [1.0, 0.88, 0.62], [0.45, 0.66, 0.84]])
+    colors = shade[:, None] * (seen**2 @ hues)
+    return np.where(np.isnan(colors), 0.6, np.clip(colors, 0.0, 1.0))
+
+
+def camera(view):
+    """Unit vectors to the right, up and toward the camera."""
+    azimuth, elevation = np.radians(view)
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    toward = np.array(
+        [
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+        ]
+    )
+    return right, np.cross(toward, right), toward
+
+
+def _distance_colors(depth):
+    # Percentiles, as one stray point must not take the contrast from all others.
+    far, near = np.percentile(depth, [1, 99])
+    share = np.clip((depth - far) / max(near - far, np.finfo(float).tiny), 0.0, 1.0)[:, None]
+    return (1 - share) * np.array(FAR) + share * np.array(NEAR)
+
+
+def _marker_size(ax, extent, n_points):
+    """Diameter at which the points would cover the picture once, within reason."""
+    figure = ax.get_figure()
+    figure.draw_without_rendering()  # settles the layout
+    box = ax.get_window_extent()
+    scale = (
+        72.0
+        / figure.dpi
+        * min(box.width / max(extent[0], 1e-300), box.height / max(extent[1], 1e-300))
+    )
+    return float(np.clip(scale * np.sqrt(extent[0] * extent[1] / n_points), 0.4, 6.0))
+
+
+def _as_rgb(color, n_points):
+    from matplotlib import cm, colors
+
+    values = None if isinstance(color, str) else np.asarray(color)
+    if values is not None and values.shape == (n_points,) and values.dtype.kind in "biuf":
+        return cm.ScalarMappable().to_rgba(values)[:, :3].copy()
+    return np.broadcast_to(colors.to_rgba_array(color)[:, :3], (n_points, 3)).copy()
+
+
+def _check_points(xyz, name="xyz"):
+    xyz = np.asarray(xyz, dtype=np.float64)
+    if xyz.ndim != 2 or xyz.shape[1] != 3 or len(xyz) == 0:
+        raise ValueError(f"{name} must have shape (n, 3) with n > 0, got {xyz.shape}.")
+    return xyz
+
+
+def _import_pyplot():
+    try:
+        import matplotlib.pyplot as plt
+    except ImportError as err:
+        raise ImportError(
+            'Plotting needs matplotlib, which is not installed: pip install "sklearn-mcmd[plot]"'
+        ) from err
+    return plt

@@ -1,0 +1,71 @@
+"""mcmd demo: the files it writes and the accuracy it claims."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from sklearn_mcmd.cli import app
+from sklearn_mcmd.io import read_points
+
+
+def run(*args):
+    return CliRunner().invoke(app, [str(a) for a in args], prog_name="mcmd")
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("demo") / "new" / "folder"
+    pytest.importorskip("matplotlib")
+    return folder, run("demo", folder)
+
+
+def test_demo_writes_its_four_files(demo):
+    folder, result = demo
+    assert result.exit_code == 0, result.output
+    assert sorted(p.name for p in folder.iterdir()) == [
+        "clean.laz",
+        "demo.png",
+        "normals.laz",
+        "street.laz",
+    ]
+    assert (folder / "demo.png").stat().st_size < 400_000
+
+
+def test_demo_prints_the_accuracy_that_its_files_have(demo):
+    folder, result = demo
+    truth = read_points(folder / "street.laz").attributes["true_outlier"] == 1
+    left = read_points(folder / "clean.laz").attributes["true_outlier"] == 1
+    found = 1 - left.sum() / truth.sum()
+    kept = (~left).sum() / (~truth).sum()
+    assert f"outliers found       {100 * found:.1f} %" in result.stdout
+    assert f"regular points kept  {100 * kept:.1f} %" in result.stdout
+
+
+def test_demo_normals_are_nearer_to_the_truth_than_principal_components(demo):
+    _, result = demo
+    high = {
+        line.split()[0]: float(line.split("below")[1].split()[0])
+        for line in result.stdout.splitlines()
+        if "95 % below" in line
+    }
+    assert high["mcmd_z"] < 0.5 * high["pca"]
+
+
+def test_demo_refuses_a_file_as_folder(tmp_path):
+    (tmp_path / "taken").write_text("")
+    result = run("demo", tmp_path / "taken")
+    assert (result.exit_code, result.stdout) == (1, "")
+    assert result.stderr.startswith("mcmd: error: ")
+    assert "taken" in result.stderr
+
+
+def test_demo_gives_the_same_accuracy_and_picture_again(demo, tmp_path):
+    folder, result = demo
+    again = run("demo", tmp_path)
+    accuracy = [
+        r.stdout.split("Outliers, against")[1].split("Normals of")[0] for r in (result, again)
+    ]
+    assert accuracy[0] == accuracy[1]
+    assert (tmp_path / "demo.png").read_bytes() == (folder / "demo.png").read_bytes()
+    first, second = (read_points(f / "normals.laz").attributes for f in (folder, tmp_path))
+    np.testing.assert_array_equal(first["normal_x"], second["normal_x"])

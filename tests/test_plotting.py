@@ -1,0 +1,92 @@
+"""Pictures show every point where it belongs, near over far, in the colors asked for."""
+
+import numpy as np
+import pytest
+
+from sklearn_mcmd.plotting import normal_colors, plot_before_after, plot_cloud
+
+matplotlib = pytest.importorskip("matplotlib")
+matplotlib.use("agg")
+
+FRONT = (-90.0, 0.0)  # the camera looks along +y
+
+
+@pytest.fixture(autouse=True)
+def _close_figures():
+    yield
+    import matplotlib.pyplot as plt
+
+    plt.close("all")
+
+
+@pytest.fixture
+def cloud():
+    return np.random.default_rng(0).uniform(-1, 1, (200, 3))
+
+
+def test_a_front_view_shows_x_to_the_right_and_z_up_and_near_points_last(cloud):
+    points = plot_cloud(cloud, view=FRONT).collections[0].get_offsets()
+    far_to_near = cloud[np.argsort(-cloud[:, 1])]
+    np.testing.assert_allclose(points, far_to_near[:, [0, 2]], atol=1e-12)
+
+
+def test_a_view_from_above_shows_the_map_with_the_highest_points_last(cloud):
+    points = plot_cloud(cloud, view=(-90.0, 90.0)).collections[0].get_offsets()
+    np.testing.assert_allclose(points, cloud[np.argsort(cloud[:, 2])][:, :2], atol=1e-12)
+
+
+def test_all_points_are_within_the_axes(cloud):
+    ax = plot_cloud(cloud)
+    points = ax.collections[0].get_offsets()
+    assert (points >= [ax.get_xlim()[0], ax.get_ylim()[0]]).all()
+    assert (points <= [ax.get_xlim()[1], ax.get_ylim()[1]]).all()
+
+
+def test_exactly_the_outliers_are_red(cloud):
+    outliers = np.arange(len(cloud)) % 7 == 0
+    colors = plot_cloud(cloud, outliers=outliers, view=FRONT).collections[0].get_facecolors()
+    red = (colors[:, 0] > 0.8) & (colors[:, 1:3] < 0.2).all(axis=1)
+    np.testing.assert_array_equal(red, outliers[np.argsort(-cloud[:, 1])])
+
+
+@pytest.mark.parametrize("color", ["tab:blue", (0.1, 0.2, 0.3), "values", "rgb"])
+def test_colors_may_be_one_or_one_a_point(color, cloud):
+    color = {"values": cloud[:, 0], "rgb": np.abs(cloud)}.get(color, color)
+    for outliers in (None, cloud[:, 0] > 2):
+        plot_cloud(cloud, color=color, outliers=outliers).figure.canvas.draw()
+
+
+def test_a_single_point_and_a_flat_cloud_can_be_drawn():
+    for xyz in ([[1.0, 2.0, 3.0]], np.zeros((5, 3)), np.eye(3) * [1, 1, 0]):
+        plot_cloud(xyz).figure.canvas.draw()
+
+
+def test_the_color_does_not_depend_on_the_sign_of_a_normal(cloud):
+    normals = cloud / np.linalg.norm(cloud, axis=1, keepdims=True)
+    np.testing.assert_array_equal(normal_colors(normals), normal_colors(-normals))
+
+
+def test_faces_that_look_along_different_axes_have_different_colors():
+    x, y, z = normal_colors(np.eye(3))
+    assert min(np.abs(x - y).max(), np.abs(y - z).max(), np.abs(x - z).max()) > 0.1
+
+
+def test_a_missing_normal_is_gray():
+    np.testing.assert_array_equal(normal_colors([[np.nan, np.nan, np.nan]]), [[0.6, 0.6, 0.6]])
+
+
+def test_before_and_after_share_one_scale_and_count_truly(cloud):
+    outliers = np.abs(cloud[:, 0]) > 0.9
+    kept = cloud[:, 0] < 0.9
+    fig = plot_before_after(cloud, outliers, cloud[kept], outliers[kept], cloud[kept])
+    left, middle, right = fig.axes
+    assert left.get_xlim() == middle.get_xlim() == right.get_xlim()
+    assert f"{outliers.sum()} outliers" in left.get_title()
+    assert f"{(~kept).sum()} removed, {outliers[kept].sum()} outliers missed" in middle.get_title()
+
+
+def test_clouds_and_masks_of_another_shape_are_refused(cloud):
+    with pytest.raises(ValueError, match=r"xyz must have shape \(n, 3\)"):
+        plot_cloud(cloud[:, :2])
+    with pytest.raises(ValueError, match="outliers must be a boolean mask"):
+        plot_cloud(cloud, outliers=np.zeros(len(cloud)))

@@ -1,0 +1,66 @@
+"""README's two commands stand behind their markers, as .ci/run extracts them."""
+
+import re
+import shlex
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SCRIPT = ROOT / ".ci" / "readme_command"
+
+pytestmark = pytest.mark.skipif(
+    not SCRIPT.is_file() or shutil.which("bash") is None, reason="a checkout and bash are needed"
+)
+
+
+def extract(*args):
+    return subprocess.run(["bash", SCRIPT, *args], capture_output=True, text=True, timeout=60)
+
+
+def steps(name):
+    """The words of each command of a chain."""
+    chain = extract(name).stdout.replace("\\\n", " ")
+    return [shlex.split(step) for step in chain.split("&&")]
+
+
+@pytest.mark.parametrize(("name", "job"), [("main", ["mcmd", "demo"]), ("test", ["pytest"])])
+def test_each_command_makes_an_environment_installs_and_does_its_job(name, job):
+    make, install, work = steps(name)
+    folder = make[3]
+    assert make[:3] == ["python", "-m", "venv"]
+    assert install[:2] == [f"{folder}/bin/pip", "install"]
+    assert work[: len(job)] == [f"{folder}/bin/{job[0]}", *job[1:]]
+
+
+def test_the_two_commands_use_environments_of_their_own():
+    assert steps("main")[0][3] != steps("test")[0][3]
+
+
+def test_readme_has_exactly_two_marked_commands():
+    markers = re.findall(r"<!-- ci:(\w+) -->", (ROOT / "README.md").read_text())
+    assert markers == ["main", "test"]
+
+
+@pytest.mark.parametrize("text", ["", "<!-- ci:main -->\n", "<!-- ci:main -->\n```sh\n```\n"])
+def test_a_missing_command_fails(text, tmp_path):
+    readme = tmp_path / "README.md"
+    readme.write_text(text)
+    done = extract("main", str(readme))
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "ci:main" in done.stderr
+
+
+def test_a_command_of_several_lines_is_extracted_word_for_word(tmp_path):
+    readme = tmp_path / "README.md"
+    readme.write_text("<!-- ci:a -->\n\n```sh\none \\\n  && two\n```\n```sh\nthree\n```\n")
+    assert extract("a", str(readme)).stdout == "one \\\n  && two\n"
+
+
+def test_pictures_that_readme_shows_are_there_and_small():
+    paths = re.findall(r"!\[[^\]]*\]\(([^)]+)\)", (ROOT / "README.md").read_text())
+    assert paths
+    for path in paths:
+        assert (ROOT / path).stat().st_size <= 400_000
