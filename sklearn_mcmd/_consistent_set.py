@@ -24,8 +24,8 @@ DISTANCE_STEP = 2.0**-29
 # Least eigenvalues closer than this share of the squared median radius are tied (the earlier
 # trial wins): below it eigenvalues are rounding errors, as on perfect planes.
 EIGENVALUE_STEP = 1e-14
-# A minimal subset spans no plane when its second-least singular value is below this share of
-# the largest.
+# A subset spans no plane when its second-least singular value is below this share of the
+# largest: such a plane would be at the mercy of rounding.
 RANK_TOLERANCE = 1e-6
 # Entries of the largest temporary array of maximum_consistent_sets.
 CHUNK_ENTRIES = 2_000_000

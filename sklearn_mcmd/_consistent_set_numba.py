@@ -11,7 +11,14 @@ from numba import njit
 
 from sklearn_mcmd._consistent_set import DISTANCE_STEP, EIGENVALUE_STEP, RANK_TOLERANCE
 
-__all__ = ["consistent_set_3d", "eigh_3d", "kth_smallest", "weighted_covariance", "work_arrays"]
+__all__ = [
+    "consistent_set_3d",
+    "eigh_3d",
+    "kth_smallest",
+    "variance_along",
+    "weighted_covariance",
+    "work_arrays",
+]
 
 # No "nnan" or "ninf": a lane without a plane may hold them.
 FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
@@ -174,12 +181,31 @@ def _complete_trial(local, size, row, p, lanes, t):
         mean, covariance = weighted_covariance(local, size, member)
         values, axes = eigh_3d(covariance)
         if values[1] > RANK_TOLERANCE**2 * values[2]:
-            normal = axes[0]
+            normal = _refined_normal(local, size, member, mean, axes)
             for axis in range(3):
                 lanes[axis, t] = normal[axis]
             lanes[3, t] = -(mean[0] * normal[0] + mean[1] * normal[1] + mean[2] * normal[2])
             return True
     return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _refined_normal(local, size, member, mean, axes):
+    """Decompose once more in the axes found, which gives a thin subset its lost digits back."""
+    rotated = np.empty((3, size))
+    for j in range(size):
+        dx, dy, dz = local[0, j] - mean[0], local[1, j] - mean[1], local[2, j] - mean[2]
+        rotated[0, j] = axes[0][0] * dx + axes[0][1] * dy + axes[0][2] * dz
+        rotated[1, j] = axes[1][0] * dx + axes[1][1] * dy + axes[1][2] * dz
+        rotated[2, j] = axes[2][0] * dx + axes[2][1] * dy + axes[2][2] * dz
+    _, covariance = weighted_covariance(rotated, size, member)
+    _, turned = eigh_3d(covariance)
+    a, b, c = turned[0]
+    return (
+        a * axes[0][0] + b * axes[1][0] + c * axes[2][0],
+        a * axes[0][1] + b * axes[1][1] + c * axes[2][1],
+        a * axes[0][2] + b * axes[1][2] + c * axes[2][2],
+    )
 
 
 @njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
@@ -391,11 +417,12 @@ def _least_eigenvalue(local, size, member):
     """
     mean, covariance = weighted_covariance(local, size, member)
     _, axes = eigh_3d(covariance)
-    return _variance_along(local, size, member, mean, axes[0])
+    return variance_along(local, size, member, mean, axes[0])
 
 
 @njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def _variance_along(local, size, weight, mean, axis):
+def variance_along(local, size, weight, mean, axis):
+    """Variance of the weighted members along an axis."""
     x, y, z = local[0], local[1], local[2]
     ax, ay, az = axis
     mx, my, mz = mean

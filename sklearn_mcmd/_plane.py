@@ -4,8 +4,8 @@ import numpy as np
 
 __all__ = ["fit_planes", "flat_normals", "orthogonal_distances", "surface_variation"]
 
-# Eigenvalues below this share of the largest one count as zero: squared, a spread of
-# 1e-6 of the neighborhood's extent, well above rounding and far below any scanner.
+# Eigenvalues below this share of the largest one count as zero: squared, a spread of 1e-6 of
+# the neighborhood's extent.
 RANK_TOLERANCE = 1e-12
 
 

@@ -88,17 +88,19 @@ def mcmd_md(local, valid, support, reweight, floor):
     else:
         centers, values, axes = fit_planes(local, support)
         n_used = support.sum(axis=1)
+        variance = _variance_along(orthogonal_distances(local, centers, axes[..., 0]), support)
+        scale = np.sqrt(variance * n_used / np.maximum(n_used - 1, 1))
     deviations = np.sqrt(values * (n_used / np.maximum(n_used - 1, 1))[:, None])
-    if reweight:
-        deviations[:, 0] = scale
+    deviations[:, 0] = scale
     return centers, axes / np.maximum(deviations, floor[:, None])[:, None, :]
 
 
 def pca(local, valid, support, reweight, floor):
     """The plane of all members and its standard deviation; see `mcmd_z` for the arguments."""
-    centers, values, axes = fit_planes(local, valid)
+    centers, _, axes = fit_planes(local, valid)
     size = valid.sum(axis=1)
-    variance = values[:, 0] * size / np.maximum(size - local.shape[-1], 1)
+    variance = _variance_along(orthogonal_distances(local, centers, axes[..., 0]), valid)
+    variance *= size / np.maximum(size - local.shape[-1], 1)
     scale = np.maximum(np.sqrt(variance), floor)
     return centers, axes[..., :1] / scale[:, None, None]
 
@@ -119,11 +121,20 @@ def _reweighted_planes(local, valid, support, floor):
     for _ in range(REWEIGHT_STEPS):
         kept = valid & (distances < REWEIGHT_CUTOFF * scale[:, None])
         centers, values, axes = fit_planes(local, kept)
-        n_kept = kept.sum(axis=1)
-        variance = values[:, 0] * n_kept / np.maximum(n_kept - d, 1) / TRUNCATED_VARIANCE
-        scale = np.maximum(np.sqrt(variance), floor)
         distances = np.abs(orthogonal_distances(local, centers, axes[..., 0]))
+        n_kept = kept.sum(axis=1)
+        variance = _variance_along(distances, kept) * n_kept / np.maximum(n_kept - d, 1)
+        scale = np.maximum(np.sqrt(variance / TRUNCATED_VARIANCE), floor)
     return centers, values, axes, scale, n_kept
+
+
+def _variance_along(distances, members):
+    """Mean square of the members' distances to their plane.
+
+    Not the least eigenvalue, whose rounding error is that of the largest: below 1e-8 of the
+    neighborhood's radius its root is no scale any more.
+    """
+    return np.square(distances * members).sum(axis=1) / np.maximum(members.sum(axis=1), 1)
 
 
 def _masked_median(values, valid):

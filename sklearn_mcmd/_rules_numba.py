@@ -12,6 +12,7 @@ from sklearn_mcmd._consistent_set_numba import (
     consistent_set_3d,
     eigh_3d,
     kth_smallest,
+    variance_along,
     weighted_covariance,
     work_arrays,
 )
@@ -130,8 +131,9 @@ def _localize(points, row, size, local, work, keys):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _pca(local, size, member, query, floor):
     mean, covariance = weighted_covariance(local, size, member)
-    values, axes = eigh_3d(covariance)
-    scale = max(np.sqrt(values[0] * size / max(size - 3, 1)), floor)
+    _, axes = eigh_3d(covariance)
+    variance = variance_along(local, size, member, mean, axes[0])
+    scale = max(np.sqrt(variance * size / max(size - 3, 1)), floor)
     return abs(_project(query, mean, axes[0])) / scale, scale
 
 
@@ -165,22 +167,23 @@ def _mcmd_md(local, size, member, query, cutoff, reweight, floor, work, keys):
     else:
         mean, covariance = weighted_covariance(local, size, member)
         values, axes = eigh_3d(covariance)
-        scale, n_used = 0.0, 0.0
+        n_used = 0.0
         for j in range(size):
             n_used += member[j]
+        variance = variance_along(local, size, member, mean, axes[0])
+        scale = max(np.sqrt(variance * n_used / max(n_used - 1.0, 1.0)), floor)
     correction = n_used / max(n_used - 1.0, 1.0)
-    least = scale if reweight else max(np.sqrt(values[0] * correction), floor)
     middle = max(np.sqrt(values[1] * correction), floor)
     most = max(np.sqrt(values[2] * correction), floor)
     for j in range(size):
         work[j] = 0.0
     own = 0.0
-    for axis, deviation in zip(axes, (least, middle, most)):  # noqa: B905
+    for axis, deviation in zip(axes, (scale, middle, most)):  # noqa: B905
         _add_squared(local, size, mean, axis, deviation, work)
         own += (_project(query, mean, axis) / deviation) ** 2
     for j in range(size):
         member[j] = 1.0 if work[j] < cutoff * cutoff else 0.0
-    return np.sqrt(own), least
+    return np.sqrt(own), scale
 
 
 @njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
@@ -214,7 +217,8 @@ def _reweighted_plane(local, size, member, floor, work, keys):
             n_kept += member[j]
         mean, covariance = weighted_covariance(local, size, member)
         values, axes = eigh_3d(covariance)
-        variance = values[0] * n_kept / max(n_kept - 3.0, 1.0) / TRUNCATED_VARIANCE
+        variance = variance_along(local, size, member, mean, axes[0])
+        variance *= n_kept / max(n_kept - 3.0, 1.0) / TRUNCATED_VARIANCE
         scale = max(np.sqrt(variance), floor)
     return mean, values, axes, scale, n_kept
 

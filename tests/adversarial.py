@@ -58,7 +58,7 @@ def _two_faces(rng, n, k):
 
 def _thin(rng, n, k):
     """A scan line with a few points beside it."""
-    points = rng.normal(size=(n, k, 3)) * [1, 1e-4, 1e-6]
+    points = rng.normal(size=(n, k, 3)) * [1, 3e-3, 1e-5]
     points[:, :4] += rng.normal(0, 0.1, (n, 4, 3))
     return _rotate(rng, points)
 

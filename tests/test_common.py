@@ -10,7 +10,7 @@ from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
         MCMDOutlierDetector(),
         MCMDOutlierDetector(n_neighbors=20, method="mcmd_md", outlier_rate=0.2),
         MCMDOutlierDetector(refine=None, outlier_rate=0.3, support_fraction="auto", n_jobs=2),
-        MCMDOutlierDetector(n_neighbors=None, outlier_rate=0.2),
+        MCMDOutlierDetector(n_neighbors=None, refine=None, cutoff=2, outlier_rate=0.2),
         RobustNormalEstimator(outlier_rate=0.2),
         RobustNormalEstimator(n_neighbors=20, method="mcmd_md", radius=1.5, outlier_rate=0.1),
         RobustNormalEstimator(method="pca", orientation="mst"),
