@@ -3,13 +3,17 @@
 import numpy as np
 
 from sklearn_mcmd.adjustment._plane import adjust_plane
-from sklearn_mcmd.adjustment._tests import UNCONTROLLED, standardized_residuals
+from sklearn_mcmd.adjustment._tests import UNCONTROLLED, first_of_largest, standardized_residuals
 
 __all__ = ["DowndatedPlane"]
 
 # Sums that were down-dated to less than this share of what they began with have lost
 # digits: adjust anew. 1e-4 leaves twelve.
 CANCELLATION = 1e-4
+
+# Candidates for the next removals: so few that looking at them costs no more than the calls
+# do, and a share of the cloud, so that adjusting anew stays rare.
+MIN_CANDIDATES = 512
 
 
 class DowndatedPlane:
@@ -64,10 +68,9 @@ class DowndatedPlane:
 
     def largest(self):
         """Index and value of the largest standardized residual; the lowest index of equals."""
-        at = int(np.argmax(self._standardized))
-        if self._removed and self._standardized[at] <= self._bound_elsewhere():
+        if self._removed and self._standardized.max() <= self._bound_elsewhere():
             self._adjust()
-            at = int(np.argmax(self._standardized))
+        at = first_of_largest(self._standardized)
         self._at = at
         return int(self._candidates[at]), float(self._standardized[at])
 
@@ -101,12 +104,12 @@ class DowndatedPlane:
         leverage[~self.support] = 0.0
 
         n = len(self.X)
-        size = min(n, 512 + n // 256)
+        size = min(n, MIN_CANDIDATES + n // 256)
         chosen = np.zeros(n, dtype=bool)
         for values, share in ((standardized, size), (leverage, max(size // 8, 1))):
             chosen[np.argpartition(values, n - share)[n - share :]] = True
         # argpartition breaks ties anyhow: the first of the largest must be in.
-        chosen[np.argmax(standardized)] = True
+        chosen[first_of_largest(standardized)] = True
         chosen &= self.support
         others = self.support & ~chosen
         self._rest_standardized = standardized.max(where=others, initial=0.0)
@@ -156,7 +159,7 @@ class DowndatedPlane:
         if redundancy <= UNCONTROLLED:
             return np.inf
         residual = abs(self._shrink) * rest + leverage * np.linalg.norm(self._shift)
-        return residual / np.sqrt(redundancy) * (1 + 1e-9)  # a margin for rounding
+        return residual / np.sqrt(redundancy) * (1 + 1e-9)  # more than equals may differ
 
 
 def _tilted(plane, lost_normal, lost_cross, lost_squares):

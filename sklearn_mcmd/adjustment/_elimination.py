@@ -6,7 +6,7 @@ import numpy as np
 
 from sklearn_mcmd.adjustment._downdate import DowndatedPlane
 from sklearn_mcmd.adjustment._plane import PlaneAdjustment, adjust_plane
-from sklearn_mcmd.adjustment._tests import standardized_residuals
+from sklearn_mcmd.adjustment._tests import first_of_largest, standardized_residuals
 
 __all__ = ["Elimination", "eliminate", "eliminate_one_by_one", "own_redundancy"]
 
@@ -75,7 +75,7 @@ def eliminate(X, sample_weight, adjust, limit, state, *, single, max_rounds=None
         n_rejected = np.count_nonzero(rejected)
         if n_rejected and single:
             rejected[:], n_rejected = False, 1
-            rejected[np.argmax(standardized)] = True
+            rejected[first_of_largest(standardized)] = True
         if not n_rejected:
             return state
         if state.n_rounds == max_rounds:

@@ -5,6 +5,7 @@ from scipy.special import chdtrc, ndtri, stdtrit
 
 __all__ = [
     "critical_value",
+    "first_of_largest",
     "global_test_pvalue",
     "local_level",
     "residual_limit",
@@ -94,7 +95,17 @@ def residual_limit(test, level, dof, sigma0, scale):
     """
     if test == "w":
         return sigma0 * critical_value("w", level, dof)
-    return scale * critical_value("tau", level, dof)
+    # With f = 1 tau is 1 and so is its limit: rounding would decide.
+    return scale * critical_value("tau", level, dof) if dof > 1 else np.inf
+
+
+def first_of_largest(values):
+    """Position of the largest value, the first of equals.
+
+    Equal means to ten digits: with one degree of freedom, or in a regular grid, statistics
+    that are equal on paper differ by rounding, and the order of removal mustn't hang on it.
+    """
+    return int(np.argmax(values >= values.max() * (1 - 1e-10)))
 
 
 def standardized_residuals(residuals, sample_weight, redundancy):
