@@ -79,8 +79,9 @@ def statistic(v, r, p, omega, f, test, sigma0):
     return size / np.sqrt(np.maximum(left_out, 1e-300))
 
 
-def snoop(X, p=None, *, alpha, test="w", sigma0=1.0, correction="sidak", single=True,
-          surface="vertical"):
+def snoop(
+    X, p=None, *, alpha, test="w", sigma0=1.0, correction="sidak", single=True, surface="vertical"
+):
     """Rounds of removal, each with a full adjustment; returns the round of each point."""
     p = np.ones(len(X)) if p is None else p
     step, support, k = np.zeros(len(X), dtype=int), p > 0, 0
@@ -90,21 +91,20 @@ def snoop(X, p=None, *, alpha, test="w", sigma0=1.0, correction="sidak", single=
         f = len(members) - u
         level = local_level(alpha, len(members), correction)
         T = statistic(v, r, p[members], omega, f, test, sigma0)
-        bad = T > critical(test, level, f)
+        bad = critical(test, level, f) < T
         if test != "w" and f == 1:  # tau is 1, and so is its limit
             bad[:] = False
         if not bad.any():
             return step
         k += 1
-        out = members[[np.argmax(T >= T.max() * (1 - 1e-10))]] if single else members[bad]
+        out = members[[np.argmax(T.max() * (1 - 1e-10) <= T)]] if single else members[bad]
         step[out] = k
         if len(members) - len(out) <= u:
             return step
         support[out] = False
 
 
-def fuzzy(X, p=None, *, alpha, width, weighting="ratio", sigma0=1.0, test="w",
-          surface="vertical"):
+def fuzzy(X, p=None, *, alpha, width, weighting="ratio", sigma0=1.0, test="w", surface="vertical"):
     """Eqs 9-21 with the n x n matrix; labels and every membership."""
     n = len(X)
     p = np.ones(n) if p is None else p
@@ -131,6 +131,14 @@ def fuzzy(X, p=None, *, alpha, width, weighting="ratio", sigma0=1.0, test="w",
     K = (P * G).sum() / P.sum() if P.sum() > 0 else 0.0  # 1 - Eq. 19
     labels = np.where(G <= K, -1, 1) if M5.any() else np.ones(n, dtype=int)  # Eq. 21
     return {
-        "labels": labels, "m_M": m_M, "m_N": m_N, "m_A": m_A, "m_B": m_B, "m_H": m_H,
-        "r_n": r_n, "complement": K, "M5": M5, "relative": relative,
+        "labels": labels,
+        "m_M": m_M,
+        "m_N": m_N,
+        "m_A": m_A,
+        "m_B": m_B,
+        "m_H": m_H,
+        "r_n": r_n,
+        "complement": K,
+        "M5": M5,
+        "relative": relative,
     }

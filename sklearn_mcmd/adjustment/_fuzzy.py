@@ -232,8 +232,8 @@ class FuzzyPlaneDetector(PlaneDetector):
             self.dof_,
         )
         self.leverage_ = 1 - self.redundancy_
-        normal = self._memberships(normal_residual_membership)
-        self.membership_residual_ = self._memberships(abnormal_residual_membership)
+        self.membership_residual_ = self._memberships(abnormal_residual_membership, below=0.0)
+        normal = self._memberships(normal_residual_membership, below=1.0)
         abnormal = self.membership_residual_ >= 0.5
         equivalent = weights
         if robust_weights is not None:
@@ -295,10 +295,17 @@ class FuzzyPlaneDetector(PlaneDetector):
         effect[among_normal] = np.maximum(effect, diagonal)[among_normal]
         return normal_error_complement(effect / self._largest_effect, normal)
 
-    def _memberships(self, equation):
-        return equation(
-            self.test_statistic_, self.redundancy_, self.critical_value_, float(self.width)
+    def _memberships(self, equation, below):
+        """Eq. 11 or 12 of the training points, evaluated above the critical value only."""
+        membership = np.full(len(self.test_statistic_), below)
+        above = np.flatnonzero(self.test_statistic_ > self.critical_value_)
+        membership[above] = equation(
+            self.test_statistic_[above],
+            self.redundancy_[above],
+            self.critical_value_,
+            float(self.width),
         )
+        return membership
 
     def _find_effects(self, X, cofactors, weights, abnormal, used):
         """r~n of every observation (Eqs 13, 17), without the redundancy matrix.
@@ -312,14 +319,14 @@ class FuzzyPlaneDetector(PlaneDetector):
         diagonal = np.maximum(1 - leverage, 0.0)
         alone = leverage > 0.5  # at most 2u points: leverages sum to u
 
-        normal = np.flatnonzero(used & ~abnormal)
-        vertices = _bounding_points(plane, X, cofactors, normal, alone)
+        normal = used & ~abnormal
+        vertices = _bounding_points(plane, X, cofactors, np.flatnonzero(normal), alone)
         self._vertices = X[vertices]
         self._largest_leverage = float(cofactors.max(where=used, initial=0.0))
         sought = np.flatnonzero(used if weights is not None else used & (abnormal | alone))
         effect = np.zeros(n)
         effect[sought] = _effects_of(plane, X, sought, vertices, weights, alone)
-        effect[normal] = np.maximum(effect[normal], diagonal[normal])
+        np.maximum(effect, diagonal, out=effect, where=normal)
 
         largest = diagonal.max(where=used, initial=0.0)
         if weights is not None or n < 2 * plane.rank:
@@ -339,8 +346,9 @@ class FuzzyPlaneDetector(PlaneDetector):
             # abnormal one at most h / 2 over it.
             self.defuzzification_limit_ = self.defuzzification_complement_ = np.nan
             return float(min(0.25 / self._largest_effect, complement[used].min()))
+        rows = slice(None) if used.all() else used
         limit = defuzzification_complement(
-            complement[used], effect[used], normal[used], self.weighting
+            complement[rows], effect[rows], normal[rows], self.weighting
         )
         self.defuzzification_complement_ = limit
         self.defuzzification_limit_ = 1 - limit
@@ -364,11 +372,12 @@ def _bounding_points(plane, X, cofactors, members, alone):
     Points with a leverage over 1/2 act most on themselves, which doesn't count. They are
     kept beside the hull of the others, so that leaving one out uncovers nothing.
     """
-    is_alone = alone[members]
-    hull = members[~is_alone]
-    if len(hull):
-        hull = hull_vertices(plane, X, cofactors, hull)
-    return np.concatenate([hull, members[is_alone]])
+    apart = members[alone[members]] if alone.any() else members[:0]
+    if len(apart):
+        members = np.setdiff1d(members, apart, assume_unique=True)
+    if len(members):
+        members = hull_vertices(plane, X, cofactors, members)
+    return np.concatenate([members, apart])
 
 
 def _effects_of(plane, X, rows, vertices, weights, alone):

@@ -54,7 +54,7 @@ def _outside_picked_hull(plane, X, cofactors, members):
     normals, offsets = equations[:, :-1], equations[:, -1]
     # Whatever is nearer to the center than the nearest facet is inside, without a product.
     reach = max(-offsets.max(), 0.0)
-    distant = cofactors[members] - 1 / plane.sum_weights >= 0.999 * reach**2
+    distant = cofactors[members] >= 0.999 * reach**2 + 1 / plane.sum_weights
     members = members[distant]
     tolerance = 1e-9 * np.abs(offsets).max()
     outside = np.empty(len(members), dtype=bool)
@@ -67,8 +67,8 @@ def _outside_picked_hull(plane, X, cofactors, members):
 def _vertices(U):
     """Positions of the vertices of the convex hull of U, whatever its affine rank."""
     U = U - U.mean(axis=0)
-    spread, axes = np.linalg.eigh(U.T @ U)
-    U = (U @ axes)[:, spread > 1e-20 * max(spread[-1], np.finfo(float).tiny)]
+    _, spread, axes = np.linalg.svd(U, full_matrices=False)
+    U = U @ axes[spread > 1e-13 * max(spread[0], np.finfo(float).tiny)].T
     if U.shape[1] == 0:
         return np.array([0])
     if U.shape[1] == 1:

@@ -187,7 +187,8 @@ def adjust_plane(X, sample_weight=None, *, surface="vertical"):
     # Any point inside the cloud will do as a first origin: the mean of a thinned cloud.
     used = np.arange(X.shape[0]) if sample_weight is None else np.flatnonzero(sample_weight)
     origin = X[used[:: len(used) // 1024 + 1]].mean(axis=0)
-    total, first, second = _moments(X, origin, None, sample_weight)
+    with np.errstate(over="ignore", invalid="ignore"):
+        total, first, second = _moments(X, origin, None, sample_weight)
     if not np.all(np.isfinite(second)):
         raise ValueError(
             "X has coordinates whose squares overflow float64; rescale X to smaller units."
@@ -245,7 +246,7 @@ def _moments(X, origin, basis, sample_weight):
         else:
             weighted = local * sample_weight[rows, None]
             total += sample_weight[rows].sum()
-        first += weighted.sum(axis=0)
+        first += np.ones(len(local)) @ weighted  # thrice as fast as a sum of short rows
         second += weighted.T @ local
     return total, first, second
 
