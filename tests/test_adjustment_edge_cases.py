@@ -117,7 +117,7 @@ def test_a_constant_column_changes_nothing(detector):
 def test_coordinates_of_ten_million_change_no_label(detector):
     X = np.round(plane_with_outliers(200, 3, 15.0), 6)
     near = detector.fit(X).labels_
-    far = detector.fit(X + [1e7, -1e7, 1e4]).labels_
+    far = detector.fit(X + np.array([1e7, -1e7, 1e4])).labels_
     assert (near[:3] == -1).all()
     assert_array_equal(far, near)
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import reference_adjustment as reference
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 paper = pytest.importorskip("adjustment_paper", reason="examples/ isn't installed")
 
-from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
 
 pytestmark = pytest.mark.filterwarnings("ignore:The tests reject")
 N_RUNS = {"A": 5, "B": 2, "C": 2}
@@ -68,7 +68,8 @@ def test_the_significance_level_as_width_sweeps_away_good_points():
         np.count_nonzero(FuzzyPlaneDetector(0.15, width=0.15).fit(X).labels_ == -1)
         for X, _ in (paper.simulate("A", 160, seed) for seed in range(10))
     ]
-    assert np.mean(counts) > 1.5 * 160
+    assert min(counts) > 160
+    assert np.mean(counts) > 1.15 * 160
 
 
 def test_table_4_set_a_is_data_of_unit_variance_with_a_few_outliers():

@@ -3,6 +3,7 @@
 from sklearn_mcmd.adjustment._baarda import BaardaPlaneDetector
 from sklearn_mcmd.adjustment._fuzzy import FuzzyPlaneDetector
 from sklearn_mcmd.adjustment._plane import PlaneAdjustment, adjust_plane
+from sklearn_mcmd.adjustment._report import plot_report, text_report
 from sklearn_mcmd.adjustment._robust import m_estimate
 from sklearn_mcmd.adjustment._tests import critical_value, local_level
 
@@ -14,4 +15,6 @@ __all__ = [
     "critical_value",
     "local_level",
     "m_estimate",
+    "plot_report",
+    "text_report",
 ]
