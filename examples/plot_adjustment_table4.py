@@ -41,13 +41,13 @@ PAPER = {
 }
 
 # %%
-# Clouds of the paper's sizes, with noise of the paper's first (or last) variance factor and one
-# outlier of 4.5 deviations in a hundred points. Only set A has a counterpart.
+# Clouds of the paper's sizes with four outliers of 4.5 in 500 points, and so much noise that
+# the first variance factor is the paper's. Only set A has a counterpart.
 print(f"{'set':>3}{'':>8}{'before':>9}{'Baarda':>9}{'Fuzzy':>9}")
 ours = {}
-for name, (before, _, fuzzy) in PAPER.items():
-    noise = np.sqrt(min(before, fuzzy))
-    inserted = {"A": 4, "B": 50, "C": 100}[name]
+for name, (before, *_) in PAPER.items():
+    inserted = {"A": 4, "B": 40, "C": 80}[name]
+    noise = np.sqrt(before - 0.008 * 4.5**2)
     factors = []
     for seed in range(runs):
         X, _ = simulate(name, inserted, seed, noise=noise, size=4.5)

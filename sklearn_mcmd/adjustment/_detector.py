@@ -9,7 +9,7 @@ from sklearn.utils.validation import check_array, check_is_fitted, validate_data
 
 from sklearn_mcmd._base import Interval, Real, StrOptions
 from sklearn_mcmd.adjustment._plane import adjust_plane
-from sklearn_mcmd.adjustment._robust import WEIGHT_FUNCTIONS, m_estimate, robust_scale, zero_scale
+from sklearn_mcmd.adjustment._robust import WEIGHT_FUNCTIONS, m_estimate, zero_scale
 
 __all__ = ["PlaneDetector"]
 
@@ -105,14 +105,11 @@ class PlaneDetector(OutlierMixin, BaseEstimator):
         known = self.test == "w" and self.sigma0 != "auto"
         return float(self.sigma0) if known else None
 
-    def _choose_sigma0(self, X, sample_weight, start=None):
+    def _choose_sigma0(self, X, sample_weight):
         """The sigma0 of w: as given, or a robust scale about a robust plane."""
         if self.sigma0 != "auto":
             return float(self.sigma0)
-        if start is not None:
-            scale = robust_scale(start.evaluate(X)[0], sample_weight, start.rank)
-        else:
-            scale = m_estimate(X, sample_weight, loss="huber", surface=self.surface)[2]
+        scale = m_estimate(X, sample_weight, loss="huber", surface=self.surface)[2]
         return max(scale, self._zero_scale)
 
     def _adjust(self, X, weights):

@@ -3,12 +3,96 @@
 import numpy as np
 from sklearn.utils import check_random_state
 
-__all__ = ["_robust_start_plane"]
+from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._robust import robust_scale
+
+__all__ = ["robust_start"]
+
+# Points within so many deviations make the start's plane, a usual choice of least trimmed
+# squares; normal residuals cut there have this share of their standard deviation.
+CUT = 2.5
+CUT_DEVIATION = 0.9546
+# Either settles within a few rounds, or flickers at its margin.
+MAX_ROUNDS = 20
 
 SUPPORT_FRACTION = 0.5
 SUCCESS_PROBABILITY = 0.9999
 # A start needs no more points than this to choose the best of its trial planes.
 MAX_POINTS = 20_000
+
+
+def robust_start(X, sample_weight, used, *, surface, sigma0, zero_scale, random_state):
+    """Points that belong to the plane of the most coplanar half, and its scale.
+
+    Parameters
+    ----------
+    X : ndarray of shape (n, d)
+    sample_weight : ndarray of shape (n,) or None
+    used : ndarray of bool of shape (n,)
+        Points of positive weight.
+    surface : {"vertical", "orthogonal"}
+    sigma0 : float or None
+        Standard deviation of unit weight; estimated when None.
+    zero_scale : float
+        Least scale that isn't rounding.
+    random_state : int, RandomState instance or None
+
+    Returns
+    -------
+    plane : PlaneAdjustment
+        Of all points within 2.5 deviations of it.
+    sigma : float
+        sigma0, or the deviation of these points. Unlike a median's it isn't enlarged by
+        outliers that are separate from them.
+
+    Notes
+    -----
+    The consistent set is the start of two well-known iterations: concentration on the half of
+    the points with the least residuals (least trimmed squares), then reweighting.
+    """
+    members = np.zeros(len(X), dtype=bool)
+    points = X[used] if surface == "orthogonal" else _stretched(X[used])
+    members[used] = _robust_start_plane(points, random_state)
+    size = np.count_nonzero(members)
+    root = np.sqrt(used if sample_weight is None else sample_weight)
+    for _ in range(MAX_ROUNDS):
+        plane = adjust_plane(X, _weights_of(members, sample_weight), surface=surface)
+        residuals = plane.evaluate(X)[0]
+        distances = np.where(used, np.abs(residuals) * root, np.inf)
+        nearest = np.zeros(len(X), dtype=bool)
+        nearest[np.argpartition(distances, size - 1)[:size]] = True
+        if np.array_equal(nearest, members):
+            break
+        members = nearest
+
+    sigma = sigma0 or max(robust_scale(residuals, sample_weight, plane.rank), zero_scale)
+    members = None
+    for _ in range(MAX_ROUNDS):
+        residuals, _, spread = plane.evaluate(X)
+        deviation = sigma * np.sqrt(1 + (spread if sample_weight is None else spread * root**2))
+        near = used & (np.abs(residuals) * root <= CUT * deviation)
+        if np.count_nonzero(near) <= plane.rank or np.array_equal(near, members):
+            break
+        members = near
+        plane = adjust_plane(X, _weights_of(members, sample_weight), surface=surface)
+        if sigma0 is None:
+            sigma = max(np.sqrt(plane.variance_factor) / CUT_DEVIATION, zero_scale)
+    return plane, float(sigma)
+
+
+def _stretched(X):
+    """Points with regressors so long that distances from planes are as good as vertical.
+
+    Otherwise the most coplanar half might be one of a steep plane. Regressors are whitened
+    first: with a constant or collinear column every half would be perfectly coplanar.
+    """
+    U, residuals = adjust_plane(X).whiten(X)
+    typical = np.median(np.abs(residuals - np.median(residuals))) or np.ptp(residuals) or 1.0
+    return np.column_stack([U * (1000 * typical * np.sqrt(len(X))), residuals])
+
+
+def _weights_of(members, sample_weight):
+    return members.astype(float) if sample_weight is None else members * sample_weight
 
 
 def _robust_start_plane(X, random_state=None):
@@ -41,7 +125,7 @@ def _robust_start_plane(X, random_state=None):
         normal = np.linalg.svd(subset - center)[2][-1]
         distances = np.abs((sample - center) @ normal)
         nearest = sample[np.argpartition(distances, support - 1)[:support]]
-        values, vectors = np.linalg.eigh(np.cov(nearest.T, bias=True))
+        values, vectors = np.linalg.eigh(np.atleast_2d(np.cov(nearest.T, bias=True)))
         if values[0] < best[0]:
             best = (values[0], nearest.mean(axis=0), vectors[:, 0])
     distances = np.abs((local - best[1]) @ best[2])
