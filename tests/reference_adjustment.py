@@ -7,13 +7,6 @@ import numpy as np
 from scipy import stats
 
 
-def design(X, surface="vertical"):
-    """A and l of the plane; for orthogonal distances in the frame of the principal axes."""
-    if surface == "vertical":
-        return np.column_stack([X[:, :-1], np.ones(len(X))]), X[:, -1]
-    return X, None
-
-
 def frame(X, p, surface):
     """A, l for all points, the plane being that of weights p."""
     if surface == "vertical":

@@ -175,3 +175,16 @@ def test_an_orthogonal_plane_doesn_t_depend_on_the_frame():
 def test_coordinates_whose_squares_overflow_are_refused_with_a_remedy():
     with pytest.raises(ValueError, match="rescale X"):
         adjust_plane(np.array([[0.0, 1e300], [1e300, 0], [3e300, 1]]))
+
+
+@pytest.mark.parametrize(
+    ("X", "weights", "message"),
+    [
+        ([[0.0], [1.0]], None, "2 columns or more"),
+        ([[0.0, 1], [1, np.nan]], None, "missing or infinite"),
+        ([[0.0, 1], [1, 2]], [0, 0], "no point of positive weight"),
+    ],
+)
+def test_bad_input_is_refused_with_a_remedy(X, weights, message):
+    with pytest.raises(ValueError, match=message):
+        adjust_plane(X, weights)

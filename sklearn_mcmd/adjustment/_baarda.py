@@ -348,14 +348,14 @@ class BaardaPlaneDetector(PlaneDetector):
                 "which leaves too few for a plane; the last estimable one was kept. Check "
                 f"sigma0={self.sigma0!r} against the noise, or the share of outliers.",
                 UserWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
         if state.ran_out_of_rounds:
             warnings.warn(
                 f"max_iter={self.max_iter} rounds of removal left points that the test still "
                 "rejects; raise max_iter.",
                 ConvergenceWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
 
 

@@ -143,7 +143,7 @@ class PlaneDetector(OutlierMixin, BaseEstimator):
                 f"{initial.n_observations} point(s) leave a plane of {initial.rank} parameters "
                 "without redundancy: nothing can be tested and no point is an outlier.",
                 UserWarning,
-                stacklevel=3,
+                stacklevel=4,  # past scikit-learn's wrapper of fit
             )
 
     def _find_zero_scale(self, X, used):

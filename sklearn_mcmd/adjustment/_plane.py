@@ -6,6 +6,8 @@ import numpy as np
 from numpy.linalg import eigh
 from scipy.linalg import lstsq, orth
 
+from sklearn_mcmd._base import StrOptions, validate_params
+
 __all__ = ["PlaneAdjustment", "adjust_plane", "row_chunks"]
 
 # Rows that are looked at together: their centered copy stays in the processor's cache, and
@@ -140,14 +142,22 @@ class PlaneAdjustment:
         return replace(self, kernel=kernel)
 
 
+@validate_params(
+    {
+        "X": ["array-like"],
+        "sample_weight": ["array-like", None],
+        "surface": [StrOptions({"vertical", "orthogonal"})],
+    },
+    prefer_skip_nested_validation=True,
+)
 def adjust_plane(X, sample_weight=None, *, surface="vertical"):
     """Weighted least-squares plane, its cofactors and variance factor (Eqs 2-4, 9).
 
     Parameters
     ----------
-    X : ndarray of shape (n, d), float64
+    X : array-like of shape (n, d)
         Points; the last column is the dependent variable of a vertical surface.
-    sample_weight : ndarray of shape (n,), default=None
+    sample_weight : array-like of shape (n,), default=None
         Precisions ``p_i = sigma0^2 / sigma_i^2``. Points of weight 0 take no part.
     surface : {"vertical", "orthogonal"}, default="vertical"
         Residuals along the last axis (the paper), or along the normal (total least squares,
@@ -160,7 +170,8 @@ def adjust_plane(X, sample_weight=None, *, surface="vertical"):
     Raises
     ------
     ValueError
-        If squares of the coordinates overflow.
+        If X has no two columns, is not finite, or if its squares overflow; if there is no
+        weight.
 
     Notes
     -----
@@ -184,14 +195,22 @@ def adjust_plane(X, sample_weight=None, *, surface="vertical"):
     >>> float((1 - cofactors).sum().round(12))  # redundancy numbers sum to dof
     2.0
     """
-    # Any point inside the cloud will do as a first origin: the mean of a thinned cloud.
+    X = np.asarray(X, dtype=np.float64)
+    if X.ndim != 2 or X.shape[1] < 2:
+        raise ValueError(f"X has shape {X.shape}; a plane needs points of 2 columns or more.")
+    if sample_weight is not None:
+        sample_weight = np.asarray(sample_weight, dtype=np.float64)
     used = np.arange(X.shape[0]) if sample_weight is None else np.flatnonzero(sample_weight)
+    if len(used) == 0:
+        raise ValueError("X has no point of positive weight: there is nothing to adjust.")
+    # Any point inside the cloud will do as a first origin: the mean of a thinned cloud.
     origin = X[used[:: len(used) // 1024 + 1]].mean(axis=0)
     with np.errstate(over="ignore", invalid="ignore"):
         total, first, second = _moments(X, origin, None, sample_weight)
     if not np.all(np.isfinite(second)):
         raise ValueError(
-            "X has coordinates whose squares overflow float64; rescale X to smaller units."
+            "X has missing or infinite coordinates, or some whose squares overflow float64; "
+            "remove those points or rescale X to smaller units."
         )
     mean = first / total
     scatter = second - np.outer(mean, first)

@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 from sklearn.exceptions import ConvergenceWarning
 
+from sklearn_mcmd._base import Interval, Real, StrOptions, validate_params
 from sklearn_mcmd.adjustment._plane import adjust_plane
 
 __all__ = ["WEIGHT_FUNCTIONS", "huber", "m_estimate", "robust_scale", "tukey", "zero_scale"]
@@ -16,13 +17,24 @@ TOLERANCE = 1e-6
 NORMAL_QUARTILE = 0.6744897501960817
 
 
+@validate_params(
+    {
+        "X": ["array-like"],
+        "sample_weight": ["array-like", None],
+        "loss": [StrOptions({"huber", "tukey"})],
+        "sigma0": [Interval(Real, 0, None, closed="neither"), None],
+        "surface": [StrOptions({"vertical", "orthogonal"})],
+    },
+    prefer_skip_nested_validation=True,
+)
 def m_estimate(X, sample_weight=None, *, loss="huber", sigma0=None, surface="vertical"):
     """Plane by M-estimation: repeat the adjustment with P W until it rests (Eqs 3-7).
 
     Parameters
     ----------
-    X : ndarray of shape (n, d)
-    sample_weight : ndarray of shape (n,), default=None
+    X : array-like of shape (n, d)
+        Points; the last column is the dependent variable of a vertical surface.
+    sample_weight : array-like of shape (n,), default=None
         P, the precisions.
     loss : {"huber", "tukey"}, default="huber"
         Rule that turns standardized residuals into W. "tukey" starts from Huber's plane,
@@ -50,7 +62,21 @@ def m_estimate(X, sample_weight=None, *, loss="huber", sigma0=None, surface="ver
     Eq. 5 takes the weights of iteration i - 1 times P, never times the product of all
     earlier ones. Eq. 8's limit ``s0 sqrt(q_i p_i) t`` is short of its dimension; here
     ``sqrt(p_i) |v_i|`` is compared, which is the same thing for unit weights.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn_mcmd.adjustment import m_estimate
+    >>> x = np.arange(8.0)
+    >>> z = 2 * x + 1 + 0.01 * (-1) ** x
+    >>> z[5] = 30
+    >>> plane, weights, _ = m_estimate(np.column_stack([x, z]), loss="tukey", sigma0=0.01)
+    >>> print(plane.coef.round(2), weights.round(2))
+    [2.] [0.97 0.84 0.95 0.87 0.93 0.   0.91 0.92]
     """
+    X = np.asarray(X, dtype=np.float64)
+    if sample_weight is not None:
+        sample_weight = np.asarray(sample_weight, dtype=np.float64)
     weigh = WEIGHT_FUNCTIONS[loss]
     floor = zero_scale(X, surface)
     if loss == "tukey":

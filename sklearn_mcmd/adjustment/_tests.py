@@ -3,6 +3,8 @@
 import numpy as np
 from scipy.special import chdtrc, ndtri, stdtrit
 
+from sklearn_mcmd._base import Integral, Interval, Real, StrOptions, validate_params
+
 __all__ = [
     "critical_value",
     "first_of_largest",
@@ -19,6 +21,14 @@ __all__ = [
 UNCONTROLLED = 1e-10
 
 
+@validate_params(
+    {
+        "alpha": [Interval(Real, 0, 1, closed="neither")],
+        "n": [Interval(Integral, 0, None, closed="left")],
+        "correction": [StrOptions({"sidak", "bonferroni", "none"})],
+    },
+    prefer_skip_nested_validation=True,
+)
 def local_level(alpha, n, correction="sidak"):
     """Level of one test of n, so that all together keep alpha (Eq. 1).
 
@@ -49,6 +59,14 @@ def local_level(alpha, n, correction="sidak"):
     return float(-np.expm1(np.log1p(-alpha) / n))
 
 
+@validate_params(
+    {
+        "test": [StrOptions({"w", "tau", "t"})],
+        "level": [Interval(Real, 0, 1, closed="neither")],
+        "dof": [Interval(Integral, 0, None, closed="left")],
+    },
+    prefer_skip_nested_validation=True,
+)
 def critical_value(test, level, dof):
     """Two-sided critical value of one test (Table 1).
 
