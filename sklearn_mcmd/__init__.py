@@ -2,7 +2,14 @@
 
 from sklearn_mcmd._mcmd import MCMDOutlierDetector
 from sklearn_mcmd._normals import RobustNormalEstimator
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
 
 __version__ = "0.1.0.dev0"
 
-__all__ = ["MCMDOutlierDetector", "RobustNormalEstimator", "__version__"]
+__all__ = [
+    "BaardaPlaneDetector",
+    "FuzzyPlaneDetector",
+    "MCMDOutlierDetector",
+    "RobustNormalEstimator",
+    "__version__",
+]

@@ -1,0 +1,156 @@
+"""What both plane tests share: input, scale, predictions."""
+
+import warnings
+from typing import ClassVar
+
+import numpy as np
+from sklearn.base import BaseEstimator, OutlierMixin
+from sklearn.utils.validation import check_array, check_is_fitted, validate_data
+
+from sklearn_mcmd._base import Interval, Real, StrOptions
+from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._robust import WEIGHT_FUNCTIONS, m_estimate, zero_scale
+
+__all__ = ["PlaneDetector"]
+
+
+class PlaneDetector(OutlierMixin, BaseEstimator):
+    """Base class of plane tests; a subclass has `fit` and `score_samples`."""
+
+    _parameter_constraints: ClassVar[dict] = {
+        "alpha": [Interval(Real, 0, 1, closed="neither")],
+        "test": [StrOptions({"w", "tau", "t"})],
+        "sigma0": [Interval(Real, 0, None, closed="neither"), StrOptions({"auto"})],
+        "correction": [StrOptions({"none", "sidak", "bonferroni"})],
+        "estimator": [StrOptions({"ls", *WEIGHT_FUNCTIONS})],
+        "contamination": [StrOptions({"auto"}), Interval(Real, 0, 0.5, closed="right")],
+        "surface": [StrOptions({"vertical", "orthogonal"})],
+    }
+
+    def fit_predict(self, X, y=None, sample_weight=None):
+        """Fit and return the labels of the training points.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Points; the last column depends on the others.
+        y : Ignored
+        sample_weight : array-like of shape (n_samples,), default=None
+            Precisions; see `fit`. They count in the labels, too, which `predict` can't know.
+
+        Returns
+        -------
+        ndarray of int of shape (n_samples,)
+            -1 for outliers, 1 for inliers.
+        """
+        return self.fit(X, sample_weight=sample_weight).labels_
+
+    def decision_function(self, X):
+        """Score minus `offset_`: negative for outliers.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+        """
+        return self.score_samples(X) - self.offset_
+
+    def predict(self, X):
+        """Tell outliers from inliers, each point tested as if it alone were added.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+
+        Returns
+        -------
+        ndarray of int of shape (n_samples,)
+            -1 for outliers, 1 for inliers.
+        """
+        return np.where(self.decision_function(X) < 0, -1, 1)
+
+    def _check_training(self, X, sample_weight):
+        """Validated points, weights (None where all are 1) and which of them count."""
+        X = validate_data(self, X, dtype=np.float64, ensure_min_features=2)
+        if sample_weight is None:
+            return X, None, np.ones(len(X), dtype=bool)
+        weights = check_array(
+            sample_weight, ensure_2d=False, dtype=np.float64, input_name="sample_weight"
+        )
+        if weights.shape != (len(X),):
+            raise ValueError(
+                f"sample_weight has shape {weights.shape}; it needs one precision "
+                f"sigma0^2 / sigma_i^2 for each of the {len(X)} points of X."
+            )
+        if weights.min() < 0:
+            raise ValueError(
+                f"sample_weight has negative values (least: {weights.min()}); precisions are "
+                "positive, or 0 for a point that takes no part."
+            )
+        if not weights.any():
+            raise ValueError("sample_weight is zero for all points; leave some weight.")
+        if np.all(weights == 1):
+            return X, None, np.ones(len(X), dtype=bool)
+        return X, weights, weights > 0
+
+    def _check_query(self, X):
+        check_is_fitted(self)
+        return validate_data(self, X, dtype=np.float64, reset=False)
+
+    def _known_sigma(self):
+        """sigma0 where the user knows it and the test uses it, else None."""
+        known = self.test == "w" and self.sigma0 != "auto"
+        return float(self.sigma0) if known else None
+
+    def _choose_sigma0(self, X, sample_weight):
+        """The sigma0 of w: as given, or a robust scale about a robust plane."""
+        if self.sigma0 != "auto":
+            return float(self.sigma0)
+        scale = m_estimate(X, sample_weight, loss="huber", surface=self.surface)[2]
+        return max(scale, self._zero_scale)
+
+    def _adjust(self, X, weights):
+        """Plane by the chosen estimator, and the weights W of a robust one."""
+        if self.estimator == "ls":
+            return adjust_plane(X, weights, surface=self.surface), None
+        plane, robust_weights, self._loss_scale = m_estimate(
+            X, weights, loss=self.estimator, sigma0=self._known_sigma(), surface=self.surface
+        )
+        return plane, robust_weights
+
+    def _robust_weights_at(self, residuals, sample_weight=None):
+        """W of given residuals, the same for training points and new ones."""
+        standardized = residuals / max(self._loss_scale, self._zero_scale)
+        if sample_weight is not None:
+            standardized *= np.sqrt(sample_weight)
+        return WEIGHT_FUNCTIONS[self.estimator](standardized)
+
+    def _set_plane(self, X, plane, initial):
+        """Attributes of the final plane, and of the one before any test."""
+        self._plane = plane
+        self.coef_, self.intercept_ = plane.coef, plane.intercept
+        self.normal_ = plane.normal
+        self.distance_ = float(plane.center @ self.normal_)
+        self.rank_, self.dof_ = plane.rank, plane.dof
+        self.variance_factor_ = plane.variance_factor
+        self.variance_factor_initial_ = initial.variance_factor
+        self._scale = max(np.sqrt(plane.variance_factor), self._zero_scale)
+        if initial.dof == 0:
+            warnings.warn(
+                f"{initial.n_observations} point(s) leave a plane of {initial.rank} parameters "
+                "without redundancy: nothing can be tested and no point is an outlier.",
+                UserWarning,
+                stacklevel=4,  # past scikit-learn's wrapper of fit
+            )
+
+    def _find_zero_scale(self, X, used):
+        self._zero_scale = zero_scale(X if used.all() else X[used], self.surface)
+
+    def _choose_offset(self, scores, used, auto):
+        """Limit of the scores: of the test, or the percentile the user wants."""
+        if self.contamination == "auto":
+            return auto
+        return float(np.percentile(scores[used], 100.0 * self.contamination))

@@ -1,0 +1,124 @@
+"""Rounds of testing and removing: data snooping one at a time, or all at once."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sklearn_mcmd.adjustment._downdate import DowndatedPlane
+from sklearn_mcmd.adjustment._plane import PlaneAdjustment, adjust_plane
+from sklearn_mcmd.adjustment._tests import first_of_largest, standardized_residuals
+
+__all__ = ["Elimination", "eliminate", "eliminate_one_by_one", "own_redundancy"]
+
+
+@dataclass
+class Elimination:
+    """How data snooping went.
+
+    Attributes
+    ----------
+    step : ndarray of intp of shape (n,)
+        Round in which a point was removed, 0 for those never removed.
+    support : ndarray of bool of shape (n,)
+        Points the last plane was adjusted to.
+    n_rounds : int
+        Rounds that removed points.
+    plane : PlaneAdjustment
+        Plane of the support.
+    robust_weights : ndarray of shape (n,) or None
+        W of the last M-estimate.
+    ran_out_of_rounds : bool
+        The limit of rounds was reached with something left to remove.
+    ran_out_of_points : bool
+        What should have gone would have left too few points for a plane with redundancy:
+        they are marked in `step`, and the plane before that stands.
+    """
+
+    step: np.ndarray
+    support: np.ndarray
+    n_rounds: int
+    plane: PlaneAdjustment | None = None
+    robust_weights: np.ndarray | None = None
+    ran_out_of_rounds: bool = False
+    ran_out_of_points: bool = False
+
+
+def eliminate(X, sample_weight, adjust, limit, state, *, single, max_rounds=None):
+    """Remove every rejected point, or the worst one, and adjust again (section 1.1).
+
+    Parameters
+    ----------
+    X : ndarray of shape (n, d)
+    sample_weight : ndarray of shape (n,) or None
+    adjust : callable
+        ``adjust(weights) -> (plane, robust_weights)``; robust weights None for least squares.
+    limit : callable
+        ``limit(n_retained, dof, variance_factor)``: the largest standardized residual that
+        passes.
+    state : Elimination
+        Where to start; changed in place.
+    single : bool
+        Only the worst of the rejected points goes in a round.
+    max_rounds : int, default=None
+    """
+    while True:
+        weights = state.support.astype(float)
+        if sample_weight is not None:
+            weights *= sample_weight
+        state.plane, state.robust_weights = adjust(weights)
+        residuals, cofactors, spread = state.plane.evaluate(X)
+        redundancy = own_redundancy(cofactors, spread, sample_weight, state.robust_weights)
+        standardized = standardized_residuals(residuals, sample_weight, redundancy)
+        standardized[~state.support] = 0.0
+        plane, n_retained = state.plane, np.count_nonzero(state.support)
+        rejected = standardized > limit(n_retained, plane.dof, plane.variance_factor)
+        n_rejected = np.count_nonzero(rejected)
+        if n_rejected and single:
+            rejected[:], n_rejected = False, 1
+            rejected[first_of_largest(standardized)] = True
+        if not n_rejected:
+            return state
+        if state.n_rounds == max_rounds:
+            state.ran_out_of_rounds = True
+            return state
+        state.n_rounds += 1
+        state.step[rejected] = state.n_rounds
+        if n_retained - n_rejected <= plane.rank:
+            state.ran_out_of_points = True
+            return state
+        state.support &= ~rejected
+
+
+def eliminate_one_by_one(X, sample_weight, surface, limit, state, *, max_rounds=None):
+    """Same as `eliminate` with ``single=True`` for least squares, by down-dating."""
+    plane = DowndatedPlane(X, sample_weight, state.support, surface)
+    while True:
+        worst, value = plane.largest()
+        if value <= limit(plane.n_retained, plane.dof, plane.variance_factor):
+            break
+        if state.n_rounds == max_rounds:
+            state.ran_out_of_rounds = True
+            break
+        state.n_rounds += 1
+        state.step[worst] = state.n_rounds
+        if plane.n_retained - 1 <= plane.rank:
+            state.ran_out_of_points = True
+            break
+        plane.remove_largest()
+    weights = state.support.astype(float)
+    if sample_weight is not None:
+        weights *= sample_weight
+    state.plane = adjust_plane(X, weights, surface=surface)
+    return state
+
+
+def own_redundancy(cofactors, spread, sample_weight, robust_weights=None):
+    """Redundancy numbers ``r_i = p_i q_i`` of observations that made the plane.
+
+    With weights W of an M-estimate the cofactor is that of ``v = (I - A N^-1 A'PW) l`` with W
+    taken as fixed: ``r = 1 - 2 w h + p g'Cg``, which is 1 - h for W = 1.
+    """
+    if robust_weights is None:
+        return 1 - (cofactors if sample_weight is None else cofactors * sample_weight)
+    loss = 2 * robust_weights * cofactors - spread
+    return 1 - (loss if sample_weight is None else loss * sample_weight)

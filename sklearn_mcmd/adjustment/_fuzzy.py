@@ -1,0 +1,417 @@
+"""Outliers of a least-squares plane by fuzzy sets."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from sklearn_mcmd._base import Interval, Real, StrOptions, fit_context
+from sklearn_mcmd.adjustment._detector import PlaneDetector
+from sklearn_mcmd.adjustment._elimination import own_redundancy
+from sklearn_mcmd.adjustment._hull import hull_vertices
+from sklearn_mcmd.adjustment._memberships import (
+    abnormal_residual_membership,
+    defuzzification_complement,
+    normal_error_complement,
+    normal_residual_membership,
+)
+from sklearn_mcmd.adjustment._plane import CHUNK
+from sklearn_mcmd.adjustment._tests import (
+    critical_value,
+    global_test_pvalue,
+    local_level,
+    standardized_residuals,
+    statistic,
+    t_to_tau,
+)
+
+__all__ = ["FuzzyPlaneDetector"]
+
+
+class FuzzyPlaneDetector(PlaneDetector):
+    """Outliers of a plane by fuzzy memberships of residuals and of errors (Eqs 9-21).
+
+    Fits ``z = a x + b y + c`` once (any number of regressors; the last column of X is the
+    dependent one). A residual's test statistic makes it more or less *abnormal*; the
+    redundancy matrix tells which observation's error acts on which residuals; a weighted
+    mean of the resulting memberships is the limit. Where outliers and good points form two
+    groups, the limit falls between them, so that one adjustment sweeps away far fewer good
+    points than a test that removes all rejected points at once.
+
+    Parameters
+    ----------
+    alpha : float in (0, 1), default=0.05
+        Level of the critical value ``N_{1 - alpha/2}``.
+    test : {"w", "tau", "t"}, default="w"
+        Statistic of the residuals; see `BaardaPlaneDetector`.
+    sigma0 : float > 0 or "auto", default=1.0
+        Standard deviation of an observation of weight 1, in the units of the dependent
+        column. **Set it**, or take "auto"; see `BaardaPlaneDetector`.
+    correction : {"none", "sidak", "bonferroni"}, default="none"
+        Local level; the paper uses alpha itself.
+    width : float > 0, default=1.0
+        Distance beyond the critical value, over the root of the redundancy number, at which
+        a residual is half abnormal: the "alpha" of Eq. 11. The paper's tables need 1 to 1.5
+        and are exact at 1.25; with the significance level they aren't.
+    weighting : {"ratio", "cut"}, default="ratio"
+        Weights of the limit: the paper's Eq. 20, ``1 / m_N - r~n``, or ``1 - r~n``. The first
+        has no bound, and one huge outlier can take the limit for itself and mask the others;
+        take "cut" where sizes differ by more than a factor of 5.
+    contamination : "auto" or float in (0, 0.5], default="auto"
+        Share of training points to call outliers; by Eq. 21 when "auto".
+    surface : {"vertical", "orthogonal"}, default="vertical"
+        Residuals along the last axis, or along the normal (for walls).
+    estimator : {"ls", "huber", "tukey"}, default="ls"
+        Least squares, or M-estimation (Eqs 2-7), whose weights are then in
+        `robust_weights_` and enter the redundancy matrix.
+
+    Attributes
+    ----------
+    labels_ : ndarray of int of shape (n_samples,)
+        -1 for outliers, 1 for inliers.
+    membership_ : ndarray of shape (n_samples,)
+        m_H, Eq. 18: the observation as an outlier. Below the critical value it is leverage
+        and nothing else; to rank points take `test_statistic_`.
+    membership_residual_ : ndarray of shape (n_samples,)
+        m_M, Eq. 11: the residual as abnormal.
+    defuzzification_limit_ : float
+        C_H, Eq. 19; nan if no residual is abnormal, since nothing is compared then.
+    defuzzification_complement_ : float
+        ``1 - C_H`` with all its digits.
+    test_statistic_ : ndarray of shape (n_samples,)
+        w, tau or t.
+    redundancy_, leverage_ : ndarray of shape (n_samples,)
+        Redundancy numbers r_ii, which sum to `dof_`, and ``1 - r_ii``.
+    critical_value_ : float
+        ``N_{1 - alpha/2}``, or that of tau or t.
+    coef_ : ndarray of shape (n_features - 1,)
+        Slopes; of minimum norm where the regressors are collinear.
+    intercept_ : float
+        Constant term.
+    normal_ : ndarray of shape (n_features,)
+        Unit normal of the plane.
+    distance_ : float
+        ``normal_ @ x`` of its points.
+    support_ : ndarray of bool of shape (n_samples,)
+        Points of positive weight: all of them make the plane.
+    sigma0_ : float
+        `sigma0`, or its robust estimate.
+    variance_factor_initial_, variance_factor_ : float
+        v'Pv / f of all points, and after the outliers are left out and the plane is adjusted
+        again, as in the paper's Table 4.
+    global_test_pvalue_ : float
+        Probability of a larger v'Pv / sigma0^2 in clean data, without the outliers.
+    dof_, rank_ : int
+        Degrees of freedom f and number of estimable parameters u of the tested plane.
+    robust_weights_ : ndarray of shape (n_samples,)
+        W of the M-estimate; only with ``estimator`` other than "ls".
+    offset_ : float
+        Limit of the scores.
+    n_features_in_ : int
+        Number of columns seen in `fit`.
+    feature_names_in_ : ndarray of str of shape (n_features_in_,)
+        Their names, if they had any.
+
+    See Also
+    --------
+    BaardaPlaneDetector : Data snooping; at equal critical value it is the stronger test.
+
+    Notes
+    -----
+    **One formula is left** of Eqs 11-21, because m_H is always m_B (see
+    `outlier_membership`): with ``G_i = 1 - m_H = r~n_i m_N(v_i)`` a point is an outlier where
+    ``G_i <= 1 - C_H``. It needs two guards that the paper lacks. Without any abnormal
+    residual there is no outlier: Eqs 19-21 would flag a quarter of a clean cloud, by
+    leverage alone. Without any normal one, all are.
+
+    **The redundancy matrix is never formed.** Its elements off the diagonal,
+    ``r_ki = -p_i a_k'N^-1 a_i``, are affine in the regressors of k, so the largest is at a
+    vertex of the convex hull: n points with m abnormal ones cost about ``n + m log n``.
+
+    Departures: Eq. 14's ``m_M <= 0.5`` is read as ``>=``, the 0.5-cut that mirrors Eq. 17;
+    Eq. 16 is ``1 - (r~n m_N)``; the alpha of Eq. 11 is `width`. If no training residual is
+    abnormal, a new point is one if its G is below a quarter of the largest a normal point can
+    have, and below that of all training points.
+
+    Weights are precisions; a point of weight 0 takes no part.
+
+    References
+    ----------
+    .. [1] R. Arabsheibani, A. Abedini, Y. Kanani Sadat, "Comparison of outlier detection at
+       the edges of point clouds using statistical approach and fuzzy methodology", Geodesy
+       and Cartography 41(3), 2015, Eqs 9-21.
+    .. [2] Y. Sisman, A. Dilaver, S. Bektas, "Outlier detection in 3D coordinate
+       transformation with fuzzy logic", Acta Montanistica Slovaca 17(1), 2012.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn_mcmd.adjustment import FuzzyPlaneDetector
+    >>> rng = np.random.default_rng(0)
+    >>> xy = rng.uniform(0, 10, size=(500, 2))
+    >>> z = xy @ [0.1, -0.2] + 3 + rng.normal(scale=0.001, size=500)
+    >>> z[:100] += 0.06  # one point in five
+    >>> detector = FuzzyPlaneDetector(0.15, sigma0=0.01, width=1.25)
+    >>> found = detector.fit_predict(np.column_stack([xy, z])) == -1
+    >>> print(f"{found[:100].sum()} of 100 outliers, {found[100:].sum()} of 400 good points")
+    100 of 100 outliers, 0 of 400 good points
+    """
+
+    _parameter_constraints: ClassVar[dict] = {
+        **PlaneDetector._parameter_constraints,
+        "width": [Interval(Real, 0, None, closed="neither")],
+        "weighting": [StrOptions({"ratio", "cut"})],
+    }
+
+    def __init__(
+        self,
+        alpha=0.05,
+        *,
+        test="w",
+        sigma0=1.0,
+        correction="none",
+        width=1.0,
+        weighting="ratio",
+        contamination="auto",
+        surface="vertical",
+        estimator="ls",
+    ):
+        self.alpha = alpha
+        self.test = test
+        self.sigma0 = sigma0
+        self.correction = correction
+        self.width = width
+        self.weighting = weighting
+        self.contamination = contamination
+        self.surface = surface
+        self.estimator = estimator
+
+    @fit_context(prefer_skip_nested_validation=True)
+    def fit(self, X, y=None, sample_weight=None):
+        """Adjust the plane once and divide its residuals.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Points; the last column depends on the others.
+        y : Ignored
+            Present for API consistency.
+        sample_weight : array-like of shape (n_samples,), default=None
+            Precisions ``p_i = sigma0^2 / sigma_i^2``. A point of weight 0 takes no part and
+            is never an outlier.
+
+        Returns
+        -------
+        self : FuzzyPlaneDetector
+            Fitted detector.
+
+        Warns
+        -----
+        UserWarning
+            If there are no more points than parameters.
+        """
+        X, weights, used = self._check_training(X, sample_weight)
+        self._find_zero_scale(X, used)
+        plane, robust_weights = self._adjust(X, weights)
+        self.sigma0_ = self._choose_sigma0(X, weights)
+        self._set_plane(X, plane, plane)
+        self.support_ = used
+        level = local_level(self.alpha, plane.n_observations, self.correction)
+        self.critical_value_ = critical_value(self.test, level, self.dof_)
+
+        residuals, cofactors, spread = plane.evaluate(X)
+        if robust_weights is not None:
+            # Those of the final residuals, as `score_samples` finds them for new points.
+            robust_weights = self._robust_weights_at(residuals, weights) * used
+            self.robust_weights_ = robust_weights
+        self.redundancy_ = own_redundancy(cofactors, spread, weights, robust_weights)
+        self.test_statistic_ = statistic(
+            standardized_residuals(residuals, weights, self.redundancy_),
+            self.test,
+            self.sigma0_,
+            self._scale,
+            self.dof_,
+        )
+        self.leverage_ = 1 - self.redundancy_
+        self.membership_residual_ = self._memberships(abnormal_residual_membership, below=0.0)
+        normal = self._memberships(normal_residual_membership, below=1.0)
+        abnormal = self.membership_residual_ >= 0.5
+        equivalent = weights
+        if robust_weights is not None:
+            equivalent = robust_weights if weights is None else robust_weights * weights
+        effect = self._find_effects(X, cofactors, equivalent, abnormal, used)
+        complement = normal_error_complement(effect, normal)
+        self.membership_ = 1 - complement
+        limit = self._find_limit(complement, effect, normal, abnormal, used)
+        self.offset_ = self._choose_offset(complement, used, limit)
+        self.labels_ = np.where(complement - self.offset_ < 0, -1, 1)
+        self.labels_[~used] = 1
+        self._set_variance_after(X, weights)
+        return self
+
+    def score_samples(self, X):
+        """``G = 1 - m_H`` of each point, an observation of weight 1.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            The lower, the more abnormal.
+
+        Notes
+        -----
+        A point within the training points' leverage is looked at as one of the adjusted
+        observations, one beyond as an added one: its residual has the larger deviation
+        ``sqrt(1 + h)`` and the redundancy number ``1 / (1 + h)``.
+        """
+        X = self._check_query(X)
+        plane = self._plane
+        residuals, cofactors, spread = plane.evaluate(X)
+        # The same point in another batch may differ by rounding.
+        own = cofactors <= self._largest_leverage * (1 + 1e-9)
+        robust_weights = None
+        if self.estimator != "ls":
+            robust_weights = self._robust_weights_at(residuals)
+        redundancy = own_redundancy(cofactors, spread, None, robust_weights)
+        redundancy[~own] = 1 / (1 + spread[~own])
+        standardized = standardized_residuals(residuals, None, redundancy)
+        standardized[~own] *= redundancy[~own]  # |v| / sqrt(1 + h)
+        tests = statistic(standardized, self.test, self.sigma0_, self._scale, self.dof_)
+        if self.test != "w" and not own.all():
+            t = standardized[~own] / self._scale
+            tests[~own] = t if self.test == "t" else t_to_tau(t, self.dof_ + 1)
+        normal = normal_residual_membership(tests, redundancy, self.critical_value_, self.width)
+        effect = _largest_effects(plane, X, self._vertices)
+        alone = np.flatnonzero(own & (cofactors > 0.5))
+        same = (X[alone, None] == self._vertices).all(axis=2)
+        effect[alone] = _largest_effects_of_others(plane, X[alone], self._vertices, same)
+        diagonal = redundancy
+        if robust_weights is not None:
+            effect *= robust_weights
+            diagonal = np.where(own, 1 - robust_weights * cofactors, redundancy)
+        among_normal = normal > 0.5
+        effect[among_normal] = np.maximum(effect, diagonal)[among_normal]
+        return normal_error_complement(effect / self._largest_effect, normal)
+
+    def _memberships(self, equation, below):
+        """Eq. 11 or 12 of the training points, evaluated above the critical value only."""
+        membership = np.full(len(self.test_statistic_), below)
+        above = np.flatnonzero(self.test_statistic_ > self.critical_value_)
+        membership[above] = equation(
+            self.test_statistic_[above],
+            self.redundancy_[above],
+            self.critical_value_,
+            float(self.width),
+        )
+        return membership
+
+    def _find_effects(self, X, cofactors, weights, abnormal, used):
+        """r~n of every observation (Eqs 13, 17), without the redundancy matrix.
+
+        With equal weights a normal point with ``h <= 1/2`` acts most on itself, because
+        ``|r_ki| <= sqrt(r_ii h_i) <= r_ii``; only abnormal points need a search. So does the
+        largest element of the matrix: it is the largest r_ii as soon as n >= 2u.
+        """
+        plane, n = self._plane, len(X)
+        leverage = cofactors if weights is None else cofactors * weights
+        diagonal = np.maximum(1 - leverage, 0.0)
+        alone = leverage > 0.5  # at most 2u points: leverages sum to u
+
+        normal = used & ~abnormal
+        vertices = _bounding_points(plane, X, cofactors, np.flatnonzero(normal), alone)
+        self._vertices = X[vertices]
+        self._largest_leverage = float(cofactors.max(where=used, initial=0.0))
+        sought = np.flatnonzero(used if weights is not None else used & (abnormal | alone))
+        effect = np.zeros(n)
+        effect[sought] = _effects_of(plane, X, sought, vertices, weights, alone)
+        np.maximum(effect, diagonal, out=effect, where=normal)
+
+        largest = diagonal.max(where=used, initial=0.0)
+        if weights is not None or n < 2 * plane.rank:
+            everyone = np.flatnonzero(used)
+            vertices = _bounding_points(plane, X, cofactors, everyone, alone)
+            between = _effects_of(plane, X, everyone, vertices, weights, alone)
+            largest = max(largest, between.max())
+        self._largest_effect = float(largest) or 1.0
+        effect /= self._largest_effect
+        effect[~used] = 1.0
+        return effect
+
+    def _find_limit(self, complement, effect, normal, abnormal, used):
+        """Score below which a point is an outlier: Eq. 21, or what guards it."""
+        if not abnormal.any():
+            # A normal point's G is at least (1 - h) / 2 over the largest effect, that of an
+            # abnormal one at most h / 2 over it.
+            self.defuzzification_limit_ = self.defuzzification_complement_ = np.nan
+            return float(min(0.25 / self._largest_effect, complement[used].min()))
+        rows = slice(None) if used.all() else used
+        limit = defuzzification_complement(
+            complement[rows], effect[rows], normal[rows], self.weighting
+        )
+        self.defuzzification_complement_ = limit
+        self.defuzzification_limit_ = 1 - limit
+        # `decision_function` is negative for outliers, and a tie is one (Eq. 21).
+        return float(np.nextafter(limit, np.inf))
+
+    def _set_variance_after(self, X, weights):
+        """Variance factor and global test of the points that are left."""
+        left = (self.labels_ == 1) & self.support_
+        plane = self._plane
+        if not left.all() and np.count_nonzero(left) > plane.rank:
+            retained = left.astype(float) if weights is None else left * weights
+            plane, _ = self._adjust(X, retained)
+            self.variance_factor_ = plane.variance_factor
+        self.global_test_pvalue_ = global_test_pvalue(plane.sum_of_squares, self.sigma0_, plane.dof)
+
+
+def _bounding_points(plane, X, cofactors, members, alone):
+    """Rows among which effects on the members are largest, whichever one row is left out.
+
+    Points with a leverage over 1/2 act most on themselves, which doesn't count. They are
+    kept beside the hull of the others, so that leaving one out uncovers nothing.
+    """
+    apart = members[alone[members]] if alone.any() else members[:0]
+    if len(apart):
+        members = np.setdiff1d(members, apart, assume_unique=True)
+    if len(members):
+        members = hull_vertices(plane, X, cofactors, members)
+    return np.concatenate([members, apart])
+
+
+def _effects_of(plane, X, rows, vertices, weights, alone):
+    """``max |r_ki|`` over vertices k other than i, for the given rows i."""
+    effect = _largest_effects(plane, X, X[vertices], rows)
+    few = np.flatnonzero(alone[rows])
+    effect[few] = _largest_effects_of_others(
+        plane, X[rows[few]], X[vertices], rows[few, None] == vertices
+    )
+    return effect if weights is None else effect * weights[rows]
+
+
+def _largest_effects(plane, X, vertices, rows=None):
+    """``max |a_k' N^-1 a_i|`` over vertices k, for all points i or those of some rows."""
+    n = len(X) if rows is None else len(rows)
+    effect = np.zeros(n)
+    if len(vertices) == 0:
+        return effect
+    design = plane.design(plane.whiten(vertices)[0])
+    # Without a hull (many regressors) there are as many vertices as points.
+    step = max(CHUNK * 32 // (32 + len(vertices)), 1)
+    for start in range(0, n, step):
+        part = slice(start, start + step)
+        points = X[part] if rows is None else X[rows[part]]
+        product = plane.design(plane.whiten(points)[0]) @ design.T
+        effect[part] = np.abs(product, out=product).max(axis=1)
+    return effect
+
+
+def _largest_effects_of_others(plane, X, vertices, same):
+    """Same, without the vertices that are the point itself."""
+    if 0 in same.shape:
+        return np.zeros(len(X))
+    design = plane.design(plane.whiten(vertices)[0])
+    product = np.abs(plane.design(plane.whiten(X)[0]) @ design.T)
+    product[same] = 0.0
+    return product.max(axis=1)

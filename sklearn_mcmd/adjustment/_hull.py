@@ -1,0 +1,79 @@
+"""The few points that bound all others: vertices of a convex hull."""
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from sklearn_mcmd.adjustment._plane import row_chunks
+
+__all__ = ["hull_vertices"]
+
+# Beyond this many dimensions hulls have more vertices than help; all points serve then.
+MAX_DIMENSIONS = 5
+# A hull of so many points, evenly picked, rules out nearly all others.
+N_PICKED = {2: 4096, 3: 1024, 4: 512, 5: 256}
+
+
+def hull_vertices(plane, X, cofactors, members):
+    """Members among which any affine function of the regressors has its largest size.
+
+    Parameters
+    ----------
+    plane : PlaneAdjustment
+        Whose whitened regressors are the coordinates.
+    X : ndarray of shape (n, d)
+    cofactors : ndarray of shape (n,)
+        Of the plane at X: squared distances from the center, but for a constant.
+    members : ndarray of int
+        Rows of X to consider, ascending.
+
+    Returns
+    -------
+    ndarray of int
+        Rows of X, ascending: the vertices of the members' convex hull, or all members where
+        a hull is of no use.
+    """
+    q = plane.rank - 1
+    if q == 0:
+        return members[:1]
+    if len(members) <= 32 or q > MAX_DIMENSIONS:
+        return members
+    if q > 1:
+        members = _outside_picked_hull(plane, X, cofactors, members)
+    return members[_vertices(plane.whiten(X[members])[0])]
+
+
+def _outside_picked_hull(plane, X, cofactors, members):
+    """Members not inside the hull of a few of them: all vertices are among these."""
+    picked = members[:: len(members) // N_PICKED[plane.rank - 1] + 1]
+    if len(picked) == len(members):
+        return members
+    try:
+        equations = ConvexHull(plane.whiten(X[picked])[0]).equations
+    except QhullError:
+        return members
+    normals, offsets = equations[:, :-1], equations[:, -1]
+    # Whatever is nearer to the center than the nearest facet is inside, without a product.
+    reach = max(-offsets.max(), 0.0)
+    distant = cofactors[members] >= 0.999 * reach**2 + 1 / plane.sum_weights
+    members = members[distant]
+    tolerance = 1e-9 * np.abs(offsets).max()
+    outside = np.empty(len(members), dtype=bool)
+    for rows in row_chunks(len(members)):
+        U = plane.whiten(X[members[rows]])[0]
+        outside[rows] = (U @ normals.T + offsets).max(axis=1) >= -tolerance
+    return members[outside]
+
+
+def _vertices(U):
+    """Positions of the vertices of the convex hull of U, whatever its affine rank."""
+    U = U - U.mean(axis=0)
+    _, spread, axes = np.linalg.svd(U, full_matrices=False)
+    U = U @ axes[spread > 1e-13 * max(spread[0], np.finfo(float).tiny)].T
+    if U.shape[1] == 0:
+        return np.array([0])
+    if U.shape[1] == 1:
+        return np.unique([U[:, 0].argmin(), U[:, 0].argmax()])
+    try:
+        return np.sort(ConvexHull(U).vertices)
+    except QhullError:  # flat but for rounding
+        return np.arange(len(U))

@@ -1,0 +1,116 @@
+"""Memberships of the fuzzy approach, one function an equation (Eqs 11-21).
+
+Decisions are made in complement form, ``1 - m_H`` against ``1 - C_H``: in a large cloud both
+m_H and C_H differ from 1 by 1e-3 to 1e-11, and a difference from 1 is what rounding takes first.
+"""
+
+import numpy as np
+
+__all__ = [
+    "abnormal_error_membership",
+    "abnormal_residual_membership",
+    "defuzzification_complement",
+    "defuzzification_weights",
+    "is_outlier",
+    "largest_relative_effect",
+    "normal_error_complement",
+    "normal_residual_membership",
+    "outlier_membership",
+    "relative_redundancy",
+]
+
+
+def abnormal_residual_membership(statistic, redundancy, critical, width):
+    """m_M: how abnormal a residual is, 1/2 at ``critical + width sqrt(r)`` (Eq. 11).
+
+    Parameters
+    ----------
+    statistic : ndarray of shape (n,)
+        W_i.
+    redundancy : ndarray of shape (n,)
+        r_ii.
+    critical : float
+        ``N_{1 - alpha/2}``.
+    width : float
+        Printed as alpha. It is a distance on the axis of the statistic, not a probability.
+    """
+    with np.errstate(divide="ignore"):
+        return 1 / (1 + 1 / _squared_excess(statistic, redundancy, critical, width))
+
+
+def normal_residual_membership(statistic, redundancy, critical, width):
+    """m_N = 1 - m_M, with all its digits where m_M is about 1 (Eq. 12)."""
+    return 1 / (1 + _squared_excess(statistic, redundancy, critical, width))
+
+
+def relative_redundancy(redundancy_matrix):
+    """Redundancy matrix over its largest element, all without sign (Eq. 13)."""
+    size = np.abs(redundancy_matrix)
+    return size / size.max()
+
+
+def largest_relative_effect(relative, members):
+    """Largest effect of each observation's error on the residuals of a set (Eqs 14, 17).
+
+    Parameters
+    ----------
+    relative : ndarray of shape (n, n)
+        Eq. 13. For small n; `FuzzyPlaneDetector` finds the same without the matrix.
+    members : ndarray of bool of shape (n,)
+        M.5 (``m_M >= 1/2``; the text's "<=" would put every good point into it) for Eq. 14,
+        N.5, the others, for Eq. 17. An empty set has effect 0.
+    """
+    return relative[members].max(axis=0, initial=0.0)
+
+
+def abnormal_error_membership(effect_on_abnormal, abnormal_residual):
+    """m_A: error that acts on abnormal residuals (Eq. 15). Never above m_B."""
+    return effect_on_abnormal * abnormal_residual
+
+
+def normal_error_complement(effect_on_normal, normal_residual):
+    """1 - m_B: error that acts on normal residuals (Eq. 16)."""
+    return effect_on_normal * normal_residual
+
+
+def outlier_membership(abnormal_error, normal_error_complement):
+    """m_H: an error in A or in B, the larger of the two (Eq. 18).
+
+    It is always m_B: ``1 - r~n m_N >= 1 - m_N = m_M >= r~m m_M``. So Eqs 14 and 15 change
+    nothing, and the detector doesn't compute them.
+    """
+    return np.maximum(abnormal_error, 1 - normal_error_complement)
+
+
+def defuzzification_complement(complement, effect_on_normal, normal_residual, weighting):
+    """1 - C_H: weighted mean of 1 - m_H (Eq. 19)."""
+    weights = defuzzification_weights(effect_on_normal, normal_residual, weighting)
+    # For "ratio" P (1 - m_H) with the division by m_N carried out: it may be one by 0.
+    ratio = weighting == "ratio"
+    products = effect_on_normal * (1 - complement) if ratio else weights * complement
+    total = weights.sum()
+    return float(products.sum() / total) if total > 0 else 0.0
+
+
+def defuzzification_weights(effect_on_normal, normal_residual, weighting):
+    """Weights P of the limit (Eq. 20, second line; the first never applies, see Eq. 18).
+
+    "ratio" is the paper's ``m_B / m_N = 1 / m_N - r~n``. It has no bound: one huge outlier
+    takes the limit for itself and masks the others. "cut", ``1 - r~n``, has one.
+    """
+    if weighting == "cut":
+        return 1 - effect_on_normal
+    with np.errstate(divide="ignore"):
+        return 1 / normal_residual - effect_on_normal
+
+
+def is_outlier(outlier_membership, limit):
+    """m_H >= C_H (Eq. 21)."""
+    return outlier_membership >= limit
+
+
+def _squared_excess(statistic, redundancy, critical, width):
+    """``(W - N)^2 / (r width^2)``, 0 up to the critical value."""
+    excess = np.maximum(statistic - critical, 0.0)
+    with np.errstate(over="ignore"):
+        return (excess / width) ** 2 / np.maximum(redundancy, np.finfo(float).tiny)

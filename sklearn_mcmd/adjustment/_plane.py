@@ -1,0 +1,302 @@
+"""Weighted least-squares planes: coefficients, cofactors and redundancy numbers."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.linalg import eigh
+from scipy.linalg import lstsq, orth
+
+from sklearn_mcmd._base import StrOptions, validate_params
+
+__all__ = ["PlaneAdjustment", "adjust_plane", "row_chunks"]
+
+# Rows that are looked at together: their centered copy stays in the processor's cache, and
+# no pass needs more than this many rows of working memory.
+CHUNK = 1 << 15
+
+# Directions whose spread is below 3e-7 of the largest one (after every column was scaled to
+# unit spread) count as collinear: far above what rounding makes of exactly collinear
+# columns (1e-16, squared), far below the narrowest strip worth an adjustment.
+RANK_TOLERANCE = 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneAdjustment:
+    """A least-squares plane with all that its tests need (Eqs 9-10).
+
+    The design matrix is never formed. Regressors are centered and whitened, so that
+    ``a_i' N^-1 a_i = 1 / sum(p) + |U_i|^2`` with ``U = (X - center) @ axes``; nothing else of
+    the cofactor matrix is needed, and nothing is lost with coordinates of 10^7.
+
+    Attributes
+    ----------
+    center : ndarray of shape (d,)
+        Weighted mean, a point of the plane.
+    axes : ndarray of shape (d, rank - 1)
+        Maps centered points to whitened regressors U.
+    direction : ndarray of shape (d,)
+        Residuals are ``(X - center) @ direction``: ``(-slopes, 1)`` for a vertical surface,
+        the unit normal for an orthogonal one. Observed minus adjusted, the sign surveyors
+        read off a map; the paper's v has the other.
+    sum_weights : float
+        Sum of the weights.
+    sum_of_squares : float
+        v'Pv.
+    n_observations : int
+        Points of positive weight.
+    surface : {"vertical", "orthogonal"}
+        Which distance was minimized.
+    kernel : ndarray of shape (rank, rank) or None
+        ``A'PW^2A`` in whitened coordinates, where the plane comes from equivalent weights
+        PW (M-estimation); None stands for the identity of plain least squares.
+    """
+
+    center: np.ndarray
+    axes: np.ndarray
+    direction: np.ndarray
+    sum_weights: float
+    sum_of_squares: float
+    n_observations: int
+    surface: str
+    kernel: np.ndarray | None = None
+
+    @property
+    def rank(self):
+        """Number of estimable parameters u."""
+        return self.axes.shape[1] + 1
+
+    @property
+    def dof(self):
+        """Degrees of freedom f = n - u, never negative."""
+        return max(self.n_observations - self.rank, 0)
+
+    @property
+    def variance_factor(self):
+        """Estimated variance of unit weight v'Pv / f; 0 without redundancy."""
+        return self.sum_of_squares / self.dof if self.dof else 0.0
+
+    @property
+    def normal(self):
+        """Unit normal, its last component of non-negligible size positive."""
+        normal = self.direction / np.linalg.norm(self.direction)
+        return _oriented(normal)
+
+    @property
+    def coef(self):
+        """Slopes of ``z = x @ coef + intercept``; not finite for an upright plane."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return -self.direction[:-1] / self.direction[-1]
+
+    @property
+    def intercept(self):
+        """Constant term of ``z = x @ coef + intercept``."""
+        with np.errstate(invalid="ignore"):
+            return float(self.center[-1] - self.center[:-1] @ self.coef)
+
+    def evaluate(self, X):
+        """Residuals of points and cofactors of the plane below them.
+
+        Parameters
+        ----------
+        X : ndarray of shape (n, d)
+
+        Returns
+        -------
+        residuals : ndarray of shape (n,)
+            Observed minus adjusted, in units of X.
+        cofactors : ndarray of shape (n,)
+            ``a_i' N^-1 a_i``; times the point's weight its leverage h_i.
+        spread : ndarray of shape (n,)
+            Variance of the adjusted value over sigma0^2: the cofactors themselves for least
+            squares, ``g' C g`` with the kernel C otherwise.
+        """
+        n = X.shape[0]
+        residuals, cofactors = np.empty(n), np.empty(n)
+        spread = cofactors if self.kernel is None else np.empty(n)
+        for rows in row_chunks(n):
+            U, residuals[rows] = self.whiten(X[rows])
+            cofactors[rows] = np.einsum("ij,ij->i", U, U) + 1 / self.sum_weights
+            if self.kernel is not None:
+                G = self.design(U)
+                spread[rows] = np.einsum("ij,ij->i", G @ self.kernel, G)
+        return residuals, cofactors, spread
+
+    def whiten(self, X):
+        """Whitened regressors (n, rank - 1) and residuals (n,) of a few points."""
+        local = (X - self.center) @ np.column_stack([self.axes, self.direction])
+        return local[:, :-1], local[:, -1]
+
+    def design(self, U):
+        """Rows g of the whitened design matrix, the constant first: ``g'g`` is a cofactor."""
+        return np.column_stack([np.full(len(U), self.sum_weights**-0.5), U])
+
+    def with_robust_weights(self, X, sample_weight, robust_weights):
+        """Same plane with the kernel that belongs to equivalent weights PW."""
+        kernel = np.zeros((self.rank, self.rank))
+        for rows in row_chunks(len(X)):
+            G = self.design(self.whiten(X[rows])[0])
+            factor = robust_weights[rows] ** 2
+            if sample_weight is not None:
+                factor = factor * sample_weight[rows]
+            kernel += (G * factor[:, None]).T @ G
+        return replace(self, kernel=kernel)
+
+
+@validate_params(
+    {
+        "X": ["array-like"],
+        "sample_weight": ["array-like", None],
+        "surface": [StrOptions({"vertical", "orthogonal"})],
+    },
+    prefer_skip_nested_validation=True,
+)
+def adjust_plane(X, sample_weight=None, *, surface="vertical"):
+    """Weighted least-squares plane, its cofactors and variance factor (Eqs 2-4, 9).
+
+    Parameters
+    ----------
+    X : array-like of shape (n, d)
+        Points; the last column is the dependent variable of a vertical surface.
+    sample_weight : array-like of shape (n,), default=None
+        Precisions ``p_i = sigma0^2 / sigma_i^2``. Points of weight 0 take no part.
+    surface : {"vertical", "orthogonal"}, default="vertical"
+        Residuals along the last axis (the paper), or along the normal (total least squares,
+        for walls).
+
+    Returns
+    -------
+    PlaneAdjustment
+
+    Raises
+    ------
+    ValueError
+        If X has no two columns, is not finite, or if its squares overflow; if there is no
+        weight.
+
+    Notes
+    -----
+    Rank-deficient designs (collinear or constant regressors, one location) get the slopes of
+    minimum norm; residuals and redundancy numbers don't depend on that choice.
+
+    The whitening is done twice, like a second Gram-Schmidt step: the first pass squares the
+    condition number, the second repairs what that cost.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn_mcmd.adjustment import adjust_plane
+    >>> X = np.array([[0.0, 0, 1], [1, 0, 3], [0, 1, 4], [1, 1, 6], [2, 2, 11.5]])
+    >>> plane = adjust_plane(X)
+    >>> plane.rank, plane.dof
+    (3, 2)
+    >>> residuals, cofactors, _ = plane.evaluate(X)
+    >>> print(residuals.round(3))
+    [ 0.109 -0.022 -0.022 -0.152  0.087]
+    >>> float((1 - cofactors).sum().round(12))  # redundancy numbers sum to dof
+    2.0
+    """
+    X = np.asarray(X, dtype=np.float64)
+    if X.ndim != 2 or X.shape[1] < 2:
+        raise ValueError(f"X has shape {X.shape}; a plane needs points of 2 columns or more.")
+    if sample_weight is not None:
+        sample_weight = np.asarray(sample_weight, dtype=np.float64)
+    used = np.arange(X.shape[0]) if sample_weight is None else np.flatnonzero(sample_weight)
+    if len(used) == 0:
+        raise ValueError("X has no point of positive weight: there is nothing to adjust.")
+    # Any point inside the cloud will do as a first origin: the mean of a thinned cloud.
+    origin = X[used[:: len(used) // 1024 + 1]].mean(axis=0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        total, first, second = _moments(X, origin, None, sample_weight)
+    if not np.all(np.isfinite(second)):
+        raise ValueError(
+            "X has missing or infinite coordinates, or some whose squares overflow float64; "
+            "remove those points or rescale X to smaller units."
+        )
+    mean = first / total
+    scatter = second - np.outer(mean, first)
+    center = origin + mean
+    # A constant column isn't exactly zero after centering: this is its rounding.
+    rounding = total * (64 * np.finfo(float).eps * np.abs(center)) ** 2
+    solve = _solve_orthogonal if surface == "orthogonal" else _solve_vertical
+    axes, direction = solve(scatter, rounding)
+
+    # Second pass, in coordinates that are nearly white already.
+    basis = np.column_stack([axes, direction])
+    total, first, second = _moments(X, center, basis, sample_weight)
+    mean = first / total
+    center = center + lstsq(basis.T, mean)[0]
+    second = second - np.outer(mean, first)
+    white, cross = second[:-1, :-1], second[:-1, -1]
+    slopes = np.linalg.solve(white, cross)
+    values, vectors = eigh(white)
+    direction = direction - axes @ slopes
+    if surface == "orthogonal":
+        direction = _oriented(direction / np.linalg.norm(direction))
+    n_observations = X.shape[0] if sample_weight is None else np.count_nonzero(sample_weight)
+    return PlaneAdjustment(
+        center=center,
+        # The symmetric root turns the axes as little as possible.
+        axes=axes @ (vectors / np.sqrt(values)) @ vectors.T,
+        direction=direction,
+        sum_weights=float(total),
+        sum_of_squares=float(max(second[-1, -1] - cross @ slopes, 0.0)),
+        n_observations=int(n_observations),
+        surface=surface,
+    )
+
+
+def row_chunks(n):
+    """Slices that cover n rows, each small enough for the cache."""
+    for start in range(0, n, CHUNK):
+        yield slice(start, min(start + CHUNK, n))
+
+
+def _moments(X, origin, basis, sample_weight):
+    """Weighted count, sum and second moment of (X - origin) @ basis."""
+    width = X.shape[1] if basis is None else basis.shape[1]
+    total, first, second = 0.0, np.zeros(width), np.zeros((width, width))
+    for rows in row_chunks(X.shape[0]):
+        local = X[rows] - origin
+        if basis is not None:
+            local = local @ basis
+        if sample_weight is None:
+            weighted = local
+            total += local.shape[0]
+        else:
+            weighted = local * sample_weight[rows, None]
+            total += sample_weight[rows].sum()
+        first += np.ones(len(local)) @ weighted  # thrice as fast as a sum of short rows
+        second += weighted.T @ local
+    return total, first, second
+
+
+def _solve_vertical(scatter, rounding):
+    """Whitening of the regressors, and (-slopes, 1), from the scatter matrix."""
+    d = scatter.shape[0]
+    variance = np.diag(scatter)[:-1]
+    varies = variance > rounding[:-1]
+    scale = np.where(varies, 1 / np.sqrt(np.where(varies, variance, 1.0)), 0.0)
+    values, vectors = eigh(scatter[:-1, :-1] * np.outer(scale, scale))
+    kept = values > RANK_TOLERANCE * max(values[-1], 1.0)
+    axes = np.zeros((d, np.count_nonzero(kept)))
+    axes[:-1] = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
+    slopes = axes[:-1] @ (axes[:-1].T @ scatter[:-1, -1])
+    if 0 < axes.shape[1] < d - 1:
+        # Slopes across the points' own span are arbitrary: take none (minimum norm).
+        span = orth(scatter[:-1, :-1] @ axes[:-1])
+        slopes = span @ (span.T @ slopes)
+    return axes, np.append(-slopes, 1.0)
+
+
+def _solve_orthogonal(scatter, rounding):
+    """Whitening within the plane of least orthogonal distances, and its normal."""
+    values, vectors = eigh(scatter)
+    kept = values > np.maximum(RANK_TOLERANCE * values[-1], rounding.max())
+    kept[0] = False
+    return vectors[:, kept] / np.sqrt(values[kept]), vectors[:, 0]
+
+
+def _oriented(normal):
+    """Normal with its last component positive, or the last that isn't rounding."""
+    significant = np.flatnonzero(np.abs(normal) > 1e-12)
+    return normal * np.sign(normal[significant[-1]])

@@ -1,0 +1,135 @@
+"""A robust first plane for data snooping: both papers joined."""
+
+import numpy as np
+from sklearn.utils import check_random_state
+
+from sklearn_mcmd._consistent_set import (
+    draw_trials,
+    maximum_consistent_sets,
+    n_support_points,
+    n_trials_needed,
+)
+from sklearn_mcmd._plane import fit_planes
+from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._robust import robust_scale
+
+__all__ = ["robust_start"]
+
+# Points within so many deviations make the start's plane, a usual choice of least trimmed
+# squares; normal residuals cut there have this share of their standard deviation.
+CUT = 2.5
+CUT_DEVIATION = 0.9546
+# Either settles within a few rounds, or flickers at its margin.
+MAX_ROUNDS = 20
+
+SUPPORT_FRACTION = 0.5
+SUCCESS_PROBABILITY = 0.9999
+# A start needs no more points than this to choose the best of its trial planes.
+MAX_POINTS = 20_000
+MAX_TRIALS = 2_000
+
+
+def robust_start(X, sample_weight, used, *, surface, sigma0, zero_scale, random_state):
+    """Points that belong to the plane of the most coplanar half, and its scale.
+
+    Parameters
+    ----------
+    X : ndarray of shape (n, d)
+    sample_weight : ndarray of shape (n,) or None
+    used : ndarray of bool of shape (n,)
+        Points of positive weight.
+    surface : {"vertical", "orthogonal"}
+    sigma0 : float or None
+        Standard deviation of unit weight; estimated when None.
+    zero_scale : float
+        Least scale that isn't rounding.
+    random_state : int, RandomState instance or None
+
+    Returns
+    -------
+    plane : PlaneAdjustment
+        Of all points within 2.5 deviations of it.
+    sigma : float
+        sigma0, or the deviation of these points. Unlike a median's it isn't enlarged by
+        outliers that are separate from them.
+
+    Notes
+    -----
+    The consistent set is the start of two well-known iterations: concentration on the half of
+    the points with the least residuals (least trimmed squares), then reweighting.
+    """
+    members = np.zeros(len(X), dtype=bool)
+    points = X[used] if surface == "orthogonal" else _stretched(X[used])
+    members[used] = _robust_start_plane(points, random_state)
+    size = np.count_nonzero(members)
+    root = np.sqrt(used if sample_weight is None else sample_weight)
+    for _ in range(MAX_ROUNDS):
+        plane = adjust_plane(X, _weights_of(members, sample_weight), surface=surface)
+        residuals = plane.evaluate(X)[0]
+        distances = np.where(used, np.abs(residuals) * root, np.inf)
+        nearest = np.zeros(len(X), dtype=bool)
+        nearest[np.argpartition(distances, size - 1)[:size]] = True
+        if np.array_equal(nearest, members):
+            break
+        members = nearest
+
+    sigma = sigma0 or max(robust_scale(residuals, sample_weight, plane.rank), zero_scale)
+    members = None
+    for _ in range(MAX_ROUNDS):
+        residuals, _, spread = plane.evaluate(X)
+        deviation = sigma * np.sqrt(1 + (spread if sample_weight is None else spread * root**2))
+        near = used & (np.abs(residuals) * root <= CUT * deviation)
+        if np.count_nonzero(near) <= plane.rank or np.array_equal(near, members):
+            break
+        members = near
+        plane = adjust_plane(X, _weights_of(members, sample_weight), surface=surface)
+        if sigma0 is None:
+            sigma = max(np.sqrt(plane.variance_factor) / CUT_DEVIATION, zero_scale)
+    return plane, float(sigma)
+
+
+def _stretched(X):
+    """Points with regressors so long that distances from planes are as good as vertical.
+
+    Otherwise the most coplanar half might be one of a steep plane. Regressors are whitened
+    first: with a constant or collinear column every half would be perfectly coplanar.
+    """
+    U, residuals = adjust_plane(X).whiten(X)
+    typical = np.median(np.abs(residuals - np.median(residuals))) or np.ptp(residuals) or 1.0
+    return np.column_stack([U * (1000 * typical * np.sqrt(len(X))), residuals])
+
+
+def _weights_of(members, sample_weight):
+    return members.astype(float) if sample_weight is None else members * sample_weight
+
+
+def _robust_start_plane(X, random_state=None):
+    """Members of the most coplanar half of the points (Algorithm 1 of the MCMD paper).
+
+    Parameters
+    ----------
+    X : ndarray of shape (n, d)
+    random_state : int, RandomState instance or None
+
+    Returns
+    -------
+    ndarray of bool of shape (n,)
+    """
+    rng = check_random_state(random_state)
+    n, d = X.shape
+    if n <= d + 1:
+        return np.ones(n, dtype=bool)
+    sample = X if n <= MAX_POINTS else X[rng.choice(n, MAX_POINTS, replace=False)]
+    n_trials = min(n_trials_needed(1 - SUPPORT_FRACTION, SUCCESS_PROBABILITY, d), MAX_TRIALS)
+    # Nearest to the median first: an order that does not depend on that of the rows.
+    distance = np.linalg.norm(sample - np.median(sample, axis=0), axis=1)
+    sample = sample[np.argsort(distance, kind="stable")]
+    trials = draw_trials(n_trials, len(sample), rng)
+    n_support = n_support_points(SUPPORT_FRACTION, len(sample), d)
+    support, _, _ = maximum_consistent_sets(sample[None], trials, n_support)
+    center, _, axes = fit_planes(sample, support[0])
+    distances = np.abs((X - center) @ axes[:, 0])
+    n_support = int(n_support_points(SUPPORT_FRACTION, n, d))
+    members = np.zeros(n, dtype=bool)
+    members[np.argpartition(distances, n_support - 1)[:n_support]] = True
+    return members

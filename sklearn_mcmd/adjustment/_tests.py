@@ -1,0 +1,190 @@
+"""Test statistics of residuals, their critical values and local levels (Table 1)."""
+
+import numpy as np
+from scipy.special import chdtrc, ndtri, stdtrit
+
+from sklearn_mcmd._base import Integral, Interval, Real, StrOptions, validate_params
+
+__all__ = [
+    "critical_value",
+    "first_of_largest",
+    "global_test_pvalue",
+    "local_level",
+    "residual_limit",
+    "standardized_residuals",
+    "statistic",
+    "t_to_tau",
+    "tau_to_t",
+]
+
+# An observation with a smaller redundancy number controls nothing: its residual is rounding.
+UNCONTROLLED = 1e-10
+
+
+@validate_params(
+    {
+        "alpha": [Interval(Real, 0, 1, closed="neither")],
+        "n": [Interval(Integral, 0, None, closed="left")],
+        "correction": [StrOptions({"sidak", "bonferroni", "none"})],
+    },
+    prefer_skip_nested_validation=True,
+)
+def local_level(alpha, n, correction="sidak"):
+    """Level of one test of n, so that all together keep alpha (Eq. 1).
+
+    Parameters
+    ----------
+    alpha : float in (0, 1)
+        Probability of rejecting anything in clean data.
+    n : int
+        Number of tests.
+    correction : {"sidak", "bonferroni", "none"}, default="sidak"
+        ``1 - (1 - alpha)^(1/n)`` (Eq. 1), its bound ``alpha / n``, or alpha for each test.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.adjustment import local_level
+    >>> print(f"{local_level(0.05, 200):.7f} {local_level(0.05, 200, 'bonferroni'):.7f}")
+    0.0002564 0.0002500
+    """
+    n = max(n, 1)
+    if correction == "none":
+        return alpha
+    if correction == "bonferroni":
+        return alpha / n
+    return float(-np.expm1(np.log1p(-alpha) / n))
+
+
+@validate_params(
+    {
+        "test": [StrOptions({"w", "tau", "t"})],
+        "level": [Interval(Real, 0, 1, closed="neither")],
+        "dof": [Interval(Integral, 0, None, closed="left")],
+    },
+    prefer_skip_nested_validation=True,
+)
+def critical_value(test, level, dof):
+    """Two-sided critical value of one test (Table 1).
+
+    Parameters
+    ----------
+    test : {"w", "tau", "t"}
+        Baarda's normal test with known sigma0, Pope's tau, or the t of a residual against
+        the scale without it.
+    level : float in (0, 1)
+        Level of this one test.
+    dof : int
+        Degrees of freedom f of the adjustment.
+
+    Returns
+    -------
+    float
+        ``inf`` where nothing can be rejected: tau and t with f < 1, t with f = 1.
+
+    Notes
+    -----
+    tau never exceeds ``sqrt(f)``; with f = 1 it is 1 whatever the data, and so is its
+    critical value.
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.adjustment import critical_value
+    >>> print(f"{critical_value('w', 0.05, 10):.4f} {critical_value('tau', 0.05, 10):.4f}")
+    1.9600 1.9039
+    """
+    if test == "w":
+        return float(-ndtri(level / 2))
+    if dof < 1 or (dof == 1 and test == "t"):
+        return np.inf
+    if dof == 1:
+        return 1.0
+    t = float(-stdtrit(dof - 1, level / 2))
+    return t if test == "t" else t_to_tau(t, dof)
+
+
+def residual_limit(test, level, dof, sigma0, scale):
+    """What a standardized residual may be before the test rejects it.
+
+    tau and t rank residuals alike and decide alike, so both compare with ``scale * tau``.
+    """
+    if test == "w":
+        return sigma0 * critical_value("w", level, dof)
+    # With f = 1 tau is 1 and so is its limit: rounding would decide.
+    return scale * critical_value("tau", level, dof) if dof > 1 else np.inf
+
+
+def first_of_largest(values):
+    """Position of the largest value, the first of equals.
+
+    Equal means to ten digits: with one degree of freedom, or in a regular grid, statistics
+    that are equal on paper differ by rounding, and the order of removal mustn't hang on it.
+    """
+    return int(np.argmax(values >= values.max() * (1 - 1e-10)))
+
+
+def standardized_residuals(residuals, sample_weight, redundancy):
+    """Residual over the root of its cofactor, ``|v_i| / sqrt(q_i)`` with ``q_i = r_i / p_i``.
+
+    Zero where the point is uncontrolled (r_i about 0) or has no weight.
+    """
+    size = np.abs(residuals)
+    if sample_weight is not None:
+        size *= np.sqrt(sample_weight)
+    controlled = redundancy > UNCONTROLLED
+    root = np.sqrt(redundancy, out=np.ones_like(size), where=controlled)
+    size /= root
+    if not controlled.all():
+        size[~controlled] = 0.0
+    return size
+
+
+def statistic(standardized, test, sigma0, scale, dof):
+    """Baarda's w, Pope's tau or t from standardized residuals (Table 1).
+
+    Parameters
+    ----------
+    standardized : ndarray of shape (n,)
+        Output of `standardized_residuals`.
+    test : {"w", "tau", "t"}
+    sigma0 : float
+        Known standard deviation of unit weight, for w.
+    scale : float
+        Estimated one, root of the variance factor, for tau and t.
+    dof : int
+        Degrees of freedom the scale was estimated with, the tested points among them.
+    """
+    if test == "w":
+        return standardized / sigma0
+    tau = standardized / scale
+    return tau if test == "tau" else tau_to_t(tau, dof)
+
+
+def tau_to_t(tau, dof):
+    """t of a residual whose tau is known: ``tau sqrt((f - 1) / (f - tau^2))``.
+
+    It is the statistic with the tested point left out of the scale, without a second
+    adjustment. 0 where f < 2 leaves nothing to estimate that scale from.
+    """
+    if dof < 2:
+        return np.zeros_like(tau)
+    # tau reaches sqrt(f) where all other residuals are 0.
+    rest = np.maximum(dof - tau**2, dof * np.finfo(float).eps)
+    return tau * np.sqrt((dof - 1) / rest)
+
+
+def t_to_tau(t, dof):
+    """Inverse of `tau_to_t`, ``sqrt(f t^2 / (f - 1 + t^2))``, Table 1's critical value."""
+    with np.errstate(over="ignore", divide="ignore"):
+        return np.sqrt(dof / ((dof - 1) / np.square(t) + 1)) if dof > 1 else 1.0
+
+
+def global_test_pvalue(sum_of_squares, sigma0, dof):
+    """Probability of a larger v'Pv / sigma0^2 in clean data; nan without redundancy.
+
+    Near 0: sigma0 is too small, or outliers are left. Near 1: sigma0 is too large.
+    """
+    return float(chdtrc(dof, sum_of_squares / sigma0**2)) if dof > 0 else np.nan

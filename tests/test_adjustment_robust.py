@@ -1,0 +1,99 @@
+"""M-estimation by reweighting against its own equations and scikit-learn's."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from sklearn.linear_model import HuberRegressor
+
+from sklearn_mcmd.adjustment import adjust_plane, m_estimate
+from sklearn_mcmd.adjustment._elimination import own_redundancy
+from sklearn_mcmd.adjustment._robust import huber, robust_scale, tukey
+
+
+@pytest.fixture(name="cloud")
+def contaminated_cloud():
+    rng = np.random.default_rng(0)
+    X = np.column_stack([rng.uniform(0, 10, (300, 2)), np.zeros(300)])
+    X[:, 2] = X[:, :2] @ [0.5, -1] + 2 + rng.normal(scale=0.1, size=300)
+    X[:30, 2] += 2
+    return X
+
+
+@pytest.mark.parametrize("loss", ["huber", "tukey"])
+@pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
+def test_the_plane_is_the_adjustment_with_its_own_equivalent_weights(cloud, loss, surface):
+    plane, weights, _ = m_estimate(cloud, loss=loss, sigma0=0.1, surface=surface)
+    again = adjust_plane(cloud, weights, surface=surface)
+    assert_allclose(again.coef, plane.coef, rtol=1e-6)
+
+
+def test_weighted_residuals_are_orthogonal_to_the_design(cloud):
+    # Eq. 6: A'PWv = 0.
+    p = np.random.default_rng(1).uniform(0.5, 2, len(cloud))
+    plane, weights, _ = m_estimate(cloud, p, sigma0=0.1)
+    residuals = plane.evaluate(cloud)[0]
+    A = np.column_stack([cloud[:, :2] - 5, np.ones(len(cloud))])
+    assert_allclose(A.T @ (p * weights * residuals), 0, atol=1e-3)
+
+
+def test_huber_agrees_with_scikit_learn_for_its_scale(cloud):
+    theirs = HuberRegressor(epsilon=1.345, alpha=0, tol=1e-10, max_iter=1000).fit(
+        cloud[:, :2], cloud[:, 2]
+    )
+    plane, _, _ = m_estimate(cloud, loss="huber", sigma0=theirs.scale_)
+    assert_allclose(plane.coef, theirs.coef_, atol=1e-4)
+    assert_allclose(plane.intercept, theirs.intercept_, atol=1e-3)
+
+
+def test_tukey_takes_gross_outliers_out_of_the_plane(cloud):
+    plane, weights, _ = m_estimate(cloud, loss="tukey", sigma0=0.1)
+    clean = adjust_plane(cloud[30:])
+    assert np.all(weights[:30] < 1e-6)
+    assert_allclose(plane.coef, clean.coef, atol=2e-3)
+
+
+def test_least_squares_is_the_limit_of_a_large_sigma(cloud):
+    plane, weights, _ = m_estimate(cloud, loss="huber", sigma0=1e6)
+    assert np.all(weights == 1)
+    assert_allclose(plane.coef, adjust_plane(cloud).coef, rtol=1e-10)
+
+
+def test_cofactors_of_equivalent_weights_are_those_of_dense_algebra(cloud):
+    X = cloud[:60]
+    p = np.random.default_rng(2).uniform(0.5, 2, len(X))
+    plane, weights, _ = m_estimate(X, p, sigma0=0.1)
+    A = np.column_stack([X[:, :2] - 5, np.ones(len(X))])
+    PW = p * weights
+    R = np.eye(len(X)) - A @ np.linalg.inv(A.T @ (PW[:, None] * A)) @ (A.T * PW)
+    cofactors = np.diag(R @ np.diag(1 / p) @ R.T)
+    _, k, spread = plane.evaluate(X)
+    # The plane's own weights are those of the last but one residuals, a millionth away.
+    assert_allclose(own_redundancy(k, spread, p, weights), p * cofactors, rtol=1e-5)
+
+
+def test_weight_functions_are_one_within_their_limits_and_fall_beyond():
+    assert_allclose(huber(np.array([0, -1.345, 2.69])), [1, 1, 0.5])
+    assert_allclose(tukey(np.array([0, 4.685, -9])), [1, 0, 0])
+    assert np.all(np.diff(tukey(np.linspace(0, 5, 50))) <= 0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_robust_scale_is_near_the_truth_in_clean_data(seed):
+    rng = np.random.default_rng(seed)
+    X = np.column_stack([rng.uniform(size=(5000, 2)), rng.normal(scale=0.3, size=5000)])
+    # The median of 5000 has a standard error of 1.6 %.
+    assert_allclose(m_estimate(X)[2], 0.3, rtol=0.06)
+
+
+def test_the_robust_scale_of_precise_observations_is_that_of_unit_weight():
+    rng = np.random.default_rng(3)
+    p = rng.choice([1.0, 100.0], 5000)
+    residuals = rng.normal(size=5000) / np.sqrt(p)
+    assert_allclose(robust_scale(residuals, p, 3), 1, rtol=0.06)
+
+
+def test_a_fifth_of_one_sided_outliers_enlarges_the_robust_scale_by_a_third():
+    rng = np.random.default_rng(4)
+    X = np.column_stack([rng.uniform(size=(5000, 2)), rng.normal(size=5000)])
+    X[:1000, 2] += 20
+    assert 1.2 < m_estimate(X)[2] < 1.5

@@ -1,0 +1,107 @@
+"""Critical values and local levels against their definitions."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy import stats
+
+from sklearn_mcmd.adjustment import critical_value, local_level
+from sklearn_mcmd.adjustment._tests import (
+    first_of_largest,
+    global_test_pvalue,
+    standardized_residuals,
+    statistic,
+    t_to_tau,
+    tau_to_t,
+)
+
+
+def test_w_has_the_three_critical_values_of_table_1_at_once():
+    c = critical_value("w", 0.01, 5)
+    assert_allclose(c, stats.norm.isf(0.005), rtol=1e-12)
+    assert_allclose(c**2, stats.chi2(1).isf(0.01), rtol=1e-12)
+    assert_allclose(c**2, stats.f(1, 1e12).isf(0.01), rtol=1e-6)
+
+
+def test_t_and_tau_have_the_critical_values_of_table_1():
+    for f in (2, 3, 10, 1000):
+        t = stats.t(f - 1).isf(0.005)
+        assert_allclose(critical_value("t", 0.01, f), t, rtol=1e-9)
+        tau = np.sqrt(f * t**2 / (f - 1 + t**2))
+        assert_allclose(critical_value("tau", 0.01, f), tau, rtol=1e-9)
+        assert critical_value("tau", 0.01, f) <= np.sqrt(f)
+
+
+def test_tau_rejects_a_clean_residual_with_its_level():
+    # tau^2 / f of one residual is Beta(1/2, (f - 1)/2) distributed (Pope).
+    f, level = 12, 0.03
+    c = critical_value("tau", level, f)
+    assert_allclose(stats.beta(0.5, (f - 1) / 2).sf(c**2 / f), level, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("test", "dof", "expected"),
+    [
+        ("tau", 0, np.inf),
+        ("t", 0, np.inf),
+        ("tau", 1, 1.0),
+        ("t", 1, np.inf),
+    ],
+)
+def test_without_redundancy_nothing_can_be_rejected(test, dof, expected):
+    assert critical_value(test, 0.05, dof) == expected
+
+
+def test_tiny_levels_keep_their_digits():
+    assert_allclose(critical_value("w", 1e-30, 5), stats.norm.isf(5e-31), rtol=1e-10)
+
+
+def test_sidak_keeps_the_level_of_the_whole():
+    for n in (1, 7, 10**9):
+        local = local_level(0.05, n)
+        assert_allclose(-np.expm1(n * np.log1p(-local)), 0.05, rtol=1e-12)
+
+
+def test_bonferroni_bounds_sidak_within_three_percent():
+    for n in (1, 10, 10**6):
+        ratio = local_level(0.05, n) / local_level(0.05, n, "bonferroni")
+        assert 1 <= ratio < 1.026
+
+
+def test_no_correction_is_alpha():
+    assert local_level(0.15, 500, "none") == 0.15
+
+
+def test_tau_and_t_decide_alike():
+    rng = np.random.default_rng(0)
+    for f in (2, 5, 50):
+        tau = np.sqrt(f) * np.sqrt(rng.beta(0.5, (f - 1) / 2, 1000))
+        for level in (0.3, 0.05, 0.001):
+            by_tau = tau > critical_value("tau", level, f)
+            by_t = tau_to_t(tau, f) > critical_value("t", level, f)
+            assert np.array_equal(by_tau, by_t)
+
+
+def test_tau_and_t_are_each_other_s_inverse():
+    t = np.array([0.0, 0.5, 3, 100])
+    assert_allclose(tau_to_t(t_to_tau(t, 9), 9), t, rtol=1e-9)
+
+
+def test_an_uncontrolled_point_has_no_statistic():
+    standardized = standardized_residuals(np.array([1e-9, 1.0]), None, np.array([1e-11, 0.25]))
+    assert_allclose(standardized, [0, 2])
+
+
+def test_a_weight_multiplies_the_statistic_by_its_root():
+    size = standardized_residuals(np.array([-1.0]), np.array([4.0]), np.array([1.0]))
+    assert_allclose(statistic(size, "w", 0.5, np.nan, 3), 4)
+
+
+def test_the_first_of_equal_values_is_taken_whatever_their_rounding():
+    assert first_of_largest(np.array([0.0, 1 - 1e-15, 1.0])) == 1
+    assert first_of_largest(np.array([0.0, 1 - 1e-6, 1.0])) == 2
+
+
+def test_global_test_is_the_tail_of_chi_squared():
+    assert_allclose(global_test_pvalue(8.0, 2.0, 3), stats.chi2(3).sf(2.0), rtol=1e-12)
+    assert np.isnan(global_test_pvalue(0.0, 1.0, 0))
