@@ -25,6 +25,7 @@ from sklearn.utils.validation import validate_data
 from sklearn_mcmd._consistent_set import draw_trials, n_support_points, n_trials_needed
 from sklearn_mcmd._local_planes import LocalPlaneModel
 from sklearn_mcmd._neighborhoods import NeighborIndex
+from sklearn_mcmd._resolution import coordinate_step
 from sklearn_mcmd._rules import METHODS
 
 __all__ = [
@@ -96,6 +97,7 @@ class BaseLocalPlanes(BaseEstimator):
             cutoff=self._cutoff,
             reweight=self.refine == "reweight",
             precision=np.finfo(X.dtype).eps,
+            step=coordinate_step(X),
         )
         return X
 

@@ -60,9 +60,13 @@ class LocalPlaneModel:
     reweight : bool
     precision : float
         Relative rounding error of the coordinates, eps of their dtype.
+    step : float, default=0
+        Step to which the coordinates were rounded before.
     """
 
-    def __init__(self, index, trials, *, method, support_fraction, cutoff, reweight, precision):
+    def __init__(
+        self, index, trials, *, method, support_fraction, cutoff, reweight, precision, step=0.0
+    ):
         self.index = index
         self.trials = trials
         self.method = method
@@ -70,6 +74,8 @@ class LocalPlaneModel:
         self.cutoff = cutoff
         self.reweight = reweight
         self.rounding = 8 * precision
+        # At the usual cutoffs a distance of one step is then no outlier.
+        self.least_scale = step / 2
         n, d = index.points.shape
         # Decided by the fitted cloud, so that predicting one row is the same arithmetic.
         self.compiled = (
@@ -130,6 +136,7 @@ class LocalPlaneModel:
             self.cutoff,
             self.reweight,
             self.rounding,
+            self.least_scale,
             saliency,
             planes.distance,
             planes.scale,
@@ -177,6 +184,7 @@ class LocalPlaneModel:
         local, radius = localize(neighborhoods, sizes)
         valid = np.arange(k) < sizes[:, None]
         floor = self.rounding * (np.abs(neighborhoods[:, 0]).max(axis=1) / radius + 1.0)
+        floor = np.maximum(floor, self.least_scale / radius)
         support, flat = None, np.zeros(len(local), dtype=bool)
         if rule.needs_consistent_set:
             n_support = n_support_points(self.support_fraction, sizes, d)

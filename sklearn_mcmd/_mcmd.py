@@ -96,9 +96,10 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
 
     A neighborhood of exactly coplanar points has no scale; rounding of the coordinates takes
     its place, and any point visibly off the plane is an outlier with a very large but finite
-    distance. Neighborhoods that span no plane (coincident or collinear points) have no
-    outliers. Where the cloud holds fewer than `n_neighbors` points, all of them are used,
-    with a warning.
+    distance. Where coordinates are found to be rounded to a step, as in a file in centimeters,
+    half of it is the least scale, so that one step is no outlier. Neighborhoods that span no
+    plane (coincident or collinear points) have no outliers. Where the cloud holds fewer than
+    `n_neighbors` points, all of them are used, with a warning.
 
     The time grows as ``n_samples * n_trials_ * n_neighbors`` and as ``n_samples *
     log(n_samples)`` for the search; the memory beyond the cloud is bounded. In 3D and from

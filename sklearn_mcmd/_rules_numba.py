@@ -33,7 +33,7 @@ PCA, MCMD_Z = METHODS["pca"].code, METHODS["mcmd_z"].code
 @njit(cache=True, nogil=True, error_model="numpy")
 def fit_neighborhoods_3d(
     points, indices, sizes, queries, trials, n_support, method, cutoff, reweight, rounding,
-    saliency, distance, scale, centroids, normals, eigenvalues, directions, removed,
+    least_scale, saliency, distance, scale, centroids, normals, eigenvalues, directions, removed,
 ):  # fmt: skip
     """Apply a method to each neighborhood (Algorithm 4), one row at a time.
 
@@ -47,6 +47,7 @@ def fit_neighborhoods_3d(
     method : code of the rule
     cutoff, reweight : as in ``_rules.mcmd_z``
     rounding : relative rounding error of the coordinates
+    least_scale : what the step of rounded coordinates amounts to, in units of the points
     saliency : whether the plane of the inliers is wanted, beside the query's distance
     distance ... removed : the arrays filled, see ``LocalPlanes``
     """
@@ -63,7 +64,7 @@ def fit_neighborhoods_3d(
             first = points[indices[i, 0], axis]
             query[axis] = (queries[i, axis] - first) / radius
             magnitude = max(magnitude, abs(first))
-        floor = rounding * (magnitude / radius + 1.0)
+        floor = max(rounding * (magnitude / radius + 1.0), least_scale / radius)
 
         degenerate = False
         if method != PCA:

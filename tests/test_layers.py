@@ -15,6 +15,7 @@ LAYERS = {  # a module imports only from lower layers, or from its own
     "_plane": 0,
     "_orientation": 0,
     "_neighborhoods": 0,
+    "_resolution": 0,
     "_consistent_set": 1,
     "_consistent_set_numba": 2,
     "_rules": 2,
