@@ -77,10 +77,10 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
         number doubles with each dimension; beyond 3D it is limited to 300, with a warning.
 
     n_features_in_ : int
-        Number of features seen during :term:`fit`.
+        Number of features seen during `fit`.
 
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
-        Names of features seen during :term:`fit`, when X has names that are all strings.
+        Names of features seen during `fit`, when X has names that are all strings.
 
     See Also
     --------

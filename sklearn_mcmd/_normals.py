@@ -103,10 +103,10 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Size of a neighborhood, of a consistent set, and the number of trials.
 
     n_features_in_ : int
-        Number of features seen during :term:`fit`.
+        Number of features seen during `fit`.
 
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
-        Names of features seen during :term:`fit`, when X has names that are all strings.
+        Names of features seen during `fit`, when X has names that are all strings.
 
     See Also
     --------

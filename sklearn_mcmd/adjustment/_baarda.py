@@ -122,7 +122,7 @@ class BaardaPlaneDetector(PlaneDetector):
         Limit of the scores: minus the critical value for a new point.
     n_features_in_ : int
         Number of columns seen in `fit`.
-    feature_names_in_ : ndarray of str of shape (n_features_in_,)
+    feature_names_in_ : ndarray of str of shape (`n_features_in_`,)
         Their names, if they had any.
 
     See Also

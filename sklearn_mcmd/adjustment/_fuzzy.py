@@ -108,7 +108,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         Limit of the scores.
     n_features_in_ : int
         Number of columns seen in `fit`.
-    feature_names_in_ : ndarray of str of shape (n_features_in_,)
+    feature_names_in_ : ndarray of str of shape (`n_features_in_`,)
         Their names, if they had any.
 
     See Also
