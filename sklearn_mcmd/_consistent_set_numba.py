@@ -30,12 +30,12 @@ TINY = np.float32(1e-30)
 F01, F09 = np.float32(0.1), np.float32(0.9)
 # The median of half-normal distances is 0.845 of their mean; outliers raise the mean.
 FIRST_GUESS = np.float32(0.7)
-# How far the screening's least eigenvalue may be off: rounding of the moments, a few float32
-# steps of the trace, and of the determinant, which flat and long neighborhoods magnify.
 # Beyond so many median radii float32 rounds too coarsely for a bound: all trials are decided
 # in float64.
 FAR = 100.0
-MOST_STEPS = 2.0**60
+MOST_STEPS = 2.0**60  # what an integer key holds
+# How far the screening's least eigenvalue may be off: rounding of the moments, a few float32
+# steps of the trace, and of the determinant, which flat and long neighborhoods magnify.
 SCREEN_RTOL = np.float32(1e-3)
 SCREEN_STEP = np.float32(1e-6)
 
