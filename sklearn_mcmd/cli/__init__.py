@@ -10,6 +10,7 @@ import typer
 from sklearn_mcmd.cli._demo import demo, info
 from sklearn_mcmd.cli._denoise import denoise
 from sklearn_mcmd.cli._normals import normals
+from sklearn_mcmd.cli._plane import plane
 
 # Whatever takes long to import, or is an extra, is imported by the verb that needs it.
 
@@ -46,5 +47,5 @@ def _root(
     pass
 
 
-for verb in (denoise, normals, info, demo):
+for verb in (denoise, normals, plane, info, demo):
     app.command()(verb)

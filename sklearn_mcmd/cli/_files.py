@@ -3,11 +3,12 @@
 import os
 import tempfile
 import warnings
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
-__all__ = ["blank", "read", "rehearse", "with_results", "write"]
+__all__ = ["blank", "read", "rehearse", "standing_in", "with_results", "write"]
 
 
 def with_results(cloud, results):
@@ -55,6 +56,13 @@ def write(target, cloud, noise=None):
 
 def rehearse(target, cloud, noise=None):
     """Write one point beside `target`, so that what must fail does so before the long work."""
+    with standing_in(target) as stand_in:
+        write(stand_in, cloud.subset(slice(0, 1)), None if noise is None else noise[:1])
+
+
+@contextmanager
+def standing_in(target):
+    """A path beside `target` that can be written to on trial; errors name `target` itself."""
     real = Path(os.path.realpath(target))
     if real.is_dir():
         raise ValueError(f"{target}: is a folder; name a file in it")
@@ -70,7 +78,7 @@ def rehearse(target, cloud, noise=None):
             warnings.simplefilter("ignore")  # the performance itself will give them
             stand_in = Path(folder) / target.name
             try:
-                write(stand_in, cloud.subset(slice(0, 1)), None if noise is None else noise[:1])
+                yield stand_in
             except ValueError as err:
                 raise ValueError(str(err).replace(str(stand_in), str(target))) from err
     except OSError as err:
