@@ -136,6 +136,8 @@ def plane(
     sheets = _choose_sheets(source, target, report, plot)
     with clear_exits():
         seconds = stopwatch()
+        with standing_in(target):
+            pass
         sheets = _rehearse_sheets(sheets, plot)
         cloud = read(source, target)
         none = blank(cloud)
