@@ -203,3 +203,62 @@ def test_ties_are_removed_in_the_order_of_rows():
     z[[2, 18]] = 50
     detector = BaardaPlaneDetector().fit(np.column_stack([x, z]))
     assert_array_equal(detector.elimination_step_[[2, 18]], [1, 2])
+
+
+def wall(tilt, noise=0.005):
+    """A sheet of 8 by 3, tilted about its long side, with equal noise in all directions."""
+    rng = np.random.default_rng(0)
+    across = rng.uniform(0, 3, 2000)
+    angle = np.radians(tilt)
+    X = [rng.uniform(0, 8, 2000), across * np.cos(angle), across * np.sin(angle)]
+    return np.column_stack(X) + rng.normal(0, noise, (2000, 3))
+
+
+# sigma0="auto" hides the rejected points, but at 90 degrees the vertical plane misses the wall.
+@pytest.mark.parametrize(("tilt", "sigma0"), [(80, 0.005), (90, 0.005), (90, "auto"), (90, 1.0)])
+@pytest.mark.parametrize("detector", [BaardaPlaneDetector, FuzzyPlaneDetector])
+def test_vertical_residuals_of_a_wall_are_warned_of(detector, tilt, sigma0):
+    with pytest.warns(UserWarning, match=f"tilted by {tilt} degrees.*surface='orthogonal'"):
+        detector(sigma0=sigma0).fit(wall(tilt))
+
+
+@pytest.mark.parametrize("detector", [BaardaPlaneDetector, FuzzyPlaneDetector])
+@pytest.mark.parametrize(("tilt", "surface"), [(30, "vertical"), (90, "orthogonal")])
+def test_planes_on_which_the_surface_is_right_give_no_warning(detector, tilt, surface):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        detector(sigma0=0.005, surface=surface).fit(wall(tilt))
+
+
+def test_noise_of_other_units_than_the_regressors_is_no_wall():
+    rng = np.random.default_rng(0)
+    X = np.column_stack([rng.uniform(0, 1, (500, 2)), rng.normal(0, 100, 500)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        BaardaPlaneDetector(sigma0=100.0).fit(X)
+
+
+@pytest.mark.parametrize("detector", [BaardaPlaneDetector, FuzzyPlaneDetector])
+def test_a_sigma0_whose_square_underflows_rejects_what_is_off_the_plane(detector):
+    X = wall(0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        fitted = detector(sigma0=1e-300).fit(X)
+    assert fitted.global_test_pvalue_ == 0
+    assert np.mean(fitted.labels_ == -1) > 0.9
+
+
+@pytest.mark.parametrize("detector", [BaardaPlaneDetector, FuzzyPlaneDetector])
+def test_a_number_as_sample_weight_is_refused_by_name(detector):
+    with pytest.raises(ValueError, match="sample_weight has shape \\(\\)"):
+        detector().fit(wall(0), sample_weight=2.0)
+
+
+@pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
+def test_residuals_are_observed_minus_adjusted(surface):
+    X = wall(30)
+    fitted = BaardaPlaneDetector(sigma0=0.005, surface=surface).fit(X)
+    direction = fitted.normal_ / (fitted.normal_[-1] if surface == "vertical" else 1)
+    expected = (X - X.mean(axis=0)) @ direction
+    residuals = fitted.residuals(X)
+    np.testing.assert_allclose(residuals - residuals.mean(), expected - expected.mean(), atol=1e-12)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, __version__, cli
-from sklearn_mcmd.cli import app
+from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, __version__
+from sklearn_mcmd.cli import _denoise, _normals, app
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 
 N_ROOM, N_STRAY = 900, 30  # few enough for the form that needs no compilation
@@ -403,8 +403,8 @@ def test_an_output_that_cannot_be_is_refused_before_the_work(
     def work(*args, **kwargs):
         raise AssertionError("the long work began")
 
-    monkeypatch.setattr(cli, "_find_outliers", work)
-    monkeypatch.setattr(cli, "_find_normals", work)
+    monkeypatch.setattr(_denoise, "_find_outliers", work)
+    monkeypatch.setattr(_normals, "_find_normals", work)
     target = bad_output(kind, tmp_path)
     before = files_in(tmp_path)
     line = error_line(run(verb, room_file, target))
@@ -417,7 +417,7 @@ def test_an_attribute_the_output_cannot_hold_is_refused_before_the_work(
     room, tmp_path, monkeypatch
 ):
     write_points(tmp_path / "in.npz", room.with_attributes(**{"a" * 40: np.ones(len(room))}))
-    monkeypatch.setattr(cli, "_find_outliers", None)  # calling it would be a TypeError
+    monkeypatch.setattr(_denoise, "_find_outliers", None)  # calling it would be a TypeError
     line = error_line(run("denoise", tmp_path / "in.npz", tmp_path / "out.laz"))
     assert "longer than the 32 bytes" in line
     assert str(tmp_path / "out.laz") in line
@@ -445,14 +445,14 @@ def test_memory_and_interrupts_end_in_one_line_and_keep_the_old_file(
         raise error
 
     before = room_file.read_bytes()
-    monkeypatch.setattr(cli, "_find_outliers", fail)
+    monkeypatch.setattr(_denoise, "_find_outliers", fail)
     assert text in error_line(run("denoise", room_file, room_file), code)
     assert room_file.read_bytes() == before
     assert files_in(room_file.parent) == ["room.laz"]
 
 
 def test_an_error_of_the_program_itself_is_not_hidden(room_file, tmp_path, monkeypatch):
-    monkeypatch.setattr(cli, "_find_outliers", lambda *args, **kwargs: 1 / 0)
+    monkeypatch.setattr(_denoise, "_find_outliers", lambda *args, **kwargs: 1 / 0)
     result = run("denoise", room_file, tmp_path / "out.laz")
     assert isinstance(result.exception, ZeroDivisionError)
 

@@ -77,7 +77,7 @@ class BaardaPlaneDetector(PlaneDetector):
         set), improved by concentration and reweighting, in place of all points: points that
         fail its test are left out in round 1. Least squares follows outliers gathered at one
         edge and fails there from a share of 20 to 30 %; with this start 45 % of 10 sigma
-        are found, and up to 40 % without knowing sigma.
+        are found, and up to 40 % without knowing sigma or with an orthogonal surface.
     random_state : int, RandomState instance or None, default=None
         Of the trials of the robust start; an int makes results repeatable.
 
@@ -228,8 +228,9 @@ class BaardaPlaneDetector(PlaneDetector):
         Warns
         -----
         UserWarning
-            If there are no more points than parameters, or if so many are rejected that no
-            plane with redundancy would be left.
+            If there are no more points than parameters, if so many are rejected that no
+            plane with redundancy would be left, or if vertical residuals reject points of a
+            steep plane.
         ConvergenceWarning
             If `max_iter` rounds were not enough.
         """
@@ -280,6 +281,7 @@ class BaardaPlaneDetector(PlaneDetector):
         self.offset_ = self._choose_offset(scores, used, -limit)
         self.labels_ = np.where(scores - self.offset_ < 0, -1, 1)
         self._warn_of(state)
+        self._warn_if_steep(X, weights, initial)
         return self
 
     def score_samples(self, X):

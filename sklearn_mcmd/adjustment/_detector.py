@@ -13,6 +13,13 @@ from sklearn_mcmd.adjustment._robust import WEIGHT_FUNCTIONS, m_estimate, zero_s
 
 __all__ = ["PlaneDetector"]
 
+# From 60 degrees on vertical residuals of equal noise in all directions are twice as long as
+# sigma0. The share tells such a mistake from a test that does its work.
+STEEP_TILT = 60.0
+STEEP_SHARE = 0.05
+# Thickness over width of what is taken for a sheet.
+FLATNESS = 0.1
+
 
 class PlaneDetector(OutlierMixin, BaseEstimator):
     """Base class of plane tests; a subclass has `fit` and `score_samples`."""
@@ -72,19 +79,34 @@ class PlaneDetector(OutlierMixin, BaseEstimator):
         """
         return np.where(self.decision_function(X) < 0, -1, 1)
 
+    def residuals(self, X):
+        """Observed minus adjusted, along the last axis or the normal.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            In units of X. Of an orthogonal surface positive on the side of `normal_`.
+        """
+        return self._plane.evaluate(self._check_query(X))[0]
+
     def _check_training(self, X, sample_weight):
         """Validated points, weights (None where all are 1) and which of them count."""
         X = validate_data(self, X, dtype=np.float64, ensure_min_features=2)
         if sample_weight is None:
             return X, None, np.ones(len(X), dtype=bool)
+        shape = np.asarray(sample_weight).shape
+        if shape != (len(X),):
+            raise ValueError(
+                f"sample_weight has shape {shape}; it needs one precision "
+                f"sigma0^2 / sigma_i^2 for each of the {len(X)} points of X."
+            )
         weights = check_array(
             sample_weight, ensure_2d=False, dtype=np.float64, input_name="sample_weight"
         )
-        if weights.shape != (len(X),):
-            raise ValueError(
-                f"sample_weight has shape {weights.shape}; it needs one precision "
-                f"sigma0^2 / sigma_i^2 for each of the {len(X)} points of X."
-            )
         if weights.min() < 0:
             raise ValueError(
                 f"sample_weight has negative values (least: {weights.min()}); precisions are "
@@ -144,6 +166,34 @@ class PlaneDetector(OutlierMixin, BaseEstimator):
                 "without redundancy: nothing can be tested and no point is an outlier.",
                 UserWarning,
                 stacklevel=4,  # past scikit-learn's wrapper of fit
+            )
+
+    def _warn_if_steep(self, X, weights, vertical):
+        """Say so where vertical residuals of a wall reject good points, or miss the wall.
+
+        Whether columns are coordinates or anything else can't be known; a wall is guessed where
+        the points are a thin and steep sheet that either many points fail, or which is much
+        nearer to them than the `vertical` plane is.
+        """
+        if self.surface == "orthogonal" or vertical.dof == 0:
+            return
+        plane = adjust_plane(X, weights, surface="orthogonal")
+        tilt = np.degrees(np.arccos(min(abs(plane.normal[-1]), 1.0)))
+        if tilt < STEEP_TILT:
+            return
+        rejected = np.mean(self.labels_ == -1)
+        thickness = np.sqrt(plane.sum_of_squares)
+        narrowest = 1 / np.linalg.norm(plane.axes, axis=0).max(initial=np.finfo(float).tiny)
+        missed = np.sqrt(vertical.sum_of_squares) * abs(vertical.normal[-1]) > 2 * thickness
+        is_sheet = plane.rank >= 3 and thickness < FLATNESS * narrowest
+        if is_sheet and (missed or rejected > STEEP_SHARE):
+            warnings.warn(
+                f"The points lie along a plane tilted by {tilt:.0f} degrees, of which "
+                f"surface='vertical' rejects {100 * rejected:.0f} %. If all columns are "
+                "coordinates of like precision, as in the scan of a wall, use "
+                "surface='orthogonal'.",
+                UserWarning,
+                stacklevel=4,
             )
 
     def _find_zero_scale(self, X, used):

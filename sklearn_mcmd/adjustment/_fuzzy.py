@@ -207,7 +207,8 @@ class FuzzyPlaneDetector(PlaneDetector):
         Warns
         -----
         UserWarning
-            If there are no more points than parameters.
+            If there are no more points than parameters, or if vertical residuals reject
+            points of a steep plane.
         """
         X, weights, used = self._check_training(X, sample_weight)
         self._find_zero_scale(X, used)
@@ -246,6 +247,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         self.labels_ = np.where(complement - self.offset_ < 0, -1, 1)
         self.labels_[~used] = 1
         self._set_variance_after(X, weights)
+        self._warn_if_steep(X, weights, plane)
         return self
 
     def score_samples(self, X):

@@ -187,4 +187,8 @@ def global_test_pvalue(sum_of_squares, sigma0, dof):
 
     Near 0: sigma0 is too small, or outliers are left. Near 1: sigma0 is too large.
     """
-    return float(chdtrc(dof, sum_of_squares / sigma0**2)) if dof > 0 else np.nan
+    if dof < 1:
+        return np.nan
+    with np.errstate(over="ignore"):
+        ratio = np.square(np.sqrt(sum_of_squares) / sigma0)  # the square of sigma0 may underflow
+    return float(chdtrc(dof, ratio))

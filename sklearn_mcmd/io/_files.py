@@ -22,7 +22,7 @@ from sklearn_mcmd.io._scan_formats import (
 )
 from sklearn_mcmd.io._text import read_text, write_text
 
-__all__ = ["read_points", "supported_extensions", "write_points"]
+__all__ = ["read_points", "replacing", "supported_extensions", "write_points"]
 
 _FORMATS = {
     ".csv": (read_text, write_text),
@@ -212,7 +212,7 @@ def write_points(path, cloud, *, noise=None, encoding=None):
             )
         else:
             cloud = cloud.with_attributes(outlier=noise)
-    with _replacing(path) as temporary, _one_clear_line(path, "written"):
+    with replacing(path) as temporary, _one_clear_line(path, "written"):
         writer(temporary, cloud, **options)
 
 
@@ -251,7 +251,7 @@ def _mask(noise, n_points):
 
 
 @contextmanager
-def _replacing(path):
+def replacing(path):
     """A temporary name beside ``path`` that takes its place when the block has succeeded."""
     target = Path(os.path.realpath(path))  # a link keeps pointing to the file it names
     if not target.parent.is_dir():

@@ -1,0 +1,239 @@
+"""A report of a fitted plane test that a surveyor can file, as a figure."""
+
+import numpy as np
+from scipy.special import ndtri, stdtrit
+
+from sklearn_mcmd.adjustment._report import check_points, describe, share
+from sklearn_mcmd.adjustment._tests import t_to_tau
+
+__all__ = ["plot_report"]
+
+# A figure of more points shows no more, and takes minutes.
+MAX_DRAWN = 50_000
+# Width of the histogram, in deviations of the inliers.
+MAX_DEVIATIONS = 15
+BLUE, RED, GRAY = "#1f77b4", "#d62728", "#7f7f7f"
+
+
+def plot_report(detector, X, *, title="Plane test", unit="", figure=None):
+    """Residual map, histogram against the normal curve, and memberships or statistics.
+
+    Parameters
+    ----------
+    detector : BaardaPlaneDetector or FuzzyPlaneDetector
+        Fitted to X.
+    X : array-like of shape (n_samples, n_features)
+        The training points.
+    title : str, default="Plane test"
+    unit : str, default=""
+        Unit of X, for example "m"; only printed.
+    figure : matplotlib.figure.Figure, default=None
+        Where to draw; a new figure that belongs to no window when None.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        ``figure.savefig("report.png")`` files it.
+
+    Raises
+    ------
+    ImportError
+        If matplotlib is missing.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise ImportError(
+            'plot_report needs matplotlib: pip install "sklearn-mcmd[plot]"'
+        ) from error
+    X = check_points(detector, X)
+    figure = figure or Figure(figsize=(11.7, 8.3), layout="constrained")  # A4
+    view, names = _view(detector, X)
+    wide = view.shape[1] >= 2 and np.ptp(view[:, 0]) > 1.5 * np.ptp(view[:, 1])
+    if wide:
+        panels = figure.subplot_mosaic("mm;ht")
+    else:
+        panels = figure.subplot_mosaic("mh;mt", width_ratios=[1.2, 1])
+    residuals = detector.residuals(X)
+    outliers = detector.labels_ == -1
+    suffix = f" [{unit}]" if unit else ""
+    figure.suptitle(title, fontsize="x-large")
+    figure.supxlabel(_key_figures(detector, outliers, unit), fontsize="medium")
+    _draw_map(panels["m"], view, names, residuals, outliers, suffix)
+    _draw_histogram(panels["h"], residuals, outliers, suffix)
+    if hasattr(detector, "membership_residual_"):
+        _draw_memberships(panels["t"], detector)
+    else:
+        _draw_statistics(panels["t"], detector, outliers)
+    return figure
+
+
+def _key_figures(detector, outliers, unit):
+    """The lines below the panels."""
+    unit = f" {unit}" if unit else ""
+    tilt = np.rad2deg(np.arccos(min(abs(detector.normal_[-1]), 1.0)))
+    known = "robust estimate" if detector.sigma0 == "auto" else "given"
+    normal = ", ".join(f"{value:.6f}" for value in detector.normal_)
+    return "\n".join(
+        [
+            f"{share(outliers.sum(), len(outliers))} outliers; deviation of one observation "
+            f"without them {np.sqrt(detector.variance_factor_):.4g}{unit}",
+            f"Normal ({normal}), tilt {tilt:.3f} degrees",
+            f"Test {detector.test}, alpha {detector.alpha:g}, correction {detector.correction}, "
+            f"critical value {detector.critical_value_:.3f}, "
+            f"sigma0 {detector.sigma0_:.4g}{unit} ({known})",
+            describe(detector),
+        ]
+    )
+
+
+def _thinned(rows):
+    """At most `MAX_DRAWN` of the rows, evenly picked."""
+    return rows[:: len(rows) // MAX_DRAWN + 1]
+
+
+def _draw_map(axes, view, names, residuals, outliers, suffix):
+    """Where the residuals are."""
+    good, bad = (_thinned(np.flatnonzero(mask)) for mask in (~outliers, outliers))
+    marks = {"s": 9, "marker": "x", "c": "k", "linewidths": 0.6, "label": "outlier"}
+    if view.shape[1] >= 2:
+        # Not the largest residual: one point would take the colors from all others.
+        reach = np.percentile(np.abs(residuals[good]), 99) if len(good) else 1.0
+        shown = axes.scatter(
+            *view[good, :2].T, c=residuals[good], s=4, cmap="coolwarm", vmin=-(reach or 1.0),
+            vmax=reach or 1.0, linewidths=0, rasterized=True,
+        )  # fmt: skip
+        axes.scatter(*view[bad, :2].T, **marks, rasterized=True)
+        axes.set_aspect("equal", adjustable="box")
+        bar = axes.figure.colorbar(
+            shown, ax=axes, label=f"residual of inliers{suffix}", extend="both",
+            location="bottom", shrink=0.8, aspect=40, pad=0.02,
+        )  # fmt: skip
+        bar.ax.locator_params(nbins=6)
+    else:
+        along = view[:, 0] if view.shape[1] else np.zeros(len(residuals))
+        axes.scatter(along[good], residuals[good], s=4, c=BLUE, rasterized=True)
+        axes.scatter(along[bad], residuals[bad], **marks, rasterized=True)
+        names = [names[0] if names else "", "residual"]
+    axes.set(title="Residual map", xlabel=names[0] + suffix, ylabel=names[1] + suffix)
+    if len(bad):
+        axes.legend(loc="lower right", bbox_to_anchor=(1, 1), markerscale=2, frameon=False)
+
+
+def _view(detector, X):
+    """Map coordinates of the points and their names.
+
+    A plane in space that is steeper than 45 degrees is seen from the side its normal points
+    to, level line to the right and height up; all others from above.
+    """
+    normal = detector.normal_
+    if X.shape[1] == 3 and detector.surface == "orthogonal" and abs(normal[2]) < np.sqrt(0.5):
+        right = np.array([-normal[1], normal[0], 0.0]) / np.hypot(*normal[:2])
+        along = (X - detector._plane.center) @ right
+        height, offset = _without_offset(X[:, 2])
+        return np.column_stack([along, height]), ["along the level line", f"z{offset}"]
+    names = ["x", "y"] if X.shape[1] <= 3 else [f"column {i}" for i in range(X.shape[1] - 1)]
+    columns = [_without_offset(column) for column in X[:, :-1].T]
+    view = np.column_stack([values for values, _ in columns])
+    return view, [name + offset for name, (_, offset) in zip(names, columns, strict=False)]
+
+
+def _without_offset(values):
+    """Values that fit on an axis, and what was taken off them, for its name."""
+    low, high = values.min(), values.max()
+    if max(abs(low), abs(high)) < 1000 * (high - low) or low == high:
+        return values, ""
+    step = 10.0 ** np.ceil(np.log10(high - low))
+    offset = np.floor(low / step) * step
+    return values - offset, f" {'-' if offset > 0 else '+'} {abs(offset):.10g}"
+
+
+def _draw_histogram(axes, residuals, outliers, suffix):
+    """Residuals against the normal curve of the inliers' scale."""
+    inliers = residuals[~outliers]
+    scale = inliers.std() if len(inliers) else 0.0
+    if scale == 0:
+        scale = max(np.abs(residuals).max(), 1.0)
+    largest = np.abs(residuals).max() / scale
+    reach = np.clip(np.ceil(largest), 4, MAX_DEVIATIONS)
+    bins = scale * np.linspace(-reach, reach, int(10 * reach) + 1)
+    # What lies beyond is counted in the last bins, so that nothing goes unseen.
+    highest = 1.0
+    for values, color, name in (
+        (inliers, BLUE, "inliers"),
+        (residuals[outliers], RED, "outliers"),
+    ):
+        if len(values):
+            clipped = np.clip(values, bins[0], bins[-1])
+            counts, _, _ = axes.hist(clipped, bins, color=color, alpha=0.7, label=name)
+            highest = max(highest, counts.max())
+    curve = np.linspace(bins[0], bins[-1], 800)
+    density = np.exp(-0.5 * (curve / scale) ** 2) / (scale * np.sqrt(2 * np.pi))
+    axes.plot(curve, density * len(inliers) * (bins[1] - bins[0]), color="k", label="normal curve")
+    beyond = f", beyond {MAX_DEVIATIONS} deviations in the last bin" if largest > reach else ""
+    axes.set(
+        title="Residuals", xlabel=f"residual{suffix}{beyond}", ylabel="points", yscale="log",
+        ylim=(0.5, 3 * highest),
+    )  # fmt: skip
+    axes.locator_params(axis="x", nbins=7)
+    axes.legend(loc="best")
+
+
+def _draw_memberships(axes, detector):
+    """m_M and the verdict over the test statistic."""
+    outliers = detector.labels_ == -1
+    for mask, color, name in ((~outliers, BLUE, "inlier"), (outliers, RED, "outlier")):
+        rows = _thinned(np.flatnonzero(mask))
+        if len(rows):
+            axes.scatter(
+                detector.test_statistic_[rows], detector.membership_residual_[rows],
+                s=8, c=color, label=f"m$_M$, {name}", rasterized=True,
+            )  # fmt: skip
+    rows = _thinned(np.arange(len(outliers)))
+    axes.scatter(
+        detector.test_statistic_[rows], detector.membership_[rows],
+        s=3, c=GRAY, label="m$_H$", zorder=0, rasterized=True,
+    )  # fmt: skip
+    axes.axvline(detector.critical_value_, color="k", linestyle="--", label="critical value")
+    axes.set(title="Memberships", xlabel=f"test statistic {detector.test}", ylabel="membership")
+    axes.legend(loc="center right")
+
+
+def _draw_statistics(axes, detector, outliers):
+    """Test statistics in ascending order, and those to be expected of the inliers."""
+    order = np.argsort(detector.test_statistic_, kind="stable")
+    statistic = detector.test_statistic_[order]
+    rank = np.arange(1, len(order) + 1)
+    for mask, color, name in ((~outliers, BLUE, "inlier"), (outliers, RED, "outlier")):
+        rows = _thinned(np.flatnonzero(mask[order]))
+        if len(rows):
+            axes.scatter(rank[rows], statistic[rows], s=6, c=color, label=name, rasterized=True)
+    n = np.count_nonzero(~outliers)
+    if n:
+        ranks = np.unique(np.linspace(1, n, 500).astype(int))
+        expected = _expected(detector, (ranks - 0.5) / n)
+        axes.plot(ranks, expected, color="k", lw=1, label="expected without outliers")
+    limit = detector.critical_value_
+    if np.isfinite(limit):
+        axes.axhline(limit, color="k", linestyle="--", label="critical value")
+        # Linear up to the critical value, logarithmic beyond.
+        axes.set_yscale("symlog", linthresh=limit, linscale=2.5, subs=range(2, 10))
+        ticks = np.arange(0, np.floor(limit) + 1, max(np.floor(limit / 4), 1))
+        tens = 10.0 ** np.arange(np.ceil(np.log10(limit)), 20)
+        axes.set_yticks([*ticks, *tens[tens <= 2 * statistic.max()]])
+        axes.yaxis.set_major_formatter("{x:g}")
+    axes.set(
+        title="Test statistics", xlabel="points, in ascending order",
+        ylabel=f"test statistic {detector.test}",
+        ylim=(0, 1.3 * max(statistic.max(), limit if np.isfinite(limit) else 1)),
+    )  # fmt: skip
+    axes.legend(loc="center left")
+
+
+def _expected(detector, probability):
+    """Quantiles of the statistic in clean data."""
+    level = 1 - probability
+    if detector.test == "w" or detector.dof_ < 2:
+        return -ndtri(level / 2)
+    t = -stdtrit(detector.dof_ - 1, level / 2)
+    return t if detector.test == "t" else t_to_tau(t, detector.dof_)

@@ -1,0 +1,51 @@
+"""The ``mcmd`` command: verbs that map one to one to estimators.
+
+Exit codes: 0 done; 1 failed, with one line on stderr; 2 wrong usage; 130 interrupted.
+"""
+
+from typing import Annotated
+
+import typer
+
+from sklearn_mcmd.cli._demo import demo, info
+from sklearn_mcmd.cli._denoise import denoise
+from sklearn_mcmd.cli._normals import normals
+from sklearn_mcmd.cli._plane import plane
+
+# Whatever takes long to import, or is an extra, is imported by the verb that needs it.
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    name="mcmd",
+    help="Outliers, normals and curvature of point clouds: LAS, LAZ, PLY, PCD, E57, XYZ, TXT, CSV, "
+    "NPY, NPZ, chosen by the extension.",
+    epilog="Exit codes: 0 done, 1 failed (one line on stderr says why), 2 wrong usage, "
+    "130 interrupted. An output file appears only when it is whole; it may be the input.",
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _show_version(value: bool):
+    if value:
+        from sklearn_mcmd import __version__
+
+        typer.echo(f"mcmd {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
+    ] = False,
+):
+    pass
+
+
+for verb in (denoise, normals, plane, info, demo):
+    app.command()(verb)

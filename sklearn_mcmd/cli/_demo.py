@@ -1,0 +1,63 @@
+"""``mcmd info`` and ``mcmd demo``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sklearn_mcmd.cli._denoise import denoise
+from sklearn_mcmd.cli._files import read
+from sklearn_mcmd.cli._normals import normals
+from sklearn_mcmd.cli._options import InFile, NJobs, Quiet
+from sklearn_mcmd.cli._speech import clear_exits, print_table, progress_bar, stopwatch
+
+__all__ = ["demo", "info"]
+
+
+def info(source: InFile):
+    """Show what a file holds: points, bounds, spacing, duplicates, attributes."""
+    with clear_exits():
+        from sklearn_mcmd._file_summary import summarize
+
+        print_table(str(source), **summarize(source, read(source)))
+
+
+def demo(
+    folder: Annotated[
+        Path, typer.Argument(metavar="[DIR]", help="Where to; made if need be.")
+    ] = Path("mcmd-demo"),
+    n_jobs: NJobs = -1,
+    quiet: Quiet = False,
+):
+    """Clean a made-up street scan whose truth is known, and show how well that went.
+
+    Writes street.laz (with outliers, and the truth as attributes), clean.laz, normals.laz and
+    demo.png, and prints the accuracy.
+    """
+    with clear_exits():
+        seconds = stopwatch()
+        from sklearn_mcmd import _demo
+
+        street, clean, with_normals = (
+            folder / f"{name}.laz" for name in ("street", "clean", "normals")
+        )
+        _demo.write_street(street)
+        denoise(street, clean, n_jobs=n_jobs, quiet=quiet)
+        normals(clean, with_normals, n_jobs=n_jobs, quiet=quiet)
+        with progress_bar("Accuracy", quiet):
+            angles = _demo.normal_errors(street, n_jobs)
+        rates = _demo.outlier_rates(street, clean)
+        _demo.draw(street, clean, with_normals, folder / "demo.png")
+        if not quiet:
+            print_table(
+                "Outliers, against the truth",
+                **{name: f"{100 * rate:.1f} %" for name, rate in rates.items()},
+            )
+            print_table(
+                f"Normals of {street}, outliers and all: angle to the truth",
+                **{
+                    method: f"median {median:.2f}, 95 % below {high:.1f} degrees"
+                    for method, (median, high) in angles.items()
+                },
+            )
+            typer.echo(f"Picture: {folder / 'demo.png'}; {seconds():.1f} seconds in all.")

@@ -1,0 +1,118 @@
+"""``mcmd denoise``."""
+
+import warnings
+from enum import StrEnum
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from sklearn_mcmd.cli._files import read, rehearse, with_results, write
+from sklearn_mcmd.cli._options import (
+    Cutoff,
+    InFile,
+    NJobs,
+    NNeighbors,
+    OutFile,
+    OutlierRate,
+    Quiet,
+    RandomState,
+)
+from sklearn_mcmd.cli._speech import clear_exits, print_table, progress_bar, stopwatch
+
+__all__ = ["denoise"]
+
+# Standard deviations that no measured noise leads to, only the rounding of floats.
+EXACT_PLANE_SCORE = 1e6
+
+
+class Mode(StrEnum):
+    drop = "drop"
+    mark = "mark"
+
+
+class OutlierMethod(StrEnum):
+    mcmd_z = "mcmd_z"
+    mcmd_md = "mcmd_md"
+
+
+def denoise(
+    source: InFile,
+    target: OutFile,
+    mode: Annotated[
+        Mode,
+        typer.Option(
+            help="drop: leave outliers out. mark: keep all points, outliers as class 7 (noise) in "
+            "LAS and LAZ, as attribute 'outlier' elsewhere, beside an 'outlier_score'."
+        ),
+    ] = Mode.drop,
+    n_neighbors: NNeighbors = 50,
+    method: Annotated[
+        OutlierMethod,
+        typer.Option(
+            help="mcmd_z: distance to the plane. mcmd_md: distance within the plane counts as well."
+        ),
+    ] = OutlierMethod.mcmd_z,
+    cutoff: Cutoff = None,
+    outlier_rate: OutlierRate = 0.5,
+    random_state: RandomState = 0,
+    n_jobs: NJobs = -1,
+    quiet: Quiet = False,
+):
+    """Remove or mark the points that lie off the plane of their neighborhood."""
+    with clear_exits():
+        seconds = stopwatch()
+        cloud = read(source, target)
+        mark = mode is Mode.mark
+        blank = np.zeros(len(cloud))
+        rehearse(target, *_denoised(cloud, blank > 0, blank, mark))
+        is_outlier, score = _find_outliers(
+            cloud.xyz,
+            quiet,
+            n_neighbors=n_neighbors,
+            method=str(method),
+            cutoff=cutoff,
+            outlier_rate=outlier_rate,
+            random_state=random_state,
+            n_jobs=n_jobs,
+        )
+        _warn_if_without_scale(score)
+        write(target, *_denoised(cloud, is_outlier, score, mark))
+        if not quiet:
+            n_outliers = int(np.count_nonzero(is_outlier))
+            verb = "marked" if mark else "removed"
+            print_table(
+                f"{source} -> {target}",
+                points=f"{len(cloud):,}",
+                **{verb: f"{n_outliers:,} ({100 * n_outliers / len(cloud):.2f} %)"},
+                seconds=f"{seconds():.1f}",
+            )
+
+
+def _find_outliers(xyz, quiet, **params):
+    """Whether each point is an outlier, and its robust distance to its plane."""
+    from sklearn_mcmd import MCMDOutlierDetector
+
+    with progress_bar("Outliers", quiet):
+        detector = MCMDOutlierDetector(**params).fit(xyz)
+        scores = detector.score_samples(xyz)
+    return scores < detector.offset_, -scores
+
+
+def _warn_if_without_scale(score):
+    """Say so where exact planes, which have no noise to measure by, made many outliers."""
+    share = np.count_nonzero(score > EXACT_PLANE_SCORE) / len(score)
+    if share >= 0.01:
+        warnings.warn(
+            f"{100 * share:.1f} % of the points are outliers only because most of their neighbors "
+            "lie exactly in one plane, as where coordinates are rounded more coarsely than the "
+            "noise; check these before they are dropped (--mode mark)",
+            stacklevel=2,
+        )
+
+
+def _denoised(cloud, is_outlier, score, mark):
+    """The cloud to write, and the points to mark in it."""
+    if not mark:
+        return cloud.subset(~is_outlier), None
+    return with_results(cloud, {"outlier_score": score.astype(np.float32)}), is_outlier

@@ -1,0 +1,88 @@
+"""What the verbs read and write; what must fail does so before the long work."""
+
+import os
+import tempfile
+import warnings
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+__all__ = ["blank", "read", "rehearse", "standing_in", "with_results", "write"]
+
+
+def with_results(cloud, results):
+    """The cloud with results, which replace input attributes written under the same names."""
+    from sklearn_mcmd.io import PointCloud
+    from sklearn_mcmd.io._point_cloud import flat_columns
+
+    kept, replaced = {}, []
+    for name, values in cloud.attributes.items():
+        if name not in results and not flat_columns({name: values}).keys().isdisjoint(results):
+            replaced.append(name)
+        else:
+            kept[name] = values
+    if replaced:
+        warnings.warn(
+            f"the results replace what the input calls {', '.join(replaced)}", stacklevel=2
+        )
+    return PointCloud(cloud.xyz, {**kept, **results}, dict(cloud.metadata), cloud.n_dropped)
+
+
+def blank(cloud):
+    return np.zeros(len(cloud), dtype=np.float32)
+
+
+def read(source, target=None):
+    """Read a cloud; a `target` that cannot be written is refused before."""
+    from sklearn_mcmd.io import PointCloud, read_points
+
+    if target is not None:
+        rehearse(target, PointCloud(np.zeros((1, 3))))
+    cloud = read_points(source)
+    if cloud.n_dropped:
+        warnings.warn(
+            f"{source}: {cloud.n_dropped:,} points without finite coordinates are left out",
+            stacklevel=2,
+        )
+    return cloud
+
+
+def write(target, cloud, noise=None):
+    from sklearn_mcmd.io import write_points
+
+    write_points(target, cloud, noise=noise)
+
+
+def rehearse(target, cloud, noise=None):
+    """Write one point beside `target`, so that what must fail does so before the long work."""
+    with standing_in(target) as stand_in:
+        write(stand_in, cloud.subset(slice(0, 1)), None if noise is None else noise[:1])
+
+
+@contextmanager
+def standing_in(target):
+    """A path beside `target` that can be written to on trial; errors name `target` itself."""
+    real = Path(os.path.realpath(target))
+    if real.is_dir():
+        raise ValueError(f"{target}: is a folder; name a file in it")
+    if not real.parent.is_dir():
+        raise ValueError(f"{target}: the folder {real.parent} does not exist")
+    if real.exists() and not os.access(real, os.W_OK):
+        raise ValueError(f"{target}: the file is write-protected")
+    try:
+        with (
+            tempfile.TemporaryDirectory(prefix=".mcmd-", dir=real.parent) as folder,
+            warnings.catch_warnings(),
+        ):
+            warnings.simplefilter("ignore")  # the performance itself will give them
+            stand_in = Path(folder) / target.name
+            try:
+                yield stand_in
+            except ValueError as err:
+                raise ValueError(str(err).replace(str(stand_in), str(target))) from err
+    except OSError as err:
+        raise ValueError(
+            f"{target}: cannot be written: {(err.strerror or str(err)).lower()}; check the "
+            f"permissions of {real.parent}"
+        ) from err

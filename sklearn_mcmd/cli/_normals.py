@@ -1,0 +1,145 @@
+"""``mcmd normals``."""
+
+from enum import StrEnum
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from sklearn_mcmd.cli._files import blank, read, rehearse, with_results, write
+from sklearn_mcmd.cli._options import (
+    Cutoff,
+    InFile,
+    NJobs,
+    NNeighbors,
+    OutFile,
+    OutlierRate,
+    Quiet,
+    RandomState,
+)
+from sklearn_mcmd.cli._speech import clear_exits, print_table, progress_bar, stopwatch
+
+__all__ = ["normals"]
+
+_NORMAL_COLUMNS = (
+    *("normal_x", "normal_y", "normal_z", "surface_variation"),
+    *("eigenvalue_0", "eigenvalue_1", "eigenvalue_2", "removed_fraction"),
+)
+
+
+class NormalMethod(StrEnum):
+    mcmd_z = "mcmd_z"
+    mcmd_md = "mcmd_md"
+    pca = "pca"
+
+
+class Orientation(StrEnum):
+    none = "none"
+    up = "up"
+    viewpoint = "viewpoint"
+    mst = "mst"
+
+
+def normals(
+    source: InFile,
+    target: OutFile,
+    n_neighbors: NNeighbors = 50,
+    method: Annotated[
+        NormalMethod,
+        typer.Option(
+            help="How outliers of a neighborhood are found before its plane is fitted; pca: not "
+            "at all."
+        ),
+    ] = NormalMethod.mcmd_z,
+    radius: Annotated[
+        float | None,
+        typer.Option(help="Largest distance of a neighbor, in units of the file.", min=0.0),
+    ] = None,
+    orientation: Annotated[
+        Orientation,
+        typer.Option(
+            help="Which of two opposite normals. none, up: the one with positive z. viewpoint: the "
+            "one to the scanner. mst: neighbors agree."
+        ),
+    ] = Orientation.none,
+    viewpoint: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="The scanner, for --orientation viewpoint."),
+    ] = None,
+    cutoff: Cutoff = None,
+    outlier_rate: OutlierRate = 0.5,
+    random_state: RandomState = 0,
+    n_jobs: NJobs = -1,
+    quiet: Quiet = False,
+):
+    """Add normals, curvature and eigenvalues, robust to outliers and edges.
+
+    All points are kept. New attributes, float32: normal_x, normal_y, normal_z, surface_variation
+    (curvature: 0 on a plane, at most 1/3), eigenvalue_0 to eigenvalue_2 (ascending), and
+    removed_fraction, the share of the neighborhood that was left out.
+    """
+    viewpoint = _parse_viewpoint(orientation, viewpoint)
+    with clear_exits():
+        seconds = stopwatch()
+        if target.suffix.lower() == ".e57":
+            raise ValueError(f"{target}: E57 has no place for normals; write another format")
+        cloud = read(source, target)
+        rehearse(target, with_results(cloud, dict.fromkeys(_NORMAL_COLUMNS, blank(cloud))))
+        results = _find_normals(
+            cloud.xyz,
+            quiet,
+            n_neighbors=n_neighbors,
+            method=str(method),
+            radius=radius,
+            orientation={"none": None, "up": [0.0, 0.0, 1.0]}.get(orientation, str(orientation)),
+            viewpoint=viewpoint,
+            cutoff=cutoff,
+            outlier_rate=outlier_rate,
+            random_state=random_state,
+            n_jobs=n_jobs,
+        )
+        write(target, with_results(cloud, results))
+        if not quiet:
+            removed = float(results["removed_fraction"].mean(dtype=np.float64))
+            print_table(
+                f"{source} -> {target}",
+                points=f"{len(cloud):,}",
+                removed=f"{100 * removed:.2f} % of an average neighborhood",
+                curvature=f"{np.median(results['surface_variation']):.2g} (median)",
+                seconds=f"{seconds():.1f}",
+            )
+
+
+def _find_normals(xyz, quiet, **params):
+    """The columns `_NORMAL_COLUMNS`."""
+    from sklearn_mcmd import RobustNormalEstimator
+
+    with progress_bar("Normals", quiet):
+        fitted = RobustNormalEstimator(**params).fit(xyz)
+    columns = np.column_stack(
+        [
+            fitted.normals_,
+            fitted.surface_variation_,
+            fitted.eigenvalues_,
+            fitted.removed_fraction_,
+        ]
+    )
+    return dict(zip(_NORMAL_COLUMNS, columns.astype(np.float32).T.copy(), strict=True))
+
+
+def _parse_viewpoint(orientation, text):
+    """Three numbers, or None; whatever is wrong is wrong usage."""
+    if (text is not None) != (orientation is Orientation.viewpoint):
+        raise typer.BadParameter("--orientation viewpoint and --viewpoint X,Y,Z go together.")
+    if text is None:
+        return None
+    try:
+        position = [float(part) for part in text.split(",")]
+    except ValueError:
+        position = []
+    if len(position) != 3 or not np.isfinite(position).all():
+        raise typer.BadParameter(
+            f"{text!r} is not three numbers separated by commas, such as 2.5,1,2.",
+            param_hint="--viewpoint",
+        )
+    return position

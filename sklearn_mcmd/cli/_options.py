@@ -1,0 +1,51 @@
+"""Arguments and options that several verbs share."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+__all__ = [
+    "Cutoff",
+    "InFile",
+    "NJobs",
+    "NNeighbors",
+    "OutFile",
+    "OutlierRate",
+    "Quiet",
+    "RandomState",
+]
+
+InFile = Annotated[Path, typer.Argument(metavar="IN", help="Point file to read.")]
+OutFile = Annotated[
+    Path, typer.Argument(metavar="OUT", help="Point file to write, of any format; may be IN.")
+]
+NNeighbors = Annotated[
+    int,
+    typer.Option(
+        min=4, help="Points in a neighborhood, the point itself included. More is smoother."
+    ),
+]
+Cutoff = Annotated[
+    float | None,
+    typer.Option(
+        help="Distance beyond which a point is an outlier, in robust standard deviations.",
+        show_default="2.5, for mcmd_md 3.06",
+    ),
+]
+OutlierRate = Annotated[
+    float,
+    typer.Option(
+        min=0.0,
+        max=0.99,
+        help="Largest share of outliers in a neighborhood to be prepared for; sets the number of "
+        "trials, not the share that is removed.",
+    ),
+]
+RandomState = Annotated[
+    int, typer.Option(min=0, max=2**32 - 1, help="Seed; the same seed gives the same file.")
+]
+NJobs = Annotated[int, typer.Option(help="Threads; -1 is one a processor.")]
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", help="No progress bar and no summary; warnings stay.")
+]

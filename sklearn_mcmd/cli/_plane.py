@@ -1,0 +1,294 @@
+"""``mcmd plane``."""
+
+import os
+import warnings
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from sklearn_mcmd.cli._files import blank, read, rehearse, standing_in, with_results, write
+from sklearn_mcmd.cli._options import InFile, OutFile, Quiet, RandomState
+from sklearn_mcmd.cli._speech import clear_exits, print_table, progress_bar, stopwatch
+
+__all__ = ["plane"]
+
+FIGURE_EXTENSIONS = (".png", ".pdf", ".svg")
+
+
+class Method(StrEnum):
+    baarda = "baarda"
+    fuzzy = "fuzzy"
+
+
+class Test(StrEnum):
+    w = "w"
+    tau = "tau"
+    t = "t"
+
+
+class Correction(StrEnum):
+    sidak = "sidak"
+    bonferroni = "bonferroni"
+    none = "none"
+
+
+class Elimination(StrEnum):
+    single = "single"
+    all = "all"
+
+
+class Surface(StrEnum):
+    orthogonal = "orthogonal"
+    vertical = "vertical"
+
+
+def plane(
+    source: InFile,
+    target: OutFile,
+    method: Annotated[
+        Method,
+        typer.Option(
+            help="baarda: data snooping, remove the worst point and adjust again. fuzzy: one "
+            "adjustment and a limit between the two groups; at the same critical value the "
+            "weaker test."
+        ),
+    ] = Method.baarda,
+    test: Annotated[
+        Test,
+        typer.Option(
+            help="w: residuals against sigma0. tau, t: against their own scale, blind beyond "
+            "some 5 % of outliers."
+        ),
+    ] = Test.w,
+    alpha: Annotated[
+        float, typer.Option(help="Level of the test of the whole cloud, between 0 and 1.")
+    ] = 0.05,
+    sigma0: Annotated[
+        str,
+        typer.Option(
+            metavar="NUMBER|auto",
+            help="Standard deviation of a coordinate, in units of the file. Give it where you "
+            "know it. auto: a robust scale of the residuals, by which a rough surface is as "
+            "good as a smooth one.",
+        ),
+    ] = "auto",
+    correction: Annotated[
+        Correction | None,
+        typer.Option(
+            help="Level of one point: none is alpha itself, which flags that share of good points.",
+            show_default="sidak, for fuzzy none",
+        ),
+    ] = None,
+    elimination: Annotated[
+        Elimination | None,
+        typer.Option(
+            help="baarda only: remove the worst point of each round, or all rejected ones.",
+            show_default="single",
+        ),
+    ] = None,
+    surface: Annotated[
+        Surface,
+        typer.Option(
+            help="orthogonal: distances from the plane, right for every tilt. vertical: along z, "
+            "for heights over exact positions; wrong for walls."
+        ),
+    ] = Surface.orthogonal,
+    robust_start: Annotated[
+        bool | None,
+        typer.Option(
+            "--robust-start/--no-robust-start",
+            help="baarda only: start from the plane of the most coplanar half, so that outliers "
+            "at one edge do not tilt it; --no-robust-start is the paper's least squares.",
+            show_default="robust-start",
+        ),
+    ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(help="Text report.", show_default="OUT with _report.txt for its extension"),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            help="Figure: .png, .pdf or .svg.",
+            show_default="OUT with _report.png for its extension",
+        ),
+    ] = None,
+    unit: Annotated[
+        str, typer.Option(help="Unit of the file, such as m; it is only printed.")
+    ] = "",
+    random_state: RandomState = 0,
+    quiet: Quiet = False,
+):
+    """Test one plane, such as a wall or a floor: mark its outliers and write a report.
+
+    All points are kept. Outliers are class 7 (noise) in LAS and LAZ, attribute 'outlier'
+    elsewhere, beside 'residual' (in units of the file) and 'test_statistic', float32. The
+    report, text and figure, holds the plane, its quality and the residuals.
+    """
+    params = _detector_params(
+        method, alpha, test, _parse_sigma0(sigma0), correction, elimination, surface, robust_start
+    )
+    if method is Method.baarda:
+        params["random_state"] = random_state
+    sheets = _choose_sheets(source, target, report, plot)
+    with clear_exits():
+        seconds = stopwatch()
+        with standing_in(target):
+            pass
+        sheets = _rehearse_sheets(sheets, plot)
+        cloud = read(source, target)
+        none = blank(cloud)
+        rehearse(target, *_tested(cloud, none > 0, none, none))
+        detector, residuals = _test_plane(cloud.xyz, quiet, method, params)
+        with progress_bar("Report", quiet):
+            _write_all(source, target, sheets, cloud, detector, residuals, unit)
+        if not quiet:
+            _summarize(source, target, sheets, detector, residuals, unit, seconds())
+
+
+def _detector_params(method, alpha, test, sigma0, correction, elimination, surface, robust_start):
+    """Parameters of the detector; what the method doesn't have is wrong usage."""
+    params = {"alpha": alpha, "test": str(test), "sigma0": sigma0, "surface": str(surface)}
+    if not 0 < alpha < 1:
+        raise typer.BadParameter(f"{alpha:g} is not between 0 and 1.", param_hint="--alpha")
+    if correction is not None:
+        params["correction"] = str(correction)
+    if method is Method.baarda:
+        params["elimination"] = str(elimination or Elimination.single)
+        params["robust_start"] = robust_start is not False
+    elif elimination is not None:
+        raise typer.BadParameter("--method fuzzy eliminates nothing.", param_hint="--elimination")
+    elif robust_start:
+        raise typer.BadParameter(
+            "--method fuzzy is of one least-squares plane.", param_hint="--robust-start"
+        )
+    return params
+
+
+def _parse_sigma0(text):
+    """A positive number, or "auto"; whatever else is wrong usage."""
+    if text == "auto":
+        return text
+    try:
+        sigma0 = float(text)
+    except ValueError:
+        sigma0 = np.nan
+    if not (np.isfinite(sigma0) and sigma0 > 0):
+        raise typer.BadParameter(
+            f"{text!r} is neither a positive number, such as 0.005, nor auto.",
+            param_hint="--sigma0",
+        )
+    return sigma0
+
+
+def _choose_sheets(source, target, report, plot):
+    """Where the text and the figure go: never where a point file is."""
+    # Not OUT with .txt: that may well be the name of a point file.
+    report = report or target.with_name(f"{target.stem}_report.txt")
+    plot = plot or target.with_name(f"{target.stem}_report.png")
+    if plot.suffix.lower() not in FIGURE_EXTENSIONS:
+        raise typer.BadParameter(
+            f"{plot}: a figure ends in {', '.join(FIGURE_EXTENSIONS)}.", param_hint="--plot"
+        )
+    taken = {os.path.realpath(source): "IN", os.path.realpath(target): "OUT"}
+    for option, path in (("--report", report), ("--plot", plot)):
+        other = taken.setdefault(os.path.realpath(path), option)
+        if other != option:
+            raise typer.BadParameter(f"{path} is {other} as well.", param_hint=option)
+    return report, plot
+
+
+def _rehearse_sheets(sheets, plot_wanted):
+    """The paths of text and figure, tried out; None for a figure that cannot be drawn."""
+    report, plot = sheets
+    with standing_in(report):
+        pass
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError as err:
+        message = 'the figure needs matplotlib: pip install "sklearn-mcmd[plot]"'
+        if plot_wanted is not None:
+            raise ImportError(message) from err
+        warnings.warn(f"{message}; the text alone is written", stacklevel=2)
+        return report, None
+    with standing_in(plot):
+        pass
+    return report, plot
+
+
+def _test_plane(xyz, quiet, method, params):
+    """The fitted detector and the residuals of all points."""
+    from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
+
+    detector = {Method.baarda: BaardaPlaneDetector, Method.fuzzy: FuzzyPlaneDetector}[method]
+    with progress_bar("Plane", quiet):
+        fitted = detector(**params).fit(xyz)
+    return fitted, fitted.residuals(xyz)
+
+
+def _tested(cloud, is_outlier, statistic, residuals):
+    """The cloud to write, and the points to mark in it."""
+    results = {"test_statistic": statistic, "residual": residuals}
+    results = {name: values.astype(np.float32) for name, values in results.items()}
+    return with_results(cloud, results), is_outlier
+
+
+def _write_all(source, target, sheets, cloud, detector, residuals, unit):
+    """Write the points and both sheets; nothing is replaced before all of it is on the disk."""
+    from contextlib import ExitStack
+
+    from sklearn_mcmd.adjustment import plot_report, text_report
+    from sklearn_mcmd.io._files import replacing
+
+    report, plot = sheets
+    title = f"Plane test of {source.name}"
+    with ExitStack() as stack:
+        temporary = stack.enter_context(replacing(report))
+        text = text_report(detector, cloud.xyz, title=title, unit=unit)
+        temporary.write_text(text + _record(source, target, plot), encoding="utf-8")
+        if plot is not None:
+            temporary = stack.enter_context(replacing(plot))
+            figure = plot_report(detector, cloud.xyz, title=title, unit=unit)
+            figure.savefig(temporary, dpi=150)
+        is_outlier = detector.labels_ == -1
+        write(target, *_tested(cloud, is_outlier, detector.test_statistic_, residuals))
+
+
+def _record(source, target, plot):
+    """The report's last lines: what it was made of, with what and when."""
+    from datetime import datetime
+
+    from sklearn_mcmd import __version__
+
+    rows = {
+        "input": source,
+        "output": target,
+        "figure": plot or "none",
+        "program": f"sklearn-mcmd {__version__}, mcmd plane",
+        "date": datetime.now().astimezone().isoformat(sep=" ", timespec="seconds"),
+    }
+    lines = [f"{name:<22}{value}" for name, value in rows.items()]
+    return "\n".join(["", "Record", "------", *lines]) + "\n"
+
+
+def _summarize(source, target, sheets, detector, residuals, unit, seconds):
+    is_outlier = detector.labels_ == -1
+    n, n_outliers = len(is_outlier), int(np.count_nonzero(is_outlier))
+    unit = f" {unit}" if unit else ""
+    rms = [np.sqrt(np.mean(residuals[rows] ** 2)) for rows in (slice(None), ~is_outlier)]
+    tilt = np.degrees(np.arccos(min(abs(detector.normal_[-1]), 1.0)))
+    how = "estimated" if detector.sigma0 == "auto" else "given"
+    print_table(
+        f"{source} -> {target}",
+        points=f"{n:,}",
+        outliers=f"{n_outliers:,} ({100 * n_outliers / n:.2f} %)",
+        normal=f"{' '.join(f'{value:.6f}' for value in detector.normal_)}, tilt {tilt:.3f} degrees",
+        distance=f"{detector.distance_:.6g}{unit} from the origin",
+        residuals=f"rms {rms[0]:.4g}{unit}, without outliers {rms[1]:.4g}{unit}",
+        sigma0=f"{detector.sigma0_:.4g}{unit} ({how})",
+        report=", ".join(str(path) for path in sheets if path is not None),
+        seconds=f"{seconds:.1f}",
+    )

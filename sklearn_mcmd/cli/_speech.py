@@ -1,0 +1,83 @@
+"""How the verbs speak: errors, warnings, progress, summaries."""
+
+import time
+import warnings
+from contextlib import contextmanager
+
+import typer
+
+__all__ = ["clear_exits", "print_table", "progress_bar", "stopwatch"]
+
+
+@contextmanager
+def clear_exits():
+    """One line on stderr and an exit code for whatever a user can run into."""
+    try:
+        with _plain_warnings():
+            yield
+    except KeyboardInterrupt:
+        _fail("interrupted, nothing was written", 130)
+    except BrokenPipeError:
+        raise
+    except MemoryError:
+        _fail("not enough memory; take fewer points or a smaller --n-neighbors")
+    except (ValueError, OSError, ImportError) as err:
+        _fail(str(err) or type(err).__name__)
+
+
+def _fail(message, code=1):
+    typer.echo(f"mcmd: error: {' '.join(message.split())}", err=True)
+    raise typer.Exit(code)
+
+
+@contextmanager
+def _plain_warnings():
+    """Show each warning meant for users once, in one line."""
+    shown = set()
+
+    def show(message, category, *args, **kwargs):
+        text = " ".join(str(message).split())
+        if text not in shown:
+            shown.add(text)
+            typer.echo(f"mcmd: warning: {text}", err=True)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = show
+        yield
+
+
+@contextmanager
+def progress_bar(title, quiet):
+    """A bar on stderr, if that is a terminal, that follows the fits within."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+    from rich.progress import TimeRemainingColumn as TimeLeft
+
+    from sklearn_mcmd._progress import listen_to_progress
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeLeft())
+    hidden = quiet or not console.is_terminal
+    with Progress(*columns, console=console, transient=True, disable=hidden) as bar:
+        task = bar.add_task(title, total=None)  # pulses while code is compiled, on the first run
+
+        def show(n_done, n_total):
+            bar.update(task, completed=n_done, total=n_total)
+
+        with listen_to_progress(show):
+            yield
+
+
+def print_table(title, **rows):
+    """A title and aligned lines of names and values."""
+    typer.echo(title)
+    width = max(map(len, rows))
+    for name, value in rows.items():
+        typer.echo(f"  {name:<{width}}  {value}")
+
+
+def stopwatch():
+    start = time.perf_counter()
+    return lambda: time.perf_counter() - start

@@ -1,0 +1,259 @@
+"""mcmd plane: what it writes, what it refuses, and that nothing is lost."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
+from sklearn_mcmd.cli import _plane
+from sklearn_mcmd.io import PointCloud, read_points, write_points
+from test_cli import error_line, files_in, run
+
+N, N_OUTLIERS = 600, 60
+ALL_FILES = ["out.laz", "out_report.png", "out_report.txt", "wall.laz"]
+
+
+@pytest.fixture
+def wall():
+    """A wall at map coordinates, a tenth of it at one edge bulging by 8 to 30 sigma."""
+    rng = np.random.default_rng(0)
+    u, v = np.sort(rng.uniform(0, 6, N))[::-1], rng.uniform(0, 3, N)
+    off = rng.normal(0, 0.004, N)
+    off[:N_OUTLIERS] += rng.uniform(0.032, 0.12, N_OUTLIERS)
+    along, out = np.array([0.8, 0.6, 0.0]), np.array([0.6, -0.8, 0.0])
+    xyz = np.outer(u, along) + np.outer(v, [0, 0, 1]) + np.outer(off, out)
+    return PointCloud(np.round(xyz + np.array([512345, 5403210, 212]), 4), {"row": np.arange(N)})
+
+
+@pytest.fixture
+def wall_file(tmp_path, wall):
+    path = tmp_path / "wall.laz"
+    write_points(path, wall)
+    return path
+
+
+@pytest.fixture(autouse=True)
+def _matplotlib():
+    pytest.importorskip("matplotlib")
+
+
+def test_outliers_of_a_wall_become_noise_and_all_points_stay(wall_file, tmp_path):
+    assert run("plane", wall_file, tmp_path / "out.laz").exit_code == 0
+    out = read_points(tmp_path / "out.laz")
+    np.testing.assert_array_equal(np.flatnonzero(out.attributes["classification"] == 7), range(60))
+    np.testing.assert_array_equal(out.attributes["row"], np.arange(N))
+    np.testing.assert_array_equal(out.xyz, read_points(wall_file).xyz)
+    assert files_in(tmp_path) == ALL_FILES
+
+
+def test_statistic_and_residual_are_the_detectors_as_float32(wall_file, tmp_path):
+    run("plane", wall_file, tmp_path / "out.npz", "--sigma0", 0.004)
+    out = read_points(tmp_path / "out.npz").attributes
+    xyz = read_points(wall_file).xyz
+    detector = BaardaPlaneDetector(
+        sigma0=0.004, surface="orthogonal", robust_start=True, random_state=0
+    ).fit(xyz)
+    np.testing.assert_array_equal(out["outlier"].astype(bool), detector.labels_ == -1)
+    np.testing.assert_array_equal(out["test_statistic"], detector.test_statistic_.astype("f4"))
+    np.testing.assert_array_equal(out["residual"], detector.residuals(xyz).astype("f4"))
+
+
+def test_options_of_plane_reach_the_detector(wall_file, tmp_path):
+    result = run(
+        *("plane", wall_file, tmp_path / "out.npz", "--test", "t", "--alpha", 0.2),
+        *("--correction", "none", "--elimination", "all", "--no-robust-start"),
+    )
+    assert result.exit_code == 0, result.output
+    detector = BaardaPlaneDetector(
+        0.2, test="t", correction="none", elimination="all", surface="orthogonal", sigma0="auto"
+    ).fit(read_points(wall_file).xyz)
+    marked = read_points(tmp_path / "out.npz").attributes["outlier"].astype(bool)
+    assert 0 < np.count_nonzero(marked) < N
+    np.testing.assert_array_equal(marked, detector.labels_ == -1)
+
+
+def test_the_fuzzy_method_is_the_fuzzy_detector(wall_file, tmp_path):
+    result = run("plane", wall_file, tmp_path / "out.npz", "--method", "fuzzy", "--sigma0", 0.004)
+    assert result.exit_code == 0, result.output
+    detector = FuzzyPlaneDetector(sigma0=0.004, surface="orthogonal")
+    marked = read_points(tmp_path / "out.npz").attributes["outlier"].astype(bool)
+    expected = detector.fit_predict(read_points(wall_file).xyz) == -1
+    np.testing.assert_array_equal(marked, expected)
+    assert "fuzzy memberships" in (tmp_path / "out_report.txt").read_text()
+
+
+def test_a_vertical_surface_is_warned_of_on_a_wall(wall_file, tmp_path):
+    result = run("plane", wall_file, tmp_path / "out.laz", "--surface", "vertical")
+    assert result.exit_code == 0
+    assert result.stderr.startswith("mcmd: warning: The points lie along a plane tilted by 90")
+
+
+def test_report_and_figure_go_where_they_are_told(wall_file, tmp_path):
+    (tmp_path / "filed").mkdir()
+    text, figure = tmp_path / "filed" / "a.md", tmp_path / "filed" / "a.pdf"
+    result = run(
+        *("plane", wall_file, tmp_path / "out.laz", "--unit", "m"),
+        *("--report", text, "--plot", figure),
+    )
+    assert result.exit_code == 0, result.output
+    assert files_in(tmp_path) == ["filed", "out.laz", "wall.laz"]
+    assert files_in(tmp_path / "filed") == ["a.md", "a.pdf"]
+    assert figure.read_bytes().startswith(b"%PDF")
+    report = text.read_text()
+    assert "outliers              60 of 600 (10.00 %)" in report
+    tilt = float(report.split("tilt from horizontal")[1].split()[0])
+    assert abs(tilt - 90) < 0.1  # 0.004 on 3 m, over 540 points: 0.01 degrees
+    assert str(wall_file) in report
+    assert (tmp_path / "out.laz").stat().st_size > 0
+
+
+def test_the_summary_of_plane_has_the_figures_of_the_report(wall_file, tmp_path):
+    result = run("plane", wall_file, tmp_path / "out.laz")
+    rows = dict(line.split(maxsplit=1) for line in result.stdout.splitlines()[1:])
+    assert rows["points"] == "600"
+    assert rows["outliers"] == "60 (10.00 %)"
+    assert rows["sigma0"].endswith("(estimated)")
+    assert abs(float(rows["sigma0"].split()[0]) / 0.004 - 1) < 0.15  # 540 points: 3 % deviation
+    assert run("plane", wall_file, tmp_path / "out.laz", "--quiet").output == ""
+
+
+def test_the_same_seed_gives_the_same_points(wall_file, tmp_path):
+    for name in ("a", "b"):
+        run("plane", wall_file, tmp_path / f"{name}.csv")
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+
+
+def test_the_output_of_plane_may_replace_its_input(wall_file, tmp_path):
+    assert run("plane", wall_file, wall_file).exit_code == 0
+    assert np.count_nonzero(read_points(wall_file).attributes["classification"] == 7) == 60
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--sigma0", "0"),
+        ("--sigma0", "-1"),
+        ("--sigma0", "nan"),
+        ("--sigma0", "5mm"),
+        ("--alpha", "0"),
+        ("--alpha", "1"),
+        ("--test", "z"),
+        ("--surface", "flat"),
+        ("--elimination", "all", "--method", "fuzzy"),
+        ("--robust-start", "--method", "fuzzy"),
+        ("--plot", "figure.docx"),
+    ],
+)
+def test_wrong_options_of_plane_are_wrong_usage(options, wall_file, tmp_path):
+    result = run("plane", wall_file, tmp_path / "out.laz", *options)
+    assert result.exit_code == 2
+    assert options[0] in result.stderr
+    assert files_in(tmp_path) == ["wall.laz"]
+
+
+@pytest.mark.parametrize(
+    ("option", "name"), [("--report", "wall.laz"), ("--report", "out.laz"), ("--plot", "sheet.png")]
+)
+def test_a_sheet_never_overwrites_points_or_the_other_sheet(option, name, wall_file, tmp_path):
+    before = wall_file.read_bytes()
+    options = [option, tmp_path / name]
+    if option == "--plot":
+        options += ["--report", tmp_path / name]
+    result = run("plane", wall_file, tmp_path / "out.laz", *options)
+    assert result.exit_code == 2
+    assert option in result.stderr
+    assert files_in(tmp_path) == ["wall.laz"]
+    assert wall_file.read_bytes() == before
+
+
+def test_points_in_a_txt_file_are_not_taken_for_the_report(wall, tmp_path):
+    write_points(tmp_path / "out.txt", wall)
+    assert run("plane", tmp_path / "out.txt", tmp_path / "out.laz").exit_code == 0
+    assert len(read_points(tmp_path / "out.txt")) == N
+
+
+def refuse_to_work(monkeypatch):
+    def work(*args, **kwargs):
+        raise AssertionError("the long work began")
+
+    monkeypatch.setattr(_plane, "_test_plane", work)
+
+
+@pytest.mark.parametrize("option", ["OUT", "--report", "--plot"])
+@pytest.mark.parametrize("place", ["nowhere/x.png", "taken.png"])
+def test_a_place_that_cannot_be_written_is_refused_before_the_work(
+    option, place, wall_file, tmp_path, monkeypatch
+):
+    refuse_to_work(monkeypatch)
+    (tmp_path / "taken.png").mkdir()
+    path = tmp_path / place
+    if option == "OUT":
+        path = path.with_suffix(".laz")
+        (tmp_path / "taken.laz").mkdir()
+    before = files_in(tmp_path)
+    target = path if option == "OUT" else tmp_path / "out.laz"
+    options = [] if option == "OUT" else [option, path]
+    line = error_line(run("plane", wall_file, target, *options))
+    assert str(path) in line
+    assert files_in(tmp_path) == before
+
+
+def test_e57_is_refused_as_it_holds_no_results_of_plane(wall_file, tmp_path, monkeypatch):
+    pytest.importorskip("pye57")
+    refuse_to_work(monkeypatch)
+    assert "E57" in error_line(run("plane", wall_file, tmp_path / "out.e57"))
+    assert files_in(tmp_path) == ["wall.laz"]
+
+
+def test_a_figure_that_fails_leaves_every_old_file_as_it_was(wall_file, tmp_path, monkeypatch):
+    import sklearn_mcmd.adjustment
+
+    def fail(*args, **kwargs):
+        raise MemoryError
+
+    for name in ("out.laz", "out_report.txt", "out_report.png"):
+        (tmp_path / name).write_bytes(b"old")
+    monkeypatch.setattr(sklearn_mcmd.adjustment, "plot_report", fail)
+    assert "not enough memory" in error_line(run("plane", wall_file, tmp_path / "out.laz"))
+    assert files_in(tmp_path) == ALL_FILES
+    assert all((tmp_path / name).read_bytes() == b"old" for name in ALL_FILES[:3])
+
+
+def test_points_that_cannot_be_written_leave_no_report(wall_file, tmp_path, monkeypatch):
+    def fail(*args, **kwargs):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(_plane, "write", fail)
+    assert "No space left" in error_line(run("plane", wall_file, tmp_path / "out.laz"))
+    assert files_in(tmp_path) == ["wall.laz"]
+
+
+def test_without_matplotlib_the_text_is_written_and_the_figure_named(
+    wall_file, tmp_path, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    result = run("plane", wall_file, tmp_path / "out.laz")
+    assert result.exit_code == 0
+    assert 'pip install "sklearn-mcmd[plot]"' in result.stderr
+    assert files_in(tmp_path) == ["out.laz", "out_report.txt", "wall.laz"]
+    wanted = run("plane", wall_file, tmp_path / "other.laz", "--plot", tmp_path / "a.png")
+    assert 'pip install "sklearn-mcmd[plot]"' in error_line(wanted)
+
+
+def test_three_points_are_a_plane_that_cannot_be_tested(tmp_path):
+    (tmp_path / "three.xyz").write_text("0 0 0\n1 0 0\n0 1 0\n")
+    result = run("plane", tmp_path / "three.xyz", tmp_path / "out.csv")
+    assert result.exit_code == 0, result.output
+    assert "without redundancy" in result.stderr
+    assert not read_points(tmp_path / "out.csv").attributes["outlier"].any()
+
+
+@pytest.mark.parametrize("kind", ["missing", "empty", "words"])
+def test_bad_input_of_plane_fails_with_one_line(kind, tmp_path):
+    path = tmp_path / "bad.xyz"
+    if kind != "missing":
+        path.write_text({"empty": "", "words": "x y z\none two three\n"}[kind])
+    before = files_in(tmp_path)
+    error_line(run("plane", path, tmp_path / "out.laz"))
+    assert files_in(tmp_path) == before
