@@ -37,6 +37,7 @@ __all__ = [
     "Options",
     "Real",
     "StrOptions",
+    "check_extent",
     "check_feature_names_in",
     "fit_context",
     "validate_params",
@@ -47,6 +48,11 @@ __all__ = [
 COARSE_ROUNDING = 0.01
 # Eq. 13 doubles with every dimension: 69 trials in 3D are 10 million in 20D.
 MAX_TRIALS = 10_000
+# Positions that a trial of one neighborhood of all points may read.
+LONGEST_TRIAL = 4096
+# Coordinates whose squares, and squares of whose differences, float64 can hold; float32 has
+# none beyond.
+LARGEST, SMALLEST = 1e100, 1e-100
 MAX_TRIALS_BEYOND_SPACE = 300
 
 
@@ -76,22 +82,37 @@ class BaseLocalPlanes(BaseEstimator):
             raise ValueError(
                 f"n_samples={n} is too few for planes in {d}D: at least {d + 1} are needed."
             )
-        self.n_neighbors_ = self._settle_n_neighbors(n, d)
+        check_extent(X)
+        if self.n_neighbors is not None and self.n_neighbors < d + 1:
+            raise ValueError(
+                f"n_neighbors={self.n_neighbors} is too few for planes in {d}D: at least {d + 1} "
+                "are needed."
+            )
+        index = NeighborIndex(X.astype(np.float64, copy=False), self.n_neighbors, radius)
+        self.n_neighbors_ = n if self.n_neighbors is None else index.n_neighbors
+        if self.n_neighbors is not None and self.n_neighbors_ < self.n_neighbors:
+            warnings.warn(
+                f"n_neighbors={self.n_neighbors} is more than the number of distinct points, "
+                f"{len(index.points)} of n_samples={n}: neighborhoods of all of them are used.",
+                stacklevel=5,
+            )
+        if X.dtype == np.float32:
+            _warn_if_coarse(index)
         fraction = self.support_fraction
         fraction = 1.0 - self.outlier_rate if fraction == "auto" else fraction
         self.n_support_ = int(n_support_points(fraction, self.n_neighbors_, d))
         self.n_trials_ = self._settle_n_trials(d)
         rule = METHODS[self.method]
         self._cutoff = rule.default_cutoff(d) if self.cutoff is None else float(self.cutoff)
-
-        k = None if self.n_neighbors is None else self.n_neighbors_
-        index = NeighborIndex(X.astype(np.float64, copy=False), k, radius)
-        if X.dtype == np.float32:
-            _warn_if_coarse(X, index)
-        n_trials = self.n_trials_ if rule.needs_consistent_set else 0
+        trials = draw_trials(
+            self.n_trials_ if rule.needs_consistent_set else 0,
+            self.n_neighbors_,
+            self.random_state,
+            length=LONGEST_TRIAL if self.n_neighbors is None else None,
+        )
         self._model = LocalPlaneModel(
             index,
-            draw_trials(n_trials, self.n_neighbors_, self.random_state),
+            trials,
             method=self.method,
             support_fraction=fraction,
             cutoff=self._cutoff,
@@ -101,49 +122,59 @@ class BaseLocalPlanes(BaseEstimator):
         )
         return X
 
+    def _check_queries(self, X):
+        """Points to evaluate, of the fitted dimension and within what squares can hold."""
+        X = validate_data(self, X, dtype=[np.float64, np.float32], reset=False)
+        check_extent(X)
+        return X
+
     def _settle_n_trials(self, d):
         needed = n_trials_needed(self.outlier_rate, self.success_probability, d)
         most = MAX_TRIALS if d <= 3 else MAX_TRIALS_BEYOND_SPACE
         if needed > most and METHODS[self.method].needs_consistent_set:
             warnings.warn(
                 f"outlier_rate={self.outlier_rate} in {d}D asks for {needed} trials; {most} are "
-                "made. Lower outlier_rate, or reduce the dimension first.",
-                stacklevel=4,
+                "made. A lower outlier_rate asks for fewer.",
+                stacklevel=6,
             )
         return min(needed, most)
 
-    def _settle_n_neighbors(self, n, d):
-        k = self.n_neighbors
-        if k is None:
-            return n
-        if k < d + 1:
-            raise ValueError(
-                f"n_neighbors={k} is too few for planes in {d}D: at least {d + 1} are needed."
-            )
-        if k > n:
-            warnings.warn(
-                f"n_neighbors={k} is more than n_samples={n}: neighborhoods of all {n} points "
-                "are used.",
-                stacklevel=4,
-            )
-            return n
-        return k
+
+def check_extent(X):
+    """Raise where squares of coordinates would overflow, or of their differences vanish."""
+    if X.dtype == np.float32:
+        return
+    far = np.flatnonzero((np.abs(X) > LARGEST).any(axis=1))
+    if far.size:
+        row = far[0]
+        raise ValueError(
+            f"X has a coordinate beyond {LARGEST:g} in row {row}: {X[row].tolist()}. Remove points "
+            "without a measured position first."
+        )
+    extent = float(np.ptp(X, axis=0).max()) if len(X) else 0.0
+    if 0 < extent < SMALLEST:
+        raise ValueError(
+            f"X spans no more than {extent:g}; at least {SMALLEST:g} is needed. Scale it up."
+        )
 
 
-def _warn_if_coarse(X, index):
-    """Warn where float32 rounds coordinates to a visible share of a neighborhood."""
-    rounding = float(np.spacing(np.abs(X).max()))
+def _warn_if_coarse(index):
+    """Warn where float32 rounds coordinates to a visible share of a typical neighborhood."""
+    points = index.points
+    sample = points[:: max(1, len(points) // 1000)]
     if index.n_neighbors is None:
-        radius = float(np.linalg.norm(np.ptp(index.points, axis=0))) / 2
+        radius = np.linalg.norm(sample - points[0], axis=1)
     else:
-        sample = index.points[:: max(1, len(index.points) // 1000)]
         indices, sizes = index.query(sample)
-        last = index.points[indices[np.arange(len(sample)), sizes - 1]]
-        radius = float(np.median(np.linalg.norm(last - sample, axis=1)))
+        last = points[indices[np.arange(len(sample)), sizes - 1]]
+        radius = np.linalg.norm(last - sample, axis=1)
+    # Medians, which a few far points do not move.
+    radius, largest = float(np.median(radius)), float(np.median(np.abs(sample).max(axis=1)))
+    rounding = float(np.spacing(np.float32(largest)))
     if rounding > COARSE_ROUNDING * radius:
         warnings.warn(
-            f"float32 rounds coordinates as large as {np.abs(X).max():.6g} to steps of "
-            f"{rounding:.2g}, too coarse for neighborhoods of radius {radius:.2g}. Pass X as "
-            "float64, or subtract an offset before converting it to float32.",
-            stacklevel=4,
+            f"float32 rounds coordinates as large as {largest:.6g} to steps of {rounding:.2g}, too "
+            f"coarse for neighborhoods of radius {radius:.2g}. Pass X as float64, or subtract an "
+            "offset before converting it to float32.",
+            stacklevel=6,
         )

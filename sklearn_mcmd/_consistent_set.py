@@ -10,6 +10,8 @@ from math import ceil, log1p
 import numpy as np
 from sklearn.utils import check_random_state
 
+from sklearn_mcmd._plane import fit_planes
+
 __all__ = [
     "draw_trials",
     "localize",
@@ -27,6 +29,7 @@ EIGENVALUE_STEP = 1e-14
 # A subset spans no plane when its second-least singular value is below this share of the
 # largest: such a plane would be at the mercy of rounding.
 RANK_TOLERANCE = 1e-6
+MOST_TRIALS = 2**62
 # Entries of the largest temporary array of maximum_consistent_sets.
 CHUNK_ENTRIES = 2_000_000
 
@@ -46,7 +49,7 @@ def n_trials_needed(outlier_rate, success_probability, n_features):
     Returns
     -------
     int
-        At least 1.
+        At least 1, at most 2**62.
 
     Examples
     --------
@@ -56,28 +59,35 @@ def n_trials_needed(outlier_rate, success_probability, n_features):
     clean = (1.0 - outlier_rate) ** n_features
     if clean >= 1.0:
         return 1
+    if clean < 1e-15:
+        return MOST_TRIALS
     return max(1, ceil(log1p(-success_probability) / log1p(-clean)))
 
 
-def draw_trials(n_trials, n_neighbors, random_state=None):
+def draw_trials(n_trials, n_neighbors, random_state=None, *, length=None):
     """Draw the one table of trials that every neighborhood uses.
 
     Parameters
     ----------
     n_trials, n_neighbors : int
     random_state : int, RandomState instance or None, default=None
+    length : int, default=None
+        Positions kept of each row, all by default. Fewer bound the memory for one
+        neighborhood of a million points, whose first thousands tell as much.
 
     Returns
     -------
-    ndarray of int32 of shape (n_trials, n_neighbors)
+    ndarray of int32 of shape (n_trials, n_neighbors or length)
         Each row is a random order of the positions 0..k-1. A minimal subset is the start of
-        a row; where it spans no plane, the row is read further ("randomly add more points",
-        Algorithm 1, step 1); positions beyond a smaller neighborhood are passed over.
+        a row; where it spans no plane, the row is read on, by half as many points again each
+        time ("randomly add more points", Algorithm 1, step 1); positions beyond a smaller
+        neighborhood are passed over.
     """
     rng = check_random_state(random_state)
-    table = np.empty((n_trials, n_neighbors), dtype=np.int32)
+    length = n_neighbors if length is None else min(length, n_neighbors)
+    table = np.empty((n_trials, length), dtype=np.int32)
     for row in table:
-        row[:] = rng.permutation(n_neighbors)
+        row[:] = rng.permutation(n_neighbors)[:length]
     return table
 
 
@@ -145,11 +155,11 @@ def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None):
     Returns
     -------
     support : ndarray of bool of shape (B, k)
-        Where the points span no plane (collinear, coincident) the first h members.
+        Where no set spans a plane (collinear, coincident points) the first h members.
     least_eigenvalue : ndarray of shape (B,)
         Of the set's covariance (divisor h), in squared units of the points.
     degenerate : ndarray of bool of shape (B,)
-        Whether no trial found a plane.
+        Whether no trial found a set that spans a plane.
 
     Notes
     -----
@@ -174,12 +184,12 @@ def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None):
     # The first trial among the best, so that rounding does not choose.
     best = eigenvalues.min(axis=1)
     winner = np.argmax(eigenvalues <= best[:, None] + EIGENVALUE_STEP, axis=1)
-    normals, offsets, degenerate = _trial_planes(local, trials, sizes, chosen=winner)
+    normals, offsets, _ = _trial_planes(local, trials, sizes, chosen=winner)
     support = _nearest_members(local, normals, offsets, n_support, sizes)[:, 0]
-    first = np.arange(k) < n_support[:, None]
-    support = np.where(degenerate, first, support)
+    degenerate = np.isinf(best)
+    support[degenerate] = (np.arange(k) < n_support[:, None])[degenerate]
     least = np.take_along_axis(eigenvalues, winner[:, None], 1)[:, 0] * radius**2
-    return support, least, degenerate[:, 0]
+    return support, least, degenerate
 
 
 def _trial_planes(local, trials, sizes, chosen=None):
@@ -201,17 +211,25 @@ def _trial_planes(local, trials, sizes, chosen=None):
     first = order[..., :d]
     normals, offsets, degenerate = _planes_through(local[rows, first])
     rows, trial = np.nonzero(degenerate)
+    # Where all points together span no plane, no subset will.
+    members = np.arange(k) < sizes[:, None]
+    hopeless = np.zeros(n_sets, dtype=bool)
+    some = np.unique(rows)
+    _, spread, _ = fit_planes(local[some], members[some])
+    hopeless[some] = spread[:, 1] <= RANK_TOLERANCE**2 * spread[:, -1]
+    inside = ~hopeless[rows]
+    rows, trial = rows[inside], trial[inside]
     n_used = d
-    while rows.size:
-        n_used += 1
-        inside = n_used <= sizes[rows]
+    while rows.size and n_used < order.shape[-1]:
+        n_used = min(n_used + max(1, n_used // 2), order.shape[-1])
+        # A smaller neighborhood ends with all its points.
+        for size in np.unique(np.minimum(n_used, sizes[rows])):
+            group = np.minimum(n_used, sizes[rows]) == size
+            at = rows[group], trial[group]
+            points = local[at[0][:, None], order[at[0], at[1], :size]]
+            normals[at], offsets[at], degenerate[at] = _planes_through(points)
+        inside = degenerate[rows, trial] & (sizes[rows] > n_used)
         rows, trial = rows[inside], trial[inside]
-        if rows.size == 0:
-            break
-        members = local[rows[:, None], order[rows, trial, :n_used]]
-        normals[rows, trial], offsets[rows, trial], still = _planes_through(members)
-        degenerate[rows, trial] = still
-        rows, trial = rows[still], trial[still]
     return normals, offsets, degenerate
 
 
@@ -232,7 +250,7 @@ def _planes_through(points):
         anchors = points[..., 0, :]
     else:
         anchors = points.mean(axis=-2)
-        _, singular, axes = np.linalg.svd(points - anchors[..., None, :], full_matrices=True)
+        _, singular, axes = np.linalg.svd(points - anchors[..., None, :], full_matrices=m < d)
         normals = axes[..., -1, :].copy()
         degenerate = singular[..., d - 2] <= RANK_TOLERANCE * singular[..., 0]
     offsets = -np.einsum("...i,...i", normals, anchors)
@@ -255,7 +273,11 @@ def _nearest_members(local, normals, offsets, n_support, sizes):
 
 
 def _least_eigenvalues(local, support, n_support):
-    """Least eigenvalue of the covariance of each subset (step 3), in squared radii."""
+    """Least eigenvalue of the covariance of each subset (step 3), in squared radii.
+
+    Infinite where the subset spans no plane itself: the points of one line have the least
+    eigenvalue zero, and no normal.
+    """
     d = local.shape[-1]
     upper = np.triu_indices(d)
     products = local[..., upper[0]] * local[..., upper[1]]
@@ -266,11 +288,12 @@ def _least_eigenvalues(local, support, n_support):
     covariance[..., upper[0], upper[1]] = second
     covariance[..., upper[1], upper[0]] = second
     covariance -= mean[..., :, None] * mean[..., None, :]
-    _, axes = np.linalg.eigh(covariance)
+    spread, axes = np.linalg.eigh(covariance)
     # The variance of the members themselves along the axis, not the eigenvalue: far members
     # within the plane make the matrix so large that rounding could pass for a perfect plane.
     along = (
         np.matmul(local[:, None], axes[..., :1])[..., 0]
         - np.matmul(mean[..., None, :], axes[..., :1])[..., 0]
     )
-    return np.einsum("btk,btk->bt", support, np.square(along)) / n_support[:, None]
+    least = np.einsum("btk,btk->bt", support, np.square(along)) / n_support[:, None]
+    return np.where(spread[..., 1] <= RANK_TOLERANCE**2 * spread[..., -1], np.inf, least)

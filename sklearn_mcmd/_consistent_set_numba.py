@@ -55,7 +55,7 @@ def consistent_set_3d(size, trials, n_support, arrays):
     Returns
     -------
     float
-        Least eigenvalue of the set, in squared radii; negative where no trial has a plane.
+        Least eigenvalue of the set, in squared radii; negative where no set spans a plane.
     """
     local, local32, lanes, lanes32, least, keys, member = arrays
     n_trials = trials.shape[0]
@@ -66,9 +66,7 @@ def consistent_set_3d(size, trials, n_support, arrays):
             farthest = max(farthest, abs(local[axis, j]))
     first_plane = _trial_planes(local, size, trials, lanes)
     if first_plane < 0:
-        for j in range(size):
-            member[j] = 1.0 if j < n_support else 0.0
-        return -1.0
+        return _first_members(size, n_support, member)
     # Lanes without a plane, and those that fill up the vectors, repeat the first plane.
     for t in range(lanes.shape[1]):
         if t >= n_trials or lanes[3, t] == np.inf:
@@ -94,11 +92,20 @@ def consistent_set_3d(size, trials, n_support, arrays):
         _select(local, size, n_support, lanes, t, keys, member)
         least[t] = _least_eigenvalue(local, size, member)
         best = min(best, least[t])
+    if best == np.inf:
+        return _first_members(size, n_support, member)
     for t in range(n_trials):
         if least[t] <= best + EIGENVALUE_STEP:
             _select(local, size, n_support, lanes, t, keys, member)
             return least[t]
     return best
+
+
+@njit(cache=True, nogil=True)
+def _first_members(size, n_support, member):
+    for j in range(size):
+        member[j] = 1.0 if j < n_support else 0.0
+    return -1.0
 
 
 @njit(cache=True, nogil=True)
@@ -174,10 +181,15 @@ def _complete_trial(local, size, row, p, lanes, t):
     for q in range(p + 1):
         if row[q] < size:
             member[row[q]] = 1.0
+    n_members, wanted = 3, min(4, size)
     for q in range(p + 1, row.shape[0]):
         if row[q] >= size:
             continue
         member[row[q]] = 1.0
+        n_members += 1
+        if n_members < wanted:
+            continue
+        wanted = min(wanted + max(1, wanted // 2), size)
         mean, covariance = weighted_covariance(local, size, member)
         values, axes = eigh_3d(covariance)
         if values[1] > RANK_TOLERANCE**2 * values[2]:
@@ -412,11 +424,13 @@ def weighted_covariance(local, size, weight):
 def _least_eigenvalue(local, size, member):
     """Least eigenvalue of the covariance of the members (step 3).
 
-    Taken as the variance of the members along the axis, which errs to the large side only:
-    see the NumPy form.
+    Taken as the variance of the members along the axis, which errs to the large side only,
+    and infinite where they span no plane: see the NumPy form.
     """
     mean, covariance = weighted_covariance(local, size, member)
-    _, axes = eigh_3d(covariance)
+    values, axes = eigh_3d(covariance)
+    if values[1] <= RANK_TOLERANCE**2 * values[2]:
+        return np.inf
     return variance_along(local, size, member, mean, axes[0])
 
 

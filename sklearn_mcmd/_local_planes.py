@@ -1,5 +1,7 @@
 """From neighborhoods to planes: Algorithm 4 in chunks and threads, compiled or in NumPy."""
 
+import os
+import tempfile
 from dataclasses import dataclass, fields
 from threading import Lock
 
@@ -8,7 +10,7 @@ from joblib import Parallel, delayed
 
 from sklearn_mcmd._consistent_set import localize, maximum_consistent_sets, n_support_points
 from sklearn_mcmd._neighborhoods import ORDER_FROM, spatial_order
-from sklearn_mcmd._plane import fit_planes, flat_normals
+from sklearn_mcmd._plane import RANK_TOLERANCE, fit_planes, flat_normals
 from sklearn_mcmd._progress import current_listener
 from sklearn_mcmd._rules import METHODS, robust_distances
 
@@ -16,7 +18,8 @@ __all__ = ["LocalPlaneModel", "LocalPlanes"]
 
 # Smaller clouds take NumPy: loading compiled code would take longer than the work.
 COMPILE_FROM = 1_000
-CHUNK = {True: 4096, False: 256}  # rows a task, compiled or not
+# Neighbors a task, compiled or not: what bounds the memory whatever n_neighbors is.
+CHUNK = {True: 200_000, False: 12_800}
 
 
 @dataclass
@@ -78,12 +81,7 @@ class LocalPlaneModel:
         self.least_scale = step / 2
         n, d = index.points.shape
         # Decided by the fitted cloud, so that predicting one row is the same arithmetic.
-        self.compiled = (
-            index.n_neighbors is not None
-            and d == 3
-            and n >= COMPILE_FROM
-            and _compiled_driver() is not None
-        )
+        self.compiled = index.n_neighbors is not None and d == 3 and n >= COMPILE_FROM
         self.whole = self._fit_whole() if index.n_neighbors is None else None
 
     def evaluate(self, queries, *, saliency=True, n_jobs=None):
@@ -91,6 +89,7 @@ class LocalPlaneModel:
 
         Without `saliency` only `distance` and `scale` are filled.
         """
+        rounding = max(self.rounding, 8 * np.finfo(queries.dtype).eps)
         queries = np.ascontiguousarray(queries, dtype=np.float64)
         planes = LocalPlanes.empty(*queries.shape)
         if self.whole is not None:
@@ -98,14 +97,15 @@ class LocalPlaneModel:
             return planes
         n_queries = len(queries)
         order = spatial_order(queries) if n_queries >= ORDER_FROM else np.arange(n_queries)
-        step = CHUNK[self.compiled]
-        evaluate = self._evaluate_compiled if self.compiled else self._evaluate_numpy
+        compiled = self.compiled and _compiled_driver() is not None
+        step = max(1, CHUNK[compiled] // self.index.n_neighbors)
+        evaluate = self._evaluate_compiled if compiled else self._evaluate_numpy
 
         listener, n_done, lock = current_listener(), 0, Lock()
 
         def task(rows):
             nonlocal n_done
-            planes[rows] = evaluate(queries[rows], saliency)
+            planes[rows] = evaluate(queries[rows], saliency, rounding)
             if listener is not None:
                 with lock:
                     n_done += len(rows)
@@ -121,7 +121,7 @@ class LocalPlaneModel:
             flat_normals(planes.normals, planes.eigenvalues, planes.directions)
         return planes
 
-    def _evaluate_compiled(self, queries, saliency):
+    def _evaluate_compiled(self, queries, saliency, rounding):
         indices, sizes = self.index.query(queries)
         planes = LocalPlanes.empty(*queries.shape)
         n_support = n_support_points(self.support_fraction, np.arange(indices.shape[1] + 1), 3)
@@ -135,7 +135,7 @@ class LocalPlaneModel:
             METHODS[self.method].code,
             self.cutoff,
             self.reweight,
-            self.rounding,
+            rounding,
             self.least_scale,
             saliency,
             planes.distance,
@@ -146,13 +146,14 @@ class LocalPlaneModel:
             planes.directions,
             planes.removed_fraction,
         )
+        self._measure_flat(queries, planes, rounding)
         return planes
 
-    def _evaluate_numpy(self, queries, saliency):
+    def _evaluate_numpy(self, queries, saliency, rounding):
         indices, sizes = self.index.query(queries)
         planes = LocalPlanes.empty(*queries.shape)
         neighborhoods = self.index.points[indices]
-        radius, centers, whitening, scale, inliers = self._fit_rule(neighborhoods, sizes)
+        radius, centers, whitening, scale, inliers = self._fit_rule(neighborhoods, sizes, rounding)
         local = (queries - neighborhoods[:, 0]) / radius[:, None]
         planes.distance[:] = robust_distances(local[:, None], centers, whitening)[:, 0]
         planes.scale[:] = scale
@@ -160,11 +161,42 @@ class LocalPlaneModel:
             planes.centroids[:], planes.eigenvalues[:], axes = fit_planes(neighborhoods, inliers)
             planes.normals[:], planes.directions[:] = axes[..., 0], axes[..., -1]
             planes.removed_fraction[:] = 1.0 - inliers.sum(axis=1) / sizes
+        self._measure_flat(queries, planes, rounding)
         return planes
+
+    def _measure_flat(self, queries, planes, rounding):
+        """Distances where no consistent set spans a plane, which a negative scale tells.
+
+        Members of a line or a location are at distance zero from it; a query away from it has
+        nothing that explains it. Where the neighborhood as a whole spans a plane, that is it.
+        """
+        flat = np.flatnonzero(planes.scale < 0)
+        if flat.size == 0:
+            return
+        queries = queries[flat]
+        indices, sizes = self.index.query(queries)
+        points = self.index.points[indices]
+        members = np.arange(points.shape[1]) < sizes[:, None]
+        centers, eigenvalues, axes = fit_planes(points, members)
+        largest = np.sqrt(eigenvalues[:, -1:])
+        floor = rounding * (np.abs(points[:, 0]).max(axis=1, keepdims=True) + largest)
+        floor = np.maximum(floor, self.least_scale)
+        deviations = np.full_like(eigenvalues, np.inf)
+        null = eigenvalues <= RANK_TOLERANCE * eigenvalues[:, -1:]
+        null[:, -1] |= largest[:, 0] == 0
+        thin = np.broadcast_to(
+            np.maximum(floor, 10 * np.sqrt(RANK_TOLERANCE) * largest), null.shape
+        )
+        deviations[null] = thin[null]
+        spread = ~null.any(axis=1)
+        deviations[spread, :1] = np.maximum(np.sqrt(eigenvalues[spread, :1]), floor[spread])
+        projections = np.einsum("md,mdi->mi", queries - centers, axes) / deviations
+        planes.distance[flat] = np.sqrt(np.square(projections).sum(axis=1))
+        planes.scale[flat] = deviations[:, 0]
 
     def _fit_whole(self):
         points = self.index.points[None]
-        rule = self._fit_rule(points, np.array([points.shape[1]]))
+        rule = self._fit_rule(points, np.array([points.shape[1]]), self.rounding)
         radius, centers, whitening, scale, inliers = rule
         centroids, eigenvalues, axes = fit_planes(points, inliers)
         normals = flat_normals(axes[..., 0].copy(), eigenvalues, axes[..., -1])
@@ -176,14 +208,15 @@ class LocalPlaneModel:
         local = (queries - self.index.points[0]) / radius
         distance = robust_distances(local[None], centers, whitening)[0]
         planes[:] = LocalPlanes(distance, *plane)
+        self._measure_flat(queries, planes, self.rounding)
 
-    def _fit_rule(self, neighborhoods, sizes):
+    def _fit_rule(self, neighborhoods, sizes, rounding):
         """Robust distances of neighborhoods (B, k, d), in the coordinates of `localize`."""
         _, k, d = neighborhoods.shape
         rule = METHODS[self.method]
         local, radius = localize(neighborhoods, sizes)
         valid = np.arange(k) < sizes[:, None]
-        floor = self.rounding * (np.abs(neighborhoods[:, 0]).max(axis=1) / radius + 1.0)
+        floor = rounding * (np.abs(neighborhoods[:, 0]).max(axis=1) / radius + 1.0)
         floor = np.maximum(floor, self.least_scale / radius)
         support, flat = None, np.zeros(len(local), dtype=bool)
         if rule.needs_consistent_set:
@@ -193,8 +226,8 @@ class LocalPlaneModel:
         scale = 1.0 / np.linalg.norm(whitening[..., 0], axis=1)
         if not rule.needs_consistent_set:
             return radius, centers, whitening, radius * scale, valid
-        # Points that span no plane leave nothing to be an outlier of.
-        whitening[flat], scale[flat] = 0.0, floor[flat]
+        # No member is an outlier where none spans a plane; see `_measure_flat`.
+        whitening[flat], scale[flat] = 0.0, -1.0
         inliers = valid & (robust_distances(local, centers, whitening) < self.cutoff)
         return radius, centers, whitening, radius * scale, inliers
 
@@ -202,7 +235,17 @@ class LocalPlaneModel:
 def _compiled_driver():
     """The compiled form, imported on first use; None where Numba cannot be."""
     try:
-        from sklearn_mcmd._rules_numba import fit_neighborhoods_3d
+        return _import_driver()
     except ImportError:
         return None
+    except RuntimeError:  # Numba found no folder to keep compiled code in
+        import numba
+
+        numba.config.CACHE_DIR = os.path.join(tempfile.gettempdir(), "sklearn_mcmd")
+        return _import_driver()
+
+
+def _import_driver():
+    from sklearn_mcmd._rules_numba import fit_neighborhoods_3d
+
     return fit_neighborhoods_3d

@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 from sklearn.base import OutlierMixin
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.utils.validation import check_is_fitted
 
 from sklearn_mcmd._base import BaseLocalPlanes, StrOptions, fit_context
 
@@ -97,9 +97,10 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
     A neighborhood of exactly coplanar points has no scale; rounding of the coordinates takes
     its place, and any point visibly off the plane is an outlier with a very large but finite
     distance. Where coordinates are found to be rounded to a step, as in a file in centimeters,
-    half of it is the least scale, so that one step is no outlier. Neighborhoods that span no
-    plane (coincident or collinear points) have no outliers. Where the cloud holds fewer than
-    `n_neighbors` points, all of them are used, with a warning.
+    half of it is the least scale, so that one step is no outlier. Copies of a point count once
+    in a neighborhood. Points of one line or location are inliers among themselves, and a query
+    away from it is an outlier. Where the cloud holds fewer than `n_neighbors` distinct points,
+    all of them are used, with a warning.
 
     The time grows as ``n_samples * n_trials_ * n_neighbors`` and as ``n_samples *
     log(n_samples)`` for the search; the memory beyond the cloud is bounded. In 3D and from
@@ -193,7 +194,7 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
             abnormal. Robust z-score (Eq. 17) or Mahalanobis distance (Eq. 18), negative.
         """
         check_is_fitted(self)
-        X = validate_data(self, X, dtype=[np.float64, np.float32], reset=False)
+        X = self._check_queries(X)
         return -self._model.evaluate(X, saliency=False, n_jobs=self.n_jobs).distance
 
     def decision_function(self, X):

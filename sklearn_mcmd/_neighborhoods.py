@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-__all__ = ["NeighborIndex", "spatial_order"]
+__all__ = ["NeighborIndex", "distinct_rows", "spatial_order"]
 
 # Below this many points the order of memory does not matter.
 ORDER_FROM = 10_000
@@ -22,7 +22,8 @@ class NeighborIndex:
     ----------
     X : ndarray of float64 of shape (n, d)
     n_neighbors : int or None
-        Members of a neighborhood; all points in one neighborhood when None.
+        Members of a neighborhood, all distinct points if these are fewer; all points in one
+        neighborhood when None.
     radius : float, default=None
         Members are not farther from the query than this, except where fewer than d + 1 are:
         there the nearest d + 1 are taken.
@@ -30,9 +31,9 @@ class NeighborIndex:
     Attributes
     ----------
     points : ndarray of shape (m, d)
-        In spatial order. Of a location that occurs more than `n_neighbors` times only so
-        many copies are kept: more cannot be in one neighborhood, and a scanner's thousands
-        of points at the origin would make the search quadratic.
+        Distinct points in spatial order: copies of a neighbor tell nothing about the plane,
+        and a scanner's thousands of points at the origin would make the search quadratic. One
+        neighborhood of all points keeps its copies.
     """
 
     def __init__(self, X, n_neighbors, radius=None):
@@ -43,9 +44,11 @@ class NeighborIndex:
             distance = np.linalg.norm(X - X.mean(axis=0), axis=1)
             self.points = np.ascontiguousarray(X[np.argsort(distance, kind="stable")])
             return
-        if len(X) >= ORDER_FROM:
-            X = _limit_copies(X[spatial_order(X)], n_neighbors)
-        self.points = np.ascontiguousarray(X)
+        X = distinct_rows(X)
+        if len(X) <= X.shape[1]:  # too few locations for any plane; copies keep the form
+            X = np.resize(X, (X.shape[1] + 1, X.shape[1]))
+        self.n_neighbors = min(n_neighbors, len(X))
+        self.points = X[spatial_order(X)] if len(X) >= ORDER_FROM else np.array(X, order="C")
         self.tree = cKDTree(self.points, leafsize=LEAF, balanced_tree=False)
 
     def query(self, queries):
@@ -57,6 +60,9 @@ class NeighborIndex:
             Rows of `points`; members beyond the size repeat the first.
         sizes : ndarray of int of shape (m,)
         """
+        if self.n_neighbors is None:
+            n = len(self.points)
+            return np.broadcast_to(np.arange(n), (len(queries), n)), np.full(len(queries), n)
         k = self.n_neighbors
         if self.radius is None:
             _, indices = self.tree.query(queries, k=k)
@@ -74,9 +80,12 @@ def spatial_order(X):
     return cKDTree(X, leafsize=COARSE_LEAF, balanced_tree=False).indices
 
 
-def _limit_copies(X, n_copies):
-    """Drop points of which `n_copies` coincident ones precede in a run of equal rows."""
-    starts = np.flatnonzero(np.r_[True, (X[1:] != X[:-1]).any(axis=1)])
-    rank = np.arange(len(X)) - np.repeat(starts, np.diff(np.r_[starts, len(X)]))
-    keep = rank < n_copies
-    return X if keep.all() else X[keep]
+def distinct_rows(X):
+    """X without copies of rows; X itself where there are none."""
+    first = np.sort(X[:, 0])
+    if (first[1:] != first[:-1]).all():
+        return X
+    order = np.lexsort(X.T)
+    rows = X[order]
+    new = np.r_[True, (rows[1:] != rows[:-1]).any(axis=1)]
+    return X if new.all() else rows[new]

@@ -9,10 +9,16 @@ TOLERANCE = 0.02
 # Longer gaps say nothing: the error of the step, times so many, is no longer small.
 LONGEST = 100
 FEWEST_GAPS = 3
+# Shares of gaps: shorter than the step (points that were not rounded), and on the lattice.
+SHORTER, ON_LATTICE = 0.02, 0.95
+# Values this much rarer than that of a typical point were not rounded, and where there are
+# but a few, those held by less than this share of all points are no evidence.
+RARE = 0.1
+LEAST_LEVEL = 0.02
 
 
 def coordinate_step(X):
-    """Step of the lattice that all coordinates lie on, 0 where there is none.
+    """Step of the lattice that the coordinates lie on, 0 where there is none.
 
     Files hold coordinates rounded to, say, a centimeter. Where that is coarser than the
     noise, most of a flat neighborhood lies on exactly one level, and a robust scale is zero:
@@ -25,22 +31,53 @@ def coordinate_step(X):
     Returns
     -------
     float
-        The smallest step among the axes. Zero unless each axis has at least four values on
-        a lattice: a raster of heights is no rounded cloud.
+        The smallest step among the axes. Zero unless every axis is on a lattice: a raster of
+        heights is no rounded cloud, and a rounded cloud that was rotated is not found. A few
+        points that were not rounded do not matter.
     """
-    steps = []
+    steps, flat = [], []
     for axis in X.T:
-        values = np.sort(axis)
+        values, counts = np.unique(axis, return_counts=True)
+        common = counts >= RARE * _typical(counts)
+        values, counts = values[common], counts[common]
         gaps = np.diff(values)
         rounding = 8 * np.finfo(X.dtype).eps * max(abs(values[0]), abs(values[-1]))
         gaps = gaps[gaps > rounding]
         if gaps.size < FEWEST_GAPS:
+            flat.append(np.diff(values[counts >= LEAST_LEVEL * len(axis)]))
+            continue
+        step = _lattice_step(gaps, rounding)
+        if step == 0.0:
             return 0.0
-        step = gaps.min()
-        multiples = gaps[gaps <= LONGEST * step] / step
-        off = np.abs(multiples - np.rint(multiples)) > TOLERANCE + rounding / step
-        # Of continuous coordinates next to no gap is as short as a hundred times the least.
-        if multiples.size < FEWEST_GAPS or multiples.size < 0.5 * gaps.size or off.any():
-            return 0.0
-        steps.append(float(np.median(multiples[np.rint(multiples) == 1])) * step)
-    return min(steps)
+        steps.append(step)
+    if not steps:
+        return 0.0
+    step = min(steps)
+    # An axis with few levels, as of a level floor, shares the step of the others or has none.
+    if any(gaps.size == 0 or not _whole(gaps / step).all() for gaps in flat):
+        return 0.0
+    return step
+
+
+def _typical(counts):
+    """How often the value of the median point occurs."""
+    counts = np.sort(counts)
+    return counts[np.searchsorted(np.cumsum(counts), counts.sum() / 2)]
+
+
+def _lattice_step(gaps, rounding):
+    gaps = np.sort(gaps)
+    # Of a lattice with more points than values, or not many fewer, the short gaps are one step.
+    step = gaps[int(SHORTER * gaps.size)]
+    near = gaps[(gaps >= 0.5 * step) & (gaps <= LONGEST * step)] / step
+    # Of continuous coordinates few gaps are so short, and one in 25 is a whole number of them.
+    if near.size < max(FEWEST_GAPS, 0.5 * gaps.size):
+        return 0.0
+    whole = _whole(near, rounding / step)
+    if whole.mean() < ON_LATTICE:
+        return 0.0
+    return float(np.median(near[whole & (np.rint(near) == 1)]) * step)
+
+
+def _whole(multiples, error=0.0):
+    return (np.abs(multiples - np.rint(multiples)) <= TOLERANCE + error) & (multiples > 0.5)

@@ -75,7 +75,7 @@ def fit_neighborhoods_3d(
                 member[j] = 1.0
             distance[i], scale[i] = _pca(local, size, member, query, floor)
             if degenerate:
-                distance[i], scale[i] = 0.0, floor
+                distance[i], scale[i] = 0.0, -1.0  # left to the caller
         elif method == MCMD_Z:
             distance[i], scale[i] = _mcmd_z(
                 local, size, member, query, cutoff, reweight, floor, work, keys

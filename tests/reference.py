@@ -38,14 +38,16 @@ def consistent_set(points, trials, h):
         row = [p for p in row if p < k]
         m = d
         while rank(points[row[:m]]) < d - 1 and m < k:
-            m += 1
+            m = min(m + max(1, m // 2), k)
         subset = points[row[:m]]
         normal = normal_through(subset)
         distances = np.abs((points - subset.mean(axis=0)) @ normal)
         # Equal to rounding is equal: the earlier member first.
         order = sorted(range(k), key=lambda j: (round(distances[j] / radius * 2**29), j))
         chosen = order[:h]
-        mean, _, axes = plane(points[chosen])
+        mean, eigenvalues, axes = plane(points[chosen])
+        if eigenvalues[1] <= 1e-12 * eigenvalues[-1]:
+            continue  # a line has no normal
         found.append((np.mean(((points[chosen] - mean) @ axes[:, 0]) ** 2), sorted(chosen)))
     best = min(least for least, _ in found)
     return next((m, least) for least, m in found if least <= best + 1e-14 * radius**2)

@@ -139,7 +139,9 @@ def test_points_that_span_no_plane_have_no_outliers(n, kind):
     X = np.tile([[1.0, 2.0, 3.0]], (n, 1)) if kind == "coincident" else t * [[1.0, 2.0, 3.0]]
     detector = MCMDOutlierDetector(20, random_state=0)
     assert (detector.fit_predict(X) == 1).all()
-    assert_array_equal(detector.score_samples(X), 0)
+    assert_allclose(detector.score_samples(X), 0, atol=1e-6)
+    # A query away from the line or location has nothing that explains it.
+    assert_array_equal(detector.predict([[5.0, 0.0, 0.0]]), [-1])
 
 
 def test_thousands_of_points_in_one_place_do_not_slow_the_search():
@@ -149,6 +151,39 @@ def test_thousands_of_points_in_one_place_do_not_slow_the_search():
     detector = MCMDOutlierDetector(20, random_state=0).fit(X)
     assert (detector.predict(X[-2000:]) == 1).all()
     assert (detector.predict(X[:50]) == 1).all()
+
+
+@pytest.mark.parametrize(
+    ("n", "n_neighbors"), [(600, 50), (3000, 50), (800, None), (100_000, None)]
+)
+@pytest.mark.parametrize("d", [3, 4])
+def test_collinear_clouds_do_not_slow_the_work(n, n_neighbors, d):
+    """Completing every minimal subset point by point would take minutes, and hours for more."""
+    X = np.linspace(0, 1, n)[:, None] * np.arange(1.0, d + 1)
+    detector = MCMDOutlierDetector(n_neighbors, outlier_rate=0.2, random_state=0)
+    assert (detector.fit(X).predict(X[:200]) == 1).all()
+
+
+@pytest.mark.parametrize("copies", [2, 10, 20])
+def test_repeated_points_change_nothing(street, copies):
+    expected = MCMDOutlierDetector(random_state=0).fit(street).score_samples(street)
+    detector = MCMDOutlierDetector(random_state=0).fit(np.tile(street, (copies, 1)))
+    assert_allclose(detector.score_samples(street), expected, rtol=1e-9)
+
+
+def test_changing_the_input_after_fitting_changes_nothing(street):
+    X = street.copy()
+    detector = MCMDOutlierDetector(random_state=0).fit(X)
+    expected = detector.score_samples(street)
+    X *= 0
+    assert_array_equal(detector.score_samples(street), expected)
+
+
+def test_single_precision_queries_are_measured_with_their_own_rounding():
+    X = np.random.default_rng(0).uniform(0, 9, (2000, 3))
+    X[:, 2] = 0.3 * X[:, 0] - 0.2 * X[:, 1] + 7
+    detector = MCMDOutlierDetector(20, random_state=0).fit(X)
+    assert (detector.predict(X.astype(np.float32)) == 1).all()
 
 
 @pytest.mark.parametrize("far", [1e4, 1e8, 1e12])
@@ -164,7 +199,7 @@ def test_one_gross_outlier_hides_nothing(far, n_neighbors):
 
 def test_more_neighbors_than_points_means_all_points_with_a_warning():
     X, _ = wall_with_car(40)
-    with pytest.warns(UserWarning, match="n_neighbors=50 is more than n_samples=42"):
+    with pytest.warns(UserWarning, match="distinct points, 42 of n_samples=42"):
         detector = MCMDOutlierDetector(50, random_state=0).fit(X)
     assert detector.n_neighbors_ == 42
     assert detector.n_support_ == 21
@@ -206,6 +241,8 @@ def test_it_can_be_searched_over_a_grid():
         ({}, [[0.0], [1]], "1 feature"),
         ({}, np.empty((0, 3)), "0 sample"),
         ({}, [["a", "b", "c"]] * 9, "could not convert|dtype"),
+        ({}, [[0.0, 0, 1e300], *np.eye(3).tolist(), [1, 1, 1]], "beyond 1e.100 in row 0"),
+        ({}, 1e-200 * np.eye(3).repeat(3, 0), "X spans no more than 1e-200"),
         ({"n_neighbors": 3}, np.eye(3).repeat(3, 0), "n_neighbors=3 is too few for planes in 3D"),
         ({"n_neighbors": 0}, np.zeros((9, 3)), "'n_neighbors' parameter"),
         ({"n_neighbors": 9.5}, np.zeros((9, 3)), "'n_neighbors' parameter"),
@@ -227,6 +264,13 @@ def test_points_of_another_dimension_are_refused():
     detector = MCMDOutlierDetector(20, random_state=0).fit(X)
     with pytest.raises(ValueError, match=r"2 features, but .* is expecting 3"):
         detector.predict(X[:, :2])
+
+
+def test_queries_beyond_measure_are_refused():
+    X, _ = wall_with_car(40)
+    detector = MCMDOutlierDetector(20, random_state=0).fit(X)
+    with pytest.raises(ValueError, match="in row 1"):
+        detector.predict([[0, 0, 0], [1e200, 0, 0]])
 
 
 def test_trials_beyond_space_are_limited_with_a_warning():

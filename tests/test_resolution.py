@@ -37,6 +37,29 @@ def test_a_raster_of_heights_has_no_step():
     assert coordinate_step(np.column_stack([x.ravel(), y.ravel(), 0 * z])) == 0
 
 
+def test_a_grid_with_points_off_it_has_no_step():
+    x, y = np.meshgrid(np.arange(20.0), np.arange(20.0))
+    z = np.zeros(400)
+    z[7] = 1.0
+    X = np.column_stack([x.ravel(), y.ravel(), z])
+    assert coordinate_step(X) == 0
+    assert MCMDOutlierDetector(random_state=0).fit_predict(X)[7] == -1
+
+
+def test_a_level_floor_shares_the_step_of_the_other_axes():
+    rng = np.random.default_rng(0)
+    X = rng.uniform(0, 2, (5000, 3)) * [1, 1, 0] + rng.normal(0, 0.003, (5000, 3))
+    X = np.round(X / 0.01) * 0.01  # two or three levels of z
+    assert_allclose(coordinate_step(X), 0.01)
+    assert (MCMDOutlierDetector(random_state=0).fit_predict(X) == -1).mean() < 0.01
+
+
+def test_a_few_points_that_were_not_rounded_do_not_matter():
+    X = rounded_plane(0.01)
+    X[:3] = [[0.50031, 0.50012, 0.00013], [0.1234, 0.4321, 0.0077], [1.00349, 0.7071, 0.0141]]
+    assert_allclose(coordinate_step(X), 0.01, rtol=1e-3)
+
+
 @pytest.mark.parametrize("method", ["mcmd_z", "mcmd_md"])
 def test_a_plane_rounded_to_centimeters_is_not_full_of_outliers(method):
     """Without a least scale a quarter of the points would be, most of them infinitely far."""
