@@ -38,9 +38,7 @@ def coordinate_step(X):
     steps, flat = [], []
     for axis in X.T:
         values, counts = np.unique(axis, return_counts=True)
-        common = counts >= RARE * _typical(counts)
-        values, counts = values[common], counts[common]
-        gaps = np.diff(values)
+        gaps = np.diff(values[counts >= RARE * _typical(counts)])
         rounding = 8 * np.finfo(X.dtype).eps * max(abs(values[0]), abs(values[-1]))
         gaps = gaps[gaps > rounding]
         if gaps.size < FEWEST_GAPS:
