@@ -8,7 +8,7 @@ from joblib import Parallel, delayed
 
 from sklearn_mcmd._consistent_set import localize, maximum_consistent_sets, n_support_points
 from sklearn_mcmd._neighborhoods import ORDER_FROM, spatial_order
-from sklearn_mcmd._plane import fit_planes, flat_normals
+from sklearn_mcmd._plane import fit_planes, flat_normals, normal_errors
 from sklearn_mcmd._progress import current_listener
 from sklearn_mcmd._rules import METHODS, robust_distances
 
@@ -27,7 +27,8 @@ class LocalPlanes:
     scale : standard deviation of the noise along the normal, in units of X
     centroids, normals, eigenvalues, directions (axis of the largest eigenvalue) : of the
         members left after outliers are removed
-    removed_fraction : share of the neighborhood that was removed
+    n_inliers, n_members : members left, and of the whole neighborhood
+    normal_error : root mean square tilt of the normal, see `normal_errors`
     """
 
     distance: np.ndarray
@@ -36,7 +37,14 @@ class LocalPlanes:
     normals: np.ndarray
     eigenvalues: np.ndarray
     directions: np.ndarray
-    removed_fraction: np.ndarray
+    n_inliers: np.ndarray
+    n_members: np.ndarray
+    normal_error: np.ndarray
+
+    @property
+    def removed_fraction(self):
+        """Share of each neighborhood that was removed."""
+        return 1.0 - self.n_inliers / self.n_members
 
     @classmethod
     def empty(cls, n, d):
@@ -118,8 +126,17 @@ class LocalPlaneModel:
         else:
             Parallel(n_jobs=n_jobs, require="sharedmem")(delayed(task)(rows) for rows in chunks)
         if saliency:
-            flat_normals(planes.normals, planes.eigenvalues, planes.directions)
+            self._finish(planes)
         return planes
+
+    def _finish(self, planes):
+        """What follows from the fitted planes, row by row."""
+        flat_normals(planes.normals, planes.eigenvalues, planes.directions)
+        d = planes.normals.shape[1]
+        inflation = METHODS[self.method].inflation(self.cutoff, d, planes.n_inliers, planes.n_members)
+        planes.normal_error[:] = normal_errors(
+            planes.scale, planes.eigenvalues, planes.n_inliers, inflation
+        )
 
     def _evaluate_compiled(self, queries, saliency):
         indices, sizes = self.index.query(queries)
@@ -144,8 +161,9 @@ class LocalPlaneModel:
             planes.normals,
             planes.eigenvalues,
             planes.directions,
-            planes.removed_fraction,
+            planes.n_inliers,
         )
+        planes.n_members[:] = sizes
         return planes
 
     def _evaluate_numpy(self, queries, saliency):
@@ -159,7 +177,8 @@ class LocalPlaneModel:
         if saliency:
             planes.centroids[:], planes.eigenvalues[:], axes = fit_planes(neighborhoods, inliers)
             planes.normals[:], planes.directions[:] = axes[..., 0], axes[..., -1]
-            planes.removed_fraction[:] = 1.0 - inliers.sum(axis=1) / sizes
+            planes.n_inliers[:] = inliers.sum(axis=1)
+            planes.n_members[:] = sizes
         return planes
 
     def _fit_whole(self):
@@ -167,15 +186,18 @@ class LocalPlaneModel:
         rule = self._fit_rule(points, np.array([points.shape[1]]))
         radius, centers, whitening, scale, inliers = rule
         centroids, eigenvalues, axes = fit_planes(points, inliers)
-        normals = flat_normals(axes[..., 0].copy(), eigenvalues, axes[..., -1])
-        plane = (scale, centroids, normals, eigenvalues, axes[..., -1], 1.0 - inliers.mean(axis=1))
+        plane = LocalPlanes.empty(1, points.shape[2])
+        plane.scale[:], plane.centroids[:], plane.eigenvalues[:] = scale, centroids, eigenvalues
+        plane.normals[:], plane.directions[:] = axes[..., 0], axes[..., -1]
+        plane.n_inliers[:], plane.n_members[:] = inliers.sum(axis=1), points.shape[1]
+        self._finish(plane)
         return radius, centers, whitening, plane
 
     def _evaluate_whole(self, queries, planes):
         radius, centers, whitening, plane = self.whole
         local = (queries - self.index.points[0]) / radius
-        distance = robust_distances(local[None], centers, whitening)[0]
-        planes[:] = LocalPlanes(distance, *plane)
+        planes[:] = plane
+        planes.distance[:] = robust_distances(local[None], centers, whitening)[0]
 
     def _fit_rule(self, neighborhoods, sizes):
         """Robust distances of neighborhoods (B, k, d), in the coordinates of `localize`."""
