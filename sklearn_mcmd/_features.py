@@ -4,7 +4,7 @@ Names and formulas are those of M. Weinmann, B. Jutzi, S. Hinz, C. Mallet, "Sema
 cloud interpretation based on optimal neighborhoods, relevant features and efficient
 classifiers", ISPRS Journal 105 (2015) 286-304, on the eigenvalues themselves, l_0 <= l_1 <=
 l_2, which are variances; e_i are their shares of the sum. Roughness is CloudCompare's, but of
-the plane without outliers. jakteristics and CloudCompare agree but for units: there "omnivariance" and
+the plane without outliers. jakteristics agrees but for units: its "omnivariance" and
 "eigenentropy" are not divided by the eigenvalues' sum. pgeof takes the roots of the
 eigenvalues, standard deviations, for all but "Eigentropy" and "Verticality".
 """

@@ -133,7 +133,9 @@ class LocalPlaneModel:
         """What follows from the fitted planes, row by row."""
         flat_normals(planes.normals, planes.eigenvalues, planes.directions)
         d = planes.normals.shape[1]
-        inflation = METHODS[self.method].inflation(self.cutoff, d, planes.n_inliers, planes.n_members)
+        inflation = METHODS[self.method].inflation(
+            self.cutoff, d, planes.n_inliers, planes.n_members
+        )
         planes.normal_error[:] = normal_errors(
             planes.scale, planes.eigenvalues, planes.n_inliers, inflation
         )
