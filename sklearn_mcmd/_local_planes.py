@@ -10,7 +10,7 @@ from joblib import Parallel, delayed
 
 from sklearn_mcmd._consistent_set import localize, maximum_consistent_sets, n_support_points
 from sklearn_mcmd._neighborhoods import ORDER_FROM, spatial_order
-from sklearn_mcmd._plane import RANK_TOLERANCE, fit_planes, flat_normals
+from sklearn_mcmd._plane import RANK_TOLERANCE, fit_planes, flat_normals, normal_errors
 from sklearn_mcmd._progress import current_listener
 from sklearn_mcmd._rules import METHODS, robust_distances
 
@@ -30,7 +30,8 @@ class LocalPlanes:
     scale : standard deviation of the noise along the normal, in units of X
     centroids, normals, eigenvalues, directions (axis of the largest eigenvalue) : of the
         members left after outliers are removed
-    removed_fraction : share of the neighborhood that was removed
+    n_inliers, n_members : members left, and of the whole neighborhood
+    normal_error : root mean square tilt of the normal, see `normal_errors`
     """
 
     distance: np.ndarray
@@ -39,7 +40,14 @@ class LocalPlanes:
     normals: np.ndarray
     eigenvalues: np.ndarray
     directions: np.ndarray
-    removed_fraction: np.ndarray
+    n_inliers: np.ndarray
+    n_members: np.ndarray
+    normal_error: np.ndarray
+
+    @property
+    def removed_fraction(self):
+        """Share of each neighborhood that was removed."""
+        return 1.0 - self.n_inliers / self.n_members
 
     @classmethod
     def empty(cls, n, d):
@@ -118,8 +126,19 @@ class LocalPlaneModel:
         else:
             Parallel(n_jobs=n_jobs, require="sharedmem")(delayed(task)(rows) for rows in chunks)
         if saliency:
-            flat_normals(planes.normals, planes.eigenvalues, planes.directions)
+            self._finish(planes)
         return planes
+
+    def _finish(self, planes):
+        """What follows from the fitted planes, row by row."""
+        flat_normals(planes.normals, planes.eigenvalues, planes.directions)
+        d = planes.normals.shape[1]
+        inflation = METHODS[self.method].inflation(
+            self.cutoff, d, planes.n_inliers, planes.n_members
+        )
+        planes.normal_error[:] = normal_errors(
+            planes.scale, planes.eigenvalues, planes.n_inliers, inflation
+        )
 
     def _evaluate_compiled(self, queries, saliency, rounding):
         indices, sizes = self.index.query(queries)
@@ -144,8 +163,9 @@ class LocalPlaneModel:
             planes.normals,
             planes.eigenvalues,
             planes.directions,
-            planes.removed_fraction,
+            planes.n_inliers,
         )
+        planes.n_members[:] = sizes
         self._measure_flat(queries, planes, rounding)
         return planes
 
@@ -160,7 +180,8 @@ class LocalPlaneModel:
         if saliency:
             planes.centroids[:], planes.eigenvalues[:], axes = fit_planes(neighborhoods, inliers)
             planes.normals[:], planes.directions[:] = axes[..., 0], axes[..., -1]
-            planes.removed_fraction[:] = 1.0 - inliers.sum(axis=1) / sizes
+            planes.n_inliers[:] = inliers.sum(axis=1)
+            planes.n_members[:] = sizes
         self._measure_flat(queries, planes, rounding)
         return planes
 
@@ -173,42 +194,48 @@ class LocalPlaneModel:
         flat = np.flatnonzero(planes.scale < 0)
         if flat.size == 0:
             return
-        queries = queries[flat]
-        indices, sizes = self.index.query(queries)
+        indices, sizes = self.index.query(queries[flat])
         points = self.index.points[indices]
         members = np.arange(points.shape[1]) < sizes[:, None]
+        found = self._flat_distances(queries[flat], points, members, rounding)
+        planes.distance[flat], planes.scale[flat] = found
+
+    def _flat_distances(self, queries, points, members, rounding):
+        """Distances and scales of queries (m, d) to what neighborhoods (m or 1, k, d) span."""
         centers, eigenvalues, axes = fit_planes(points, members)
         largest = np.sqrt(eigenvalues[:, -1:])
         floor = rounding * (np.abs(points[:, 0]).max(axis=1, keepdims=True) + largest)
         floor = np.maximum(floor, self.least_scale)
-        deviations = np.full_like(eigenvalues, np.inf)
         null = eigenvalues <= RANK_TOLERANCE * eigenvalues[:, -1:]
-        null[:, -1] |= largest[:, 0] == 0
-        thin = np.broadcast_to(
-            np.maximum(floor, 10 * np.sqrt(RANK_TOLERANCE) * largest), null.shape
-        )
-        deviations[null] = thin[null]
+        thin = np.maximum(floor, 10 * np.sqrt(RANK_TOLERANCE) * largest)
+        deviations = np.where(null, thin, np.inf)
         spread = ~null.any(axis=1)
         deviations[spread, :1] = np.maximum(np.sqrt(eigenvalues[spread, :1]), floor[spread])
-        projections = np.einsum("md,mdi->mi", queries - centers, axes) / deviations
-        planes.distance[flat] = np.sqrt(np.square(projections).sum(axis=1))
-        planes.scale[flat] = deviations[:, 0]
+        projections = np.matmul((queries - centers)[:, None], axes)[:, 0] / deviations
+        return np.sqrt(np.square(projections).sum(axis=1)), deviations[:, 0]
 
     def _fit_whole(self):
         points = self.index.points[None]
         rule = self._fit_rule(points, np.array([points.shape[1]]), self.rounding)
         radius, centers, whitening, scale, inliers = rule
         centroids, eigenvalues, axes = fit_planes(points, inliers)
-        normals = flat_normals(axes[..., 0].copy(), eigenvalues, axes[..., -1])
-        plane = (scale, centroids, normals, eigenvalues, axes[..., -1], 1.0 - inliers.mean(axis=1))
+        plane = LocalPlanes.empty(1, points.shape[2])
+        plane.scale[:], plane.centroids[:], plane.eigenvalues[:] = scale, centroids, eigenvalues
+        plane.normals[:], plane.directions[:] = axes[..., 0], axes[..., -1]
+        plane.n_inliers[:], plane.n_members[:] = inliers.sum(axis=1), points.shape[1]
+        self._finish(plane)
         return radius, centers, whitening, plane
 
     def _evaluate_whole(self, queries, planes):
         radius, centers, whitening, plane = self.whole
         local = (queries - self.index.points[0]) / radius
-        distance = robust_distances(local[None], centers, whitening)[0]
-        planes[:] = LocalPlanes(distance, *plane)
-        self._measure_flat(queries, planes, self.rounding)
+        planes[:] = plane
+        planes.distance[:] = robust_distances(local[None], centers, whitening)[0]
+        if plane.scale[0] < 0:
+            points = self.index.points[None]
+            members = np.ones(points.shape[:2], dtype=bool)
+            flat = self._flat_distances(queries, points, members, self.rounding)
+            planes.distance[:], planes.scale[:] = flat
 
     def _fit_rule(self, neighborhoods, sizes, rounding):
         """Robust distances of neighborhoods (B, k, d), in the coordinates of `localize`."""

@@ -1,4 +1,4 @@
-"""RobustNormalEstimator: normals, curvature and eigenvalues without the outliers' pull."""
+"""RobustNormalEstimator: normals, curvature and features without the outliers' pull."""
 
 from typing import ClassVar
 
@@ -16,6 +16,7 @@ from sklearn_mcmd._base import (
     check_feature_names_in,
     fit_context,
 )
+from sklearn_mcmd._features import FEATURES, evaluate_features, settle_features
 from sklearn_mcmd._orientation import orient_by_spanning_tree, orient_toward, point_up
 from sklearn_mcmd._plane import surface_variation
 
@@ -77,6 +78,19 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     viewpoint : array-like of shape (n_features,), default=None
         Position of the scanner for ``orientation="viewpoint"``, in units of X.
 
+    features : "all", str or list of str, default=None
+        Further columns of `transform`, in this order, from the cleaned neighborhoods with
+        eigenvalues l_0 <= l_1 <= l_2 and their shares e_i of the sum:
+
+        - "linearity", (l_2 - l_1) / l_2; "planarity", (l_1 - l_0) / l_2; both in 3D only;
+        - "sphericity", l_0 / l_2; "anisotropy", (l_2 - l_0) / l_2;
+        - "omnivariance", the geometric mean of the e_i; "eigenentropy", - sum e_i ln e_i;
+        - "verticality", 1 - abs(n_z): 0 on a floor, 1 on a wall;
+        - "roughness", distance of the point to its plane, in units of X;
+        - "normal_error", as `normal_error_`; "removed_fraction", as `removed_fraction_`.
+
+        "all" takes those that exist for ``n_features``.
+
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of trials that all neighborhoods use.
 
@@ -99,6 +113,15 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     removed_fraction_ : ndarray of shape (n_samples,)
         Share of each neighborhood that was removed as outliers.
 
+    normal_error_ : ndarray of shape (n_samples,)
+        Standard error of each normal, in degrees: root mean square of its tilt from the
+        plane's own noise, spread and number of points. The true normal is within 1.73 times
+        that with 95 % confidence (in 3D; 1.96 times in 2D). 90 where nothing determines the
+        normal.
+
+    features_ : ndarray of shape (n_samples, n_chosen)
+        The columns asked for by `features`.
+
     n_neighbors_, n_support_, n_trials_ : int
         Size of a neighborhood, of a consistent set, and the number of trials.
 
@@ -119,6 +142,17 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     line the one nearest to the last axis is given, and where all neighbors coincide that axis
     itself. ``eigenvalues_[:, 1]`` is zero there.
 
+    The error of a normal is that of a plane: where a neighborhood is curved or holds an edge
+    the plane itself is the wrong model, and the angle to the surface's normal can be larger.
+    It supposes that noise is independent from point to point. In simulations of planes in
+    3D with 20 to 100 neighbors, with and without 10 % outliers, 93 to 97 % of the normals are
+    within 1.73 errors (by "pca" with outliers 97 to 98 %); with fewer neighbors or 20 %
+    outliers up to 99 %. With ``refine=None`` the scale is too
+    small and so is the error. In a long, narrow neighborhood 1.96 errors hold 95 %.
+
+    Features follow [3]_; jakteristics does not divide by the sum of the eigenvalues in
+    "omnivariance" and "eigenentropy", which then depend on the unit.
+
     Coordinates are centered in each neighborhood before any arithmetic, so a cloud in
     national grid coordinates has the same normals as in local ones. float32 cannot hold such
     coordinates: a warning says where it is too coarse.
@@ -130,6 +164,9 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
        (2015) 1404-1419, Algorithm 4.
     .. [2] H. Hoppe et al., "Surface reconstruction from unorganized points", SIGGRAPH 1992,
        for ``orientation="mst"``.
+    .. [3] M. Weinmann, B. Jutzi, S. Hinz, C. Mallet, "Semantic point cloud interpretation
+       based on optimal neighborhoods, relevant features and efficient classifiers", ISPRS
+       Journal of Photogrammetry and Remote Sensing 105 (2015) 286-304, for `features`.
 
     Examples
     --------
@@ -144,6 +181,17 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     ...     print(f"{method}: {np.median(tilt):.1f} degrees")
     pca: 2.9 degrees
     mcmd_z: 0.2 degrees
+
+    How well each normal is known, and features for a classifier:
+
+    >>> estimator = RobustNormalEstimator(30, features=["planarity", "roughness"], random_state=0)
+    >>> columns = estimator.fit_transform(floor)
+    >>> print(f"standard error {np.median(estimator.normal_error_[20:]):.2f} degrees")
+    standard error 0.37 degrees
+    >>> estimator.get_feature_names_out()[-2:]
+    array(['planarity', 'roughness'], dtype=object)
+    >>> print(f"leaves {columns[:20, -1].mean():.2f}, floor {columns[20:, -1].mean():.4f}")
+    leaves 0.20, floor 0.0015
     """
 
     _parameter_constraints: ClassVar[dict] = {
@@ -151,6 +199,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         "radius": [Interval(Real, 0, None, closed="neither"), None],
         "orientation": [StrOptions({"viewpoint", "mst"}), "array-like", None],
         "viewpoint": ["array-like", None],
+        "features": [StrOptions({"all", *FEATURES}), "array-like", None],
     }
 
     def __init__(
@@ -166,6 +215,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         radius=None,
         orientation=None,
         viewpoint=None,
+        features=None,
         random_state=None,
         n_jobs=None,
     ):
@@ -179,6 +229,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         self.radius = radius
         self.orientation = orientation
         self.viewpoint = viewpoint
+        self.features = features
         self.random_state = random_state
         self.n_jobs = n_jobs
 
@@ -201,7 +252,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         ------
         ValueError
             If X has NaN, infinite or too few values, `n_neighbors` is too small, or
-            `orientation` and `viewpoint` do not fit together or to X.
+            `orientation` and `viewpoint` do not fit together or to X, or `features` has an
+            unknown name or one that is defined in 3D only.
         """
         self._fit_columns(X)
         return self
@@ -217,11 +269,13 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
 
         Returns
         -------
-        X_out : ndarray of shape (n_samples, 3 * n_features + 1)
+        X_out : ndarray of shape (n_samples, 3 * n_features + 1 + n_chosen)
             As by `transform`.
         """
         X = self._fit_columns(X)
-        return _columns(X, self.normals_, self.surface_variation_, self.eigenvalues_)
+        return _columns(
+            X, self.normals_, self.surface_variation_, self.eigenvalues_, self.features_
+        )
 
     def transform(self, X):
         """Normals and curvature at points, by their neighborhoods in the fitted cloud.
@@ -232,9 +286,9 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
 
         Returns
         -------
-        X_out : ndarray of shape (n_samples, 3 * n_features + 1)
-            Coordinates, normals, surface variation and eigenvalues, named by
-            `get_feature_names_out`, in the dtype of X.
+        X_out : ndarray of shape (n_samples, 3 * n_features + 1 + n_chosen)
+            Coordinates, normals, surface variation, eigenvalues and the chosen `features`,
+            named by `get_feature_names_out`, in the dtype of X.
         """
         check_is_fitted(self)
         X = validate_data(self, X, dtype=[np.float64, np.float32], reset=False)
@@ -242,7 +296,9 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         normals = point_up(planes.normals)
         if self.orientation is not None:
             self._orient(normals, X, self._settle_orientation(X.shape[1]))
-        return _columns(X, normals, surface_variation(planes.eigenvalues), planes.eigenvalues)
+        variation = surface_variation(planes.eigenvalues)
+        features = evaluate_features(self._feature_names, planes, X)
+        return _columns(X, normals, variation, planes.eigenvalues, features)
 
     def get_feature_names_out(self, input_features=None):
         """Names of the columns of `transform`.
@@ -256,7 +312,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         -------
         names : ndarray of str objects
             The coordinates' names, the same behind ``normal_``, ``surface_variation``, and
-            ``eigenvalue_0`` (the least) and on.
+            ``eigenvalue_0`` (the least) and on, and the names of `features`.
         """
         check_is_fitted(self, "n_features_in_")
         names = check_feature_names_in(self, input_features)
@@ -266,6 +322,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
                 *(f"normal_{name}" for name in names),
                 "surface_variation",
                 *(f"eigenvalue_{i}" for i in range(len(names))),
+                *self._feature_names,
             ],
             dtype=object,
         )
@@ -278,11 +335,14 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     def _fit_columns(self, X):
         X = self._fit_planes(X, radius=self.radius)
         orientation = self._settle_orientation(X.shape[1])
+        self._feature_names = settle_features(self.features, X.shape[1])
         planes = self._model.evaluate(X, n_jobs=self.n_jobs)
         self.normals_ = point_up(planes.normals)
         self.eigenvalues_ = planes.eigenvalues
         self.surface_variation_ = surface_variation(planes.eigenvalues)
         self.removed_fraction_ = planes.removed_fraction
+        self.normal_error_ = planes.normal_error
+        self.features_ = evaluate_features(self._feature_names, planes, X)
         self._tree = None
         if isinstance(orientation, str) and orientation == "mst":
             self._tree = cKDTree(X)
@@ -324,8 +384,9 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         return effective_n_jobs(self.n_jobs)
 
 
-def _columns(X, normals, variation, eigenvalues):
-    return np.hstack([X, normals, variation[:, None], eigenvalues]).astype(X.dtype, copy=False)
+def _columns(X, normals, variation, eigenvalues, features):
+    columns = np.hstack([X, normals, variation[:, None], eigenvalues, features])
+    return columns.astype(X.dtype, copy=False)
 
 
 def _check_vector(vector, name, d):

@@ -33,7 +33,7 @@ PCA, MCMD_Z = METHODS["pca"].code, METHODS["mcmd_z"].code
 @njit(cache=True, nogil=True, error_model="numpy")
 def fit_neighborhoods_3d(
     points, indices, sizes, queries, trials, n_support, method, cutoff, reweight, rounding,
-    least_scale, saliency, distance, scale, centroids, normals, eigenvalues, directions, removed,
+    least_scale, saliency, distance, scale, centroids, normals, eigenvalues, directions, inliers,
 ):  # fmt: skip
     """Apply a method to each neighborhood (Algorithm 4), one row at a time.
 
@@ -49,7 +49,7 @@ def fit_neighborhoods_3d(
     rounding : relative rounding error of the coordinates
     least_scale : what the step of rounded coordinates amounts to, in units of the points
     saliency : whether the plane of the inliers is wanted, beside the query's distance
-    distance ... removed : the arrays filled, see ``LocalPlanes``
+    distance ... inliers : the arrays filled, see ``LocalPlanes``
     """
     k = indices.shape[1]
     arrays = work_arrays(trials.shape[0], k)
@@ -87,10 +87,9 @@ def fit_neighborhoods_3d(
         scale[i] *= radius
 
         if saliency:
-            n_inliers = 0.0
+            inliers[i] = 0.0
             for j in range(size):
-                n_inliers += member[j]
-            removed[i] = 1.0 - n_inliers / size
+                inliers[i] += member[j]
             mean, covariance = weighted_covariance(local, size, member)
             values, axes = eigh_3d(covariance)
             for axis in range(3):

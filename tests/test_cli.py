@@ -248,6 +248,31 @@ def test_a_wrong_viewpoint_is_wrong_usage(options, room_file, tmp_path):
     assert files_in(tmp_path) == ["room.laz"]
 
 
+def test_features_are_written_as_float32_attributes(room, room_file, tmp_path):
+    names = ["roughness", "planarity", "normal_error"]
+    result = run("normals", room_file, tmp_path / "out.laz", "--features", ",".join(names))
+    assert result.exit_code == 0, result.output
+    out = read_points(tmp_path / "out.laz").attributes
+    fitted = RobustNormalEstimator(features=names, random_state=0).fit(room.xyz)
+    for name, values in zip(names, fitted.features_.T, strict=True):
+        assert out[name].dtype == np.float32
+        np.testing.assert_allclose(out[name], values, rtol=1e-4, atol=1e-6)
+
+
+def test_all_features_are_written_where_asked_for(room_file, tmp_path):
+    assert run("normals", room_file, tmp_path / "out.npy", "--features", "all").exit_code == 0
+    names = np.load(tmp_path / "out.npy").dtype.names
+    assert {"linearity", "eigenentropy", "normal_error"} < set(names)
+    assert names.count("removed_fraction") == 1
+
+
+def test_an_unknown_feature_is_wrong_usage(room_file, tmp_path):
+    result = run("normals", room_file, tmp_path / "out.laz", "--features", "planarity,flatness")
+    assert result.exit_code == 2
+    assert "flatness" in result.stderr
+    assert files_in(tmp_path) == ["room.laz"]
+
+
 # ---- mcmd info, --version, --help -----------------------------------------------------------
 
 

@@ -14,6 +14,7 @@ from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
         RobustNormalEstimator(outlier_rate=0.2),
         RobustNormalEstimator(n_neighbors=20, method="mcmd_md", radius=1.5, outlier_rate=0.1),
         RobustNormalEstimator(method="pca", orientation="mst"),
+        RobustNormalEstimator(n_neighbors=20, features="all", outlier_rate=0.1),
         RobustNormalEstimator(n_neighbors=None, refine=None, outlier_rate=0.2),
     ]
 )

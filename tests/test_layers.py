@@ -22,6 +22,7 @@ LAYERS = {  # a module imports only from lower layers, or from its own
     "_rules_numba": 3,
     "_local_planes": 4,
     "_base": 5,
+    "_features": 5,
     "_mcmd": 6,
     "_normals": 6,
     "adjustment": 6,

@@ -66,6 +66,15 @@ def normals(
         str | None,
         typer.Option(metavar="X,Y,Z", help="The scanner, for --orientation viewpoint."),
     ] = None,
+    features: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME,...",
+            help="More attributes, or all: linearity, planarity, sphericity, omnivariance, "
+            "anisotropy, eigenentropy, verticality, roughness, normal_error (degrees; the true "
+            "normal is within 1.73 of them with 95 % confidence).",
+        ),
+    ] = None,
     cutoff: Cutoff = None,
     outlier_rate: OutlierRate = 0.5,
     random_state: RandomState = 0,
@@ -76,15 +85,17 @@ def normals(
 
     All points are kept. New attributes, float32: normal_x, normal_y, normal_z, surface_variation
     (curvature: 0 on a plane, at most 1/3), eigenvalue_0 to eigenvalue_2 (ascending), and
-    removed_fraction, the share of the neighborhood that was left out.
+    removed_fraction, the share of the neighborhood that was left out; and the --features.
     """
     viewpoint = _parse_viewpoint(orientation, viewpoint)
+    features = _parse_features(features)
     with clear_exits():
         seconds = stopwatch()
         if target.suffix.lower() == ".e57":
             raise ValueError(f"{target}: E57 has no place for normals; write another format")
         cloud = read(source, target)
-        rehearse(target, with_results(cloud, dict.fromkeys(_NORMAL_COLUMNS, blank(cloud))))
+        columns = (*_NORMAL_COLUMNS, *features)
+        rehearse(target, with_results(cloud, dict.fromkeys(columns, blank(cloud))))
         results = _find_normals(
             cloud.xyz,
             quiet,
@@ -93,6 +104,7 @@ def normals(
             radius=radius,
             orientation={"none": None, "up": [0.0, 0.0, 1.0]}.get(orientation, str(orientation)),
             viewpoint=viewpoint,
+            features=features,
             cutoff=cutoff,
             outlier_rate=outlier_rate,
             random_state=random_state,
@@ -111,7 +123,7 @@ def normals(
 
 
 def _find_normals(xyz, quiet, **params):
-    """The columns `_NORMAL_COLUMNS`."""
+    """The columns `_NORMAL_COLUMNS`, and those of `features`."""
     from sklearn_mcmd import RobustNormalEstimator
 
     with progress_bar("Normals", quiet):
@@ -122,9 +134,11 @@ def _find_normals(xyz, quiet, **params):
             fitted.surface_variation_,
             fitted.eigenvalues_,
             fitted.removed_fraction_,
+            fitted.features_,
         ]
     )
-    return dict(zip(_NORMAL_COLUMNS, columns.astype(np.float32).T.copy(), strict=True))
+    names = (*_NORMAL_COLUMNS, *params.get("features", ()))
+    return dict(zip(names, columns.astype(np.float32).T.copy(), strict=True))
 
 
 def _parse_viewpoint(orientation, text):
@@ -143,3 +157,14 @@ def _parse_viewpoint(orientation, text):
             param_hint="--viewpoint",
         )
     return position
+
+
+def _parse_features(text):
+    """Names of features; whatever is wrong is wrong usage."""
+    from sklearn_mcmd._features import settle_features
+
+    names = [part.strip() for part in (text or "").split(",") if part.strip()]
+    try:
+        return list(settle_features("all" if names == ["all"] else names))
+    except ValueError as err:
+        raise typer.BadParameter(str(err), param_hint="--features") from err

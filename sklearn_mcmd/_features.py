@@ -1,0 +1,145 @@
+"""Features of cleaned neighborhoods by name: shape, attitude, and how well they are known.
+
+Names and formulas are those of M. Weinmann, B. Jutzi, S. Hinz, C. Mallet, "Semantic point
+cloud interpretation based on optimal neighborhoods, relevant features and efficient
+classifiers", ISPRS Journal 105 (2015) 286-304, on the eigenvalues themselves, l_0 <= l_1 <=
+l_2, which are variances; e_i are their shares of the sum. Roughness is CloudCompare's, but of
+the plane without outliers. jakteristics agrees but for units: its "omnivariance" and
+"eigenentropy" are not divided by the eigenvalues' sum. pgeof takes the roots of the
+eigenvalues, standard deviations, for all but "Eigentropy" and "Verticality".
+"""
+
+import numpy as np
+from scipy.special import entr
+
+__all__ = ["FEATURES", "evaluate_features", "settle_features"]
+
+
+def linearity(planes, points):
+    """(l_2 - l_1) / l_2: 1 on a line."""
+    return _share(planes.eigenvalues[:, -1] - planes.eigenvalues[:, -2], planes)
+
+
+def planarity(planes, points):
+    """(l_1 - l_0) / l_2: 1 on a disc."""
+    return _share(planes.eigenvalues[:, -2] - planes.eigenvalues[:, -3], planes)
+
+
+def sphericity(planes, points):
+    """l_0 / l_2, also scattering: 1 in a ball."""
+    return _share(planes.eigenvalues[:, 0], planes)
+
+
+def omnivariance(planes, points):
+    """Geometric mean of the shares e_i: 1/3 in a ball."""
+    # The root of each first: the product of three small shares could underflow.
+    shares = _shares(planes)
+    return np.prod(shares ** (1.0 / shares.shape[1]), axis=1)
+
+
+def anisotropy(planes, points):
+    """(l_2 - l_0) / l_2: 0 in a ball."""
+    return _share(planes.eigenvalues[:, -1] - planes.eigenvalues[:, 0], planes)
+
+
+def eigenentropy(planes, points):
+    """- sum e_i ln e_i: 0 on a line, ln 3 in a ball."""
+    return entr(_shares(planes)).sum(axis=1)
+
+
+def verticality(planes, points):
+    """1 - |n_z|: 0 on a floor, 1 on a wall."""
+    return 1.0 - np.minimum(np.abs(planes.normals[:, -1]), 1.0)
+
+
+def roughness(planes, points):
+    """Distance of the point to the plane of its cleaned neighborhood, in units of X."""
+    return np.abs(np.einsum("ij,ij->i", points - planes.centroids, planes.normals))
+
+
+def normal_error(planes, points):
+    """Root mean square tilt of the normal, in degrees."""
+    return planes.normal_error
+
+
+def removed_fraction(planes, points):
+    """Share of the neighborhood that was removed."""
+    return planes.removed_fraction
+
+
+# Functions of LocalPlanes and the points (m, d) they belong to, in the order of "all".
+FEATURES = {
+    function.__name__: function
+    for function in (
+        linearity,
+        planarity,
+        sphericity,
+        omnivariance,
+        anisotropy,
+        eigenentropy,
+        verticality,
+        roughness,
+        normal_error,
+        removed_fraction,
+    )
+}
+SPATIAL = ("linearity", "planarity")  # a share of three, which add up to one
+
+
+def settle_features(names, d=3):
+    """Check the names of features, in d dimensions.
+
+    Parameters
+    ----------
+    names : None, "all", a name or a sequence of names
+    d : int
+
+    Returns
+    -------
+    names : tuple of str
+        "all" is all those that d dimensions have.
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown, given twice, or of a feature that only 3D has.
+    """
+    if names is None:
+        return ()
+    if isinstance(names, str):
+        if names == "all":
+            return tuple(name for name in FEATURES if d == 3 or name not in SPATIAL)
+        names = [names]
+    names = tuple(names)
+    for name in names:
+        if not isinstance(name, str) or name not in FEATURES:
+            raise ValueError(f"features={name!r} is not known: take {', '.join(FEATURES)}, or all.")
+        if name in SPATIAL and d != 3:
+            others = ", ".join(settle_features("all", d))
+            raise ValueError(
+                f"features={name!r} is defined in 3D only and X has {d} features: take {others}."
+            )
+    if len(set(names)) < len(names):
+        raise ValueError(f"features={list(names)!r} has a name twice; give each once.")
+    return tuple(str(name) for name in names)
+
+
+def evaluate_features(names, planes, points):
+    """Columns (m, len(names)) of the features of points (m, d) and their planes."""
+    columns = np.empty((len(points), len(names)))
+    for j, name in enumerate(names):
+        columns[:, j] = FEATURES[name](planes, points)
+    return columns
+
+
+def _share(part, planes):
+    """Part of the largest eigenvalue; 0 where all points coincide."""
+    most = planes.eigenvalues[:, -1]
+    return np.divide(part, most, out=np.zeros(len(part)), where=most > 0)
+
+
+def _shares(planes):
+    """Eigenvalues over their sum (e_i); 0 where all points coincide."""
+    total = planes.eigenvalues.sum(axis=1, keepdims=True)
+    zeros = np.zeros_like(planes.eigenvalues)
+    return np.divide(planes.eigenvalues, total, out=zeros, where=total > 0)
