@@ -74,6 +74,12 @@ class NeighborIndex:
         indices = np.where(np.arange(k) < sizes[:, None], indices, indices[:, :1])
         return indices, sizes
 
+    def nearest(self, queries, n_workers=1):
+        """Row of `points` nearest to each query; the one neighborhood has but one row."""
+        if self.n_neighbors is None:
+            return np.zeros(len(queries), dtype=np.intp)
+        return self.tree.query(queries, workers=n_workers)[1]
+
 
 def spatial_order(X):
     """Row order in which near points are near in memory: that of a coarse tree's leaves."""

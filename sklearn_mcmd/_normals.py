@@ -4,9 +4,8 @@ from typing import ClassVar
 
 import numpy as np
 from joblib import effective_n_jobs
-from scipy.spatial import cKDTree
 from sklearn.base import TransformerMixin
-from sklearn.utils.validation import check_array, check_is_fitted, validate_data
+from sklearn.utils.validation import check_array, check_is_fitted
 
 from sklearn_mcmd._base import (
     BaseLocalPlanes,
@@ -291,7 +290,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
             named by `get_feature_names_out`, in the dtype of X.
         """
         check_is_fitted(self)
-        X = validate_data(self, X, dtype=[np.float64, np.float32], reset=False)
+        X = self._check_queries(X)
         planes = self._model.evaluate(X, n_jobs=self.n_jobs)
         normals = point_up(planes.normals)
         if self.orientation is not None:
@@ -333,6 +332,11 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         return tags
 
     def _fit_columns(self, X):
+        if self.n_neighbors is None and self.radius is not None:
+            raise ValueError(
+                f"radius={self.radius} has no meaning with n_neighbors=None, one neighborhood of "
+                "all points; give a number of neighbors."
+            )
         X = self._fit_planes(X, radius=self.radius)
         orientation = self._settle_orientation(X.shape[1])
         self._feature_names = settle_features(self.features, X.shape[1])
@@ -343,15 +347,22 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         self.removed_fraction_ = planes.removed_fraction
         self.normal_error_ = planes.normal_error
         self.features_ = evaluate_features(self._feature_names, planes, X)
-        self._tree = None
         if isinstance(orientation, str) and orientation == "mst":
-            self._tree = cKDTree(X)
-            k = min(TREE_NEIGHBORS, len(X))
-            _, indices = self._tree.query(X, k=k, workers=self._n_workers())
-            orient_by_spanning_tree(self.normals_, X, indices)
-        elif orientation is not None:
+            self._tree_normals = self._orient_tree(X)
+        if orientation is not None:
             self._orient(self.normals_, X, orientation)
         return X
+
+    def _orient_tree(self, X):
+        """Normals that agree at the distinct points of the cloud."""
+        index = self._model.index
+        if index.n_neighbors is None:
+            return self.normals_[:1]
+        normals = np.empty_like(index.points)
+        normals[index.nearest(X, self._n_workers())] = self.normals_
+        k = min(TREE_NEIGHBORS, len(index.points))
+        _, neighbors = index.tree.query(index.points, k=k, workers=self._n_workers())
+        return orient_by_spanning_tree(normals, index.points, neighbors.astype(np.int32))
 
     def _settle_orientation(self, d):
         """The direction, "mst", or ("viewpoint", position) as checked arrays."""
@@ -375,8 +386,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         if isinstance(orientation, tuple):
             orient_toward(normals, orientation[1] - X)
         elif isinstance(orientation, str):
-            _, nearest = self._tree.query(X, workers=self._n_workers())
-            orient_toward(normals, self.normals_[nearest])
+            nearest = self._model.index.nearest(X, self._n_workers())
+            orient_toward(normals, self._tree_normals[nearest])
         else:
             orient_toward(normals, orientation)
 

@@ -1,7 +1,7 @@
 """The sign of a normal, decided in one place."""
 
 import numpy as np
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import (
     breadth_first_order,
     connected_components,
@@ -49,11 +49,14 @@ def orient_by_spanning_tree(normals, points, indices):
         Neighbors of each point.
     """
     n, k = indices.shape
-    rows, columns = np.repeat(np.arange(n), k), indices.ravel()
-    agreement = np.abs(np.einsum("ij,ij->i", normals[rows], normals[columns]))
-    # SciPy takes a zero for no edge at all.
-    graph = coo_array((1.0 + 1e-9 - np.minimum(agreement, 1.0), (rows, columns)), shape=(n, n))
-    tree = minimum_spanning_tree(graph.tocsr())
+    cost = np.empty((n, k))
+    for column, neighbors in zip(cost.T, indices.T, strict=True):
+        agreement = np.abs(np.einsum("ij,ij->i", normals, normals[neighbors]))
+        # SciPy takes a zero for no edge at all.
+        column[:] = 1.0 + 1e-9 - np.minimum(agreement, 1.0)
+    ends = np.arange(0, n * k + 1, k)
+    graph = csr_array((cost.ravel(), indices.ravel(), ends), shape=(n, n))
+    tree = minimum_spanning_tree(graph, overwrite=True)
     n_parts, part = connected_components(tree, directed=False)
 
     # One root above all parts, tied to the highest point of each: one walk serves all.

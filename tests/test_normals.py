@@ -196,6 +196,21 @@ def test_a_spanning_tree_orients_closed_surfaces_outward(shift):
     assert_array_equal(estimator.transform(queries)[:, 3:6], estimator.normals_[::7])
 
 
+def test_copies_of_points_do_not_matter_to_the_spanning_tree():
+    X, directions = sphere(1500)
+    X = np.vstack([X, X[:700], np.tile([[5.0, 5.0, 5.0]], (20_000, 1))])
+    estimator = RobustNormalEstimator(20, orientation="mst", random_state=0).fit(X)
+    truth = np.vstack([directions, directions[:700]])
+    outward = np.einsum("ij,ij->i", estimator.normals_[:2200], truth)
+    assert (outward > 0.9).all()
+
+
+def test_one_neighborhood_has_one_normal_however_oriented():
+    X = np.random.default_rng(0).normal(size=(60, 3)) * [1, 1, 0.01]
+    normals = RobustNormalEstimator(None, orientation="mst", random_state=0).fit(X).normals_
+    assert (normals == normals[0]).all()
+
+
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
@@ -206,6 +221,7 @@ def test_a_spanning_tree_orients_closed_surfaces_outward(shift):
         ({"orientation": "up"}, "'orientation' parameter"),
         ({"orientation": "viewpoint", "viewpoint": [0, 0, np.nan]}, "viewpoint contains NaN"),
         ({"radius": 0}, "'radius' parameter"),
+        ({"radius": 1.0, "n_neighbors": None}, "radius=1.0 has no meaning with n_neighbors=None"),
     ],
 )
 def test_bad_parameters_are_named(street, parameters, message):

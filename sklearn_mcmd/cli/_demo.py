@@ -26,6 +26,7 @@ def demo(
     folder: Annotated[
         Path, typer.Argument(metavar="[DIR]", help="Where to; made if need be.")
     ] = Path("mcmd-demo"),
+    force: Annotated[bool, typer.Option("--force", help="Replace files of these names.")] = False,
     n_jobs: NJobs = -1,
     quiet: Quiet = False,
 ):
@@ -41,13 +42,19 @@ def demo(
         street, clean, with_normals = (
             folder / f"{name}.laz" for name in ("street", "clean", "normals")
         )
+        picture = folder / "demo.png"
+        there = [path.name for path in (street, clean, with_normals, picture) if path.exists()]
+        if there and not force:
+            raise FileExistsError(
+                f"{folder} already holds {', '.join(there)}; name another folder, or --force"
+            )
         _demo.write_street(street)
         denoise(street, clean, n_jobs=n_jobs, quiet=quiet)
         normals(clean, with_normals, n_jobs=n_jobs, quiet=quiet)
         with progress_bar("Accuracy", quiet):
             angles = _demo.normal_errors(street, n_jobs)
         rates = _demo.outlier_rates(street, clean)
-        _demo.draw(street, clean, with_normals, folder / "demo.png")
+        _demo.draw(street, clean, with_normals, picture)
         if not quiet:
             print_table(
                 "Outliers, against the truth",
@@ -60,4 +67,4 @@ def demo(
                     for method, (median, high) in angles.items()
                 },
             )
-            typer.echo(f"Picture: {folder / 'demo.png'}; {seconds():.1f} seconds in all.")
+            typer.echo(f"Picture: {picture}; {seconds():.1f} seconds in all.")

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from sklearn_mcmd.cli._files import read, rehearse, with_results, write
+from sklearn_mcmd.cli._files import coordinates, read, rehearse, with_results, write
 from sklearn_mcmd.cli._options import (
     Cutoff,
     InFile,
@@ -67,7 +67,7 @@ def denoise(
         blank = np.zeros(len(cloud))
         rehearse(target, *_denoised(cloud, blank > 0, blank, mark))
         is_outlier, score = _find_outliers(
-            cloud.xyz,
+            coordinates(cloud),
             quiet,
             n_neighbors=n_neighbors,
             method=str(method),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-__all__ = ["blank", "read", "rehearse", "standing_in", "with_results", "write"]
+__all__ = ["blank", "coordinates", "read", "rehearse", "standing_in", "with_results", "write"]
 
 
 def with_results(cloud, results):
@@ -27,6 +27,17 @@ def with_results(cloud, results):
             f"the results replace what the input calls {', '.join(replaced)}", stacklevel=2
         )
     return PointCloud(cloud.xyz, {**kept, **results}, dict(cloud.metadata), cloud.n_dropped)
+
+
+def coordinates(cloud):
+    """Coordinates in the precision they have: float32 where nothing is lost.
+
+    Files hold float32 behind columns that read as float64; the estimators warn where that is
+    too coarse.
+    """
+    with np.errstate(over="ignore"):
+        single = cloud.xyz.astype(np.float32)
+    return single if np.array_equal(single, cloud.xyz) else cloud.xyz
 
 
 def blank(cloud):

@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from sklearn_mcmd.cli._files import blank, read, rehearse, with_results, write
+from sklearn_mcmd.cli._files import blank, coordinates, read, rehearse, with_results, write
 from sklearn_mcmd.cli._options import (
     Cutoff,
     InFile,
@@ -16,6 +16,7 @@ from sklearn_mcmd.cli._options import (
     OutlierRate,
     Quiet,
     RandomState,
+    positive,
 )
 from sklearn_mcmd.cli._speech import clear_exits, print_table, progress_bar, stopwatch
 
@@ -53,7 +54,9 @@ def normals(
     ] = NormalMethod.mcmd_z,
     radius: Annotated[
         float | None,
-        typer.Option(help="Largest distance of a neighbor, in units of the file.", min=0.0),
+        typer.Option(
+            callback=positive, help="Largest distance of a neighbor, in units of the file."
+        ),
     ] = None,
     orientation: Annotated[
         Orientation,
@@ -97,7 +100,7 @@ def normals(
         columns = (*_NORMAL_COLUMNS, *features)
         rehearse(target, with_results(cloud, dict.fromkeys(columns, blank(cloud))))
         results = _find_normals(
-            cloud.xyz,
+            coordinates(cloud),
             quiet,
             n_neighbors=n_neighbors,
             method=str(method),

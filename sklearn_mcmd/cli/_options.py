@@ -14,7 +14,22 @@ __all__ = [
     "OutlierRate",
     "Quiet",
     "RandomState",
+    "positive",
 ]
+
+
+def positive(value):
+    """Callback of options that must be numbers above zero."""
+    if value is not None and not 0 < value < float("inf"):
+        raise typer.BadParameter(f"{value:g} is not a number above 0")
+    return value
+
+
+def _not_zero(value):
+    if value == 0:
+        raise typer.BadParameter("0 threads cannot work; -1 is one a processor")
+    return value
+
 
 InFile = Annotated[Path, typer.Argument(metavar="IN", help="Point file to read.")]
 OutFile = Annotated[
@@ -29,6 +44,7 @@ NNeighbors = Annotated[
 Cutoff = Annotated[
     float | None,
     typer.Option(
+        callback=positive,
         help="Distance beyond which a point is an outlier, in robust standard deviations.",
         show_default="2.5, for mcmd_md 3.06",
     ),
@@ -45,7 +61,9 @@ OutlierRate = Annotated[
 RandomState = Annotated[
     int, typer.Option(min=0, max=2**32 - 1, help="Seed; the same seed gives the same file.")
 ]
-NJobs = Annotated[int, typer.Option(help="Threads; -1 is one a processor.")]
+NJobs = Annotated[
+    int, typer.Option(callback=_not_zero, help="Threads; -1 is one a processor, 0 means nothing.")
+]
 Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", help="No progress bar and no summary; warnings stay.")
 ]
