@@ -103,7 +103,8 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
     all of them are used, with a warning.
 
     The time grows as ``n_samples * n_trials_ * n_neighbors`` and as ``n_samples *
-    log(n_samples)`` for the search; the memory beyond the cloud is bounded. In 3D and from
+    log(n_samples)`` for the search; the memory beyond the cloud and the results is bounded,
+    except with ``n_neighbors=None``. In 3D and from
     1,000 points on the work is done by compiled code.
 
     References

@@ -388,12 +388,6 @@ def test_options_out_of_range_are_wrong_usage(option, room_file, tmp_path):
     assert files_in(tmp_path) == ["room.laz"]
 
 
-def test_what_the_estimator_refuses_is_one_line(room_file, tmp_path):
-    line = error_line(run("denoise", room_file, tmp_path / "out.laz", "--n-neighbors", 3))
-    assert "n_neighbors=3 is too few for planes in 3D" in line
-    assert files_in(tmp_path) == ["room.laz"]
-
-
 def bad_output(kind, folder):
     if kind == "no extension":
         return folder / "out"
