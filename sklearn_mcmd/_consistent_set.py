@@ -204,7 +204,7 @@ def _trial_planes(local, trials, sizes, chosen=None):
         order = np.broadcast_to(trials, (n_sets, *trials.shape))
     else:
         order = trials[chosen][:, None]
-    if (sizes < k).any():
+    if (sizes < trials.shape[1]).any():
         # Positions beyond the neighborhood go to the end of the row, the others keep order.
         behind = np.argsort(order >= sizes[:, None, None], axis=-1, kind="stable")
         order = np.take_along_axis(order, behind, axis=-1)
