@@ -1,5 +1,6 @@
 """From neighborhoods to planes: Algorithm 4 in chunks and threads, compiled or in NumPy."""
 
+from copy import copy
 from dataclasses import dataclass, fields
 from threading import Lock
 
@@ -7,7 +8,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from sklearn_mcmd._consistent_set import localize, maximum_consistent_sets, n_support_points
-from sklearn_mcmd._neighborhoods import ORDER_FROM, spatial_order
+from sklearn_mcmd._neighborhoods import ORDER_FROM, NeighborIndex, spatial_order
 from sklearn_mcmd._plane import fit_planes, flat_normals
 from sklearn_mcmd._progress import current_listener
 from sklearn_mcmd._rules import METHODS, robust_distances
@@ -42,6 +43,10 @@ class LocalPlanes:
     def empty(cls, n, d):
         vector = {"centroids", "normals", "eigenvalues", "directions"}
         return cls(*(np.empty((n, d) if f.name in vector else n) for f in fields(cls)))
+
+    def take(self, rows):
+        """The planes of some of the queries."""
+        return type(self)(*(getattr(self, f.name)[rows] for f in fields(self)))
 
     def __setitem__(self, rows, part):
         for f in fields(self):
@@ -85,6 +90,12 @@ class LocalPlaneModel:
             and _compiled_driver() is not None
         )
         self.whole = self._fit_whole() if index.n_neighbors is None else None
+
+    def over(self, points):
+        """The same model over other points (m, d), m at least `n_neighbors`."""
+        other = copy(self)
+        other.index = NeighborIndex(points, self.index.n_neighbors, self.index.radius)
+        return other
 
     def evaluate(self, queries, *, saliency=True, n_jobs=None):
         """Planes of the neighborhoods of queries (m, d).

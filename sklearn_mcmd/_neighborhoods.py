@@ -33,6 +33,8 @@ class NeighborIndex:
         In spatial order. Of a location that occurs more than `n_neighbors` times only so
         many copies are kept: more cannot be in one neighborhood, and a scanner's thousands
         of points at the origin would make the search quadratic.
+    rows : ndarray of int of shape (m,)
+        The row of X that each of `points` is.
     """
 
     def __init__(self, X, n_neighbors, radius=None):
@@ -41,11 +43,14 @@ class NeighborIndex:
         if n_neighbors is None:
             # Nearest to the mean first: an order that does not depend on that of the rows.
             distance = np.linalg.norm(X - X.mean(axis=0), axis=1)
-            self.points = np.ascontiguousarray(X[np.argsort(distance, kind="stable")])
+            self.rows = np.argsort(distance, kind="stable")
+            self.points = np.ascontiguousarray(X[self.rows])
             return
+        self.rows = np.arange(len(X))
         if len(X) >= ORDER_FROM:
-            X = _limit_copies(X[spatial_order(X)], n_neighbors)
-        self.points = np.ascontiguousarray(X)
+            self.rows = spatial_order(X)
+            self.rows = self.rows[_copies_to_keep(X[self.rows], n_neighbors)]
+        self.points = np.ascontiguousarray(X[self.rows])
         self.tree = cKDTree(self.points, leafsize=LEAF, balanced_tree=False)
 
     def query(self, queries):
@@ -74,9 +79,8 @@ def spatial_order(X):
     return cKDTree(X, leafsize=COARSE_LEAF, balanced_tree=False).indices
 
 
-def _limit_copies(X, n_copies):
-    """Drop points of which `n_copies` coincident ones precede in a run of equal rows."""
+def _copies_to_keep(X, n_copies):
+    """Which points are among the first `n_copies` coincident ones of a run of equal rows."""
     starts = np.flatnonzero(np.r_[True, (X[1:] != X[:-1]).any(axis=1)])
     rank = np.arange(len(X)) - np.repeat(starts, np.diff(np.r_[starts, len(X)]))
-    keep = rank < n_copies
-    return X if keep.all() else X[keep]
+    return rank < n_copies
