@@ -216,7 +216,7 @@ def _trial_planes(local, trials, sizes, chosen=None):
     hopeless = np.zeros(n_sets, dtype=bool)
     some = np.unique(rows)
     _, spread, _ = fit_planes(local[some], members[some])
-    hopeless[some] = spread[:, 1] <= RANK_TOLERANCE**2 * spread[:, -1]
+    hopeless[some] = _spans_no_plane(spread)
     inside = ~hopeless[rows]
     rows, trial = rows[inside], trial[inside]
     n_used = d
@@ -296,4 +296,11 @@ def _least_eigenvalues(local, support, n_support):
         - np.matmul(mean[..., None, :], axes[..., :1])[..., 0]
     )
     least = np.einsum("btk,btk->bt", support, np.square(along)) / n_support[:, None]
-    return np.where(spread[..., 1] <= RANK_TOLERANCE**2 * spread[..., -1], np.inf, least)
+    return np.where(_spans_no_plane(spread), np.inf, least)
+
+
+def _spans_no_plane(eigenvalues):
+    """Whether points with these eigenvalues (..., d), ascending, span no hyperplane."""
+    if eigenvalues.shape[-1] == 1:  # in one dimension a point is one
+        return np.zeros(eigenvalues.shape[:-1], dtype=bool)
+    return eigenvalues[..., 1] <= RANK_TOLERANCE**2 * eigenvalues[..., -1]

@@ -2,6 +2,7 @@
 
 import os
 import tempfile
+from copy import copy
 from dataclasses import dataclass, fields
 from threading import Lock
 
@@ -9,7 +10,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from sklearn_mcmd._consistent_set import localize, maximum_consistent_sets, n_support_points
-from sklearn_mcmd._neighborhoods import ORDER_FROM, spatial_order
+from sklearn_mcmd._neighborhoods import ORDER_FROM, NeighborIndex, spatial_order
 from sklearn_mcmd._plane import RANK_TOLERANCE, fit_planes, flat_normals, normal_errors
 from sklearn_mcmd._progress import current_listener
 from sklearn_mcmd._rules import METHODS, robust_distances
@@ -54,6 +55,10 @@ class LocalPlanes:
         vector = {"centroids", "normals", "eigenvalues", "directions"}
         return cls(*(np.empty((n, d) if f.name in vector else n) for f in fields(cls)))
 
+    def take(self, rows):
+        """The planes of some of the queries."""
+        return type(self)(*(getattr(self, f.name)[rows] for f in fields(self)))
+
     def __setitem__(self, rows, part):
         for f in fields(self):
             getattr(self, f.name)[rows] = getattr(part, f.name)
@@ -91,6 +96,12 @@ class LocalPlaneModel:
         # Decided by the fitted cloud, so that predicting one row is the same arithmetic.
         self.compiled = index.n_neighbors is not None and d == 3 and n >= COMPILE_FROM
         self.whole = self._fit_whole() if index.n_neighbors is None else None
+
+    def over(self, points):
+        """The same model over other points (m, d), m at least `n_neighbors`."""
+        other = copy(self)
+        other.index = NeighborIndex(points, self.index.n_neighbors, self.index.radius)
+        return other
 
     def evaluate(self, queries, *, saliency=True, n_jobs=None):
         """Planes of the neighborhoods of queries (m, d).

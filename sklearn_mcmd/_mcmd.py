@@ -6,9 +6,13 @@ import numpy as np
 from sklearn.base import OutlierMixin
 from sklearn.utils.validation import check_is_fitted
 
-from sklearn_mcmd._base import BaseLocalPlanes, StrOptions, fit_context
+from sklearn_mcmd._base import BaseLocalPlanes, Integral, Interval, Real, StrOptions, fit_context
+from sklearn_mcmd._iteration import IteratedPlanes
 
 __all__ = ["MCMDOutlierDetector"]
+
+# Of the least of several distances and the greatest of two criteria.
+JOINT_CUTOFF = 3.0
 
 
 class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
@@ -47,12 +51,35 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
     cutoff : float, default=None
         Robust distance beyond which a point is an outlier. None means 2.5 for "mcmd_z" and
         the root of the 0.975 quantile of chi-squared with ``n_features`` degrees of freedom
-        for "mcmd_md" (3.0575 in 3D).
+        for "mcmd_md" (3.0575 in 3D), and 3 for all `noise_scale` but "own".
 
     refine : {"reweight"} or None, default="reweight"
         "reweight" refits plane and scale twice to the neighbors within 2.5 robust standard
         deviations; it repairs the swamping of "mcmd_md", gives more accurate planes and needs
         no knowledge of the outlier rate. None is the paper to the letter.
+
+    max_iter : int, default=1
+        Most passes over the cloud. In each pass all points are judged against those retained
+        in the pass before; it ends when the retained set settles. 1 is the paper.
+
+    noise_scale : {"own", "local", "pooled"} or float, default="own"
+        By which standard deviation the distance to a plane is measured:
+
+        - "own": that of the point's own neighborhood, as in the paper;
+        - "local": the same where the plane is credible, and what is usual among the neighbors
+          where it is not. For any cloud, curved, sparse or with foliage;
+        - "pooled": one for all points, the median of the retained points' planes. The most
+          sensitive, but only for clouds of one noise and flat faces: curvature, foliage and
+          coarse spacing are flagged;
+        - a number: the scanner's standard deviation, in units of X; otherwise as "pooled".
+
+        All but "own" also flag points that stand apart: whose neighbors are, on average, more
+        than 1.8 times as far as is usual among these neighbors.
+
+    borrow : bool, default=False
+        Whether a point beyond the cutoff of its own plane is measured by the nearest credible
+        plane of its neighbors instead. Next to an edge its own neighborhood may be ruled by
+        the other face.
 
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of trials that all neighborhoods use.
@@ -76,6 +103,17 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
         Minimal subsets tried in each neighborhood (I_t), 69 with the defaults in 3D. The
         number doubles with each dimension; beyond 3D it is limited to 300, with a warning.
 
+    n_iter_ : int
+        Passes made.
+
+    noise_scale_ : float
+        The one standard deviation of the noise, in units of X: found if `noise_scale` is
+        "pooled", or as given. Absent if each neighborhood has its own.
+
+    plane_index_ : ndarray of int of shape (n_samples,)
+        Whose plane it is that each fitted point was measured by: its own row, or that of the
+        neighbor it was borrowed from.
+
     n_features_in_ : int
         Number of features seen during `fit`.
 
@@ -93,6 +131,14 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
     Predicting scores new points against the fitted cloud: the plane is that of the query's
     `n_neighbors` nearest points of the cloud. So ``fit_predict(X)`` equals
     ``fit(X).predict(X)``.
+
+    ``MCMDOutlierDetector(refine=None)`` is the paper to the letter: ``max_iter=1``,
+    ``noise_scale="own"`` and ``borrow=False`` are the defaults. Its weakness are whole clouds:
+    where neighbors come from far apart, as those of an isolated outlier do, the scale is large
+    and the outlier passes. ``noise_scale="local"`` with ``borrow=True`` flags fewer good points
+    on clean clouds, and with ``max_iter=5`` it finds more outliers. Whichever is chosen, a point
+    that was not retained is scored by the same arithmetic as a new one. With
+    ``n_neighbors=None`` there is one pass and one plane, whose scale only a number replaces.
 
     A neighborhood of exactly coplanar points has no scale; rounding of the coordinates takes
     its place, and any point visibly off the plane is an outlier with a very large but finite
@@ -132,6 +178,12 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
     _parameter_constraints: ClassVar[dict] = {
         **BaseLocalPlanes._parameter_constraints,
         "method": [StrOptions({"mcmd_z", "mcmd_md"})],
+        "max_iter": [Interval(Integral, 1, None, closed="left")],
+        "noise_scale": [
+            StrOptions({"own", "local", "pooled"}),
+            Interval(Real, 0, None, closed="neither"),
+        ],
+        "borrow": ["boolean"],
     }
 
     def __init__(
@@ -144,6 +196,9 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
         success_probability=0.9999,
         cutoff=None,
         refine="reweight",
+        max_iter=1,
+        noise_scale="own",
+        borrow=False,
         random_state=None,
         n_jobs=None,
     ):
@@ -154,6 +209,9 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
         self.success_probability = success_probability
         self.cutoff = cutoff
         self.refine = refine
+        self.max_iter = max_iter
+        self.noise_scale = noise_scale
+        self.borrow = borrow
         self.random_state = random_state
         self.n_jobs = n_jobs
 
@@ -177,8 +235,23 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
         ValueError
             If X has NaN, infinite or too few values, or `n_neighbors` is too small.
         """
-        self._fit_planes(X)
-        self.offset_ = -self._cutoff
+        X = self._fit_planes(X)
+        cutoff = self._cutoff
+        if self.cutoff is None and self.noise_scale != "own":
+            cutoff = JOINT_CUTOFF
+        self._cloud = IteratedPlanes(
+            self._model,
+            noise_scale=self.noise_scale,
+            borrow=self.borrow,
+            cutoff=cutoff,
+            max_iter=self.max_iter,
+            n_jobs=self.n_jobs,
+        ).fit(X.astype(np.float64, copy=False))
+        self.n_iter_ = self._cloud.n_iter
+        if self._cloud.noise_scale_found is not None:
+            self.noise_scale_ = self._cloud.noise_scale_found
+        self.plane_index_ = self._cloud.plane_index
+        self.offset_ = -cutoff
         return self
 
     def score_samples(self, X):
@@ -196,7 +269,7 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
         """
         check_is_fitted(self)
         X = self._check_queries(X)
-        return -self._model.evaluate(X, saliency=False, n_jobs=self.n_jobs).distance
+        return -self._cloud.score(X)
 
     def decision_function(self, X):
         """Score relative to the cutoff: negative for outliers.

@@ -34,6 +34,8 @@ class NeighborIndex:
         Distinct points in spatial order: copies of a neighbor tell nothing about the plane,
         and a scanner's thousands of points at the origin would make the search quadratic. One
         neighborhood of all points keeps its copies.
+    rows : ndarray of int of shape (m,)
+        The row of X that each of `points` is.
     """
 
     def __init__(self, X, n_neighbors, radius=None):
@@ -42,13 +44,16 @@ class NeighborIndex:
         if n_neighbors is None:
             # Nearest to the mean first: an order that does not depend on that of the rows.
             distance = np.linalg.norm(X - X.mean(axis=0), axis=1)
-            self.points = np.ascontiguousarray(X[np.argsort(distance, kind="stable")])
+            self.rows = np.argsort(distance, kind="stable")
+            self.points = np.ascontiguousarray(X[self.rows])
             return
-        X = distinct_rows(X)
-        if len(X) <= X.shape[1]:  # too few locations for any plane; copies keep the form
-            X = np.resize(X, (X.shape[1] + 1, X.shape[1]))
-        self.n_neighbors = min(n_neighbors, len(X))
-        self.points = X[spatial_order(X)] if len(X) >= ORDER_FROM else np.array(X, order="C")
+        self.rows = distinct_rows(X)
+        if len(self.rows) <= X.shape[1]:  # too few locations for any plane; copies keep the form
+            self.rows = np.resize(self.rows, X.shape[1] + 1)
+        self.n_neighbors = min(n_neighbors, len(self.rows))
+        if len(self.rows) >= ORDER_FROM:
+            self.rows = self.rows[spatial_order(X[self.rows])]
+        self.points = np.ascontiguousarray(X[self.rows])
         self.tree = cKDTree(self.points, leafsize=LEAF, balanced_tree=False)
 
     def query(self, queries):
@@ -87,11 +92,10 @@ def spatial_order(X):
 
 
 def distinct_rows(X):
-    """X without copies of rows; X itself where there are none."""
+    """Rows of X that are no copies of others."""
     first = np.sort(X[:, 0])
     if (first[1:] != first[:-1]).all():
-        return X
+        return np.arange(len(X))
     order = np.lexsort(X.T)
     rows = X[order]
-    new = np.r_[True, (rows[1:] != rows[:-1]).any(axis=1)]
-    return X if new.all() else rows[new]
+    return np.sort(order[np.r_[True, (rows[1:] != rows[:-1]).any(axis=1)]])

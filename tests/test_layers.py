@@ -21,6 +21,8 @@ LAYERS = {  # a module imports only from lower layers, or from its own
     "_rules": 2,
     "_rules_numba": 3,
     "_local_planes": 4,
+    "_borrowing": 4,
+    "_iteration": 5,
     "_base": 5,
     "_features": 5,
     "_mcmd": 6,

@@ -1,0 +1,247 @@
+"""Iteration over the cloud: what is flagged, what is kept, and whose plane it is."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial import cKDTree
+
+from sklearn_mcmd import MCMDOutlierDetector
+from sklearn_mcmd._iteration import _reached
+from sklearn_mcmd.datasets import make_street
+
+LOCAL = {"noise_scale": "local", "borrow": True, "max_iter": 4}
+POOLED = {"noise_scale": "pooled", "borrow": True, "max_iter": 6}
+FORMS = pytest.mark.parametrize("form", [LOCAL, POOLED, {**POOLED, "noise_scale": 0.005}])
+
+
+def detector(form, **parameters):
+    return MCMDOutlierDetector(random_state=0, **form, **parameters)
+
+
+def corner(n=3000, noise=0.002, seed=0):
+    """Two square faces of 1 m that meet at a right angle, and the face of each point."""
+    rng = np.random.default_rng(seed)
+    X = rng.uniform(0, 1, (n, 3))
+    face = np.arange(n) % 2
+    X[face == 0, 2] = 0
+    X[face == 1, 0] = 0
+    return X + rng.normal(0, noise, X.shape), face
+
+
+def sphere(n, noise, seed=0):
+    rng = np.random.default_rng(seed)
+    X = rng.normal(size=(n, 3))
+    return X / np.linalg.norm(X, axis=1, keepdims=True) + rng.normal(0, noise, (n, 3))
+
+
+def cylinder(n, noise, seed=0):
+    rng = np.random.default_rng(seed)
+    angle = rng.uniform(0, 2 * np.pi, n)
+    X = np.column_stack([np.cos(angle), np.sin(angle), rng.uniform(0, 6, n)])
+    return X + rng.normal(0, noise, (n, 3))
+
+
+def torus(n, noise, seed=0):
+    rng = np.random.default_rng(seed)
+    u, v = rng.uniform(0, 2 * np.pi, (2, n))
+    ring = 1 + 0.3 * np.cos(v)
+    X = np.column_stack([ring * np.cos(u), ring * np.sin(u), 0.3 * np.sin(v)])
+    return X + rng.normal(0, noise, (n, 3))
+
+
+@pytest.fixture(scope="module")
+def street():
+    return make_street(6000, noise=0.005, outlier_share=0.1, random_state=0)
+
+
+def test_the_defaults_are_the_papers_form(street):
+    X = street.data[:2000]
+    default = MCMDOutlierDetector(random_state=0).fit(X)
+    spelled = MCMDOutlierDetector(max_iter=1, noise_scale="own", borrow=False, random_state=0)
+    assert_array_equal(default.score_samples(X), spelled.fit(X).score_samples(X))
+    assert default.n_iter_ == 1
+    assert_array_equal(default.plane_index_, np.arange(2000))
+    assert not hasattr(default, "noise_scale_")
+
+
+@FORMS
+def test_fit_predict_equals_predict_and_scores_agree(street, form):
+    fitted = detector(form)
+    labels = fitted.fit_predict(street.data)
+    scores = fitted.score_samples(street.data)
+    assert_array_equal(labels, fitted.predict(street.data))
+    assert_array_equal(labels, np.where(scores >= fitted.offset_, 1, -1))
+    assert_array_equal(fitted.decision_function(street.data), scores - fitted.offset_)
+    assert fitted.offset_ == -3
+
+
+@FORMS
+def test_results_do_not_depend_on_threads_or_chunks(street, form, monkeypatch):
+    expected = detector(form).fit(street.data)
+    monkeypatch.setattr("sklearn_mcmd._iteration.CHUNK", 997)
+    monkeypatch.setattr("sklearn_mcmd._local_planes.CHUNK", {True: 997, False: 97})
+    pieces = detector(form, n_jobs=2).fit(street.data)
+    assert_array_equal(pieces.score_samples(street.data), expected.score_samples(street.data))
+    assert_array_equal(pieces.plane_index_, expected.plane_index_)
+
+
+@FORMS
+def test_results_do_not_depend_on_the_order_of_rows(street, form):
+    X = street.data
+    order = np.random.default_rng(0).permutation(len(X))
+    expected = detector(form).fit(X)
+    shuffled = detector(form).fit(X[order])
+    # Sums in another order may tip a point on the cutoff: few points, not the result.
+    close = np.isclose(
+        shuffled.score_samples(X[order]), expected.score_samples(X)[order], rtol=1e-6, atol=1e-6
+    )
+    assert close.mean() > 0.999
+    assert shuffled.n_iter_ == expected.n_iter_
+
+
+@FORMS
+def test_scores_do_not_depend_on_units(street, form):
+    X = street.data[:3000]
+    scaled = dict(form)
+    if not isinstance(form["noise_scale"], str):
+        scaled["noise_scale"] *= 1024
+    expected = detector(form).fit(X).score_samples(X)
+    scores = detector(scaled).fit(1024 * X).score_samples(1024 * X)
+    # A power of two: no coordinate is rounded.
+    assert_allclose(scores, expected, rtol=1e-6, atol=1e-6)
+
+
+@FORMS
+def test_new_points_are_scored_as_training_points_are(street, form):
+    fitted = detector(form).fit(street.data)
+    expected = fitted.score_samples(street.data)[:7]
+    rows = [fitted.score_samples(row[None])[0] for row in street.data[:7]]
+    assert_allclose(rows, expected, rtol=1e-12)
+
+
+def test_iterating_finds_more_outliers_than_the_papers_form(street):
+    form, y = LOCAL, street.target
+    paper = MCMDOutlierDetector(refine=None, random_state=0).fit_predict(street.data)
+    labels = detector(form).fit_predict(street.data)
+    assert (labels == y).mean() > (paper == y).mean()
+    assert (labels[y == 1] == 1).mean() > 0.99
+
+
+def test_the_pooled_scale_is_the_sensors_noise():
+    X, _ = corner(noise=0.004)
+    assert_allclose(detector(POOLED).fit(X).noise_scale_, 0.004, rtol=0.1)
+    assert detector({**POOLED, "noise_scale": 0.005}).fit(X).noise_scale_ == 0.005
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.005])
+@pytest.mark.parametrize("make", [sphere, cylinder, torus])
+def test_the_local_scale_keeps_smooth_curved_surfaces(make, noise):
+    X = make(5000, noise)
+    assert (detector(LOCAL).fit_predict(X) == -1).mean() <= 0.01
+
+
+@pytest.mark.parametrize(
+    ("name", "most"),
+    [("cad_angle_block", 0.01), ("cad_featuretype", 0.01), ("pcl_building_region_growing", 0.03)],
+)
+def test_the_local_scale_keeps_clean_clouds_in_one_pass(shared_data, name, most):
+    with np.load(shared_data / name / "cloud.npz") as arrays:
+        X = arrays["xyz"][:30_000]
+    form = {**LOCAL, "max_iter": 1}
+    assert (detector(form, n_jobs=2).fit_predict(X) == -1).mean() <= most
+
+
+def test_a_borrowed_plane_is_that_of_the_own_face():
+    X, face = corner()
+    fitted = detector({**LOCAL, "max_iter": 1}).fit(X)
+    borrowed = np.flatnonzero(fitted.plane_index_ != np.arange(len(X)))
+    assert len(borrowed) > 20
+    assert (face[fitted.plane_index_[borrowed]] == face[borrowed]).mean() > 0.9
+
+
+def test_borrowing_keeps_points_next_to_an_edge():
+    X, _ = corner()
+    edge = X[:, [0, 2]].max(axis=1) < 0.03
+    form = {"noise_scale": "pooled", "max_iter": 1}
+    alone = detector({**form, "borrow": False}).fit_predict(X)
+    borrowing = detector({**form, "borrow": True}).fit_predict(X)
+    assert (borrowing[edge] == 1).mean() > 0.98 > (alone[edge] == 1).mean()
+
+
+def test_a_point_that_stands_apart_is_flagged_in_the_plane_too():
+    X, _ = corner()
+    X = X[X[:, 2] < 0.01]
+    far = np.array([[0.5, 1.8, 0.0]])
+    assert detector({**LOCAL, "borrow": False}).fit(X).predict(far) == -1
+
+
+def test_a_small_ball_of_ghost_points_is_flagged():
+    X, _ = corner(6000)
+    rng = np.random.default_rng(1)
+    ghost = [0.5, 0.5, 0.5] + 0.02 * rng.normal(size=(30, 3))
+    labels = detector(POOLED).fit_predict(np.vstack([X, ghost]))
+    assert (labels[-30:] == -1).mean() > 0.9
+
+
+@FORMS
+def test_iteration_ends_before_the_most_passes_on_a_clean_cloud(form):
+    X, _ = corner(noise=0.005)
+    assert detector({**form, "max_iter": 50}).fit(X).n_iter_ < 10
+
+
+@FORMS
+def test_iteration_ends_with_many_outliers(form):
+    X = make_street(4000, outlier_share=0.4, random_state=2).data
+    assert detector({**form, "max_iter": 60}).fit(X).n_iter_ < 60
+
+
+def test_only_neighborhoods_that_changed_are_fitted_anew():
+    """Those not in `_reached` have the same neighbors before and after."""
+    rng = np.random.default_rng(0)
+    X = rng.uniform(size=(2000, 3))
+    before = np.ones(len(X), dtype=bool)
+    before[:50] = False  # readmitted afterwards
+    after = ~before
+    after[50:] = rng.uniform(size=1950) > 0.02
+    neighbors = []
+    for retained in (before, after):
+        rows = np.flatnonzero(retained)
+        distances, found = cKDTree(X[rows]).query(X, 10)
+        neighbors.append(np.sort(rows[found], axis=1))
+        if retained is before:
+            radius = distances[:, -1]
+    changed = (neighbors[0] != neighbors[1]).any(axis=1)
+    reached = np.zeros(len(X), dtype=bool)
+    reached[_reached(X, radius, X[before != after])] = True
+    assert_array_equal(reached, changed)
+    assert 0.1 < changed.mean() < 0.9
+
+
+@FORMS
+def test_scores_are_finite_where_points_coincide(form):
+    rng = np.random.default_rng(0)
+    X = np.vstack([np.zeros((300, 3)), rng.uniform(size=(300, 3)), np.full((9, 3), 5.0)])
+    scores = detector(form).fit(X).score_samples(np.vstack([X, [[0.1, 0, 0]]]))
+    assert np.isfinite(scores).all()
+
+
+def test_one_plane_for_all_is_measured_by_a_given_noise():
+    rng = np.random.default_rng(0)
+    X = rng.uniform(size=(200, 3)) * [1, 1, 0] + rng.normal(0, 0.01, (200, 3))
+    given = MCMDOutlierDetector(None, noise_scale=0.02, random_state=0).fit(X)
+    own = MCMDOutlierDetector(None, random_state=0).fit(X)
+    assert_allclose(given.score_samples(X) / own.score_samples(X), 0.5, rtol=0.15)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"max_iter": 0}, "'max_iter' parameter"),
+        ({"noise_scale": 0.0}, "'noise_scale' parameter"),
+        ({"noise_scale": "global"}, "'noise_scale' parameter"),
+        ({"borrow": "yes"}, "'borrow' parameter"),
+    ],
+)
+def test_bad_parameters_are_named(parameters, message):
+    with pytest.raises(ValueError, match=message):
+        MCMDOutlierDetector(**parameters).fit(np.eye(3).repeat(3, 0))
