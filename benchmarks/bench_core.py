@@ -97,7 +97,8 @@ JOBS = {
 def street(n, order):
     from sklearn_mcmd.datasets import make_street
 
-    X = make_street(n, spacing=0.02, random_state=0).data
+    # 2 cm between points, the street as long as that makes it; coarser where it would be none.
+    X = make_street(n, spacing=0.02 if n >= 100_000 else None, random_state=0).data
     if order == "spatial":
         from sklearn_mcmd._neighborhoods import spatial_order
 
