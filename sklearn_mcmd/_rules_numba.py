@@ -7,14 +7,13 @@ ever held.
 import numpy as np
 from numba import njit
 
-from sklearn_mcmd._consistent_set_numba import (
+from sklearn_mcmd._consistent_set_numba import consistent_set_3d, work_arrays
+from sklearn_mcmd._plane_numba import (
     FASTMATH,
-    consistent_set_3d,
     eigh_3d,
     kth_smallest,
     variance_along,
     weighted_covariance,
-    work_arrays,
 )
 from sklearn_mcmd._rules import (
     MAD_TO_SD,

@@ -77,10 +77,9 @@ def _compiled_sets(local, sizes, trials, n_support):
 
 from sklearn_mcmd._consistent_set_numba import (  # noqa: E402, used in the compiled helper
     consistent_set_3d,
-    eigh_3d,
-    kth_smallest,
     work_arrays,
 )
+from sklearn_mcmd._plane_numba import eigh_3d, kth_smallest  # noqa: E402, after Numba is known
 
 
 @pytest.mark.parametrize("k", [50, 21])

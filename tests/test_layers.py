@@ -13,6 +13,7 @@ ROOT = Path(sklearn_mcmd.__file__).parent
 LAYERS = {  # a module imports only from lower layers, or from its own
     "_progress": 0,
     "_plane": 0,
+    "_plane_numba": 0,
     "_orientation": 0,
     "_neighborhoods": 0,
     "_resolution": 0,
