@@ -2,7 +2,7 @@
 
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
+from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, SharpFeatureDetector
 
 
 @parametrize_with_checks(
@@ -19,6 +19,29 @@ from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
         RobustNormalEstimator(method="pca", orientation="mst"),
         RobustNormalEstimator(n_neighbors=20, features="all", outlier_rate=0.1),
         RobustNormalEstimator(n_neighbors=None, refine=None, outlier_rate=0.2),
+        SharpFeatureDetector(
+            20,
+            outlier_detector=MCMDOutlierDetector(20, outlier_rate=0.2),
+            normal_estimator=RobustNormalEstimator(20, outlier_rate=0.2),
+        ),
+        SharpFeatureDetector(
+            20, outlier_detector="passthrough", normal_estimator=RobustNormalEstimator(method="pca")
+        ),
+        SharpFeatureDetector(
+            20, criterion="eigenvalue", threshold="mean", outlier_detector="passthrough"
+        ),
+        SharpFeatureDetector(
+            20, criterion="surface_variation", n_std=1.5, outlier_detector="passthrough"
+        ),
+        SharpFeatureDetector(
+            20,
+            criterion="removed_fraction",
+            threshold=0.1,
+            outlier_detector="passthrough",
+            normal_estimator=RobustNormalEstimator(
+                20, outlier_rate=0.2, features=["removed_fraction"]
+            ),
+        ),
     ]
 )
 def test_estimators_follow_the_conventions(estimator, check):
