@@ -67,7 +67,7 @@ def test_edges_of_a_street_are_found_within_two_spacings():
 
 def test_scores_are_the_distance_to_the_edge_in_spacings(box, fitted):
     scores = fitted.score_samples(box.data)
-    near = (box.edge_distance < 1.5 * box.spacing) & (scores < FAR)
+    near = (box.edge_distance < 1.5 * box.spacing) & (scores < FAR / 2)
     error = scores[near] - box.edge_distance[near] / box.spacing
     # The spacing is a local estimate, of 8 neighbors.
     assert np.median(np.abs(error)) < 0.15
@@ -127,7 +127,7 @@ def test_corners_of_lines_are_found_in_the_plane():
     scores = fast(n_neighbors=20).fit(bend).score_samples(bend)
     assert (scores[np.abs(t) < 0.008] < 2).mean() > 0.8
     # 20 neighbors reach 0.05 on average.
-    assert (scores[np.abs(t) > 0.15] == FAR).all()
+    assert (scores[np.abs(t) > 0.15] > FAR / 2).all()
 
 
 # --- Invariance -------------------------------------------------------------------------------
@@ -262,6 +262,7 @@ def test_a_grid_search_reaches_the_nested_estimators():
         ({"criterion": "sharp"}, "'criterion' parameter"),
         ({"threshold": "mean"}, "threshold='mean' is for eigenvalues"),
         ({"threshold": -1.0}, "'threshold' parameter"),
+        ({"threshold": 11.0}, "threshold=11 is in spacings"),
         ({"min_angle": 90}, "'min_angle' parameter"),
         ({"normals": "precomputed"}, "needs 6 columns"),
         ({"normals": "precomputed", "criterion": "eigenvalue"}, "needs 8 columns"),
