@@ -57,9 +57,9 @@ class SharpFeatureDetector(OutlierMixin, BaseEstimator):
 
     threshold : float or "mean", default=None
         Where an edge begins. A number: largest distance for "crease", in spacings, at most 10;
-        otherwise the least value of the criterion. None means 2 spacings for "crease" and the median plus
-        `n_std` robust standard deviations of the cloud for the others; "mean" the mean plus
-        `n_std` standard deviations (Eq. 25), not for "crease".
+        otherwise the least value of the criterion. None means 2 spacings for "crease" and the
+        median plus `n_std` robust standard deviations of the cloud for the others; "mean" the
+        mean plus `n_std` standard deviations (Eq. 25), not for "crease".
 
     n_std : float, default=None
         Standard deviations above the median or the mean (a in Eq. 25). None means 3 from the
