@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial import cKDTree
 from sklearn.metrics import f1_score, roc_auc_score
 from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
@@ -128,6 +129,16 @@ def test_corners_of_lines_are_found_in_the_plane():
     assert (scores[np.abs(t) < 0.008] < 2).mean() > 0.8
     # 20 neighbors reach 0.05 on average.
     assert (scores[np.abs(t) > 0.15] > FAR / 2).all()
+
+
+def test_edges_of_a_machined_part_are_found(shared_data):
+    with np.load(shared_data / "cad_angle_block" / "cloud.npz") as arrays:
+        points, distance = arrays["xyz"][::2], arrays["edge_dist"][::2]
+    gaps, _ = cKDTree(points).query(points, k=9)
+    spacing = np.median(gaps[:, -1]) * np.sqrt(np.pi / 8)
+    edge = distance <= 2 * spacing
+    # .90 of all 20 000 points.
+    assert f1_score(edge, fast().fit_predict(points) == -1) > 0.8
 
 
 # --- Invariance -------------------------------------------------------------------------------
