@@ -116,15 +116,16 @@ class LocalPlaneModel:
             return planes
         n_queries = len(queries)
         order = spatial_order(queries) if n_queries >= ORDER_FROM else np.arange(n_queries)
-        compiled = self.compiled and _compiled_driver() is not None
-        step = max(1, CHUNK[compiled] // self.index.n_neighbors)
-        evaluate = self._evaluate_compiled if compiled else self._evaluate_numpy
+        step = max(1, CHUNK[self.ready()] // self.index.n_neighbors)
 
         listener, n_done, lock = current_listener(), 0, Lock()
 
         def task(rows):
             nonlocal n_done
-            planes[rows] = evaluate(queries[rows], saliency, rounding)
+            part = queries[rows]
+            planes[rows] = self._evaluate_chunk(
+                part, *self.index.query(part), saliency, rounding
+            )
             if listener is not None:
                 with lock:
                     n_done += len(rows)
@@ -140,6 +141,21 @@ class LocalPlaneModel:
             self._finish(planes)
         return planes
 
+    def evaluate_neighborhoods(self, queries, indices, sizes):
+        """Planes of given neighborhoods, rows (m, k) of the index's points."""
+        rounding = max(self.rounding, 8 * np.finfo(queries.dtype).eps)
+        planes = self._evaluate_chunk(queries, indices, sizes, True, rounding)
+        self._finish(planes)
+        return planes
+
+    def ready(self):
+        """Whether compiled code does the work."""
+        return self.compiled and _compiled_driver() is not None
+
+    def _evaluate_chunk(self, queries, indices, sizes, saliency, rounding):
+        evaluate = self._evaluate_compiled if self.ready() else self._evaluate_numpy
+        return evaluate(queries, indices, sizes, saliency, rounding)
+
     def _finish(self, planes):
         """What follows from the fitted planes, row by row."""
         flat_normals(planes.normals, planes.eigenvalues, planes.directions)
@@ -151,8 +167,7 @@ class LocalPlaneModel:
             planes.scale, planes.eigenvalues, planes.n_inliers, inflation
         )
 
-    def _evaluate_compiled(self, queries, saliency, rounding):
-        indices, sizes = self.index.query(queries)
+    def _evaluate_compiled(self, queries, indices, sizes, saliency, rounding):
         planes = LocalPlanes.empty(*queries.shape)
         n_support = n_support_points(self.support_fraction, np.arange(indices.shape[1] + 1), 3)
         _compiled_driver()(
@@ -180,8 +195,7 @@ class LocalPlaneModel:
         self._measure_flat(queries, planes, rounding)
         return planes
 
-    def _evaluate_numpy(self, queries, saliency, rounding):
-        indices, sizes = self.index.query(queries)
+    def _evaluate_numpy(self, queries, indices, sizes, saliency, rounding):
         planes = LocalPlanes.empty(*queries.shape)
         neighborhoods = self.index.points[indices]
         radius, centers, whitening, scale, inliers = self._fit_rule(neighborhoods, sizes, rounding)

@@ -184,6 +184,7 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
             Interval(Real, 0, None, closed="neither"),
         ],
         "borrow": ["boolean"],
+        "keep_groups": ["boolean", StrOptions({"auto"})],
     }
 
     def __init__(
@@ -199,6 +200,7 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
         max_iter=1,
         noise_scale="own",
         borrow=False,
+        keep_groups="auto",
         random_state=None,
         n_jobs=None,
     ):
@@ -212,6 +214,7 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
         self.max_iter = max_iter
         self.noise_scale = noise_scale
         self.borrow = borrow
+        self.keep_groups = keep_groups
         self.random_state = random_state
         self.n_jobs = n_jobs
 
@@ -243,6 +246,7 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
             self._model,
             noise_scale=self.noise_scale,
             borrow=self.borrow,
+            keep_groups=self.noise_scale == "local" if self.keep_groups == "auto" else self.keep_groups,
             cutoff=cutoff,
             max_iter=self.max_iter,
             n_jobs=self.n_jobs,
