@@ -13,6 +13,7 @@ SAMPLE = 64
 DENSE = 0.1  # quantile of the spacing that stands for the dense part of the surroundings
 LINKS = 12
 COMPANIONS = 8
+MANTISSA, MIXER = np.uint64(2**52 - 1), np.uint64(0x9E3779B97F4A7C15)
 
 
 class DenseSpacing:
@@ -23,15 +24,16 @@ class DenseSpacing:
 
     Parameters
     ----------
-    points : ndarray of shape (n, d)
-        Distinct, in spatial order.
+    points : ndarray of float64 of shape (n, d)
+        Distinct.
     spacing : ndarray of shape (n,)
     """
 
     def __init__(self, points, spacing):
         window = min(WINDOW, int(WINDOW_SHARE * len(points)))
         stride = max(1, window // SAMPLE)
-        sample, values = points[::stride], spacing[::stride]
+        rows = _sample(points, stride)
+        sample, values = points[rows], spacing[rows]
         self.tree = cKDTree(sample)
         n_near = min(SAMPLE, len(sample))
         _, near = self.tree.query(sample, n_near)
@@ -80,15 +82,50 @@ class Company:
         return isolation
 
 
-def group_sizes(points, tree=None):
-    """Size of the group of each point, of those linked by being near neighbors mutually."""
-    tree = cKDTree(points) if tree is None else tree
-    n, n_links = len(points), min(LINKS, len(points) - 1)
-    distances, others = tree.query(points, n_links + 1)
-    distances, others = distances[:, 1:], others[:, 1:]
-    mutual = distances <= distances[:, -1][others]
-    rows = np.repeat(np.arange(n, dtype=np.int32), mutual.sum(axis=1))
-    ones = np.ones(len(rows), dtype=np.int8)
-    graph = coo_array((ones, (rows, others[mutual])), shape=(n, n))
-    _, labels = connected_components(graph, directed=False)
-    return np.bincount(labels)[labels]
+def group_sizes(points, rows, neighbors, compiled):
+    """Size of the group of each of some points, of those that are near neighbors mutually.
+
+    Parameters
+    ----------
+    points : ndarray of float64 of shape (n, d)
+    rows : ndarray of int of shape (m,)
+        The points that are neighbors of each other.
+    neighbors : ndarray of int of shape (n, k)
+        Rows, nearest first, the point itself before the others.
+    compiled : bool
+
+    Returns
+    -------
+    sizes : ndarray of int of shape (m,)
+    """
+    n_links = min(LINKS, neighbors.shape[1] - 1)
+    if compiled:
+        from sklearn_mcmd._density_numba import label_groups
+
+        labels = np.zeros(len(points), dtype=np.int64)
+        label_groups(points, rows, neighbors, n_links, labels)
+    else:
+        others = neighbors[rows, 1 : n_links + 1]
+        distances = np.linalg.norm(points[others] - points[rows][:, None], axis=2)
+        reach = np.zeros(len(points))
+        reach[rows] = distances[:, -1]
+        mutual = distances <= reach[others]
+        links = np.repeat(rows, mutual.sum(axis=1)), others[mutual]
+        ones = np.ones(len(links[0]), dtype=np.int8)
+        graph = coo_array((ones, links), shape=(len(points), len(points)))
+        labels = connected_components(graph, directed=False)[1]
+    return np.bincount(labels[rows], minlength=1)[labels[rows]]
+
+
+def _sample(points, stride):
+    """About one in `stride` points, by a hash of the coordinates.
+
+    So the sample depends neither on the order of rows nor on a unit that is a power of two.
+    """
+    mixed = np.zeros(len(points), dtype=np.uint64)
+    for column in points.T:
+        mantissa = np.ascontiguousarray(column).view(np.uint64) & MANTISSA
+        mixed = (mixed ^ mantissa) * MIXER
+        mixed ^= mixed >> np.uint64(29)
+    rows = np.flatnonzero((mixed * MIXER >> np.uint64(33)) % np.uint64(stride) == 0)
+    return rows if len(rows) >= SAMPLE else np.arange(len(points))

@@ -24,7 +24,7 @@ from sklearn_mcmd._judging import (
     ratio,
 )
 from sklearn_mcmd._local_planes import LocalPlanes
-from sklearn_mcmd._neighborhoods import ORDER_FROM, spatial_order
+from sklearn_mcmd._neighborhoods import ORDER_FROM, distinct_rows, spatial_order
 from sklearn_mcmd._progress import current_listener
 
 __all__ = ["IteratedPlanes"]
@@ -110,7 +110,7 @@ class IteratedPlanes:
             scores, owners, usual = self._judge_all(X, borrow)
             if last:
                 break
-            passed = self._passed(X, scores, retained)
+            passed = self._passed(X, scores)
             # A point that was let in again and failed again stays out: no oscillation.
             n_removals += retained & ~passed
             passed &= n_removals < 2
@@ -135,12 +135,13 @@ class IteratedPlanes:
             if self.ruler == COMMON and not self.pooled:
                 return ratio(planes.distance * planes.scale, self.noise_scale_found)
             return planes.distance
-        scores = np.empty(len(queries))
+        scores, precision = np.empty(len(queries)), np.finfo(queries.dtype).eps
+        queries = np.ascontiguousarray(queries, dtype=np.float64)
 
         def task(part):
             points = queries[part]
             positions, sizes = self.model.index.query(points)
-            planes = self.model.evaluate_neighborhoods(points, positions, sizes)
+            planes = self.model.evaluate_neighborhoods(points, positions, sizes, precision)
             spacing, radius = self._extents(points, positions, sizes)
             rows = self.member_rows[positions]
             judged = self._judge(points, planes, spacing, radius, rows, sizes, self.borrow)
@@ -183,7 +184,9 @@ class IteratedPlanes:
         # A cloud whose noise is as large as its neighborhoods has no flatter planes than that.
         self.most_rough = max(FLATNESS, FLATNESS_FACTOR * usual)
         self._find_credible()
-        self.dense = DenseSpacing(index.points, fitted.spacing[rows])
+        # Only of the seeds: among those retained, what is sparse would be eaten pass by pass.
+        seeding = self.n_iter == 1 and self.max_iter > 1 and self.ruler != OWN
+        self.dense = DenseSpacing(index.points, fitted.spacing[rows]) if seeding else None
 
     def _find_credible(self):
         fitted = self.fitted
@@ -198,9 +201,7 @@ class IteratedPlanes:
             planes = fitted.planes
             scale = planes.scale[rows]
             removed = 1.0 - planes.n_inliers[rows] / planes.n_members[rows]
-            credible = credible_planes(
-                scale, removed, fitted.radius[rows], around, self.most_rough
-            )
+            credible = credible_planes(scale, removed, fitted.radius[rows], around, self.most_rough)
             if self.ruler == COMMON:
                 credible &= scale <= NOISY_PLANE * self.noise_scale_found
             fitted.credible[rows] = credible
@@ -239,15 +240,15 @@ class IteratedPlanes:
         scores, usual = judged.scores, judged.usual_spacing
         if self.ruler != OWN:
             # Among copies of one point there is no spacing to compare with.
-            dense = self.dense.around(queries)
             apart = ratio(spacing, STANDS_APART * np.where(usual > 0, usual, np.inf))
-            sparse = ratio(spacing, SPARSE * np.where(dense > 0, dense, np.inf))
-            if self.max_iter == 1 or self.n_iter > 1:
-                sparse = 0.0
-            scores = np.maximum(scores, self.cutoff * np.maximum(apart, sparse))
+            if self.dense is not None:
+                dense = self.dense.around(queries)
+                sparse = ratio(spacing, SPARSE * np.where(dense > 0, dense, np.inf))
+                apart = np.maximum(apart, sparse)
+            scores = np.maximum(scores, self.cutoff * apart)
         return scores, judged.owners, usual
 
-    def _passed(self, X, scores, retained):
+    def _passed(self, X, scores):
         """Who is retained for the next pass."""
         n = len(X)
         limit = self.cutoff
@@ -255,12 +256,13 @@ class IteratedPlanes:
             # Where density varies wildly there is no one dense surface to compare with.
             limit = max(limit, float(np.quantile(scores, LEAST_RETAINED)))
         passed = scores <= limit
-        if self.ruler != OWN and passed.any():
+        if self.ruler != OWN:
             k = self.neighbors.shape[1]
-            rows = np.arange(n) if self.n_iter == 1 else np.flatnonzero(passed)
-            small = group_sizes(X[rows]) < self._least_group(n, k)
-            rough = self.fitted.planes.scale[rows] > QUITE_FLAT * self.fitted.radius[rows]
-            self.alone[rows[small & rough]] = True
+            members = self.member_rows
+            sizes = group_sizes(X, members, self.neighbors, self.compiled)
+            planes = self.fitted.planes
+            rough = planes.scale[members] > QUITE_FLAT * self.fitted.radius[members]
+            self.alone[members] |= rough & (sizes < min(SMALL_GROUP * k, SMALL_SHARE * n))
             passed &= ~self.alone
         return passed
 
@@ -270,8 +272,9 @@ class IteratedPlanes:
         del self.neighbors
         self.company = None
         if self.keep_groups and self.ruler != OWN:
-            rejected = scores > self.cutoff
-            self.company = Company(X[rejected], k, self.alone[rejected])
+            rejected = np.flatnonzero(scores > self.cutoff)
+            distinct = rejected[distinct_rows(X[rejected])] if len(rejected) else rejected
+            self.company = Company(X[distinct], k, self.alone[distinct])
             scores[rejected] = self._spare_company(X[rejected], scores[rejected], usual[rejected])
         self.scores, self.plane_index = np.empty(n), np.empty(n, dtype=np.intp)
         self.scores[order] = scores
@@ -288,9 +291,6 @@ class IteratedPlanes:
 
     def _least(self, n):
         return max(self.model.index.points.shape[1] + 1, self.neighbors.shape[1], n * 0.4)
-
-    def _least_group(self, n, k):
-        return min(SMALL_GROUP * k, SMALL_SHARE * n)
 
     def _extents(self, queries, positions, sizes):
         """Mean distance of the neighbors, and that of the last."""

@@ -123,9 +123,7 @@ class LocalPlaneModel:
         def task(rows):
             nonlocal n_done
             part = queries[rows]
-            planes[rows] = self._evaluate_chunk(
-                part, *self.index.query(part), saliency, rounding
-            )
+            planes[rows] = self._evaluate_chunk(part, *self.index.query(part), saliency, rounding)
             if listener is not None:
                 with lock:
                     n_done += len(rows)
@@ -141,9 +139,12 @@ class LocalPlaneModel:
             self._finish(planes)
         return planes
 
-    def evaluate_neighborhoods(self, queries, indices, sizes):
-        """Planes of given neighborhoods, rows (m, k) of the index's points."""
-        rounding = max(self.rounding, 8 * np.finfo(queries.dtype).eps)
+    def evaluate_neighborhoods(self, queries, indices, sizes, precision=0.0):
+        """Planes of given neighborhoods, rows (m, k) of the index's points.
+
+        `precision` is the relative rounding error of the queries, where that is greater.
+        """
+        rounding = max(self.rounding, 8 * precision)
         planes = self._evaluate_chunk(queries, indices, sizes, True, rounding)
         self._finish(planes)
         return planes

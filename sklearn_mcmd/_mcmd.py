@@ -197,9 +197,9 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
         success_probability=0.9999,
         cutoff=None,
         refine="reweight",
-        max_iter=1,
-        noise_scale="own",
-        borrow=False,
+        max_iter=3,
+        noise_scale="local",
+        borrow=True,
         keep_groups="auto",
         random_state=None,
         n_jobs=None,
@@ -240,13 +240,19 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
         """
         X = self._fit_planes(X)
         cutoff = self._cutoff
-        if self.cutoff is None and self.noise_scale != "own":
+        own_ruler = self.noise_scale == "own" or (
+            self.n_neighbors is None and self.noise_scale == "local"
+        )
+        if self.cutoff is None and not own_ruler:
             cutoff = JOINT_CUTOFF
+        keep_groups = self.keep_groups
+        if keep_groups == "auto":
+            keep_groups = self.noise_scale == "local"
         self._cloud = IteratedPlanes(
             self._model,
             noise_scale=self.noise_scale,
             borrow=self.borrow,
-            keep_groups=self.noise_scale == "local" if self.keep_groups == "auto" else self.keep_groups,
+            keep_groups=keep_groups,
             cutoff=cutoff,
             max_iter=self.max_iter,
             n_jobs=self.n_jobs,
@@ -257,6 +263,23 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
         self.plane_index_ = self._cloud.plane_index
         self.offset_ = -cutoff
         return self
+
+    def fit_predict(self, X, y=None):
+        """Label the points of a cloud by itself.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+        y : Ignored
+
+        Returns
+        -------
+        labels : ndarray of int of shape (n_samples,)
+            1 for inliers, -1 for outliers: ``fit(X).predict(X)``, without judging twice.
+        """
+        self.fit(X)
+        scores = self._cloud.scores
+        return self.predict(X) if scores is None else np.where(scores <= -self.offset_, 1, -1)
 
     def score_samples(self, X):
         """Opposite of the robust distance of each point to the plane of its neighborhood.
