@@ -212,7 +212,9 @@ def test_compiled_verdicts_are_those_of_numpy(street, monkeypatch):
 def test_groups_are_those_of_mutual_near_neighbors():
     rng = np.random.default_rng(0)
     centers = rng.uniform(0, 20, (30, 3))
-    X = np.vstack([c + 0.1 * rng.normal(size=(m, 3)) for c, m in zip(centers, range(5, 35))])
+    X = np.vstack(
+        [c + 0.1 * rng.normal(size=(m, 3)) for c, m in zip(centers, range(5, 35), strict=True)]
+    )
     _, neighbors = cKDTree(X).query(X, 20)
     rows = np.arange(len(X))
     sizes = [group_sizes(X, rows, neighbors, compiled) for compiled in (True, False)]
