@@ -32,7 +32,7 @@ __all__ = ["IteratedPlanes"]
 CHUNK = {True: 4096, False: 256}  # rows a task, compiled or not
 # A point stands apart if its neighbors are so many times farther from it than from each other,
 # or than is usual on the dense surfaces of its wider surroundings.
-STANDS_APART = 1.8
+STANDS_APART = 2.4
 SPARSE = 1.5
 # Rejected points whose own spacing is below so many times that of surfaces are an object's.
 COMPANY = 2.5
@@ -46,7 +46,7 @@ SETTLED = 1e-3
 # Iterating must not eat the cloud.
 LEAST_RETAINED = 0.5
 # Groups below this many neighborhoods or share of the cloud are outliers unless quite flat.
-SMALL_GROUP, SMALL_SHARE = 2, 1 / 32
+SMALL_GROUP, SMALL_SHARE = 2, 1 / 20
 QUITE_FLAT = 0.05
 
 
@@ -100,10 +100,13 @@ class IteratedPlanes:
         retained = np.ones(n, dtype=bool)
         n_removals = np.zeros(n, dtype=np.int8)
         self._start(X)
+        self.n_distinct = len(self.model.index.points)
         self.alone = np.zeros(n, dtype=bool)  # in a small group, once
         self.member_rows = np.argsort(order).astype(np.int32)[self.model.index.rows]
         while True:
             self._refit(X)
+            if self.n_iter == 1:
+                self.copied = self.neighbors[:, 0].copy()  # the row that stands for its copies
             last = self.n_iter == self.max_iter
             # With one noise for all, borrowed planes would let outliers creep back in.
             borrow = self.borrow and (last or self.ruler != COMMON)
@@ -262,7 +265,9 @@ class IteratedPlanes:
             sizes = group_sizes(X, members, self.neighbors, self.compiled)
             planes = self.fitted.planes
             rough = planes.scale[members] > QUITE_FLAT * self.fitted.radius[members]
-            self.alone[members] |= rough & (sizes < min(SMALL_GROUP * k, SMALL_SHARE * n))
+            small = sizes < min(SMALL_GROUP * k, SMALL_SHARE * self.n_distinct)
+            self.alone[members] |= small & (rough | ~passed[members])
+            self.alone = self.alone[self.copied]
             passed &= ~self.alone
         return passed
 
