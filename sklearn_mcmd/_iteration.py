@@ -44,7 +44,7 @@ NOISY_PLANE = 2.0
 # Below this share of changed points the retained set is settled.
 SETTLED = 1e-3
 # Iterating must not eat the cloud.
-LEAST_RETAINED = 0.5
+LEAST_RETAINED, LEAST_GOING_ON = 0.5, 0.4
 # Groups below this many neighborhoods or share of the cloud are outliers unless quite flat.
 SMALL_GROUP, SMALL_SHARE = 2, 1 / 20
 QUITE_FLAT = 0.05
@@ -100,9 +100,9 @@ class IteratedPlanes:
         retained = np.ones(n, dtype=bool)
         n_removals = np.zeros(n, dtype=np.int8)
         self._start(X)
-        self.n_distinct = len(self.model.index.points)
         self.alone = np.zeros(n, dtype=bool)  # in a small group, once
         self.member_rows = np.argsort(order).astype(np.int32)[self.model.index.rows]
+        self.distinct = np.sort(self.member_rows)  # copies of a point count once
         while True:
             self._refit(X)
             if self.n_iter == 1:
@@ -117,8 +117,9 @@ class IteratedPlanes:
             # A point that was let in again and failed again stays out: no oscillation.
             n_removals += retained & ~passed
             passed &= n_removals < 2
-            changed = np.count_nonzero(passed != retained)
-            if changed <= SETTLED * n or passed.sum() < self._least(n):
+            changed = np.count_nonzero((passed != retained)[self.distinct])
+            few = passed[self.distinct].sum() < self._least()
+            if changed <= SETTLED * len(self.distinct) or few:
                 if borrow != self.borrow:
                     scores, owners, usual = self._judge_all(X, self.borrow)
                 break
@@ -147,7 +148,9 @@ class IteratedPlanes:
             planes = self.model.evaluate_neighborhoods(points, positions, sizes, precision)
             spacing, radius = self._extents(points, positions, sizes)
             rows = self.member_rows[positions]
-            judged = self._judge(points, planes, spacing, radius, rows, sizes, self.borrow)
+            judged = self._judge(
+                points, planes, spacing, radius, rows, sizes, self.borrow, precision
+            )
             scores[part] = self._spare_company(points, *judged[::2])
 
         self._each_chunk(queries, task)
@@ -233,12 +236,13 @@ class IteratedPlanes:
         self._run([np.arange(i, min(i + chunk, n)) for i in range(0, n, chunk)], task)
         return scores, owners, usual
 
-    def _judge(self, queries, planes, spacing, radius, rows, sizes, borrow):
+    def _judge(self, queries, planes, spacing, radius, rows, sizes, borrow, precision=0.0):
         """Scores, owners (rows of the sorted cloud, -1 the own) and the usual spacing."""
+        least = max(self.model.rounding, 8 * precision) * np.abs(queries).max(axis=1)
         noise = self.noise_scale_found if self.ruler == COMMON else np.nan
         options = Judge(self.ruler, noise, self.cutoff, borrow, self.most_rough)
         judged = judge(
-            options, queries, planes, spacing, radius, rows, sizes, self.fitted, self.compiled
+            options, queries, planes, radius, least, rows, sizes, self.fitted, self.compiled
         )
         scores, usual = judged.scores, judged.usual_spacing
         if self.ruler != OWN:
@@ -257,7 +261,7 @@ class IteratedPlanes:
         limit = self.cutoff
         if self.ruler != OWN and self.n_iter == 1:
             # Where density varies wildly there is no one dense surface to compare with.
-            limit = max(limit, float(np.quantile(scores, LEAST_RETAINED)))
+            limit = max(limit, float(np.quantile(scores[self.distinct], LEAST_RETAINED)))
         passed = scores <= limit
         if self.ruler != OWN:
             k = self.neighbors.shape[1]
@@ -265,8 +269,9 @@ class IteratedPlanes:
             sizes = group_sizes(X, members, self.neighbors, self.compiled)
             planes = self.fitted.planes
             rough = planes.scale[members] > QUITE_FLAT * self.fitted.radius[members]
-            small = sizes < min(SMALL_GROUP * k, SMALL_SHARE * self.n_distinct)
-            self.alone[members] |= small & (rough | ~passed[members])
+            small = sizes < min(SMALL_GROUP * k, SMALL_SHARE * len(self.distinct))
+            found = members[small & (rough | ~passed[members])]
+            self.alone[self.copied[found]] = True
             self.alone = self.alone[self.copied]
             passed &= ~self.alone
         return passed
@@ -294,8 +299,10 @@ class IteratedPlanes:
         scores[far] = np.minimum(scores[far], self.cutoff / COMPANY * isolation)
         return scores
 
-    def _least(self, n):
-        return max(self.model.index.points.shape[1] + 1, self.neighbors.shape[1], n * 0.4)
+    def _least(self):
+        """Fewest points to go on with: some are left out of the half for being alone."""
+        least = LEAST_GOING_ON * len(self.distinct)
+        return max(self.model.index.points.shape[1] + 1, self.neighbors.shape[1], least)
 
     def _extents(self, queries, positions, sizes):
         """Mean distance of the neighbors, and that of the last."""

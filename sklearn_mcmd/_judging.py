@@ -59,7 +59,7 @@ class Judged:
     usual_spacing: np.ndarray
 
 
-def judge(options, queries, planes, spacing, radius, indices, sizes, fitted, compiled):
+def judge(options, queries, planes, radius, least, indices, sizes, fitted, compiled):
     """Measure queries (m, d) by their own planes and those of their neighbors.
 
     Parameters
@@ -67,7 +67,9 @@ def judge(options, queries, planes, spacing, radius, indices, sizes, fitted, com
     options : Judge
     queries : ndarray of float64 of shape (m, d)
     planes : LocalPlanes of the queries
-    spacing, radius : ndarray of shape (m,)
+    radius : ndarray of shape (m,)
+    least : ndarray of shape (m,)
+        Least standard deviation of a query: what rounding of its coordinates amounts to.
     indices : ndarray of int of shape (m, k)
         Rows of `fitted`.
     sizes : ndarray of int of shape (m,)
@@ -79,7 +81,7 @@ def judge(options, queries, planes, spacing, radius, indices, sizes, fitted, com
     Judged
     """
     if not compiled:
-        return _judge_numpy(options, queries, planes, radius, indices, sizes, fitted)
+        return _judge_numpy(options, queries, planes, radius, least, indices, sizes, fitted)
     from sklearn_mcmd._judging_numba import judge_neighborhoods
 
     m = len(queries)
@@ -92,6 +94,7 @@ def judge(options, queries, planes, spacing, radius, indices, sizes, fitted, com
         planes.normals,
         planes.removed_fraction,
         radius,
+        least,
         indices,
         sizes,
         fitted.planes.centroids,
@@ -130,10 +133,10 @@ def ratio(numerator, denominator):
     return np.nan_to_num(quotient, nan=0.0, posinf=np.finfo(float).max)
 
 
-def _judge_numpy(options, queries, planes, radius, indices, sizes, fitted):
+def _judge_numpy(options, queries, planes, radius, least, indices, sizes, fitted):
     valid = _valid(indices, sizes)
     own = np.abs(np.einsum("md,md->m", queries - planes.centroids, planes.normals))
-    ruler = _ruler(options, planes, radius, indices, valid, fitted)
+    ruler = np.maximum(_ruler(options, planes, radius, indices, valid, fitted), least)
     scores = planes.distance.copy() if options.ruler == OWN else ratio(own, ruler)
     owners = np.full(len(queries), -1)
     if options.borrow:
@@ -141,6 +144,7 @@ def _judge_numpy(options, queries, planes, radius, indices, sizes, fitted):
         others = fitted.planes.scale[indices[far]]
         if options.ruler == COMMON:
             others = np.full_like(others, options.noise)
+        others = np.maximum(others, least[far, None])
         borrowed, owner = nearest_credible_planes(
             queries[far], indices[far], valid[far], fitted, others
         )

@@ -13,7 +13,7 @@ LARGEST = np.finfo(np.float64).max
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def judge_neighborhoods(
-    queries, distance, scale, centroids, normals, removed, radius, indices, sizes,
+    queries, distance, scale, centroids, normals, removed, radius, least_scale, indices, sizes,
     all_centroids, all_normals, all_scale, all_spacing, all_radius, all_credible,
     ruler, noise, cutoff, borrow, most_rough, scores, owners, usual_spacing,
 ):  # fmt: skip
@@ -50,7 +50,7 @@ def judge_neighborhoods(
             own = 0.0
             for axis in range(d):
                 own += (queries[i, axis] - centroids[i, axis]) * normals[i, axis]
-            scores[i] = _ratio(abs(own), sigma)
+            scores[i] = _ratio(abs(own), max(sigma, least_scale[i]))
         if borrow and scores[i] > cutoff:
             for j in range(size):
                 row = neighbors[j]
@@ -63,7 +63,7 @@ def judge_neighborhoods(
                     reach += deviation * deviation
                 if np.sqrt(reach) <= all_radius[row]:
                     sigma = noise if ruler == COMMON else all_scale[row]
-                    borrowed = abs(height) / sigma
+                    borrowed = abs(height) / max(sigma, least_scale[i])
                     if borrowed < scores[i]:
                         scores[i], owners[i] = borrowed, row
 

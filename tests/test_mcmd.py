@@ -158,7 +158,8 @@ def test_thousands_of_points_in_one_place_do_not_slow_the_search():
     X = np.vstack([np.zeros((100_000, 3)), rng.uniform(1, 2, (2_000, 3)) * [1, 1, 0]])
     detector = MCMDOutlierDetector(20, random_state=0).fit(X)
     assert (detector.predict(X[-2000:]) == 1).all()
-    assert (detector.predict(X[:50]) == 1).all()
+    # As one location far from the others, however often it was returned.
+    assert (detector.predict(X[:50]) == -1).all()
 
 
 @pytest.mark.parametrize(
