@@ -33,6 +33,7 @@ LAYERS = {  # a module imports only from lower layers, or from its own
     "_file_summary": 7,
     "_demo": 8,
     "cli": 9,
+    "paper": 9,
     "__main__": 10,
 }
 APART = {"datasets", "io", "metrics"}  # import no estimator
