@@ -25,6 +25,7 @@ LAYERS = {  # a module imports only from lower layers, or from its own
     "_borrowing": 4,
     "_iteration": 5,
     "_base": 5,
+    "model_selection": 6,
     "_features": 5,
     "_mcmd": 6,
     "_normals": 6,
