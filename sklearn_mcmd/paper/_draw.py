@@ -16,8 +16,9 @@ COLORS = {
     "MCMD_MD": "#D55E00",
     "reweighted": "#56B4E9",
 }
-STYLES = {"reweighted": "--", "MCMD_MD h=.5n": ":", "RANSAC sigma=.1": "--"}
-FALLBACK = {"MCMD_MD h=.5n": "MCMD_MD", "RANSAC sigma=.1": "RANSAC"}
+# Other readings of a method are drawn in its color.
+FALLBACK = {"MCMD_MD h=.5n": "MCMD_MD", "RANSAC sigma=.1": "RANSAC", "RPCA rrcov": "RPCA"}
+STYLES = {"reweighted": "--"} | dict.fromkeys(FALLBACK, ":")
 
 
 def color(name):

@@ -58,11 +58,11 @@ def bias_angles(method, clouds, random_state, steps):
     return np.concatenate(angles)
 
 
-def flag_counts(method, clouds, random_state, steps):
+def flag_counts(method, clouds, random_state, steps, n_flagged=None):
     """Outliers found and regular points kept in each cloud, int (runs, 2)."""
     counts = []
     for chunk in _chunks(clouds[: affordable(method, len(clouds))]):
-        inliers = method(chunk.points, chunk.regular, chunk.n_outliers, random_state)[1]
+        _, inliers = method(chunk.points, chunk.regular, chunk.n_outliers, random_state, n_flagged)
         found = (~inliers & ~chunk.regular).sum(axis=1)
         counts.append(np.column_stack([found, (inliers & chunk.regular).sum(axis=1)]))
         steps.advance(len(chunk))
