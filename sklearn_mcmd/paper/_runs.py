@@ -29,8 +29,8 @@ def stream(seed, *labels):
 
 
 def affordable(method, runs):
-    """How many of the runs a method is given, at least ten or all."""
-    return min(runs, max(10, round(method.effort * runs)))
+    """How many of the runs a method is given, at least four or all."""
+    return min(runs, max(4, round(method.effort * runs)))
 
 
 class Steps:

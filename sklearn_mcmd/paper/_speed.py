@@ -34,7 +34,7 @@ def timed_methods():
     return [rows[name] for name in [*SECONDS, "reweighted"] if name in rows]
 
 
-def table3(runs=1000, *, seed=0):
+def table3(runs=1000, *, seed=0, sizes=SIZES, shares=TIMED_SHARES):
     """Table 3: times of one plane by sample size and percentage of outliers, as ratios.
 
     Parameters
@@ -43,6 +43,8 @@ def table3(runs=1000, *, seed=0):
         Most clouds that each method is timed on, one at a time, methods in turns; slow ones are
         stopped after a second a column.
     seed : int, default=0
+    sizes, shares : sequences of int, default=all columns
+        Columns of the paper's table that are timed.
 
     Returns
     -------
@@ -51,7 +53,7 @@ def table3(runs=1000, *, seed=0):
         cloud.
     """
     methods = timed_methods()
-    columns = [("size", n, n, 20) for n in SIZES] + [("share", p, 50, p) for p in TIMED_SHARES]
+    columns = [("size", n, n, 20) for n in sizes] + [("share", p, 50, p) for p in shares]
     steps = Steps(len(columns))
     seconds, tables = {}, []
     for kind, key, n, percentage in columns:
@@ -59,16 +61,14 @@ def table3(runs=1000, *, seed=0):
             seconds[kind, key, method] = taken
         steps.advance(1)
     for kind, keys, caption in (
-        ("size", SIZES, "by number of points, 20 % of outliers: time over MCMD_Z's"),
-        ("share", TIMED_SHARES, "by percentage of outliers, 50 points: time over MCMD_Z's"),
+        ("size", sizes, "by number of points, 20 % of outliers: time over MCMD_Z's"),
+        ("share", shares, "by percentage of outliers, 50 points: time over MCMD_Z's"),
     ):
         rows = []
         for method in methods:
-            printed = SECONDS.get(method.name)
+            printed = _printed_ratios(method.name, kind, keys)
             if printed is not None:
-                values = np.array(printed[kind == "share"])
-                unit = np.array(SECONDS["MCMD_Z"][kind == "share"])
-                rows.append((method.name, "paper", *(_short(v) for v in values / unit)))
+                rows.append((method.name, "paper", *map(_short, printed)))
             ours, errors = _ratios(seconds, kind, keys, method.name)
             cells = [f"{_short(v)} ± {_short(e)}" for v, e in zip(ours, errors, strict=True)]
             rows.append((method.name if printed is None else "", "ours", *cells))
@@ -92,15 +92,15 @@ def table3(runs=1000, *, seed=0):
 
     def draw(figure):
         for ax, (kind, keys) in zip(
-            figure.subplots(1, 2), (("size", SIZES), ("share", TIMED_SHARES)), strict=True
+            figure.subplots(1, 2), (("size", sizes), ("share", shares)), strict=True
         ):
             for method in methods:
                 ours, _ = _ratios(seconds, kind, keys, method.name)
                 color = _draw.color(method.name)
                 ax.plot(keys, ours, "o-", color=color, label=method.name, markersize=4)
-                if method.name in SECONDS:
-                    values, unit = (SECONDS[m][kind == "share"] for m in (method.name, "MCMD_Z"))
-                    ax.plot(keys, np.array(values) / unit, "x:", color=color)
+                printed = _printed_ratios(method.name, kind, keys)
+                if printed is not None:
+                    ax.plot(keys, printed, "x:", color=color)
             ax.set(yscale="log", ylabel="time over MCMD_Z's")
             ax.grid(alpha=0.3)
         figure.axes[0].set(xscale="log", xlabel="points", title="20 % of outliers")
@@ -131,6 +131,15 @@ def _time(methods, n, percentage, runs, random_state):
             break
     # The first call loads or compiles code.
     return {name: np.array(taken[1:] or taken) for name, taken in seconds.items()}
+
+
+def _printed_ratios(name, kind, keys):
+    """The paper's times over MCMD_Z's in these columns, None where it has no such row."""
+    if name not in SECONDS:
+        return None
+    own, unit = (SECONDS[method][kind == "share"] for method in (name, "MCMD_Z"))
+    columns = [(SIZES if kind == "size" else TIMED_SHARES).index(key) for key in keys]
+    return [own[column] / unit[column] for column in columns]
 
 
 def _ratios(seconds, kind, keys, name):
