@@ -79,6 +79,7 @@ def table1(runs=1000, *, seed=0):
             _draw.boxes(ax, {m.name: angles[law, m.name] for m in methods}, f"{law} outliers")
             means = [ANGLES[m.name][law][0] if m.in_paper else np.nan for m in methods]
             _draw.printed_means(ax, means)
+            ax.set(yscale="log", ylim=(1e-3, 120))
 
     title = f"Table 1: bias angles (degrees) of 50 points, 10 of them outliers, {runs} runs"
     return Report("table1", title, tables, notes, angles, draw, (11.0, 5.0))

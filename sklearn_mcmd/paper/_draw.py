@@ -4,7 +4,7 @@ import numpy as np
 
 __all__ = ["boxes", "histogram", "lines", "printed_means", "profile"]
 
-# Okabe and Ito's colors, which all people can tell apart, and two grays.
+# Okabe and Ito's colors, which all people can tell apart, two grays, and three of Tol's.
 COLORS = {
     "PCA": "#555555",
     "RANSAC": "#E69F00",
@@ -15,6 +15,9 @@ COLORS = {
     "MCMD_Z": "#0072B2",
     "MCMD_MD": "#D55E00",
     "reweighted": "#56B4E9",
+    "LOF": "#117733",
+    "IsolationForest": "#882255",
+    "EllipticEnvelope": "#AA4499",
 }
 # Other readings of a method are drawn in its color.
 FALLBACK = {"MCMD_MD h=.5n": "MCMD_MD", "RANSAC sigma=.1": "RANSAC", "RPCA rrcov": "RPCA"}
@@ -37,6 +40,8 @@ def boxes(ax, angles, title):
     for box, name in zip(drawn["boxes"], angles, strict=True):
         box.set(facecolor=color(name), alpha=0.8)
     ax.tick_params(axis="x", rotation=45)
+    for label in ax.get_xticklabels():
+        label.set(ha="right", rotation_mode="anchor")
     ax.set(title=title, ylabel="bias angle, degrees")
 
 

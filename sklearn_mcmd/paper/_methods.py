@@ -9,6 +9,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from sklearn.covariance import EllipticEnvelope
+from sklearn.ensemble import IsolationForest
+from sklearn.neighbors import LocalOutlierFactor
 
 from sklearn_mcmd._consistent_set import (
     draw_trials,
@@ -22,7 +25,7 @@ from sklearn_mcmd._rules import METHODS as RULES
 from sklearn_mcmd._rules import robust_distances
 from sklearn_mcmd.baselines import Msac, Pca, Qsp, Ransac, Robpca, Ulsif
 
-__all__ = ["METHODS", "Method", "mcmd"]
+__all__ = ["METHODS", "PEERS", "Method", "mcmd"]
 
 SUCCESS_PROBABILITY = 0.9999  # P_r throughout the paper
 ROUNDING = 8 * np.finfo(float).eps
@@ -88,6 +91,20 @@ class TrainedUlsif(Ulsif):
 
     def _training(self, group, shuffled):
         return self.clean - group.origin[:, None]
+
+
+def _peer(make, score):
+    """A detector of scikit-learn, one cloud at a time, told how many points to flag."""
+
+    def apply(points, regular, n_outliers, n_flagged, random_state):
+        seeds = random_state.randint(2**31 - 1, size=len(points))
+        scores = [
+            -score(make(int(seed)).fit(cloud), cloud)
+            for cloud, seed in zip(points, seeds, strict=True)
+        ]
+        return _without_highest(points, np.array(scores), n_flagged)
+
+    return apply
 
 
 def _without_highest(points, scores, n_flagged):
@@ -197,5 +214,36 @@ METHODS = {
             "this package's default: MCMD_Z told nothing, plane and scale reweighted twice",
             mcmd("mcmd_z", told=False, reweight=True),
         ),
+        Method(
+            "LOF",
+            False,
+            "scikit-learn's LocalOutlierFactor of 19 neighbors, told the number of outliers",
+            _peer(
+                lambda seed: LocalOutlierFactor(19),
+                lambda fitted, cloud: fitted.negative_outlier_factor_,
+            ),
+            effort=0.2,
+        ),
+        Method(
+            "IsolationForest",
+            False,
+            "scikit-learn's, of 100 trees, told the number of outliers",
+            _peer(
+                lambda seed: IsolationForest(random_state=seed),
+                lambda fitted, cloud: fitted.score_samples(cloud),
+            ),
+            effort=0.05,
+        ),
+        Method(
+            "EllipticEnvelope",
+            False,
+            "scikit-learn's, told the number of outliers",
+            _peer(
+                lambda seed: EllipticEnvelope(random_state=seed),
+                lambda fitted, cloud: fitted.score_samples(cloud),
+            ),
+            effort=0.1,
+        ),
     )
 }
+PEERS = ("LOF", "IsolationForest", "EllipticEnvelope")
