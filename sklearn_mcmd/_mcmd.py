@@ -3,10 +3,8 @@
 from typing import ClassVar
 
 import numpy as np
-from sklearn.base import OutlierMixin
-from sklearn.utils.validation import check_is_fitted
 
-from sklearn_mcmd._base import BaseLocalPlanes, Integral, Interval, Real, StrOptions, fit_context
+from sklearn_mcmd._base import BasePlaneOutliers, Integral, Interval, Real, StrOptions, fit_context
 from sklearn_mcmd._iteration import IteratedPlanes
 
 __all__ = ["MCMDOutlierDetector"]
@@ -15,7 +13,7 @@ __all__ = ["MCMDOutlierDetector"]
 JOINT_CUTOFF = 3.0
 
 
-class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
+class MCMDOutlierDetector(BasePlaneOutliers):
     """Outliers by maximum consistency with minimum distance (MCMD).
 
     Around each point the plane is sought that the majority of its neighbors agree on: of the
@@ -176,7 +174,7 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
     """
 
     _parameter_constraints: ClassVar[dict] = {
-        **BaseLocalPlanes._parameter_constraints,
+        **BasePlaneOutliers._parameter_constraints,
         "method": [StrOptions({"mcmd_z", "mcmd_md"})],
         "max_iter": [Interval(Integral, 1, None, closed="left")],
         "noise_scale": [
@@ -267,34 +265,7 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
             In standard deviations of the plane's noise; at most 0, the lower, the more
             abnormal. Robust z-score (Eq. 17) or Mahalanobis distance (Eq. 18), negative.
         """
-        check_is_fitted(self)
-        X = self._check_queries(X)
-        return -self._cloud.score(X)
+        return super().score_samples(X)
 
-    def decision_function(self, X):
-        """Score relative to the cutoff: negative for outliers.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-
-        Returns
-        -------
-        decision : ndarray of shape (n_samples,)
-            ``score_samples(X) - offset_``.
-        """
-        return self.score_samples(X) - self.offset_
-
-    def predict(self, X):
-        """Label points as inliers or outliers of the fitted cloud.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-
-        Returns
-        -------
-        labels : ndarray of int of shape (n_samples,)
-            1 for inliers, -1 for outliers.
-        """
-        return np.where(self.decision_function(X) >= 0, 1, -1)
+    def _score(self, X):
+        return self._cloud.score(X)

@@ -1,5 +1,6 @@
 """The methods that the first paper compares with, as arrays and as one outlier detector."""
 
+from sklearn_mcmd.baselines._detector import PlaneOutlierDetector
 from sklearn_mcmd.baselines._fits import NeighborhoodFit
 from sklearn_mcmd.baselines._methods import fit_neighborhoods
 from sklearn_mcmd.baselines._pca import Pca
@@ -12,6 +13,7 @@ __all__ = [
     "Msac",
     "NeighborhoodFit",
     "Pca",
+    "PlaneOutlierDetector",
     "Qsp",
     "Ransac",
     "Robpca",

@@ -195,6 +195,10 @@ class Method(ABC):
         """The tables of random positions, by the size of the neighborhoods."""
         return Tables(self, check_random_state(random_state).randint(LARGEST_SEED))
 
+    def usual_cutoff(self, n, d):
+        """Score beyond which a member of n is an outlier; None for a method that has none."""
+        return None
+
     @abstractmethod
     def table_shape(self, size, d):
         """Rows and columns of the table for neighborhoods of a size."""

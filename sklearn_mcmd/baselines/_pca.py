@@ -26,6 +26,9 @@ class Pca(Method):
     def __post_init__(self):
         check(self, "cutoff", 0, np.inf)
 
+    def usual_cutoff(self, n, d):
+        return self.cutoff
+
     def table_shape(self, size, d):
         return 0, 0
 

@@ -78,6 +78,9 @@ class Ransac(Method):
         """Threshold in standard deviations."""
         return float(np.sqrt(chdtri(self.degrees_of_freedom, 1.0 - self.quantile)))
 
+    def usual_cutoff(self, n, d):
+        return self.cutoff
+
     def table_shape(self, size, d):
         return self.max_trials, d
 
@@ -207,10 +210,12 @@ def _trial_planes(points, table):
         spans = area2 / 3 > (RANK_TOLERANCE * spread) ** 2
         normals = normals / np.sqrt(np.where(spans, area2, 1.0))[..., None]
         return anchors, normals, spans
-    d = points.shape[-1]
-    _, singular, axes = np.linalg.svd(subsets[..., 1:, :] - anchors[..., None, :])
-    spans = singular[..., d - 2] > RANK_TOLERANCE * singular[..., 0]
-    return anchors, axes[..., -1, :], spans
+    # The column of Q that no column of R needs; much faster than singular values.
+    sides = np.swapaxes(subsets[..., 1:, :] - anchors[..., None, :], -1, -2)
+    basis, triangle = np.linalg.qr(sides, mode="complete")
+    lengths = np.abs(np.diagonal(triangle, axis1=-2, axis2=-1))
+    spans = lengths.min(axis=-1) > RANK_TOLERANCE * lengths.max(axis=-1)
+    return anchors, basis[..., -1], spans
 
 
 def _trial_distances(points, anchors, normals):

@@ -95,20 +95,16 @@ class Robpca(Method):
                     f"{name}={getattr(self, name)!r} of method 'robpca' must be one of {known}."
                 )
 
+    def usual_cutoff(self, n, d):
+        return float(np.sqrt(chdtri(self._settle(n, d)[1], 1.0 - self.quantile)))
+
     def table_shape(self, size, d):
         return self.n_trials + self.n_directions, d + 1
 
     def _fit(self, group):
         points, table, floor = group.points, group.table, group.floor
         n_sets, n, d = points.shape
-        projection = self.projection
-        if projection is None:
-            projection = n < MEMBERS_A_DIMENSION * d
-        k = self.n_components
-        if k is None:
-            k = d - 1 if projection else d
-        elif k > d:
-            raise ValueError(f"n_components={k} of method 'robpca' is more than {d} features.")
+        projection, k = self._settle(n, d)
         starts, pairs = table[: self.n_trials], table[self.n_trials :, :2]
         if projection and k < d:
             location, subspace, support = self._project(points, pairs, k, floor)
@@ -131,7 +127,7 @@ class Robpca(Method):
         deviations = np.sqrt(np.maximum(values, floor[:, None] ** 2))[:, :k]
         centers = location + np.matmul(subspace, found.locations[..., None])[..., 0]
         loadings = subspace @ axes[:, :, :k]
-        cutoff = np.full(n_sets, np.sqrt(chdtri(k, 1.0 - self.quantile)))
+        cutoff = np.full(n_sets, self.usual_cutoff(n, d))
         model = ComponentModel(centers, loadings, deviations, cutoff, np.zeros(n_sets))
         if k < d:
             orthogonal = self._orthogonal_cutoff(model.orthogonal_distances(points), floor)
@@ -140,6 +136,18 @@ class Robpca(Method):
         scale = deviations[:, -1] if k == d else 0.0
         scores = model.score(points)
         return Found(model, scores, scores <= cutoff[:, None], cutoff, scale, support)
+
+    def _settle(self, n, d):
+        """Whether there is projection pursuit, and the number of components."""
+        projection = self.projection
+        if projection is None:
+            projection = n < MEMBERS_A_DIMENSION * d
+        k = self.n_components
+        if k is None:
+            k = d - 1 if projection else d
+        elif k > d:
+            raise ValueError(f"n_components={k} of method 'robpca' is more than {d} features.")
+        return projection, k
 
     def _project(self, points, pairs, k, floor):
         """Subspace of projection pursuit: center (B, d), basis (B, d, k), whom it is fitted to."""

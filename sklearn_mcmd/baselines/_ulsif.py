@@ -10,6 +10,7 @@ from sklearn_mcmd.baselines._mcd import fit_mcd
 __all__ = ["Ulsif", "leave_one_out_score", "ratio_weights"]
 
 N_STARTS = 50
+POINTS_AT_ONCE = 20_000
 # Times the median distance of the training members.
 RELATIVE_WIDTHS = tuple(10.0 ** np.linspace(-1, 1, 9))
 REGULARIZATIONS = tuple(10.0 ** np.linspace(-3, 1, 9))
@@ -151,8 +152,12 @@ class RatioModel:
     weights: np.ndarray
 
     def score(self, points):
-        kernels = gaussian_kernels(self.basis, points, self.width)
-        return -np.einsum("bl,blm->bm", self.weights, kernels)
+        scores = np.empty(points.shape[:2])
+        for start in range(0, points.shape[1], POINTS_AT_ONCE):
+            part = slice(start, start + POINTS_AT_ONCE)
+            kernels = gaussian_kernels(self.basis, points[:, part], self.width)
+            scores[:, part] = -np.einsum("bl,blm->bm", self.weights, kernels)
+        return scores
 
 
 def gaussian_kernels(basis, points, widths):
