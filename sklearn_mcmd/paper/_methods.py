@@ -160,9 +160,9 @@ METHODS = {
         Method(
             "RPCA",
             True,
-            "FAST-MCD of h = .5 n without small-sample factors, 2 components, orthogonal and "
-            "score distances",
-            _baseline(Robpca(n_components=2, projection=False, small_sample=False)),
+            "FAST-MCD of h = .5 n and its robust distances, without small-sample factors, its "
+            "covariance corrected for a cut at .975",
+            _baseline(Robpca(small_sample=False, consistency="quantile")),
         ),
         Method(
             "uLSIF",
@@ -205,7 +205,8 @@ METHODS = {
         Method(
             "RPCA rrcov",
             False,
-            "as R's rrcov: small-sample factors, cut-off of orthogonal distances by the MAD",
+            "as R's rrcov: 2 components, small-sample factors, cut-off of orthogonal distances by "
+            "the MAD",
             _baseline(Robpca(n_components=2, projection=False, orthogonal_scale="mad")),
         ),
         Method(
