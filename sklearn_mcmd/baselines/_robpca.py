@@ -128,10 +128,10 @@ class Robpca(Method):
         centers = location + np.matmul(subspace, found.locations[..., None])[..., 0]
         loadings = subspace @ axes[:, :, :k]
         cutoff = np.full(n_sets, self.usual_cutoff(n, d))
-        model = ComponentModel(centers, loadings, deviations, cutoff, np.zeros(n_sets))
+        model = ComponentModel(centers, loadings, 1.0 / deviations, cutoff, np.zeros(n_sets))
         if k < d:
             orthogonal = self._orthogonal_cutoff(model.orthogonal_distances(points), floor)
-            model = ComponentModel(centers, loadings, deviations, cutoff, orthogonal)
+            model = ComponentModel(centers, loadings, 1.0 / deviations, cutoff, orthogonal)
         # With all components the least deviation is that along the normal, consistent.
         scale = deviations[:, -1] if k == d else 0.0
         scores = model.score(points)
@@ -183,20 +183,20 @@ class Robpca(Method):
 class ComponentModel:
     """Score and orthogonal distances to principal components.
 
-    centers (B, d), loadings (B, d, k), deviations (B, k), cut-offs of both distances (B,);
-    orthogonal distances do not count where theirs is zero.
+    centers (B, d), loadings (B, d, k), precisions (B, k) or one over the deviations, cut-offs of
+    both distances (B,); orthogonal distances do not count where theirs is zero.
     """
 
     centers: np.ndarray
     loadings: np.ndarray
-    deviations: np.ndarray
+    precisions: np.ndarray
     score_cutoff: np.ndarray
     orthogonal_cutoff: np.ndarray
 
     def score_distances(self, points):
         """Mahalanobis distances (B, m) within the subspace."""
         scores = (points - self.centers[:, None]) @ self.loadings
-        return np.sqrt(np.square(scores / self.deviations[:, None]).sum(axis=-1))
+        return np.sqrt(np.square(scores * self.precisions[:, None]).sum(axis=-1))
 
     def orthogonal_distances(self, points):
         """Distances (B, m) to the subspace."""
