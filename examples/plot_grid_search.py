@@ -137,7 +137,7 @@ for name, (model, grid) in families.items():
 axes[0].set(
     xlabel="n_neighbors", ylabel="balanced accuracy", title="All candidates; lines: the best"
 )
-axes[0].legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=3, fontsize=8)
+axes[0].legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=2, fontsize=8)
 place = np.arange(len(best))
 for shift, which, label in ((-0.2, 0, "balanced accuracy"), (0.2, 1, "ROC-AUC")):
     axes[1].barh(place + shift, [final[which] for _, final in best.values()], 0.38, label=label)
