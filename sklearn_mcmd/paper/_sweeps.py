@@ -100,12 +100,17 @@ def figure5(runs=1000, *, seed=0, percentages=range(1, 81)):
             "(b) without PCA and qSp": robust,
             "(c) without PCA, qSp and uLSIF": [name for name in robust if name != "uLSIF"],
         }
-        for ax, (title, names) in zip(figure.subplots(1, 3), panels.items(), strict=True):
+        axes = figure.subplots(1, 3)
+        for ax, (title, names) in zip(axes, panels.items(), strict=True):
             _line_panel(ax, percentages, results, names, title, "outliers, %")
         for name, value in BREAKDOWN.items():
             if name in robust:
                 ax.axvline(value, color=_draw.color(name), linestyle="-.", linewidth=0.8)
-        ax.legend(loc="upper left", title="dash-dotted: the paper's\nbreakdown", fontsize=8)
+        figure.legend(
+            *axes[0].get_legend_handles_labels(),
+            loc="outside right center",
+            title="dash-dotted:\nthe paper's\nbreakdown",
+        )
 
     title = f"Figure 5: clustered outliers among 100 points, {runs} runs for each percentage"
     return Report("figure5", title, tables, notes, results, draw, (16.0, 5.0))
