@@ -139,6 +139,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     See Also
     --------
     MCMDOutlierDetector : Outliers by the same planes.
+    sklearn_mcmd.baselines.PlaneOutlierDetector : Outliers by the methods compared with.
     sklearn.decomposition.PCA : Principal components of all points at once.
 
     Notes

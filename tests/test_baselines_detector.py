@@ -142,6 +142,18 @@ def test_neighborhoods_of_different_sizes_are_judged_one_by_one(method):
         assert_allclose(together.scale[b], alone.scale[0], rtol=1e-9)
 
 
+@pytest.mark.parametrize("method", ["pca", "qsp", "ulsif"])
+def test_the_scale_is_the_deviation_of_the_plane_s_members(method):
+    points = np.random.default_rng(0).normal(size=(4, 50, 3)) * [1, 1, 0.05]
+    share = {"contamination": 0.1} if method in NEED_SHARE else {}
+    found = fit_neighborhoods(method, points, random_state=0, **share, **QUICK.get(method, {}))
+    for b in range(4):
+        members = points[b, found.support[b]]
+        assert len(members) == (45 if share else 50)
+        distances = (members - members.mean(axis=0)) @ found.normals[b]
+        assert_allclose(found.scale[b] ** 2, (distances**2).sum() / (len(members) - 3))
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_large_coordinates_cost_no_accuracy(method):
     X = wall(200)

@@ -173,6 +173,14 @@ def test_in_space_it_is_the_mcd_and_nothing_else():
     assert_allclose(found.cutoff, np.sqrt(stats.chi2.ppf(0.975, 3)))
 
 
+def test_all_members_near_the_subspace_of_projection_pursuit_count():
+    found = fit_neighborhoods(
+        "robpca", plane_with_outliers(), random_state=0, projection=True, orthogonal_scale="mad"
+    )
+    assert found.support[:, 15:].mean() > 0.9
+    assert not found.support[:, :15].any()
+
+
 def test_few_members_for_their_dimensions_begin_with_projection_pursuit():
     rng = np.random.default_rng(0)
     points = rng.normal(size=(10, 24, 6)) * [1, 1, 1, 1, 1, 0.05]

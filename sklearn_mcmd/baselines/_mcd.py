@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import chdtr, chdtri
 from sklearn.covariance import fast_mcd
 
-__all__ = ["CONSISTENCIES", "Mcd", "fit_mcd", "mcd_support_size", "univariate_mcd"]
+__all__ = ["CONSISTENCIES", "NESTED_FROM", "Mcd", "fit_mcd", "mcd_support_size", "univariate_mcd"]
 
 FIRST_STEPS = 2
 N_BEST = 10

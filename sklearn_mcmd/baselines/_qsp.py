@@ -11,7 +11,7 @@ __all__ = ["Qsp"]
 
 @dataclass(frozen=True)
 class Qsp(Method):
-    """Rapid distance-based outlier detection via sampling (Sugiyama and Borgwardt).
+    """Distance to the nearest of one random sample (Eq. 12; Sugiyama and Borgwardt).
 
     Parameters
     ----------

@@ -117,7 +117,7 @@ class Ransac(Method):
 
 @dataclass(frozen=True)
 class Msac(Ransac):
-    """M-estimator sample consensus: as RANSAC, by the sum of squares up to the threshold's.
+    """M-estimator sample consensus: as RANSAC, by squares up to the threshold's (Eq. 5).
 
     Of two planes with equally many members the nearer one wins. Parameters and references
     are those of `Ransac`.

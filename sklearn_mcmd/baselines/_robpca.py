@@ -13,8 +13,7 @@ __all__ = ["Robpca"]
 MAD_TO_SD = 1.4826
 # Without projection pursuit from this many members a dimension on, as rrcov and LIBRA.
 MEMBERS_A_DIMENSION = 5
-# Directions whose projections coincide by less than this share of the extent tell nothing.
-FLATNESS = 1e-9
+CHUNK_ENTRIES = 1_000_000  # of the largest temporary array
 MOST_DETERMINISTIC = 20  # members, of which all pairs are taken as directions
 
 
@@ -225,14 +224,20 @@ def stahel_donoho(points, pairs, h, floor):
     Directions are those through the pairs (T, 2) of members. Directions on which h members
     coincide have no scale; members off it are infinitely outlying, which finds exact planes.
     """
-    ends = points[:, pairs]
-    directions = ends[:, :, 1] - ends[:, :, 0]
-    length = np.sqrt(np.square(directions).sum(axis=-1, keepdims=True))
-    directions = np.divide(directions, length, out=np.zeros_like(directions), where=length > 0)
-    projections = directions @ np.swapaxes(points, 1, 2)
-    middle, deviation = univariate_mcd(projections, h)
-    gaps = np.abs(projections - middle[..., None])
-    return (gaps / np.maximum(deviation, floor[:, None])[..., None]).max(axis=1)
+    n_sets, n, _ = points.shape
+    worst = np.zeros((n_sets, n))
+    at_once = max(1, CHUNK_ENTRIES // max(n_sets * n, 1))
+    for start in range(0, len(pairs), at_once):
+        ends = points[:, pairs[start : start + at_once]]
+        directions = ends[:, :, 1] - ends[:, :, 0]
+        length = np.sqrt(np.square(directions).sum(axis=-1, keepdims=True))
+        directions = np.divide(directions, length, out=np.zeros_like(directions), where=length > 0)
+        projections = directions @ np.swapaxes(points, 1, 2)
+        middle, deviation = univariate_mcd(projections, h)
+        gaps = np.abs(projections - middle[..., None])
+        gaps /= np.maximum(deviation, floor[:, None])[..., None]
+        worst = np.maximum(worst, gaps.max(axis=1))
+    return worst
 
 
 def _leading(points, members, k):

@@ -5,12 +5,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sklearn_mcmd.baselines._fits import Found, Method, check, flag_share
-from sklearn_mcmd.baselines._mcd import fit_mcd
+from sklearn_mcmd.baselines._mcd import NESTED_FROM, fit_mcd
 
-__all__ = ["Ulsif", "leave_one_out_score", "ratio_weights"]
+__all__ = ["Ulsif", "leave_one_out_score", "ratio_weights", "second_moments"]
 
 N_STARTS = 50
 POINTS_AT_ONCE = 20_000
+# Pairs, a mean over which tells widths apart in any case.
+MOST_LEFT_OUT = 1000
 # Times the median distance of the training members.
 RELATIVE_WIDTHS = tuple(10.0 ** np.linspace(-1, 1, 9))
 REGULARIZATIONS = tuple(10.0 ** np.linspace(-3, 1, 9))
@@ -83,7 +85,8 @@ class Ulsif(Method):
                 )
 
     def table_shape(self, size, d):
-        return N_STARTS + 1, size
+        # The last row is the random order of the members, the others are the MCD's starts.
+        return (1 if size >= NESTED_FROM else N_STARTS + 1), size
 
     def _fit(self, group):
         points = group.points
@@ -98,12 +101,15 @@ class Ulsif(Method):
         for widths in candidates.T:
             test_kernels = gaussian_kernels(basis, points[:, shuffled], widths)
             training_kernels = gaussian_kernels(basis, training, widths)
+            moments = second_moments(test_kernels)
             for regularization in np.atleast_1d(np.asarray(lambdas, dtype=float)):
-                score = leave_one_out_score(test_kernels, training_kernels, regularization)
+                score = leave_one_out_score(
+                    test_kernels, training_kernels, regularization, moments=moments
+                )
                 better = score < best
                 best[better], width[better] = score[better], widths[better]
                 weights[better] = ratio_weights(
-                    test_kernels[better], training_kernels[better], regularization
+                    moments[better], training_kernels[better], regularization
                 )
         model = RatioModel(basis, width, weights)
         scores = model.score(points)
@@ -167,31 +173,36 @@ def gaussian_kernels(basis, points, widths):
     return np.exp(-0.5 * squares / np.square(widths)[:, None, None])
 
 
-def ratio_weights(test_kernels, training_kernels, regularization):
+def second_moments(kernels):
+    """Mean products (B, b, b) of kernels (B, b, n)."""
+    return kernels @ np.swapaxes(kernels, 1, 2) / kernels.shape[2]
+
+
+def ratio_weights(moments, training_kernels, regularization):
     """Weights (B, b) of the ratio, ``max(0, (H + lambda I)^-1 h)``.
 
-    H is the second moment of the test kernels (B, b, n), h the mean of the training ones.
+    H are the second moments of the test kernels, h the mean of the training ones (B, b, m).
     """
-    n = test_kernels.shape[2]
-    matrix = test_kernels @ np.swapaxes(test_kernels, 1, 2) / n
-    matrix += regularization * np.eye(matrix.shape[1])
+    matrix = moments + regularization * np.eye(moments.shape[1])
     return np.maximum(
         np.linalg.solve(matrix, training_kernels.mean(axis=2)[..., None])[..., 0], 0.0
     )
 
 
-def leave_one_out_score(test_kernels, training_kernels, regularization):
+def leave_one_out_score(
+    test_kernels, training_kernels, regularization, *, moments=None, most=MOST_LEFT_OUT
+):
     """Mean loss (B,) of leaving out one test and one training point at a time, in closed form.
 
-    The i-th of both are left out together, for i up to the smaller number, the weights found
-    without them, and the loss ``w(test)^2 / 2 - w(training)`` taken at them (Kanamori, Hido
-    and Sugiyama, 2009, section 2.4).
+    The i-th of both are left out together, for i up to the smaller number or `most`, the
+    weights found without them, and the loss ``w(test)^2 / 2 - w(training)`` taken at them
+    (Kanamori, Hido and Sugiyama, 2009, section 2.4).
     """
     n, m = test_kernels.shape[2], training_kernels.shape[2]
-    both = min(n, m)
+    both = min(n, m, most)
     test, training = test_kernels[..., :both], training_kernels[..., :both]
-    matrix = test_kernels @ np.swapaxes(test_kernels, 1, 2) / n
-    matrix += regularization * (n - 1) / n * np.eye(matrix.shape[1])
+    moments = second_moments(test_kernels) if moments is None else moments
+    matrix = moments + regularization * (n - 1) / n * np.eye(moments.shape[1])
     mean = training_kernels.mean(axis=2)[..., None]
     solved = np.linalg.solve(matrix, np.concatenate([mean, test, training], axis=2))
     from_mean, from_test, from_training = np.split(solved, [1, both + 1], axis=2)
