@@ -157,8 +157,8 @@ def figure6(runs=1000, *, seed=0, percentages=range(1, 46)):
         "The paper prints no numbers. It says that MCMD_Z and MCMD_MD are always better than RPCA, "
         "RANSAC and uLSIF, that MCMD_Z is the best, that RPCA breaks down at 40 % for n = 20 and "
         "RANSAC is erratic there from 30 % on.",
-        "Confirmed for MCMD_Z. MCMD_MD is not better than RPCA for n = 200 from 15 % of outliers on, "
-        "and for n = 50 not from 40 % on.",
+        "Confirmed for MCMD_Z against RPCA and RANSAC. MCMD_MD is not better than RPCA for n = 200 "
+        "from 15 % of outliers on, and for n = 50 not from 40 % on.",
         "With h = .5 n as in the text MCMD_MD is worse than RPCA for n = 50 and 200.",
     ]
 
