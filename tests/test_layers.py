@@ -26,6 +26,7 @@ LAYERS = {  # a module imports only from lower layers, or from its own
     "_borrowing": 4,
     "_iteration": 5,
     "_base": 5,
+    "model_selection": 6,
     "_features": 5,
     "baselines._detector": 6,
     "_mcmd": 6,
@@ -35,6 +36,7 @@ LAYERS = {  # a module imports only from lower layers, or from its own
     "_file_summary": 7,
     "_demo": 8,
     "cli": 9,
+    "paper": 9,
     "__main__": 10,
 }
 APART = {"datasets", "io", "metrics"}  # import no estimator
