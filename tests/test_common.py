@@ -2,7 +2,10 @@
 
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
+from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
+
+# Checks of many features would ask the default's 50 % of outliers for a great many trials.
+QUICK = RobustNormalEstimator(outlier_rate=0.2, random_state=0)
 
 
 @parametrize_with_checks(
@@ -19,6 +22,10 @@ from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
         RobustNormalEstimator(method="pca", orientation="mst"),
         RobustNormalEstimator(n_neighbors=20, features="all", outlier_rate=0.1),
         RobustNormalEstimator(n_neighbors=None, refine=None, outlier_rate=0.2),
+        RegionGrowing(),
+        RegionGrowing(10, max_distance=0.5, max_gap=1.0, normal_estimator=QUICK, n_jobs=2),
+        RegionGrowing(15, core_fraction=0, join_coplanar=True, normal_estimator=QUICK),
+        RegionGrowing(15, min_region_size=3, assign_rest=False, normal_estimator=QUICK),
     ]
 )
 def test_estimators_follow_the_conventions(estimator, check):

@@ -1,0 +1,153 @@
+"""Planes of regions, and which regions are parts of one plane."""
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+__all__ = ["join_coplanar", "region_planes"]
+
+# A region is flat, and another lies in its plane, if the root mean square distance is no more
+# than so many times what the noise of single neighborhoods explains.
+MOST_NOISE = 1.5
+MAX_ROUNDS = 10
+# Regions whose pairs are tried at once: what bounds the memory.
+CHUNK = 256
+
+
+def region_planes(points, labels, n_regions, weights=None):
+    """Sizes, centroids, covariances and principal axes of regions.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, d)
+    labels : ndarray of int of shape (n,)
+        Points of label -1 belong to none.
+    n_regions : int
+    weights : ndarray of shape (n,), default=None
+        Copies of each point.
+
+    Returns
+    -------
+    sizes : ndarray of shape (n_regions,)
+    centroids : ndarray of shape (n_regions, d)
+    covariances : ndarray of shape (n_regions, d, d)
+    eigenvalues : ndarray of shape (n_regions, d), ascending
+    axes : ndarray of shape (n_regions, d, d)
+        As columns; the first is the normal.
+    """
+    d = points.shape[1]
+    inside = np.flatnonzero(labels >= 0)
+    labels = labels[inside]
+    weights = np.ones(len(inside)) if weights is None else weights[inside].astype(float)
+
+    def total(values):
+        return np.bincount(labels, values * weights, n_regions)
+
+    sizes = total(1.0)
+    local, divisor = points[inside], np.maximum(sizes, 1.0)
+    # Centered twice: the first mean of large coordinates is rounded.
+    centroids = np.zeros((n_regions, d))
+    for _ in range(2):
+        deviations = local - centroids[labels]
+        for i in range(d):
+            centroids[:, i] += total(deviations[:, i]) / divisor
+    deviations = local - centroids[labels]
+    covariances = np.empty((n_regions, d, d))
+    for i in range(d):
+        for j in range(i + 1):
+            moment = total(deviations[:, i] * deviations[:, j]) / divisor
+            covariances[:, i, j] = covariances[:, j, i] = moment
+    eigenvalues, axes = np.linalg.eigh(covariances)
+    return sizes, centroids, covariances, np.maximum(eigenvalues, 0.0), axes
+
+
+def join_coplanar(points, labels, noise):
+    """Give one label to regions that are parts of one plane.
+
+    A shadow, or a few bad normals, part a wall. Of two regions the smaller one lies in the
+    plane of the larger, flat one if its root mean square distance to that plane is what the
+    noise explains; they are joined if the smaller one is longer than the gap between them.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, d)
+    labels : ndarray of int of shape (n,)
+        From 0 on, -1 for none.
+    noise : ndarray of shape (n,)
+        Standard deviation of each neighborhood along its normal, in units of the points.
+
+    Returns
+    -------
+    labels : ndarray of int of shape (n,)
+        With the numbers of the joined regions' first.
+    """
+    for _ in range(MAX_ROUNDS):
+        n_regions = int(labels.max(initial=-1)) + 1
+        if n_regions < 2:
+            break
+        first, second = _pairs_in_a_plane(points, labels, n_regions, noise)
+        if first.size == 0:
+            break
+        graph = coo_array((np.ones(first.size), (first, second)), shape=(n_regions, n_regions))
+        _, part = connected_components(graph, directed=False)
+        # Parts are numbered by their first region, so the order of regions stays.
+        labels = np.where(labels >= 0, part[labels], -1)
+    return labels
+
+
+def _pairs_in_a_plane(points, labels, n_regions, noise):
+    """Pairs (smaller, larger) of regions to be joined."""
+    sizes, centroids, covariances, eigenvalues, axes = region_planes(points, labels, n_regions)
+    scale = _medians(noise, labels, n_regions)
+    normals = axes[..., 0]
+    # Of points spread evenly over a length the standard deviation is its root 12th.
+    length = np.sqrt(12 * eigenvalues[:, -1])
+    flat = (eigenvalues[:, 0] <= (MOST_NOISE * scale) ** 2) & (sizes > points.shape[1])
+    larger = np.flatnonzero(flat)
+    rank = np.empty(n_regions, dtype=int)
+    rank[np.lexsort((np.arange(n_regions), sizes))] = np.arange(n_regions)
+    found = []
+    for start in range(0, len(larger), CHUNK):
+        rows = larger[start : start + CHUNK]
+        apart = centroids[None] - centroids[rows][:, None]
+        heights = np.einsum("rsd,rd->rs", apart, normals[rows])
+        tilted = np.einsum(
+            "sde,rd,re->rs", covariances, normals[rows], normals[rows], optimize=True
+        )
+        limit = MOST_NOISE * np.maximum(scale[None], scale[rows][:, None])
+        candidate = flat[None] & (heights**2 + tilted <= limit**2)
+        candidate &= rank[None] < rank[rows][:, None]
+        # The gap is at least this: no point is farther from its centroid than the length.
+        beyond = np.linalg.norm(apart, axis=-1) - length[rows][:, None] - length[None]
+        candidate &= beyond <= length[None]
+        r, s = np.nonzero(candidate)
+        found.append(np.column_stack([s, rows[r]]))
+    pairs = np.concatenate(found) if found else np.empty((0, 2), dtype=int)
+    near = _near(points, labels, n_regions, pairs, length)
+    return pairs[near, 0], pairs[near, 1]
+
+
+def _near(points, labels, n_regions, pairs, length):
+    """Whether the gap between the regions of each pair is shorter than the first of them."""
+    order = np.argsort(labels, kind="stable")
+    ends = np.searchsorted(labels[order], np.arange(n_regions + 1))
+    trees = {}
+    near = np.zeros(len(pairs), dtype=bool)
+    for row, (small, large) in enumerate(pairs):
+        if large not in trees:
+            trees[large] = cKDTree(points[order[ends[large] : ends[large + 1]]])
+        members = points[order[ends[small] : ends[small + 1]]]
+        gaps, _ = trees[large].query(members, distance_upper_bound=length[small])
+        near[row] = np.isfinite(gaps).any()
+    return near
+
+
+def _medians(values, labels, n_regions):
+    """Median of the values of each region."""
+    order = np.lexsort((values, labels))
+    order = order[np.count_nonzero(labels < 0) :]
+    sizes = np.bincount(labels[order], minlength=n_regions)
+    ends = np.cumsum(sizes)
+    middle = np.minimum(ends - sizes + sizes // 2, len(order) - 1)
+    return values[order[middle]]
