@@ -28,7 +28,7 @@ class NeighborLinks:
     links : ndarray of int32 of shape (n, width)
         Neighbors that may be added from each point, then -1.
     offset : the plane's signed distance from its point, along the point's normal
-    radius : distance to the farthest neighbor
+    radius : distance to the farthest neighbor looked at
     """
 
     links: np.ndarray
@@ -55,6 +55,7 @@ def link_neighbors(
     1. its distance to that plane is at most `max_distance`; by default the median of the
        neighbors' distances and two robust standard deviations,
     2. it is not farther than `max_gap`; by default the median of the neighbors' distances,
+       which leaves the nearer half, and 1. is then of these alone,
     3. its normal is within the angle,
 
     and if 1. and 3. hold for `core_fraction` of the nearest neighbors.
@@ -75,9 +76,11 @@ def link_neighbors(
     -------
     links : NeighborLinks
     """
-    points, k = index.points, index.n_neighbors
+    points = index.points
     n, d = points.shape
-    width = n_within_median(k) if max_gap is None else k - 1
+    # Neighbors beyond the median distance are never linked, and need not be found.
+    k = index.n_neighbors if max_gap is not None else n_within_median(index.n_neighbors) + 1
+    width = k - 1
     result = NeighborLinks(np.empty((n, width), np.int32), np.empty(n), np.empty(n))
     link = _link_numpy
     if d == 3 and n >= COMPILE_FROM:
