@@ -18,7 +18,7 @@ from sklearn_mcmd._base import (
 from sklearn_mcmd._neighborhoods import NeighborIndex
 from sklearn_mcmd._normals import RobustNormalEstimator
 from sklearn_mcmd._orientation import point_up
-from sklearn_mcmd._region_claims import claim_rest
+from sklearn_mcmd._region_claims import Claims
 from sklearn_mcmd._region_graph import grow_regions, link_neighbors
 from sklearn_mcmd._region_joining import join_coplanar, region_planes
 from sklearn_mcmd._resolution import coordinate_step
@@ -63,14 +63,16 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         region to grow on from it. Where normals are mixed, as next to an edge, a point may
         be added to a region but leads no further. 0 is the paper.
 
-    join_coplanar : bool, default=False
+    join_coplanar : bool, default=True
         Whether regions that lie in one plane are joined where the gap between them is shorter
-        than the smaller one: parts of a wall that a shadow cuts.
+        than the smaller one: parts of a wall that a shadow cuts, strips of a face whose normals
+        are bad. False is the paper.
 
     assign_rest : bool, default=True
         Whether points that no region reached, mostly next to edges and in the tails of the
         noise, go to the region whose local plane is nearest to them, if it is near enough for
-        its noise.
+        its noise. Regions no larger than a neighborhood go there as a whole if most of their
+        points do.
 
     normals : {"estimate", "precomputed"}, default="estimate"
         "estimate": X are coordinates, normals and curvature are found by `normal_estimator`.
@@ -129,7 +131,8 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
     The paper leaves the automatic thresholds to a reference that was not at hand. Those here,
     the median and two median absolute deviations of the distances to the plane and the median
     of the distances between points, are remembered from later papers of its authors, and
-    unverified. Departures: the plane of a point lies at the median height of its neighbors,
+    unverified. ``core_fraction=0, join_coplanar=False, assign_rest=False`` is nearest to the
+    paper. Departures: the plane of a point lies at the median height of its neighbors,
     since the columns of a transformer hold no centroid; deviations are scaled to standard
     deviations by 1.4826; thresholds have a floor where coordinates are rounded; and
     `core_fraction`, without which single bad normals next to an edge join two faces.
@@ -199,7 +202,7 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         max_gap=None,
         min_region_size=10,
         core_fraction=0.5,
-        join_coplanar=False,
+        join_coplanar=True,
         assign_rest=True,
         normals="estimate",
         normal_estimator=None,
@@ -264,11 +267,14 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         copies = np.bincount(owners, minlength=len(points))
         labels = _renumber(labels, copies, self.min_region_size)
         noise = np.maximum(np.sqrt(eigenvalues[rows, 0]), floor)
+        limits = noise if self.max_distance is None else self.max_distance
+        claims = Claims(index, normals, graph, limits, self.max_gap)
+        if self.assign_rest:
+            labels = claims.absorb_fragments(labels)
         if self.join_coplanar:
             labels = join_coplanar(points, labels, noise)
         if self.assign_rest:
-            limits = noise if self.max_distance is None else self.max_distance
-            labels = claim_rest(index, normals, graph, limits, labels, self.max_gap)
+            labels = claims.assign_rest(labels)
         labels = _renumber(labels, copies)
         self.n_regions_ = int(labels.max(initial=-1)) + 1
         sizes, centroids, _, values, axes = region_planes(points, labels, self.n_regions_, copies)

@@ -46,7 +46,7 @@ def outcomes_by_sets(y_true, y_pred, share):
     for name, points in surfaces.items():
         ious[name] = max((fit(points, segment) for segment in segments.values()), default=0.0)
         covered = sum(len(points & segment) for segment in segments.values())
-        if covered < share * len(points) or not covered:
+        if covered / len(points) <= 1 - share:
             outcomes[name] = "missed"
             continue
         main = max(segments.values(), key=lambda s: (len(points & s), fit(points, s)))
@@ -73,7 +73,7 @@ def quiet_scores(*args, **kwargs):
 @settings(max_examples=300, deadline=None)
 @given(
     st.lists(st.tuples(st.integers(-1, 4), st.integers(-1, 5)), min_size=1, max_size=40),
-    st.sampled_from([0.51, 0.75, 1.0]),
+    st.sampled_from([0.5625, 0.75, 1.0]),
 )
 def test_outcomes_are_those_of_the_rules_taken_literally(pairs, share):
     y_true, y_pred = (list(column) for column in zip(*pairs, strict=True))

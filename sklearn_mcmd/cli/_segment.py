@@ -59,7 +59,7 @@ def segment(
             help="Join regions of one plane whose gap is shorter than they are, such as a wall "
             "that a shadow cuts.",
         ),
-    ] = False,
+    ] = True,
     assign_rest: Annotated[
         bool,
         typer.Option(

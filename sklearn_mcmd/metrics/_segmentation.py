@@ -18,10 +18,11 @@ def segmentation_scores(y_true, y_pred, *, min_overlap=0.8):
     of its points, of several the one that fits best (largest intersection over union), of
     these the one of the smallest label. The surface is, by the first rule that holds,
 
-    1. missed, if less than `min_overlap` of its points are in any segment,
+    1. missed, if no more than 1 - `min_overlap` of its points are in any segment,
     2. under-segmented (US), if its main segment also holds `min_overlap` of another surface,
        or if less than `min_overlap` of the main segment is of this surface,
-    3. over-segmented (OS), if the main segment holds less than `min_overlap` of it,
+    3. over-segmented (OS), if the main segment holds less than `min_overlap` of it: it is broken
+       or incomplete,
     4. properly segmented (PS).
 
     So of a road and a kerb in one segment both are under-segmented, however large the road.
@@ -120,7 +121,7 @@ def segmentation_scores(y_true, y_pred, *, min_overlap=0.8):
     others = n_held[segments[main]] - (share >= min_overlap)
     found = np.where(share < min_overlap, "over", "proper")
     found = np.where((others > 0) | (pure[main] < min_overlap), "under", found)
-    outcome[row] = np.where(covered[row] < min_overlap, "missed", found)
+    outcome[row] = np.where(covered[row] <= 1 - min_overlap, "missed", found)
 
     counts = {name: int((outcome == name).sum()) for name in ("proper", "over", "under", "missed")}
     proper, over, under = counts["proper"], counts["over"], counts["under"]
