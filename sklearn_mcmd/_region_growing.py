@@ -270,14 +270,15 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         limits = noise if self.max_distance is None else self.max_distance
         claims = Claims(index, normals, graph, limits, self.max_gap)
         if self.assign_rest:
-            labels = claims.absorb_fragments(labels)
+            labels = _renumber(claims.absorb_fragments(labels), copies)
         if self.join_coplanar:
             labels = join_coplanar(points, labels, noise)
         if self.assign_rest:
             labels = claims.assign_rest(labels)
         labels = _renumber(labels, copies)
         self.n_regions_ = int(labels.max(initial=-1)) + 1
-        sizes, centroids, _, values, axes = region_planes(points, labels, self.n_regions_, copies)
+        weights = copies if len(points) < len(X) else None
+        sizes, centroids, _, values, axes = region_planes(points, labels, self.n_regions_, weights)
         self.region_sizes_ = sizes.astype(np.int64)
         self.region_centroids_ = centroids
         self.region_normals_ = point_up(axes[..., 0].copy())

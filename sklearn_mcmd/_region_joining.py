@@ -39,12 +39,13 @@ def region_planes(points, labels, n_regions, weights=None):
     d = points.shape[1]
     inside = np.flatnonzero(labels >= 0)
     labels = labels[inside]
-    weights = np.ones(len(inside)) if weights is None else weights[inside].astype(float)
+    weights = None if weights is None else weights[inside].astype(float)
 
     def total(values):
-        return np.bincount(labels, values * weights, n_regions)
+        values = values if weights is None else values * weights
+        return np.bincount(labels, values, n_regions)
 
-    sizes = total(1.0)
+    sizes = np.bincount(labels, weights, n_regions)
     local, divisor = points[inside], np.maximum(sizes, 1.0)
     # Centered twice: the first mean of large coordinates is rounded.
     centroids = np.zeros((n_regions, d))
@@ -73,7 +74,7 @@ def join_coplanar(points, labels, noise):
     ----------
     points : ndarray of shape (n, d)
     labels : ndarray of int of shape (n,)
-        From 0 on, -1 for none.
+        From 0 on without gaps, -1 for none.
     noise : ndarray of shape (n,)
         Standard deviation of each neighborhood along its normal, in units of the points.
 
@@ -82,39 +83,62 @@ def join_coplanar(points, labels, noise):
     labels : ndarray of int of shape (n,)
         With the numbers of the joined regions' first.
     """
-    for _ in range(MAX_ROUNDS):
-        n_regions = int(labels.max(initial=-1)) + 1
-        if n_regions < 2:
-            break
-        first, second = _pairs_in_a_plane(points, labels, n_regions, noise)
-        if first.size == 0:
-            break
-        graph = coo_array((np.ones(first.size), (first, second)), shape=(n_regions, n_regions))
-        _, part = connected_components(graph, directed=False)
-        # Parts are numbered by their first region, so the order of regions stays.
-        labels = np.where(labels >= 0, part[labels], -1)
-    return labels
-
-
-def _pairs_in_a_plane(points, labels, n_regions, noise):
-    """Pairs (smaller, larger) of regions to be joined."""
-    sizes, centroids, covariances, eigenvalues, axes = region_planes(points, labels, n_regions)
+    n_regions = int(labels.max(initial=-1)) + 1
+    if n_regions < 2:
+        return labels
+    planes = region_planes(points, labels, n_regions)[:3]
     scale = _medians(noise, labels, n_regions)
-    normals = axes[..., 0]
+    members = np.argsort(labels, kind="stable")[np.count_nonzero(labels < 0) :]
+    whole = np.arange(n_regions)  # the joined region that each region is part of
+    for _ in range(MAX_ROUNDS):
+        pairs, length = _pairs_in_a_plane(*planes, scale)
+        ends = np.searchsorted(whole[labels[members]], np.arange(len(scale) + 1))
+        parts = np.split(points[members], ends[1:-1])
+        pairs = pairs[_near(parts, pairs, length)]
+        if len(pairs) == 0:
+            break
+        graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(scale), len(scale)))
+        # Parts are numbered by their first region, so the order of regions stays.
+        _, part = connected_components(graph, directed=False)
+        planes, scale = _pool(*planes, scale, part)
+        whole = part[whole]
+        members = members[np.argsort(whole[labels[members]], kind="stable")]
+    return np.where(labels >= 0, whole[labels], -1)
+
+
+def _pool(sizes, centroids, covariances, scale, part):
+    """Sizes, centroids, covariances and scales of joined regions, from those of their parts."""
+    n_parts = int(part.max()) + 1
+    share = coo_array((sizes, (part, np.arange(len(part)))), shape=(n_parts, len(part))).tocsr()
+    total = np.bincount(part, sizes, n_parts)
+    # The first part is the origin, so that large coordinates cost no accuracy.
+    first = np.unique(part, return_index=True)[1]
+    local = centroids - centroids[first[part]]
+    mean = (share @ local) / total[:, None]
+    apart = local - mean[part]
+    moments = covariances + apart[:, :, None] * apart[:, None, :]
+    d = centroids.shape[1]
+    pooled = (share @ moments.reshape(-1, d * d)) / total[:, None]
+    planes = total, centroids[first] + mean, pooled.reshape(-1, d, d)
+    return planes, (share @ scale) / total
+
+
+def _pairs_in_a_plane(sizes, centroids, covariances, scale):
+    """Pairs (smaller, larger) of regions that may be joined, and the regions' lengths."""
+    eigenvalues, axes = np.linalg.eigh(covariances)
+    eigenvalues, normals = np.maximum(eigenvalues, 0.0), axes[..., 0]
     # Of points spread evenly over a length the standard deviation is its root 12th.
     length = np.sqrt(12 * eigenvalues[:, -1])
-    flat = (eigenvalues[:, 0] <= (MOST_NOISE * scale) ** 2) & (sizes > points.shape[1])
+    flat = (eigenvalues[:, 0] <= (MOST_NOISE * scale) ** 2) & (sizes > centroids.shape[1])
     larger = np.flatnonzero(flat)
-    rank = np.empty(n_regions, dtype=int)
-    rank[np.lexsort((np.arange(n_regions), sizes))] = np.arange(n_regions)
-    found = []
+    rank = np.argsort(np.argsort(sizes, kind="stable"), kind="stable")
+    found = [np.empty((0, 2), dtype=int)]
     for start in range(0, len(larger), CHUNK):
         rows = larger[start : start + CHUNK]
         apart = centroids[None] - centroids[rows][:, None]
-        heights = np.einsum("rsd,rd->rs", apart, normals[rows])
-        tilted = np.einsum(
-            "sde,rd,re->rs", covariances, normals[rows], normals[rows], optimize=True
-        )
+        normal = normals[rows]
+        heights = np.einsum("rsd,rd->rs", apart, normal)
+        tilted = np.einsum("sde,rd,re->rs", covariances, normal, normal, optimize=True)
         limit = MOST_NOISE * np.maximum(scale[None], scale[rows][:, None])
         candidate = flat[None] & (heights**2 + tilted <= limit**2)
         candidate &= rank[None] < rank[rows][:, None]
@@ -123,31 +147,23 @@ def _pairs_in_a_plane(points, labels, n_regions, noise):
         candidate &= beyond <= length[None]
         r, s = np.nonzero(candidate)
         found.append(np.column_stack([s, rows[r]]))
-    pairs = np.concatenate(found) if found else np.empty((0, 2), dtype=int)
-    near = _near(points, labels, n_regions, pairs, length)
-    return pairs[near, 0], pairs[near, 1]
+    return np.concatenate(found), length
 
 
-def _near(points, labels, n_regions, pairs, length):
+def _near(parts, pairs, length):
     """Whether the gap between the regions of each pair is shorter than the first of them."""
-    order = np.argsort(labels, kind="stable")
-    ends = np.searchsorted(labels[order], np.arange(n_regions + 1))
     trees = {}
     near = np.zeros(len(pairs), dtype=bool)
     for row, (small, large) in enumerate(pairs):
         if large not in trees:
-            trees[large] = cKDTree(points[order[ends[large] : ends[large + 1]]])
-        members = points[order[ends[small] : ends[small + 1]]]
-        gaps, _ = trees[large].query(members, distance_upper_bound=length[small])
+            trees[large] = cKDTree(parts[large], balanced_tree=False)
+        gaps, _ = trees[large].query(parts[small], distance_upper_bound=length[small])
         near[row] = np.isfinite(gaps).any()
     return near
 
 
 def _medians(values, labels, n_regions):
-    """Median of the values of each region."""
-    order = np.lexsort((values, labels))
-    order = order[np.count_nonzero(labels < 0) :]
+    """Median of the values of each region, of an even number the upper one."""
+    order = np.lexsort((values, labels))[np.count_nonzero(labels < 0) :]
     sizes = np.bincount(labels[order], minlength=n_regions)
-    ends = np.cumsum(sizes)
-    middle = np.minimum(ends - sizes + sizes // 2, len(order) - 1)
-    return values[order[middle]]
+    return values[order[np.cumsum(sizes) - sizes + sizes // 2]]
