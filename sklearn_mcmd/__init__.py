@@ -1,5 +1,6 @@
 """Robust planes in point clouds: outliers, normals and curvature as scikit-learn estimators."""
 
+from sklearn_mcmd._edges import SharpFeatureDetector
 from sklearn_mcmd._mcmd import MCMDOutlierDetector
 from sklearn_mcmd._normals import RobustNormalEstimator
 from sklearn_mcmd._region_growing import RegionGrowing
@@ -13,5 +14,6 @@ __all__ = [
     "MCMDOutlierDetector",
     "RegionGrowing",
     "RobustNormalEstimator",
+    "SharpFeatureDetector",
     "__version__",
 ]
