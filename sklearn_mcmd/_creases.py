@@ -30,6 +30,8 @@ LEAST_NOISE = 0.05
 MEMBER, OFF = 2.5, 3.0
 # Of a normal distribution, beyond 2.5 standard deviations cut off: variance, and 1 / MAD.
 TRUNCATED_VARIANCE, MAD_TO_SD = 0.9111, 1.4826
+# A face is flat: its noise is at most this share of its radius, or this multiple of what is usual.
+FLATNESS, FLATNESS_FACTOR = 0.2, 3.0
 # Neighbors that must lie on another face, at least.
 LEAST_COMPANY = 3
 # A third face is seen where it takes this share off the squared residuals.
@@ -37,7 +39,7 @@ THIRD_FACE = 0.8
 # Creases farther than this many spacings say nothing about the neighbors.
 REACH = 3.0
 # How steeply a smooth surface, and a point off its plane, count as far.
-STEEPNESS = 12
+STEEPNESS = 30
 OFF_STEEPNESS = 2
 SMOOTH_STEPS = 3
 
@@ -51,6 +53,7 @@ class Faces:
     scale: np.ndarray  # standard deviation of the noise
     spacing: np.ndarray
     height: np.ndarray  # of the point above its plane
+    flat: np.ndarray  # whether the plane is that of a face, not of foliage or a cluster
 
     def take(self, rows):
         """The planes of some of the points."""
@@ -82,9 +85,10 @@ class CreaseModel:
         self.normals = normals[self.index.rows]
         m = len(self.points)
         self.levels, self.scale, self.kept = np.empty(m), np.empty(m), np.empty(m)
-        spacing = np.empty(m)
-        self._in_chunks(self.points, self._fit_planes, spacing)
-        self.spacing = spacing
+        self.spacing, radius = np.empty(m), np.empty(m)
+        self._in_chunks(self.points, self._fit_planes, self.spacing, radius)
+        flatness = self.scale / np.maximum(radius, np.finfo(float).tiny)
+        self.flat = flatness <= max(FLATNESS, FLATNESS_FACTOR * np.median(flatness))
         self.faces = self._give_planes(self.points)
         distance, self.evidence = self._meet(self.points, self.faces)
         self.evidence[~(distance <= REACH)] = np.nan
@@ -123,11 +127,12 @@ class CreaseModel:
         else:
             Parallel(n_jobs=self.n_jobs, require="sharedmem")(delayed(task)(p) for p in parts)
 
-    def _fit_planes(self, part, indices, spacing):
+    def _fit_planes(self, part, indices, spacing, radius):
         """Level and noise of the plane with each member's normal, by its majority."""
         gaps = self.points[indices] - self.points[part][:, None]
         distances = np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
         spacing[part] = _spacing(distances, self.points.shape[1])
+        radius[part] = distances.max(axis=1)
         heights = np.einsum("mkd,md->mk", gaps, self.normals[part])
         level = np.median(heights, axis=1)
         scale = MAD_TO_SD * np.median(np.abs(heights - level[:, None]), axis=1)
@@ -161,7 +166,7 @@ class CreaseModel:
         height = np.einsum("md,md->m", queries, normals) - levels
         scale = np.maximum(self.scale[owners], LEAST_NOISE * spacing)
         scale = np.maximum(scale, np.finfo(float).tiny)
-        return Faces(normals, levels, scale, spacing, height)
+        return Faces(normals, levels, scale, spacing, height, self.flat[owners])
 
     def _meet(self, queries, faces):
         """Distance to the nearest crease in spacings, inf if none, and the evidence for it.
@@ -171,14 +176,14 @@ class CreaseModel:
         """
         distance = np.full(len(queries), np.inf)
         evidence = np.full(len(queries), np.nan)
-        on_surface = np.abs(self.faces.height) <= OFF * self.faces.scale
+        on_face = self.faces.flat & (np.abs(self.faces.height) <= OFF * self.faces.scale)
 
         def meet(part, indices, distance, evidence):
             own = faces.take(part)
             cosines = np.abs(np.einsum("md,mkd->mk", own.normals, self.faces.normals[indices]))
-            other = (cosines < self.cosine) & on_surface[indices]
+            other = (cosines < self.cosine) & on_face[indices]
             busy = np.flatnonzero(other.sum(axis=1) >= LEAST_COMPANY)
-            busy = busy[own.spacing[busy] > 0]
+            busy = busy[own.flat[busy] & (own.spacing[busy] > 0)]
             if busy.size:
                 results = self._faces_or_smooth(
                     queries[part[busy]], own.take(busy), indices[busy], cosines[busy], other[busy]
@@ -295,8 +300,8 @@ def _smooth_residuals(neighbors, scale):
         residuals *= size[:, None]
         with np.errstate(divide="ignore"):
             weights = np.minimum(1.0, 1.5 * scale[:, None] / residuals)
-    # What a fit takes from the residuals by its coefficients alone.
-    return residuals * np.sqrt(k / (k - n_coefficients))
+    # Two planes have as many coefficients: nothing to allow for.
+    return residuals
 
 
 def _spacing(distances, d):

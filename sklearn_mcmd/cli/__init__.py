@@ -9,6 +9,7 @@ import typer
 
 from sklearn_mcmd.cli._demo import demo, info
 from sklearn_mcmd.cli._denoise import denoise
+from sklearn_mcmd.cli._edges import edges
 from sklearn_mcmd.cli._normals import normals
 from sklearn_mcmd.cli._plane import plane
 from sklearn_mcmd.cli._segment import segment
@@ -48,5 +49,5 @@ def _root(
     pass
 
 
-for verb in (denoise, normals, segment, plane, info, demo):
+for verb in (denoise, normals, edges, segment, plane, info, demo):
     app.command()(verb)
