@@ -257,7 +257,6 @@ class IteratedPlanes:
 
     def _passed(self, X, scores):
         """Who is retained for the next pass."""
-        n = len(X)
         limit = self.cutoff
         if self.ruler != OWN and self.n_iter == 1:
             # Where density varies wildly there is no one dense surface to compare with.

@@ -2,8 +2,16 @@
 
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
+from sklearn_mcmd import (
+    MCMDOutlierDetector,
+    RegionGrowing,
+    RobustNormalEstimator,
+    SharpFeatureDetector,
+)
 from sklearn_mcmd.baselines import PlaneOutlierDetector
+
+# Checks of many features would ask the default's 50 % of outliers for a great many trials.
+QUICK = RobustNormalEstimator(outlier_rate=0.2, random_state=0)
 
 
 @parametrize_with_checks(
@@ -36,6 +44,33 @@ from sklearn_mcmd.baselines import PlaneOutlierDetector
             20, method="ulsif", method_params={"widths": [0.3, 3]}, contamination=0.1
         ),
         PlaneOutlierDetector(None, method="ulsif", contamination=0.1),
+        RegionGrowing(),
+        RegionGrowing(10, max_distance=0.5, max_gap=1.0, normal_estimator=QUICK, n_jobs=2),
+        RegionGrowing(15, core_fraction=0, join_coplanar=False, normal_estimator=QUICK),
+        RegionGrowing(15, min_region_size=3, assign_rest=False, normal_estimator=QUICK),
+        SharpFeatureDetector(
+            20,
+            outlier_detector=MCMDOutlierDetector(20, outlier_rate=0.2),
+            normal_estimator=RobustNormalEstimator(20, outlier_rate=0.2),
+        ),
+        SharpFeatureDetector(
+            20, outlier_detector="passthrough", normal_estimator=RobustNormalEstimator(method="pca")
+        ),
+        SharpFeatureDetector(
+            20, criterion="eigenvalue", threshold="mean", outlier_detector="passthrough"
+        ),
+        SharpFeatureDetector(
+            20, criterion="surface_variation", n_std=1.5, outlier_detector="passthrough"
+        ),
+        SharpFeatureDetector(
+            20,
+            criterion="removed_fraction",
+            threshold=0.1,
+            outlier_detector="passthrough",
+            normal_estimator=RobustNormalEstimator(
+                20, outlier_rate=0.2, features=["removed_fraction"]
+            ),
+        ),
     ]
 )
 def test_estimators_follow_the_conventions(estimator, check):

@@ -8,6 +8,7 @@ from scipy.stats import kstest
 
 from sklearn_mcmd.datasets import make_contaminated_plane, make_street
 from sklearn_mcmd.datasets._outliers import _cluster_sizes
+from sklearn_mcmd.datasets._panels import Bilinear, Disc, Polygon
 from sklearn_mcmd.datasets._scene import Scene
 from sklearn_mcmd.datasets._street import _street
 from sklearn_mcmd.datasets._surfaces import Circle, Cylinder, Foliage, Patch
@@ -156,6 +157,11 @@ PARTS = {
     ),
     "cylinder": Cylinder("pole", (1, 1, 0), (0.5, 0, 2), 0.3),
     "arc": Cylinder("arc", (0, 0, 0), (2, 0, 0), 1.5, start=(0, 0, 1), arc=1.0, sharp=("stop",)),
+    "polygon": Polygon("kite", [(0, 0, 0), (1, 0, 0.5), (1.2, 1, 0.6), (0.3, 1.4, 0.15)]),
+    "disc": Disc("lid", (1, 2, 3), (1, -2, 2), 0.8),
+    "ring": Disc("ring", (1, 2, 3), (0, -1, 1), 0.9, inner=0.4),
+    "bilinear": Bilinear("roof", [(0, 0, 0), (1, 0, 0.8), (1.1, 1.2, 0), (0, 1, 0.9)]),
+    "flat bilinear": Bilinear("floor", [(0, 0, 1), (1.5, 0, 1), (1, 1, 1), (0, 0.5, 1)]),
 }
 #: Hand-written ends of the sharp straight edges of the patch with holes.
 WALL_EDGES = [

@@ -17,7 +17,6 @@ from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd._consistent_set import draw_trials
 from sklearn_mcmd.datasets import make_street
 
-
 # The paper's one pass over neighborhoods that are their own rulers.
 OWN = {"max_iter": 1, "noise_scale": "own", "borrow": False}
 

@@ -12,7 +12,7 @@ _LEAST_ACCEPTANCE, _ENOUGH = 0.005, 5000
 
 
 def gaussian(scene, n, clearance, rng):
-    """Points of the surfaces, displaced by 0.2 m (one standard deviation) on each axis."""
+    """Points of the surfaces, displaced at random on each axis."""
     solid = [part for part in scene.parts if not isinstance(part, Foliage)]
     areas = np.array([part.area for part in solid])
 
@@ -20,7 +20,7 @@ def gaussian(scene, n, clearance, rng):
         counts = rng.multinomial(m, areas / areas.sum())
         origin = np.concatenate([p.sample(c, rng) for p, c in zip(solid, counts, strict=True)])
         origin = scene.to_scene(origin, rng.integers(scene.n_bays, size=m))
-        return rng.permutation(origin + rng.normal(scale=0.2, size=(m, 3)))
+        return rng.permutation(origin + rng.normal(scale=scene.displacement, size=(m, 3)))
 
     return _draw_clear(scene, n, clearance, propose)
 

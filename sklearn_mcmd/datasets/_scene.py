@@ -20,10 +20,13 @@ class Scene:
     n_bays : int
     scanner : array-like of shape (3,)
         The first bay's scanner position, within the bay.
+    displacement : float, default=0.2
+        Standard deviation, on each axis, by which "gaussian" outliers are displaced.
     """
 
-    def __init__(self, parts, bay_length, n_bays, scanner):
+    def __init__(self, parts, bay_length, n_bays, scanner, *, displacement=0.2):
         self.parts = parts
+        self.displacement = displacement
         self.bay_length = float(bay_length)
         self.n_bays = n_bays
         self.scanner = np.asarray(scanner, float)

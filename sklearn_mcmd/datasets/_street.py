@@ -1,10 +1,9 @@
 """A street as a laser scanner sees it, with the truth of every point."""
 
 import numpy as np
-from sklearn.utils import Bunch, check_random_state
 
-from sklearn_mcmd._base import Integral, Interval, Real, validate_params
-from sklearn_mcmd.datasets._outliers import CLEARANCE, MAKERS
+from sklearn_mcmd._base import Interval, Real, validate_params
+from sklearn_mcmd.datasets._scan import SCAN_PARAMETERS, points_per_bay, scan
 from sklearn_mcmd.datasets._scene import Scene
 from sklearn_mcmd.datasets._surfaces import Circle, Cylinder, Foliage, Patch
 
@@ -22,15 +21,9 @@ _SIGN, _POLE, _TREE = (0.9, 3.4), (3.6, 3.45), (2.3, 3.55)  # x, y of their feet
 
 @validate_params(
     {
-        "n_samples": [Interval(Integral, 1, None, closed="left")],
+        **SCAN_PARAMETERS,
         "spacing": [Interval(Real, 0, None, closed="neither"), None],
-        "spacing_growth": [Interval(Real, 1, None, closed="left")],
-        "noise": [Interval(Real, 0, None, closed="left")],
-        "noise_growth": [Interval(Real, 1, None, closed="left")],
-        "outlier_share": [Interval(Real, 0, 1, closed="left")],
-        "outlier_kinds": [list, tuple],
         "tree": ["boolean"],
-        "random_state": ["random_state"],
     },
     prefer_skip_nested_validation=True,
 )
@@ -44,6 +37,7 @@ def make_street(
     outlier_share=0.1,
     outlier_kinds=("gaussian", "uniform", "mixed_pixel", "ghost"),
     tree=False,
+    sampling="uniform",
     random_state=None,
 ):
     """Make a laser scan of a street whose truth is known at every point.
@@ -85,6 +79,15 @@ def make_street(
     tree : bool, default=False
         Whether each bay has a tree: a trunk and a ball of foliage. Foliage is regular, but has
         no normal and no edge.
+    sampling : {"uniform", "scan_lines"}, default="uniform"
+        How the seen surface is sampled:
+
+        - ``"uniform"``: independent draws at the density that `spacing_growth` says, with the
+          same noise on each axis;
+        - ``"scan_lines"``: where rays end that leave each scanner at equal steps of azimuth and
+          elevation, down to 60 degrees below the horizon, in vertical lines. The spacing grows
+          with the range and with the angle of incidence; `spacing` is that between rays at the
+          nearest surface. Noise is along the ray, and some rays pass through foliage.
     random_state : int, RandomState instance or None, default=None
         Seed. The same seed gives the same cloud.
 
@@ -106,8 +109,8 @@ def make_street(
           edge of its surface; NaN for foliage and outliers;
         - ``outlier_kind``, int8 (n_samples,): number of the kind in ``outlier_kind_names``; 0,
           "regular", for no outlier;
-        - ``noise_scale``, float64 (n_samples,): standard deviation, on each axis, of the noise
-          at that range; for outliers what a true point there would have;
+        - ``noise_scale``, float64 (n_samples,): standard deviation, on each axis or along the ray,
+          of the noise at that range; for outliers what a true point there would have;
         - ``surface_names``, ``outlier_kind_names``, ``feature_names``: lists of str;
         - ``scanners``, float64 (n_bays, 3): the scanners' positions, one a bay;
         - ``spacing``, ``length``: floats, the true spacing at the near end and the length of the
@@ -117,6 +120,7 @@ def make_street(
     ------
     ValueError
         If a kind of outlier is unknown or given twice, if no regular point is left, if
+        `spacing_growth` is given for scan lines, if
         `n_samples` points at that `spacing` cannot fill the shortest street, or if the noise is
         so large that nothing in the bounding box is an outlier.
 
@@ -135,7 +139,7 @@ def make_street(
 
     An outlier that falls within four noise standard deviations of a surface, or into foliage, is
     no outlier and is drawn anew, so the labels have no such error. The points are independent
-    draws; they don't lie on scan lines, and spacing does not depend on the angle of incidence.
+    draws unless ``sampling="scan_lines"``.
 
     Time is linear in `n_samples`, a few seconds for a million points.
 
@@ -153,81 +157,29 @@ def make_street(
     >>> len(long_street.scanners), round(long_street.spacing, 3)
     (5, 0.1)
     """
-    kinds = _check_kinds(outlier_kinds)
-    n_outliers = round(outlier_share * n_samples)
-    n_regular = n_samples - n_outliers
-    if n_regular == 0:
-        raise ValueError(
-            f"outlier_share={outlier_share:g} of n_samples={n_samples} leaves no regular point: "
-            "lower the share or give more points."
-        )
-    scene = _fit_street(n_regular, spacing, spacing_growth, tree)
-    # One stream a purpose: the true points stay the same whatever the noise and the outliers.
-    seed = check_random_state(random_state).randint(np.iinfo(np.int32).max)
-    points_rng, noise_rng, outlier_rng, order_rng = np.random.default_rng(seed).spawn(4)
 
-    def noise_at(points):
-        return noise * scene.growth(scene.to_bay(points)[0], noise_growth)
+    def fit_street(n_regular):
+        return _fit_street(n_regular, spacing, sampling, spacing_growth, tree)
 
-    local, surface = scene.sample(n_regular, spacing_growth, points_rng)
-    bay = points_rng.integers(scene.n_bays, size=n_regular)
-    true_points = scene.to_scene(local, bay)
-    scale = noise * scene.growth(local, noise_growth)
-    normals, edge_distance = _truth(scene, local, surface, bay)
-
-    sizes = np.full(len(kinds), n_outliers // len(kinds)) if kinds else np.zeros(0, int)
-    sizes[: n_outliers - sizes.sum()] += 1
-    outliers = [
-        MAKERS[kind](scene, size, lambda points: CLEARANCE * noise_at(points), outlier_rng)
-        for kind, size in zip(kinds, sizes, strict=True)
-    ]
-    outliers = np.concatenate([np.empty((0, 3)), *outliers])
-    names = ["regular", *MAKERS]
-    codes = np.repeat([names.index(kind) for kind in kinds], sizes)
-
-    order = order_rng.permutation(n_samples)
-
-    def rows(regular, filling):
-        filling = np.broadcast_to(filling, (n_outliers, *regular.shape[1:]))
-        return np.concatenate([regular, filling]).astype(regular.dtype)[order]
-
-    noisy = true_points + scale[:, None] * noise_rng.standard_normal((n_regular, 3))
-    effective = scene.n_bays * scene.effective_area(spacing_growth)
-    return Bunch(
-        data=rows(noisy, outliers),
-        target=rows(np.ones(n_regular, np.int64), -1),
-        true_points=rows(true_points, np.nan),
-        normals=rows(normals, np.nan),
-        surface=rows(surface, -1),
-        bay=rows(bay, -1),
-        edge_distance=rows(edge_distance, np.nan),
-        outlier_kind=rows(np.zeros(n_regular, np.int8), codes),
-        noise_scale=rows(scale, noise_at(outliers)),
-        surface_names=[part.name for part in scene.parts],
-        outlier_kind_names=names,
-        feature_names=["x", "y", "z"],
-        scanners=scene.scanners,
-        spacing=float(np.sqrt(effective / n_regular)),
-        length=scene.length,
+    return scan(
+        fit_street,
+        n_samples,
+        sampling=sampling,
+        spacing_growth=spacing_growth,
+        noise=noise,
+        noise_growth=noise_growth,
+        outlier_share=outlier_share,
+        outlier_kinds=outlier_kinds,
+        random_state=random_state,
     )
 
 
-def _check_kinds(kinds):
-    unknown = [kind for kind in kinds if kind not in MAKERS]
-    if unknown or len(set(kinds)) < len(kinds) or not kinds:
-        raise ValueError(
-            f"outlier_kinds={kinds!r} must name, once each, one or more of {list(MAKERS)}; "
-            "for a street without outliers set outlier_share=0."
-        )
-    return list(kinds)
-
-
-def _fit_street(n_regular, spacing, spacing_growth, tree):
+def _fit_street(n_regular, spacing, sampling, spacing_growth, tree):
     """The street that n_regular points fill at the asked spacing."""
     scene = _street(_BAY, 1, tree)
     if spacing is None:
         return scene
-    per_bay = scene.effective_area(spacing_growth) / spacing**2
+    per_bay = points_per_bay(scene, spacing, sampling, spacing_growth)
     n_bays = max(1, round(n_regular / per_bay))
     # A bay's surface grows nearly in proportion to its length: three steps settle it.
     bay_length = _BAY
@@ -235,7 +187,7 @@ def _fit_street(n_regular, spacing, spacing_growth, tree):
         bay_length *= n_regular / (n_bays * per_bay)
         bay_length = min(max(bay_length, _BAY_MIN), _BAY_MAX)
         scene = _street(bay_length, n_bays, tree)
-        per_bay = scene.effective_area(spacing_growth) / spacing**2
+        per_bay = points_per_bay(scene, spacing, sampling, spacing_growth)
     if bay_length == _BAY_MIN and n_regular < 0.97 * n_bays * per_bay:
         raise ValueError(
             f"n_samples is too small for spacing={spacing:g}: the shortest street takes "
@@ -320,14 +272,3 @@ def _sign(x, y):
 
 def _pole(name, x, y, radius, top):
     return Cylinder(name, (x, y, _PATH_Z), (0, 0, top - _PATH_Z), radius)
-
-
-def _truth(scene, local, surface, bay):
-    """Normal and distance to the nearest sharp edge of the own surface, for each point."""
-    normals = np.empty_like(local)
-    edge_distance = np.empty(len(local))
-    for number, part in enumerate(scene.parts):
-        mine = np.flatnonzero(surface == number)
-        normals[mine] = part.normals(local[mine])
-        edge_distance[mine] = scene.over_bays(part.edge_distance, local[mine], bay[mine])
-    return normals, edge_distance

@@ -31,10 +31,11 @@ class Patch:
     smooth : sequence of {"u0", "u1", "v0", "v1"}, default=()
         Sides that are no sharp edges: the surface goes on, or only the scene ends.
     circles : sequence of Circle, default=()
-        More sharp edges: the feet of what stands on the patch.
+    lines : sequence of (start, end), default=()
+        More sharp edges: the feet of what stands on the patch, circles or straight lines.
     """
 
-    def __init__(self, name, corner, u, v, *, holes=(), smooth=(), circles=()):
+    def __init__(self, name, corner, u, v, *, holes=(), smooth=(), circles=(), lines=()):
         self.name = name
         self.corner = np.asarray(corner, float)
         u, v = np.asarray(u, float), np.asarray(v, float)
@@ -42,6 +43,7 @@ class Patch:
         u, v = u / self.size[0], v / self.size[1]
         self.frame = np.column_stack([u, v, np.cross(u, v)])
         self.circles = tuple(circles)
+        self.lines = np.asarray(lines, float).reshape(-1, 2, 3)
 
         # Holes cut the rectangle along grid lines; what is left is a set of whole cells.
         holes = np.asarray(holes, float).reshape(-1, 2, 2)
@@ -73,16 +75,16 @@ class Patch:
         local = (points - self.corner) @ self.frame
         aside = np.zeros(len(local))
         outside = ~self._contains(local[:, 0], local[:, 1])
-        aside[outside] = _segments_distance(local[outside, :2], self.border)
+        aside[outside] = segments_distance(local[outside, :2], self.border)
         return np.hypot(aside, local[:, 2])
 
     def edge_distance(self, points):
         local = (points - self.corner) @ self.frame
-        aside = _segments_distance(local[:, :2], self.edges)
+        aside = segments_distance(local[:, :2], self.edges)
         distance = np.hypot(aside, local[:, 2])
         for circle in self.circles:
             np.minimum(distance, circle.distance(points), out=distance)
-        return distance
+        return np.minimum(distance, segments_distance(points, self.lines), out=distance)
 
     def hit(self, origin, ends):
         start = (origin - self.corner) @ self.frame
@@ -135,7 +137,8 @@ class Cylinder:
 
     Notes
     -----
-    There is no lid: a scanner higher than a pole would look into it, so poles must be higher.
+    There is no lid: a scanner higher than a pole would look into it, so poles must be higher or
+    get a `Disc` as their lid.
     """
 
     def __init__(
@@ -261,6 +264,8 @@ class Foliage:
     """
 
     outline_length = 0.0
+    #: How far a ray gets among the leaves, on average, in radii.
+    clearing = 0.7
 
     def __init__(self, name, center, radius):
         self.name = name
@@ -285,6 +290,17 @@ class Foliage:
 
     def hit(self, origin, ends):
         return np.full(len(ends), np.inf)
+
+    def scatter(self, origin, ends, rng):
+        """Where leaves stop segments from one origin: as `hit`, but by chance."""
+        way = ends - origin
+        length = np.linalg.norm(way, axis=1)
+        closest = np.einsum("ij,j->i", way, self.center - origin) / length
+        aside = np.sum((self.center - origin) ** 2) - closest**2
+        half = np.sqrt(np.maximum(self.radius**2 - aside, 0.0))
+        depth = rng.exponential(self.clearing * self.radius, len(ends))
+        met = np.maximum(closest - half, 0.0) + depth
+        return np.where(met < closest + half, met / length, np.inf)
 
 
 class Circle:
@@ -315,8 +331,8 @@ def _cell_border(solid, cuts_u, cuts_v):
     return np.array(segments), sides
 
 
-def _segments_distance(points, segments):
-    """Distance of points (n, 2) to the nearest of segments (m, 2, 2); inf without segments."""
+def segments_distance(points, segments):
+    """Distance of points (n, d) to the nearest of segments (m, 2, d); inf without segments."""
     nearest = np.full(len(points), np.inf)
     for a, b in segments:
         way = b - a

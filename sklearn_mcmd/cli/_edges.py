@@ -1,0 +1,128 @@
+"""``mcmd edges``."""
+
+from enum import StrEnum
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from sklearn_mcmd.cli._files import blank, coordinates, read, rehearse, with_results, write
+from sklearn_mcmd.cli._options import (
+    InFile,
+    NJobs,
+    NNeighbors,
+    OutFile,
+    Quiet,
+    RandomState,
+    positive,
+)
+from sklearn_mcmd.cli._speech import clear_exits, print_table, progress_bar, stopwatch
+
+__all__ = ["edges"]
+
+# Red, green, blue of surfaces and of edges.
+SURFACE_COLOR, EDGE_COLOR = (170, 170, 170), (215, 30, 30)
+
+
+class Criterion(StrEnum):
+    crease = "crease"
+    eigenvalue = "eigenvalue"
+    surface_variation = "surface_variation"
+    removed_fraction = "removed_fraction"
+
+
+def edges(
+    source: InFile,
+    target: OutFile,
+    n_neighbors: NNeighbors = 40,
+    criterion: Annotated[
+        Criterion,
+        typer.Option(
+            help="crease: distance to the line where two faces meet. The others: how far the "
+            "neighborhood is from flat."
+        ),
+    ] = Criterion.crease,
+    threshold: Annotated[
+        float | None,
+        typer.Option(
+            callback=positive,
+            help="Largest distance to a crease, in spacings of the points; least value of the "
+            "other criteria.",
+            show_default="2; for the others median + 3 robust standard deviations",
+        ),
+    ] = None,
+    min_angle: Annotated[
+        float, typer.Option(min=1.0, max=89.0, help="Least angle of a crease, in degrees.")
+    ] = 20.0,
+    denoise: Annotated[
+        bool, typer.Option(help="Whether outliers are left out when edges are looked for.")
+    ] = True,
+    colors: Annotated[
+        bool | None,
+        typer.Option(
+            "--colors/--no-colors",
+            help="Whether colors are written: edges red, surfaces gray.",
+            show_default="where the input has none",
+        ),
+    ] = None,
+    random_state: RandomState = 0,
+    n_jobs: NJobs = -1,
+    quiet: Quiet = False,
+):
+    """Mark edges and corners: points next to a line where two faces meet.
+
+    All points are kept. New attributes: edge (1 or 0, 8 bit), edge_score (float32: the distance
+    to the nearest crease in spacings, at most 20, or the criterion's value) and, where the input
+    has no colors or with --colors, red, green and blue.
+    """
+    with clear_exits():
+        seconds = stopwatch()
+        cloud = read(source, target)
+        if colors is None:
+            colors = not {"red", "green", "blue"} & cloud.attributes.keys()
+        # LAS has colors of 16 bits.
+        brightest = 65535 if target.suffix.lower() in (".las", ".laz") else 255
+        brightest = brightest if colors else None
+        nothing = blank(cloud)
+        rehearse(target, with_results(cloud, _results(nothing > 0, nothing, brightest)))
+        is_edge, score = _find_edges(
+            coordinates(cloud),
+            quiet,
+            n_neighbors=n_neighbors,
+            criterion=str(criterion),
+            threshold=threshold,
+            min_angle=min_angle,
+            outlier_detector=None if denoise else "passthrough",
+            random_state=random_state,
+            n_jobs=n_jobs,
+        )
+        write(target, with_results(cloud, _results(is_edge, score, brightest)))
+        if not quiet:
+            n_edge = int(np.count_nonzero(is_edge))
+            print_table(
+                f"{source} -> {target}",
+                points=f"{len(cloud):,}",
+                edges=f"{n_edge:,} ({100 * n_edge / len(cloud):.2f} %)",
+                seconds=f"{seconds():.1f}",
+            )
+
+
+def _find_edges(xyz, quiet, **params):
+    """Whether each point is of an edge, and its distance or the criterion's value."""
+    from sklearn_mcmd import SharpFeatureDetector
+
+    with progress_bar("Edges", quiet):
+        detector = SharpFeatureDetector(**params).fit(xyz)
+        scores = detector.score_samples(xyz)
+    is_edge = scores < detector.offset_
+    return is_edge, scores if params["criterion"] == "crease" else -scores
+
+
+def _results(is_edge, score, brightest):
+    """The columns to write, colors up to `brightest` among them if that is a number."""
+    columns = {"edge": is_edge.astype(np.uint8), "edge_score": score.astype(np.float32)}
+    if brightest is not None:
+        paint = np.where(is_edge[:, None], EDGE_COLOR, SURFACE_COLOR) * (brightest // 255)
+        paint = paint.astype(np.min_scalar_type(brightest))
+        columns.update(zip(("red", "green", "blue"), paint.T.copy(), strict=True))
+    return columns

@@ -1,0 +1,347 @@
+"""The two roadside scenes of the paper's Section 5.2.3, made up anew."""
+
+import numpy as np
+
+from sklearn_mcmd._base import validate_params
+from sklearn_mcmd.datasets._panels import Disc, Polygon
+from sklearn_mcmd.datasets._scan import SCAN_PARAMETERS, scan
+from sklearn_mcmd.datasets._scene import Scene
+from sklearn_mcmd.datasets._surfaces import Circle, Cylinder, Foliage, Patch
+
+# Metres; x along the road, y across it, z up.
+_CROWN_RADIUS, _CROWN_Z = 75.0, 0.03
+_KERB_Y, _PATH_Z = 3.0, 0.10
+_UP = np.array([0, 0, 1.0])
+
+
+@validate_params(dict(SCAN_PARAMETERS), prefer_skip_nested_validation=True)
+def make_traffic_furniture(
+    n_samples=127_898,
+    *,
+    sampling="uniform",
+    spacing_growth=1.0,
+    noise=0.005,
+    noise_growth=1.0,
+    outlier_share=0.0,
+    outlier_kinds=("gaussian", "uniform", "mixed_pixel", "ghost"),
+    random_state=None,
+):
+    """Make a scan of traffic furniture: the counterpart of the paper's Fig. 14.
+
+    21 surfaces as in the paper's data set: ten flat ones (road, kerb, footpath, five sign
+    plates, two lids of litter bins) and eleven round ones (six sign posts, two light poles, two
+    litter bins, an advertising column), along 10 m of a road and scanned from 2.2 m above it.
+
+    Parameters
+    ----------
+    n_samples : int, default=127_898
+        Number of points, outliers included; by default that of the paper's data set, which makes
+        a spacing of 2.2 cm.
+    sampling : {"uniform", "scan_lines"}, default="uniform"
+        How the seen surface is sampled, as in :func:`make_street`.
+    spacing_growth : float, default=1.0
+        Spacing at the far end of the scene over that at its near end, at least 1.
+    noise : float, default=0.005
+        Standard deviation of the noise, in metres, where the scanner is nearest: on each axis
+        or, on scan lines, along the ray.
+    noise_growth : float, default=1.0
+        Noise at the far end of the scene over that at its near end, at least 1.
+    outlier_share : float, default=0.0
+        Share of outliers in [0, 1), rounded to a whole number of points.
+    outlier_kinds : list or tuple of str
+        Kinds of outliers, in (nearly) equal shares, as in :func:`make_street`.
+    random_state : int, RandomState instance or None, default=None
+        Seed. The same seed gives the same cloud.
+
+    Returns
+    -------
+    scene : :class:`~sklearn.utils.Bunch`
+        With the arrays of :func:`make_street`, in metres; every flat or round part is a surface
+        of its own in ``surface``.
+
+    Raises
+    ------
+    ValueError
+        As :func:`make_street`.
+
+    See Also
+    --------
+    make_bus_stop : The paper's second scene.
+    make_street : A street of any length.
+
+    Notes
+    -----
+    Sharp edges are where surfaces meet at an angle and the free ends of things, as in
+    :func:`make_street`; where only the scene ends there is none.
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.datasets import make_traffic_furniture
+    >>> scene = make_traffic_furniture(20_000, random_state=0)
+    >>> len(scene.surface_names), scene.surface_names[:3]
+    (21, ['road', 'kerb', 'footpath'])
+    """
+    return scan(
+        lambda _: _traffic_furniture(),
+        n_samples,
+        sampling=sampling,
+        spacing_growth=spacing_growth,
+        noise=noise,
+        noise_growth=noise_growth,
+        outlier_share=outlier_share,
+        outlier_kinds=outlier_kinds,
+        random_state=random_state,
+    )
+
+
+@validate_params(dict(SCAN_PARAMETERS), prefer_skip_nested_validation=True)
+def make_bus_stop(
+    n_samples=33_719,
+    *,
+    sampling="uniform",
+    spacing_growth=1.0,
+    noise=0.005,
+    noise_growth=1.0,
+    outlier_share=0.0,
+    outlier_kinds=("gaussian", "uniform", "mixed_pixel", "ghost"),
+    random_state=None,
+):
+    """Make a scan of a bus stop: the counterpart of the paper's Fig. 15.
+
+    31 surfaces as in the paper's data set: road, kerb, footpath; a shelter (three panels, roof
+    and its fascia, four posts) with a bench (front, seat, back); two umbrellas, of whose six
+    panels the scanner sees three, on poles; a light pole; a bus sign and a timetable on a post;
+    a litter bin with its lid; a tree of trunk and foliage. 9 m of a road, scanned from 2.2 m
+    above it.
+
+    Parameters
+    ----------
+    n_samples : int, default=33_719
+        Number of points, outliers included; by default that of the paper's data set, which makes
+        a spacing of about 4 cm.
+    sampling : {"uniform", "scan_lines"}, default="uniform"
+        How the seen surface is sampled, as in :func:`make_street`.
+    spacing_growth : float, default=1.0
+        Spacing at the far end of the scene over that at its near end, at least 1.
+    noise : float, default=0.005
+        Standard deviation of the noise, in metres, where the scanner is nearest: on each axis
+        or, on scan lines, along the ray.
+    noise_growth : float, default=1.0
+        Noise at the far end of the scene over that at its near end, at least 1.
+    outlier_share : float, default=0.0
+        Share of outliers in [0, 1), rounded to a whole number of points.
+    outlier_kinds : list or tuple of str
+        Kinds of outliers, in (nearly) equal shares, as in :func:`make_street`.
+    random_state : int, RandomState instance or None, default=None
+        Seed. The same seed gives the same cloud.
+
+    Returns
+    -------
+    scene : :class:`~sklearn.utils.Bunch`
+        With the arrays of :func:`make_street`, in metres. The back panels of the umbrellas are in
+        ``surface_names`` too, without points: they are out of the scanner's sight.
+
+    Raises
+    ------
+    ValueError
+        As :func:`make_street`.
+
+    See Also
+    --------
+    make_traffic_furniture : The paper's first scene.
+    make_street : A street of any length.
+
+    Notes
+    -----
+    Sharp edges are where surfaces meet at an angle and the free ends of things, as in
+    :func:`make_street`; where only the scene ends there is none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn_mcmd.datasets import make_bus_stop
+    >>> scene = make_bus_stop(random_state=0)
+    >>> len(np.unique(scene.surface))
+    31
+    """
+    return scan(
+        lambda _: _bus_stop(),
+        n_samples,
+        sampling=sampling,
+        spacing_growth=spacing_growth,
+        noise=noise,
+        noise_growth=noise_growth,
+        outlier_share=outlier_share,
+        outlier_kinds=outlier_kinds,
+        random_state=random_state,
+    )
+
+
+def _traffic_furniture():
+    length = 10.0
+    turned = [np.radians(angle) for angle in (25, 15, 0, -15, -25)]
+    things = [
+        *_rectangular_sign("sign_1", (1.5, 3.5), turned[0], 0.6, 0.6, 1.8, 1),
+        *_rectangular_sign("sign_2", (3.2, 3.7), turned[1], 0.4, 0.8, 1.7, 1),
+        *_rectangular_sign("sign_3", (6.2, 4.2), turned[2], 1.6, 0.9, 1.6, 2),
+        *_round_sign("sign_4", (8.3, 3.5), turned[3], 0.3, 2.1),
+        *_triangular_sign("sign_5", (9.4, 3.4), turned[4], 0.9, 1.75),
+        _pole("light_pole_1", (2.4, 5.0), 0.09, 4.5),
+        _pole("light_pole_2", (7.7, 5.0), 0.09, 4.5),
+        *_bin("bin_1", (4.1, 3.4), 0.2, 0.9),
+        *_bin("bin_2", (4.9, 3.4), 0.2, 0.9),
+        _pole("column", (4.5, 4.8), 0.35, 2.9),
+    ]
+    parts = [*_ground(length, 5.5, feet=_feet(things)), *things]
+    return Scene(parts, length, 1, scanner=(length / 2, 1.0, 2.2))
+
+
+def _bus_stop():
+    length = 9.0
+    x0, x1, y0, y1 = 3.0, 6.0, 4.2, 5.2  # the shelter's posts
+    low, top, roof_z = _PATH_Z + 0.2, 2.1, 2.5
+    posts = [
+        Cylinder(f"shelter_post_{i}", (x, y, _PATH_Z), (0, 0, roof_z - _PATH_Z), 0.05)
+        for i, (x, y) in enumerate([(x0, y0), (x1, y0), (x0, y1), (x1, y1)], 1)
+    ]
+    # Panels end before the posts that hold them.
+    gap, side, back = 0.12, y1 - y0 - 0.24, x1 - x0 - 0.24
+    roof_corner, roof_size = np.array([x0 - 0.2, y0 - 0.2, roof_z]), (x1 - x0 + 0.4, y1 - y0 + 0.4)
+    shelter = [
+        Patch("shelter_back", (x0 + gap, y1, low), (back, 0, 0), (0, 0, top - low)),
+        Patch("shelter_left", (x0, y0 + gap, low), (0, side, 0), (0, 0, top - low)),
+        Patch("shelter_right", (x1, y0 + gap, low), (0, 0, top - low), (0, side, 0)),
+        Patch(
+            "shelter_roof",
+            roof_corner,
+            (0, roof_size[1], 0),
+            (roof_size[0], 0, 0),
+            circles=[Circle(post.base + post.length * _UP, _UP, post.radius) for post in posts],
+        ),
+        Patch("shelter_fascia", roof_corner, (roof_size[0], 0, 0), (0, 0, 0.25)),
+        *posts,
+    ]
+    bench_x, bench_w, bench_y, bench_d, bench_z = 3.5, 2.0, 4.55, 0.4, 0.55
+    along, across = np.array([bench_w, 0, 0]), np.array([0, bench_d, 0])
+    foot, seat = (np.array([bench_x, bench_y, z]) for z in (_PATH_Z, bench_z))
+    bench = [
+        Patch("bench_front", foot, along, (0, 0, bench_z - _PATH_Z)),
+        Patch("bench_seat", seat, along, across),
+        Patch("bench_back", seat + across, along, (0, 0, 0.4)),
+    ]
+    things = [
+        *_umbrella("umbrella_1", (1.3, 4.6)),
+        *_umbrella("umbrella_2", (7.6, 4.7)),
+        _pole("light_pole", (6.0, 3.4), 0.09, 4.5),
+        *_rectangular_sign("bus_sign", (3.2, 3.3), np.radians(10), 0.5, 0.5, 2.0, 1),
+        _timetable((3.2, 3.3), np.radians(10)),
+        *_bin("bin", (6.6, 3.6), 0.2, 0.9),
+        _pole("trunk", (8.5, 3.7), 0.14, 2.3),
+        Foliage("foliage", (8.5, 3.7, 2.7), 0.6),
+    ]
+    standing = _feet([*posts, *things])
+    lines = [(foot, foot + along), *[(foot + x, foot + x + across) for x in (0, along)]]
+    parts = [*_ground(length, 5.8, feet=standing, lines=lines), *shelter, *bench, *things]
+    return Scene(parts, length, 1, scanner=(length / 2, 1.0, 2.2))
+
+
+def _ground(length, path_y, *, feet, lines=()):
+    """Half of a cambered road, a kerb of 13 cm and a footpath."""
+    gutter_angle = np.arcsin(_KERB_Y / _CROWN_RADIUS)
+    gutter_z = _CROWN_Z - _CROWN_RADIUS * (1 - np.cos(gutter_angle))
+    along = np.array([length, 0, 0])
+    return [
+        Cylinder(
+            "road",
+            (length, 0, _CROWN_Z - _CROWN_RADIUS),
+            -along,  # right-handed around -x: from the crown towards the kerb
+            _CROWN_RADIUS,
+            start=_UP,
+            arc=gutter_angle,
+            sharp=("stop",),
+        ),
+        Patch(
+            "kerb", (0, _KERB_Y, gutter_z), along, (_PATH_Z - gutter_z) * _UP, smooth=("u0", "u1")
+        ),
+        Patch(
+            "footpath",
+            (0, _KERB_Y, _PATH_Z),
+            along,
+            (0, path_y - _KERB_Y, 0),
+            smooth=("u0", "u1", "v1"),
+            circles=feet,
+            lines=lines,
+        ),
+    ]
+
+
+def _feet(things):
+    return [
+        Circle(part.base, _UP, part.radius)
+        for part in things
+        if isinstance(part, Cylinder) and part.base[2] == _PATH_Z
+    ]
+
+
+def _pole(name, foot, radius, top):
+    return Cylinder(name, (*foot, _PATH_Z), (0, 0, top - _PATH_Z), radius)
+
+
+def _bin(name, foot, radius, top):
+    return [
+        _pole(name, foot, radius, top),
+        Disc(f"{name}_lid", (*foot, top), _UP, radius),
+    ]
+
+
+def _facing(turn):
+    """A plate's direction along it, rightward as the road sees it, and toward the road."""
+    return np.array([np.cos(turn), np.sin(turn), 0]), np.array([np.sin(turn), -np.cos(turn), 0])
+
+
+def _rectangular_sign(name, foot, turn, width, height, bottom, n_posts, before=0.07):
+    """A plate, 7 cm before the axes of one post or two."""
+    along, facing = _facing(turn)
+    middle = np.array([*foot, bottom]) + before * facing
+    plate = Patch(name, middle - 0.5 * width * along, width * along, (0, 0, height))
+    offsets = [0.0] if n_posts == 1 else [-0.3 * width, 0.3 * width]
+    posts = [
+        _pole(
+            f"{name}_post" if n_posts == 1 else f"{name}_post_{i}",
+            np.add(foot, offset * along[:2]),
+            0.03,
+            bottom + height + 0.1,
+        )
+        for i, offset in enumerate(offsets, 1)
+    ]
+    return [plate, *posts]
+
+
+def _round_sign(name, foot, turn, radius, height):
+    _, facing = _facing(turn)
+    plate = Disc(name, np.array([*foot, height]) + 0.07 * facing, facing, radius)
+    return [plate, _pole(f"{name}_post", foot, 0.03, height + radius + 0.1)]
+
+
+def _triangular_sign(name, foot, turn, side, bottom):
+    along, facing = _facing(turn)
+    height = side * np.sqrt(3) / 2
+    low = np.array([*foot, bottom]) + 0.07 * facing
+    corners = [low - 0.5 * side * along, low + 0.5 * side * along, low + height * _UP]
+    return [Polygon(name, corners), _pole(f"{name}_post", foot, 0.03, bottom + height + 0.1)]
+
+
+def _timetable(foot, turn):
+    return _rectangular_sign("timetable", foot, turn, 0.4, 0.6, 1.1, 1)[0]
+
+
+def _umbrella(name, foot, rim=0.9, rim_z=1.85, apex_z=2.35):
+    """A pyramid of six panels on a pole; a flat side towards the road."""
+    angles = np.radians(np.arange(0, 361, 60) - 120)
+    ring = np.column_stack([foot[0] + rim * np.cos(angles), foot[1] + rim * np.sin(angles)])
+    ring = np.column_stack([ring, np.full(len(ring), rim_z)])
+    apex = np.array([*foot, apex_z])
+    panels = [
+        Polygon(f"{name}_panel_{i}", [ring[i - 1], ring[i], apex]) for i in range(1, len(ring))
+    ]
+    return [Cylinder(f"{name}_pole", (*foot, _PATH_Z), (0, 0, apex_z - _PATH_Z), 0.03), *panels]

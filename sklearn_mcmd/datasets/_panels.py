@@ -1,0 +1,283 @@
+"""More parts of a made-up scene: polygons, discs and bilinear surfaces.
+
+They have the interface that `_surfaces` describes.
+"""
+
+import numpy as np
+
+from sklearn_mcmd.datasets._surfaces import Circle, segments_distance
+
+#: Cells on a side of the grid for the area of a bilinear surface, and of the one to start from
+#: when the nearest of its points is sought; steps of that search.
+_AREA_CELLS, _START_CELLS, _STEPS = 64, 6, 25
+
+
+class Polygon:
+    """Flat convex polygon.
+
+    Parameters
+    ----------
+    name : str
+    corners : array-like of shape (m, 3)
+        In one plane, counterclockwise as seen from the seen side.
+    smooth : sequence of int, default=()
+        Sides that are no sharp edges; side i leaves corner i.
+    """
+
+    def __init__(self, name, corners, *, smooth=()):
+        self.name = name
+        corners = np.asarray(corners, float)
+        self.corner = corners[0]
+        u = corners[1] - corners[0]
+        normal = np.cross(u, corners[2] - corners[0])
+        u, normal = u / np.linalg.norm(u), normal / np.linalg.norm(normal)
+        self.frame = np.column_stack([u, np.cross(normal, u), normal])
+        self.flat = ((corners - self.corner) @ self.frame)[:, :2]
+        self.border = np.stack([self.flat, np.roll(self.flat, -1, axis=0)], axis=1)
+        self.edges = self.border[[i not in smooth for i in range(len(corners))]]
+        self.fan = np.stack(
+            [np.broadcast_to(self.flat[0], self.flat[2:].shape), self.flat[1:-1], self.flat[2:]],
+            axis=1,
+        )
+        self.areas = 0.5 * _cross(self.fan[:, 1] - self.fan[:, 0], self.fan[:, 2] - self.fan[:, 0])
+        self.area = self.areas.sum()
+        self.bounds = np.array([corners.min(axis=0), corners.max(axis=0)])
+        self.outline_length = np.linalg.norm(self.edges[:, 1] - self.edges[:, 0], axis=1).sum()
+
+    def sample(self, n, rng):
+        origin, b, c = self.fan[
+            rng.choice(len(self.fan), size=n, p=self.areas / self.area)
+        ].swapaxes(0, 1)
+        u, v = rng.random((2, n, 1))
+        beyond = u + v > 1
+        u, v = np.where(beyond, 1 - u, u), np.where(beyond, 1 - v, v)
+        return self._to_scene(origin + u * (b - origin) + v * (c - origin))
+
+    def normals(self, points):
+        return np.tile(self.frame[:, 2], (len(points), 1))
+
+    def distance(self, points):
+        local = (points - self.corner) @ self.frame
+        aside = segments_distance(local[:, :2], self.border)
+        aside[self._contains(local[:, :2])] = 0.0
+        return np.hypot(aside, local[:, 2])
+
+    def edge_distance(self, points):
+        local = (points - self.corner) @ self.frame
+        return np.hypot(segments_distance(local[:, :2], self.edges), local[:, 2])
+
+    def hit(self, origin, ends):
+        return _hit_plane(self.corner, self.frame, origin, ends, self._contains)
+
+    def sample_outline(self, n, rng, viewpoint):
+        a, b = self.edges[:, 0], self.edges[:, 1]
+        lengths = np.linalg.norm(b - a, axis=1)
+        side = rng.choice(len(lengths), size=n, p=lengths / lengths.sum())
+        return self._to_scene(a[side] + rng.random((n, 1)) * (b - a)[side])
+
+    def _to_scene(self, flat):
+        return self.corner + flat @ self.frame[:, :2].T
+
+    def _contains(self, flat):
+        inside = np.ones(len(flat), dtype=bool)
+        for a, b in self.border:
+            inside &= _cross(b - a, flat - a) >= 0
+        return inside
+
+
+class Disc:
+    """Flat disc, or a ring: the lid of a cylinder, a round sign.
+
+    Parameters
+    ----------
+    name : str
+    center, normal : array-like of shape (3,)
+    radius : float
+    inner : float, default=0
+        Radius of the hole.
+    """
+
+    def __init__(self, name, center, normal, radius, *, inner=0.0):
+        self.name = name
+        self.center = np.asarray(center, float)
+        normal = np.asarray(normal, float) / np.linalg.norm(normal)
+        u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+        u /= np.linalg.norm(u)
+        self.frame = np.column_stack([u, np.cross(normal, u), normal])
+        self.radius, self.inner = float(radius), float(inner)
+        radii = [self.radius, self.inner] if inner > 0 else [self.radius]
+        self.circles = [Circle(self.center, normal, r) for r in radii]
+        self.area = np.pi * (self.radius**2 - self.inner**2)
+        reach = self.radius * np.sqrt(1 - normal**2)
+        self.bounds = np.array([self.center - reach, self.center + reach])
+        self.outline_length = 2 * np.pi * sum(radii)
+
+    def sample(self, n, rng):
+        squared = rng.uniform(self.inner**2, self.radius**2, n)
+        return self._to_scene(np.sqrt(squared), rng.uniform(0, 2 * np.pi, n))
+
+    def normals(self, points):
+        return np.tile(self.frame[:, 2], (len(points), 1))
+
+    def distance(self, points):
+        local = (points - self.center) @ self.frame
+        reach = np.hypot(local[:, 0], local[:, 1])
+        aside = np.maximum(np.maximum(reach - self.radius, self.inner - reach), 0.0)
+        return np.hypot(aside, local[:, 2])
+
+    def edge_distance(self, points):
+        return np.min([circle.distance(points) for circle in self.circles], axis=0)
+
+    def hit(self, origin, ends):
+        def contains(flat):
+            reach = np.hypot(flat[:, 0], flat[:, 1])
+            return (reach <= self.radius) & (reach >= self.inner)
+
+        return _hit_plane(self.center, self.frame, origin, ends, contains)
+
+    def sample_outline(self, n, rng, viewpoint):
+        radii = np.array([circle.radius for circle in self.circles])
+        radius = rng.choice(radii, size=n, p=radii / radii.sum())
+        return self._to_scene(radius, rng.uniform(0, 2 * np.pi, n))
+
+    def _to_scene(self, radius, angle):
+        flat = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        return self.center + flat @ self.frame[:, :2].T
+
+
+class Bilinear:
+    """Ruled surface through four corners, S(u, v) = p + u a + v b + u v c on the unit square.
+
+    Both families of lines are straight, and so are the four sides.
+
+    Parameters
+    ----------
+    name : str
+    corners : array-like of shape (4, 3)
+        S(0, 0), S(1, 0), S(1, 1), S(0, 1): counterclockwise as seen from the seen side.
+    smooth : sequence of int, default=()
+        Sides that are no sharp edges; side i leaves corner i.
+    """
+
+    def __init__(self, name, corners, *, smooth=()):
+        self.name = name
+        corners = np.asarray(corners, float)
+        self.start, self.a, self.b = corners[0], corners[1] - corners[0], corners[3] - corners[0]
+        self.c = corners[2] - corners[1] - corners[3] + corners[0]
+        self.border = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+        self.edges = self.border[[i not in smooth for i in range(4)]]
+        middle = (np.arange(_AREA_CELLS) + 0.5) / _AREA_CELLS
+        u, v = (grid.ravel() for grid in np.meshgrid(middle, middle))
+        self.area = np.linalg.norm(self._cross_product(u, v), axis=1).mean()
+        ends = np.array([0.0, 1, 0, 1]), np.array([0.0, 0, 1, 1])
+        # Linear in u and v, so its length is greatest at a corner.
+        self._largest = np.linalg.norm(self._cross_product(*ends), axis=1).max()
+        self.bounds = np.array([corners.min(axis=0), corners.max(axis=0)])
+        self.outline_length = np.linalg.norm(self.edges[:, 1] - self.edges[:, 0], axis=1).sum()
+
+    def sample(self, n, rng):
+        kept, missing = [np.empty((0, 3))], n
+        while missing > 0:
+            u, v, level = rng.random((3, 2 * missing + 16))
+            even = level * self._largest < np.linalg.norm(self._cross_product(u, v), axis=1)
+            kept.append(self._surface(u, v)[even][:missing])
+            missing -= len(kept[-1])
+        return np.concatenate(kept)
+
+    def normals(self, points):
+        normals = self._cross_product(*self._foot(points))
+        return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+    def distance(self, points):
+        # Nearest is a foot within the surface or a point of its straight sides.
+        nearest = segments_distance(points, self.border)
+        u, v = self._foot(points)
+        within = (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
+        gap = np.linalg.norm(self._surface(u, v) - points, axis=1)
+        return np.where(within, np.minimum(gap, nearest), nearest)
+
+    def edge_distance(self, points):
+        return segments_distance(points, self.edges)
+
+    def hit(self, origin, ends):
+        # Both components of S(u, v) - origin across the ray vanish; without v that is a
+        # quadratic equation in u.
+        way = ends - origin
+        ray = way / np.linalg.norm(way, axis=1, keepdims=True)
+        across = np.cross(ray, np.eye(3)[np.argmin(np.abs(ray), axis=1)])
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        other = np.cross(ray, across)
+        (p1, a1, b1, c1), (p2, a2, b2, c2) = (
+            [side @ vector for vector in (self.start - origin, self.a, self.b, self.c)]
+            for side in (across, other)
+        )
+        square, linear = a2 * c1 - a1 * c2, p2 * c1 + a2 * b1 - p1 * c2 - a1 * b2
+        constant = p2 * b1 - p1 * b2
+        fraction = np.full(len(ends), np.inf)
+        with np.errstate(all="ignore"):
+            root = np.sqrt(linear**2 - 4 * square * constant)
+            larger = -0.5 * (linear + np.where(linear < 0, -root, root))
+            for u in (larger / square, constant / larger):
+                first = np.abs(b1 + u * c1) >= np.abs(b2 + u * c2)
+                v = np.where(first, -(p1 + u * a1) / (b1 + u * c1), -(p2 + u * a2) / (b2 + u * c2))
+                place = self._surface(u, v) - origin
+                t = np.einsum("ij,ij->i", place, way) / np.einsum("ij,ij->i", way, way)
+                on_part = (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1) & (t > 0) & (t <= 1)
+                fraction = np.where(on_part, np.minimum(fraction, t), fraction)
+        return fraction
+
+    def sample_outline(self, n, rng, viewpoint):
+        a, b = self.edges[:, 0], self.edges[:, 1]
+        lengths = np.linalg.norm(b - a, axis=1)
+        side = rng.choice(len(lengths), size=n, p=lengths / lengths.sum())
+        return a[side] + rng.random((n, 1)) * (b - a)[side]
+
+    def _surface(self, u, v):
+        u, v = u[:, None], v[:, None]
+        return self.start + u * self.a + v * self.b + u * v * self.c
+
+    def _cross_product(self, u, v):
+        return np.cross(self.a + v[:, None] * self.c, self.b + u[:, None] * self.c)
+
+    def _foot(self, points):
+        """Parameters of the foot of each point on the unbounded surface: Gauss-Newton."""
+        grid = (np.arange(_START_CELLS) + 0.5) / _START_CELLS
+        starts = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
+        gaps = points[:, None] - self._surface(*starts.T)
+        u, v = starts[np.einsum("nsi,nsi->ns", gaps, gaps).argmin(axis=1)].T
+        for _ in range(_STEPS):
+            along_u, along_v = self.a + v[:, None] * self.c, self.b + u[:, None] * self.c
+            gap = points - self._surface(u, v)
+            uu = np.einsum("ij,ij->i", along_u, along_u)
+            vv = np.einsum("ij,ij->i", along_v, along_v)
+            # The full second derivative, so that far points converge as well.
+            uv = np.einsum("ij,ij->i", along_u, along_v) - gap @ self.c
+            gu = np.einsum("ij,ij->i", along_u, gap)
+            gv = np.einsum("ij,ij->i", along_v, gap)
+            determinant = uu * vv - uv * uv
+            good = determinant > 1e-9 * uu * vv
+            determinant = np.where(good, determinant, 1.0)
+            step_u = np.where(good, (vv * gu - uv * gv) / determinant, gu / uu)
+            step_v = np.where(good, (uu * gv - uv * gu) / determinant, gv / vv)
+            u = np.clip(u + np.clip(step_u, -0.5, 0.5), -1.0, 2.0)
+            v = np.clip(v + np.clip(step_v, -0.5, 0.5), -1.0, 2.0)
+        return u, v
+
+
+def _hit_plane(corner, frame, origin, ends, contains):
+    """Where segments meet the part of a plane that `contains` says, or inf."""
+    start = (origin - corner) @ frame
+    way = (ends - corner) @ frame - start
+    fraction = np.full(len(ends), np.inf)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = -start[2] / way[:, 2]
+    crosses = np.flatnonzero((t > 0) & (t <= 1))
+    t = t[crosses]
+    inside = contains(start[:2] + t[:, None] * way[crosses, :2])
+    fraction[crosses[inside]] = t[inside]
+    return fraction
+
+
+def _cross(a, b):
+    """Cross product of vectors (..., 2) in the plane."""
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

@@ -1,0 +1,188 @@
+"""Two shapes with sharp edges: the paper's box-like and crown data sets, made up anew."""
+
+import numpy as np
+
+from sklearn_mcmd._base import Interval, Real, validate_params
+from sklearn_mcmd.datasets._panels import Bilinear
+from sklearn_mcmd.datasets._scan import SCAN_PARAMETERS, scan
+from sklearn_mcmd.datasets._scene import Scene
+from sklearn_mcmd.datasets._surfaces import Patch
+
+#: No mixed pixels: nothing lies behind the outlines.
+_KINDS = ("gaussian", "uniform", "ghost")
+
+_SHAPE_PARAMETERS = {
+    **{name: SCAN_PARAMETERS[name] for name in SCAN_PARAMETERS if name != "spacing_growth"},
+    "outlier_scale": [Interval(Real, 0, None, closed="neither")],
+}
+
+
+@validate_params(_SHAPE_PARAMETERS, prefer_skip_nested_validation=True)
+def make_box(
+    n_samples=3339,
+    *,
+    sampling="uniform",
+    noise=0.002,
+    noise_growth=1.0,
+    outlier_share=0.0,
+    outlier_kinds=("gaussian",),
+    outlier_scale=0.1,
+    random_state=None,
+):
+    """Make the corner of a box: three faces, three edges, one corner (Fig. 11).
+
+    The faces are squares of 1 m at right angles, seen from outside. Where they end there is no
+    edge: only the cloud ends.
+
+    Parameters
+    ----------
+    n_samples : int, default=3339
+        Number of points, outliers included; by default that of the paper's data set.
+    sampling : {"uniform", "scan_lines"}, default="uniform"
+        Independent draws over the faces, or where the rays of a scanner end as in
+        :func:`make_street`.
+    noise : float, default=0.002
+        Standard deviation of the noise where the scanner is nearest, in metres: on each axis or,
+        on scan lines, along the ray.
+    noise_growth : float, default=1.0
+        Noise at the far end over that at the near end, at least 1.
+    outlier_share : float, default=0.0
+        Share of outliers in [0, 1). The paper adds 20 % to the points: a share of 1/6.
+    outlier_kinds : list or tuple of {"gaussian", "uniform", "ghost"}, default=("gaussian",)
+        Kinds of outliers, in (nearly) equal shares, as in :func:`make_street`.
+    outlier_scale : float, default=0.1
+        Standard deviation of the displacement of "gaussian" outliers on each axis, in metres.
+    random_state : int, RandomState instance or None, default=None
+        Seed. The same seed gives the same cloud.
+
+    Returns
+    -------
+    box : :class:`~sklearn.utils.Bunch`
+        With the arrays of :func:`make_street`, in metres; ``edge_distance`` is that to the
+        nearest of the three edges.
+
+    Raises
+    ------
+    ValueError
+        As :func:`make_street`.
+
+    See Also
+    --------
+    make_crown_roof : Edges between surfaces that are not flat.
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.datasets import make_box
+    >>> box = make_box(random_state=0)
+    >>> box.data.shape, box.surface_names
+    ((3339, 3), ['front', 'side', 'top'])
+    """
+    return scan(
+        lambda _: _box(outlier_scale),
+        n_samples,
+        sampling=sampling,
+        spacing_growth=1.0,
+        noise=noise,
+        noise_growth=noise_growth,
+        outlier_share=outlier_share,
+        outlier_kinds=outlier_kinds,
+        random_state=random_state,
+        possible_kinds=_KINDS,
+    )
+
+
+@validate_params(_SHAPE_PARAMETERS, prefer_skip_nested_validation=True)
+def make_crown_roof(
+    n_samples=3017,
+    *,
+    sampling="uniform",
+    noise=0.002,
+    noise_growth=1.0,
+    outlier_share=0.0,
+    outlier_kinds=("gaussian",),
+    outlier_scale=0.1,
+    random_state=None,
+):
+    """Make a roof of four bilinear surfaces: edges whose angle varies (Fig. 13).
+
+    Over a square of 2 m, the corners at the bottom, the middles of the sides 0.6 m higher and the
+    center 0.9 m higher. Four ridges lead from the center to the middles of the sides; along each
+    the angle between the surfaces' normals goes from 32 degrees at the center to 60 at the gable.
+
+    Parameters
+    ----------
+    n_samples : int, default=3017
+        Number of points, outliers included; by default that of the paper's data set.
+    sampling : {"uniform", "scan_lines"}, default="uniform"
+        Independent draws over the surfaces, or where the rays of a scanner end as in
+        :func:`make_street`.
+    noise : float, default=0.002
+        Standard deviation of the noise where the scanner is nearest, in metres: on each axis or,
+        on scan lines, along the ray.
+    noise_growth : float, default=1.0
+        Noise at the far end over that at the near end, at least 1.
+    outlier_share : float, default=0.0
+        Share of outliers in [0, 1).
+    outlier_kinds : list or tuple of {"gaussian", "uniform", "ghost"}, default=("gaussian",)
+        Kinds of outliers, in (nearly) equal shares, as in :func:`make_street`.
+    outlier_scale : float, default=0.1
+        Standard deviation of the displacement of "gaussian" outliers on each axis, in metres.
+    random_state : int, RandomState instance or None, default=None
+        Seed. The same seed gives the same cloud.
+
+    Returns
+    -------
+    roof : :class:`~sklearn.utils.Bunch`
+        With the arrays of :func:`make_street`, in metres; ``edge_distance`` is that to the
+        nearest ridge. The eaves are no edges: only the cloud ends there.
+
+    Raises
+    ------
+    ValueError
+        As :func:`make_street`.
+
+    See Also
+    --------
+    make_box : Flat faces.
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.datasets import make_crown_roof
+    >>> roof = make_crown_roof(random_state=0)
+    >>> roof.data.shape, len(roof.surface_names)
+    ((3017, 3), 4)
+    """
+    return scan(
+        lambda _: _crown_roof(outlier_scale),
+        n_samples,
+        sampling=sampling,
+        spacing_growth=1.0,
+        noise=noise,
+        noise_growth=noise_growth,
+        outlier_share=outlier_share,
+        outlier_kinds=outlier_kinds,
+        random_state=random_state,
+        possible_kinds=_KINDS,
+    )
+
+
+def _box(displacement):
+    x, y, z = np.eye(3)
+    parts = [
+        Patch("front", (0, 1, 0), x, z, smooth=("u0", "v0")),
+        Patch("side", (1, 0, 0), y, z, smooth=("u0", "v0")),
+        Patch("top", (0, 0, 1), x, y, smooth=("u0", "v0")),
+    ]
+    return Scene(parts, 1.0, 1, scanner=(3.0, 3.4, 3.2), displacement=displacement)
+
+
+def _crown_roof(displacement, gable=0.6, crown=0.9):
+    center = np.array([1.0, 1.0, crown])
+    eaves = [np.array([x, y, 0.0]) for x, y in ((0, 0), (2, 0), (2, 2), (0, 2))]
+    gables = [np.array([x, y, gable]) for x, y in ((1, 0), (2, 1), (1, 2), (0, 1))]
+    parts = [
+        # From the eaves' corner to the gable, the center and the other gable.
+        Bilinear(name, [eaves[i], gables[i], center, gables[i - 1]], smooth=(0, 3))
+        for i, name in enumerate(("south_west", "south_east", "north_east", "north_west"))
+    ]
+    return Scene(parts, 2.0, 1, scanner=(1.3, -3.0, 5.0), displacement=displacement)
