@@ -9,7 +9,7 @@ from numbers import Integral, Real
 from typing import ClassVar
 
 import numpy as np
-from sklearn.base import BaseEstimator
+from sklearn.base import BaseEstimator, OutlierMixin
 from sklearn.base import _fit_context as fit_context
 from sklearn.utils._param_validation import (
     Hidden,
@@ -20,16 +20,17 @@ from sklearn.utils._param_validation import (
     validate_params,
 )
 from sklearn.utils.validation import _check_feature_names_in as check_feature_names_in
-from sklearn.utils.validation import validate_data
+from sklearn.utils.validation import check_is_fitted, validate_data
 
 from sklearn_mcmd._consistent_set import draw_trials, n_support_points, n_trials_needed
 from sklearn_mcmd._local_planes import LocalPlaneModel
 from sklearn_mcmd._neighborhoods import NeighborIndex
 from sklearn_mcmd._resolution import coordinate_step
-from sklearn_mcmd._rules import METHODS
+from sklearn_mcmd._rules import COMPARATORS, METHODS
 
 __all__ = [
     "BaseLocalPlanes",
+    "BasePlaneOutliers",
     "Hidden",
     "Integral",
     "Interval",
@@ -64,7 +65,7 @@ class BaseLocalPlanes(BaseEstimator):
 
     _parameter_constraints: ClassVar[dict] = {
         "n_neighbors": [Interval(Integral, 2, None, closed="left"), None],
-        "method": [StrOptions(set(METHODS))],
+        "method": [StrOptions({*METHODS, *COMPARATORS})],
         "support_fraction": [Interval(Real, 0, 1, closed="right"), StrOptions({"auto"})],
         "outlier_rate": [Interval(Real, 0, 1, closed="left")],
         "success_probability": [Interval(Real, 0, 1, closed="neither")],
@@ -75,32 +76,16 @@ class BaseLocalPlanes(BaseEstimator):
     }
 
     def _fit_planes(self, X, radius=None):
-        """Validate X, settle what depends on it and return the model of its local planes."""
-        X = validate_data(self, X, dtype=[np.float64, np.float32], ensure_min_features=2)
-        n, d = X.shape
-        if n < d + 1:
-            raise ValueError(
-                f"n_samples={n} is too few for planes in {d}D: at least {d + 1} are needed."
-            )
-        check_extent(X)
-        if self.n_neighbors is not None and self.n_neighbors < d + 1:
-            raise ValueError(
-                f"n_neighbors={self.n_neighbors} is too few for planes in {d}D: at least {d + 1} "
-                "are needed."
-            )
-        index = NeighborIndex(X.astype(np.float64, copy=False), self.n_neighbors, radius)
-        self.n_neighbors_ = n if self.n_neighbors is None else index.n_neighbors
-        if self.n_neighbors is not None and self.n_neighbors_ < self.n_neighbors:
-            warnings.warn(
-                f"n_neighbors={self.n_neighbors} is more than the number of distinct points, "
-                f"{len(index.points)} of n_samples={n}: neighborhoods of all of them are used.",
-                stacklevel=5,
-            )
-        if X.dtype == np.float32:
-            _warn_if_coarse(index)
+        """Validate X, settle what depends on it and fit the model of its local planes."""
+        comparator = self._settle_comparator()
+        X, index = self._index_cloud(X, radius)
+        d = X.shape[1]
         fraction = self.support_fraction
         fraction = 1.0 - self.outlier_rate if fraction == "auto" else fraction
         self.n_support_ = int(n_support_points(fraction, self.n_neighbors_, d))
+        if comparator is not None:
+            self._fit_comparator(comparator, X, index)
+            return X
         self.n_trials_ = self._settle_n_trials(d)
         rule = METHODS[self.method]
         self._cutoff = rule.default_cutoff(d) if self.cutoff is None else float(self.cutoff)
@@ -122,6 +107,69 @@ class BaseLocalPlanes(BaseEstimator):
         )
         return X
 
+    def _settle_comparator(self):
+        """The method of `baselines` that `method` and `method_params` name; None for a rule."""
+        params = getattr(self, "method_params", None)
+        if self.method in COMPARATORS:
+            from sklearn_mcmd.baselines._methods import SCORES_ONLY, settle_method
+
+            if self.cutoff is not None:
+                raise ValueError(
+                    f"cutoff={self.cutoff} has no meaning for method={self.method!r}, whose "
+                    "parameters are in method_params."
+                )
+            comparator = settle_method(self.method, params)
+            if self.method in SCORES_ONLY and comparator.contamination is None:
+                raise ValueError(
+                    f"method={self.method!r} has no cut-off of its own: give the share of "
+                    'outliers, such as method_params={"contamination": 0.1}.'
+                )
+            return comparator
+        if params:
+            raise ValueError(
+                f"method_params={params!r} has no meaning for method={self.method!r}, whose "
+                "parameters are those of the estimator: pass {} or None."
+            )
+        return None
+
+    def _fit_comparator(self, comparator, X, index):
+        """Let a method of `baselines` be what judges neighborhoods."""
+        self.n_trials_, _ = comparator.table_shape(self.n_neighbors_, X.shape[1])
+        self._model = LocalPlaneModel(
+            index,
+            comparator.tables(self.random_state),
+            method=self.method,
+            precision=np.finfo(X.dtype).eps,
+            step=coordinate_step(X),
+            comparator=comparator,
+        )
+
+    def _index_cloud(self, X, radius=None):
+        """Validate X and return it with the index of its neighborhoods."""
+        X = validate_data(self, X, dtype=[np.float64, np.float32], ensure_min_features=2)
+        n, d = X.shape
+        if n < d + 1:
+            raise ValueError(
+                f"n_samples={n} is too few for planes in {d}D: at least {d + 1} are needed."
+            )
+        check_extent(X)
+        if self.n_neighbors is not None and self.n_neighbors < d + 1:
+            raise ValueError(
+                f"n_neighbors={self.n_neighbors} is too few for planes in {d}D: at least {d + 1} "
+                "are needed."
+            )
+        index = NeighborIndex(X.astype(np.float64, copy=False), self.n_neighbors, radius)
+        self.n_neighbors_ = n if self.n_neighbors is None else index.n_neighbors
+        if self.n_neighbors is not None and self.n_neighbors_ < self.n_neighbors:
+            warnings.warn(
+                f"n_neighbors={self.n_neighbors} is more than the number of distinct points, "
+                f"{len(index.points)} of n_samples={n}: neighborhoods of all of them are used.",
+                stacklevel=6,
+            )
+        if X.dtype == np.float32:
+            _warn_if_coarse(index)
+        return X, index
+
     def _check_queries(self, X):
         """Points to evaluate, of the fitted dimension and within what squares can hold."""
         X = validate_data(self, X, dtype=[np.float64, np.float32], reset=False)
@@ -138,6 +186,56 @@ class BaseLocalPlanes(BaseEstimator):
                 stacklevel=6,
             )
         return min(needed, most)
+
+
+class BasePlaneOutliers(OutlierMixin, BaseLocalPlanes):
+    """Outliers by a score and an offset: subclasses have `fit` and `_score`.
+
+    `_score` returns how abnormal points are, the larger, the more; `fit` sets ``offset_``.
+    """
+
+    def score_samples(self, X):
+        """Opposite of the abnormality of each point in its neighborhood.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+
+        Returns
+        -------
+        scores : ndarray of shape (n_samples,)
+            The lower, the more abnormal.
+        """
+        check_is_fitted(self)
+        return -self._score(self._check_queries(X))
+
+    def decision_function(self, X):
+        """Score relative to the cutoff: negative for outliers.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+
+        Returns
+        -------
+        decision : ndarray of shape (n_samples,)
+            ``score_samples(X) - offset_``.
+        """
+        return self.score_samples(X) - self.offset_
+
+    def predict(self, X):
+        """Label points as inliers or outliers of the fitted cloud.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+
+        Returns
+        -------
+        labels : ndarray of int of shape (n_samples,)
+            1 for inliers, -1 for outliers.
+        """
+        return np.where(self.decision_function(X) >= 0, 1, -1)
 
 
 def check_extent(X):
@@ -176,5 +274,5 @@ def _warn_if_coarse(index):
             f"float32 rounds coordinates as large as {largest:.6g} to steps of {rounding:.2g}, too "
             f"coarse for neighborhoods of radius {radius:.2g}. Pass X as float64, or subtract an "
             "offset before converting it to float32.",
-            stacklevel=6,
+            stacklevel=7,
         )

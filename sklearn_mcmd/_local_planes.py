@@ -23,6 +23,23 @@ COMPILE_FROM = 1_000
 CHUNK = {True: 200_000, False: 12_800}
 
 
+@dataclass(frozen=True)
+class RuleFit:
+    """What a rule of `METHODS` found in neighborhoods; `scale`, `support` and `score` are as in
+    ``baselines.NeighborhoodFit``."""
+
+    origin: np.ndarray
+    radius: np.ndarray
+    centers: np.ndarray
+    whitening: np.ndarray
+    scale: np.ndarray
+    support: np.ndarray
+
+    def score(self, queries):
+        local = (queries - self.origin[:, None]) / self.radius[:, None, None]
+        return robust_distances(local, self.centers, self.whitening)
+
+
 @dataclass
 class LocalPlanes:
     """The plane of each query's neighborhood; arrays of the length of the queries.
@@ -71,17 +88,29 @@ class LocalPlaneModel:
     ----------
     index : NeighborIndex
     trials : ndarray of int of shape (T, k)
-    method : str, key of `METHODS`
+    method : str, key of `METHODS`; without meaning where there is a comparator
     support_fraction, cutoff : float
     reweight : bool
     precision : float
         Relative rounding error of the coordinates, eps of their dtype.
     step : float, default=0
         Step to which the coordinates were rounded before.
+    comparator : baselines.Method, default=None
+        Judges neighborhoods in the place of a rule; `trials` are then its tables.
     """
 
     def __init__(
-        self, index, trials, *, method, support_fraction, cutoff, reweight, precision, step=0.0
+        self,
+        index,
+        trials,
+        *,
+        method,
+        precision,
+        support_fraction=0.5,
+        cutoff=None,
+        reweight=False,
+        step=0.0,
+        comparator=None,
     ):
         self.index = index
         self.trials = trials
@@ -89,6 +118,7 @@ class LocalPlaneModel:
         self.support_fraction = support_fraction
         self.cutoff = cutoff
         self.reweight = reweight
+        self.comparator = comparator
         self.rounding = 8 * precision
         # At the usual cutoffs a distance of one step is then no outlier.
         self.least_scale = step / 2
@@ -116,15 +146,14 @@ class LocalPlaneModel:
             return planes
         n_queries = len(queries)
         order = spatial_order(queries) if n_queries >= ORDER_FROM else np.arange(n_queries)
-        compiled = self.compiled and _compiled_driver() is not None
-        step = max(1, CHUNK[compiled] // self.index.n_neighbors)
-        evaluate = self._evaluate_compiled if compiled else self._evaluate_numpy
+        step = max(1, CHUNK[self.ready()] // self.index.n_neighbors)
 
         listener, n_done, lock = current_listener(), 0, Lock()
 
         def task(rows):
             nonlocal n_done
-            planes[rows] = evaluate(queries[rows], saliency, rounding)
+            part = queries[rows]
+            planes[rows] = self._evaluate_chunk(part, *self.index.query(part), saliency, rounding)
             if listener is not None:
                 with lock:
                     n_done += len(rows)
@@ -140,19 +169,38 @@ class LocalPlaneModel:
             self._finish(planes)
         return planes
 
+    def evaluate_neighborhoods(self, queries, indices, sizes, precision=0.0):
+        """Planes of given neighborhoods, rows (m, k) of the index's points.
+
+        `precision` is the relative rounding error of the queries, where that is greater.
+        """
+        rounding = max(self.rounding, 8 * precision)
+        planes = self._evaluate_chunk(queries, indices, sizes, True, rounding)
+        self._finish(planes)
+        return planes
+
+    def ready(self):
+        """Whether compiled code does the work."""
+        return self.compiled and self.comparator is None and _compiled_driver() is not None
+
+    def _evaluate_chunk(self, queries, indices, sizes, saliency, rounding):
+        evaluate = self._evaluate_compiled if self.ready() else self._evaluate_numpy
+        return evaluate(queries, indices, sizes, saliency, rounding)
+
     def _finish(self, planes):
         """What follows from the fitted planes, row by row."""
         flat_normals(planes.normals, planes.eigenvalues, planes.directions)
         d = planes.normals.shape[1]
-        inflation = METHODS[self.method].inflation(
-            self.cutoff, d, planes.n_inliers, planes.n_members
-        )
+        inflation = 1.0
+        if self.comparator is None:
+            inflation = METHODS[self.method].inflation(
+                self.cutoff, d, planes.n_inliers, planes.n_members
+            )
         planes.normal_error[:] = normal_errors(
             planes.scale, planes.eigenvalues, planes.n_inliers, inflation
         )
 
-    def _evaluate_compiled(self, queries, saliency, rounding):
-        indices, sizes = self.index.query(queries)
+    def _evaluate_compiled(self, queries, indices, sizes, saliency, rounding):
         planes = LocalPlanes.empty(*queries.shape)
         n_support = n_support_points(self.support_fraction, np.arange(indices.shape[1] + 1), 3)
         _compiled_driver()(
@@ -180,18 +228,17 @@ class LocalPlaneModel:
         self._measure_flat(queries, planes, rounding)
         return planes
 
-    def _evaluate_numpy(self, queries, saliency, rounding):
-        indices, sizes = self.index.query(queries)
+    def _evaluate_numpy(self, queries, indices, sizes, saliency, rounding):
         planes = LocalPlanes.empty(*queries.shape)
         neighborhoods = self.index.points[indices]
-        radius, centers, whitening, scale, inliers = self._fit_rule(neighborhoods, sizes, rounding)
-        local = (queries - neighborhoods[:, 0]) / radius[:, None]
-        planes.distance[:] = robust_distances(local[:, None], centers, whitening)[:, 0]
-        planes.scale[:] = scale
+        found = self._fit_rule(neighborhoods, sizes, rounding)
+        planes.distance[:] = found.score(queries[:, None])[:, 0]
+        planes.scale[:] = found.scale
         if saliency:
-            planes.centroids[:], planes.eigenvalues[:], axes = fit_planes(neighborhoods, inliers)
+            fitted = fit_planes(neighborhoods, found.support)
+            planes.centroids[:], planes.eigenvalues[:], axes = fitted
             planes.normals[:], planes.directions[:] = axes[..., 0], axes[..., -1]
-            planes.n_inliers[:] = inliers.sum(axis=1)
+            planes.n_inliers[:] = found.support.sum(axis=1)
             planes.n_members[:] = sizes
         self._measure_flat(queries, planes, rounding)
         return planes
@@ -227,21 +274,20 @@ class LocalPlaneModel:
 
     def _fit_whole(self):
         points = self.index.points[None]
-        rule = self._fit_rule(points, np.array([points.shape[1]]), self.rounding)
-        radius, centers, whitening, scale, inliers = rule
-        centroids, eigenvalues, axes = fit_planes(points, inliers)
+        found = self._fit_rule(points, np.array([points.shape[1]]), self.rounding)
+        centroids, eigenvalues, axes = fit_planes(points, found.support)
         plane = LocalPlanes.empty(1, points.shape[2])
-        plane.scale[:], plane.centroids[:], plane.eigenvalues[:] = scale, centroids, eigenvalues
+        plane.scale[:], plane.centroids[:] = found.scale, centroids
+        plane.eigenvalues[:] = eigenvalues
         plane.normals[:], plane.directions[:] = axes[..., 0], axes[..., -1]
-        plane.n_inliers[:], plane.n_members[:] = inliers.sum(axis=1), points.shape[1]
+        plane.n_inliers[:], plane.n_members[:] = found.support.sum(axis=1), points.shape[1]
         self._finish(plane)
-        return radius, centers, whitening, plane
+        return found, plane
 
     def _evaluate_whole(self, queries, planes):
-        radius, centers, whitening, plane = self.whole
-        local = (queries - self.index.points[0]) / radius
+        found, plane = self.whole
         planes[:] = plane
-        planes.distance[:] = robust_distances(local[None], centers, whitening)[0]
+        planes.distance[:] = found.score(queries[None])[0]
         if plane.scale[0] < 0:
             points = self.index.points[None]
             members = np.ones(points.shape[:2], dtype=bool)
@@ -249,7 +295,16 @@ class LocalPlaneModel:
             planes.distance[:], planes.scale[:] = flat
 
     def _fit_rule(self, neighborhoods, sizes, rounding):
-        """Robust distances of neighborhoods (B, k, d), in the coordinates of `localize`."""
+        """What the method finds in neighborhoods (B, k, d)."""
+        if self.comparator is not None:
+            return self.comparator.fit_sizes(
+                neighborhoods,
+                sizes,
+                self.trials,
+                rounding=rounding,
+                least_scale=self.least_scale,
+                compiled=self.compiled if self.index.n_neighbors is not None else None,
+            )
         _, k, d = neighborhoods.shape
         rule = METHODS[self.method]
         local, radius = localize(neighborhoods, sizes)
@@ -262,12 +317,13 @@ class LocalPlaneModel:
             support, _, flat = maximum_consistent_sets(neighborhoods, self.trials, n_support, sizes)
         centers, whitening = rule.apply(local, valid, support, self.reweight, floor)
         scale = 1.0 / np.linalg.norm(whitening[..., 0], axis=1)
+        origin = neighborhoods[:, 0]
         if not rule.needs_consistent_set:
-            return radius, centers, whitening, radius * scale, valid
+            return RuleFit(origin, radius, centers, whitening, radius * scale, valid)
         # No member is an outlier where none spans a plane; see `_measure_flat`.
         whitening[flat], scale[flat] = 0.0, -1.0
         inliers = valid & (robust_distances(local, centers, whitening) < self.cutoff)
-        return radius, centers, whitening, radius * scale, inliers
+        return RuleFit(origin, radius, centers, whitening, radius * scale, inliers)
 
 
 def _compiled_driver():

@@ -3,10 +3,8 @@
 from typing import ClassVar
 
 import numpy as np
-from sklearn.base import OutlierMixin
-from sklearn.utils.validation import check_is_fitted
 
-from sklearn_mcmd._base import BaseLocalPlanes, Integral, Interval, Real, StrOptions, fit_context
+from sklearn_mcmd._base import BasePlaneOutliers, Integral, Interval, Real, StrOptions, fit_context
 from sklearn_mcmd._iteration import IteratedPlanes
 
 __all__ = ["MCMDOutlierDetector"]
@@ -15,7 +13,7 @@ __all__ = ["MCMDOutlierDetector"]
 JOINT_CUTOFF = 3.0
 
 
-class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
+class MCMDOutlierDetector(BasePlaneOutliers):
     """Outliers by maximum consistency with minimum distance (MCMD).
 
     Around each point the plane is sought that the majority of its neighbors agree on: of the
@@ -176,7 +174,7 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
     """
 
     _parameter_constraints: ClassVar[dict] = {
-        **BaseLocalPlanes._parameter_constraints,
+        **BasePlaneOutliers._parameter_constraints,
         "method": [StrOptions({"mcmd_z", "mcmd_md"})],
         "max_iter": [Interval(Integral, 1, None, closed="left")],
         "noise_scale": [
@@ -184,6 +182,7 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
             Interval(Real, 0, None, closed="neither"),
         ],
         "borrow": ["boolean"],
+        "keep_groups": ["boolean", StrOptions({"auto"})],
     }
 
     def __init__(
@@ -196,9 +195,10 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
         success_probability=0.9999,
         cutoff=None,
         refine="reweight",
-        max_iter=1,
-        noise_scale="own",
-        borrow=False,
+        max_iter=3,
+        noise_scale="local",
+        borrow=True,
+        keep_groups="auto",
         random_state=None,
         n_jobs=None,
     ):
@@ -212,6 +212,7 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
         self.max_iter = max_iter
         self.noise_scale = noise_scale
         self.borrow = borrow
+        self.keep_groups = keep_groups
         self.random_state = random_state
         self.n_jobs = n_jobs
 
@@ -237,12 +238,19 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
         """
         X = self._fit_planes(X)
         cutoff = self._cutoff
-        if self.cutoff is None and self.noise_scale != "own":
+        own_ruler = self.noise_scale == "own" or (
+            self.n_neighbors is None and self.noise_scale == "local"
+        )
+        if self.cutoff is None and not own_ruler:
             cutoff = JOINT_CUTOFF
+        keep_groups = self.keep_groups
+        if keep_groups == "auto":
+            keep_groups = self.noise_scale == "local"
         self._cloud = IteratedPlanes(
             self._model,
             noise_scale=self.noise_scale,
             borrow=self.borrow,
+            keep_groups=keep_groups,
             cutoff=cutoff,
             max_iter=self.max_iter,
             n_jobs=self.n_jobs,
@@ -253,6 +261,23 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
         self.plane_index_ = self._cloud.plane_index
         self.offset_ = -cutoff
         return self
+
+    def fit_predict(self, X, y=None):
+        """Label the points of a cloud by itself.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+        y : Ignored
+
+        Returns
+        -------
+        labels : ndarray of int of shape (n_samples,)
+            1 for inliers, -1 for outliers: ``fit(X).predict(X)``, without judging twice.
+        """
+        self.fit(X)
+        scores = self._cloud.scores
+        return self.predict(X) if scores is None else np.where(scores <= -self.offset_, 1, -1)
 
     def score_samples(self, X):
         """Opposite of the robust distance of each point to the plane of its neighborhood.
@@ -267,34 +292,7 @@ class MCMDOutlierDetector(OutlierMixin, BaseLocalPlanes):
             In standard deviations of the plane's noise; at most 0, the lower, the more
             abnormal. Robust z-score (Eq. 17) or Mahalanobis distance (Eq. 18), negative.
         """
-        check_is_fitted(self)
-        X = self._check_queries(X)
-        return -self._cloud.score(X)
+        return super().score_samples(X)
 
-    def decision_function(self, X):
-        """Score relative to the cutoff: negative for outliers.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-
-        Returns
-        -------
-        decision : ndarray of shape (n_samples,)
-            ``score_samples(X) - offset_``.
-        """
-        return self.score_samples(X) - self.offset_
-
-    def predict(self, X):
-        """Label points as inliers or outliers of the fitted cloud.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-
-        Returns
-        -------
-        labels : ndarray of int of shape (n_samples,)
-            1 for inliers, -1 for outliers.
-        """
-        return np.where(self.decision_function(X) >= 0, 1, -1)
+    def _score(self, X):
+        return self._cloud.score(X)

@@ -39,10 +39,16 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Size of a neighborhood (k), at least ``n_features + 1``, a point of the fitted cloud
         itself included. None means one neighborhood of all points.
 
-    method : {"mcmd_z", "mcmd_md", "pca"}, default="mcmd_z"
+    method : {"mcmd_z", "mcmd_md", "pca", "ransac", "msac", "robpca", "ulsif", "qsp"}, \
+            default="mcmd_z"
         How outliers of a neighborhood are found: by robust z-scores (Algorithm 2), robust
         Mahalanobis distances (Algorithm 3), or not at all: "pca" is the common, not robust
-        estimate.
+        estimate. The others are the methods the paper compares with.
+
+    method_params : dict, default=None
+        Parameters of the last five methods, see :class:`~sklearn_mcmd.baselines.Ransac` and
+        its like; those from `support_fraction` to `refine` are of the first two. "ulsif" and
+        "qsp" need a ``"contamination"``.
 
     support_fraction : float in (0, 1] or "auto", default=0.5
         Share of a neighborhood that forms the consistent set. "auto" is
@@ -133,6 +139,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     See Also
     --------
     MCMDOutlierDetector : Outliers by the same planes.
+    sklearn_mcmd.baselines.PlaneOutlierDetector : Outliers by the methods compared with.
     sklearn.decomposition.PCA : Principal components of all points at once.
 
     Notes
@@ -195,6 +202,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
 
     _parameter_constraints: ClassVar[dict] = {
         **BaseLocalPlanes._parameter_constraints,
+        "method_params": [dict, None],
         "radius": [Interval(Real, 0, None, closed="neither"), None],
         "orientation": [StrOptions({"viewpoint", "mst"}), "array-like", None],
         "viewpoint": ["array-like", None],
@@ -206,6 +214,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         n_neighbors=50,
         *,
         method="mcmd_z",
+        method_params=None,
         support_fraction=0.5,
         outlier_rate=0.5,
         success_probability=0.9999,
@@ -220,6 +229,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     ):
         self.n_neighbors = n_neighbors
         self.method = method
+        self.method_params = method_params
         self.support_fraction = support_fraction
         self.outlier_rate = outlier_rate
         self.success_probability = success_probability

@@ -16,6 +16,7 @@ from scipy.special import chdtri
 from sklearn_mcmd._plane import fit_planes, orthogonal_distances
 
 __all__ = [
+    "COMPARATORS",
     "METHODS",
     "Rule",
     "cut_inflation",
@@ -24,6 +25,9 @@ __all__ = [
     "pca",
     "robust_distances",
 ]
+
+# The methods of ``baselines``, which is imported when one of them is first used.
+COMPARATORS = "msac", "qsp", "ransac", "robpca", "ulsif"
 
 MAD_TO_SD = 1.4826  # section 4.2: makes the MAD consistent at the normal distribution
 REWEIGHT_CUTOFF = 2.5

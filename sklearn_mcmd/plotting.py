@@ -2,7 +2,7 @@
 
 import numpy as np
 
-__all__ = ["normal_colors", "plot_before_after", "plot_cloud"]
+__all__ = ["normal_colors", "plot_before_after", "plot_cloud", "region_colors"]
 
 VIEW = (-64.0, 26.0)  # azimuth and elevation of the camera, degrees
 OUTLIER_COLOR = (0.84, 0.10, 0.11)
@@ -169,6 +169,37 @@ def normal_colors(normals, *, view=VIEW):
     hues = np.array([[0.86, 0.42, 0.30], [1.0, 0.88, 0.62], [0.45, 0.66, 0.84]])
     colors = shade[:, None] * (seen**2 @ hues)
     return np.where(np.isnan(colors), 0.6, np.clip(colors, 0.0, 1.0))
+
+
+def region_colors(labels):
+    """Colors that tell regions apart: neighboring numbers differ most.
+
+    Parameters
+    ----------
+    labels : array-like of int of shape (n,)
+        Regions from 0 on; negative ones, points of no region, are gray.
+
+    Returns
+    -------
+    colors : ndarray of float of shape (n, 3)
+        RGB in [0, 1].
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.plotting import region_colors
+    >>> (255 * region_colors([0, 1, -1])).round().astype(int)
+    array([[230,  83,  83],
+           [ 90, 121, 196],
+           [ 76,  76,  76]])
+    """
+    labels = np.asarray(labels)
+    hue = 6.0 * (labels * ((np.sqrt(5.0) - 1.0) / 2.0) % 1.0)  # turns by the golden angle
+    value = np.take([0.90, 0.77, 0.62], labels % 3)
+    saturation = np.take([0.64, 0.54, 0.74], labels % 3)
+    sector = (np.array([5.0, 3.0, 1.0]) + hue[:, None]) % 6.0
+    shade = np.clip(np.minimum(sector, 4.0 - sector), 0.0, 1.0)
+    colors = value[:, None] * (1.0 - saturation[:, None] * shade)
+    return np.where((labels < 0)[:, None], 0.3, colors)
 
 
 def camera(view):

@@ -321,7 +321,7 @@ def test_version_is_printed(tmp_path):
     assert (result.exit_code, result.stdout) == (0, f"mcmd {__version__}\n")
 
 
-@pytest.mark.parametrize("verb", ["denoise", "normals", "info", "demo"])
+@pytest.mark.parametrize("verb", ["denoise", "normals", "segment", "info", "demo"])
 def test_every_verb_has_help(verb):
     result = run(verb, "--help")
     assert result.exit_code == 0

@@ -2,7 +2,16 @@
 
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, SharpFeatureDetector
+from sklearn_mcmd import (
+    MCMDOutlierDetector,
+    RegionGrowing,
+    RobustNormalEstimator,
+    SharpFeatureDetector,
+)
+from sklearn_mcmd.baselines import PlaneOutlierDetector
+
+# Checks of many features would ask the default's 50 % of outliers for a great many trials.
+QUICK = RobustNormalEstimator(outlier_rate=0.2, random_state=0)
 
 
 @parametrize_with_checks(
@@ -19,6 +28,26 @@ from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, SharpFeatur
         RobustNormalEstimator(method="pca", orientation="mst"),
         RobustNormalEstimator(n_neighbors=20, features="all", outlier_rate=0.1),
         RobustNormalEstimator(n_neighbors=None, refine=None, outlier_rate=0.2),
+        RobustNormalEstimator(20, method="ransac", radius=1.5),
+        RobustNormalEstimator(20, method="robpca", method_params={"n_trials": 30}),
+        RobustNormalEstimator(20, method="ulsif", method_params={"contamination": 0.1}),
+        RobustNormalEstimator(20, method="qsp", method_params={"contamination": 0.1}),
+        PlaneOutlierDetector(),
+        PlaneOutlierDetector(20, method="pca", contamination=0.1),
+        PlaneOutlierDetector(20, method="msac", method_params={"noise_scale": 0.3}, n_jobs=2),
+        PlaneOutlierDetector(None, method_params={"quantile": 0.9}),
+        PlaneOutlierDetector(20, method="robpca", method_params={"n_trials": 30}),
+        PlaneOutlierDetector(None, method="robpca", method_params={"projection": True}),
+        PlaneOutlierDetector(20, method="qsp", contamination=0.1),
+        PlaneOutlierDetector(None, method="qsp", contamination=0.1),
+        PlaneOutlierDetector(
+            20, method="ulsif", method_params={"widths": [0.3, 3]}, contamination=0.1
+        ),
+        PlaneOutlierDetector(None, method="ulsif", contamination=0.1),
+        RegionGrowing(),
+        RegionGrowing(10, max_distance=0.5, max_gap=1.0, normal_estimator=QUICK, n_jobs=2),
+        RegionGrowing(15, core_fraction=0, join_coplanar=False, normal_estimator=QUICK),
+        RegionGrowing(15, min_region_size=3, assign_rest=False, normal_estimator=QUICK),
         SharpFeatureDetector(
             20,
             outlier_detector=MCMDOutlierDetector(20, outlier_rate=0.2),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sklearn_mcmd.plotting import normal_colors, plot_before_after, plot_cloud
+from sklearn_mcmd.plotting import normal_colors, plot_before_after, plot_cloud, region_colors
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("agg")
@@ -90,3 +90,11 @@ def test_clouds_and_masks_of_another_shape_are_refused(cloud):
         plot_cloud(cloud[:, :2])
     with pytest.raises(ValueError, match="outliers must be a boolean mask"):
         plot_cloud(cloud, outliers=np.zeros(len(cloud)))
+
+
+def test_each_of_many_regions_has_a_color_of_its_own_and_none_is_gray():
+    colors = region_colors(np.arange(300))
+    assert len(np.unique(np.rint(255 * colors), axis=0)) == 300
+    assert (colors >= 0).all()
+    assert (colors <= 1).all()
+    np.testing.assert_array_equal(region_colors([-1]), [[0.3, 0.3, 0.3]])

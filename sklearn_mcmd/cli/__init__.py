@@ -12,6 +12,7 @@ from sklearn_mcmd.cli._denoise import denoise
 from sklearn_mcmd.cli._edges import edges
 from sklearn_mcmd.cli._normals import normals
 from sklearn_mcmd.cli._plane import plane
+from sklearn_mcmd.cli._segment import segment
 
 # Whatever takes long to import, or is an extra, is imported by the verb that needs it.
 
@@ -48,5 +49,5 @@ def _root(
     pass
 
 
-for verb in (denoise, normals, edges, plane, info, demo):
+for verb in (denoise, normals, edges, segment, plane, info, demo):
     app.command()(verb)

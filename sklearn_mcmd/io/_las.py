@@ -13,6 +13,8 @@ __all__ = ["read_las", "write_las"]
 
 NOISE_CLASS = 7  # ASPRS "low point (noise)", the same number in every point format
 LARGEST = 2**31 - 1
+COLORS = ("red", "green", "blue")
+COLORED_FORMAT = {0: 2, 1: 3, 4: 5, 6: 7, 9: 10}  # the point format that has them, beside
 EXTRA_DTYPES = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"}
 
 
@@ -50,6 +52,7 @@ def write_las(path, cloud, noise=None):
         header, attributes = _new_header(laspy, cloud)
         records = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=header)
     las = laspy.LasData(header, records)
+    las, attributes = _with_colors(laspy, las, attributes)
     _store_coordinates(las, cloud.xyz)
     _store_attributes(laspy, las, attributes)
     if noise is not None:
@@ -57,6 +60,20 @@ def write_las(path, cloud, noise=None):
         classes[noise] = NOISE_CLASS
         las.classification = classes
     las.write(str(path))
+
+
+def _with_colors(laspy, las, attributes):
+    """A point format that has a place for colors, and 8-bit ones times 256 (LAS 1.4)."""
+    if not set(COLORS) <= attributes.keys():
+        return las, attributes
+    names = set(las.point_format.dimension_names)
+    wanted = COLORED_FORMAT.get(las.header.point_format.id)
+    if wanted is not None and not names & set(COLORS):
+        las = laspy.convert(las, point_format_id=wanted)
+    if all(attributes[color].dtype == np.uint8 for color in COLORS):
+        wide = {color: attributes[color].astype(np.uint16) << 8 for color in COLORS}
+        attributes = {**attributes, **wide}
+    return las, attributes
 
 
 def _import_laspy(compressed):
@@ -138,11 +155,8 @@ def _store_coordinates(las, xyz):
 def _new_header(laspy, cloud):
     """LAS 1.4, with colors if there are any, on a grid that suits the coordinates."""
     attributes = dict(cloud.attributes)
-    colored = {"red", "green", "blue"} <= attributes.keys()
+    colored = set(COLORS) <= attributes.keys()
     header = laspy.LasHeader(version="1.4", point_format=7 if colored else 6)
-    if colored and all(attributes[c].dtype == np.uint8 for c in ("red", "green", "blue")):
-        for color in ("red", "green", "blue"):  # LAS 1.4: 8-bit colors times 256
-            attributes[color] = attributes[color].astype(np.uint16) << 8
     low, high = cloud.xyz.min(axis=0), cloud.xyz.max(axis=0)
     scale = _decimal_scale(cloud.xyz, _finest_scale((high - low).max()))
     header.scales = np.full(3, scale)

@@ -1,0 +1,131 @@
+"""Density: where points lie sparser than the surfaces around, and what keeps company there."""
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+__all__ = ["Company", "DenseSpacing", "group_sizes"]
+
+# The surroundings of a point: so many points, or a share of small clouds, thinned to SAMPLE.
+WINDOW, WINDOW_SHARE = 2048, 1 / 16
+SAMPLE = 64
+DENSE = 0.1  # quantile of the spacing that stands for the dense part of the surroundings
+LINKS = 12
+COMPANIONS = 8
+MANTISSA, MIXER = np.uint64(2**52 - 1), np.uint64(0x9E3779B97F4A7C15)
+
+
+class DenseSpacing:
+    """Spacing of the dense part of the surroundings, far wider than a neighborhood.
+
+    The sheets that mixed pixels make, and uniform outliers where they are among themselves,
+    are as dense as their neighbors: what is sparse shows only against the surfaces around.
+
+    Parameters
+    ----------
+    points : ndarray of float64 of shape (n, d)
+        Distinct.
+    spacing : ndarray of shape (n,)
+    """
+
+    def __init__(self, points, spacing):
+        window = min(WINDOW, int(WINDOW_SHARE * len(points)))
+        stride = max(1, window // SAMPLE)
+        rows = _sample(points, stride)
+        sample, values = points[rows], spacing[rows]
+        self.tree = cKDTree(sample)
+        n_near = min(SAMPLE, len(sample))
+        _, near = self.tree.query(sample, n_near)
+        position = int(DENSE * n_near)
+        near = values[near.reshape(len(sample), n_near)]
+        self.values = np.partition(near, position, axis=1)[:, position]
+
+    def around(self, queries):
+        """Dense spacing around queries (m, d)."""
+        return self.values[self.tree.query(queries)[1]]
+
+
+class Company:
+    """Rejected points among themselves: what is dense and many is an object, not outliers.
+
+    Foliage, thin objects and what stands out of a surface have no plane that explains them,
+    but they lie together as densely as surfaces do. Outliers don't, or in small groups.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, d)
+        The rejected.
+    n_neighbors : int
+        Of the neighborhoods whose spacing company is compared with.
+    alone : ndarray of bool of shape (n,)
+        Who belongs to a small group, which is no company.
+    """
+
+    def __init__(self, points, n_neighbors, alone):
+        n, d = points.shape
+        self.alone = alone
+        self.n_near = COMPANIONS + 1
+        self.tree = cKDTree(points) if n > self.n_near else None
+        # From the mean distance of k points of a surface to that of a few.
+        self.per_neighborhood = (COMPANIONS / n_neighbors) ** (1 / (d - 1))
+
+    def isolation(self, queries, usual_spacing):
+        """Spacing among the rejected over the usual spacing of surfaces: (m,)."""
+        if self.tree is None:
+            return np.full(len(queries), np.inf)
+        distances, near = self.tree.query(queries, self.n_near)
+        spacing = distances[:, 1:].mean(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            isolation = spacing / (self.per_neighborhood * usual_spacing)
+        isolation[self.alone[near[:, 0]] | np.isnan(isolation)] = np.inf
+        return isolation
+
+
+def group_sizes(points, rows, neighbors, compiled):
+    """Size of the group of each of some points, of those that are near neighbors mutually.
+
+    Parameters
+    ----------
+    points : ndarray of float64 of shape (n, d)
+    rows : ndarray of int of shape (m,)
+        The points that are neighbors of each other.
+    neighbors : ndarray of int of shape (n, k)
+        Rows, nearest first, the point itself before the others.
+    compiled : bool
+
+    Returns
+    -------
+    sizes : ndarray of int of shape (m,)
+    """
+    n_links = min(LINKS, neighbors.shape[1] - 1)
+    if compiled:
+        from sklearn_mcmd._density_numba import label_groups
+
+        labels = np.zeros(len(points), dtype=np.int64)
+        label_groups(points, rows, neighbors, n_links, labels)
+    else:
+        others = neighbors[rows, 1 : n_links + 1]
+        distances = np.linalg.norm(points[others] - points[rows][:, None], axis=2)
+        reach = np.zeros(len(points))
+        reach[rows] = distances[:, -1]
+        mutual = distances <= reach[others]
+        links = np.repeat(rows, mutual.sum(axis=1)), others[mutual]
+        ones = np.ones(len(links[0]), dtype=np.int8)
+        graph = coo_array((ones, links), shape=(len(points), len(points)))
+        labels = connected_components(graph, directed=False)[1]
+    return np.bincount(labels[rows], minlength=1)[labels[rows]]
+
+
+def _sample(points, stride):
+    """About one in `stride` points, by a hash of the coordinates.
+
+    So the sample depends neither on the order of rows nor on a unit that is a power of two.
+    """
+    mixed = np.zeros(len(points), dtype=np.uint64)
+    for column in points.T:
+        mantissa = np.ascontiguousarray(column).view(np.uint64) & MANTISSA
+        mixed = (mixed ^ mantissa) * MIXER
+        mixed ^= mixed >> np.uint64(29)
+    rows = np.flatnonzero((mixed * MIXER >> np.uint64(33)) % np.uint64(stride) == 0)
+    return rows if len(rows) >= SAMPLE else np.arange(len(points))

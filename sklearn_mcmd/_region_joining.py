@@ -1,0 +1,169 @@
+"""Planes of regions, and which regions are parts of one plane."""
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+__all__ = ["join_coplanar", "region_planes"]
+
+# A region is flat, and another lies in its plane, if the root mean square distance is no more
+# than so many times what the noise of single neighborhoods explains.
+MOST_NOISE = 1.5
+MAX_ROUNDS = 10
+# Regions whose pairs are tried at once: what bounds the memory.
+CHUNK = 256
+
+
+def region_planes(points, labels, n_regions, weights=None):
+    """Sizes, centroids, covariances and principal axes of regions.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, d)
+    labels : ndarray of int of shape (n,)
+        Points of label -1 belong to none.
+    n_regions : int
+    weights : ndarray of shape (n,), default=None
+        Copies of each point.
+
+    Returns
+    -------
+    sizes : ndarray of shape (n_regions,)
+    centroids : ndarray of shape (n_regions, d)
+    covariances : ndarray of shape (n_regions, d, d)
+    eigenvalues : ndarray of shape (n_regions, d), ascending
+    axes : ndarray of shape (n_regions, d, d)
+        As columns; the first is the normal.
+    """
+    d = points.shape[1]
+    inside = np.flatnonzero(labels >= 0)
+    labels = labels[inside]
+    weights = None if weights is None else weights[inside].astype(float)
+
+    def total(values):
+        values = values if weights is None else values * weights
+        return np.bincount(labels, values, n_regions)
+
+    sizes = np.bincount(labels, weights, n_regions)
+    local, divisor = points[inside], np.maximum(sizes, 1.0)
+    # Centered twice: the first mean of large coordinates is rounded.
+    centroids = np.zeros((n_regions, d))
+    for _ in range(2):
+        deviations = local - centroids[labels]
+        for i in range(d):
+            centroids[:, i] += total(deviations[:, i]) / divisor
+    deviations = local - centroids[labels]
+    covariances = np.empty((n_regions, d, d))
+    for i in range(d):
+        for j in range(i + 1):
+            moment = total(deviations[:, i] * deviations[:, j]) / divisor
+            covariances[:, i, j] = covariances[:, j, i] = moment
+    eigenvalues, axes = np.linalg.eigh(covariances)
+    return sizes, centroids, covariances, np.maximum(eigenvalues, 0.0), axes
+
+
+def join_coplanar(points, labels, noise):
+    """Give one label to regions that are parts of one plane.
+
+    A shadow, or a few bad normals, part a wall. Of two regions the smaller one lies in the
+    plane of the larger, flat one if its root mean square distance to that plane is what the
+    noise explains; they are joined if the smaller one is longer than the gap between them.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, d)
+    labels : ndarray of int of shape (n,)
+        From 0 on without gaps, -1 for none.
+    noise : ndarray of shape (n,)
+        Standard deviation of each neighborhood along its normal, in units of the points.
+
+    Returns
+    -------
+    labels : ndarray of int of shape (n,)
+        With the numbers of the joined regions' first.
+    """
+    n_regions = int(labels.max(initial=-1)) + 1
+    if n_regions < 2:
+        return labels
+    planes = region_planes(points, labels, n_regions)[:3]
+    scale = _medians(noise, labels, n_regions)
+    members = np.argsort(labels, kind="stable")[np.count_nonzero(labels < 0) :]
+    whole = np.arange(n_regions)  # the joined region that each region is part of
+    for _ in range(MAX_ROUNDS):
+        pairs, length = _pairs_in_a_plane(*planes, scale)
+        ends = np.searchsorted(whole[labels[members]], np.arange(len(scale) + 1))
+        parts = np.split(points[members], ends[1:-1])
+        pairs = pairs[_near(parts, pairs, length)]
+        if len(pairs) == 0:
+            break
+        graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(scale), len(scale)))
+        # Parts are numbered by their first region, so the order of regions stays.
+        _, part = connected_components(graph, directed=False)
+        planes, scale = _pool(*planes, scale, part)
+        whole = part[whole]
+        members = members[np.argsort(whole[labels[members]], kind="stable")]
+    return np.where(labels >= 0, whole[labels], -1)
+
+
+def _pool(sizes, centroids, covariances, scale, part):
+    """Sizes, centroids, covariances and scales of joined regions, from those of their parts."""
+    n_parts = int(part.max()) + 1
+    share = coo_array((sizes, (part, np.arange(len(part)))), shape=(n_parts, len(part))).tocsr()
+    total = np.bincount(part, sizes, n_parts)
+    # The first part is the origin, so that large coordinates cost no accuracy.
+    first = np.unique(part, return_index=True)[1]
+    local = centroids - centroids[first[part]]
+    mean = (share @ local) / total[:, None]
+    apart = local - mean[part]
+    moments = covariances + apart[:, :, None] * apart[:, None, :]
+    d = centroids.shape[1]
+    pooled = (share @ moments.reshape(-1, d * d)) / total[:, None]
+    planes = total, centroids[first] + mean, pooled.reshape(-1, d, d)
+    return planes, (share @ scale) / total
+
+
+def _pairs_in_a_plane(sizes, centroids, covariances, scale):
+    """Pairs (smaller, larger) of regions that may be joined, and the regions' lengths."""
+    eigenvalues, axes = np.linalg.eigh(covariances)
+    eigenvalues, normals = np.maximum(eigenvalues, 0.0), axes[..., 0]
+    # Of points spread evenly over a length the standard deviation is its root 12th.
+    length = np.sqrt(12 * eigenvalues[:, -1])
+    flat = (eigenvalues[:, 0] <= (MOST_NOISE * scale) ** 2) & (sizes > centroids.shape[1])
+    larger = np.flatnonzero(flat)
+    rank = np.argsort(np.argsort(sizes, kind="stable"), kind="stable")
+    found = [np.empty((0, 2), dtype=int)]
+    for start in range(0, len(larger), CHUNK):
+        rows = larger[start : start + CHUNK]
+        apart = centroids[None] - centroids[rows][:, None]
+        normal = normals[rows]
+        heights = np.einsum("rsd,rd->rs", apart, normal)
+        tilted = np.einsum("sde,rd,re->rs", covariances, normal, normal, optimize=True)
+        limit = MOST_NOISE * np.maximum(scale[None], scale[rows][:, None])
+        candidate = flat[None] & (heights**2 + tilted <= limit**2)
+        candidate &= rank[None] < rank[rows][:, None]
+        # The gap is at least this: no point is farther from its centroid than the length.
+        beyond = np.linalg.norm(apart, axis=-1) - length[rows][:, None] - length[None]
+        candidate &= beyond <= length[None]
+        r, s = np.nonzero(candidate)
+        found.append(np.column_stack([s, rows[r]]))
+    return np.concatenate(found), length
+
+
+def _near(parts, pairs, length):
+    """Whether the gap between the regions of each pair is shorter than the first of them."""
+    trees = {}
+    near = np.zeros(len(pairs), dtype=bool)
+    for row, (small, large) in enumerate(pairs):
+        if large not in trees:
+            trees[large] = cKDTree(parts[large], balanced_tree=False)
+        gaps, _ = trees[large].query(parts[small], distance_upper_bound=length[small])
+        near[row] = np.isfinite(gaps).any()
+    return near
+
+
+def _medians(values, labels, n_regions):
+    """Median of the values of each region, of an even number the upper one."""
+    order = np.lexsort((values, labels))[np.count_nonzero(labels < 0) :]
+    sizes = np.bincount(labels[order], minlength=n_regions)
+    return values[order[np.cumsum(sizes) - sizes + sizes // 2]]

@@ -1,0 +1,291 @@
+"""What every method takes and returns: neighborhoods in, verdicts in one form out."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
+
+import numpy as np
+from sklearn.utils import check_random_state
+from sklearn.utils.random import sample_without_replacement
+
+from sklearn_mcmd._plane import fit_planes, orthogonal_distances
+
+__all__ = [
+    "Found",
+    "Group",
+    "Method",
+    "NeighborhoodFit",
+    "WhitenedModel",
+    "check",
+    "flag_share",
+    "plane_scale",
+]
+
+# Up to this size whole rows are shuffled at once; beyond, row by row.
+SHUFFLE_AT_ONCE = 1024
+LARGEST_SEED = 2**31 - 1
+
+
+@dataclass(frozen=True)
+class NeighborhoodFit:
+    """What a method found in each of B neighborhoods of n members.
+
+    Attributes
+    ----------
+    scores : ndarray of shape (B, n)
+        Abnormality of each member, the larger, the more abnormal; 0 where not valid.
+    cutoff : ndarray of shape (B,)
+        Scores below it are inliers; NaN for a method that has none.
+    inliers : ndarray of bool of shape (B, n)
+        Members judged regular. All valid ones for scores without a contamination.
+    support : ndarray of bool of shape (B, n)
+        Members that the plane is fitted to by principal components: the inliers, but all
+        members for PCA, and for ROBPCA those that its components are of.
+    centers, normals : ndarray of shape (B, d)
+        Of that plane.
+    scale : ndarray of shape (B,)
+        Standard deviation of the noise along the normal, in units of the points; negative
+        where no plane was found and nothing is judged.
+    origin : ndarray of shape (B, d)
+        What `model` counts coordinates from.
+    model : object
+        Its ``score(points)`` gives the scores of any points (B, m, d) less the origin.
+    """
+
+    scores: np.ndarray
+    cutoff: np.ndarray
+    inliers: np.ndarray
+    support: np.ndarray
+    centers: np.ndarray
+    normals: np.ndarray
+    scale: np.ndarray
+    origin: np.ndarray
+    model: object
+
+    def score(self, queries):
+        """Abnormality (B, m) of queries (B, m, d) to each of the neighborhoods."""
+        return self.model.score(queries - self.origin[:, None])
+
+
+class Group(NamedTuple):
+    """Neighborhoods of one size, as `Method._fit` takes them."""
+
+    points: np.ndarray  # (B, n, d), less the origin
+    table: np.ndarray  # of random positions
+    floor: np.ndarray  # (B,), the least scale
+    origin: np.ndarray  # (B, d)
+    compiled: bool | None
+
+
+class Found(NamedTuple):
+    """What `Method._fit` returns; the names are those of `NeighborhoodFit`."""
+
+    model: object
+    scores: np.ndarray
+    inliers: np.ndarray
+    cutoff: np.ndarray | float
+    scale: np.ndarray | float = 0.0  # 0: standard deviation of the support along the normal
+    support: np.ndarray | None = None  # None: the inliers
+
+
+@dataclass(frozen=True)
+class WhitenedModel:
+    """Lengths of whitened deviations from a center; see `_rules.robust_distances`."""
+
+    centers: np.ndarray
+    whitening: np.ndarray
+
+    def score(self, points):
+        whitened = (points - self.centers[:, None]) @ self.whitening
+        return np.sqrt(np.square(whitened).sum(axis=-1))
+
+
+class Method(ABC):
+    """A method with its parameters: subclasses are frozen dataclasses of these.
+
+    A subclass settles one group of neighborhoods of equal size in `_fit`; this class does
+    what is common: sizes, the origin, the tables of random positions, the final plane.
+    """
+
+    def fit(self, points, valid=None, *, random_state=None):
+        """Judge the members of neighborhoods.
+
+        Parameters
+        ----------
+        points : ndarray of shape (B, n, d)
+            Coordinates in any unit; centered at each neighborhood's first member before any
+            arithmetic.
+        valid : ndarray of bool of shape (B, n), default=None
+            Members in use, at least d + 1 in each neighborhood; all when None.
+        random_state : int, RandomState instance or None, default=None
+            Seed of the one table of random positions that all neighborhoods of a size use.
+
+        Returns
+        -------
+        NeighborhoodFit
+        """
+        points = np.asarray(points, dtype=np.float64)
+        if points.ndim != 3:
+            raise ValueError(
+                f"points must have shape (neighborhoods, members, d), got {points.shape}; one "
+                "cloud X is X[None]."
+            )
+        n_sets, n, d = points.shape
+        sizes, order = np.full(n_sets, n), None
+        if valid is not None:
+            valid = np.asarray(valid, dtype=bool)
+            if valid.shape != (n_sets, n):
+                raise ValueError(f"valid must have shape {(n_sets, n)}, got {valid.shape}.")
+            order = np.argsort(~valid, axis=1, kind="stable")
+            points, sizes = np.take_along_axis(points, order[..., None], 1), valid.sum(axis=1)
+        if n_sets and sizes.min() <= d:
+            raise ValueError(
+                f"{sizes.min()} members are too few for planes in {d}D: at least {d + 1} are "
+                "needed."
+            )
+        fit = self.fit_sizes(points, sizes, self.tables(random_state))
+        if order is None:
+            return fit
+        back = np.argsort(order, axis=1)
+        members = ("scores", "inliers", "support")
+        return replace(fit, **{a: np.take_along_axis(getattr(fit, a), back, 1) for a in members})
+
+    def fit_sizes(
+        self, points, sizes, tables, rounding=8 * 2.0**-52, least_scale=0.0, compiled=None
+    ):
+        """As `fit`, of neighborhoods whose first `sizes` members are in use.
+
+        `rounding` is the relative rounding error of the coordinates, `least_scale` what
+        their step amounts to: scales are not less. `compiled` says which form of the
+        arithmetic is used where there are two; None leaves it to the method.
+        """
+        n_sets, n, d = points.shape
+        origin = points[:, 0].copy()
+        local = points - origin[:, None]
+        inside = np.arange(n) < sizes[:, None]
+        local[~inside] = 0.0
+        extent = np.abs(local).max(axis=(1, 2), initial=0.0)
+        floor = np.maximum(rounding * (np.abs(origin).max(axis=1) + extent), least_scale)
+        floor = np.maximum(floor, np.finfo(float).tiny)
+        scores = np.zeros((n_sets, n))
+        inliers, support = np.zeros((2, n_sets, n), dtype=bool)
+        cutoff, scale = np.full(n_sets, np.nan), np.zeros(n_sets)
+        models = []
+        for size in np.unique(sizes):
+            rows = np.flatnonzero(sizes == size)
+            table = tables.of(int(size), d)
+            group = Group(local[rows, :size], table, floor[rows], origin[rows], compiled)
+            found = self._fit(group)
+            scores[rows, :size], inliers[rows, :size] = found.scores, found.inliers
+            support[rows, :size] = found.inliers if found.support is None else found.support
+            cutoff[rows], scale[rows] = found.cutoff, found.scale
+            models.append((rows, found.model))
+        # Algorithm 4: the plane of what is left.
+        centers, _, axes = fit_planes(local, support)
+        unknown = scale == 0
+        if unknown.any():
+            scales = plane_scale(local, support, centers, axes[..., 0])
+            scale = np.where(unknown, np.maximum(scales, floor), scale)
+        model = models[0][1] if len(models) == 1 else _merge(models, n_sets)
+        return NeighborhoodFit(
+            scores, cutoff, inliers, support, centers + origin, axes[..., 0], scale, origin, model
+        )
+
+    def tables(self, random_state=None):
+        """The tables of random positions, by the size of the neighborhoods."""
+        return Tables(self, check_random_state(random_state).randint(LARGEST_SEED))
+
+    def usual_cutoff(self, n, d):
+        """Score beyond which a member of n is an outlier; None for a method that has none."""
+        return None
+
+    @abstractmethod
+    def table_shape(self, size, d):
+        """Rows and columns of the table for neighborhoods of a size."""
+
+    @abstractmethod
+    def _fit(self, group):
+        """The verdicts on neighborhoods of one size, as `Found`."""
+
+
+class Tables:
+    """One table of random positions for all neighborhoods of a size, drawn when first used."""
+
+    def __init__(self, method, seed):
+        self.method = method
+        self.seed = seed
+        self.drawn = {}
+
+    def of(self, size, d):
+        if size not in self.drawn:
+            n_rows, n_columns = self.method.table_shape(size, d)
+            self.drawn[size] = _draw_positions(n_rows, min(n_columns, size), size, self.seed)
+        return self.drawn[size]
+
+
+def flag_share(scores, contamination):
+    """Inliers (B, n) and cutoff (B,) where that share of the highest scores is flagged.
+
+    The number is rounded to the nearest integer; of equal scores the first are flagged.
+    """
+    n_sets, n = scores.shape
+    if contamination is None:
+        return np.ones(scores.shape, dtype=bool), np.full(n_sets, np.nan)
+    n_flagged = int(np.floor(contamination * n + 0.5))
+    order = np.argsort(-scores, axis=1, kind="stable")
+    inliers = np.ones(scores.shape, dtype=bool)
+    np.put_along_axis(inliers, order[:, :n_flagged], False, axis=1)
+    highest_kept = np.take_along_axis(scores, order[:, n_flagged : n_flagged + 1], 1)[:, 0]
+    return inliers, np.nextafter(highest_kept, np.inf)
+
+
+def plane_scale(points, members, centers, normals):
+    """Standard deviation of the members along the normal, the plane's freedom taken off."""
+    distances = np.where(members, orthogonal_distances(points, centers, normals), 0.0)
+    freedom = np.maximum(members.sum(axis=1) - points.shape[-1], 1)
+    return np.sqrt(np.square(distances).sum(axis=1) / freedom)
+
+
+def check(method, name, low, high, *, closed="neither", none=False, integer=False):
+    """Raise where a parameter is not a number of an interval."""
+    value = getattr(method, name)
+    if none and value is None:
+        return
+    kinds = (int, np.integer) if integer else (int, float, np.integer, np.floating)
+    right = isinstance(value, kinds) and not isinstance(value, bool)
+    if right:
+        right = low < value < high
+        right |= value == low and closed in ("left", "both")
+        right |= value == high and closed in ("right", "both")
+    if not right:
+        left = "[" if closed in ("left", "both") else "("
+        end = "]" if closed in ("right", "both") else ")"
+        kind = "an integer" if integer else "a number"
+        raise ValueError(
+            f"{name}={value!r} of method {type(method).__name__.lower()!r} must be {kind} in "
+            f"{left}{low:g}, {high:g}{end}{' or None' if none else ''}."
+        )
+
+
+def _draw_positions(n_rows, n_columns, size, seed):
+    rng = np.random.RandomState(seed)
+    if size <= SHUFFLE_AT_ONCE:
+        return rng.random_sample((n_rows, size)).argsort(axis=1)[:, :n_columns]
+    table = np.empty((n_rows, n_columns), dtype=np.intp)
+    for row in table:
+        row[:] = sample_without_replacement(size, n_columns, random_state=rng)
+    return table
+
+
+def _merge(models, n_sets):
+    """One model of all neighborhoods out of those of each size; what is missing is zero."""
+    first = models[0][1]
+    arrays = []
+    for field in fields(first):
+        parts = [np.asarray(getattr(model, field.name)) for _, model in models]
+        shape = np.max([part.shape[1:] for part in parts], axis=0).astype(int)
+        array = np.zeros((n_sets, *shape))
+        for (rows, _), part in zip(models, parts, strict=True):
+            array[(rows, *(slice(0, m) for m in part.shape[1:]))] = part
+        arrays.append(array)
+    return type(first)(*arrays)

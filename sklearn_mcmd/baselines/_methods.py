@@ -1,0 +1,85 @@
+"""The comparators by name, and one function for all of them."""
+
+from dataclasses import fields
+
+from sklearn_mcmd.baselines._pca import Pca
+from sklearn_mcmd.baselines._qsp import Qsp
+from sklearn_mcmd.baselines._ransac import Msac, Ransac
+from sklearn_mcmd.baselines._robpca import Robpca
+from sklearn_mcmd.baselines._ulsif import Ulsif
+
+__all__ = ["COMPARATORS", "SCORES_ONLY", "fit_neighborhoods", "settle_method"]
+
+COMPARATORS = {
+    "msac": Msac,
+    "pca": Pca,
+    "qsp": Qsp,
+    "ransac": Ransac,
+    "robpca": Robpca,
+    "ulsif": Ulsif,
+}
+SCORES_ONLY = {"qsp", "ulsif"}  # have no cut-off of their own
+
+
+def settle_method(method, method_params=None):
+    """The method of a name with its parameters; errors name what is unknown or wrong."""
+    if method not in COMPARATORS:
+        raise ValueError(f"method={method!r} is none of {', '.join(sorted(COMPARATORS))}.")
+    kind, params = COMPARATORS[method], dict(method_params or {})
+    known = sorted(field.name for field in fields(kind))
+    unknown = sorted(str(name) for name in params if name not in known)
+    if unknown:
+        raise ValueError(
+            f"method_params has {', '.join(map(repr, unknown))}, unknown to method {method!r}; "
+            f"it knows {', '.join(known)}."
+        )
+    return kind(**params)
+
+
+def fit_neighborhoods(method, points, valid=None, *, random_state=None, **method_params):
+    """Judge the members of many neighborhoods by a method of its name.
+
+    Parameters
+    ----------
+    method : {"msac", "pca", "qsp", "ransac", "robpca", "ulsif"}
+    points : ndarray of shape (B, n, d)
+        Neighborhoods; one cloud X is ``X[None]``.
+    valid : ndarray of bool of shape (B, n), default=None
+        Members in use, at least d + 1 of each neighborhood; all when None.
+    random_state : int, RandomState instance or None, default=None
+        Seed of the one table of random positions that all neighborhoods of a size use.
+    **method_params
+        The method's own, see `Msac`, `Pca`, `Qsp`, `Ransac`, `Robpca`, `Ulsif`.
+
+    Returns
+    -------
+    NeighborhoodFit
+        With ``scores``, ``inliers``, ``cutoff``, ``centers``, ``normals``, ``scale`` and
+        ``score(queries)``.
+
+    Raises
+    ------
+    ValueError
+        If the method or a parameter is unknown or out of its range, or neighborhoods are too
+        small.
+
+    Examples
+    --------
+    Two walls, one with a car in front of it:
+
+    >>> import numpy as np
+    >>> from sklearn_mcmd.baselines import fit_neighborhoods
+    >>> rng = np.random.default_rng(0)
+    >>> walls = rng.uniform(0, 2, (2, 50, 3)) * [1, 0, 1] + rng.normal(0, 0.004, (2, 50, 3))
+    >>> walls[1, :15] += [0, -0.8, 0]
+    >>> for method in ("pca", "ransac", "robpca"):
+    ...     found = fit_neighborhoods(method, walls, random_state=0)
+    ...     removed = (~found.inliers).sum(axis=1)
+    ...     tilts = np.degrees(np.arccos(np.abs(found.normals[:, 1])))
+    ...     print(f"{method}: {removed} removed, tilts {tilts.round(1)} degrees")
+    pca: [1 0] removed, tilts [0.1 4.7] degrees
+    ransac: [ 1 15] removed, tilts [0.  0.1] degrees
+    robpca: [ 2 15] removed, tilts [0.1 0.1] degrees
+    """
+    chosen = settle_method(method, method_params)
+    return chosen.fit(points, valid, random_state=random_state)

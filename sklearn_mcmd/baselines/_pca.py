@@ -1,0 +1,42 @@
+"""PCA: the plane of least squares, which every outlier pulls."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sklearn_mcmd._plane import fit_planes
+from sklearn_mcmd.baselines._fits import Found, Method, WhitenedModel, check, plane_scale
+
+__all__ = ["Pca"]
+
+
+@dataclass(frozen=True)
+class Pca(Method):
+    """Distances to the plane of all members over their standard deviation (Eq. 1).
+
+    Parameters
+    ----------
+    cutoff : float, default=2.5
+        Score from which a member counts as an outlier. The plane is that of all members
+        whatever their scores.
+    """
+
+    cutoff: float = 2.5
+
+    def __post_init__(self):
+        check(self, "cutoff", 0, np.inf)
+
+    def usual_cutoff(self, n, d):
+        return self.cutoff
+
+    def table_shape(self, size, d):
+        return 0, 0
+
+    def _fit(self, group):
+        points, floor = group.points, group.floor
+        centers, _, axes = fit_planes(points)
+        members = np.ones(points.shape[:2], dtype=bool)
+        scale = np.maximum(plane_scale(points, members, centers, axes[..., 0]), floor)
+        model = WhitenedModel(centers, axes[..., :1] / scale[:, None, None])
+        scores = model.score(points)
+        return Found(model, scores, scores < self.cutoff, self.cutoff, scale, members)

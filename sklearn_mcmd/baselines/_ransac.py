@@ -1,0 +1,233 @@
+"""RANSAC and MSAC: the plane of a minimal subset that most members agree with."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtri
+
+from sklearn_mcmd._consistent_set import n_trials_needed
+from sklearn_mcmd._plane import fit_planes, orthogonal_distances
+from sklearn_mcmd.baselines._fits import Found, Method, WhitenedModel, check
+
+__all__ = ["Msac", "Ransac"]
+
+MAD_TO_SD = 1.4826
+# Three points closer to a line than this share of their spread give no plane.
+RANK_TOLERANCE = 1e-6
+# Entries of the largest temporary array.
+CHUNK_ENTRIES = 1_000_000
+TRIALS_AT_ONCE = 16
+# Fewer members take NumPy: loading compiled code would take longer than the work.
+COMPILE_FROM = 50_000
+
+
+@dataclass(frozen=True)
+class Ransac(Method):
+    """Random sample consensus: the trial plane with the most members within a threshold.
+
+    Parameters
+    ----------
+    noise_scale : float, default=None
+        Standard deviation of the noise along the normal, in units of the points. None
+        estimates it in each neighborhood by least median of squares, which needs a majority
+        of regular members.
+    quantile : float in (0, 1), default=0.99
+        Share of regular members that is to be within the threshold ``noise_scale *
+        sqrt(q)``, q the quantile of chi-squared.
+    degrees_of_freedom : int, default=1
+        Of chi-squared. Distances to a plane have one; the first paper used three.
+    max_trials : int, default=1000
+        Most minimal subsets tried in a neighborhood.
+    stop_probability : float in (0, 1), default=0.9999
+        Trials end when, by the largest consensus so far, one of them was free of outliers
+        with this probability.
+    n_refits : int, default=1
+        How often the plane is fitted anew to its consensus before the members are judged by
+        it. 0 judges them by the plane of the best minimal subset. The final plane is that
+        of the inliers in any case.
+
+    References
+    ----------
+    .. [1] M. Fischler, R. Bolles, "Random sample consensus", Communications of the ACM 24
+       (1981) 381-395.
+    .. [2] P. Torr, A. Zisserman, "MLESAC: a new robust estimator with application to
+       estimating image geometry", Computer Vision and Image Understanding 78 (2000) 138-156.
+    .. [3] P. Rousseeuw, A. Leroy, "Robust Regression and Outlier Detection" (1987), chapter
+       5, for the estimated scale.
+    """
+
+    noise_scale: float | None = None
+    quantile: float = 0.99
+    degrees_of_freedom: int = 1
+    max_trials: int = 1000
+    stop_probability: float = 0.9999
+    n_refits: int = 1
+
+    truncated_loss = False  # of squares, instead of a count
+
+    def __post_init__(self):
+        check(self, "noise_scale", 0, np.inf, none=True)
+        check(self, "quantile", 0, 1)
+        check(self, "degrees_of_freedom", 1, np.inf, closed="left", integer=True)
+        check(self, "max_trials", 1, np.inf, closed="left", integer=True)
+        check(self, "stop_probability", 0, 1)
+        check(self, "n_refits", 0, np.inf, closed="left", integer=True)
+
+    @property
+    def cutoff(self):
+        """Threshold in standard deviations."""
+        return float(np.sqrt(chdtri(self.degrees_of_freedom, 1.0 - self.quantile)))
+
+    def usual_cutoff(self, n, d):
+        return self.cutoff
+
+    def table_shape(self, size, d):
+        return self.max_trials, d
+
+    def _fit(self, group):
+        points, table, floor = group.points, group.table, group.floor
+        n_sets, n, d = points.shape
+        select, scales = best_planes, least_median_scales
+        compiled = group.compiled
+        if compiled is None:
+            compiled = n_sets * n >= COMPILE_FROM
+        if compiled and d == 3:
+            select, scales = _compiled() or (select, scales)
+        if self.noise_scale is None:
+            enough = min(len(table), n_trials_needed(0.5, self.stop_probability, d))
+            scale = scales(points, table[:enough])
+        else:
+            scale = np.full(n_sets, float(self.noise_scale))
+        found = np.isfinite(scale)
+        scale = np.maximum(np.where(found, scale, 0.0), floor)
+        stops = trials_to_stop(n, d, self.stop_probability)
+        centers, normals = select(points, table, self.cutoff * scale, stops, self.truncated_loss)
+        found &= np.isfinite(normals[:, 0])
+        for _ in range(self.n_refits):
+            distances = np.abs(orthogonal_distances(points, centers, normals))
+            members = distances < (self.cutoff * scale)[:, None]
+            centers, _, axes = fit_planes(points, members)
+            normals = axes[..., 0]
+        whitening = np.where(found[:, None], normals / scale[:, None], 0.0)[..., None]
+        model = WhitenedModel(np.where(found[:, None], centers, 0.0), whitening)
+        scores = model.score(points)
+        scale = np.where(found, scale, -1.0)
+        return Found(model, scores, scores < self.cutoff, self.cutoff, scale)
+
+
+@dataclass(frozen=True)
+class Msac(Ransac):
+    """M-estimator sample consensus: as RANSAC, by squares up to the threshold's (Eq. 5).
+
+    Of two planes with equally many members the nearer one wins. Parameters and references
+    are those of `Ransac`.
+    """
+
+    truncated_loss = True
+
+
+def trials_to_stop(n, d, probability):
+    """Trials needed for one outlier-free subset to be likely, by the size 0..n of the consensus.
+
+    Subsets are drawn without replacement, so their probability is a ratio of binomials.
+    """
+    sizes = np.arange(n + 1.0)[:, None] - np.arange(d)
+    clean = np.prod(np.maximum(sizes, 0.0) / (n - np.arange(d)), axis=1)
+    with np.errstate(divide="ignore"):
+        needed = np.log1p(-probability) / np.log1p(-clean)
+    return np.maximum(np.ceil(needed), 1.0)
+
+
+def best_planes(points, table, threshold, stops, truncated_loss):
+    """Centers and normals (B, d) of the best trial of each neighborhood; NaN where none.
+
+    Parameters
+    ----------
+    points : ndarray of shape (B, n, d)
+    table : ndarray of int of shape (T, d)
+    threshold : ndarray of shape (B,)
+    stops : ndarray of shape (n + 1,), from `trials_to_stop`
+    truncated_loss : bool
+        Whether the loss of a plane is the sum of min(e^2, t^2) over t^2 (Torr and Zisserman's
+        cost), or the number of members beyond t.
+    """
+    n_sets, n, d = points.shape
+    best, consensus = np.full(n_sets, np.inf), np.zeros(n_sets, dtype=int)
+    centers, normals = np.full((2, n_sets, d), np.nan)
+    rows, start = np.arange(n_sets), 0
+    while rows.size and start < len(table):
+        at_once = max(1, min(TRIALS_AT_ONCE * (1 + start // 64), CHUNK_ENTRIES // (len(rows) * n)))
+        part = table[start : start + at_once]
+        anchors, axes, spans = _trial_planes(points[rows], part)
+        ratio = np.abs(_trial_distances(points[rows], anchors, axes)) / threshold[rows, None, None]
+        inside = ratio < 1.0
+        counts = inside.sum(axis=-1)
+        loss = n - counts
+        if truncated_loss:
+            loss = np.where(inside, ratio**2, 1.0).sum(axis=-1)
+        loss = np.where(spans, loss, np.inf)
+        # As one trial after another: who has stopped before sees no more trials.
+        for t in range(len(part)):
+            better = loss[:, t] < best[rows]
+            better &= start + t < stops[consensus[rows]]
+            won = rows[better]
+            best[won], consensus[won] = loss[better, t], counts[better, t]
+            centers[won], normals[won] = anchors[better, t], axes[better, t]
+        start += len(part)
+        rows = rows[start < stops[consensus[rows]]]
+    return centers, normals
+
+
+def least_median_scales(points, table):
+    """Least median of absolute distances to trial planes, as standard deviation (B,).
+
+    With the small-sample factor of Rousseeuw and Leroy; infinite where no trial spans a plane.
+    """
+    n_sets, n, d = points.shape
+    least = np.full(n_sets, np.inf)
+    at_once = max(1, CHUNK_ENTRIES // max(n_sets * n, 1))
+    for start in range(0, len(table), at_once):
+        anchors, axes, spans = _trial_planes(points, table[start : start + at_once])
+        medians = np.median(np.abs(_trial_distances(points, anchors, axes)), axis=-1)
+        least = np.minimum(least, np.where(spans, medians, np.inf).min(axis=1))
+    return scale_factor(n, d) * least
+
+
+def scale_factor(n, d):
+    return MAD_TO_SD * (1.0 + 5.0 / max(n - d, 1))
+
+
+def _trial_planes(points, table):
+    """Anchors and unit normals (B, T, d) of minimal subsets, and whether they span a plane."""
+    subsets = points[:, table]
+    anchors = subsets[..., 0, :]
+    if points.shape[-1] == 3:
+        first, second = subsets[..., 1, :] - anchors, subsets[..., 2, :] - anchors
+        normals = np.cross(first, second)
+        third = second - first
+        area2 = np.einsum("...i,...i", normals, normals)
+        spread = sum(np.einsum("...i,...i", side, side) for side in (first, second, third)) / 3
+        spans = area2 / 3 > (RANK_TOLERANCE * spread) ** 2
+        normals = normals / np.sqrt(np.where(spans, area2, 1.0))[..., None]
+        return anchors, normals, spans
+    # The column of Q that no column of R needs; much faster than singular values.
+    sides = np.swapaxes(subsets[..., 1:, :] - anchors[..., None, :], -1, -2)
+    basis, triangle = np.linalg.qr(sides, mode="complete")
+    lengths = np.abs(np.diagonal(triangle, axis1=-2, axis2=-1))
+    spans = lengths.min(axis=-1) > RANK_TOLERANCE * lengths.max(axis=-1)
+    return anchors, basis[..., -1], spans
+
+
+def _trial_distances(points, anchors, normals):
+    """Signed distances (B, T, n) of the members to the trial planes."""
+    offsets = np.einsum("bti,bti->bt", anchors, normals)
+    return normals @ np.swapaxes(points, 1, 2) - offsets[..., None]
+
+
+def _compiled():
+    """The compiled forms, imported on first use; None where Numba cannot be."""
+    try:
+        from sklearn_mcmd.baselines._ransac_numba import best_planes_3d, least_median_scales_3d
+    except (ImportError, RuntimeError):
+        return None
+    return best_planes_3d, least_median_scales_3d

@@ -1,0 +1,250 @@
+"""ROBPCA: robust principal components by projection pursuit and the MCD."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtri, ndtri
+
+from sklearn_mcmd.baselines._fits import Found, Method, check
+from sklearn_mcmd.baselines._mcd import CONSISTENCIES, fit_mcd, mcd_support_size, univariate_mcd
+
+__all__ = ["Robpca"]
+
+MAD_TO_SD = 1.4826
+# Without projection pursuit from this many members a dimension on, as rrcov and LIBRA.
+MEMBERS_A_DIMENSION = 5
+CHUNK_ENTRIES = 1_000_000  # of the largest temporary array
+MOST_DETERMINISTIC = 20  # members, of which all pairs are taken as directions
+
+
+@dataclass(frozen=True)
+class Robpca(Method):
+    """Robust principal components of Hubert, Rousseeuw and Vanden Branden.
+
+    With projection pursuit: the members of least Stahel-Donoho outlyingness (over directions
+    through pairs of members) span a subspace of `n_components`; the subspace of all members
+    whose orthogonal distance to it is not outlying replaces it; the reweighted MCD of the
+    scores within gives center and axes.
+
+    In few dimensions, as for points in space, there is nothing to reduce, and rrcov's
+    PcaHubert and LIBRA's robpca skip the first two parts: components are those of the MCD of
+    the points, FAST-MCD. `projection` says which. With all components (``n_components`` =
+    d), scores are robust Mahalanobis distances and nothing else of the method is left.
+
+    Scores are the larger of score distance and orthogonal distance, each over its cut-off,
+    times the former's cut-off.
+
+    Parameters
+    ----------
+    n_components : int, default=None
+        Dimensions of the subspace, 1 to d. None means d - 1, a plane with orthogonal
+        distances, where `projection` is on, and else d.
+    support_fraction : float in [0.5, 1], default=0.5
+        Share of the members that is surely regular: ``h = (n + d + 1) // 2`` at 0.5 (the MCD),
+        ``max(fraction * n, (n + n_components + 1) // 2)`` (projection pursuit).
+    projection : bool, default=None
+        Whether to begin with projection pursuit. None: if fewer than five members a dimension.
+    quantile : float in (0, 1), default=0.975
+        Of chi-squared for score distances, of the normal distribution for orthogonal
+        distances to the power 2/3 (Wilson and Hilferty).
+    orthogonal_scale : {"mcd", "mad"}, default="mcd"
+        How mean and deviation of those powers are estimated: by their univariate MCD, as the
+        authors do, or by median and MAD, as rrcov does.
+    small_sample : bool, default=True
+        Whether the MCD's small-sample factors are applied.
+    consistency : {"kept", "quantile"}, default="kept"
+        Share that the covariance of the members kept by the MCD's reweighting is corrected
+        for: the share kept, as robustbase and LIBRA do, or 0.975, the share of regular members
+        that should be. The former errs to large covariances where there are outliers, the
+        latter reproduces the first paper.
+    n_trials : int, default=500
+        Initial subsets of the MCD.
+    n_directions : int, default=250
+        Directions of projection pursuit, through pairs of members.
+
+    References
+    ----------
+    .. [1] M. Hubert, P. Rousseeuw, K. Vanden Branden, "ROBPCA: a new approach to robust
+       principal component analysis", Technometrics 47 (2005) 64-79.
+    .. [2] P. Rousseeuw, K. Van Driessen, "A fast algorithm for the minimum covariance
+       determinant estimator", Technometrics 41 (1999) 212-223.
+    .. [3] G. Pison, S. Van Aelst, G. Willems, "Small sample corrections for LTS and MCD",
+       Metrika 55 (2002) 111-123.
+    """
+
+    n_components: int | None = None
+    support_fraction: float = 0.5
+    projection: bool | None = None
+    quantile: float = 0.975
+    orthogonal_scale: str = "mcd"
+    small_sample: bool = True
+    consistency: str = "kept"
+    n_trials: int = 500
+    n_directions: int = 250
+
+    def __post_init__(self):
+        check(self, "n_components", 1, np.inf, closed="left", none=True, integer=True)
+        check(self, "support_fraction", 0.5, 1, closed="both")
+        check(self, "quantile", 0, 1)
+        check(self, "n_trials", 1, np.inf, closed="left", integer=True)
+        check(self, "n_directions", 1, np.inf, closed="left", integer=True)
+        for name, known in (("orthogonal_scale", ("mcd", "mad")), ("consistency", CONSISTENCIES)):
+            if getattr(self, name) not in known:
+                raise ValueError(
+                    f"{name}={getattr(self, name)!r} of method 'robpca' must be one of {known}."
+                )
+
+    def usual_cutoff(self, n, d):
+        return float(np.sqrt(chdtri(self._settle(n, d)[1], 1.0 - self.quantile)))
+
+    def table_shape(self, size, d):
+        return self.n_trials + self.n_directions, d + 1
+
+    def _fit(self, group):
+        points, table, floor = group.points, group.table, group.floor
+        n_sets, n, d = points.shape
+        projection, k = self._settle(n, d)
+        starts, pairs = table[: self.n_trials], table[self.n_trials :, :2]
+        if projection and k < d:
+            location, subspace, support = self._project(points, pairs, k, floor)
+        else:
+            location, support = np.zeros((n_sets, d)), None
+            subspace = np.broadcast_to(np.eye(d), (n_sets, d, d))
+        k_scores = subspace.shape[2]
+        scores = (points - location[:, None]) @ subspace
+        found = fit_mcd(
+            scores,
+            starts[:, : k_scores + 1],
+            self.support_fraction,
+            floor,
+            small_sample=self.small_sample,
+            consistency=self.consistency,
+        )
+        support = found.kept if support is None else support
+        values, axes = np.linalg.eigh(found.covariances)
+        values, axes = values[:, ::-1], axes[:, :, ::-1]
+        deviations = np.sqrt(np.maximum(values, floor[:, None] ** 2))[:, :k]
+        centers = location + np.matmul(subspace, found.locations[..., None])[..., 0]
+        loadings = subspace @ axes[:, :, :k]
+        cutoff = np.full(n_sets, self.usual_cutoff(n, d))
+        model = ComponentModel(centers, loadings, 1.0 / deviations, cutoff, np.zeros(n_sets))
+        if k < d:
+            orthogonal = self._orthogonal_cutoff(model.orthogonal_distances(points), floor)
+            model = ComponentModel(centers, loadings, 1.0 / deviations, cutoff, orthogonal)
+        # With all components the least deviation is that along the normal, consistent.
+        scale = deviations[:, -1] if k == d else 0.0
+        scores = model.score(points)
+        return Found(model, scores, scores <= cutoff[:, None], cutoff, scale, support)
+
+    def _settle(self, n, d):
+        """Whether there is projection pursuit, and the number of components."""
+        projection = self.projection
+        if projection is None:
+            projection = n < MEMBERS_A_DIMENSION * d
+        k = self.n_components
+        if k is None:
+            k = d - 1 if projection else d
+        elif k > d:
+            raise ValueError(f"n_components={k} of method 'robpca' is more than {d} features.")
+        return projection, k
+
+    def _project(self, points, pairs, k, floor):
+        """Subspace of projection pursuit: center (B, d), basis (B, d, k), whom it is fitted to."""
+        n_sets, n, _ = points.shape
+        h = min(n, max(int(self.support_fraction * n), (n + k + 1) // 2))
+        if n <= MOST_DETERMINISTIC:
+            pairs = np.column_stack(np.triu_indices(n, 1))
+        outlyingness = stahel_donoho(points, pairs, h, floor)
+        order = np.argsort(outlyingness, axis=1, kind="stable")[:, :h]
+        members = np.zeros((n_sets, n), dtype=bool)
+        np.put_along_axis(members, order, True, axis=1)
+        location, basis = _leading(points, members, k)
+        first = ComponentModel(location, basis, np.ones((n_sets, k)), None, None)
+        distances = first.orthogonal_distances(points)
+        members |= distances <= self._orthogonal_cutoff(distances, floor, h)[:, None]
+        return *_leading(points, members, k), members
+
+    def _orthogonal_cutoff(self, distances, floor, h=None):
+        """Cut-off (B,) of orthogonal distances: powers 2/3 are nearly normal (Wilson, Hilferty)."""
+        n = distances.shape[1]
+        powers = distances ** (2 / 3)
+        if self.orthogonal_scale == "mcd":
+            h = mcd_support_size(self.support_fraction, n, 1) if h is None else h
+            mean, deviation = univariate_mcd(powers, h)
+        else:
+            mean = np.median(powers, axis=1)
+            deviation = MAD_TO_SD * np.median(np.abs(powers - mean[:, None]), axis=1)
+        limit = np.maximum(mean + deviation * ndtri(self.quantile), 0.0) ** 1.5
+        return np.maximum(limit, floor)
+
+
+@dataclass(frozen=True)
+class ComponentModel:
+    """Score and orthogonal distances to principal components.
+
+    centers (B, d), loadings (B, d, k), precisions (B, k) or one over the deviations, cut-offs of
+    both distances (B,); orthogonal distances do not count where theirs is zero.
+    """
+
+    centers: np.ndarray
+    loadings: np.ndarray
+    precisions: np.ndarray
+    score_cutoff: np.ndarray
+    orthogonal_cutoff: np.ndarray
+
+    def score_distances(self, points):
+        """Mahalanobis distances (B, m) within the subspace."""
+        scores = (points - self.centers[:, None]) @ self.loadings
+        return np.sqrt(np.square(scores * self.precisions[:, None]).sum(axis=-1))
+
+    def orthogonal_distances(self, points):
+        """Distances (B, m) to the subspace."""
+        deviations = points - self.centers[:, None]
+        scores = deviations @ self.loadings
+        deviations = deviations - scores @ np.swapaxes(self.loadings, 1, 2)
+        return np.sqrt(np.square(deviations).sum(axis=-1))
+
+    def score(self, points):
+        distances = self.score_distances(points)
+        limit = self.orthogonal_cutoff
+        if not limit.any():
+            return distances
+        counts = limit > 0
+        orthogonal = self.orthogonal_distances(points)
+        orthogonal = (
+            np.where(counts, self.score_cutoff / np.where(counts, limit, 1.0), 0.0)[:, None]
+            * orthogonal
+        )
+        return np.maximum(distances, orthogonal)
+
+
+def stahel_donoho(points, pairs, h, floor):
+    """Outlyingness (B, n): the largest distance from the univariate MCD over directions (Eq. 4).
+
+    Directions are those through the pairs (T, 2) of members. Directions on which h members
+    coincide have no scale; members off it are infinitely outlying, which finds exact planes.
+    """
+    n_sets, n, _ = points.shape
+    worst = np.zeros((n_sets, n))
+    at_once = max(1, CHUNK_ENTRIES // max(n_sets * n, 1))
+    for start in range(0, len(pairs), at_once):
+        ends = points[:, pairs[start : start + at_once]]
+        directions = ends[:, :, 1] - ends[:, :, 0]
+        length = np.sqrt(np.square(directions).sum(axis=-1, keepdims=True))
+        directions = np.divide(directions, length, out=np.zeros_like(directions), where=length > 0)
+        projections = directions @ np.swapaxes(points, 1, 2)
+        middle, deviation = univariate_mcd(projections, h)
+        gaps = np.abs(projections - middle[..., None])
+        gaps /= np.maximum(deviation, floor[:, None])[..., None]
+        worst = np.maximum(worst, gaps.max(axis=1))
+    return worst
+
+
+def _leading(points, members, k):
+    """Mean (B, d) of members and the k axes (B, d, k) of their largest variances."""
+    weight = members[..., None].astype(float)
+    size = np.maximum(weight.sum(axis=1), 1.0)
+    mean = (points * weight).sum(axis=1) / size
+    deviations = (points - mean[:, None]) * weight
+    _, axes = np.linalg.eigh(np.swapaxes(deviations, 1, 2) @ deviations)
+    return mean, axes[:, :, ::-1][:, :, :k]

@@ -1,0 +1,216 @@
+"""uLSIF: outliers by the ratio of the densities of regular and of all points."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sklearn_mcmd.baselines._fits import Found, Method, check, flag_share
+from sklearn_mcmd.baselines._mcd import NESTED_FROM, fit_mcd
+
+__all__ = ["Ulsif", "leave_one_out_score", "ratio_weights", "second_moments"]
+
+N_STARTS = 50
+POINTS_AT_ONCE = 20_000
+# Pairs, a mean over which tells widths apart in any case.
+MOST_LEFT_OUT = 1000
+# Times the median distance of the training members.
+RELATIVE_WIDTHS = tuple(10.0 ** np.linspace(-1, 1, 9))
+REGULARIZATIONS = tuple(10.0 ** np.linspace(-3, 1, 9))
+
+
+@dataclass(frozen=True, eq=False)
+class Ulsif(Method):
+    """Density ratio of training and test points by least squares (Eqs 6-8).
+
+    The ratio is a sum of Gaussian kernels at training points with weights in closed form;
+    width and regularization are those of the best leave-one-out score, in closed form, too.
+    Where the ratio is small there are points among all that training points don't explain.
+    Scores are the ratio, negative.
+
+    The test points are the members of a neighborhood. Regular training points must be given;
+    in their place stand the members central by the minimum covariance determinant.
+
+    Parameters
+    ----------
+    contamination : float in [0, 0.5], default=None
+        Share of each neighborhood that is removed, its highest scores; the method has no
+        cut-off of its own. None removes nothing.
+    training : array-like of shape (m, d), default=None
+        Regular points, for one neighborhood of all points. None takes `training_fraction`.
+    training_fraction : float in (0, 1), default=0.5
+        Share of the members that is taken for regular, those of least robust distance.
+    widths : sequence of float, default=None
+        Candidates for the standard deviation of the kernels, in units of the points; None
+        means 0.1 to 10 times the median distance of training points from their center.
+    regularizations : sequence of float, default=None
+        Candidates for lambda; None means 0.001 to 10.
+    max_basis : int, default=100
+        Most kernels.
+
+    References
+    ----------
+    .. [1] T. Kanamori, S. Hido, M. Sugiyama, "A least-squares approach to direct importance
+       estimation", Journal of Machine Learning Research 10 (2009) 1391-1445.
+    .. [2] S. Hido, Y. Tsuboi, H. Kashima, M. Sugiyama, T. Kanamori, "Statistical outlier
+       detection using direct density ratio estimation", Knowledge and Information Systems
+       26 (2011) 309-336.
+    """
+
+    contamination: float | None = None
+    training: object = field(default=None, repr=False)
+    training_fraction: float = 0.5
+    widths: tuple | None = None
+    regularizations: tuple | None = None
+    max_basis: int = 100
+
+    def __post_init__(self):
+        check(self, "contamination", 0, 0.5, closed="both", none=True)
+        check(self, "training_fraction", 0, 1)
+        check(self, "max_basis", 1, np.inf, closed="left", integer=True)
+        for name in ("widths", "regularizations"):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            array = np.atleast_1d(np.asarray(value, dtype=float))
+            if array.ndim != 1 or not array.size or not (np.isfinite(array) & (array > 0)).all():
+                raise ValueError(
+                    f"{name}={value!r} of method 'ulsif' must be positive finite numbers or None."
+                )
+        if self.training is not None:
+            training = np.asarray(self.training, dtype=float)
+            if training.ndim != 2 or len(training) < 2 or not np.isfinite(training).all():
+                raise ValueError(
+                    "training of method 'ulsif' must be two or more points of finite "
+                    f"coordinates, got an array of shape {training.shape}."
+                )
+
+    def table_shape(self, size, d):
+        # The last row is the random order of the members, the others are the MCD's starts.
+        return (1 if size >= NESTED_FROM else N_STARTS + 1), size
+
+    def _fit(self, group):
+        points = group.points
+        n_sets = len(points)
+        shuffled = group.table[-1]
+        training = self._training(group, shuffled)
+        basis = training[:, : self.max_basis]
+        candidates = self._candidates(training, group.floor)
+        lambdas = REGULARIZATIONS if self.regularizations is None else self.regularizations
+        best = np.full(n_sets, np.inf)
+        width, weights = np.ones(n_sets), np.zeros((n_sets, basis.shape[1]))
+        for widths in candidates.T:
+            test_kernels = gaussian_kernels(basis, points[:, shuffled], widths)
+            training_kernels = gaussian_kernels(basis, training, widths)
+            moments = second_moments(test_kernels)
+            for regularization in np.atleast_1d(np.asarray(lambdas, dtype=float)):
+                score = leave_one_out_score(
+                    test_kernels, training_kernels, regularization, moments=moments
+                )
+                better = score < best
+                best[better], width[better] = score[better], widths[better]
+                weights[better] = ratio_weights(
+                    moments[better], training_kernels[better], regularization
+                )
+        model = RatioModel(basis, width, weights)
+        scores = model.score(points)
+        inliers, cutoff = flag_share(scores, self.contamination)
+        return Found(model, scores, inliers, cutoff)
+
+    def _training(self, group, shuffled):
+        """Training points (B, m, d) less the origin, in random order."""
+        n_sets, n, d = group.points.shape
+        if self.training is None:
+            starts = group.table[:-1, : d + 1]
+            found = fit_mcd(group.points, starts, 0.5, group.floor)
+            m = max(d + 1, int(np.ceil(round(self.training_fraction * n, 9))))
+            squares = found.raw_squares[:, shuffled]
+            central = np.sort(np.argsort(squares, axis=1, kind="stable")[:, :m], axis=1)
+            return np.take_along_axis(group.points[:, shuffled], central[..., None], 1)
+        training = np.asarray(self.training, dtype=float)
+        if n_sets != 1:
+            raise ValueError(
+                "training of method 'ulsif' has a meaning for one neighborhood of all points "
+                f"only (n_neighbors=None), not for {n_sets} neighborhoods."
+            )
+        if training.shape[1] != d:
+            raise ValueError(
+                f"training of method 'ulsif' has {training.shape[1]} columns and the points {d}."
+            )
+        order = np.random.RandomState(shuffled[0]).permutation(len(training))
+        return training[order][None] - group.origin[:, None]
+
+    def _candidates(self, training, floor):
+        """Widths (B, W) to choose from."""
+        if self.widths is not None:
+            widths = np.atleast_1d(np.asarray(self.widths, dtype=float))
+            return np.broadcast_to(widths, (len(training), len(widths)))
+        gaps = training - np.median(training, axis=1, keepdims=True)
+        usual = np.median(np.sqrt(np.square(gaps).sum(axis=-1)), axis=1)
+        return np.maximum(usual, floor)[:, None] * RELATIVE_WIDTHS
+
+
+@dataclass(frozen=True)
+class RatioModel:
+    """Minus the sum of Gaussian kernels (width (B,), basis (B, b, d)) by weights (B, b)."""
+
+    basis: np.ndarray
+    width: np.ndarray
+    weights: np.ndarray
+
+    def score(self, points):
+        scores = np.empty(points.shape[:2])
+        for start in range(0, points.shape[1], POINTS_AT_ONCE):
+            part = slice(start, start + POINTS_AT_ONCE)
+            kernels = gaussian_kernels(self.basis, points[:, part], self.width)
+            scores[:, part] = -np.einsum("bl,blm->bm", self.weights, kernels)
+        return scores
+
+
+def gaussian_kernels(basis, points, widths):
+    """exp(-|x - c|^2 / (2 s^2)), (B, b, m), of points (B, m, d) around a basis (B, b, d)."""
+    squares = np.square(basis).sum(axis=-1)[..., None] + np.square(points).sum(axis=-1)[:, None]
+    squares = np.maximum(squares - 2.0 * basis @ np.swapaxes(points, 1, 2), 0.0)
+    return np.exp(-0.5 * squares / np.square(widths)[:, None, None])
+
+
+def second_moments(kernels):
+    """Mean products (B, b, b) of kernels (B, b, n)."""
+    return kernels @ np.swapaxes(kernels, 1, 2) / kernels.shape[2]
+
+
+def ratio_weights(moments, training_kernels, regularization):
+    """Weights (B, b) of the ratio, ``max(0, (H + lambda I)^-1 h)``.
+
+    H are the second moments of the test kernels, h the mean of the training ones (B, b, m).
+    """
+    matrix = moments + regularization * np.eye(moments.shape[1])
+    return np.maximum(
+        np.linalg.solve(matrix, training_kernels.mean(axis=2)[..., None])[..., 0], 0.0
+    )
+
+
+def leave_one_out_score(
+    test_kernels, training_kernels, regularization, *, moments=None, most=MOST_LEFT_OUT
+):
+    """Mean loss (B,) of leaving out one test and one training point at a time, in closed form.
+
+    The i-th of both are left out together, for i up to the smaller number or `most`, the
+    weights found without them, and the loss ``w(test)^2 / 2 - w(training)`` taken at them
+    (Kanamori, Hido and Sugiyama, 2009, section 2.4).
+    """
+    n, m = test_kernels.shape[2], training_kernels.shape[2]
+    both = min(n, m, most)
+    test, training = test_kernels[..., :both], training_kernels[..., :both]
+    moments = second_moments(test_kernels) if moments is None else moments
+    matrix = moments + regularization * (n - 1) / n * np.eye(moments.shape[1])
+    mean = training_kernels.mean(axis=2)[..., None]
+    solved = np.linalg.solve(matrix, np.concatenate([mean, test, training], axis=2))
+    from_mean, from_test, from_training = np.split(solved, [1, both + 1], axis=2)
+    # Sherman and Morrison: what a test point's own part in the matrix amounts to.
+    denominator = n - (test * from_test).sum(axis=1)
+    by_mean = from_mean + from_test * ((mean * from_test).sum(axis=1) / denominator)[:, None]
+    by_own = from_training + from_test * ((training * from_test).sum(axis=1) / denominator)[:, None]
+    weights = (n - 1) / (n * (m - 1)) * (m * by_mean - by_own)
+    weights = np.maximum(weights, 0.0)
+    at_test, at_training = (test * weights).sum(axis=1), (training * weights).sum(axis=1)
+    return 0.5 * np.square(at_test).mean(axis=1) - at_training.mean(axis=1)

@@ -1,0 +1,153 @@
+"""``mcmd segment``."""
+
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from sklearn_mcmd.cli._files import coordinates, read, rehearse, with_results, write
+from sklearn_mcmd.cli._options import (
+    InFile,
+    NJobs,
+    NNeighbors,
+    OutFile,
+    OutlierRate,
+    Quiet,
+    RandomState,
+    positive,
+)
+from sklearn_mcmd.cli._speech import clear_exits, print_table, progress_bar, stopwatch
+
+__all__ = ["segment"]
+
+_COLORS = ("red", "green", "blue")
+LARGEST_SHOWN = 3
+
+
+def segment(
+    source: InFile,
+    target: OutFile,
+    max_angle: Annotated[
+        float,
+        typer.Option(
+            min=0.0, max=90.0, help="Largest angle between normals of neighbors, in degrees."
+        ),
+    ] = 15.0,
+    max_distance: Annotated[
+        float | None,
+        typer.Option(
+            callback=positive,
+            help="Largest distance of a neighbor from a point's plane, in units of the file.",
+            show_default="by the scatter of each neighborhood",
+        ),
+    ] = None,
+    max_gap: Annotated[
+        float | None,
+        typer.Option(
+            callback=positive,
+            help="Largest distance of a neighbor, in units of the file.",
+            show_default="by the spacing of each neighborhood",
+        ),
+    ] = None,
+    min_region_size: Annotated[
+        int, typer.Option(min=1, help="Regions of fewer points are dissolved.")
+    ] = 10,
+    join_coplanar: Annotated[
+        bool,
+        typer.Option(
+            "--join-coplanar/--no-join-coplanar",
+            help="Join regions of one plane whose gap is shorter than they are, such as a wall "
+            "that a shadow cuts.",
+        ),
+    ] = True,
+    assign_rest: Annotated[
+        bool,
+        typer.Option(
+            "--assign-rest/--no-assign-rest",
+            help="Give points that no region reached to the region whose plane is near.",
+        ),
+    ] = True,
+    colors: Annotated[
+        bool | None,
+        typer.Option(
+            "--colors/--no-colors",
+            help="Color each region; gray is none.",
+            show_default="unless IN has colors",
+        ),
+    ] = None,
+    n_neighbors: NNeighbors = 50,
+    growth_neighbors: Annotated[
+        int,
+        typer.Option(
+            min=4, help="Points in a neighborhood that regions grow in, the nearer half of them."
+        ),
+    ] = 30,
+    outlier_rate: OutlierRate = 0.5,
+    random_state: RandomState = 0,
+    n_jobs: NJobs = -1,
+    quiet: Quiet = False,
+):
+    """Divide a cloud into surfaces: road, kerb and footpath, walls, signs, poles.
+
+    All points are kept. New attributes: region, int32, from 0 for the largest on, -1 for none;
+    and red, green, blue, 8 bits, a color for each region. Denoise first where there are outliers.
+    """
+    if max_angle <= 0:
+        raise typer.BadParameter(
+            f"{max_angle:g} is not above 0; no two normals are equal.", param_hint="--max-angle"
+        )
+    with clear_exits():
+        seconds = stopwatch()
+        cloud = read(source, target)
+        if colors is None:
+            colors = not cloud.attributes.keys() & set(_COLORS)
+        rehearse(target, _segmented(cloud, np.zeros(len(cloud), np.int64), colors))
+        fitted = _find_regions(
+            coordinates(cloud),
+            quiet,
+            {
+                "n_neighbors": n_neighbors,
+                "outlier_rate": outlier_rate,
+                "random_state": random_state,
+                "n_jobs": n_jobs,
+            },
+            n_neighbors=growth_neighbors,
+            max_angle=max_angle,
+            max_distance=max_distance,
+            max_gap=max_gap,
+            min_region_size=min_region_size,
+            join_coplanar=join_coplanar,
+            assign_rest=assign_rest,
+            n_jobs=n_jobs,
+        )
+        write(target, _segmented(cloud, fitted.labels_, colors))
+        if not quiet:
+            n_inside = int(fitted.region_sizes_.sum())
+            largest = ", ".join(f"{size:,}" for size in fitted.region_sizes_[:LARGEST_SHOWN])
+            print_table(
+                f"{source} -> {target}",
+                points=f"{len(cloud):,}",
+                regions=f"{fitted.n_regions_:,}",
+                inside=f"{n_inside:,} ({100 * n_inside / len(cloud):.2f} %)",
+                largest=largest or "none",
+                seconds=f"{seconds():.1f}",
+            )
+
+
+def _find_regions(xyz, quiet, normals, **params):
+    from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
+
+    with progress_bar("Regions", quiet):
+        estimator = RobustNormalEstimator(**normals)
+        return RegionGrowing(normal_estimator=estimator, **params).fit(xyz)
+
+
+def _segmented(cloud, labels, colors):
+    """The cloud to write."""
+    results = {"region": labels.astype(np.int32)}
+    if colors:
+        from sklearn_mcmd.plotting import region_colors
+
+        bits = np.rint(255 * region_colors(labels)).astype(np.uint8)
+        results.update(zip(_COLORS, bits.T.copy(), strict=True))
+    return with_results(cloud, results)

@@ -1,0 +1,40 @@
+"""The first paper's tables and figures, one function each: printed figures beside ours."""
+
+from sklearn_mcmd.paper._angles import figure3, figure4, table1
+from sklearn_mcmd.paper._classification import figure8, table4
+from sklearn_mcmd.paper._report import Report
+from sklearn_mcmd.paper._speed import cost, table3
+from sklearn_mcmd.paper._sweeps import figure5, figure6, figure7, table2
+
+__all__ = [
+    "EXPERIMENTS",
+    "Report",
+    "cost",
+    "figure3",
+    "figure4",
+    "figure5",
+    "figure6",
+    "figure7",
+    "figure8",
+    "table1",
+    "table2",
+    "table3",
+    "table4",
+]
+
+EXPERIMENTS = {
+    experiment.__name__: experiment
+    for experiment in (
+        table1,
+        table2,
+        table3,
+        table4,
+        figure3,
+        figure4,
+        figure5,
+        figure6,
+        figure7,
+        figure8,
+        cost,
+    )
+}

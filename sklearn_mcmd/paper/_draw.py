@@ -1,0 +1,85 @@
+"""Box plots, line diagrams, histograms and profiles, with one color a method."""
+
+import numpy as np
+
+__all__ = ["boxes", "histogram", "lines", "printed_means", "profile"]
+
+# Okabe and Ito's colors, which all people can tell apart, two grays, and three of Tol's.
+COLORS = {
+    "PCA": "#555555",
+    "RANSAC": "#E69F00",
+    "MSAC": "#F0E442",
+    "RPCA": "#009E73",
+    "uLSIF": "#CC79A7",
+    "qSp": "#999999",
+    "MCMD_Z": "#0072B2",
+    "MCMD_MD": "#D55E00",
+    "reweighted": "#56B4E9",
+    "LOF": "#117733",
+    "IsolationForest": "#882255",
+    "EllipticEnvelope": "#AA4499",
+}
+# Other readings of a method are drawn in its color.
+FALLBACK = {"MCMD_MD h=.5n": "MCMD_MD", "RANSAC sigma=.1": "RANSAC", "RPCA rrcov": "RPCA"}
+STYLES = {"reweighted": "--"} | dict.fromkeys(FALLBACK, ":")
+
+
+def color(name):
+    return COLORS[FALLBACK.get(name, name)]
+
+
+def boxes(ax, angles, title):
+    """Box plots of the angles by method, whiskers of 1.5 quartile ranges as in the paper."""
+    drawn = ax.boxplot(
+        list(angles.values()),
+        tick_labels=list(angles),
+        patch_artist=True,
+        flierprops={"marker": "+", "markersize": 3, "markeredgecolor": "#888888"},
+        medianprops={"color": "black"},
+    )
+    for box, name in zip(drawn["boxes"], angles, strict=True):
+        box.set(facecolor=color(name), alpha=0.8)
+    ax.tick_params(axis="x", rotation=45)
+    for label in ax.get_xticklabels():
+        label.set(ha="right", rotation_mode="anchor")
+    ax.set(title=title, ylabel="bias angle, degrees")
+
+
+def printed_means(ax, means):
+    """The paper's means, as crosses on box plots."""
+    ax.plot(range(1, len(means) + 1), means, "rx", label="paper's mean", zorder=5)
+    ax.legend()
+
+
+def lines(ax, x, curves, title, xlabel, ylabel="mean bias angle, degrees", errors=None):
+    """A line a method; `errors` as bands of two standard errors."""
+    for name, values in curves.items():
+        ax.plot(x, values, STYLES.get(name, "-"), color=color(name), label=name, linewidth=1.6)
+        if errors is not None:
+            low, high = values - 2 * errors[name], values + 2 * errors[name]
+            ax.fill_between(x, low, high, color=color(name), alpha=0.2, linewidth=0)
+    ax.set(title=title, xlabel=xlabel, ylabel=ylabel)
+    ax.set_ylim(bottom=0)
+    ax.grid(alpha=0.3)
+
+
+def histogram(ax, counts, name, limit):
+    """Runs against the number of inliers correctly identified."""
+    ax.hist(counts, bins=np.arange(limit + 2) - 0.5, color=color(name))
+    ax.set(title=name, xlim=(-1, limit + 1))
+
+
+def profile(ax, points, regular, planes, title):
+    """The cloud seen along the y axis, and where each plane cuts y = mean of the regular."""
+    ax.plot(*points[regular][:, [0, 2]].T, "k.", markersize=4)
+    ax.plot(*points[~regular][:, [0, 2]].T, "r*", markersize=5)
+    x = np.array([points[:, 0].min(), points[:, 0].max()])
+    y = points[regular, 1].mean()
+    for name, (normal, members) in planes.items():
+        center = points[members].mean(axis=0)
+        if abs(normal[2]) < 1e-3:  # seen from its edge, the plane is a vertical line
+            normal = normal + np.array([0.0, 0.0, 1e-3])
+        z = center[2] - (normal[0] * (x - center[0]) + normal[1] * (y - center[1])) / normal[2]
+        ax.plot(x, z, STYLES.get(name, "-"), color=color(name), label=name, linewidth=1.6)
+    low, high = points[:, 2].min(), points[:, 2].max()
+    ax.set(title=title, xlabel="x", ylabel="z", ylim=(low - 1, high + 1))

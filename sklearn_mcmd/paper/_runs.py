@@ -1,0 +1,81 @@
+"""Running methods over many clouds, with the Monte-Carlo errors of what comes out."""
+
+from zlib import crc32
+
+import numpy as np
+
+from sklearn_mcmd._progress import current_listener
+from sklearn_mcmd.metrics import bias_angle
+
+__all__ = [
+    "Steps",
+    "affordable",
+    "bias_angles",
+    "bootstrap_error",
+    "flag_counts",
+    "stream",
+]
+
+# Clouds that a method is given at a time: few enough for the arrays to stay in the cache, and
+# each chunk draws its own table of trials.
+CHUNK = 50
+RESAMPLES = 200
+
+
+def stream(seed, *labels):
+    """A RandomState of its own for each labeled part of an experiment."""
+    words = [crc32(str(label).encode()) for label in labels]
+    return np.random.RandomState(np.random.MT19937(np.random.SeedSequence([seed, *words])))
+
+
+def affordable(method, runs):
+    """How many of the runs a method is given, at least four or all."""
+    return min(runs, max(4, round(method.effort * runs)))
+
+
+class Steps:
+    """Tells whoever listens (see ``_progress``) how many of the runs are done."""
+
+    def __init__(self, total):
+        self.total, self.done, self.listener = total, 0, current_listener()
+
+    def advance(self, n):
+        self.done += n
+        if self.listener is not None:
+            self.listener(self.done, self.total)
+
+
+def bias_angles(method, clouds, random_state, steps):
+    """Angles between a method's planes of clouds and of their clean twins (Eq. 19), (runs,)."""
+    angles = []
+    for chunk in _chunks(clouds[: affordable(method, len(clouds))]):
+        pair = [
+            method(points, chunk.regular, chunk.n_outliers, random_state)[0]
+            for points in (chunk.points, chunk.clean)
+        ]
+        angles.append(bias_angle(*pair))
+        steps.advance(len(chunk))
+    return np.concatenate(angles)
+
+
+def flag_counts(method, clouds, random_state, steps, n_flagged=None):
+    """Outliers found and regular points kept in each cloud, int (runs, 2)."""
+    counts = []
+    for chunk in _chunks(clouds[: affordable(method, len(clouds))]):
+        _, inliers = method(chunk.points, chunk.regular, chunk.n_outliers, random_state, n_flagged)
+        found = (~inliers & ~chunk.regular).sum(axis=1)
+        counts.append(np.column_stack([found, (inliers & chunk.regular).sum(axis=1)]))
+        steps.advance(len(chunk))
+    return np.concatenate(counts)
+
+
+def bootstrap_error(values, statistic):
+    """Standard error of ``statistic(values, axis=1)`` over independent runs, by resampling."""
+    rng = np.random.RandomState(0)
+    drawn = values[rng.randint(len(values), size=(RESAMPLES, len(values)))]
+    return float(np.std(statistic(drawn, axis=1)))
+
+
+def _chunks(clouds):
+    for start in range(0, len(clouds), CHUNK):
+        yield clouds[start : start + CHUNK]

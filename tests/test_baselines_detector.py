@@ -1,0 +1,219 @@
+"""The comparators as estimators, and what all of them have in common."""
+
+import pickle
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from sklearn.base import clone
+
+from sklearn_mcmd import RobustNormalEstimator
+from sklearn_mcmd.baselines import PlaneOutlierDetector, fit_neighborhoods
+
+METHODS = ["msac", "pca", "qsp", "ransac", "robpca", "ulsif"]
+NEED_SHARE = ("qsp", "ulsif")
+QUICK = {"robpca": {"n_trials": 50}, "ulsif": {"widths": [0.1, 1.0]}}
+
+
+def wall(n=300, n_outliers=15, seed=0):
+    rng = np.random.default_rng(seed)
+    X = rng.uniform(0, 2, (n, 3)) * [1, 0, 1] + rng.normal(0, 0.004, (n, 3))
+    X[:n_outliers, 1] += rng.uniform(0.3, 0.6, n_outliers)
+    return X
+
+
+def detector(method, n_neighbors=40, **parameters):
+    if method in NEED_SHARE:
+        parameters.setdefault("contamination", 0.05)
+    parameters.setdefault("method_params", QUICK.get(method))
+    parameters.setdefault("random_state", 0)
+    return PlaneOutlierDetector(n_neighbors, method=method, **parameters)
+
+
+def normals(method, n_neighbors=40, **parameters):
+    params = {**QUICK.get(method, {}), **({"contamination": 0.05} if method in NEED_SHARE else {})}
+    return RobustNormalEstimator(
+        n_neighbors,
+        method=method,
+        method_params=None if method == "pca" else params,
+        random_state=0,
+        **parameters,
+    )
+
+
+@pytest.mark.parametrize("n_neighbors", [40, None])
+@pytest.mark.parametrize("method", ["msac", "ransac", "robpca"])
+def test_outliers_in_front_of_a_wall_are_found(method, n_neighbors):
+    labels = detector(method, n_neighbors).fit_predict(wall())
+    assert (labels[:15] == -1).all()
+    assert (labels[15:] == 1).mean() > 0.9
+
+
+@pytest.mark.parametrize("n_neighbors", [40, None])
+@pytest.mark.parametrize("method", ["msac", "ransac", "robpca"])
+def test_normals_are_those_of_the_wall(method, n_neighbors):
+    X = wall()
+    found = normals(method, n_neighbors).fit(X).normals_[15:]
+    pca = normals("pca", n_neighbors).fit(X).normals_[15:]
+    tilt, pull = (np.degrees(np.arccos(np.abs(part[:, 1]))) for part in (found, pca))
+    assert tilt.mean() < 0.5
+    assert tilt.mean() < 0.5 * pull.mean()
+
+
+@pytest.mark.parametrize("n_neighbors", [40, None])
+@pytest.mark.parametrize("method", METHODS)
+def test_a_fitted_point_is_judged_as_a_new_one_at_its_place(method, n_neighbors):
+    X = wall()
+    model = detector(method, n_neighbors)
+    labels = model.fit_predict(X)
+    assert_array_equal(labels, model.predict(X))
+    assert_allclose(model.score_samples(X[7:9]), model.score_samples(X)[7:9], rtol=1e-9)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_whole_cloud_is_judged_as_the_array_form_does(method):
+    X = wall(80, 8)
+    order = np.argsort(np.linalg.norm(X - X.mean(axis=0), axis=1), kind="stable")
+    model = detector(method, None).fit(X)
+    params = QUICK.get(method, {})
+    found = fit_neighborhoods(method, X[order][None], random_state=0, **params)
+    assert_allclose(-model.score_samples(X)[order], found.scores[0], rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("n_neighbors", [40, None])
+@pytest.mark.parametrize("method", METHODS)
+def test_the_order_of_rows_does_not_matter(method, n_neighbors):
+    X = wall()
+    order = np.random.default_rng(1).permutation(len(X))
+    here = detector(method, n_neighbors).fit(X).score_samples(X)
+    there = detector(method, n_neighbors).fit(X[order]).score_samples(X)
+    assert_allclose(here, there, rtol=1e-8, atol=1e-10)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_threads_do_not_matter(method):
+    X = wall(700)
+    here, there = (detector(method, n_jobs=jobs).fit(X).score_samples(X) for jobs in (1, 2))
+    assert_array_equal(here, there)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_pickled_detector_scores_as_before(method):
+    X = wall(100)
+    model = detector(method).fit(X)
+    copied = pickle.loads(pickle.dumps(model))
+    assert_array_equal(copied.score_samples(X), model.score_samples(X))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_contamination_is_the_share_that_is_flagged(method):
+    labels = detector(method, contamination=0.1).fit_predict(wall())
+    assert (labels == -1).sum() == 30
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_members_not_in_use_do_not_matter(method):
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(6, 30, 3)) * [1, 1, 0.05]
+    padded = np.concatenate([np.full((6, 10, 3), np.nan), points], axis=1)
+    valid = np.arange(40) >= 10
+    params = {**QUICK.get(method, {}), "random_state": 0}
+    here = fit_neighborhoods(method, points, **params)
+    there = fit_neighborhoods(method, padded, np.tile(valid, (6, 1)), **params)
+    assert_allclose(there.scores[:, 10:], here.scores, rtol=1e-9, atol=1e-12)
+    assert_array_equal(there.inliers[:, 10:], here.inliers)
+    assert not there.inliers[:, :10].any()
+    assert_allclose(there.normals, here.normals, rtol=1e-9)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_neighborhoods_of_different_sizes_are_judged_one_by_one(method):
+    points = np.random.default_rng(0).normal(size=(4, 30, 3)) * [1, 1, 0.05]
+    sizes = [30, 12, 30, 25]
+    valid = np.arange(30) < np.array(sizes)[:, None]
+    params = {**QUICK.get(method, {}), "random_state": 0}
+    together = fit_neighborhoods(method, points, valid, **params)
+    queries = np.random.default_rng(1).normal(size=(4, 5, 3))
+    for b, size in enumerate(sizes):
+        alone = fit_neighborhoods(method, points[b : b + 1, :size], **params)
+        assert_allclose(together.scores[b, :size], alone.scores[0], rtol=1e-9, atol=1e-12)
+        scores = together.score(queries)[b]
+        assert_allclose(scores, alone.score(queries[b : b + 1])[0], rtol=1e-9, atol=1e-12)
+        assert_allclose(together.scale[b], alone.scale[0], rtol=1e-9)
+
+
+@pytest.mark.parametrize("method", ["pca", "qsp", "ulsif"])
+def test_the_scale_is_the_deviation_of_the_plane_s_members(method):
+    points = np.random.default_rng(0).normal(size=(4, 50, 3)) * [1, 1, 0.05]
+    share = {"contamination": 0.1} if method in NEED_SHARE else {}
+    found = fit_neighborhoods(method, points, random_state=0, **share, **QUICK.get(method, {}))
+    for b in range(4):
+        members = points[b, found.support[b]]
+        assert len(members) == (45 if share else 50)
+        distances = (members - members.mean(axis=0)) @ found.normals[b]
+        assert_allclose(found.scale[b] ** 2, (distances**2).sum() / (len(members) - 3))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_large_coordinates_cost_no_accuracy(method):
+    X = wall(200)
+    far = X + np.array([5e5, 5e6, 100.0])
+    near, far = (detector(method).fit(part).score_samples(part) for part in (far - far[0], far))
+    # Coordinates of 5e6 are rounded to 1e-9, noise is 4e-3.
+    assert_allclose(near, far, rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_points_of_one_line_and_of_one_location_are_no_trouble(method):
+    line = np.linspace(0, 1, 60)[:, None] * [1.0, 2.0, 3.0]
+    for X in (line, np.ones((60, 3))):
+        with np.errstate(all="raise", under="ignore"):
+            scores = detector(method).fit(X).score_samples(X)
+            columns = normals(method).fit(X).normals_
+        assert np.isfinite(scores).all()
+        assert_allclose(np.linalg.norm(columns, axis=1), 1)
+
+
+def test_an_unknown_parameter_is_named_beside_the_known_ones():
+    with pytest.raises(ValueError, match=r"'sigma', unknown to method 'ransac'.*noise_scale"):
+        detector("ransac", method_params={"sigma": 0.1}).fit(wall())
+
+
+@pytest.mark.parametrize("method", NEED_SHARE)
+def test_scores_without_a_cutoff_need_a_share(method):
+    with pytest.raises(ValueError, match="give the share of outliers"):
+        PlaneOutlierDetector(method=method).fit(wall())
+    with pytest.raises(ValueError, match="give the share of outliers"):
+        RobustNormalEstimator(method=method).fit(wall())
+
+
+def test_parameters_of_other_methods_are_refused():
+    with pytest.raises(ValueError, match=r"method_params=.* has no meaning for method='mcmd_z'"):
+        RobustNormalEstimator(method_params={"noise_scale": 1.0}).fit(wall())
+    with pytest.raises(ValueError, match=r"cutoff=3.0 has no meaning for method='ransac'"):
+        RobustNormalEstimator(method="ransac", cutoff=3.0).fit(wall())
+    with pytest.raises(ValueError, match=r"give it as contamination=0.1"):
+        detector("qsp", method_params={"contamination": 0.1}).fit(wall())
+
+
+def test_parameters_are_cloned_and_settable():
+    model = clone(detector("msac", method_params={"noise_scale": 0.01}))
+    assert model.get_params()["method_params"] == {"noise_scale": 0.01}
+
+
+def test_neighborhoods_too_small_are_refused():
+    with pytest.raises(ValueError, match="3 members are too few for planes in 3D"):
+        fit_neighborhoods("pca", np.zeros((2, 3, 3)))
+    with pytest.raises(ValueError, match="points must have shape"):
+        fit_neighborhoods("pca", np.zeros((20, 3)))
+    with pytest.raises(ValueError, match="valid must have shape"):
+        fit_neighborhoods("pca", np.zeros((2, 9, 3)), np.ones((2, 8), dtype=bool))
+    with pytest.raises(ValueError, match="method='lof' is none of"):
+        fit_neighborhoods("lof", np.zeros((2, 9, 3)))
+
+
+def test_a_wall_of_a_given_noise_is_judged_by_it():
+    X = wall()
+    model = detector("ransac", method_params={"noise_scale": 0.1}).fit(X)
+    assert (model.predict(X)[15:] == 1).all()
+    assert_allclose(model.offset_, -2.5758, rtol=1e-4)

@@ -1,0 +1,242 @@
+"""ROBPCA and its parts: the MCD against scikit-learn and brute force, planted outliers,
+breakdown, equivariance."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import stats
+from sklearn.covariance import fast_mcd
+
+from sklearn_mcmd.baselines import Robpca, fit_neighborhoods
+from sklearn_mcmd.baselines._mcd import (
+    _consistency,
+    _small_sample,
+    fit_mcd,
+    mcd_support_size,
+    univariate_mcd,
+)
+from sklearn_mcmd.baselines._robpca import stahel_donoho
+
+
+def plane_with_outliers(n_sets=30, n=60, n_outliers=15, d=3, seed=0):
+    """Planes z = 0 with a cluster of outliers in the first rows."""
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(n_sets, n, d))
+    points[..., -1] *= 0.05
+    points[:, :n_outliers, -1] += 3
+    return points
+
+
+def starts(n, d, n_trials=200, seed=0):
+    rng = np.random.default_rng(seed)
+    return np.array([rng.permutation(n)[: d + 1] for _ in range(n_trials)])
+
+
+def log_volumes(points, support):
+    chosen = (part[rows] for part, rows in zip(points, support, strict=True))
+    return [np.linalg.slogdet(np.cov(part.T, bias=True))[1] for part in chosen]
+
+
+def test_the_subset_is_the_best_of_all_where_all_can_be_tried():
+    points = np.random.default_rng(0).normal(size=(5, 11, 2)) ** 3
+    found = fit_mcd(points, starts(11, 2), 0.5, np.full(5, 1e-12))
+    h = mcd_support_size(0.5, 11, 2)
+    assert h == 7
+    for p, best in zip(points, log_volumes(points, found.support), strict=True):
+        volumes = [
+            np.linalg.slogdet(np.cov(p[list(rows)].T, bias=True))[1]
+            for rows in combinations(range(11), h)
+        ]
+        assert_allclose(best, min(volumes), rtol=1e-9)
+
+
+def test_the_subset_is_no_worse_than_scikit_learns():
+    points = plane_with_outliers(10)
+    ours = fit_mcd(points, starts(60, 3, 500), 0.5, np.full(10, 1e-12))
+    h = mcd_support_size(0.5, 60, 3)
+    theirs = [fast_mcd(p, support_fraction=(h + 0.1) / 60, random_state=0)[2] for p in points]
+    assert_array_equal(np.sum(theirs, axis=1), h)
+    ours, theirs = log_volumes(points, ours.support), log_volumes(points, theirs)
+    assert (np.array(ours) <= np.array(theirs) + 1e-9).mean() >= 0.9
+
+
+def test_many_members_go_through_scikit_learns_nested_subsets():
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(1, 3000, 3)) * [1, 2, 0.1] + [5, 5, 5]
+    points[:, :900] += [0, 0, 4]
+    found = fit_neighborhoods("robpca", points, random_state=0, consistency="quantile")
+    assert not found.inliers[0, :900].any()
+    assert 0.95 < found.inliers[0, 900:].mean() < 0.99
+    assert abs(found.scale[0] / 0.1 - 1) < 0.1
+
+
+def test_the_univariate_mcd_is_the_run_of_least_variance():
+    values = np.random.default_rng(0).standard_t(2, size=(6, 25))
+    location, scale = univariate_mcd(values, 15)
+    for row, mean, deviation in zip(values, location, scale, strict=True):
+        runs = [np.sort(row)[i : i + 15] for i in range(11)]
+        best = min(runs, key=np.var)
+        assert_allclose(mean, best.mean(), rtol=1e-10, atol=1e-12)
+        assert_allclose(deviation**2, best.var() * _consistency(15 / 25, 1), rtol=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.75, 0.975])
+@pytest.mark.parametrize("d", [1, 2, 3])
+def test_the_consistency_factor_is_that_of_the_truncated_normal(share, d):
+    """By integration of r^2 over the central ball that holds the share."""
+    radius2 = stats.chi2.ppf(share, d)
+    inside = stats.chi2.expect(lambda x: x, (d,), lb=0, ub=radius2) / share
+    assert_allclose(_consistency(share, d), d / inside, rtol=1e-6)
+
+
+@pytest.mark.parametrize("d", [1, 2, 3, 5])
+@pytest.mark.parametrize("kind", ["raw", "reweighted"])
+def test_small_sample_factors_shrink_to_one(kind, d):
+    factors = [_small_sample(kind, n, d, 0.5) for n in (30, 100, 1000, 100_000)]
+    assert (np.diff(factors) < 0).all()
+    assert 1 < factors[-1] < 1.01
+
+
+@pytest.mark.parametrize("n", [60, 120])
+def test_covariances_of_clean_samples_are_right_on_average(n):
+    """With both factors; of 30 points the formula leaves a quarter too much."""
+    points = np.random.default_rng(0).normal(size=(600, n, 3)) * [3, 2, 1]
+    found = fit_mcd(points, starts(n, 3, 60), 0.5, np.full(600, 1e-12))
+    variances = found.covariances.diagonal(axis1=1, axis2=2).mean(axis=0)
+    assert_allclose(variances, [9, 4, 1], rtol=0.15)
+
+
+@pytest.mark.parametrize(
+    "params",
+    [{}, {"n_components": 2}, {"projection": True}, {"orthogonal_scale": "mad", "n_components": 2}],
+)
+def test_planted_outliers_are_found(params):
+    points = plane_with_outliers()
+    found = fit_neighborhoods("robpca", points, random_state=0, **params)
+    assert not found.inliers[:, :15].any()
+    assert found.inliers[:, 15:].mean() > 0.9
+    tilt = np.degrees(np.arccos(np.abs(found.normals[:, 2])))
+    assert tilt.max() < 5
+
+
+@pytest.mark.parametrize("projection", [False, True])
+def test_it_withstands_less_than_half_and_no_more(projection):
+    """60 members: the subset of 32 (31 by projection pursuit) has no room for 29 outliers."""
+    params = {"projection": projection, "n_components": 2}
+    for n_outliers, withstood in ((25, True), (35, False)):
+        found = fit_neighborhoods(
+            "robpca", plane_with_outliers(20, n_outliers=n_outliers), random_state=0, **params
+        )
+        regular = found.inliers[:, n_outliers:].mean() > found.inliers[:, :n_outliers].mean()
+        assert regular == withstood
+
+
+@pytest.mark.parametrize("projection", [False, True])
+def test_it_is_orthogonally_equivariant(projection):
+    points = plane_with_outliers(10)
+    rotation = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    moved = 4 * points @ rotation.T + [10.0, -20.0, 30.0]
+    params = {"projection": projection, "random_state": 0}
+    here, there = (fit_neighborhoods("robpca", p, **params) for p in (points, moved))
+    assert_allclose(here.scores, there.scores, rtol=1e-5)
+    assert_array_equal(here.inliers, there.inliers)
+    assert_allclose(4 * here.scale, there.scale, rtol=1e-5)
+
+
+def test_the_mcd_is_affinely_equivariant_and_projection_pursuit_is_not():
+    points = plane_with_outliers(10)
+    shear = np.array([[1.0, 0.3, 0.0], [0.0, 2.0, 0.1], [0.0, 0.0, 3.0]])
+    differences = {}
+    for projection in (False, True):
+        params = {"projection": projection, "random_state": 0}
+        here, there = (fit_neighborhoods("robpca", p, **params) for p in (points, points @ shear))
+        differences[projection] = np.abs(here.scores - there.scores).max()
+    assert differences[False] < 1e-4
+    assert differences[True] > 1e-2
+
+
+def test_in_space_it_is_the_mcd_and_nothing_else():
+    points = plane_with_outliers(5)
+    found = fit_neighborhoods("robpca", points, random_state=0)
+    method = Robpca()
+    table = method.tables(0).of(60, 3)[: method.n_trials]
+    local = points - points[:, :1]
+    mcd = fit_mcd(local, table, 0.5, np.full(5, 1e-14))
+    for b in range(5):
+        deviations = local[b] - mcd.locations[b]
+        squares = np.einsum(
+            "ni,ij,nj->n", deviations, np.linalg.inv(mcd.covariances[b]), deviations
+        )
+        assert_allclose(found.scores[b], np.sqrt(squares), rtol=1e-6)
+    assert_allclose(found.cutoff, np.sqrt(stats.chi2.ppf(0.975, 3)))
+
+
+def test_all_members_near_the_subspace_of_projection_pursuit_count():
+    found = fit_neighborhoods(
+        "robpca", plane_with_outliers(), random_state=0, projection=True, orthogonal_scale="mad"
+    )
+    assert found.support[:, 15:].mean() > 0.9
+    assert not found.support[:, :15].any()
+
+
+def test_few_members_for_their_dimensions_begin_with_projection_pursuit():
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(10, 24, 6)) * [1, 1, 1, 1, 1, 0.05]
+    points[:, :6, -1] += 10
+    found = fit_neighborhoods("robpca", points, random_state=0)
+    assert not found.inliers[:, :6].any()
+    tilt = np.degrees(np.arccos(np.abs(found.normals[:, -1])))
+    assert np.median(tilt) < 5
+
+
+def test_outlyingness_is_the_largest_over_directions():
+    points = np.random.default_rng(0).normal(size=(2, 20, 3))
+    pairs = starts(20, 1, 30)
+    found = stahel_donoho(points, pairs, 12, np.full(2, 1e-12))
+    for b in range(2):
+        worst = np.zeros(20)
+        for i, j in pairs:
+            direction = points[b, j] - points[b, i]
+            projections = points[b] @ direction / np.linalg.norm(direction)
+            location, scale = univariate_mcd(projections, 12)
+            worst = np.maximum(worst, np.abs(projections - location) / scale)
+        assert_allclose(found[b], worst, rtol=1e-8)
+
+
+def test_the_orthogonal_cutoff_keeps_its_share_of_regular_distances():
+    """Wilson and Hilferty: 97.5 % of clean orthogonal distances are within it."""
+    points = np.random.default_rng(0).normal(size=(200, 200, 3)) * [3, 2, 0.1]
+    found = fit_neighborhoods(
+        "robpca", points, random_state=0, n_components=2, n_trials=30, orthogonal_scale="mad"
+    )
+    local = points - found.origin[:, None]
+    within = found.model.orthogonal_distances(local) <= found.model.orthogonal_cutoff[:, None]
+    # |z|^(2/3) is not exactly normal in one dimension: 97.5 % become 98.2 %.
+    assert 0.965 < within.mean() < 0.99
+
+
+def test_perfect_planes_are_no_trouble():
+    points = plane_with_outliers(4)
+    points[:, 15:, 2] = 0
+    for projection in (False, True):
+        found = fit_neighborhoods("robpca", points, random_state=0, projection=projection)
+        assert np.isfinite(found.scores).all()
+        assert not found.inliers[:, :15].any()
+        assert_allclose(np.abs(found.normals[:, 2]), 1, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("params", "message"),
+    [
+        ({"n_components": 4}, "more than 3 features"),
+        ({"support_fraction": 0.4}, "support_fraction=0.4"),
+        ({"orthogonal_scale": "sd"}, "orthogonal_scale='sd'"),
+        ({"consistency": "none"}, "consistency='none'"),
+        ({"n_trials": 0}, "n_trials=0"),
+    ],
+)
+def test_wrong_parameters_are_named(params, message):
+    with pytest.raises(ValueError, match=message):
+        fit_neighborhoods("robpca", plane_with_outliers(1), **params)

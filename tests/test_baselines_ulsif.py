@@ -1,0 +1,143 @@
+"""uLSIF: its closed forms against brute force."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from sklearn_mcmd.baselines import Ulsif, fit_neighborhoods
+from sklearn_mcmd.baselines._ulsif import (
+    gaussian_kernels,
+    leave_one_out_score,
+    ratio_weights,
+    second_moments,
+)
+from sklearn_mcmd.datasets import make_contaminated_plane
+
+
+def kernels_of(n_test, n_training, n_sets=4, seed=0):
+    rng = np.random.default_rng(seed)
+    test, training = rng.normal(size=(n_sets, n_test, 2)), rng.normal(size=(n_sets, n_training, 2))
+    basis = training[:, :6]
+    widths = np.full(n_sets, 0.7)
+    return gaussian_kernels(basis, test, widths), gaussian_kernels(basis, training, widths)
+
+
+@pytest.mark.parametrize(("n_test", "n_training"), [(20, 12), (12, 20), (15, 15)])
+@pytest.mark.parametrize("regularization", [0.01, 1.0])
+def test_the_leave_one_out_score_is_that_of_leaving_out(n_test, n_training, regularization):
+    test, training = kernels_of(n_test, n_training)
+    scores = leave_one_out_score(test, training, regularization)
+    for b in range(len(test)):
+        losses = []
+        for i in range(min(n_test, n_training)):
+            kept = np.delete(test[b], i, axis=1)
+            matrix = kept @ kept.T / (n_test - 1) + regularization * np.eye(6)
+            weights = np.linalg.solve(matrix, np.delete(training[b], i, axis=1).mean(axis=1))
+            weights = np.maximum(weights, 0)
+            losses.append((weights @ test[b, :, i]) ** 2 / 2 - weights @ training[b, :, i])
+        assert_allclose(scores[b], np.mean(losses), rtol=1e-9)
+
+
+def test_weights_minimize_the_regularized_loss():
+    test, training = kernels_of(40, 30)
+    # So large a regularization that no weight is cut off at zero.
+    weights = ratio_weights(second_moments(test), training, 10.0)
+    assert (weights > 0).all()
+    for b in range(len(test)):
+
+        def loss(w, b=b):
+            quadratic = 0.5 * np.mean((w @ test[b]) ** 2) + 5.0 * w @ w
+            return quadratic - np.mean(w @ training[b])
+
+        best = loss(weights[b])
+        for step in np.eye(6) * 1e-3:
+            assert loss(weights[b] + step) > best
+            assert loss(weights[b] - step) > best
+
+
+def test_kernels_are_gaussian():
+    rng = np.random.default_rng(0)
+    basis, points = rng.normal(size=(2, 3, 3)), rng.normal(size=(2, 5, 3))
+    kernels = gaussian_kernels(basis, points, np.array([0.5, 2.0]))
+    squares = np.square(basis[:, :, None] - points[:, None]).sum(axis=-1)
+    assert_allclose(kernels, np.exp(-squares / (2 * np.array([0.25, 4.0])[:, None, None])))
+
+
+def test_width_and_regularization_are_those_of_the_best_score():
+    points = np.random.default_rng(0).normal(size=(3, 40, 2))
+    widths, lambdas = [0.2, 0.5, 1.0, 3.0], [0.01, 0.1, 1.0]
+    found = fit_neighborhoods(
+        "ulsif", points, random_state=0, widths=widths, regularizations=lambdas
+    )
+    best = np.full(3, np.inf)
+    method = Ulsif()
+    shuffled = method.tables(0).of(40, 2)[-1]
+    for width in widths:
+        for regularization in lambdas:
+            one = fit_neighborhoods(
+                "ulsif", points, random_state=0, widths=[width], regularizations=[regularization]
+            )
+            basis = one.model.basis
+            local = points - one.origin[:, None]
+            same = np.full(3, width)
+            score = leave_one_out_score(
+                gaussian_kernels(basis, local[:, shuffled], same),
+                gaussian_kernels(basis, basis, same),  # all training points are in the basis
+                regularization,
+            )
+            chosen = np.isclose(found.scores, one.scores).all(axis=1)
+            best = np.where(score < best, score, best)
+            assert (score[chosen] <= best[chosen] + 1e-12).all()
+
+
+def test_a_clean_training_set_finds_most_outliers():
+    """Table 4, 20 %: the replication's 99.0 % with the regular points for training."""
+    found = []
+    for run in range(20):
+        X, y = make_contaminated_plane(100, outlier_share=0.2, random_state=run)
+        clean, _ = make_contaminated_plane(80, outlier_share=0, random_state=1000 + run)
+        fit = fit_neighborhoods(
+            "ulsif", X[None], random_state=run, training=clean, contamination=0.23
+        )
+        found.append(np.mean(~fit.inliers[0, y == -1]))
+    assert np.mean(found) > 0.93
+
+
+def test_the_central_part_stands_in_for_a_training_set():
+    found = []
+    for run in range(20):
+        X, y = make_contaminated_plane(100, outlier_share=0.2, random_state=run)
+        fit = fit_neighborhoods("ulsif", X[None], random_state=run, contamination=0.23)
+        found.append(np.mean(~fit.inliers[0, y == -1]))
+    assert np.mean(found) > 0.9
+
+
+def test_scores_do_not_depend_on_the_unit():
+    points = np.random.default_rng(0).normal(size=(5, 40, 3))
+    here, there = (
+        fit_neighborhoods("ulsif", p, random_state=0).scores for p in (points, 1000 * points + 7)
+    )
+    assert_allclose(here, there, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("params", "message"),
+    [
+        ({"widths": [0.0]}, "widths"),
+        ({"regularizations": []}, "regularizations"),
+        ({"training": [[1.0, 2.0]]}, "two or more points"),
+        ({"training": np.ones((5, 2))}, "has 2 columns and the points 3"),
+        ({"contamination": 0.7}, "contamination=0.7"),
+        ({"max_basis": 0}, "max_basis"),
+    ],
+)
+def test_wrong_parameters_are_named(params, message):
+    points = np.random.default_rng(0).normal(size=(1, 20, 3))
+    with pytest.raises(ValueError, match=message):
+        fit_neighborhoods("ulsif", points, **params)
+
+
+def test_a_training_set_is_for_one_neighborhood():
+    points = np.random.default_rng(0).normal(size=(2, 20, 3))
+    with pytest.raises(ValueError, match="one neighborhood of all points"):
+        fit_neighborhoods("ulsif", points, training=points[0])

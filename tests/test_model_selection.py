@@ -1,0 +1,170 @@
+"""Splits of clouds: blocks are whole, and verdicts within a fold are those of the whole cloud."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from sklearn.ensemble import IsolationForest
+from sklearn.metrics import balanced_accuracy_score
+from sklearn.model_selection import GridSearchCV, GroupKFold, cross_val_score
+from sklearn.neighbors import LocalOutlierFactor, NearestNeighbors
+from sklearn.pipeline import Pipeline
+
+from sklearn_mcmd import MCMDOutlierDetector
+from sklearn_mcmd.datasets import make_street
+from sklearn_mcmd.model_selection import SpatialBlockSplit, spatial_blocks
+
+
+@pytest.fixture(scope="module")
+def street():
+    cloud = make_street(900, random_state=0)
+    return cloud.data, cloud.target
+
+
+def test_every_point_is_tested_once_and_within_its_training_points(street):
+    X, _ = street
+    tested = []
+    for train, test in SpatialBlockSplit(4, random_state=0).split(X):
+        assert np.isin(test, train).all()
+        assert len(np.unique(train)) == len(train)
+        tested.append(test)
+    assert_array_equal(np.sort(np.concatenate(tested)), np.arange(len(X)))
+
+
+def test_a_test_point_finds_all_its_neighbors_among_the_training_points(street):
+    X, _ = street
+    expected = NearestNeighbors(n_neighbors=25).fit(X).kneighbors(X)[0]
+    for train, test in SpatialBlockSplit(3, n_neighbors=25, random_state=1).split(X):
+        found = NearestNeighbors(n_neighbors=25).fit(X[train]).kneighbors(X[test])[0]
+        assert_allclose(found, expected[test], rtol=1e-12)
+
+
+def test_a_fold_leaves_most_of_the_other_blocks_out():
+    X = make_street(4000, random_state=0).data
+    for train, _ in SpatialBlockSplit(4, n_blocks=4, n_neighbors=20, random_state=0).split(X):
+        assert len(train) < 0.5 * len(X)
+
+
+def test_mcmd_scores_a_block_as_in_the_whole_cloud(street):
+    X, _ = street
+    detector = MCMDOutlierDetector(30, random_state=0)
+    expected = detector.fit(X).score_samples(X)
+    for train, test in SpatialBlockSplit(3, n_neighbors=30, random_state=0).split(X):
+        assert_allclose(detector.fit(X[train]).score_samples(X[test]), expected[test], rtol=1e-9)
+
+
+@pytest.mark.parametrize(("n_rings", "exact"), [(1, False), (3, True)])
+def test_local_outlier_factor_needs_three_rings(street, n_rings, exact):
+    X, _ = street
+    detector = LocalOutlierFactor(20, novelty=True)
+    expected = detector.fit(X).score_samples(X)
+    # Twenty neighbors beside the point itself.
+    cv = SpatialBlockSplit(3, n_neighbors=21, n_rings=n_rings, random_state=0)
+    for train, test in cv.split(X):
+        found = detector.fit(X[train]).score_samples(X[test])
+        assert np.allclose(found, expected[test], rtol=1e-9) == exact
+
+
+def test_torn_neighborhoods_misjudge_a_detector():
+    """Why plain groups will not do: the blocks' points have no neighbors in the training cloud."""
+    cloud = make_street(3000, random_state=0)
+    X, y = cloud.data, cloud.target
+    detector = MCMDOutlierDetector(30, noise_scale="pooled", random_state=0)
+    truth = balanced_accuracy_score(y, detector.fit(X).predict(X))
+
+    def mean_score(cv):
+        groups = spatial_blocks(X, 12)
+        return cross_val_score(
+            detector, X, y, groups=groups, cv=cv, scoring="balanced_accuracy"
+        ).mean()
+
+    assert abs(mean_score(SpatialBlockSplit(3, n_rings=2, random_state=0)) - truth) < 0.03
+    assert mean_score(GroupKFold(3)) < truth - 0.1
+
+
+def test_a_grid_search_compares_detectors_by_two_scores(street):
+    X, y = street
+    search = GridSearchCV(
+        Pipeline([("detector", MCMDOutlierDetector())]),
+        [
+            {
+                "detector": [MCMDOutlierDetector(random_state=0)],
+                "detector__n_neighbors": [5, 30],
+                "detector__outlier_rate": [0.2],
+                "detector__success_probability": [0.95],
+            },
+            {"detector": [LocalOutlierFactor(novelty=True)]},
+            {"detector": [IsolationForest(n_estimators=20, random_state=0)]},
+        ],
+        scoring=["balanced_accuracy", "roc_auc"],
+        refit="balanced_accuracy",
+        cv=SpatialBlockSplit(3, n_neighbors=30, random_state=0),
+    ).fit(X, y)
+    results = search.cv_results_
+    for score in ("balanced_accuracy", "roc_auc"):
+        means = results[f"mean_test_{score}"]
+        assert np.isfinite(means).all()
+        assert means[1] > means[0] + 0.02  # five neighbors are too few
+    assert search.best_index_ == np.argmax(results["mean_test_balanced_accuracy"])
+    assert set(search.predict(X)) == {-1, 1}
+
+
+def test_the_seed_decides_the_folds(street):
+    X, _ = street
+
+    def tests(seed):
+        return [test for _, test in SpatialBlockSplit(3, random_state=seed).split(X)]
+
+    assert all(map(np.array_equal, tests(0), tests(0)))
+    assert not all(map(np.array_equal, tests(0), tests(1)))
+
+
+def test_the_number_of_splits_is_told():
+    assert SpatialBlockSplit(7).get_n_splits() == 7
+    assert SpatialBlockSplit(7).get_n_splits(None, None, None) == 7
+
+
+@pytest.mark.parametrize("n_blocks", [1, 2, 7, 16])
+def test_blocks_hold_nearly_equal_numbers_of_points(street, n_blocks):
+    X, _ = street
+    sizes = np.bincount(spatial_blocks(X, n_blocks), minlength=n_blocks)
+    assert len(sizes) == n_blocks
+    assert np.ptp(sizes) <= np.ceil(np.log2(n_blocks))
+
+
+def test_blocks_are_boxes_apart(street):
+    X, _ = street
+    blocks = spatial_blocks(X, 6)
+    for a in range(6):
+        for b in range(a):
+            first, second = X[blocks == a], X[blocks == b]
+            gap = np.maximum(first.min(0) - second.max(0), second.min(0) - first.max(0))
+            assert gap.max() >= 0
+
+
+def test_a_block_is_cut_across_its_longest_side():
+    X = np.array([[0.0, 0.0], [0.0, 1.0], [10.0, 0.0], [10.0, 1.0]])
+    assert_array_equal(spatial_blocks(X, 2), [0, 0, 1, 1])
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"n_splits": 1}, "n_splits=1 is too few: at least 2"),
+        ({"n_splits": 3, "n_blocks": 2}, "n_blocks=2 is too few: at least 3"),
+        ({"n_neighbors": 101}, "n_neighbors=101 is too many for n_samples=100"),
+        ({"n_rings": 0}, "n_rings=0 is too few"),
+        ({"n_neighbors": 2.5}, "n_neighbors=2.5 must be an integer"),
+        ({"n_splits": 101}, "n_splits=101 is too many for n_samples=100"),
+    ],
+)
+def test_a_bad_parameter_is_named(parameters, message):
+    X = np.random.default_rng(0).normal(size=(100, 3))
+    with pytest.raises(ValueError, match=message):
+        next(SpatialBlockSplit(**parameters).split(X))
+
+
+def test_blocks_reject_missing_values_and_too_few_points():
+    with pytest.raises(ValueError, match="NaN"):
+        spatial_blocks([[0.0, np.nan], [1.0, 1.0]], 2)
+    with pytest.raises(ValueError, match="n_blocks=3 is more than n_samples=2"):
+        spatial_blocks([[0.0, 1.0], [1.0, 1.0]], 3)
