@@ -56,28 +56,36 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         deviations; it repairs the swamping of "mcmd_md", gives more accurate planes and needs
         no knowledge of the outlier rate. None is the paper to the letter.
 
-    max_iter : int, default=1
-        Most passes over the cloud. In each pass all points are judged against those retained
-        in the pass before; it ends when the retained set settles. 1 is the paper.
+    max_iter : int, default=3
+        Most passes over the cloud. The first judges points by the whole cloud and retains the
+        seeds, which are sure to be of a surface; in each later one planes are fitted among the
+        retained points and all points are judged again, so that the retained set grows back
+        along the surfaces. It ends when that set settles. 1 is one pass over all points.
 
-    noise_scale : {"own", "local", "pooled"} or float, default="own"
+    noise_scale : {"local", "own", "pooled"} or float, default="local"
         By which standard deviation the distance to a plane is measured:
 
-        - "own": that of the point's own neighborhood, as in the paper;
-        - "local": the same where the plane is credible, and what is usual among the neighbors
-          where it is not. For any cloud, curved, sparse or with foliage;
+        - "local": that of the plane itself where it is credible, and what is usual among the
+          neighbors where it is not. For any cloud, curved, sparse or with foliage;
+        - "own": that of the point's own neighborhood in any case, as in the paper;
         - "pooled": one for all points, the median of the retained points' planes. The most
           sensitive, but only for clouds of one noise and flat faces: curvature, foliage and
           coarse spacing are flagged;
         - a number: the scanner's standard deviation, in units of X; otherwise as "pooled".
 
-        All but "own" also flag points that stand apart: whose neighbors are, on average, more
-        than 1.8 times as far as is usual among these neighbors.
+        All but "own" also flag points that stand apart, whose neighbors are, on average, more
+        than 2.4 times as far as is usual among these neighbors, and do not retain those that
+        lie sparser than surfaces around them, or in small groups by themselves.
 
-    borrow : bool, default=False
+    borrow : bool, default=True
         Whether a point beyond the cutoff of its own plane is measured by the nearest credible
         plane of its neighbors instead. Next to an edge its own neighborhood may be ruled by
         the other face.
+
+    keep_groups : bool or "auto", default="auto"
+        Whether points that no plane explains are kept where they lie together nearly as densely
+        as the surfaces do, and not in a small group: foliage, thin objects, small faces. "auto"
+        keeps them with ``noise_scale="local"`` only.
 
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of trials that all neighborhoods use.
@@ -130,13 +138,13 @@ class MCMDOutlierDetector(BasePlaneOutliers):
     `n_neighbors` nearest points of the cloud. So ``fit_predict(X)`` equals
     ``fit(X).predict(X)``.
 
-    ``MCMDOutlierDetector(refine=None)`` is the paper to the letter: ``max_iter=1``,
-    ``noise_scale="own"`` and ``borrow=False`` are the defaults. Its weakness are whole clouds:
-    where neighbors come from far apart, as those of an isolated outlier do, the scale is large
-    and the outlier passes. ``noise_scale="local"`` with ``borrow=True`` flags fewer good points
-    on clean clouds, and with ``max_iter=5`` it finds more outliers. Whichever is chosen, a point
-    that was not retained is scored by the same arithmetic as a new one. With
-    ``n_neighbors=None`` there is one pass and one plane, whose scale only a number replaces.
+    ``MCMDOutlierDetector(refine=None, max_iter=1, noise_scale="own", borrow=False)`` is the
+    paper to the letter. Its weakness are whole clouds: where neighbors come from far apart, as
+    those of an isolated outlier do, the scale is large and the outlier passes, and outliers that
+    lie together are planes to each other. The default asks more: a point is an inlier if a
+    credible plane explains it, its own or a neighbor's, or if it has the company of many others
+    of its kind. With ``n_neighbors=None`` there is one pass and one plane, whose scale only a
+    number replaces.
 
     A neighborhood of exactly coplanar points has no scale; rounding of the coordinates takes
     its place, and any point visibly off the plane is an outlier with a very large but finite
@@ -147,8 +155,9 @@ class MCMDOutlierDetector(BasePlaneOutliers):
     all of them are used, with a warning.
 
     The time grows as ``n_samples * n_trials_ * n_neighbors`` and as ``n_samples *
-    log(n_samples)`` for the search; the memory beyond the cloud and the results is bounded,
-    except with ``n_neighbors=None``. In 3D and from
+    log(n_samples)`` for the search, in each pass for the neighborhoods that have changed. In
+    `fit` the memory beyond the cloud is about ``180 + 4 * n_neighbors`` bytes a point, 400 MB
+    for a million; with ``noise_scale="own"`` in one pass it is bounded. In 3D and from
     1,000 points on the work is done by compiled code.
 
     References
@@ -170,7 +179,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
     >>> labels = detector.fit_predict(np.vstack([wall, car]))
     >>> print(f"{np.sum(labels[:40] == -1)} of 40 wall points swamped, "
     ...       f"{np.sum(labels[40:] == -1)} of 4 car points found")
-    1 of 40 wall points swamped, 4 of 4 car points found
+    0 of 40 wall points swamped, 4 of 4 car points found
     """
 
     _parameter_constraints: ClassVar[dict] = {
