@@ -25,6 +25,7 @@ LAYERS = {  # a module imports only from lower layers, or from its own
     "_local_planes": 4,
     "_borrowing": 4,
     "_iteration": 5,
+    "_calibration": 5,
     "_base": 5,
     "model_selection": 6,
     "_features": 5,
