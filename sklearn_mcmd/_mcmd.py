@@ -5,6 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from sklearn_mcmd._base import BasePlaneOutliers, Integral, Interval, Real, StrOptions, fit_context
+from sklearn_mcmd._calibration import calibrated_cutoff
 from sklearn_mcmd._iteration import IteratedPlanes
 
 __all__ = ["MCMDOutlierDetector"]
@@ -50,6 +51,12 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         Robust distance beyond which a point is an outlier. None means 2.5 for "mcmd_z" and
         the root of the 0.975 quantile of chi-squared with ``n_features`` degrees of freedom
         for "mcmd_md" (3.0575 in 3D), and 3 for all `noise_scale` but "own".
+
+    false_positive_rate : float in (0, 0.5), default=None
+        Share of the points of a clean plane with Gaussian noise that may be flagged, at least
+        1e-4 in 3D and 1e-3 else. The cutoff is then found by simulation with these very
+        settings and about the noise of X, and `cutoff` must be None. The rate holds far from
+        edges, and for no other deviation than noise.
 
     refine : {"reweight"} or None, default="reweight"
         "reweight" refits plane and scale twice to the neighbors within 2.5 robust standard
@@ -191,6 +198,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
             Interval(Real, 0, None, closed="neither"),
         ],
         "borrow": ["boolean"],
+        "false_positive_rate": [Interval(Real, 0, 0.5, closed="neither"), None],
         "keep_groups": ["boolean", StrOptions({"auto"})],
     }
 
@@ -203,6 +211,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         outlier_rate=0.5,
         success_probability=0.9999,
         cutoff=None,
+        false_positive_rate=None,
         refine="reweight",
         max_iter=3,
         noise_scale="local",
@@ -217,6 +226,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         self.outlier_rate = outlier_rate
         self.success_probability = success_probability
         self.cutoff = cutoff
+        self.false_positive_rate = false_positive_rate
         self.refine = refine
         self.max_iter = max_iter
         self.noise_scale = noise_scale
@@ -243,8 +253,14 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         Raises
         ------
         ValueError
-            If X has NaN, infinite or too few values, or `n_neighbors` is too small.
+            If X has NaN, infinite or too few values, or `n_neighbors` is too small; if
+            `cutoff` and `false_positive_rate` are both given, or the rate is out of reach.
         """
+        if self.cutoff is not None and self.false_positive_rate is not None:
+            raise ValueError(
+                f"cutoff={self.cutoff} and false_positive_rate={self.false_positive_rate} exclude "
+                "each other: leave one of them None."
+            )
         X = self._fit_planes(X)
         cutoff = self._cutoff
         own_ruler = self.noise_scale == "own" or (
@@ -255,15 +271,18 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         keep_groups = self.keep_groups
         if keep_groups == "auto":
             keep_groups = self.noise_scale == "local"
-        self._cloud = IteratedPlanes(
-            self._model,
-            noise_scale=self.noise_scale,
-            borrow=self.borrow,
-            keep_groups=keep_groups,
-            cutoff=cutoff,
-            max_iter=self.max_iter,
-            n_jobs=self.n_jobs,
-        ).fit(X.astype(np.float64, copy=False))
+        settings = {
+            "noise_scale": self.noise_scale,
+            "borrow": self.borrow,
+            "keep_groups": keep_groups,
+            "cutoff": cutoff,
+            "max_iter": self.max_iter,
+            "n_jobs": self.n_jobs,
+        }
+        if self.false_positive_rate is not None:
+            cutoff = calibrated_cutoff(self._model, settings, self.false_positive_rate)
+        self._cloud = IteratedPlanes(self._model, verdict=cutoff, **settings)
+        self._cloud.fit(X.astype(np.float64, copy=False))
         self.n_iter_ = self._cloud.n_iter
         if self._cloud.noise_scale_found is not None:
             self.noise_scale_ = self._cloud.noise_scale_found
