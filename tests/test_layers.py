@@ -19,6 +19,8 @@ LAYERS = {  # a module imports only from lower layers, or from its own
     "_resolution": 0,
     "_consistent_set": 1,
     "_consistent_set_numba": 2,
+    "_adaptive_trials": 2,
+    "_adaptive_trials_numba": 3,
     "baselines": 2,
     "_rules": 2,
     "_rules_numba": 3,
