@@ -1,8 +1,7 @@
 """Adaptive trials in three dimensions, compiled: the same sets as ``_adaptive_trials``.
 
-The trials up to the first checkpoint, those from there to the next, and the rest are
-screened as blocks, each with its own vectors; the best of all blocks so far is decided in
-float64 as in ``_consistent_set_numba``.
+The trials up to each checkpoint and the rest are screened as blocks, each with its own
+vectors; the best of all blocks so far is decided in float64 as in ``_consistent_set_numba``.
 """
 
 import numpy as np

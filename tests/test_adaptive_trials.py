@@ -104,7 +104,7 @@ def test_the_kernel_and_numpy_agree_where_sizes_differ():
     compiled, compiled_used = compiled_sets(points, trials, h, rule_of(50), sizes)
     assert_array_equal(compiled_used, n_used)
     assert_array_equal(compiled, support)
-    assert len(np.unique(n_used)) == 3
+    assert len(np.unique(n_used)) == 2
 
 
 @pytest.mark.parametrize("support_fraction", [0.5, 0.75])
@@ -114,7 +114,7 @@ def test_the_set_is_that_of_a_prefix_of_the_table(share, support_fraction):
     h = n_support_points(support_fraction, np.full(200, 50), 3)
     rule = rule_of(50, support_fraction=support_fraction)
     support, least, _, n_used = adaptive_consistent_sets(points, trials, h, rule)
-    assert set(n_used) <= {16, 32, 69}
+    assert set(n_used) <= {32, 69}
     for used in np.unique(n_used):
         rows = n_used == used
         expected = maximum_consistent_sets(points[rows], trials[:used], h[rows])
@@ -133,7 +133,7 @@ def test_other_dimensions_stop_early_on_flat_neighborhoods_too(d):
     assert (n_used < n_trials).mean() > 0.5
 
 
-@pytest.mark.parametrize(("share", "most"), [(0.0, 25), (0.1, 30), (0.2, 45)])
+@pytest.mark.parametrize(("share", "most"), [(0.0, 38), (0.1, 38), (0.2, 40)])
 def test_clean_neighborhoods_need_few_trials(share, most):
     points, sizes = planes(1000, 50, share, "uniform"), np.full(1000, 50)
     trials, h = draw_trials(69, 50, random_state=0), np.full(1000, 25)
@@ -146,7 +146,7 @@ def test_clean_neighborhoods_need_few_trials(share, most):
 def test_breakdown_is_that_of_all_trials(kind, share):
     """2,000 neighborhoods: none that all trials keep within 5 degrees is lost.
 
-    Stopping after 16 trials whatever they show loses 8 % at 46 % of clustered outliers.
+    Stopping after 32 trials whatever they show loses 0.5 % at 48 % of clustered outliers.
     """
     points, sizes = planes(2000, 50, share, kind), np.full(2000, 50)
     trials, h = draw_trials(69, 50, random_state=0), np.full(2000, 25)
@@ -158,16 +158,16 @@ def test_breakdown_is_that_of_all_trials(kind, share):
         assert (n_used == 69).mean() > 0.99
 
 
-def test_the_first_checkpoint_alone_would_break_down():
+def test_the_first_32_trials_alone_would_break_down():
     """What the test before would see if the rule let everything pass."""
-    points, trials = planes(500, 50, 0.46), draw_trials(16, 50, random_state=0)
+    points, trials = planes(2000, 50, 0.48), draw_trials(32, 50, random_state=0)
     support, _, _ = maximum_consistent_sets(points, trials, 25)
-    assert (tilts(points, support) > 5).mean() > 0.03
+    assert (tilts(points, support) > 5).sum() >= 5
 
 
 @pytest.mark.parametrize("share", [0.3, 0.4, 0.46])
 def test_a_ramp_over_a_step_settles_nothing(share):
-    """At most 1 in 500 is lost that all trials keep; without the third test 1 in 70."""
+    """At most 1 in 500 is lost that all trials keep."""
     points, sizes = planes(2000, 50, share, "step"), np.full(2000, 50)
     trials, h = draw_trials(69, 50, random_state=0), np.full(2000, 25)
     support, _ = compiled_sets(points, trials, h, rule_of(50), sizes)
@@ -185,17 +185,17 @@ def test_a_curved_surface_gets_all_trials():
     assert (n_used == 69).mean() > 0.9
 
 
-def test_perfect_planes_stop_at_the_first_checkpoint():
+def test_perfect_planes_stop_at_the_checkpoint():
     points = planes(50, 50, 0.0, noise=0.0)
     trials = draw_trials(69, 50, random_state=0)
     _, _, _, n_used = adaptive_consistent_sets(points, trials, 25, rule_of(50))
-    assert_array_equal(n_used, 16)
+    assert_array_equal(n_used, 32)
 
 
 def test_eq_13_with_the_bound_of_the_outlier_share_sets_the_least_inliers():
-    """43 of 50 leave at most 24 % of outliers (Wilson, 95 %), for which 16 trials suffice."""
-    assert_array_equal(rule_of(50).least_inliers[:, 50], [43, 38])
-    assert n_trials_needed(0.24, 0.9999, 3) <= 16 < n_trials_needed(0.27, 0.9999, 3)
+    """38 of 50 leave at most 36 % of outliers (Wilson, 95 %), for which 32 trials suffice."""
+    assert_array_equal(rule_of(50).least_inliers[:, 50], [38])
+    assert n_trials_needed(0.36, 0.9999, 3) <= 32 < n_trials_needed(0.38, 0.9999, 3)
 
 
 @pytest.mark.parametrize("size", [4, 19, 201, 250])
