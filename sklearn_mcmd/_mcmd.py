@@ -40,9 +40,11 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         k)``. "auto" is ``1 - outlier_rate``. Less than 0.5 withstands more than half of
         outliers if these are not consistent with a plane themselves.
 
-    outlier_rate : float in [0, 1), default=0.5
+    outlier_rate : float in [0, 1) or "auto", default=0.5
         Assumed share of outliers in a neighborhood (epsilon). It sets the number of trials
         (Eq. 13); too small a rate risks masking. It is not the share that is flagged.
+        "auto" prepares for 0.5 and makes fewer trials where the neighborhood itself shows
+        that they suffice.
 
     success_probability : float in (0, 1), default=0.9999
         Probability that at least one minimal subset is free of outliers (P_r).

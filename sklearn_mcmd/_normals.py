@@ -56,8 +56,9 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Share of a neighborhood that forms the consistent set. "auto" is
         ``1 - outlier_rate``.
 
-    outlier_rate : float in [0, 1), default=0.5
-        Assumed share of outliers in a neighborhood (epsilon in Eq. 13).
+    outlier_rate : float in [0, 1) or "auto", default=0.5
+        Assumed share of outliers in a neighborhood (epsilon in Eq. 13). "auto" prepares for
+        0.5 and makes fewer trials where the neighborhood itself shows that they suffice.
 
     success_probability : float in (0, 1), default=0.9999
         Probability that at least one minimal subset is free of outliers (P_r).
