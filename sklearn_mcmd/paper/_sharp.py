@@ -5,7 +5,6 @@ import numpy as np
 from sklearn_mcmd._edges import SharpFeatureDetector
 from sklearn_mcmd.datasets import make_box, make_crown_roof
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.paper import _draw
 from sklearn_mcmd.paper._report import Report, Table
 from sklearn_mcmd.paper._runs import Steps, stream
 from sklearn_mcmd.paper._scene_methods import SCENE_METHODS, quietly, runs_of, summary
@@ -15,13 +14,15 @@ __all__ = ["figure10", "figure11", "figure12", "figure13"]
 NORMAL_NEIGHBORS, EDGE_NEIGHBORS = 20, 30
 NEAR, FAR = 2.0, 6.0  # spacings from an edge: within the neighborhoods' reach, and beyond it
 ON, AROUND = 1.0, 2.0  # spacings: what is of the edge, and what may be flagged for it
+BOX_POINTS, ROOF_POINTS = 3339, 3017
+NOISE_SHARE = 0.2  # added to the points of the box
 NOT_PUBLIC = (
     "The paper prints no numbers, and its cloud is a real scan that is not public; this is its "
     "simulated counterpart."
 )
 
 
-def figure10(runs=5, *, seed=0):
+def figure10(runs=5, *, seed=0, n_points=BOX_POINTS):
     """Figure 10: normals next to an edge, by neighborhoods of 20 points.
 
     Parameters
@@ -29,6 +30,8 @@ def figure10(runs=5, *, seed=0):
     runs : int, default=5
         Simulated boxes; the slow methods, RPCA and uLSIF, get one.
     seed : int, default=0
+    n_points : int, default=3339
+        Points of a box.
 
     Returns
     -------
@@ -41,7 +44,7 @@ def figure10(runs=5, *, seed=0):
     steps = Steps(sum(runs_of(m, runs) for m in methods))
     results, drawn = {}, {}
     for run in range(runs):
-        box = make_box(random_state=stream(seed, "figure10", run))
+        box = make_box(n_points, random_state=stream(seed, "figure10", run))
         distance = box.edge_distance / box.spacing
         for method in methods:
             if run >= runs_of(method, runs):
@@ -121,7 +124,7 @@ def _near_edge(box, section):
     return box.edge_distance[section] < NEAR * box.spacing
 
 
-def figure11(runs=5, *, seed=0):
+def figure11(runs=5, *, seed=0, n_points=BOX_POINTS):
     """Figure 11: edges and the corner of a box.
 
     Parameters
@@ -129,6 +132,8 @@ def figure11(runs=5, *, seed=0):
     runs : int, default=5
         Simulated boxes; the slow methods, RPCA and uLSIF, get one.
     seed : int, default=0
+    n_points : int, default=3339
+        Points of a box.
 
     Returns
     -------
@@ -138,8 +143,8 @@ def figure11(runs=5, *, seed=0):
     """
     return _edges(
         "figure11",
-        "a box of 3,339 points",
-        lambda state: make_box(random_state=state),
+        f"a box of {n_points:,} points",
+        lambda state: make_box(n_points, random_state=state),
         (48.0, 32.0),
         "It says that PCA, RANSAC, uLSIF and qSp flag points of faces beside the edge, and that "
         "MCMD is significantly more accurate.",
@@ -148,13 +153,15 @@ def figure11(runs=5, *, seed=0):
     )
 
 
-def figure12(runs=5, *, seed=0):
+def figure12(runs=5, *, seed=0, n_points=BOX_POINTS):
     """Figure 12: the same box with 20 % of noise.
 
     Parameters
     ----------
     runs : int, default=5
     seed : int, default=0
+    n_points : int, default=3339
+        Points of a box without the noise.
 
     Returns
     -------
@@ -163,12 +170,13 @@ def figure12(runs=5, *, seed=0):
     """
 
     def noisy_box(state):
-        n = round(3339 / 0.8)  # of the faces as many as without
-        return make_box(n, outlier_share=0.2, outlier_scale=0.1, random_state=state)
+        n_noise = round(NOISE_SHARE * n_points)
+        n = n_points + n_noise
+        return make_box(n, outlier_share=n_noise / n, outlier_scale=0.1, random_state=state)
 
     return _edges(
         "figure12",
-        "the box with 20 % noise",
+        f"a box of {n_points:,} points with {NOISE_SHARE:.0%} noise",
         noisy_box,
         (48.0, 32.0),
         "It says that all others are more affected by the noise, and MCMD is still better.",
@@ -177,13 +185,15 @@ def figure12(runs=5, *, seed=0):
     )
 
 
-def figure13(runs=5, *, seed=0):
+def figure13(runs=5, *, seed=0, n_points=ROOF_POINTS):
     """Figure 13: edges of a crown-shaped roof of bilinear surfaces.
 
     Parameters
     ----------
     runs : int, default=5
     seed : int, default=0
+    n_points : int, default=3017
+        Points of a roof.
 
     Returns
     -------
@@ -192,8 +202,8 @@ def figure13(runs=5, *, seed=0):
     """
     return _edges(
         "figure13",
-        "a crown-shaped roof of 3,017 points",
-        lambda state: make_crown_roof(random_state=state),
+        f"a crown-shaped roof of {n_points:,} points",
+        lambda state: make_crown_roof(n_points, random_state=state),
         (-60.0, 45.0),
         "It says that MCMD recovers the edges even between bilinear surfaces.",
         runs,
@@ -265,7 +275,6 @@ def _edges(name, scene, make, view, said, runs, seed):
             )
             _, precision, recall, _ = _edge_scores(first, flagged[method])
             ax.set_title(f"{method}: {precision:.0f} % right, {recall:.0f} % found", fontsize=10)
-            ax.title.set_color(_draw.color(method) if method in SCENE_METHODS else "black")
 
     title = f"Figure {name[6:]}: edge and corner points of {scene}, {runs} clouds"
     table = Table("points flagged as edge or corner", header, rows)
