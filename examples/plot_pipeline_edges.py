@@ -53,6 +53,6 @@ for name, detector in detectors.items():
 # %%
 figure, axes = plt.subplots(1, 3, figsize=(14, 4.5), layout="constrained")
 for ax, (name, flagged) in zip(axes, found.items(), strict=True):
-    plot_cloud(roof.data, color="#b8bec9", outliers=flagged, view=(-60, 45), size=3, ax=ax)
+    plot_cloud(roof.data, color="#b8bec9", outliers=flagged, view=(-60, 45), size=3.0, ax=ax)
     ax.set_title(f"{name}: {flagged.sum()} points of edges")
 plt.show()

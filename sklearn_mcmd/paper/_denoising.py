@@ -176,8 +176,8 @@ def figure9(runs=1, *, seed=0, n_regular=N_REGULAR):
         steps.advance(1)
     notes = [
         "The paper's cloud is a real scan that is not public; this is its simulated counterpart. "
-        "Noise is red; what is left of it is mostly within the scanner's noise of a surface. MCMD_Z "
-        "also leaves points beside the pole, where neighborhoods are no planes.",
+        "Noise is red; what is left of it is mostly within the scanner's noise of a surface. "
+        "MCMD_Z also leaves points beside the pole, where neighborhoods are no planes.",
     ]
 
     def draw(figure):
