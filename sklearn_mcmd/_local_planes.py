@@ -239,7 +239,7 @@ class LocalPlaneModel:
     def _evaluate_numpy(self, queries, indices, sizes, saliency, rounding):
         planes = LocalPlanes.empty(*queries.shape)
         neighborhoods = self.index.points[indices]
-        found = self._fit_rule(neighborhoods, sizes, rounding)
+        found = self.fit_rule(neighborhoods, sizes, rounding)
         planes.distance[:] = found.score(queries[:, None])[:, 0]
         planes.scale[:] = found.scale
         if saliency:
@@ -282,7 +282,7 @@ class LocalPlaneModel:
 
     def _fit_whole(self):
         points = self.index.points[None]
-        found = self._fit_rule(points, np.array([points.shape[1]]), self.rounding)
+        found = self.fit_rule(points, np.array([points.shape[1]]), self.rounding)
         centroids, eigenvalues, axes = fit_planes(points, found.support)
         plane = LocalPlanes.empty(1, points.shape[2])
         plane.scale[:], plane.centroids[:] = found.scale, centroids
@@ -302,7 +302,7 @@ class LocalPlaneModel:
             flat = self._flat_distances(queries, points, members, self.rounding)
             planes.distance[:], planes.scale[:] = flat
 
-    def _fit_rule(self, neighborhoods, sizes, rounding):
+    def fit_rule(self, neighborhoods, sizes, rounding):
         """What the method finds in neighborhoods (B, k, d)."""
         if self.comparator is not None:
             return self.comparator.fit_sizes(
