@@ -48,7 +48,7 @@ class StopRule:
     """When to stop, by the size of a neighborhood.
 
     checkpoints : ndarray of int of shape (C,)
-        Numbers of trials, ascending, less than the length of the table.
+        Numbers of trials, ascending, at most half of the length of the table.
     least_inliers : ndarray of int of shape (C, k + 1)
         Inliers that a neighborhood of each size needs for its outlier share to be covered
         by that many trials; more than it has where it must not stop.
@@ -64,7 +64,7 @@ class StopRule:
     def of(cls, n_trials, n_support, success_probability, d):
         """The rule for a table of n_trials; `n_support` holds h of each size 0 ... k."""
         sizes = np.arange(len(n_support))
-        checkpoints = np.array([n for n in CHECKPOINTS if n < n_trials], dtype=np.int64)
+        checkpoints = np.array([n for n in CHECKPOINTS if 2 * n <= n_trials], dtype=np.int64)
         least = np.tile(sizes + 1, (len(checkpoints), 1))
         factor = np.ones(len(sizes))
         for size in sizes[SMALLEST : LARGEST + 1]:
@@ -218,14 +218,13 @@ def settled(local, sizes, support, scale_factor, least_inliers):
 
 def _incoherent(local, centers, normals, residuals, reach):
     """The third test; `reach` is a squared distance, residuals of outliers are zero."""
-    done = np.zeros(len(local), dtype=bool)
-    for i, r in enumerate(residuals):  # at most a few hundred: larger clouds are compiled
-        keep = r != 0
-        p, r = local[i, keep] - centers[i], r[keep]
-        p = p - r[:, None] * normals[i]
-        squared = np.square(p[:, None] - p[None]).sum(axis=-1)
-        products = np.maximum(1.0 - squared / reach[i], 0.0) * np.outer(r, r)
-        products = np.tril(products, -1)
-        spread = np.square(products).sum()
-        done[i] = spread > 0.0 and products.sum() <= COHERENCE * np.sqrt(spread)
-    return done
+    projected = local - centers[:, None] - residuals[..., None] * normals[:, None]
+    projected[residuals == 0] = 0.0  # far outliers would cost the others' distances digits
+    squares = np.square(projected).sum(axis=-1)
+    squared = squares[:, :, None] + squares[:, None] - 2 * projected @ projected.swapaxes(1, 2)
+    products = np.maximum(1.0 - squared / reach[:, None, None], 0.0)
+    products *= residuals[:, :, None] * residuals[:, None]
+    diagonal = np.arange(local.shape[1])
+    products[:, diagonal, diagonal] = 0.0
+    together, spread = products.sum(axis=(1, 2)) / 2, np.square(products).sum(axis=(1, 2)) / 2
+    return (spread > 0.0) & (together <= COHERENCE * np.sqrt(spread))

@@ -122,8 +122,8 @@ def test_the_set_is_that_of_a_prefix_of_the_table(share, support_fraction):
         assert_allclose(least[rows], expected[1], rtol=1e-12)
 
 
-@pytest.mark.parametrize("d", [2, 4])
-def test_other_dimensions_stop_early_on_flat_neighborhoods_too(d):
+def test_four_dimensions_stop_early_on_flat_neighborhoods_too():
+    d = 4
     points = np.random.default_rng(0).normal(size=(60, 50, d))
     points[..., -1] *= 0.02
     n_trials = n_trials_needed(0.5, 0.9999, d)
@@ -203,8 +203,8 @@ def test_neighborhoods_too_small_or_too_large_to_tell_get_all_trials(size):
     assert (rule_of(250).least_inliers[:, size] > size).all()
 
 
-def test_a_short_table_has_no_checkpoint():
-    assert len(rule_of(50, n_trials=13).checkpoints) == 0
+def test_a_table_little_longer_than_the_check_has_none():
+    assert len(rule_of(50, n_trials=33).checkpoints) == 0
 
 
 def cloud(n=3000, seed=0):
@@ -224,10 +224,8 @@ def test_row_order_does_not_change_labels(method):
 def test_n_jobs_and_chunks_do_not_change_normals():
     X = cloud()
     normals = [
-        RobustNormalEstimator(30, outlier_rate="auto", random_state=0, n_jobs=n_jobs)
-        .fit(X[:rows] if rows else X)
-        .normals_
-        for n_jobs, rows in [(1, None), (2, None)]
+        RobustNormalEstimator(30, outlier_rate="auto", random_state=0, n_jobs=n).fit(X).normals_
+        for n in (1, 2)
     ]
     assert_array_equal(*normals)
     estimator = RobustNormalEstimator(30, outlier_rate="auto", random_state=0).fit(X)

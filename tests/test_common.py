@@ -25,6 +25,7 @@ QUICK = RobustNormalEstimator(outlier_rate=0.2, random_state=0)
         MCMDOutlierDetector(20, noise_scale=0.5, max_iter=2, outlier_rate=0.2),
         MCMDOutlierDetector(None, false_positive_rate=0.1, outlier_rate=0.05),
         RobustNormalEstimator(outlier_rate=0.2),
+        RobustNormalEstimator(n_neighbors=20, outlier_rate="auto"),
         RobustNormalEstimator(n_neighbors=20, method="mcmd_md", radius=1.5, outlier_rate=0.1),
         RobustNormalEstimator(method="pca", orientation="mst"),
         RobustNormalEstimator(n_neighbors=20, features="all", outlier_rate=0.1),
