@@ -17,9 +17,7 @@ from pathlib import Path
 import numpy as np
 from sklearn.metrics import roc_auc_score
 
-PAPER = {"refine": None}
-LOCAL = {"noise_scale": "local", "borrow": True}
-POOLED = {"noise_scale": "pooled", "borrow": True, "max_iter": 6}
+OWN = {"noise_scale": "own", "borrow": False, "max_iter": 1}
 
 
 def ours(X, options, **parameters):
@@ -61,12 +59,12 @@ def mean_distance(X, options, share):
 
 
 FORMS = {
-    "paper (literal)": PAPER,
-    "own scale (default)": {},
-    "local, 1 pass": LOCAL,
-    "local, 5 passes": {**LOCAL, "max_iter": 5},
-    "pooled": POOLED,
-    "noise given": POOLED,
+    "paper (literal)": {**OWN, "refine": None},
+    "own, reweighted": OWN,
+    "default": {},
+    "default, keep_groups=False": {"keep_groups": False},
+    "pooled": {"noise_scale": "pooled"},
+    "noise given": {},
 }
 PEERS = {
     "LOF, told": lof,
@@ -117,9 +115,9 @@ def compare_on_streets(options):
                 f"{1000 * options.noise:g} mm, growing {options.noise_growth:g} times, "
                 f"{'a tree, ' * options.tree}{100 * share:g} % outliers, {options.seeds} seeds"
             )
-            print(f"{'':24}" + "".join(f"{title:>10}" for title in [*head, "seconds"]))
+            print(f"{'':28}" + "".join(f"{title:>10}" for title in [*head, "seconds"]))
             for name, rows in table.items():
-                print(f"{name:24}" + "".join(f"{v:10.2f}" for v in np.mean(rows, axis=0)))
+                print(f"{name:28}" + "".join(f"{v:10.2f}" for v in np.mean(rows, axis=0)))
 
 
 def compare_on_clean_clouds(options):

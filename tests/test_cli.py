@@ -27,6 +27,13 @@ def room():
     return PointCloud(xyz, {"intensity": np.arange(len(xyz), dtype=np.uint16)})
 
 
+def rounded_plane():
+    """A plane in steps coarser than its noise, 41 % of it off the middle one."""
+    rng = np.random.default_rng(0)
+    steps = 0.01 * np.round(rng.normal(0, 0.6, 300))
+    return np.column_stack([rng.uniform(0, 1, (300, 2)), steps])
+
+
 @pytest.fixture
 def room_file(tmp_path, room):
     path = tmp_path / "room.laz"
@@ -109,6 +116,42 @@ def test_options_of_denoise_reach_the_detector(room, room_file, tmp_path):
     np.testing.assert_array_equal(marked, detector.fit_predict(room.xyz) == -1)
 
 
+@pytest.mark.parametrize(
+    ("options", "parameters"),
+    [
+        (("--noise-scale", "own"), {"noise_scale": "own"}),
+        (("--noise-scale", "pooled"), {"noise_scale": "pooled"}),
+        (("--noise-scale", 0.02), {"noise_scale": 0.02}),
+        (("--max-iter", 1), {"max_iter": 1}),
+        (("--no-borrow",), {"borrow": False}),
+        (("--drop-groups",), {"keep_groups": False}),
+        (("--noise-scale", 0.002, "--keep-groups"), {"noise_scale": 0.002, "keep_groups": True}),
+    ],
+)
+def test_rulers_passes_and_groups_reach_the_detector(options, parameters, room, tmp_path):
+    xyz = np.vstack([room.xyz, rounded_plane() + np.array([5, 0, 0])])
+    np.save(tmp_path / "in.npy", xyz)
+    result = run(
+        *("denoise", tmp_path / "in.npy", tmp_path / "out.npy", "--mode", "mark", *options)
+    )
+    assert result.exit_code == 0, result.output
+    marked = np.load(tmp_path / "out.npy")["outlier"]
+    np.testing.assert_array_equal(marked, expected_outliers(xyz, **parameters))
+    for left_out in parameters:  # each made a difference
+        others = {name: value for name, value in parameters.items() if name != left_out}
+        assert (marked != expected_outliers(xyz, **others)).any()
+
+
+@pytest.mark.parametrize("value", ["lokal", "-0.01", "0", "nan", "inf"])
+def test_a_noise_scale_that_is_no_word_and_no_positive_number_is_wrong_usage(
+    value, room_file, tmp_path
+):
+    result = run("denoise", room_file, tmp_path / "out.laz", "--noise-scale", value)
+    assert result.exit_code == 2
+    assert "--noise-scale" in result.stderr
+    assert files_in(tmp_path) == ["room.laz"]
+
+
 def test_the_summary_states_points_share_removed_and_seconds(room, room_file, tmp_path):
     result = run("denoise", room_file, tmp_path / "out.laz")
     n = int(expected_outliers(room.xyz).sum())
@@ -160,12 +203,17 @@ def test_points_without_finite_coordinates_are_counted_in_a_warning(room, tmp_pa
     assert len(result.stderr.splitlines()) == 1
 
 
-def test_exact_planes_are_warned_about_where_they_make_outliers(tmp_path):
-    rng = np.random.default_rng(0)
-    steps = 0.01 * np.round(rng.normal(0, 0.6, 300))
-    xyz = np.column_stack([rng.uniform(0, 1, (300, 2)), steps])
-    write_points(tmp_path / "rounded.csv", xyz)
+def test_the_default_keeps_a_plane_in_steps_coarser_than_its_noise(tmp_path):
+    write_points(tmp_path / "rounded.csv", rounded_plane())
     result = run("denoise", tmp_path / "rounded.csv", tmp_path / "out.csv")
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert len(read_points(tmp_path / "out.csv")) > 0.95 * 300
+
+
+@pytest.mark.parametrize("option", [("--noise-scale", "own"), ("--drop-groups",)])
+def test_exact_planes_are_warned_about_where_they_make_outliers(option, tmp_path):
+    write_points(tmp_path / "rounded.csv", rounded_plane())
+    result = run("denoise", tmp_path / "rounded.csv", tmp_path / "out.csv", *option)
     assert result.exit_code == 0
     assert "lie exactly in one plane" in result.stderr
     assert len(result.stderr.splitlines()) == 1

@@ -9,14 +9,15 @@ import typer
 
 from sklearn_mcmd.cli._files import coordinates, read, rehearse, with_results, write
 from sklearn_mcmd.cli._options import (
-    Cutoff,
     InFile,
     NJobs,
     NNeighbors,
+    NoiseScale,
     OutFile,
     OutlierRate,
     Quiet,
     RandomState,
+    positive,
 )
 from sklearn_mcmd.cli._speech import clear_exits, print_table, progress_bar, stopwatch
 
@@ -50,16 +51,55 @@ def denoise(
     method: Annotated[
         OutlierMethod,
         typer.Option(
-            help="mcmd_z: distance to the plane. mcmd_md: distance within the plane counts as well."
+            help="How a plane leaves out its outliers. mcmd_z: by the distance to it. mcmd_md: by "
+            "the distance within it as well; with --noise-scale own that is the verdict, too."
         ),
     ] = OutlierMethod.mcmd_z,
-    cutoff: Cutoff = None,
+    noise_scale: NoiseScale = "local",
+    max_iter: Annotated[
+        int,
+        typer.Option(
+            min=1,
+            help="Most passes over the cloud: each judges all points by the planes of those that "
+            "the last one kept. 1 is fast and misses outliers that hide each other; more than 3 "
+            "change little.",
+        ),
+    ] = 3,
+    borrow: Annotated[
+        bool,
+        typer.Option(
+            "--borrow/--no-borrow",
+            help="Whether the plane of a neighbor may explain a point, as needed next to edges.",
+        ),
+    ] = True,
+    keep_groups: Annotated[
+        bool | None,
+        typer.Option(
+            "--keep-groups/--drop-groups",
+            help="Points that no plane explains, but that lie together as densely as surfaces do: "
+            "foliage, wires and other small things, and the mixed pixels of a dense edge.",
+            show_default="keep with --noise-scale local",
+        ),
+    ] = None,
+    cutoff: Annotated[
+        float | None,
+        typer.Option(
+            callback=positive,
+            help="Distance beyond which a point is an outlier, in standard deviations of the "
+            "noise.",
+            show_default="3; with --noise-scale own 2.5, for mcmd_md 3.06",
+        ),
+    ] = None,
     outlier_rate: OutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
     quiet: Quiet = False,
 ):
-    """Remove or mark the points that lie off the plane of their neighborhood."""
+    """Remove or mark the points that no surface around them explains.
+
+    The default is for any cloud: curved, with foliage, of any spacing and noise. One pass by the
+    planes' own noise, as in the paper: --noise-scale own --no-borrow --max-iter 1.
+    """
     with clear_exits():
         seconds = stopwatch()
         cloud = read(source, target)
@@ -71,6 +111,10 @@ def denoise(
             quiet,
             n_neighbors=n_neighbors,
             method=str(method),
+            noise_scale=noise_scale,
+            max_iter=max_iter,
+            borrow=borrow,
+            keep_groups="auto" if keep_groups is None else keep_groups,
             cutoff=cutoff,
             outlier_rate=outlier_rate,
             random_state=random_state,

@@ -10,6 +10,7 @@ __all__ = [
     "InFile",
     "NJobs",
     "NNeighbors",
+    "NoiseScale",
     "OutFile",
     "OutlierRate",
     "Quiet",
@@ -25,11 +26,25 @@ def positive(value):
     return value
 
 
+def _word_or_number(value):
+    """Parser of --noise-scale."""
+    if value in NOISE_SCALES:
+        return value
+    try:
+        return positive(float(value))
+    except ValueError:
+        raise typer.BadParameter(
+            f"{value!r} is none of {', '.join(NOISE_SCALES)} and no number"
+        ) from None
+
+
 def _not_zero(value):
     if value == 0:
         raise typer.BadParameter("0 threads cannot work; -1 is one a processor")
     return value
 
+
+NOISE_SCALES = ("local", "own", "pooled")
 
 InFile = Annotated[Path, typer.Argument(metavar="IN", help="Point file to read.")]
 OutFile = Annotated[
@@ -56,6 +71,17 @@ OutlierRate = Annotated[
         max=0.99,
         help="Largest share of outliers in a neighborhood to be prepared for; sets the number of "
         "trials, not the share that is removed.",
+    ),
+]
+NoiseScale = Annotated[
+    str,
+    typer.Option(
+        parser=_word_or_number,
+        metavar="local|own|pooled|NUMBER",
+        help="What distances to planes are measured by. local: the noise around, for any cloud. "
+        "own: that of the point's own neighborhood, as in the paper. pooled: one noise for all, "
+        "found from the cloud; NUMBER: given, in units of the file. These two find most, but take "
+        "curvature, foliage and what is rougher than the noise for outliers.",
     ),
 ]
 RandomState = Annotated[
