@@ -121,13 +121,13 @@ def compare_on_streets(options):
 
 
 def compare_on_clean_clouds(options):
-    print(f"\n{'flagged, percent':32}" + "".join(f"{name:>22}" for name in list(FORMS)[:-1]))
+    print(f"\n{'flagged, percent':32}" + "".join(f"{name:>28}" for name in list(FORMS)[:-1]))
     for path in options.clouds:
         with np.load(path) as arrays:
             X = arrays["xyz"].astype(np.float64)
         forms = list(FORMS.items())[:-1]
         shares = [100 * ours(X, options, **form)[1].mean() for _, form in forms]
-        print(f"{Path(path).parent.name:32}" + "".join(f"{v:22.2f}" for v in shares), flush=True)
+        print(f"{Path(path).parent.name:32}" + "".join(f"{v:28.2f}" for v in shares), flush=True)
 
 
 def main():
