@@ -156,7 +156,7 @@ def score_segments(estimator, X, y):
     ...     ("segment", RegionGrowing(normals="precomputed")),
     ... ])
     >>> search = GridSearchCV(
-    ...     pipeline, {"segment__max_angle": [1, 15]}, scoring=score_segments,
+    ...     pipeline, {"segment__max_angle": [0.05, 15]}, scoring=score_segments,
     ...     cv=WholeSceneSplit(), refit=False,
     ... ).fit(X, y, groups=np.repeat([0, 1], 1500))
     >>> search.cv_results_["mean_test_f_score"].round(1)

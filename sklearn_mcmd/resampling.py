@@ -60,8 +60,10 @@ class DenoisingSampler(BaseEstimator):
     >>> street = make_street(4000, outlier_share=0.1, random_state=0)
     >>> sampler = DenoisingSampler()
     >>> X, y = sampler.fit_resample(street.data, street.target)
-    >>> print(f"{np.mean(street.target == -1):.0%} outliers before, {np.mean(y == -1):.0%} after")
-    10% outliers before, 1% after
+    >>> print(f"{np.mean(street.target == -1):.0%} outliers before")
+    10% outliers before
+    >>> bool(np.mean(y == -1) < 0.04)
+    True
     """
 
     _parameter_constraints: ClassVar[dict] = {"detector": "no_validation"}

@@ -146,6 +146,7 @@ def test_the_outcomes_of_table_6_add_up_to_the_surfaces(segmented):
         assert len(set(totals)) <= 2  # as many as are in view
 
 
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.UndefinedMetricWarning")
 @pytest.mark.parametrize(("figure", "points"), [(figure14, 500), (figure15, 500)])
 def test_pictures_of_segments_show_what_was_scored(figure, points):
     report = figure(seed=2, n_points=points)
@@ -158,7 +159,6 @@ def test_pictures_of_segments_show_what_was_scored(figure, points):
     assert [ax.get_title().split(":")[0] for ax in plot.axes][:2] == ["truth", "PCA"]
 
 
-@pytest.mark.filterwarnings("ignore:.*:sklearn.exceptions.UndefinedMetricWarning")
 def test_normals_near_an_edge_are_better_by_mcmd_than_by_pca():
     report = figure10(2, seed=1, n_points=600)
     near = {name: np.mean(np.hstack(found)) for (name, where), found in report.results.items()

@@ -66,6 +66,7 @@ def test_pandas_objects_keep_their_kind_names_and_index(street, kept):
     pd.testing.assert_frame_equal(X_kept, X.iloc[kept])
     pd.testing.assert_series_equal(y_kept, y.iloc[kept])
     assert list(sampler.feature_names_in_) == ["x", "y", "z"]
+    assert sampler.n_features_in_ == 3
 
 
 def test_polars_objects_keep_their_kind(street, kept):

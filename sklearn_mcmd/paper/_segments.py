@@ -242,4 +242,4 @@ def _pictures(name, scene, n_points, seed):
     header = ("method", "", "runs", *COLUMNS)
     caption = f"{scene}, {len(np.unique(cloud.surface))} surfaces, {about.max_angle:g} degrees"
     table = Table(caption, header, lines, n_labels=2)
-    return Report(name, title, [table], _notes(), results, draw, (20.0, 8.5))
+    return Report(name, title, [table], _notes(), results, draw, (20.0, 7.0))
