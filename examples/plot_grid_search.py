@@ -69,7 +69,7 @@ rate = {
 }
 families = {
     "MCMD, own noise": (
-        MCMDOutlierDetector(random_state=0),
+        MCMDOutlierDetector(noise_scale="own", borrow=False, max_iter=1, random_state=0),
         {"detector__n_neighbors": neighbors, **rate},
     ),
     "MCMD, one noise, 3 passes": (
