@@ -22,6 +22,7 @@ from sklearn.utils._param_validation import (
 from sklearn.utils.validation import _check_feature_names_in as check_feature_names_in
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from sklearn_mcmd._adaptive_trials import StopRule
 from sklearn_mcmd._consistent_set import draw_trials, n_support_points, n_trials_needed
 from sklearn_mcmd._local_planes import LocalPlaneModel
 from sklearn_mcmd._neighborhoods import NeighborIndex
@@ -47,6 +48,7 @@ __all__ = [
 # float32 coordinates are too coarse once their rounding exceeds this share of the radius of a
 # typical neighborhood.
 COARSE_ROUNDING = 0.01
+LARGEST_RATE = 0.5  # what the table of outlier_rate="auto" is prepared for
 # Eq. 13 doubles with every dimension: 69 trials in 3D are 10 million in 20D.
 MAX_TRIALS = 10_000
 # Positions that a trial of one neighborhood of all points may read.
@@ -67,7 +69,7 @@ class BaseLocalPlanes(BaseEstimator):
         "n_neighbors": [Interval(Integral, 2, None, closed="left"), None],
         "method": [StrOptions({*METHODS, *COMPARATORS})],
         "support_fraction": [Interval(Real, 0, 1, closed="right"), StrOptions({"auto"})],
-        "outlier_rate": [Interval(Real, 0, 1, closed="left")],
+        "outlier_rate": [Interval(Real, 0, 1, closed="left"), StrOptions({"auto"})],
         "success_probability": [Interval(Real, 0, 1, closed="neither")],
         "cutoff": [Interval(Real, 0, None, closed="neither"), None],
         "refine": [StrOptions({"reweight"}), None],
@@ -80,8 +82,7 @@ class BaseLocalPlanes(BaseEstimator):
         comparator = self._settle_comparator()
         X, index = self._index_cloud(X, radius)
         d = X.shape[1]
-        fraction = self.support_fraction
-        fraction = 1.0 - self.outlier_rate if fraction == "auto" else fraction
+        fraction = self._settle_support_fraction()
         self.n_support_ = int(n_support_points(fraction, self.n_neighbors_, d))
         if comparator is not None:
             self._fit_comparator(comparator, X, index)
@@ -104,8 +105,25 @@ class BaseLocalPlanes(BaseEstimator):
             reweight=self.refine == "reweight",
             precision=np.finfo(X.dtype).eps,
             step=coordinate_step(X),
+            stop_rule=self._settle_stop_rule(fraction, d),
         )
         return X
+
+    def _settle_support_fraction(self):
+        if self.support_fraction != "auto":
+            return self.support_fraction
+        if self.outlier_rate == "auto":
+            raise ValueError(
+                "support_fraction='auto' is 1 - outlier_rate, and outlier_rate='auto' is no number "
+                "before the consistent sets are found: give one of them as a number."
+            )
+        return 1.0 - self.outlier_rate
+
+    def _settle_stop_rule(self, fraction, d):
+        if self.outlier_rate != "auto" or not METHODS[self.method].needs_consistent_set:
+            return None
+        n_support = n_support_points(fraction, np.arange(self.n_neighbors_ + 1), d)
+        return StopRule.of(self.n_trials_, n_support, self.success_probability, d)
 
     def _settle_comparator(self):
         """The method of `baselines` that `method` and `method_params` name; None for a rule."""
@@ -177,11 +195,12 @@ class BaseLocalPlanes(BaseEstimator):
         return X
 
     def _settle_n_trials(self, d):
-        needed = n_trials_needed(self.outlier_rate, self.success_probability, d)
+        rate = LARGEST_RATE if self.outlier_rate == "auto" else self.outlier_rate
+        needed = n_trials_needed(rate, self.success_probability, d)
         most = MAX_TRIALS if d <= 3 else MAX_TRIALS_BEYOND_SPACE
         if needed > most and METHODS[self.method].needs_consistent_set:
             warnings.warn(
-                f"outlier_rate={self.outlier_rate} in {d}D asks for {needed} trials; {most} are "
+                f"outlier_rate={self.outlier_rate!r} in {d}D asks for {needed} trials; {most} are "
                 "made. A lower outlier_rate asks for fewer.",
                 stacklevel=6,
             )

@@ -18,7 +18,15 @@ from sklearn_mcmd._plane_numba import (
     weighted_covariance,
 )
 
-__all__ = ["consistent_set_3d", "work_arrays"]
+__all__ = [
+    "consistent_set_3d",
+    "first_members",
+    "least_eigenvalue",
+    "screen",
+    "select_members",
+    "trial_planes",
+    "work_arrays",
+]
 
 VECTOR = 16  # float32 lanes of the widest vectors in use
 COUNTING_PASSES = 7
@@ -62,9 +70,9 @@ def consistent_set_3d(size, trials, n_support, arrays):
         for j in range(size):
             local32[axis, j] = np.float32(local[axis, j])
             farthest = max(farthest, abs(local[axis, j]))
-    first_plane = _trial_planes(local, size, trials, lanes)
+    first_plane = trial_planes(local, size, trials, lanes)
     if first_plane < 0:
-        return _first_members(size, n_support, member)
+        return first_members(size, n_support, member)
     # Lanes without a plane, and those that fill up the vectors, repeat the first plane.
     for t in range(lanes.shape[1]):
         if t >= n_trials or lanes[3, t] == np.inf:
@@ -72,7 +80,7 @@ def consistent_set_3d(size, trials, n_support, arrays):
                 lanes[axis, t] = lanes[axis, first_plane]
     bound = lanes32[20]
     if farthest <= FAR:
-        _screen(local32, size, n_support, lanes, lanes32)
+        screen(local32, size, n_support, lanes, lanes32)
     else:
         bound[:] = F0
 
@@ -87,20 +95,20 @@ def consistent_set_3d(size, trials, n_support, arrays):
         if bound[t] > best + EIGENVALUE_STEP:
             break
         bound[t] = np.inf
-        _select(local, size, n_support, lanes, t, keys, member)
-        least[t] = _least_eigenvalue(local, size, member)
+        select_members(local, size, n_support, lanes, t, keys, member)
+        least[t] = least_eigenvalue(local, size, member)
         best = min(best, least[t])
     if best == np.inf:
-        return _first_members(size, n_support, member)
+        return first_members(size, n_support, member)
     for t in range(n_trials):
         if least[t] <= best + EIGENVALUE_STEP:
-            _select(local, size, n_support, lanes, t, keys, member)
+            select_members(local, size, n_support, lanes, t, keys, member)
             return least[t]
     return best
 
 
 @njit(cache=True, nogil=True)
-def _first_members(size, n_support, member):
+def first_members(size, n_support, member):
     for j in range(size):
         member[j] = 1.0 if j < n_support else 0.0
     return -1.0
@@ -126,7 +134,7 @@ def work_arrays(n_trials, k):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _trial_planes(local, size, trials, lanes):
+def trial_planes(local, size, trials, lanes):
     """Planes of all trials (steps 1 and 2) into lanes; an infinite offset where there is none.
 
     Returns the first trial that has a plane, -1 if none has.
@@ -219,7 +227,7 @@ def _refined_normal(local, size, member, mean, axes):
 
 
 @njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def _screen(local32, size, n_support, lanes, work):
+def screen(local32, size, n_support, lanes, work):
     """Lower bounds of the trials' least eigenvalues (steps 2 and 3), in float32, to work[20].
 
     The distance that h members do not exceed is found by counting: a comparison and a sum,
@@ -332,7 +340,7 @@ def _screen(local32, size, n_support, lanes, work):
 
 
 @njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def _select(local, size, n_support, lanes, t, keys, member):
+def select_members(local, size, n_support, lanes, t, keys, member):
     """Mark the h members nearest to plane t (step 2); ties go to the first."""
     x, y, z = local[0], local[1], local[2]
     nx, ny, nz, offset = lanes[0, t], lanes[1, t], lanes[2, t], lanes[3, t]
@@ -354,7 +362,7 @@ def _select(local, size, n_support, lanes, t, keys, member):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _least_eigenvalue(local, size, member):
+def least_eigenvalue(local, size, member):
     """Least eigenvalue of the covariance of the members (step 3).
 
     Taken as the variance of the members along the axis, which errs to the large side only,

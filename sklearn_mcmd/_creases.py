@@ -95,21 +95,27 @@ class CreaseModel:
         return self
 
     def distance(self, queries):
-        """Distances of queries (m, d) to the nearest crease, in spacings, `FAR` at most."""
+        """Distances of queries (m, d) to the nearest crease, in spacings, `FAR` at most.
+
+        Where no crease is found it is between half of `FAR` and `FAR`, the less, the less flat
+        the neighborhood.
+        """
         queries = queries - self.origin
         faces = self._give_planes(queries)
         distance, _ = self._meet(queries, faces)
-        pooled = np.full(len(queries), np.nan)
+        pooled, flat = np.full(len(queries), np.nan), np.empty(len(queries))
 
-        def pool(part, indices, out):
-            out[part] = _median(self.evidence[indices])
+        def pool(part, indices, pooled, flat):
+            pooled[part] = _median(self.evidence[indices])
+            flat[part] = 1.0 - 0.5 * _roundness(self.points[indices])
 
-        self._in_chunks(queries, pool, pooled, width=1)
+        self._in_chunks(queries, pool, pooled, flat)
         # Continuous: as far as it is where an edge is the better model, farther where not.
         smooth = np.exp(np.minimum(STEEPNESS * np.maximum(pooled, 0.0), 50.0))
         off = np.maximum(np.abs(faces.height) / (OFF * faces.scale), 1.0) ** OFF_STEEPNESS
         found = np.isfinite(distance) & np.isfinite(pooled)
-        return np.where(found, np.minimum(distance * smooth * off, FAR), FAR)
+        distance = np.where(found, distance * smooth * off, FAR)
+        return np.minimum(distance, FAR * flat)
 
     def _in_chunks(self, queries, work, *arrays, width=None):
         """Call `work` with rows of queries, their neighbors and the arrays to fill."""
@@ -302,6 +308,14 @@ def _smooth_residuals(neighbors, scale):
             weights = np.minimum(1.0, 1.5 * scale[:, None] / residuals)
     # Two planes have as many coefficients: nothing to allow for.
     return residuals
+
+
+def _roundness(neighbors):
+    """Surface variation (m,) of neighborhoods (m, k, d), from 0 on a plane to 1 in a ball."""
+    centered = neighbors - neighbors.mean(axis=1, keepdims=True)
+    values = np.linalg.eigvalsh(np.matmul(centered.swapaxes(1, 2), centered))
+    total = np.maximum(values.sum(axis=1), np.finfo(float).tiny)
+    return neighbors.shape[2] * np.clip(values[:, 0] / total, 0.0, 1.0 / neighbors.shape[2])
 
 
 def _spacing(distances, d):

@@ -5,7 +5,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-__all__ = ["Company", "DenseSpacing", "group_sizes"]
+__all__ = ["Company", "DenseSpacing", "group_sizes", "sample_rows"]
 
 # The surroundings of a point: so many points, or a share of small clouds, thinned to SAMPLE.
 WINDOW, WINDOW_SHARE = 2048, 1 / 16
@@ -32,7 +32,7 @@ class DenseSpacing:
     def __init__(self, points, spacing):
         window = min(WINDOW, int(WINDOW_SHARE * len(points)))
         stride = max(1, window // SAMPLE)
-        rows = _sample(points, stride)
+        rows = sample_rows(points, stride)
         sample, values = points[rows], spacing[rows]
         self.tree = cKDTree(sample)
         n_near = min(SAMPLE, len(sample))
@@ -117,7 +117,7 @@ def group_sizes(points, rows, neighbors, compiled):
     return np.bincount(labels[rows], minlength=1)[labels[rows]]
 
 
-def _sample(points, stride):
+def sample_rows(points, stride):
     """About one in `stride` points, by a hash of the coordinates.
 
     So the sample depends neither on the order of rows nor on a unit that is a power of two.

@@ -14,7 +14,7 @@ from sklearn_mcmd._base import (
     check_extent,
     fit_context,
 )
-from sklearn_mcmd._creases import CreaseModel
+from sklearn_mcmd._creases import FAR, CreaseModel
 from sklearn_mcmd._mcmd import MCMDOutlierDetector
 from sklearn_mcmd._normals import RobustNormalEstimator
 
@@ -56,10 +56,10 @@ class SharpFeatureDetector(OutlierMixin, BaseEstimator):
         - "removed_fraction": the share of the neighborhood that is not of its plane.
 
     threshold : float or "mean", default=None
-        Where an edge begins. A number: largest distance for "crease", in spacings; otherwise the
-        least value of the criterion. None means 2 spacings for "crease" and the median plus
-        `n_std` robust standard deviations of the cloud for the others; "mean" the mean plus
-        `n_std` standard deviations (Eq. 25), not for "crease".
+        Where an edge begins. A number: largest distance for "crease", in spacings, at most 10;
+        otherwise the least value of the criterion. None means 2 spacings for "crease" and the
+        median plus `n_std` robust standard deviations of the cloud for the others; "mean" the
+        mean plus `n_std` standard deviations (Eq. 25), not for "crease".
 
     n_std : float, default=None
         Standard deviations above the median or the mean (a in Eq. 25). None means 3 from the
@@ -238,9 +238,10 @@ class SharpFeatureDetector(OutlierMixin, BaseEstimator):
         Returns
         -------
         scores : ndarray of shape (n_samples,)
-            The lower, the more of an edge. For "crease" the distance in spacings of the points,
-            up to 20; it grows where a smooth surface explains the neighbors better than a
-            crease does, and off all planes. For the others the value, negative.
+            The lower, the more of an edge. For "crease" the distance in spacings of the points;
+            it grows where a smooth surface explains the neighbors better than a crease does,
+            and off all planes. Where there is no crease it is 10 to 20, the more, the flatter
+            the neighborhood. For the others the value, negative.
         """
         check_is_fitted(self)
         X = validate_data(self, X, dtype=[np.float64, np.float32], reset=False)
@@ -305,6 +306,12 @@ class SharpFeatureDetector(OutlierMixin, BaseEstimator):
             raise ValueError(
                 "threshold='mean' is for eigenvalues; criterion='crease' takes a distance in "
                 "spacings of the points, or None for 2."
+            )
+        farthest = FAR / 2
+        if self.criterion == "crease" and (self.threshold or 0.0) > farthest:
+            raise ValueError(
+                f"threshold={self.threshold:g} is in spacings of the points for "
+                f"criterion='crease', and creases farther than {farthest:g} are not told: lower it."
             )
         check_extent(self._coordinates(X))
 

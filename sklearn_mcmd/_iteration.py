@@ -61,8 +61,12 @@ class IteratedPlanes:
     borrow : bool
     keep_groups : bool
     cutoff : float
+        Up to which points are retained for the next pass.
     max_iter : int
     n_jobs : int or None
+    verdict : float, default=None
+        Beyond which points are outliers at last; None is `cutoff`. So planes and passes do not
+        depend on how many points the user wants to be flagged.
 
     Attributes
     ----------
@@ -72,8 +76,11 @@ class IteratedPlanes:
         Of the fitted cloud.
     """
 
-    def __init__(self, model, *, noise_scale, borrow, keep_groups, cutoff, max_iter, n_jobs):
+    def __init__(
+        self, model, *, noise_scale, borrow, keep_groups, cutoff, max_iter, n_jobs, verdict=None
+    ):
         self.model = model
+        self.verdict = cutoff if verdict is None else verdict
         self.borrow = borrow
         self.keep_groups = keep_groups
         self.cutoff = cutoff
@@ -120,15 +127,17 @@ class IteratedPlanes:
             changed = np.count_nonzero((passed != retained)[self.distinct])
             few = passed[self.distinct].sum() < self._least()
             if changed <= SETTLED * len(self.distinct) or few:
-                if borrow != self.borrow:
-                    scores, owners, usual = self._judge_all(X, self.borrow)
                 break
             retained = passed
             self.model = self.model.over(X[retained])
             rows = np.flatnonzero(retained).astype(np.int32)
             self.member_rows = rows[self.model.index.rows]
             self.n_iter += 1
+        if borrow != self.borrow or self.cutoff != self.verdict:
+            self.cutoff = self.verdict
+            scores, owners, usual = self._judge_all(X, self.borrow)
         self._settle(X, order, scores, owners, usual)
+        del self.neighbors
         return self
 
     def score(self, queries):
@@ -246,14 +255,18 @@ class IteratedPlanes:
         )
         scores, usual = judged.scores, judged.usual_spacing
         if self.ruler != OWN:
-            # Among copies of one point there is no spacing to compare with.
-            apart = ratio(spacing, STANDS_APART * np.where(usual > 0, usual, np.inf))
-            if self.dense is not None:
-                dense = self.dense.around(queries)
-                sparse = ratio(spacing, SPARSE * np.where(dense > 0, dense, np.inf))
-                apart = np.maximum(apart, sparse)
-            scores = np.maximum(scores, self.cutoff * apart)
+            scores = np.maximum(scores, self.cutoff * self._apart(queries, spacing, usual))
         return scores, judged.owners, usual
+
+    def _apart(self, queries, spacing, usual):
+        """How far queries stand apart, beyond 1 too far."""
+        # Among copies of one point there is no spacing to compare with.
+        apart = ratio(spacing, STANDS_APART * np.where(usual > 0, usual, np.inf))
+        if self.dense is not None:
+            dense = self.dense.around(queries)
+            sparse = ratio(spacing, SPARSE * np.where(dense > 0, dense, np.inf))
+            apart = np.maximum(apart, sparse)
+        return apart
 
     def _passed(self, X, scores):
         """Who is retained for the next pass."""
@@ -277,8 +290,7 @@ class IteratedPlanes:
 
     def _settle(self, X, order, scores, owners, usual):
         """What new points need, and results in the order of the rows of the fitted cloud."""
-        n, k = self.neighbors.shape
-        del self.neighbors
+        n, k = len(X), self.model.index.n_neighbors
         self.company = None
         if self.keep_groups and self.ruler != OWN:
             rejected = np.flatnonzero(scores > self.cutoff)

@@ -9,7 +9,8 @@ from threading import Lock
 import numpy as np
 from joblib import Parallel, delayed
 
-from sklearn_mcmd._consistent_set import localize, maximum_consistent_sets, n_support_points
+from sklearn_mcmd._adaptive_trials import StopRule, adaptive_consistent_sets
+from sklearn_mcmd._consistent_set import localize, n_support_points
 from sklearn_mcmd._neighborhoods import ORDER_FROM, NeighborIndex, spatial_order
 from sklearn_mcmd._plane import RANK_TOLERANCE, fit_planes, flat_normals, normal_errors
 from sklearn_mcmd._progress import current_listener
@@ -97,6 +98,8 @@ class LocalPlaneModel:
         Step to which the coordinates were rounded before.
     comparator : baselines.Method, default=None
         Judges neighborhoods in the place of a rule; `trials` are then its tables.
+    stop_rule : StopRule, default=None
+        When to stop before the end of the table; never by default.
     """
 
     def __init__(
@@ -111,6 +114,7 @@ class LocalPlaneModel:
         reweight=False,
         step=0.0,
         comparator=None,
+        stop_rule=None,
     ):
         self.index = index
         self.trials = trials
@@ -119,6 +123,7 @@ class LocalPlaneModel:
         self.cutoff = cutoff
         self.reweight = reweight
         self.comparator = comparator
+        self.stop_rule = StopRule.never() if stop_rule is None else stop_rule
         self.rounding = 8 * precision
         # At the usual cutoffs a distance of one step is then no outlier.
         self.least_scale = step / 2
@@ -210,6 +215,9 @@ class LocalPlaneModel:
             queries,
             self.trials,
             n_support,
+            self.stop_rule.checkpoints,
+            self.stop_rule.least_inliers,
+            self.stop_rule.scale_factor,
             METHODS[self.method].code,
             self.cutoff,
             self.reweight,
@@ -231,7 +239,7 @@ class LocalPlaneModel:
     def _evaluate_numpy(self, queries, indices, sizes, saliency, rounding):
         planes = LocalPlanes.empty(*queries.shape)
         neighborhoods = self.index.points[indices]
-        found = self._fit_rule(neighborhoods, sizes, rounding)
+        found = self.fit_rule(neighborhoods, sizes, rounding)
         planes.distance[:] = found.score(queries[:, None])[:, 0]
         planes.scale[:] = found.scale
         if saliency:
@@ -274,7 +282,7 @@ class LocalPlaneModel:
 
     def _fit_whole(self):
         points = self.index.points[None]
-        found = self._fit_rule(points, np.array([points.shape[1]]), self.rounding)
+        found = self.fit_rule(points, np.array([points.shape[1]]), self.rounding)
         centroids, eigenvalues, axes = fit_planes(points, found.support)
         plane = LocalPlanes.empty(1, points.shape[2])
         plane.scale[:], plane.centroids[:] = found.scale, centroids
@@ -294,7 +302,7 @@ class LocalPlaneModel:
             flat = self._flat_distances(queries, points, members, self.rounding)
             planes.distance[:], planes.scale[:] = flat
 
-    def _fit_rule(self, neighborhoods, sizes, rounding):
+    def fit_rule(self, neighborhoods, sizes, rounding):
         """What the method finds in neighborhoods (B, k, d)."""
         if self.comparator is not None:
             return self.comparator.fit_sizes(
@@ -314,7 +322,9 @@ class LocalPlaneModel:
         support, flat = None, np.zeros(len(local), dtype=bool)
         if rule.needs_consistent_set:
             n_support = n_support_points(self.support_fraction, sizes, d)
-            support, _, flat = maximum_consistent_sets(neighborhoods, self.trials, n_support, sizes)
+            support, _, flat, _ = adaptive_consistent_sets(
+                neighborhoods, self.trials, n_support, self.stop_rule, sizes
+            )
         centers, whitening = rule.apply(local, valid, support, self.reweight, floor)
         scale = 1.0 / np.linalg.norm(whitening[..., 0], axis=1)
         origin = neighborhoods[:, 0]

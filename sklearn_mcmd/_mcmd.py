@@ -5,6 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from sklearn_mcmd._base import BasePlaneOutliers, Integral, Interval, Real, StrOptions, fit_context
+from sklearn_mcmd._calibration import calibrated_cutoff
 from sklearn_mcmd._iteration import IteratedPlanes
 
 __all__ = ["MCMDOutlierDetector"]
@@ -39,9 +40,11 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         k)``. "auto" is ``1 - outlier_rate``. Less than 0.5 withstands more than half of
         outliers if these are not consistent with a plane themselves.
 
-    outlier_rate : float in [0, 1), default=0.5
+    outlier_rate : float in [0, 1) or "auto", default=0.5
         Assumed share of outliers in a neighborhood (epsilon). It sets the number of trials
         (Eq. 13); too small a rate risks masking. It is not the share that is flagged.
+        "auto" prepares for 0.5 and makes fewer trials where the neighborhood itself shows
+        that they suffice.
 
     success_probability : float in (0, 1), default=0.9999
         Probability that at least one minimal subset is free of outliers (P_r).
@@ -51,33 +54,47 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         the root of the 0.975 quantile of chi-squared with ``n_features`` degrees of freedom
         for "mcmd_md" (3.0575 in 3D), and 3 for all `noise_scale` but "own".
 
+    false_positive_rate : float in (0, 0.5), default=None
+        Share of the points of a clean plane with Gaussian noise that may be flagged, at least
+        1e-4 in 3D and 1e-3 else. The cutoff is then found by simulation with these very
+        settings and about the noise of X, and `cutoff` must be None. The rate holds far from
+        edges, and for no other deviation than noise.
+
     refine : {"reweight"} or None, default="reweight"
         "reweight" refits plane and scale twice to the neighbors within 2.5 robust standard
         deviations; it repairs the swamping of "mcmd_md", gives more accurate planes and needs
         no knowledge of the outlier rate. None is the paper to the letter.
 
-    max_iter : int, default=1
-        Most passes over the cloud. In each pass all points are judged against those retained
-        in the pass before; it ends when the retained set settles. 1 is the paper.
+    max_iter : int, default=3
+        Most passes over the cloud. The first judges points by the whole cloud and retains the
+        seeds, which are sure to be of a surface; in each later one planes are fitted among the
+        retained points and all points are judged again, so that the retained set grows back
+        along the surfaces. It ends when that set settles. 1 is one pass over all points.
 
-    noise_scale : {"own", "local", "pooled"} or float, default="own"
+    noise_scale : {"local", "own", "pooled"} or float, default="local"
         By which standard deviation the distance to a plane is measured:
 
-        - "own": that of the point's own neighborhood, as in the paper;
-        - "local": the same where the plane is credible, and what is usual among the neighbors
-          where it is not. For any cloud, curved, sparse or with foliage;
+        - "local": that of the plane itself where it is credible, and what is usual among the
+          neighbors where it is not. For any cloud, curved, sparse or with foliage;
+        - "own": that of the point's own neighborhood in any case, as in the paper;
         - "pooled": one for all points, the median of the retained points' planes. The most
           sensitive, but only for clouds of one noise and flat faces: curvature, foliage and
           coarse spacing are flagged;
         - a number: the scanner's standard deviation, in units of X; otherwise as "pooled".
 
-        All but "own" also flag points that stand apart: whose neighbors are, on average, more
-        than 1.8 times as far as is usual among these neighbors.
+        All but "own" also flag points that stand apart, whose neighbors are, on average, more
+        than 2.4 times as far as is usual among these neighbors, and do not retain those that
+        lie sparser than surfaces around them, or in small groups by themselves.
 
-    borrow : bool, default=False
+    borrow : bool, default=True
         Whether a point beyond the cutoff of its own plane is measured by the nearest credible
         plane of its neighbors instead. Next to an edge its own neighborhood may be ruled by
         the other face.
+
+    keep_groups : bool or "auto", default="auto"
+        Whether points that no plane explains are kept where they lie together nearly as densely
+        as the surfaces do, and not in a small group: foliage, thin objects, small faces. "auto"
+        keeps them with ``noise_scale="local"`` only.
 
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of trials that all neighborhoods use.
@@ -130,13 +147,13 @@ class MCMDOutlierDetector(BasePlaneOutliers):
     `n_neighbors` nearest points of the cloud. So ``fit_predict(X)`` equals
     ``fit(X).predict(X)``.
 
-    ``MCMDOutlierDetector(refine=None)`` is the paper to the letter: ``max_iter=1``,
-    ``noise_scale="own"`` and ``borrow=False`` are the defaults. Its weakness are whole clouds:
-    where neighbors come from far apart, as those of an isolated outlier do, the scale is large
-    and the outlier passes. ``noise_scale="local"`` with ``borrow=True`` flags fewer good points
-    on clean clouds, and with ``max_iter=5`` it finds more outliers. Whichever is chosen, a point
-    that was not retained is scored by the same arithmetic as a new one. With
-    ``n_neighbors=None`` there is one pass and one plane, whose scale only a number replaces.
+    ``MCMDOutlierDetector(refine=None, max_iter=1, noise_scale="own", borrow=False)`` is the
+    paper to the letter. Its weakness are whole clouds: where neighbors come from far apart, as
+    those of an isolated outlier do, the scale is large and the outlier passes, and outliers that
+    lie together are planes to each other. The default asks more: a point is an inlier if a
+    credible plane explains it, its own or a neighbor's, or if it has the company of many others
+    of its kind. With ``n_neighbors=None`` there is one pass and one plane, whose scale only a
+    number replaces.
 
     A neighborhood of exactly coplanar points has no scale; rounding of the coordinates takes
     its place, and any point visibly off the plane is an outlier with a very large but finite
@@ -147,8 +164,9 @@ class MCMDOutlierDetector(BasePlaneOutliers):
     all of them are used, with a warning.
 
     The time grows as ``n_samples * n_trials_ * n_neighbors`` and as ``n_samples *
-    log(n_samples)`` for the search; the memory beyond the cloud and the results is bounded,
-    except with ``n_neighbors=None``. In 3D and from
+    log(n_samples)`` for the search, in each pass for the neighborhoods that have changed. In
+    `fit` the memory beyond the cloud is about ``180 + 4 * n_neighbors`` bytes a point, 400 MB
+    for a million; with ``noise_scale="own"`` in one pass it is bounded. In 3D and from
     1,000 points on the work is done by compiled code.
 
     References
@@ -170,7 +188,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
     >>> labels = detector.fit_predict(np.vstack([wall, car]))
     >>> print(f"{np.sum(labels[:40] == -1)} of 40 wall points swamped, "
     ...       f"{np.sum(labels[40:] == -1)} of 4 car points found")
-    1 of 40 wall points swamped, 4 of 4 car points found
+    0 of 40 wall points swamped, 4 of 4 car points found
     """
 
     _parameter_constraints: ClassVar[dict] = {
@@ -182,6 +200,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
             Interval(Real, 0, None, closed="neither"),
         ],
         "borrow": ["boolean"],
+        "false_positive_rate": [Interval(Real, 0, 0.5, closed="neither"), None],
         "keep_groups": ["boolean", StrOptions({"auto"})],
     }
 
@@ -194,6 +213,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         outlier_rate=0.5,
         success_probability=0.9999,
         cutoff=None,
+        false_positive_rate=None,
         refine="reweight",
         max_iter=3,
         noise_scale="local",
@@ -208,6 +228,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         self.outlier_rate = outlier_rate
         self.success_probability = success_probability
         self.cutoff = cutoff
+        self.false_positive_rate = false_positive_rate
         self.refine = refine
         self.max_iter = max_iter
         self.noise_scale = noise_scale
@@ -234,8 +255,14 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         Raises
         ------
         ValueError
-            If X has NaN, infinite or too few values, or `n_neighbors` is too small.
+            If X has NaN, infinite or too few values, or `n_neighbors` is too small; if
+            `cutoff` and `false_positive_rate` are both given, or the rate is out of reach.
         """
+        if self.cutoff is not None and self.false_positive_rate is not None:
+            raise ValueError(
+                f"cutoff={self.cutoff} and false_positive_rate={self.false_positive_rate} exclude "
+                "each other: leave one of them None."
+            )
         X = self._fit_planes(X)
         cutoff = self._cutoff
         own_ruler = self.noise_scale == "own" or (
@@ -246,15 +273,18 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         keep_groups = self.keep_groups
         if keep_groups == "auto":
             keep_groups = self.noise_scale == "local"
-        self._cloud = IteratedPlanes(
-            self._model,
-            noise_scale=self.noise_scale,
-            borrow=self.borrow,
-            keep_groups=keep_groups,
-            cutoff=cutoff,
-            max_iter=self.max_iter,
-            n_jobs=self.n_jobs,
-        ).fit(X.astype(np.float64, copy=False))
+        settings = {
+            "noise_scale": self.noise_scale,
+            "borrow": self.borrow,
+            "keep_groups": keep_groups,
+            "cutoff": cutoff,
+            "max_iter": self.max_iter,
+            "n_jobs": self.n_jobs,
+        }
+        if self.false_positive_rate is not None:
+            cutoff = calibrated_cutoff(self._model, settings, self.false_positive_rate)
+        self._cloud = IteratedPlanes(self._model, verdict=cutoff, **settings)
+        self._cloud.fit(X.astype(np.float64, copy=False))
         self.n_iter_ = self._cloud.n_iter
         if self._cloud.noise_scale_found is not None:
             self.noise_scale_ = self._cloud.noise_scale_found

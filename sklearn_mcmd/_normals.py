@@ -18,6 +18,8 @@ from sklearn_mcmd._base import (
 from sklearn_mcmd._features import FEATURES, evaluate_features, settle_features
 from sklearn_mcmd._orientation import orient_by_spanning_tree, orient_toward, point_up
 from sklearn_mcmd._plane import surface_variation
+from sklearn_mcmd._rules import METHODS
+from sklearn_mcmd._surface_planes import SurfacePlanes
 
 __all__ = ["RobustNormalEstimator"]
 
@@ -54,8 +56,9 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Share of a neighborhood that forms the consistent set. "auto" is
         ``1 - outlier_rate``.
 
-    outlier_rate : float in [0, 1), default=0.5
-        Assumed share of outliers in a neighborhood (epsilon in Eq. 13).
+    outlier_rate : float in [0, 1) or "auto", default=0.5
+        Assumed share of outliers in a neighborhood (epsilon in Eq. 13). "auto" prepares for
+        0.5 and makes fewer trials where the neighborhood itself shows that they suffice.
 
     success_probability : float in (0, 1), default=0.9999
         Probability that at least one minimal subset is free of outliers (P_r).
@@ -68,6 +71,10 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     refine : {"reweight"} or None, default="reweight"
         "reweight" refits plane and scale twice before outliers are removed; None is the paper
         to the letter.
+
+    borrow : bool, default=True
+        Whether a point next to an edge, whose own neighborhood may be ruled by the other face,
+        is given the plane of the neighbor that explains it best; only with ``refine="reweight"``.
 
     radius : float, default=None
         Largest distance of a neighbor, in units of X: a fixed-distance neighborhood, of
@@ -126,6 +133,10 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
 
     features_ : ndarray of shape (n_samples, n_chosen)
         The columns asked for by `features`.
+
+    plane_index_ : ndarray of int of shape (n_samples,)
+        Whose plane it is that each point was given: its own row, or that of the neighbor it was
+        borrowed from.
 
     n_neighbors_, n_support_, n_trials_ : int
         Size of a neighborhood, of a consistent set, and the number of trials.
@@ -193,7 +204,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     >>> estimator = RobustNormalEstimator(30, features=["planarity", "roughness"], random_state=0)
     >>> columns = estimator.fit_transform(floor)
     >>> print(f"standard error {np.median(estimator.normal_error_[20:]):.2f} degrees")
-    standard error 0.37 degrees
+    standard error 0.34 degrees
     >>> estimator.get_feature_names_out()[-2:]
     array(['planarity', 'roughness'], dtype=object)
     >>> print(f"leaves {columns[:20, -1].mean():.2f}, floor {columns[20:, -1].mean():.4f}")
@@ -203,6 +214,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     _parameter_constraints: ClassVar[dict] = {
         **BaseLocalPlanes._parameter_constraints,
         "method_params": [dict, None],
+        "borrow": ["boolean"],
         "radius": [Interval(Real, 0, None, closed="neither"), None],
         "orientation": [StrOptions({"viewpoint", "mst"}), "array-like", None],
         "viewpoint": ["array-like", None],
@@ -220,6 +232,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         success_probability=0.9999,
         cutoff=None,
         refine="reweight",
+        borrow=True,
         radius=None,
         orientation=None,
         viewpoint=None,
@@ -235,6 +248,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         self.success_probability = success_probability
         self.cutoff = cutoff
         self.refine = refine
+        self.borrow = borrow
         self.radius = radius
         self.orientation = orientation
         self.viewpoint = viewpoint
@@ -301,7 +315,10 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         """
         check_is_fitted(self)
         X = self._check_queries(X)
-        planes = self._model.evaluate(X, n_jobs=self.n_jobs)
+        if self._surfaces is not None:
+            planes = self._surfaces.evaluate(X)
+        else:
+            planes = self._model.evaluate(X, n_jobs=self.n_jobs)
         normals = point_up(planes.normals)
         if self.orientation is not None:
             self._orient(normals, X, self._settle_orientation(X.shape[1]))
@@ -350,7 +367,13 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         X = self._fit_planes(X, radius=self.radius)
         orientation = self._settle_orientation(X.shape[1])
         self._feature_names = settle_features(self.features, X.shape[1])
-        planes = self._model.evaluate(X, n_jobs=self.n_jobs)
+        self._surfaces = None
+        if self._mends_planes():
+            self._surfaces = SurfacePlanes(self._model, self.borrow, self.n_jobs)
+            planes, self.plane_index_ = self._surfaces.fit(X)
+        else:
+            planes = self._model.evaluate(X, n_jobs=self.n_jobs)
+            self.plane_index_ = np.arange(len(X))
         self.normals_ = point_up(planes.normals)
         self.eigenvalues_ = planes.eigenvalues
         self.surface_variation_ = surface_variation(planes.eigenvalues)
@@ -362,6 +385,11 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         if orientation is not None:
             self._orient(self.normals_, X, orientation)
         return X
+
+    def _mends_planes(self):
+        """Whether more than the planes of Algorithm 4 is asked for."""
+        robust = self.method in METHODS and METHODS[self.method].needs_consistent_set
+        return robust and self.refine == "reweight" and self.n_neighbors is not None
 
     def _orient_tree(self, X):
         """Normals that agree at the distinct points of the cloud."""

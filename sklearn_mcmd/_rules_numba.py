@@ -7,6 +7,7 @@ ever held.
 import numpy as np
 from numba import njit
 
+from sklearn_mcmd._adaptive_trials_numba import adaptive_set_3d, adaptive_work_arrays
 from sklearn_mcmd._consistent_set_numba import consistent_set_3d, work_arrays
 from sklearn_mcmd._plane_numba import (
     FASTMATH,
@@ -31,8 +32,9 @@ PCA, MCMD_Z = METHODS["pca"].code, METHODS["mcmd_z"].code
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fit_neighborhoods_3d(
-    points, indices, sizes, queries, trials, n_support, method, cutoff, reweight, rounding,
-    least_scale, saliency, distance, scale, centroids, normals, eigenvalues, directions, inliers,
+    points, indices, sizes, queries, trials, n_support, checkpoints, least_inliers,
+    scale_factor, method, cutoff, reweight, rounding, least_scale, saliency, distance, scale,
+    centroids, normals, eigenvalues, directions, inliers,
 ):  # fmt: skip
     """Apply a method to each neighborhood (Algorithm 4), one row at a time.
 
@@ -43,6 +45,8 @@ def fit_neighborhoods_3d(
     queries : float64 (m, 3)
     trials : int32 (T, k)
     n_support : int (k + 1,), the paper's h of each size
+    checkpoints, least_inliers, scale_factor : a ``StopRule``; without checkpoints all trials
+        are made
     method : code of the rule
     cutoff, reweight : as in ``_rules.mcmd_z``
     rounding : relative rounding error of the coordinates
@@ -52,6 +56,8 @@ def fit_neighborhoods_3d(
     """
     k = indices.shape[1]
     arrays = work_arrays(trials.shape[0], k)
+    adaptive = checkpoints.shape[0] > 0
+    blocks = adaptive_work_arrays(trials.shape[0], k, checkpoints)
     local, keys, member = arrays[0], arrays[5], arrays[6]
     work = np.zeros(k)
     query = np.zeros(3)
@@ -67,7 +73,13 @@ def fit_neighborhoods_3d(
 
         degenerate = False
         if method != PCA:
-            found = consistent_set_3d(size, trials, n_support[size], arrays)
+            if adaptive:
+                found, _ = adaptive_set_3d(
+                    size, trials, n_support[size], arrays, blocks, checkpoints, least_inliers,
+                    scale_factor,
+                )  # fmt: skip
+            else:
+                found = consistent_set_3d(size, trials, n_support[size], arrays)
             degenerate = found < 0.0
         if method == PCA or degenerate:
             for j in range(size):

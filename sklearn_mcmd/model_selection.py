@@ -1,4 +1,4 @@
-"""Cross-validation of outlier detectors on clouds, without tearing neighborhoods apart."""
+"""Cross-validation on clouds: without tearing neighborhoods apart, or by whole scenes."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -6,8 +6,9 @@ from sklearn.model_selection import BaseCrossValidator
 from sklearn.utils import check_array, check_random_state
 
 from sklearn_mcmd._base import Integral, Interval, validate_params
+from sklearn_mcmd._segment_search import WholeSceneSplit, score_segments
 
-__all__ = ["SpatialBlockSplit", "spatial_blocks"]
+__all__ = ["SpatialBlockSplit", "WholeSceneSplit", "score_segments", "spatial_blocks"]
 
 # Extents are measured between these percentiles, so that a stray point does not decide an axis.
 BULK = 5, 95

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial import cKDTree
 from sklearn.metrics import f1_score, roc_auc_score
 from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
@@ -67,7 +68,7 @@ def test_edges_of_a_street_are_found_within_two_spacings():
 
 def test_scores_are_the_distance_to_the_edge_in_spacings(box, fitted):
     scores = fitted.score_samples(box.data)
-    near = (box.edge_distance < 1.5 * box.spacing) & (scores < FAR)
+    near = (box.edge_distance < 1.5 * box.spacing) & (scores < FAR / 2)
     error = scores[near] - box.edge_distance[near] / box.spacing
     # The spacing is a local estimate, of 8 neighbors.
     assert np.median(np.abs(error)) < 0.15
@@ -127,7 +128,17 @@ def test_corners_of_lines_are_found_in_the_plane():
     scores = fast(n_neighbors=20).fit(bend).score_samples(bend)
     assert (scores[np.abs(t) < 0.008] < 2).mean() > 0.8
     # 20 neighbors reach 0.05 on average.
-    assert (scores[np.abs(t) > 0.15] == FAR).all()
+    assert (scores[np.abs(t) > 0.15] > FAR / 2).all()
+
+
+def test_edges_of_a_machined_part_are_found(shared_data):
+    with np.load(shared_data / "cad_angle_block" / "cloud.npz") as arrays:
+        points, distance = arrays["xyz"][::2], arrays["edge_dist"][::2]
+    gaps, _ = cKDTree(points).query(points, k=9)
+    spacing = np.median(gaps[:, -1]) * np.sqrt(np.pi / 8)
+    edge = distance <= 2 * spacing
+    # .90 of all 20 000 points.
+    assert f1_score(edge, fast().fit_predict(points) == -1) > 0.8
 
 
 # --- Invariance -------------------------------------------------------------------------------
@@ -262,6 +273,7 @@ def test_a_grid_search_reaches_the_nested_estimators():
         ({"criterion": "sharp"}, "'criterion' parameter"),
         ({"threshold": "mean"}, "threshold='mean' is for eigenvalues"),
         ({"threshold": -1.0}, "'threshold' parameter"),
+        ({"threshold": 11.0}, "threshold=11 is in spacings"),
         ({"min_angle": 90}, "'min_angle' parameter"),
         ({"normals": "precomputed"}, "needs 6 columns"),
         ({"normals": "precomputed", "criterion": "eigenvalue"}, "needs 8 columns"),

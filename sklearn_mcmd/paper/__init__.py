@@ -2,7 +2,10 @@
 
 from sklearn_mcmd.paper._angles import figure3, figure4, table1
 from sklearn_mcmd.paper._classification import figure8, table4
+from sklearn_mcmd.paper._denoising import figure9, table5
 from sklearn_mcmd.paper._report import Report
+from sklearn_mcmd.paper._segments import figure14, figure15, table6
+from sklearn_mcmd.paper._sharp import figure10, figure11, figure12, figure13
 from sklearn_mcmd.paper._speed import cost, table3
 from sklearn_mcmd.paper._sweeps import figure5, figure6, figure7, table2
 
@@ -16,10 +19,19 @@ __all__ = [
     "figure6",
     "figure7",
     "figure8",
+    "figure9",
+    "figure10",
+    "figure11",
+    "figure12",
+    "figure13",
+    "figure14",
+    "figure15",
     "table1",
     "table2",
     "table3",
     "table4",
+    "table5",
+    "table6",
 ]
 
 EXPERIMENTS = {
@@ -29,12 +41,21 @@ EXPERIMENTS = {
         table2,
         table3,
         table4,
+        table5,
+        table6,
         figure3,
         figure4,
         figure5,
         figure6,
         figure7,
         figure8,
+        figure9,
+        figure10,
+        figure11,
+        figure12,
+        figure13,
+        figure14,
+        figure15,
         cost,
     )
 }

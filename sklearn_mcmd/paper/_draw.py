@@ -15,12 +15,19 @@ COLORS = {
     "MCMD_Z": "#0072B2",
     "MCMD_MD": "#D55E00",
     "reweighted": "#56B4E9",
+    "default": "#332288",
     "LOF": "#117733",
     "IsolationForest": "#882255",
     "EllipticEnvelope": "#AA4499",
 }
 # Other readings of a method are drawn in its color.
-FALLBACK = {"MCMD_MD h=.5n": "MCMD_MD", "RANSAC sigma=.1": "RANSAC", "RPCA rrcov": "RPCA"}
+FALLBACK = {
+    "MCMD_MD h=.5n": "MCMD_MD",
+    "MCMD_MD h=.5k": "MCMD_MD",
+    "PCA, default growth": "PCA",
+    "RANSAC sigma=.1": "RANSAC",
+    "RPCA rrcov": "RPCA",
+}
 STYLES = {"reweighted": "--"} | dict.fromkeys(FALLBACK, ":")
 
 

@@ -1,0 +1,130 @@
+"""Which points are of edges? Our forms against the paper's, with the truth.
+
+On the box, the crown roof and the street, whose edges are known, and on clouds with a true
+distance to the edge (`edge_dist` in an npz file). A point is of an edge if its true distance is at
+most two spacings. Precision, recall, F1, area under the ROC curve and average precision in
+percent, over the regular points; "P all" is the precision if outliers that are taken for edges
+count as errors as well. No form is told anything about the cloud.
+
+    python benchmarks/bench_edges.py
+    python benchmarks/bench_edges.py --street 100000 --shares 0 0.1 0.2 --forms crease
+    python benchmarks/bench_edges.py --clouds ../shared/data/cad_*/cloud.npz --most 30000
+"""
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+from sklearn.metrics import average_precision_score, roc_auc_score
+
+HEAD = ["P", "R", "F1", "AUC", "AP", "P all", "seconds"]
+
+
+def make_forms(options):
+    from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, SharpFeatureDetector
+
+    literal = {
+        "criterion": "eigenvalue",
+        "threshold": "mean",
+        "outlier_detector": "passthrough",
+        "random_state": 0,
+    }
+    cleaner = MCMDOutlierDetector(
+        noise_scale=options.noise_scale,
+        borrow=True,
+        max_iter=5,
+        random_state=0,
+        n_jobs=options.threads,
+    )
+    ours = {"outlier_detector": cleaner, "random_state": 0, "n_jobs": options.threads}
+    return {
+        "Eq. 25, PCA": SharpFeatureDetector(
+            30, **literal, normal_estimator=RobustNormalEstimator(30, method="pca")
+        ),
+        "Eq. 25, MCMD_Z": SharpFeatureDetector(
+            30, **literal, normal_estimator=RobustNormalEstimator(30, refine=None)
+        ),
+        "Eq. 25, MCMD_MD": SharpFeatureDetector(
+            30,
+            **literal,
+            normal_estimator=RobustNormalEstimator(30, method="mcmd_md", refine=None),
+        ),
+        "eigenvalue": SharpFeatureDetector(30, criterion="eigenvalue", **ours),
+        "surface_variation": SharpFeatureDetector(30, criterion="surface_variation", **ours),
+        "removed_fraction": SharpFeatureDetector(30, criterion="removed_fraction", **ours),
+        "crease (default)": SharpFeatureDetector(options.n_neighbors, **ours),
+    }
+
+
+def spacing_of(X):
+    """Side of the square that one point takes, of the median point, from its 8 neighbors."""
+    from scipy.spatial import cKDTree
+
+    distances, _ = cKDTree(X).query(X, k=9)
+    return np.median(distances[:, -1]) * np.sqrt(np.pi / 8)
+
+
+def clouds(options, share):
+    """Name, points, distance to the edge (NaN: outlier) and spacing."""
+    from sklearn_mcmd.datasets import make_box, make_crown_roof, make_street
+
+    for path in options.clouds:
+        rng = np.random.default_rng(0)
+        with np.load(path) as arrays:
+            X, distance = arrays["xyz"].astype(np.float64), arrays["edge_dist"]
+        if len(X) > options.most:
+            rows = rng.permutation(len(X))[: options.most]
+            X, distance = X[rows], distance[rows]
+        spacing = spacing_of(X)
+        n = round(len(X) * share / (1 - share))
+        displaced = X[rng.permutation(len(X))[:n]] + rng.normal(0, 5 * spacing, (n, 3))
+        points = np.vstack([X, displaced])
+        yield Path(path).parent.name, points, np.r_[distance, np.full(n, np.nan)], spacing
+    if options.clouds:
+        return
+    for make in (make_box, make_crown_roof):
+        cloud = make(outlier_share=share, random_state=0)
+        yield make.__name__, cloud.data, cloud.edge_distance, cloud.spacing
+    street = make_street(options.street, outlier_share=share, random_state=0)
+    yield f"make_street({options.street})", street.data, street.edge_distance, street.spacing
+
+
+def figures(distance, spacing, scores, found):
+    regular = np.isfinite(distance)
+    edge = distance[regular] <= 2 * spacing
+    hits = np.count_nonzero(found[regular] & edge)
+    precision, recall = hits / max(found[regular].sum(), 1), hits / edge.sum()
+    f1 = 2 * hits / (found[regular].sum() + edge.sum())
+    area = roc_auc_score(edge, -scores[regular])
+    average = average_precision_score(edge, -scores[regular])
+    return 100 * np.array([precision, recall, f1, area, average, hits / max(found.sum(), 1)])
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--shares", type=float, nargs="+", default=[0.0, 0.1, 0.2])
+    parser.add_argument("--street", type=int, default=20_000, help="points of the street")
+    parser.add_argument("--clouds", nargs="+", default=[], help="npz files, instead of scenes")
+    parser.add_argument("--most", type=int, default=30_000, help="points of a cloud at most")
+    parser.add_argument("--forms", nargs="+", default=[""], help="parts of the forms' names")
+    parser.add_argument("--noise-scale", default="local", help="ruler of the cleaning")
+    parser.add_argument("--n-neighbors", type=int, default=40)
+    parser.add_argument("--threads", type=int, default=2)
+    options = parser.parse_args()
+    for share in options.shares:
+        for name, X, distance, spacing in clouds(options, share):
+            print(f"\n{name}, {len(X):,} points, {100 * share:g} % outliers")
+            print(f"{'':20}" + "".join(f"{title:>9}" for title in HEAD))
+            for form, detector in make_forms(options).items():
+                if not any(part in form for part in options.forms):
+                    continue
+                start = time.perf_counter()
+                scores = detector.fit(X).score_samples(X)
+                seconds = time.perf_counter() - start
+                row = [*figures(distance, spacing, scores, scores < detector.offset_), seconds]
+                print(f"{form:20}" + "".join(f"{v:9.1f}" for v in row), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,70 @@
+"""Is the stated false-positive rate the one that is achieved?
+
+Fresh clean planes with Gaussian noise, in percent of all their points (edges of the plane
+included) and, in parentheses, of those farther than two neighborhoods from its edge, for which
+the rate is stated. Means over the seeds; the last column is the standard error that so many
+independent points would have, of the asked rate.
+
+    python benchmarks/bench_false_positives.py --seeds 3
+"""
+
+import argparse
+from itertools import product
+
+import numpy as np
+
+FORMS = {
+    "own": {"noise_scale": "own", "borrow": False, "max_iter": 1},
+    "local": {},
+    "pooled": {"noise_scale": "pooled", "max_iter": 6},
+}
+
+
+def clean_plane(n, noise, n_neighbors, seed):
+    """Square of n points of spacing 1, and which are far from its edge."""
+    rng = np.random.default_rng([seed, n])
+    side = np.sqrt(n)
+    X = rng.uniform(0, side, (n, 3))
+    X[:, 2] = rng.normal(0, noise, n)
+    margin = 2 * np.sqrt(n_neighbors / np.pi)
+    return X, (np.abs(X[:, :2] - side / 2) < side / 2 - margin).all(axis=1)
+
+
+def achieved(X, far, form, n_neighbors, rate, n_jobs):
+    from sklearn_mcmd import MCMDOutlierDetector
+
+    detector = MCMDOutlierDetector(
+        n_neighbors, false_positive_rate=rate, random_state=0, n_jobs=n_jobs, **FORMS[form]
+    )
+    flagged = detector.fit_predict(X) == -1
+    return flagged.mean(), flagged[far].mean(), -detector.offset_
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--forms", nargs="+", choices=FORMS, default=list(FORMS))
+    parser.add_argument("--neighbors", nargs="+", type=int, default=[20, 30, 50, 100])
+    parser.add_argument("--rates", nargs="+", type=float, default=[0.001, 0.01, 0.05])
+    parser.add_argument("--noise", nargs="+", type=float, default=[0.1, 0.3, 1.0])
+    parser.add_argument("--n-points", type=int, default=20_000)
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--threads", type=int, default=1)
+    options = parser.parse_args()
+    print("form    k    noise  asked %  all %  (far %)  cutoff  +- %", flush=True)
+    rows = product(options.forms, options.neighbors, options.noise, options.rates)
+    for form, k, noise, rate in rows:
+        found = [
+            achieved(*clean_plane(options.n_points, noise, k, seed), form, k, rate, options.threads)
+            for seed in range(options.seeds)
+        ]
+        all_points, far, cutoff = np.mean(found, axis=0)
+        error = np.sqrt(rate * (1 - rate) / (options.n_points * options.seeds))
+        print(
+            f"{form:7} {k:3d}  {noise:5g}  {100 * rate:7g}  {100 * all_points:5.3f}  "
+            f"({100 * far:5.3f})  {cutoff:6.3f}  {100 * error:5.3f}",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()

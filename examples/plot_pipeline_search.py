@@ -1,0 +1,81 @@
+"""
+Which angle and how many neighbors segment a street best?
+=========================================================
+
+`GridSearchCV` over ``segment__max_angle`` and ``normals__n_neighbors`` of a Pipeline of normals and
+segments, on simulated streets whose surfaces are known.
+
+**Folds and scorer.** Segments are found in a whole cloud, without labels: a fold is a whole scene,
+fitted and scored (`WholeSceneSplit`). Clusterers cannot `predict`, so that the scorer segments the
+scene itself (`score_segments`); with ``memory`` the normals of a scene are computed once for all
+angles. ``refit=False``, since scenes in one array lie on top of each other. The winner is judged on
+a street that the search has not seen.
+
+    python plot_pipeline_search.py --points 8000
+"""
+
+import argparse
+from tempfile import TemporaryDirectory
+
+import matplotlib.pyplot as plt
+import numpy as np
+from sklearn.base import clone
+from sklearn.model_selection import GridSearchCV
+from sklearn.pipeline import Pipeline
+
+from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
+from sklearn_mcmd.datasets import make_street
+from sklearn_mcmd.model_selection import WholeSceneSplit, score_segments
+
+parser = argparse.ArgumentParser()
+parser.add_argument("--points", type=int, default=8000, help="points of each street")
+n_points = parser.parse_args().points
+
+streets = [make_street(n_points, outlier_share=0.0, random_state=seed) for seed in range(3)]
+X = np.vstack([street.data for street in streets[:2]])
+y = np.hstack([street.surface for street in streets[:2]])
+scene = np.repeat([0, 1], n_points)
+
+# %%
+# The search. Several scores at once; the candidates are ranked by each.
+angles, neighbors = [5.0, 10.0, 15.0, 25.0, 40.0], [15, 30, 50]
+with TemporaryDirectory() as cache:
+    pipeline = Pipeline(
+        [
+            ("normals", RobustNormalEstimator(random_state=0)),
+            ("segment", RegionGrowing(normals="precomputed")),
+        ],
+        memory=cache,
+    )
+    search = GridSearchCV(
+        pipeline,
+        {"segment__max_angle": angles, "normals__n_neighbors": neighbors},
+        scoring=score_segments,
+        cv=WholeSceneSplit(),
+        refit=False,
+    ).fit(X, y, groups=scene)
+
+# %%
+# By F (Eq. 28), adjusted Rand index and mean intersection over union. The best is judged anew.
+results = search.cv_results_
+unseen = streets[2]
+pipeline.set_params(memory=None)
+print(f"{'ranked by':<16}{'search':>8}{'unseen':>8}   parameters")
+for name in ("f_score", "adjusted_rand", "mean_iou"):
+    best = np.argmin(results[f"rank_test_{name}"])
+    params = results["params"][best]
+    final = score_segments(clone(pipeline).set_params(**params), unseen.data, unseen.surface)
+    searched = results[f"mean_test_{name}"][best]
+    print(f"{name:<16}{searched:>8.3f}{final[name]:>8.3f}   {params}")
+default = score_segments(pipeline, unseen.data, unseen.surface)
+print("defaults, unseen:", {name: round(value, 3) for name, value in default.items()})
+
+# %%
+figure, axes = plt.subplots(1, 2, figsize=(11, 4), layout="constrained", sharex=True)
+chosen = np.array([params["normals__n_neighbors"] for params in results["params"]])
+for ax, name in zip(axes, ("f_score", "adjusted_rand"), strict=True):
+    for k in neighbors:
+        ax.plot(angles, results[f"mean_test_{name}"][chosen == k], "o-", label=f"{k} neighbors")
+    ax.set(xlabel="max_angle, degrees", ylabel=name.replace("_", " "), ylim=(0, 1.02))
+axes[1].legend(title="of the normals")
+plt.show()

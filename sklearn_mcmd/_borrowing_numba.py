@@ -1,0 +1,38 @@
+"""The plane that explains a point best, of those of its neighbors, compiled."""
+
+import numpy as np
+from numba import njit
+
+__all__ = ["best_planes"]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def best_planes(
+    queries, points, indices, sizes, centroids, normals, scale, kept, least_noise, kept_weight, best
+):  # fmt: skip
+    """Fill the row of the best plane, -1 for none; in any dimension."""
+    d = queries.shape[1]
+    for i in range(len(queries)):
+        square = 0.0
+        for j in range(sizes[i]):
+            total = 0.0
+            for axis in range(d):
+                gap = points[indices[i, j], axis] - queries[i, axis]
+                total += gap * gap
+            square = max(square, total)
+        least = least_noise * least_noise * square
+        best[i], least_cost = -1, np.inf
+        for j in range(sizes[i]):
+            row = indices[i, j]
+            height = reach = 0.0
+            for axis in range(d):
+                deviation = queries[i, axis] - centroids[row, axis]
+                height += deviation * normals[row, axis]
+                reach += deviation * deviation
+            if reach > square or scale[row] <= 0.0:
+                continue
+            variance = scale[row] * scale[row] + least
+            cost = 0.5 * (np.log(variance) + height * height / variance)
+            cost -= kept_weight * np.log(kept[row])
+            if cost < least_cost:
+                best[i], least_cost = row, cost

@@ -1,0 +1,128 @@
+"""Outliers leave X and y together, in imbalanced-learn's pipelines."""
+
+from typing import ClassVar
+
+import numpy as np
+from sklearn.base import BaseEstimator, clone
+from sklearn.utils.validation import check_consistent_length, validate_data
+
+from sklearn_mcmd._base import fit_context
+from sklearn_mcmd._mcmd import MCMDOutlierDetector
+
+__all__ = ["DenoisingSampler"]
+
+
+class DenoisingSampler(BaseEstimator):
+    """Drop outliers from X and y together, by `fit_resample` as in imbalanced-learn.
+
+    Steps of scikit-learn's Pipeline never change the number of rows, those of
+    :class:`imblearn.pipeline.Pipeline` may: with this as its first step, everything behind
+    learns from the cleaned cloud, and a grid search reaches the detector's parameters. Only
+    fitting is affected; rows to predict, transform or score are never dropped.
+
+    Parameters
+    ----------
+    detector : outlier detector, default=None
+        What finds the outliers: an estimator with `fit_predict` that gives -1 for them. It is
+        cloned. None is ``MCMDOutlierDetector(random_state=0)``.
+
+    Attributes
+    ----------
+    detector_ : estimator
+        The detector, fitted on the coordinates.
+
+    sample_indices_ : ndarray of int of shape (n_kept,)
+        Rows of X that were kept, ascending.
+
+    n_features_in_ : int
+        Number of features seen during `fit_resample`.
+
+    feature_names_in_ : ndarray of shape (`n_features_in_`,)
+        Names of features seen during `fit_resample`, when X has names that are all strings.
+
+    See Also
+    --------
+    MCMDOutlierDetector : The default detector.
+    sklearn_mcmd.model_selection.score_segments : Scores a pipeline that drops rows.
+
+    Notes
+    -----
+    imbalanced-learn is not needed for the class itself, which has that library's interface
+    without its base class: `y` may be anything with one entry a row, continuous values, several
+    columns or None. A clusterer at the end of such a pipeline gives one label for each row
+    that was kept; ``pipeline[0].sample_indices_`` says which these are.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn_mcmd.resampling import DenoisingSampler
+    >>> from sklearn_mcmd.datasets import make_street
+    >>> street = make_street(4000, outlier_share=0.1, random_state=0)
+    >>> sampler = DenoisingSampler()
+    >>> X, y = sampler.fit_resample(street.data, street.target)
+    >>> print(f"{np.mean(street.target == -1):.0%} outliers before, {np.mean(y == -1):.0%} after")
+    10% outliers before, 1% after
+    """
+
+    _parameter_constraints: ClassVar[dict] = {"detector": "no_validation"}
+
+    def __init__(self, detector=None):
+        self.detector = detector
+
+    @fit_context(prefer_skip_nested_validation=False)
+    def fit_resample(self, X, y=None):
+        """Find the outliers of X and drop their rows from X and y.
+
+        Parameters
+        ----------
+        X : array-like or dataframe of shape (n_samples, n_features)
+            Coordinates.
+        y : array-like, series or dataframe of n_samples rows, default=None
+
+        Returns
+        -------
+        X_kept, y_kept : of the kinds of X and y
+            The rows of the inliers, in their order; lists become arrays. None if y is None.
+
+        Raises
+        ------
+        TypeError
+            If the detector has no `fit_predict`.
+        ValueError
+            If the detector refuses X, the lengths of X and y differ, the detector gives other
+            labels than +1 and -1, or it calls every point an outlier.
+        """
+        check_consistent_length(X, y)
+        detector = self.detector
+        detector = MCMDOutlierDetector(random_state=0) if detector is None else clone(detector)
+        if not hasattr(detector, "fit_predict"):
+            raise TypeError(
+                f"detector={detector!r} has no fit_predict: take an outlier detector, such as "
+                "MCMDOutlierDetector(), or LocalOutlierFactor() without novelty."
+            )
+        labels = np.asarray(detector.fit_predict(X))
+        validate_data(self, X, skip_check_array=True)
+        if not np.isin(labels, (-1, 1)).all():
+            raise ValueError(
+                f"detector={detector!r} gives labels other than +1 and -1: take an outlier "
+                "detector, such as MCMDOutlierDetector()."
+            )
+        kept = np.flatnonzero(labels == 1)
+        if len(kept) == 0:
+            raise ValueError(
+                f"detector={detector!r} calls all {len(labels)} points outliers: "
+                "loosen its cut-off."
+            )
+        self.detector_, self.sample_indices_ = detector, kept
+        return _take(X, kept), _take(y, kept)
+
+
+def _take(rows, indices):
+    """Rows of an array, or of a pandas or polars object, as their own kind."""
+    if rows is None:
+        return None
+    if hasattr(rows, "iloc"):
+        return rows.iloc[indices]
+    if hasattr(rows, "__dataframe__") or hasattr(rows, "to_arrow"):  # polars
+        return rows[indices]
+    return np.asarray(rows)[indices]

@@ -1,0 +1,129 @@
+"""A stated false-positive rate is what clean planes are flagged at."""
+
+import pickle
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from sklearn.base import clone
+
+from sklearn_mcmd import MCMDOutlierDetector
+
+OWN = {"noise_scale": "own", "borrow": False, "max_iter": 1}
+LOCAL = {"noise_scale": "local"}
+POOLED = {"noise_scale": "pooled"}
+
+
+def plane(n, noise, seed):
+    """A square of n points of spacing 1."""
+    rng = np.random.default_rng(seed)
+    X = rng.uniform(0, np.sqrt(n), (n, 3))
+    X[:, 2] = rng.normal(0, noise, n)
+    return X
+
+
+def detector(rate, **parameters):
+    return MCMDOutlierDetector(false_positive_rate=rate, random_state=0, **parameters)
+
+
+def interior(X, margin):
+    middle = np.ptp(X[:, :2], axis=0) / 2
+    return (np.abs(X[:, :2] - middle) < middle - margin).all(axis=1)
+
+
+def tolerance(rate, n, n_simulated=10_000):
+    """Four relative standard errors of a share of n points against that of the simulated.
+
+    Flagged points are not independent, as neighbors share planes: a third is added.
+    """
+    return 4 * 1.33 * np.sqrt(1 / (rate * n) + 1 / (rate * n_simulated))
+
+
+@pytest.mark.parametrize(
+    ("form", "k", "noise", "rate"),
+    [
+        (OWN, 20, 0.3, 0.05),
+        (OWN, 50, 0.1, 0.01),
+        (LOCAL, 20, 0.3, 0.05),
+        (LOCAL, 50, 1.0, 0.05),
+        (POOLED, 30, 0.1, 0.05),
+        ({"noise_scale": 0.3}, 30, 0.3, 0.05),
+    ],
+)
+def test_a_fresh_plane_is_flagged_at_the_stated_rate(form, k, noise, rate):
+    X = plane(8000, noise, seed=1)
+    far = interior(X, 2 * np.sqrt(k / np.pi))
+    flagged = detector(rate, n_neighbors=k, **form).fit_predict(X)[far] == -1
+    assert_allclose(flagged.mean(), rate, rtol=tolerance(rate, far.sum()))
+
+
+@pytest.mark.parametrize("n", [20, 200])
+def test_one_plane_of_few_points_is_flagged_at_the_stated_rate(n):
+    rate, n_planes = 0.05, 4000 // n
+    cutoff = -detector(rate, n_neighbors=None).fit(plane(n, 0.1, seed=0)).offset_
+    clouds = [plane(n, 0.1, seed=1 + i) for i in range(n_planes)]
+    # Scores of one plane do not depend on the cutoff.
+    one_plane = MCMDOutlierDetector(None, random_state=0)
+    scores = np.concatenate([-one_plane.fit(X).score_samples(X) for X in clouds])
+    assert_allclose(np.mean(scores > cutoff), rate, rtol=tolerance(rate, n * n_planes, 1000))
+
+
+def test_few_points_ask_for_a_larger_cutoff_than_the_normal_law():
+    few = detector(0.01, n_neighbors=None).fit(plane(15, 0.1, seed=0))
+    many = detector(0.01, n_neighbors=None).fit(plane(3000, 0.1, seed=0))
+    # Of a normal variable 1 % is beyond 2.576; the scale of 3,000 points is known to 1.3 %.
+    assert_allclose(-many.offset_, 2.576, rtol=0.05)
+    assert few.offset_ < 1.2 * many.offset_
+
+
+def test_a_lower_rate_has_a_larger_cutoff_on_the_same_planes():
+    X = plane(1500, 0.2, seed=2)
+    often, seldom = (detector(rate, n_neighbors=20, **POOLED).fit(X) for rate in (0.1, 0.01))
+    assert seldom.offset_ < often.offset_
+    assert seldom.noise_scale_ == often.noise_scale_
+    assert seldom.n_iter_ == often.n_iter_
+
+
+def test_predict_clones_and_pickles_agree_with_fit_predict():
+    X = plane(1200, 0.3, seed=3)
+    fitted = detector(0.1, n_neighbors=20)
+    labels = fitted.fit_predict(X)
+    assert (labels == -1).any()
+    assert_array_equal(labels, fitted.predict(X))
+    assert_array_equal(labels, pickle.loads(pickle.dumps(fitted)).predict(X))
+    assert_array_equal(labels, clone(fitted).fit_predict(X))
+    fitted.set_params(false_positive_rate=None)
+    assert fitted.fit(X).offset_ == -3
+
+
+def test_the_cutoff_does_not_depend_on_units():
+    X = plane(1200, 0.3, seed=4)
+    expected = detector(0.05, n_neighbors=20, **OWN).fit(X).offset_
+    # A power of two: no coordinate is rounded.
+    scaled = detector(0.05, n_neighbors=20, **OWN).fit(1024 * X).offset_
+    assert_allclose(scaled, expected, rtol=1e-9)
+
+
+def test_an_outlier_is_found_at_any_rate():
+    X = np.vstack([plane(1200, 0.1, seed=5), [[17, 17, 3]]])
+    assert detector(0.01, n_neighbors=20).fit_predict(X)[-1] == -1
+
+
+def test_cutoff_and_rate_exclude_each_other():
+    with pytest.raises(ValueError, match=r"cutoff=3 and false_positive_rate=0\.01 exclude"):
+        detector(0.01, cutoff=3).fit(plane(100, 0.1, seed=0))
+
+
+def test_a_rate_that_cannot_be_simulated_is_refused():
+    with pytest.raises(ValueError, match=r"false_positive_rate=1e-06 .* at least 0\.0001"):
+        detector(1e-6, n_neighbors=20).fit(plane(100, 0.1, seed=0))
+
+
+def test_a_rate_at_which_the_flagged_keep_company_is_refused():
+    with pytest.raises(ValueError, match=r"out of reach: at most .* keep_groups=False"):
+        detector(0.4, n_neighbors=20).fit(plane(100, 0.1, seed=0))
+
+
+def test_a_rate_below_what_stands_apart_is_refused():
+    with pytest.raises(ValueError, match=r"out of reach: .* stand apart .* raise n_neighbors"):
+        detector(0.01, n_neighbors=4).fit(plane(100, 0.1, seed=0))

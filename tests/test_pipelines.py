@@ -1,0 +1,105 @@
+"""Whole pipelines: the examples run, and tables of pandas and polars go through unchanged."""
+
+import runpy
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from sklearn.pipeline import Pipeline, make_pipeline
+
+from sklearn_mcmd import RegionGrowing, RobustNormalEstimator, SharpFeatureDetector
+from sklearn_mcmd.datasets import make_box
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+NEEDS = {"resampling": "imblearn", "segments": "pandas"}
+
+
+@pytest.mark.parametrize(
+    ("name", "points", "expected"),
+    [
+        ("segments", "3000", "polars gives the same segments: True"),
+        ("edges", "1200", "area under ROC"),
+        ("search", "1200", "defaults, unseen"),
+        ("resampling", "2000", "2000 points labeled"),
+    ],
+)
+def test_an_example_prints_its_result(name, points, expected, monkeypatch, capsys):
+    script = EXAMPLES / f"plot_pipeline_{name}.py"
+    if not script.exists():
+        pytest.skip("examples/ isn't installed")
+    plt = pytest.importorskip("matplotlib.pyplot")
+    pytest.importorskip(NEEDS.get(name, "sklearn"))
+    if name == "segments":
+        pytest.importorskip("polars")
+    plt.switch_backend("agg")
+    monkeypatch.setattr(sys, "argv", [str(script), "--points", points])
+    runpy.run_path(str(script), run_name="__main__")
+    plt.close("all")
+    assert expected in capsys.readouterr().out
+
+
+def test_every_example_of_a_pipeline_begins_with_a_question():
+    scripts = sorted(EXAMPLES.glob("plot_pipeline_*.py"))
+    if not scripts:
+        pytest.skip("examples/ isn't installed")
+    for script in scripts:
+        title = script.read_text(encoding="utf-8").splitlines()[1]
+        assert title.endswith("?"), script.name
+
+
+@pytest.fixture(scope="module")
+def box():
+    return make_box(1000, random_state=0)
+
+
+def segments():
+    return Pipeline(
+        [
+            ("normals", RobustNormalEstimator(20, random_state=0)),
+            ("segment", RegionGrowing(normals="precomputed")),
+        ]
+    )
+
+
+def edges():
+    return make_pipeline(
+        RobustNormalEstimator(20, random_state=0),
+        SharpFeatureDetector(normals="precomputed", random_state=0),
+    )
+
+
+@pytest.mark.parametrize("make", [segments, edges])
+@pytest.mark.parametrize("library", ["pandas", "polars"])
+def test_tables_go_through_and_change_no_label(make, library, box):
+    frames = pytest.importorskip(library)
+    table = frames.DataFrame(dict(zip("xyz", box.data.T, strict=True)))
+    pipeline = make().set_output(transform=library)
+    assert_array_equal(pipeline.fit_predict(table), make().fit_predict(box.data))
+    names = [*"xyz", "normal_x", "normal_y", "normal_z", "surface_variation"]
+    names += [f"eigenvalue_{i}" for i in range(3)]
+    assert list(pipeline[-1].feature_names_in_) == names
+    columns = pipeline[:-1].transform(table)
+    assert isinstance(columns, frames.DataFrame)
+    assert list(columns.columns) == names
+
+
+def test_segments_of_a_box_are_its_faces(box):
+    labels = segments().fit_predict(box.data)
+    faces = [np.bincount(labels[box.surface == face] + 1).argmax() - 1 for face in range(3)]
+    assert sorted(faces) == [0, 1, 2]
+    assert np.mean(np.array(faces)[box.surface] == labels) > 0.98
+
+
+def test_edges_behind_normals_are_at_the_edges(box):
+    flagged = edges().fit_predict(box.data) == -1
+    distance = box.edge_distance / box.spacing
+    assert flagged[distance < 1].mean() > 0.9
+    assert flagged[distance > 3].mean() < 0.02
+
+
+def test_a_pipelines_edges_are_those_of_its_parts(box):
+    columns = RobustNormalEstimator(20, random_state=0).fit_transform(box.data)
+    detector = SharpFeatureDetector(normals="precomputed", random_state=0)
+    assert_array_equal(edges().fit_predict(box.data), detector.fit_predict(columns))

@@ -1,0 +1,161 @@
+"""DenoisingSampler: outliers leave X and y together, with and without imbalanced-learn."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from sklearn.base import BaseEstimator, clone
+from sklearn.neighbors import KNeighborsClassifier, LocalOutlierFactor
+from sklearn.pipeline import make_pipeline
+
+from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
+from sklearn_mcmd.datasets import make_box, make_street
+from sklearn_mcmd.resampling import DenoisingSampler
+
+DETECTOR = MCMDOutlierDetector(30, random_state=0)
+
+
+@pytest.fixture(scope="module")
+def street():
+    return make_street(3000, outlier_share=0.1, random_state=0)
+
+
+@pytest.fixture(scope="module")
+def kept(street):
+    """What the detector alone keeps."""
+    return np.flatnonzero(DETECTOR.fit_predict(street.data) == 1)
+
+
+def test_the_rows_kept_are_the_detectors_inliers_in_order(street, kept):
+    sampler = DenoisingSampler(DETECTOR)
+    X, y = sampler.fit_resample(street.data, street.surface)
+    assert 0 < len(kept) < len(street.data)
+    assert_array_equal(sampler.sample_indices_, kept)
+    assert_array_equal(X, street.data[kept])
+    assert_array_equal(y, street.surface[kept])
+
+
+def test_the_default_drops_most_outliers_and_few_others(street):
+    _, y = DenoisingSampler().fit_resample(street.data, street.target)
+    assert np.sum(y == -1) < 0.4 * np.sum(street.target == -1)
+    assert np.sum(y == 1) > 0.95 * np.sum(street.target == 1)
+
+
+def test_the_given_detector_is_cloned(street):
+    detector = clone(DETECTOR)
+    sampler = DenoisingSampler(detector)
+    sampler.fit_resample(street.data, street.target)
+    assert not hasattr(detector, "offset_")
+    assert sampler.detector_.offset_ < 0
+
+
+def test_without_y_there_is_none(street, kept):
+    X, y = DenoisingSampler(DETECTOR).fit_resample(street.data)
+    assert y is None
+    assert_array_equal(X, street.data[kept])
+
+
+def test_pandas_objects_keep_their_kind_names_and_index(street, kept):
+    pd = pytest.importorskip("pandas")
+    X = pd.DataFrame(street.data, columns=["x", "y", "z"]).set_index(np.arange(3000) + 5)
+    y = pd.Series(street.surface, index=X.index, name="surface")
+    sampler = DenoisingSampler(DETECTOR)
+    X_kept, y_kept = sampler.fit_resample(X, y)
+    pd.testing.assert_frame_equal(X_kept, X.iloc[kept])
+    pd.testing.assert_series_equal(y_kept, y.iloc[kept])
+    assert list(sampler.feature_names_in_) == ["x", "y", "z"]
+
+
+def test_polars_objects_keep_their_kind(street, kept):
+    pl = pytest.importorskip("polars")
+    X = pl.DataFrame(street.data, schema=["x", "y", "z"])
+    y = pl.Series("surface", street.surface)
+    X_kept, y_kept = DenoisingSampler(DETECTOR).fit_resample(X, y)
+    assert X_kept.equals(X[kept])
+    assert y_kept.equals(y[kept])
+
+
+def test_lists_become_arrays_and_y_may_have_columns(street, kept):
+    y = np.column_stack([street.surface, street.bay])
+    X_kept, y_kept = DenoisingSampler(DETECTOR).fit_resample(street.data.tolist(), y)
+    assert_array_equal(X_kept, street.data[kept])
+    assert_array_equal(y_kept, y[kept])
+
+
+def test_another_librarys_detector_serves(street):
+    sampler = DenoisingSampler(LocalOutlierFactor(contamination=0.1))
+    X, _ = sampler.fit_resample(street.data)
+    assert len(X) == 2700
+
+
+def test_x_and_y_of_different_lengths_are_refused(street):
+    with pytest.raises(ValueError, match="inconsistent numbers of samples"):
+        DenoisingSampler(DETECTOR).fit_resample(street.data, street.target[:-1])
+
+
+def test_what_is_no_detector_is_refused(street):
+    with pytest.raises(TypeError, match="has no fit_predict"):
+        DenoisingSampler(RobustNormalEstimator()).fit_resample(street.data)
+    with pytest.raises(ValueError, match="other than"):
+        DenoisingSampler(RegionGrowing(random_state=0)).fit_resample(street.data)
+
+
+class Strict(BaseEstimator):
+    def fit_predict(self, X):
+        return np.full(len(X), -1)
+
+
+def test_a_detector_that_keeps_nothing_is_refused(street):
+    with pytest.raises(ValueError, match="all 3000 points outliers"):
+        DenoisingSampler(Strict()).fit_resample(street.data)
+
+
+def test_imbalanced_learn_is_not_loaded():
+    code = "import sys, sklearn_mcmd.resampling; assert 'imblearn' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_classifier_behind_it_learns_from_the_kept_rows_and_predicts_all(street, kept):
+    imblearn = pytest.importorskip("imblearn.pipeline")
+    pipeline = imblearn.make_pipeline(DenoisingSampler(DETECTOR), KNeighborsClassifier(5))
+    found = pipeline.fit(street.data, street.surface).predict(street.data)
+    expected = KNeighborsClassifier(5).fit(street.data[kept], street.surface[kept])
+    assert_array_equal(found, expected.predict(street.data))
+
+
+def test_segments_behind_it_are_those_of_the_kept_rows(street, kept):
+    imblearn = pytest.importorskip("imblearn.pipeline")
+    steps = (RobustNormalEstimator(30, random_state=0), RegionGrowing(normals="precomputed"))
+    pipeline = imblearn.make_pipeline(DenoisingSampler(DETECTOR), *steps)
+    labels = pipeline.fit_predict(street.data)
+    assert_array_equal(pipeline[0].sample_indices_, kept)
+    assert_array_equal(labels, make_pipeline(*steps).fit_predict(street.data[kept]))
+
+
+def test_it_does_what_a_function_sampler_does(street, kept):
+    imblearn = pytest.importorskip("imblearn")
+
+    def drop(X, y):
+        inliers = clone(DETECTOR).fit_predict(X) == 1
+        return X[inliers], y[inliers]
+
+    expected = imblearn.FunctionSampler(func=drop).fit_resample(street.data, street.target)
+    found = DenoisingSampler(DETECTOR).fit_resample(street.data, street.target)
+    for one, other in zip(found, expected, strict=True):
+        assert_array_equal(one, other)
+
+
+def test_a_grid_reaches_the_detector():
+    imblearn = pytest.importorskip("imblearn.pipeline")
+    from sklearn.model_selection import GridSearchCV
+
+    box = make_box(800, outlier_share=0.1, random_state=0)
+    pipeline = imblearn.Pipeline(
+        [("denoise", DenoisingSampler(DETECTOR)), ("classify", KNeighborsClassifier(3))]
+    )
+    search = GridSearchCV(pipeline, {"denoise__detector__n_neighbors": [10, 30]}, cv=2)
+    search.fit(box.data, box.surface)
+    assert np.isfinite(search.cv_results_["mean_test_score"]).all()
+    assert search.best_estimator_[0].detector_.n_neighbors in (10, 30)
