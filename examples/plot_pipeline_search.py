@@ -11,7 +11,7 @@ scene itself (`score_segments`); with ``memory`` the normals of a scene are comp
 angles. ``refit=False``, since scenes in one array lie on top of each other. The winner is judged on
 a street that the search has not seen.
 
-    python plot_pipeline_search.py --points 8000
+    python plot_pipeline_search.py --points 25000
 """
 
 import argparse
@@ -28,7 +28,7 @@ from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.model_selection import WholeSceneSplit, score_segments
 
 parser = argparse.ArgumentParser()
-parser.add_argument("--points", type=int, default=8000, help="points of each street")
+parser.add_argument("--points", type=int, default=25_000, help="points of each street")
 n_points = parser.parse_args().points
 
 streets = [make_street(n_points, outlier_share=0.0, random_state=seed) for seed in range(3)]
