@@ -197,7 +197,7 @@ def test_planes_beyond_space_have_all_but_the_features_of_space():
         (3, ["planarity", "flatness"], r"features='flatness' is not known: take linearity, .*, or"),
         (3, ["planarity", "planarity"], "has a name twice"),
         (3, [3], "features=3 is not known"),
-        (3, "flatness", "'features' parameter .* 'planarity'"),
+        (3, "flatness", "'features' parameter .*'planarity'"),
         (2, ["sphericity", "linearity"], "'linearity' is defined in 3D only and X has 2 features"),
         (4, "planarity", "'planarity' is defined in 3D only and X has 4 features: take spher"),
     ],

@@ -229,7 +229,11 @@ FEW = {
 }
 
 
-@pytest.mark.parametrize("name", sorted(EXPERIMENTS))
+# Those of section 5.2 take whole scenes, in test_paper_scenes.
+OF_SCENES = {"table5", "table6", *(f"figure{number}" for number in range(9, 16))}
+
+
+@pytest.mark.parametrize("name", sorted(set(EXPERIMENTS) - OF_SCENES))
 def test_every_experiment_reports_and_draws(name):
     plt = pytest.importorskip("matplotlib.pyplot")
     plt.switch_backend("agg")

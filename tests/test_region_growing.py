@@ -306,7 +306,7 @@ def test_the_rest_is_assigned_to_planes_that_pass_it(street):
     labels = RegionGrowing(**params).fit_predict(columns)
     assert_array_equal(labels[left >= 0], left[left >= 0])
     rest = np.flatnonzero((left < 0) & (labels >= 0))
-    assert len(rest) > 30
+    assert len(rest) > 20  # few, since points next to an edge borrow their face's plane
     height = [0.0, 0.2]  # of road and footpath; noise is 2 mm, the limit about three of it
     floors = [labels[np.abs(columns[:, 2] - h) < 0.002] for h in height]
     for h, region in zip(height, [np.bincount(f[f >= 0]).argmax() for f in floors], strict=True):
@@ -447,11 +447,11 @@ def test_parameters_of_both_steps_are_reached_by_name(street):
         ]
     )
     grid = {"normals__n_neighbors": [20, 50], "segment__max_angle": [1.0, 15.0]}
-    counts = {
-        tuple(params.values()): clone(pipeline).set_params(**params).fit(X)["segment"].n_regions_
+    labels = [
+        clone(pipeline).set_params(**params).fit(X)["segment"].labels_
         for params in ParameterGrid(grid)
-    }
-    assert len(set(counts.values())) > 1
+    ]
+    assert len({tuple(found) for found in labels}) == len(labels)
     nested = RegionGrowing(normal_estimator=RobustNormalEstimator())
     nested.set_params(normal_estimator__n_neighbors=20)
     assert nested.normal_estimator.n_neighbors == 20
