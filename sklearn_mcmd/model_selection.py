@@ -82,7 +82,8 @@ class SpatialBlockSplit(BaseCrossValidator):
     (blocks as groups), or thin everyone's neighborhood (random folds): either scores another
     task. Here the test points of a fold are whole blocks, and its training points are the same
     blocks together with the nearest neighbors of their points. What is fitted is the cloud as
-    far as the block's verdicts depend on it, and these are exactly those of the whole cloud.
+    far as the block's verdicts depend on it: these are exactly those of the whole cloud where a
+    detector looks no farther, and nearly so for detectors that go over a cloud in passes.
 
     Parameters
     ----------
@@ -96,9 +97,10 @@ class SpatialBlockSplit(BaseCrossValidator):
         itself included, among the training points.
     n_rings : int, default=1
         How often neighbors are added. 1 suffices for a detector that looks at the neighbors
-        of a point; each ring more for one that looks at their neighbors, too: 2 for planes
-        that are borrowed or compared among neighbors, 3 for
-        :class:`~sklearn.neighbors.LocalOutlierFactor`.
+        of a point, as the paper's form does; each ring more for one that looks at their
+        neighbors, too: 2 for planes that are borrowed or compared among neighbors, 3 for
+        :class:`~sklearn.neighbors.LocalOutlierFactor` and for `MCMDOutlierDetector` in passes,
+        whose scores then still differ a little from those in the whole cloud.
     random_state : int, RandomState instance or None, default=None
         Seed of the dealing of blocks.
 
