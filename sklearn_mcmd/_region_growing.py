@@ -98,16 +98,16 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
     n_regions_ : int
         Number of regions.
 
-    region_sizes_ : ndarray of int of shape (n_regions_,)
+    region_sizes_ : ndarray of int of shape (`n_regions_`,)
         Points in each region.
 
-    region_centroids_ : ndarray of shape (n_regions_, n_dimensions)
+    region_centroids_ : ndarray of shape (`n_regions_`, n_dimensions)
         Mean of each region's points.
 
-    region_normals_ : ndarray of shape (n_regions_, n_dimensions)
+    region_normals_ : ndarray of shape (`n_regions_`, n_dimensions)
         Unit normal of the plane fitted to each region, the last coordinate positive.
 
-    region_errors_ : ndarray of shape (n_regions_,)
+    region_errors_ : ndarray of shape (`n_regions_`,)
         Root mean square distance of a region's points to its plane, in units of X: the noise
         where the region is flat, more where it is curved.
 
