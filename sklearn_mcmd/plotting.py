@@ -77,7 +77,8 @@ def plot_cloud(xyz, *, color=None, outliers=None, view=VIEW, size=None, ax=None)
     ax.set_axis_off()
 
     color = _distance_colors(depth) if color is None else _as_rgb(color, len(xyz))
-    sizes = np.full(len(xyz), _marker_size(ax, high - low, len(xyz)) if size is None else size)
+    size = _marker_size(ax, high - low, len(xyz)) if size is None else size
+    sizes = np.full(len(xyz), float(size))
     if outliers is not None:
         outliers = np.asarray(outliers)
         if outliers.dtype != bool or outliers.shape != (len(xyz),):

@@ -98,3 +98,10 @@ def test_each_of_many_regions_has_a_color_of_its_own_and_none_is_gray():
     assert (colors >= 0).all()
     assert (colors <= 1).all()
     np.testing.assert_array_equal(region_colors([-1]), [[0.3, 0.3, 0.3]])
+
+
+def test_a_whole_number_is_a_size_of_markers_too():
+    rng = np.random.default_rng(0)
+    ax = plot_cloud(rng.uniform(size=(50, 3)), outliers=np.arange(50) < 5, size=3)
+    drawn = np.concatenate([c.get_sizes() for c in ax.collections])
+    np.testing.assert_allclose(np.unique(drawn), [9.0, 12.96])
