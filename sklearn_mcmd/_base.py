@@ -36,11 +36,13 @@ __all__ = [
     "Integral",
     "Interval",
     "InvalidParameterError",
+    "OffsetOutlierMixin",
     "Options",
     "Real",
     "StrOptions",
     "check_extent",
     "check_feature_names_in",
+    "check_sizes",
     "fit_context",
     "validate_params",
 ]
@@ -166,16 +168,8 @@ class BaseLocalPlanes(BaseEstimator):
         """Validate X and return it with the index of its neighborhoods."""
         X = validate_data(self, X, dtype=[np.float64, np.float32], ensure_min_features=2)
         n, d = X.shape
-        if n < d + 1:
-            raise ValueError(
-                f"n_samples={n} is too few for planes in {d}D: at least {d + 1} are needed."
-            )
+        check_sizes(n, d, self.n_neighbors)
         check_extent(X)
-        if self.n_neighbors is not None and self.n_neighbors < d + 1:
-            raise ValueError(
-                f"n_neighbors={self.n_neighbors} is too few for planes in {d}D: at least {d + 1} "
-                "are needed."
-            )
         index = NeighborIndex(X.astype(np.float64, copy=False), self.n_neighbors, radius)
         self.n_neighbors_ = n if self.n_neighbors is None else index.n_neighbors
         if self.n_neighbors is not None and self.n_neighbors_ < self.n_neighbors:
@@ -207,7 +201,39 @@ class BaseLocalPlanes(BaseEstimator):
         return min(needed, most)
 
 
-class BasePlaneOutliers(OutlierMixin, BaseLocalPlanes):
+class OffsetOutlierMixin(OutlierMixin):
+    """Labels from ``score_samples`` and ``offset_``."""
+
+    def decision_function(self, X):
+        """Score relative to the limit: negative for outliers.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+
+        Returns
+        -------
+        decision : ndarray of shape (n_samples,)
+            ``score_samples(X) - offset_``.
+        """
+        return self.score_samples(X) - self.offset_
+
+    def predict(self, X):
+        """Label points by the fitted cloud, each as if it alone were added to it.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+
+        Returns
+        -------
+        labels : ndarray of int of shape (n_samples,)
+            1 for inliers, of a surface, and -1 for outliers, or edges.
+        """
+        return np.where(self.decision_function(X) >= 0, 1, -1)
+
+
+class BasePlaneOutliers(OffsetOutlierMixin, BaseLocalPlanes):
     """Outliers by a score and an offset: subclasses have `fit` and `_score`.
 
     `_score` returns how abnormal points are, the larger, the more; `fit` sets ``offset_``.
@@ -228,33 +254,17 @@ class BasePlaneOutliers(OutlierMixin, BaseLocalPlanes):
         check_is_fitted(self)
         return -self._score(self._check_queries(X))
 
-    def decision_function(self, X):
-        """Score relative to the cutoff: negative for outliers.
 
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-
-        Returns
-        -------
-        decision : ndarray of shape (n_samples,)
-            ``score_samples(X) - offset_``.
-        """
-        return self.score_samples(X) - self.offset_
-
-    def predict(self, X):
-        """Label points as inliers or outliers of the fitted cloud.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-
-        Returns
-        -------
-        labels : ndarray of int of shape (n_samples,)
-            1 for inliers, -1 for outliers.
-        """
-        return np.where(self.decision_function(X) >= 0, 1, -1)
+def check_sizes(n, d, n_neighbors):
+    """Raise where there are too few points or neighbors for planes in d dimensions."""
+    if n < d + 1:
+        raise ValueError(
+            f"n_samples={n} is too few for planes in {d}D: at least {d + 1} are needed."
+        )
+    if n_neighbors is not None and n_neighbors < d + 1:
+        raise ValueError(
+            f"n_neighbors={n_neighbors} is too few for planes in {d}D: at least {d + 1} are needed."
+        )
 
 
 def check_extent(X):

@@ -2,12 +2,21 @@
 
 import numpy as np
 
-__all__ = ["LEAST_KEPT", "MOST_SPARSE", "credible_planes", "nearest_credible_planes"]
+__all__ = [
+    "KEPT_WEIGHT",
+    "LEAST_KEPT",
+    "MOST_SPARSE",
+    "credible_planes",
+    "explanation_cost",
+    "nearest_credible_planes",
+]
 
 # A credible plane keeps at least half of its neighborhood, ...
 LEAST_KEPT = 0.5
 # ... is not sparser than its surroundings, and is flat for its size.
 MOST_SPARSE = 1.15
+# Weight of the share of its neighborhood that a plane keeps: as of two further observations.
+KEPT_WEIGHT = 2.0
 
 
 def credible_planes(scale, removed_fraction, radius, radius_around, most_rough):
@@ -56,3 +65,20 @@ def nearest_credible_planes(queries, candidates, valid, fitted, ruler):
     each = np.arange(len(queries))
     distances, owners = distances[each, best], candidates[each, best]
     return distances, np.where(np.isfinite(distances), owners, -1)
+
+
+def explanation_cost(heights, variance, kept):
+    """How badly planes explain a point: the least is of the face that it lies on.
+
+    Parameters
+    ----------
+    heights : ndarray
+        Distances of the point to planes.
+    variance : ndarray
+        Squared scale of the planes.
+    kept : ndarray
+        Share of its neighborhood that each plane keeps.
+    """
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        cost = 0.5 * (np.log(variance) + np.square(heights) / variance)
+        return cost - KEPT_WEIGHT * np.log(kept)

@@ -3,12 +3,14 @@
 import numpy as np
 from numba import njit
 
+from sklearn_mcmd._borrowing import KEPT_WEIGHT
+
 __all__ = ["best_planes"]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def best_planes(
-    queries, points, indices, sizes, centroids, normals, scale, kept, least_noise, kept_weight, best
+    queries, points, indices, sizes, centroids, normals, scale, kept, least_noise, best
 ):  # fmt: skip
     """Fill the row of the best plane, -1 for none; in any dimension."""
     d = queries.shape[1]
@@ -33,6 +35,6 @@ def best_planes(
                 continue
             variance = scale[row] * scale[row] + least
             cost = 0.5 * (np.log(variance) + height * height / variance)
-            cost -= kept_weight * np.log(kept[row])
+            cost -= KEPT_WEIGHT * np.log(kept[row])
             if cost < least_cost:
                 best[i], least_cost = row, cost

@@ -10,10 +10,12 @@ surface. The verdict is pooled over the neighbors, as an edge is a line and not 
 from dataclasses import dataclass
 
 import numpy as np
-from joblib import Parallel, delayed
 from scipy.special import gamma
 
+from sklearn_mcmd._borrowing import explanation_cost
+from sklearn_mcmd._chunks import run
 from sklearn_mcmd._neighborhoods import NeighborIndex
+from sklearn_mcmd._rules import MAD_TO_SD, REWEIGHT_CUTOFF, TRUNCATED_VARIANCE
 
 __all__ = ["FAR", "CreaseModel"]
 
@@ -26,10 +28,8 @@ CHUNK = 1_500_000
 SPACING_NEIGHBORS = 8
 # Noise is at least this share of the spacing: a point is not known better.
 LEAST_NOISE = 0.05
-# Standard deviations: members of a plane, and beyond which a residual tells no more.
-MEMBER, OFF = 2.5, 3.0
-# Of a normal distribution, beyond 2.5 standard deviations cut off: variance, and 1 / MAD.
-TRUNCATED_VARIANCE, MAD_TO_SD = 0.9111, 1.4826
+# Standard deviations beyond which a residual tells no more.
+OFF = 3.0
 # A face is flat: its noise is at most this share of its radius, or this multiple of what is usual.
 FLATNESS, FLATNESS_FACTOR = 0.2, 3.0
 # Neighbors that must lie on another face, at least.
@@ -128,10 +128,7 @@ class CreaseModel:
             indices, _ = self.index.query(queries[part] + self.origin)
             work(part, indices, *arrays)
 
-        if len(parts) == 1:
-            task(parts[0])
-        else:
-            Parallel(n_jobs=self.n_jobs, require="sharedmem")(delayed(task)(p) for p in parts)
+        run([(part,) for part in parts], task, self.n_jobs)
 
     def _fit_planes(self, part, indices, spacing, radius):
         """Level and noise of the plane with each member's normal, by its majority."""
@@ -144,7 +141,7 @@ class CreaseModel:
         scale = MAD_TO_SD * np.median(np.abs(heights - level[:, None]), axis=1)
         least = LEAST_NOISE * spacing[part]
         for _ in range(2):
-            limit = MEMBER * np.maximum(scale, least)[:, None]
+            limit = REWEIGHT_CUTOFF * np.maximum(scale, least)[:, None]
             member = np.abs(heights - level[:, None]) <= limit
             level = _mean(heights, member)
             scale = np.sqrt(_mean((heights - level[:, None]) ** 2, member) / TRUNCATED_VARIANCE)
@@ -163,8 +160,7 @@ class CreaseModel:
             heights -= self.levels[indices]
             scale = np.maximum(self.scale[indices], LEAST_NOISE * spacing[part][:, None])
             scale = np.maximum(scale, np.finfo(float).tiny)
-            with np.errstate(over="ignore", divide="ignore"):
-                cost = np.log(scale) + 0.5 * (heights / scale) ** 2 - 2 * np.log(self.kept[indices])
+            cost = explanation_cost(heights, scale**2, self.kept[indices])
             owners[part] = indices[np.arange(len(part)), cost.argmin(axis=1)]
 
         self._in_chunks(queries, choose, owners, spacing)

@@ -3,20 +3,23 @@
 from typing import ClassVar
 
 import numpy as np
-from sklearn.base import BaseEstimator, OutlierMixin, clone
+from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_is_fitted, check_random_state, validate_data
 
 from sklearn_mcmd._base import (
     Integral,
     Interval,
+    OffsetOutlierMixin,
     Real,
     StrOptions,
     check_extent,
+    check_sizes,
     fit_context,
 )
 from sklearn_mcmd._creases import FAR, CreaseModel
 from sklearn_mcmd._mcmd import MCMDOutlierDetector
 from sklearn_mcmd._normals import RobustNormalEstimator
+from sklearn_mcmd._rules import MAD_TO_SD
 
 __all__ = ["SharpFeatureDetector"]
 
@@ -24,10 +27,9 @@ __all__ = ["SharpFeatureDetector"]
 EDGE_WIDTH = 2.0
 # Standard deviations of a least eigenvalue above which there is an edge: robust, and Eq. 25.
 ROBUST_STD, PAPER_STD = 3.0, 1.0
-MAD_TO_SD = 1.4826
 
 
-class SharpFeatureDetector(OutlierMixin, BaseEstimator):
+class SharpFeatureDetector(OffsetOutlierMixin, BaseEstimator):
     """Edges and corners: points next to a line in which two faces meet (Eq. 25 and better).
 
     The cloud is cleaned first, as outliers look like edges. Then each point and its neighbors
@@ -70,8 +72,7 @@ class SharpFeatureDetector(OutlierMixin, BaseEstimator):
 
     outlier_detector : estimator or "passthrough", default=None
         What cleans the cloud first: an estimator with `fit_predict`, +1 for inliers. None means
-        ``MCMDOutlierDetector(noise_scale="local", borrow=True, max_iter=5)``;
-        "passthrough" nothing.
+        :class:`MCMDOutlierDetector`; "passthrough" nothing.
 
     normal_estimator : estimator, default=None
         Planes of the cleaned cloud, as of :class:`RobustNormalEstimator`. None means that, with
@@ -250,34 +251,6 @@ class SharpFeatureDetector(OutlierMixin, BaseEstimator):
             return self._model.distance(self._coordinates(X).astype(np.float64))
         return -self._values(X)
 
-    def decision_function(self, X):
-        """Score relative to the threshold: negative for edges.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-
-        Returns
-        -------
-        decision : ndarray of shape (n_samples,)
-            ``score_samples(X) - offset_``.
-        """
-        return self.score_samples(X) - self.offset_
-
-    def predict(self, X):
-        """Label points as of a surface or of an edge of the fitted cloud.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-
-        Returns
-        -------
-        labels : ndarray of int of shape (n_samples,)
-            1 for surfaces, -1 for edges and corners.
-        """
-        return np.where(self.decision_function(X) >= 0, 1, -1)
-
     def _check_parameters(self, X):
         d = 3 if self.normals == "precomputed" else X.shape[1]
         needed = {"crease": 6, "surface_variation": 7, "eigenvalue": 8}
@@ -293,15 +266,7 @@ class SharpFeatureDetector(OutlierMixin, BaseEstimator):
                     f"{needed[self.criterion]} columns as of RobustNormalEstimator.transform in "
                     f"3D, and X has {X.shape[1]} features."
                 )
-        if self.n_neighbors < d + 1:
-            raise ValueError(
-                f"n_neighbors={self.n_neighbors} is too few for planes in {d}D: at least {d + 1} "
-                "are needed."
-            )
-        if len(X) < d + 1:
-            raise ValueError(
-                f"n_samples={len(X)} is too few for planes in {d}D: at least {d + 1} are needed."
-            )
+        check_sizes(len(X), d, self.n_neighbors)
         if self.criterion == "crease" and self.threshold == "mean":
             raise ValueError(
                 "threshold='mean' is for eigenvalues; criterion='crease' takes a distance in "
@@ -326,9 +291,7 @@ class SharpFeatureDetector(OutlierMixin, BaseEstimator):
         if self.normals == "precomputed" and self.criterion != "crease":
             return np.ones(len(xyz), dtype=bool)
         if detector is None:
-            detector = MCMDOutlierDetector(
-                noise_scale="local", borrow=True, max_iter=5, random_state=seed, n_jobs=self.n_jobs
-            )
+            detector = MCMDOutlierDetector(random_state=seed, n_jobs=self.n_jobs)
         self.outlier_detector_ = _seeded(detector, seed)
         kept = np.asarray(self.outlier_detector_.fit_predict(xyz)) == 1
         return kept if kept.sum() > xyz.shape[1] else np.ones(len(xyz), dtype=bool)

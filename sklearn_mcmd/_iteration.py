@@ -5,12 +5,10 @@ and in no small group. Each later pass refits the planes among the retained poin
 all points again, retained or not, so that the retained set grows back along the surfaces.
 """
 
-from threading import Lock
-
 import numpy as np
-from joblib import Parallel, delayed
 
 from sklearn_mcmd._borrowing import credible_planes
+from sklearn_mcmd._chunks import each_chunk, run
 from sklearn_mcmd._density import Company, DenseSpacing, group_sizes
 from sklearn_mcmd._judging import (
     COMMON,
@@ -25,7 +23,6 @@ from sklearn_mcmd._judging import (
 )
 from sklearn_mcmd._local_planes import LocalPlanes
 from sklearn_mcmd._neighborhoods import ORDER_FROM, distinct_rows, spatial_order
-from sklearn_mcmd._progress import current_listener
 
 __all__ = ["IteratedPlanes"]
 
@@ -162,7 +159,7 @@ class IteratedPlanes:
             )
             scores[part] = self._spare_company(points, *judged[::2])
 
-        self._each_chunk(queries, task)
+        each_chunk(queries, CHUNK[self.compiled], task, self.n_jobs)
         return scores
 
     def _start(self, X):
@@ -190,7 +187,7 @@ class IteratedPlanes:
                 extents = self._extents(X[part], positions, sizes)
                 fitted.spacing[part], fitted.radius[part] = extents
 
-        self._each_chunk(X, task)
+        each_chunk(X, CHUNK[self.compiled], task, self.n_jobs)
         rows = self.member_rows
         scale, radius = fitted.planes.scale[rows], fitted.radius[rows]
         if self.pooled:
@@ -222,7 +219,7 @@ class IteratedPlanes:
             fitted.credible[rows] = credible
 
         rows = self.member_rows
-        self._run([rows[i : i + chunk] for i in range(0, len(rows), chunk)], task)
+        run([(rows[i : i + chunk],) for i in range(0, len(rows), chunk)], task, self.n_jobs)
 
     def _judge_all(self, X, borrow):
         n = len(X)
@@ -242,7 +239,7 @@ class IteratedPlanes:
                 borrow,
             )
 
-        self._run([np.arange(i, min(i + chunk, n)) for i in range(0, n, chunk)], task)
+        run([(np.arange(i, min(i + chunk, n)),) for i in range(0, n, chunk)], task, self.n_jobs)
         return scores, owners, usual
 
     def _judge(self, queries, planes, spacing, radius, rows, sizes, borrow, precision=0.0):
@@ -328,25 +325,3 @@ class IteratedPlanes:
         distances = np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
         distances[np.arange(positions.shape[1]) >= sizes[:, None]] = 0.0
         return distances.sum(axis=1) / sizes, distances.max(axis=1)
-
-    def _each_chunk(self, queries, work):
-        """Call `work` with rows of queries, near ones together."""
-        n, chunk = len(queries), CHUNK[self.compiled]
-        order = spatial_order(queries) if n >= ORDER_FROM else np.arange(n)
-        listener, n_done, lock = current_listener(), 0, Lock()
-
-        def task(part):
-            nonlocal n_done
-            work(part)
-            if listener is not None:
-                with lock:
-                    n_done += len(part)
-                    listener(n_done, n)
-
-        self._run([order[i : i + chunk] for i in range(0, n, chunk)], task)
-
-    def _run(self, parts, task):
-        if len(parts) == 1:
-            task(parts[0])
-        else:
-            Parallel(n_jobs=self.n_jobs, require="sharedmem")(delayed(task)(p) for p in parts)

@@ -4,16 +4,14 @@ import os
 import tempfile
 from copy import copy
 from dataclasses import dataclass, fields
-from threading import Lock
 
 import numpy as np
-from joblib import Parallel, delayed
 
 from sklearn_mcmd._adaptive_trials import StopRule, adaptive_consistent_sets
+from sklearn_mcmd._chunks import each_chunk
 from sklearn_mcmd._consistent_set import localize, n_support_points
-from sklearn_mcmd._neighborhoods import ORDER_FROM, NeighborIndex, spatial_order
+from sklearn_mcmd._neighborhoods import NeighborIndex
 from sklearn_mcmd._plane import RANK_TOLERANCE, fit_planes, flat_normals, normal_errors
-from sklearn_mcmd._progress import current_listener
 from sklearn_mcmd._rules import METHODS, robust_distances
 
 __all__ = ["LocalPlaneModel", "LocalPlanes"]
@@ -149,27 +147,13 @@ class LocalPlaneModel:
         if self.whole is not None:
             self._evaluate_whole(queries, planes)
             return planes
-        n_queries = len(queries)
-        order = spatial_order(queries) if n_queries >= ORDER_FROM else np.arange(n_queries)
-        step = max(1, CHUNK[self.ready()] // self.index.n_neighbors)
-
-        listener, n_done, lock = current_listener(), 0, Lock()
 
         def task(rows):
-            nonlocal n_done
             part = queries[rows]
             planes[rows] = self._evaluate_chunk(part, *self.index.query(part), saliency, rounding)
-            if listener is not None:
-                with lock:
-                    n_done += len(rows)
-                    listener(n_done, n_queries)
 
-        chunks = (order[start : start + step] for start in range(0, n_queries, step))
-        if n_queries <= step:
-            for rows in chunks:
-                task(rows)
-        else:
-            Parallel(n_jobs=n_jobs, require="sharedmem")(delayed(task)(rows) for rows in chunks)
+        size = max(1, CHUNK[self.ready()] // self.index.n_neighbors)
+        each_chunk(queries, size, task, n_jobs)
         if saliency:
             self._finish(planes)
         return planes

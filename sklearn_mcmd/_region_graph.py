@@ -1,12 +1,11 @@
 """From points with normals to a graph: which neighbors a region may grow to."""
 
 from dataclasses import dataclass
-from threading import Lock
 
 import numpy as np
-from joblib import Parallel, delayed, effective_n_jobs
 
-from sklearn_mcmd._progress import current_listener
+from sklearn_mcmd._chunks import each_slice
+from sklearn_mcmd._rules import MAD_TO_SD
 
 __all__ = ["NeighborLinks", "grow_regions", "link_neighbors", "majority_of", "n_within_median"]
 
@@ -18,7 +17,6 @@ CHUNK = 200_000
 NEAREST = 12
 # Rule A: neighbors within the median and so many standard deviations of the distances.
 N_DEVIATIONS = 2.0
-MAD_TO_SD = 1.4826
 
 
 @dataclass
@@ -87,29 +85,16 @@ def link_neighbors(
         link = _compiled("link_neighbors_3d") or _link_numpy
     threshold = -1.0 if max_distance is None else float(max_distance)
     longest = np.inf if max_gap is None else float(max_gap)
-    listener, n_done, lock = current_listener(), 0, Lock()
 
-    def task(start):
-        nonlocal n_done
-        rows = slice(start, min(start + step, n))
+    def task(rows):
         distances, indices = index.tree.query(points[rows], k=k)
         distances, indices = distances.reshape(-1, k), indices.reshape(-1, k)
-        arguments = (points, normals, indices, distances, start, floor[rows])
+        arguments = (points, normals, indices, distances, rows.start, floor[rows])
         limits = (min_cosine, threshold, longest, majority_of(core_fraction, k))
         link(*arguments, *limits, result.links[rows], result.offset[rows])
         result.radius[rows] = distances[:, -1]
-        if listener is not None:
-            with lock:
-                n_done += len(indices)
-                listener(n_done, n)
 
-    step = max(1, CHUNK // k)
-    if n <= step or effective_n_jobs(n_jobs) == 1:
-        for start in range(0, n, step):
-            task(start)
-    else:
-        starts = range(0, n, step)
-        Parallel(n_jobs=n_jobs, require="sharedmem")(delayed(task)(start) for start in starts)
+    each_slice(n, max(1, CHUNK // k), task, n_jobs)
     return result
 
 

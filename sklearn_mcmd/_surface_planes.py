@@ -6,23 +6,20 @@ planes of all its neighbors the point is given the one that explains it best.
 """
 
 import numpy as np
-from joblib import Parallel, delayed
 
-from sklearn_mcmd._local_planes import LocalPlanes
-from sklearn_mcmd._neighborhoods import ORDER_FROM, spatial_order
+from sklearn_mcmd._borrowing import explanation_cost
+from sklearn_mcmd._chunks import each_chunk, run
+from sklearn_mcmd._local_planes import CHUNK, LocalPlanes
 from sklearn_mcmd._plane import flat_normals, normal_errors
 from sklearn_mcmd._smoothness import smooth_planes
 
 __all__ = ["SurfacePlanes"]
 
-CHUNK = {True: 200_000, False: 12_800}  # neighbors a task, compiled or not
 # A point asks its neighbors where so much of its own neighborhood was removed, or where it is so
 # many standard deviations off its own plane.
 REMOVED, OFF = 0.1, 2.5
 # Share of a neighborhood's radius that counts as noise: no surface is flatter.
 LEAST_NOISE = 0.01
-# Weight of the share of its neighborhood that a plane keeps: as of two further observations.
-KEPT_WEIGHT = 2.0
 
 
 class SurfacePlanes:
@@ -73,10 +70,8 @@ class SurfacePlanes:
                 found = indices[ask].astype(np.int32), sizes[ask]
                 asking.append((part[ask], *found))
 
-        n = len(queries)
-        order = spatial_order(queries) if n >= ORDER_FROM else np.arange(n)
-        step = max(1, CHUNK[self.compiled] // self.model.index.n_neighbors)
-        self._run([(order[i : i + step],) for i in range(0, n, step)], task)
+        size = max(1, CHUNK[self.compiled] // self.model.index.n_neighbors)
+        each_chunk(queries, size, task, self.n_jobs)
         return planes, asking
 
     def _keep_smooth(self, planes, indices, sizes):
@@ -132,7 +127,7 @@ class SurfacePlanes:
             planes.scale[rows], planes.normal_error[rows] = lent.scale, lent.normal_error
             owners[rows] = self.rows[best]
 
-        self._run(asking, task)
+        run(asking, task, self.n_jobs)
         return planes, owners
 
     def _best_planes(self, queries, indices, sizes):
@@ -146,7 +141,7 @@ class SurfacePlanes:
             best_planes(
                 queries, self.model.index.points, indices, sizes,
                 members.centroids, members.normals, members.scale, kept,
-                LEAST_NOISE, KEPT_WEIGHT, best,
+                LEAST_NOISE, best,
             )  # fmt: skip
             return best
         gaps = self.model.index.points[indices] - queries[:, None]
@@ -157,16 +152,8 @@ class SurfacePlanes:
         reach = np.sqrt(np.square(deviations).sum(axis=2))
         variance = np.square(members.scale[indices])
         variance += np.square(LEAST_NOISE * radius)[:, None]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            cost = 0.5 * np.log(variance) + 0.5 * np.square(heights) / variance
-            cost -= KEPT_WEIGHT * np.log(kept[indices])
+        cost = explanation_cost(heights, variance, kept[indices])
         cost[~valid | (reach > radius[:, None]) | (members.scale[indices] <= 0)] = np.inf
         best = np.nan_to_num(cost, nan=np.inf).argmin(axis=1)
         each = np.arange(len(queries))
         return np.where(np.isfinite(cost[each, best]), indices[each, best], -1)
-
-    def _run(self, tasks, work):
-        if len(tasks) == 1:
-            work(*tasks[0])
-        elif tasks:
-            Parallel(n_jobs=self.n_jobs, require="sharedmem")(delayed(work)(*t) for t in tasks)

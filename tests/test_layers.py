@@ -17,6 +17,7 @@ LAYERS = {  # a module imports only from lower layers, or from its own
     "_orientation": 0,
     "_neighborhoods": 0,
     "_resolution": 0,
+    "_chunks": 1,
     "_consistent_set": 1,
     "_consistent_set_numba": 2,
     "_adaptive_trials": 2,

@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from sklearn_mcmd import RobustNormalEstimator
+from sklearn_mcmd._progress import listen_to_progress
 from sklearn_mcmd._smoothness import smooth_planes
 from sklearn_mcmd._smoothness_numba import smooth_planes_3d
 from sklearn_mcmd.metrics import bias_angle
@@ -153,6 +154,16 @@ def test_neighborhoods_on_two_scan_lines_determine_no_quadric():
     t = np.linspace(0, 1, 20)
     lines = np.vstack([np.column_stack([t, np.full(20, y), t**2]) for y in (0.0, 0.1)])
     assert not smooth_planes(lines[None], np.array([40]), np.array([1e-3]))[0][0]
+
+
+@pytest.mark.parametrize("refine", ["reweight", None])
+def test_progress_is_told_to_the_last_point(refine):
+    X, _, _ = corner(12_000)
+    heard = []
+    with listen_to_progress(lambda done, total: heard.append((done, total))):
+        RobustNormalEstimator(30, refine=refine, random_state=0).fit(X)
+    assert len(heard) > 1
+    assert heard[-1] == (len(X), len(X))
 
 
 def test_the_paper_to_the_letter_borrows_nothing():

@@ -4,10 +4,10 @@ import warnings
 from typing import ClassVar
 
 import numpy as np
-from sklearn.base import BaseEstimator, OutlierMixin
+from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_array, check_is_fitted, validate_data
 
-from sklearn_mcmd._base import Interval, Real, StrOptions
+from sklearn_mcmd._base import Interval, OffsetOutlierMixin, Real, StrOptions
 from sklearn_mcmd.adjustment._plane import adjust_plane
 from sklearn_mcmd.adjustment._robust import WEIGHT_FUNCTIONS, m_estimate, zero_scale
 
@@ -21,7 +21,7 @@ STEEP_SHARE = 0.05
 FLATNESS = 0.1
 
 
-class PlaneDetector(OutlierMixin, BaseEstimator):
+class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
     """Base class of plane tests; a subclass has `fit` and `score_samples`."""
 
     _parameter_constraints: ClassVar[dict] = {
@@ -51,33 +51,6 @@ class PlaneDetector(OutlierMixin, BaseEstimator):
             -1 for outliers, 1 for inliers.
         """
         return self.fit(X, sample_weight=sample_weight).labels_
-
-    def decision_function(self, X):
-        """Score minus `offset_`: negative for outliers.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-        """
-        return self.score_samples(X) - self.offset_
-
-    def predict(self, X):
-        """Tell outliers from inliers, each point tested as if it alone were added.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-
-        Returns
-        -------
-        ndarray of int of shape (n_samples,)
-            -1 for outliers, 1 for inliers.
-        """
-        return np.where(self.decision_function(X) < 0, -1, 1)
 
     def residuals(self, X):
         """Observed minus adjusted, along the last axis or the normal.

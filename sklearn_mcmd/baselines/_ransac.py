@@ -7,11 +7,11 @@ from scipy.special import chdtri
 
 from sklearn_mcmd._consistent_set import n_trials_needed
 from sklearn_mcmd._plane import fit_planes, orthogonal_distances
+from sklearn_mcmd._rules import MAD_TO_SD
 from sklearn_mcmd.baselines._fits import Found, Method, WhitenedModel, check
 
 __all__ = ["Msac", "Ransac"]
 
-MAD_TO_SD = 1.4826
 # Three points closer to a line than this share of their spread give no plane.
 RANK_TOLERANCE = 1e-6
 # Entries of the largest temporary array.

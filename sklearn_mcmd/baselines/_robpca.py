@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri, ndtri
 
+from sklearn_mcmd._rules import MAD_TO_SD
 from sklearn_mcmd.baselines._fits import Found, Method, check
 from sklearn_mcmd.baselines._mcd import CONSISTENCIES, fit_mcd, mcd_support_size, univariate_mcd
 
 __all__ = ["Robpca"]
 
-MAD_TO_SD = 1.4826
 # Without projection pursuit from this many members a dimension on, as rrcov and LIBRA.
 MEMBERS_A_DIMENSION = 5
 CHUNK_ENTRIES = 1_000_000  # of the largest temporary array
