@@ -26,8 +26,7 @@ def ours(X, options, **parameters):
     detector = MCMDOutlierDetector(
         options.n_neighbors, random_state=0, n_jobs=options.threads, **parameters
     ).fit(X)
-    scores = detector.score_samples(X)
-    return -scores, scores < detector.offset_
+    return -detector.scores_, detector.scores_ < detector.offset_
 
 
 def top(scores, share):

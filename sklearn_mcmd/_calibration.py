@@ -72,7 +72,7 @@ def calibrated_cutoff(model, settings, rate):
         settings = {**settings, "noise_scale": noise}
     rehearsal = _Rehearsal(_model_over(model, X), **settings).fit(X)
     if rehearsal.own_planes_only:
-        return float(np.quantile(rehearsal.score(X[counted]), 1 - rate))
+        return float(np.quantile(rehearsal.scores[counted], 1 - rate))
     return rehearsal.cutoff_of(rate, counted)
 
 

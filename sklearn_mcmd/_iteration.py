@@ -95,7 +95,7 @@ class IteratedPlanes:
         """Iterate until the retained set settles."""
         self.n_iter = 1
         if self.own_planes_only:
-            self.plane_index, self.scores = np.arange(len(X)), None
+            self.plane_index, self.scores = np.arange(len(X)), self.score(X)
             return self
         n = len(X)
         order = spatial_order(X) if n >= ORDER_FROM else np.arange(n)

@@ -108,6 +108,9 @@ class MCMDOutlierDetector(BasePlaneOutliers):
     offset_ : float
         Negative of the cutoff: ``decision_function = score_samples - offset_``.
 
+    scores_ : ndarray of shape (n_samples,)
+        ``score_samples`` of the fitted points.
+
     n_neighbors_ : int
         Size of a neighborhood: `n_neighbors`, or the number of samples if that is smaller.
 
@@ -239,7 +242,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X, y=None):
-        """Store the cloud that points are scored against.
+        """Judge the points of a cloud, and keep what new points are scored against.
 
         Parameters
         ----------
@@ -289,6 +292,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         if self._cloud.noise_scale_found is not None:
             self.noise_scale_ = self._cloud.noise_scale_found
         self.plane_index_ = self._cloud.plane_index
+        self.scores_ = -self._cloud.scores
         self.offset_ = -cutoff
         return self
 
@@ -305,9 +309,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         labels : ndarray of int of shape (n_samples,)
             1 for inliers, -1 for outliers: ``fit(X).predict(X)``, without judging twice.
         """
-        self.fit(X)
-        scores = self._cloud.scores
-        return self.predict(X) if scores is None else np.where(scores <= -self.offset_, 1, -1)
+        return np.where(self.fit(X).scores_ >= self.offset_, 1, -1)
 
     def score_samples(self, X):
         """Opposite of the robust distance of each point to the plane of its neighborhood.

@@ -58,6 +58,7 @@ def test_fit_predict_equals_predict_and_scores_agree(street):
     labels = detector.fit_predict(street)
     assert_array_equal(labels, detector.predict(street))
     scores = detector.score_samples(street)
+    assert_array_equal(detector.scores_, scores)
     assert_array_equal(detector.decision_function(street), scores - detector.offset_)
     assert_array_equal(labels, np.where(scores >= detector.offset_, 1, -1))
     assert detector.offset_ == -3

@@ -139,8 +139,7 @@ def _find_outliers(xyz, quiet, **params):
 
     with progress_bar("Outliers", quiet):
         detector = MCMDOutlierDetector(**params).fit(xyz)
-        scores = detector.score_samples(xyz)
-    return scores < detector.offset_, -scores
+    return detector.scores_ < detector.offset_, -detector.scores_
 
 
 def _warn_if_without_scale(score):
