@@ -9,7 +9,12 @@ os.environ.setdefault("SCIPY_ARRAY_API", "1")
 import numpy as np
 import pytest
 
-from sklearn_mcmd.io import PointCloud
+from sklearn_mcmd.io import PointCloud, write_points
+
+# Failing assertions of helpers show their values, as those of tests do.
+pytest.register_assert_rewrite("commands")
+
+N_ROOM, N_STRAY = 900, 30  # few enough for the form that needs no compilation
 
 
 @pytest.fixture(scope="session")
@@ -39,3 +44,22 @@ def cloud():
             "region": rng.integers(-1, 9, n),
         },
     )
+
+
+@pytest.fixture
+def room():
+    """A floor and a wall with stray points in the air, numbered by their intensity."""
+    rng = np.random.default_rng(0)
+    floor = rng.uniform(0, 2, (N_ROOM // 2, 3)) * [1, 1, 0]
+    wall = rng.uniform(0, 2, (N_ROOM // 2, 3)) * [1, 0, 1] + [0, 2, 0]
+    stray = rng.uniform(0.3, 1.7, (N_STRAY, 3))
+    surfaces = np.vstack([floor, wall]) + rng.normal(0, 0.003, (N_ROOM, 3))
+    xyz = np.round(np.vstack([surfaces, stray]), 4)
+    return PointCloud(xyz, {"intensity": np.arange(len(xyz), dtype=np.uint16)})
+
+
+@pytest.fixture
+def room_file(tmp_path, room):
+    path = tmp_path / "room.laz"
+    write_points(path, room)
+    return path
