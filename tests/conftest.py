@@ -6,7 +6,15 @@ from pathlib import Path
 # Before SciPy is imported: without it scikit-learn skips its array API checks.
 os.environ.setdefault("SCIPY_ARRAY_API", "1")
 
+import numpy as np
 import pytest
+
+from sklearn_mcmd.io import PointCloud, write_points
+
+# Failing assertions of helpers show their values, as those of tests do.
+pytest.register_assert_rewrite("commands")
+
+N_ROOM, N_STRAY = 900, 30  # few enough for the form that needs no compilation
 
 
 @pytest.fixture(scope="session")
@@ -16,3 +24,42 @@ def shared_data():
     if not folder.is_dir():
         pytest.skip("the folder shared/data with real point clouds is not beside the checkout")
     return folder
+
+
+@pytest.fixture
+def cloud():
+    """A small cloud in national coordinates with the results that callers write."""
+    rng = np.random.default_rng(0)
+    n = 40
+    normals = rng.normal(size=(n, 3)).astype(np.float32)
+    return PointCloud(
+        rng.uniform(0, 50, (n, 3)) + np.array([362_000, 5_157_000, 100]),
+        {
+            "outlier": rng.random(n) < 0.2,
+            "score": rng.random(n).astype(np.float32),
+            "normal_x": normals[:, 0],
+            "normal_y": normals[:, 1],
+            "normal_z": normals[:, 2],
+            "surface_variation": rng.random(n),
+            "region": rng.integers(-1, 9, n),
+        },
+    )
+
+
+@pytest.fixture
+def room():
+    """A floor and a wall with stray points in the air, numbered by their intensity."""
+    rng = np.random.default_rng(0)
+    floor = rng.uniform(0, 2, (N_ROOM // 2, 3)) * [1, 1, 0]
+    wall = rng.uniform(0, 2, (N_ROOM // 2, 3)) * [1, 0, 1] + [0, 2, 0]
+    stray = rng.uniform(0.3, 1.7, (N_STRAY, 3))
+    surfaces = np.vstack([floor, wall]) + rng.normal(0, 0.003, (N_ROOM, 3))
+    xyz = np.round(np.vstack([surfaces, stray]), 4)
+    return PointCloud(xyz, {"intensity": np.arange(len(xyz), dtype=np.uint16)})
+
+
+@pytest.fixture
+def room_file(tmp_path, room):
+    path = tmp_path / "room.laz"
+    write_points(path, room)
+    return path

@@ -5,10 +5,10 @@ import sys
 import numpy as np
 import pytest
 
+from commands import error_line, files_in, run
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
 from sklearn_mcmd.cli import _plane
 from sklearn_mcmd.io import PointCloud, read_points, write_points
-from test_cli import error_line, files_in, run
 
 N, N_OUTLIERS = 600, 60
 ALL_FILES = ["out.laz", "out_report.png", "out_report.txt", "wall.laz"]

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
+from commands import run
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
-from sklearn_mcmd.cli import app
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.plotting import region_colors
 
@@ -20,17 +19,6 @@ def room():
     wall = rng.uniform(0, 2, (400, 3)) * [1, 0, 1] + [0, 2, 0]
     xyz = np.vstack([floor, wall]) + rng.normal(0, 0.003, (900, 3))
     return PointCloud(np.round(xyz, 4), {"intensity": np.arange(900, dtype=np.uint16)})
-
-
-@pytest.fixture
-def room_file(tmp_path, room):
-    path = tmp_path / "room.laz"
-    write_points(path, room)
-    return path
-
-
-def run(*args):
-    return CliRunner().invoke(app, [str(a) for a in args], prog_name="mcmd")
 
 
 def expected_labels(xyz, **params):

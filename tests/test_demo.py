@@ -2,14 +2,9 @@
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from sklearn_mcmd.cli import app
+from commands import run
 from sklearn_mcmd.io import read_points
-
-
-def run(*args):
-    return CliRunner().invoke(app, [str(a) for a in args], prog_name="mcmd")
 
 
 @pytest.fixture(scope="module")
@@ -69,3 +64,12 @@ def test_demo_gives_the_same_accuracy_and_picture_again(demo, tmp_path):
     assert (tmp_path / "demo.png").read_bytes() == (folder / "demo.png").read_bytes()
     first, second = (read_points(f / "normals.laz").attributes for f in (folder, tmp_path))
     np.testing.assert_array_equal(first["normal_x"], second["normal_x"])
+
+
+def test_the_demo_replaces_no_file_unasked(tmp_path):
+    (tmp_path / "clean.laz").write_text("precious")
+    result = run("demo", tmp_path)
+    assert result.exit_code == 1
+    assert "already holds clean.laz" in result.stderr
+    assert (tmp_path / "clean.laz").read_text() == "precious"
+    assert not (tmp_path / "street.laz").exists()

@@ -7,6 +7,7 @@ from sklearn.ensemble import RandomForestClassifier
 from sklearn.pipeline import make_pipeline
 
 from reference import plane, saliency
+from scenes import sphere
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
 from sklearn_mcmd._consistent_set import draw_trials
 from sklearn_mcmd.datasets import make_street
@@ -18,13 +19,6 @@ GRID = np.array([5e5, 5.4e6, 100])  # national grid coordinates
 @pytest.fixture(scope="module")
 def street():
     return make_street(6000, random_state=0)
-
-
-def sphere(n=2000, noise=0.0, seed=0):
-    rng = np.random.default_rng(seed)
-    directions = rng.normal(size=(n, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return directions * (1 + noise * rng.normal(size=(n, 1))), directions
 
 
 @pytest.mark.parametrize("n", [400, 3000])  # NumPy and compiled
@@ -176,7 +170,7 @@ def test_normals_point_to_the_side_of_a_direction(street):
 
 
 def test_normals_point_to_the_viewpoint():
-    X, directions = sphere()
+    X, directions = sphere(2000)
     inside = RobustNormalEstimator(
         20, orientation="viewpoint", viewpoint=[0, 0, 0], random_state=0
     ).fit(X)

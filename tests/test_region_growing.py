@@ -13,8 +13,6 @@ from sklearn.model_selection import ParameterGrid
 from sklearn.pipeline import Pipeline, make_pipeline
 
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
-from sklearn_mcmd._neighborhoods import NeighborIndex
-from sklearn_mcmd._region_graph import grow_regions, link_neighbors
 
 N_STRAY = 9  # fewer than make a region
 LITERAL = {"join_coplanar": False, "assign_rest": False, "min_region_size": 1}
@@ -103,41 +101,6 @@ def test_regions_are_those_of_the_rules_taken_literally(
     expected = grown_by_loops(columns, d, k, max_angle, max_distance, max_gap, core_fraction)
     assert growing.n_regions_ == expected.max() + 1 > 1
     assert adjusted_rand_score(expected, labels) == 1.0
-
-
-def adversarial_clouds():
-    rng = np.random.default_rng(0)
-    grid = np.stack(np.meshgrid(range(50), range(50)), -1).reshape(-1, 2) * 0.01
-    flat = np.column_stack([grid, np.zeros(2500)])
-    return {
-        "a perfect plane on a grid": flat,
-        "coordinates in centimeters": np.round(
-            np.column_stack([rng.uniform(0, 3, (2500, 2)), rng.normal(0, 0.004, 2500)]), 2
-        ),
-        "a national grid": flat + rng.normal(0, 1e-3, (2500, 3)) + [5e5, 5e6, 100],
-        "copies": np.repeat(rng.uniform(0, 1, (1300, 3)) * [1, 1, 0.01], 2, axis=0),
-        "a line": np.outer(np.linspace(0, 1, 2500), [1.0, 2.0, 3.0]),
-    }
-
-
-@pytest.mark.parametrize("name", adversarial_clouds())
-def test_compiled_and_numpy_links_agree_on_adversarial_clouds(name, monkeypatch):
-    X = adversarial_clouds()[name]
-    fitted = RobustNormalEstimator(20, random_state=0).fit(X)
-    answers = []
-    for compile_from in (1, len(X) + 1):
-        monkeypatch.setattr("sklearn_mcmd._region_graph.COMPILE_FROM", compile_from)
-        index = NeighborIndex(X, 16)
-        normals = np.ascontiguousarray(fitted.normals_[index.rows])
-        # The floor that the estimator gives keeps apart what rounding alone would decide.
-        floor = 1e-13 * np.abs(index.points).max(axis=1) + 1e-9
-        graph = link_neighbors(index, normals, floor, min_cosine=0.96)
-        seeds = np.argsort(fitted.surface_variation_[index.rows], kind="stable")
-        answers.append((graph.links, graph.offset, grow_regions(graph.links, seeds)))
-    (links, offset, labels), (links_numpy, offset_numpy, labels_numpy) = answers
-    assert_allclose(offset, offset_numpy, atol=1e-12)
-    assert_array_equal(links, links_numpy)
-    assert_array_equal(labels, labels_numpy)
 
 
 def steps(rng, n=8000, height=0.2):
@@ -334,48 +297,6 @@ def test_a_given_gap_parts_what_is_farther_apart():
     for gap, n_regions in ((0.035, 2), (0.1, 1)):
         growing = RegionGrowing(60, max_gap=gap, join_coplanar=False, random_state=0).fit(X)
         assert growing.n_regions_ == n_regions
-
-
-# ---- Joining ---------------------------------------------------------------------------------
-
-
-def walls(rng, *boxes, noise=0.003, density=3000):
-    """Vertical walls: each of x from, to, y and slope of y; and which one points are of."""
-    parts = []
-    for low, high, y, slope in boxes:
-        n = int(density * (high - low))
-        x = rng.uniform(low, high, n)
-        parts.append(np.column_stack([x, y + slope * (x - low), rng.uniform(0, 1, n)]))
-    X = np.vstack(parts)
-    return X + rng.normal(0, noise, X.shape), np.repeat(
-        np.arange(len(parts)), list(map(len, parts))
-    )
-
-
-@pytest.mark.parametrize(
-    ("second", "n_regions"),
-    [
-        ((1.3, 2.3, 0.0, 0.0), 1),
-        ((1.3, 2.3, 0.05, 0.0), 2),
-        ((1.3, 2.3, 0.0, 0.1), 2),
-        ((4.0, 5.0, 0.0, 0.0), 2),
-    ],
-    ids=["a shadow cuts one wall", "a recess", "a bend", "far apart"],
-)
-def test_parts_of_one_plane_are_joined_across_short_gaps_only(second, n_regions):
-    X, part = walls(np.random.default_rng(0), (0.0, 1.0, 0.0, 0.0), second)
-    apart = RegionGrowing(random_state=0, join_coplanar=False).fit(X)
-    assert apart.n_regions_ == 2
-    assert adjusted_rand_score(part, apart.labels_) > 0.99
-    assert RegionGrowing(random_state=0).fit(X).n_regions_ == n_regions
-
-
-def test_curved_regions_are_not_joined():
-    rng = np.random.default_rng(0)
-    angle = rng.uniform(0, np.pi, 8000)
-    angle = angle[np.abs(angle - np.pi / 2) > 0.15]  # two quarters of a vault, a slit between
-    vault = np.column_stack([np.cos(angle), rng.uniform(0, 2, len(angle)), np.sin(angle)])
-    assert RegionGrowing(random_state=0).fit(vault).n_regions_ == 2
 
 
 # ---- Attributes ------------------------------------------------------------------------------

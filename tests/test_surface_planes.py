@@ -4,46 +4,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from scenes import corner, cylinder, sphere, torus
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd._progress import listen_to_progress
 from sklearn_mcmd._smoothness import smooth_planes
 from sklearn_mcmd._smoothness_numba import smooth_planes_3d
 from sklearn_mcmd.metrics import bias_angle
-
-
-def corner(n=4000, noise=0.002, seed=0):
-    """Two square faces of 1 m at a right angle: points, normals, distance to the edge."""
-    rng = np.random.default_rng(seed)
-    X = rng.uniform(0, 1, (n, 3))
-    face = np.arange(n) % 2
-    X[face == 0, 2] = 0
-    X[face == 1, 0] = 0
-    normals = np.where(face[:, None] == 0, [0.0, 0, 1], [1.0, 0, 0])
-    distance = np.where(face == 0, X[:, 0], X[:, 2])
-    return X + rng.normal(0, noise, X.shape), normals, distance
-
-
-def sphere(n, noise):
-    rng = np.random.default_rng(0)
-    N = rng.normal(size=(n, 3))
-    N /= np.linalg.norm(N, axis=1, keepdims=True)
-    return N + rng.normal(0, noise, (n, 3)), N
-
-
-def cylinder(n, noise):
-    rng = np.random.default_rng(0)
-    angle = rng.uniform(0, 2 * np.pi, n)
-    N = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(n)])
-    X = N + np.column_stack([np.zeros((n, 2)), rng.uniform(0, 6, n)])
-    return X + rng.normal(0, noise, (n, 3)), N
-
-
-def torus(n, noise):
-    rng = np.random.default_rng(0)
-    u, v = rng.uniform(0, 2 * np.pi, (2, n))
-    N = np.column_stack([np.cos(v) * np.cos(u), np.cos(v) * np.sin(u), np.sin(v)])
-    X = 0.3 * N + np.column_stack([np.cos(u), np.sin(u), np.zeros(n)])
-    return X + rng.normal(0, noise, (n, 3)), N
 
 
 def angles(X, normals, **parameters):
@@ -63,7 +29,7 @@ def test_smooth_surfaces_are_measured_no_worse_than_by_least_squares(make, noise
 
 
 def test_points_next_to_an_edge_borrow_the_plane_of_their_face():
-    X, N, distance = corner()
+    X, N, distance = corner(4000)
     # Nearer than three standard deviations the two faces cannot be told apart.
     near = (distance > 0.006) & (distance < 0.06)
     own, borrowed = (angles(X, N, n_neighbors=30, borrow=b)[near] for b in (False, True))
@@ -71,7 +37,7 @@ def test_points_next_to_an_edge_borrow_the_plane_of_their_face():
 
 
 def test_plane_index_says_whose_plane_it_is():
-    X, N, distance = corner()
+    X, N, distance = corner(4000)
     estimator = RobustNormalEstimator(30, random_state=0).fit(X)
     rows = np.flatnonzero(estimator.plane_index_ != np.arange(len(X)))
     assert len(rows) > 100
@@ -95,7 +61,7 @@ def test_new_points_are_given_planes_as_fitted_ones_are(n):
 
 
 def test_the_compiled_planes_are_those_of_numpy(monkeypatch):
-    X, _, _ = corner()
+    X, _, _ = corner(4000)
     X = np.vstack([X, 0.2 * torus(2000, 0.003)[0] + 2])
     compiled = RobustNormalEstimator(30, random_state=0).fit(X)
     monkeypatch.setattr("sklearn_mcmd._local_planes.LocalPlaneModel.ready", lambda self: False)
@@ -106,7 +72,7 @@ def test_the_compiled_planes_are_those_of_numpy(monkeypatch):
 
 
 def test_results_do_not_depend_on_threads_chunks_or_order(monkeypatch):
-    X, _, _ = corner()
+    X, _, _ = corner(4000)
     expected = RobustNormalEstimator(30, random_state=0).fit(X)
     order = np.random.default_rng(0).permutation(len(X))
     monkeypatch.setattr("sklearn_mcmd._surface_planes.CHUNK", {True: 997, False: 997})

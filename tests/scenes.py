@@ -1,0 +1,49 @@
+"""Clouds and scenes that several test modules build, with their truth."""
+
+import numpy as np
+
+from sklearn_mcmd.datasets._street import _street
+
+
+def corner(n, noise=0.002):
+    """Two square faces of 1 m at a right angle: points, normals, distance to the edge."""
+    rng = np.random.default_rng(0)
+    X = rng.uniform(0, 1, (n, 3))
+    face = np.arange(n) % 2
+    X[face == 0, 2] = 0
+    X[face == 1, 0] = 0
+    normals = np.where(face[:, None] == 0, [0.0, 0, 1], [1.0, 0, 0])
+    distance = np.where(face == 0, X[:, 0], X[:, 2])
+    return X + rng.normal(0, noise, X.shape), normals, distance
+
+
+def sphere(n, noise=0.0, seed=0):
+    """A sphere of radius 1: points and normals."""
+    rng = np.random.default_rng(seed)
+    N = rng.normal(size=(n, 3))
+    N /= np.linalg.norm(N, axis=1, keepdims=True)
+    return N + rng.normal(0, noise, (n, 3)), N
+
+
+def cylinder(n, noise):
+    """A pipe of radius 1 and length 6: points and normals."""
+    rng = np.random.default_rng(0)
+    angle = rng.uniform(0, 2 * np.pi, n)
+    N = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(n)])
+    X = N + np.column_stack([np.zeros((n, 2)), rng.uniform(0, 6, n)])
+    return X + rng.normal(0, noise, (n, 3)), N
+
+
+def torus(n, noise):
+    """A ring of radius 1 whose tube has radius 0.3: points and normals."""
+    rng = np.random.default_rng(0)
+    u, v = rng.uniform(0, 2 * np.pi, (2, n))
+    N = np.column_stack([np.cos(v) * np.cos(u), np.cos(v) * np.sin(u), np.sin(v)])
+    X = 0.3 * N + np.column_stack([np.cos(u), np.sin(u), np.zeros(n)])
+    return X + rng.normal(0, noise, (n, 3)), N
+
+
+def scene_of(street, tree=False):
+    """The surfaces that a street of `make_street` was scanned from."""
+    n_bays = len(street.scanners)
+    return _street(street.length / n_bays, n_bays, tree)

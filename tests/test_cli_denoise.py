@@ -1,0 +1,136 @@
+"""mcmd denoise: the detector's outliers, dropped or marked, and nothing else changed."""
+
+import numpy as np
+import pytest
+
+from commands import run
+from sklearn_mcmd import MCMDOutlierDetector
+from sklearn_mcmd.io import read_points, write_points
+
+
+def rounded_plane():
+    """A plane in steps coarser than its noise, 41 % of it off the middle one."""
+    rng = np.random.default_rng(0)
+    steps = 0.01 * np.round(rng.normal(0, 0.6, 300))
+    return np.column_stack([rng.uniform(0, 1, (300, 2)), steps])
+
+
+def expected_outliers(xyz, **params):
+    return MCMDOutlierDetector(random_state=0, **params).fit_predict(xyz) == -1
+
+
+def test_drop_writes_exactly_the_points_the_detector_keeps(room, room_file, tmp_path):
+    result = run("denoise", room_file, tmp_path / "out.laz")
+    assert result.exit_code == 0, result.output
+    kept = ~expected_outliers(room.xyz)
+    assert 0 < np.count_nonzero(~kept) < 0.2 * len(kept)
+    out = read_points(tmp_path / "out.laz")
+    np.testing.assert_array_equal(out.attributes["intensity"], np.flatnonzero(kept))
+    np.testing.assert_array_equal(out.xyz, read_points(room_file).xyz[kept])
+
+
+def test_mark_keeps_all_points_and_gives_outliers_class_7_in_laz(room, room_file, tmp_path):
+    assert run("denoise", room_file, tmp_path / "out.laz", "--mode", "mark").exit_code == 0
+    out = read_points(tmp_path / "out.laz")
+    outlier = expected_outliers(room.xyz)
+    np.testing.assert_array_equal(out.attributes["classification"], np.where(outlier, 7, 0))
+    np.testing.assert_array_equal(out.attributes["intensity"], np.arange(len(outlier)))
+
+
+@pytest.mark.parametrize("extension", ["csv", "npz", "pcd", "ply"])
+def test_mark_writes_an_outlier_column_in_other_formats(extension, room, room_file, tmp_path):
+    path = tmp_path / f"out.{extension}"
+    if extension in ("pcd", "ply"):
+        pytest.importorskip({"pcd": "pypcd4", "ply": "plyfile"}[extension])
+    assert run("denoise", room_file, path, "--mode", "mark").exit_code == 0
+    marked = read_points(path).attributes["outlier"].astype(bool)
+    np.testing.assert_array_equal(marked, expected_outliers(room.xyz))
+
+
+def test_marked_points_carry_their_robust_distance_as_float32(room, room_file, tmp_path):
+    run("denoise", room_file, tmp_path / "out.laz", "--mode", "mark")
+    score = read_points(tmp_path / "out.laz").attributes["outlier_score"]
+    detector = MCMDOutlierDetector(random_state=0).fit(room.xyz)
+    assert score.dtype == np.float32
+    # Coordinates went through integers of 0.1 mm, which moves their last bits only.
+    np.testing.assert_allclose(score, -detector.score_samples(room.xyz), rtol=1e-5, atol=1e-5)
+
+
+def test_options_of_denoise_reach_the_detector(room, room_file, tmp_path):
+    result = run(
+        *("denoise", room_file, tmp_path / "out.npy", "--mode", "mark", "--n-neighbors", 20),
+        *("--method", "mcmd_md", "--cutoff", 4, "--outlier-rate", 0.2, "--random-state", 3),
+        *("--n-jobs", 1),
+    )
+    assert result.exit_code == 0, result.output
+    detector = MCMDOutlierDetector(20, method="mcmd_md", cutoff=4, outlier_rate=0.2, random_state=3)
+    marked = np.load(tmp_path / "out.npy")["outlier"]
+    np.testing.assert_array_equal(marked, detector.fit_predict(room.xyz) == -1)
+
+
+@pytest.mark.parametrize(
+    ("options", "parameters"),
+    [
+        (("--noise-scale", "own"), {"noise_scale": "own"}),
+        (("--noise-scale", "pooled"), {"noise_scale": "pooled"}),
+        (("--noise-scale", 0.02), {"noise_scale": 0.02}),
+        (("--max-iter", 1), {"max_iter": 1}),
+        (("--no-borrow",), {"borrow": False}),
+        (("--drop-groups",), {"keep_groups": False}),
+        (("--noise-scale", 0.002, "--keep-groups"), {"noise_scale": 0.002, "keep_groups": True}),
+    ],
+)
+def test_rulers_passes_and_groups_reach_the_detector(options, parameters, room, tmp_path):
+    xyz = np.vstack([room.xyz, rounded_plane() + np.array([5, 0, 0])])
+    np.save(tmp_path / "in.npy", xyz)
+    result = run(
+        *("denoise", tmp_path / "in.npy", tmp_path / "out.npy", "--mode", "mark", *options)
+    )
+    assert result.exit_code == 0, result.output
+    marked = np.load(tmp_path / "out.npy")["outlier"]
+    np.testing.assert_array_equal(marked, expected_outliers(xyz, **parameters))
+    for left_out in parameters:  # each made a difference
+        others = {name: value for name, value in parameters.items() if name != left_out}
+        assert (marked != expected_outliers(xyz, **others)).any()
+
+
+def test_the_summary_states_points_share_removed_and_seconds(room, room_file, tmp_path):
+    result = run("denoise", room_file, tmp_path / "out.laz")
+    n = int(expected_outliers(room.xyz).sum())
+    lines = [line.split() for line in result.stdout.splitlines()[1:]]
+    assert lines[0] == ["points", "930"]
+    assert lines[1] == ["removed", str(n), f"({100 * n / 930:.2f}", "%)"]
+    assert lines[2][0] == "seconds"
+    assert float(lines[2][1]) >= 0
+    assert result.stderr == ""
+
+
+def test_quiet_prints_nothing(room_file, tmp_path):
+    result = run("denoise", room_file, tmp_path / "out.laz", "--quiet")
+    assert (result.exit_code, result.output) == (0, "")
+
+
+def test_few_points_give_one_warning_line_and_an_answer(room, tmp_path):
+    write_points(tmp_path / "few.csv", room.subset(slice(0, 30)))
+    result = run("denoise", tmp_path / "few.csv", tmp_path / "out.csv")
+    assert result.exit_code == 0
+    assert result.stderr == (
+        "mcmd: warning: n_neighbors=50 is more than the number of distinct points, 30 of "
+        "n_samples=30: neighborhoods of all of them are used.\n"
+    )
+
+
+def test_the_default_keeps_a_plane_in_steps_coarser_than_its_noise(tmp_path):
+    write_points(tmp_path / "rounded.csv", rounded_plane())
+    result = run("denoise", tmp_path / "rounded.csv", tmp_path / "out.csv")
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert len(read_points(tmp_path / "out.csv")) > 0.95 * 300
+
+
+@pytest.mark.parametrize("option", [("--noise-scale", "own"), ("--drop-groups",)])
+def test_exact_planes_are_warned_about_where_they_make_outliers(option, tmp_path):
+    write_points(tmp_path / "rounded.csv", rounded_plane())
+    result = run("denoise", tmp_path / "rounded.csv", tmp_path / "out.csv", *option)
+    assert result.exit_code == 0
+    assert "lie exactly in one plane" in result.stderr
+    assert len(result.stderr.splitlines()) == 1

@@ -1,0 +1,159 @@
+"""What the verbs read and write: whole files or none, and one clear line that says why."""
+
+import numpy as np
+import pytest
+
+from commands import error_line, files_in, run
+from sklearn_mcmd.cli import _denoise, _normals
+from sklearn_mcmd.io import read_points, write_points
+
+
+@pytest.mark.parametrize("verb", ["denoise", "normals"])
+def test_output_may_replace_the_input(verb, room_file, tmp_path):
+    assert run(verb, room_file, tmp_path / "apart.laz").exit_code == 0
+    assert run(verb, room_file, room_file).exit_code == 0
+    apart, in_place = read_points(tmp_path / "apart.laz"), read_points(room_file)
+    assert apart.attributes.keys() == in_place.attributes.keys()
+    np.testing.assert_array_equal(apart.xyz, in_place.xyz)
+
+
+def test_points_without_finite_coordinates_are_counted_in_a_warning(room, tmp_path):
+    rows = "".join(f"{x} {y} {z}\n" for x, y, z in room.xyz)
+    (tmp_path / "holes.xyz").write_text(rows + "nan 0 0\n0 inf 0\n")
+    result = run("denoise", tmp_path / "holes.xyz", tmp_path / "out.xyz")
+    assert result.exit_code == 0
+    assert "2 points without finite coordinates are left out" in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+
+
+def test_normals_of_the_input_are_replaced_with_a_warning(room, tmp_path):
+    stale = np.tile([9.0, 9.0, 9.0], (len(room), 1))
+    write_points(tmp_path / "in.npz", room.with_attributes(normals=stale))
+    result = run("normals", tmp_path / "in.npz", tmp_path / "out.laz")
+    assert result.exit_code == 0, result.output
+    assert result.stderr == "mcmd: warning: the results replace what the input calls normals\n"
+    assert (read_points(tmp_path / "out.laz").attributes["normal_x"] <= 1).all()
+
+
+def test_single_precision_files_at_national_grid_coordinates_warn(tmp_path):
+    X = np.random.default_rng(0).uniform([5e5, 5.4e6, 0], [5e5 + 5, 5.4e6 + 5, 5], (300, 3))
+    np.save(tmp_path / "in.npy", X.astype(np.float32))
+    result = run("normals", tmp_path / "in.npy", tmp_path / "out.npy")
+    assert result.exit_code == 0
+    assert "float32 rounds coordinates" in result.stderr
+
+
+# ---- bad input: exit code 1, one line, nothing written --------------------------------------
+
+
+def bad_input(kind, folder):
+    path = folder / "bad.xyz"
+    if kind == "missing":
+        return path
+    if kind == "folder":
+        path.mkdir()
+    elif kind == "truncated laz":
+        rng = np.random.default_rng(0)
+        write_points(folder / "bad.laz", rng.uniform(size=(5000, 3)))
+        path = folder / "bad.laz"
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    else:
+        text = {
+            "empty": "",
+            "only nan": "nan nan nan\n" * 9,
+            "two columns": "1 2\n3 4\n",
+            "words": "x y z\none two three\n",
+            "three points": "0 0 0\n1 0 0\n0 1 0\n",
+        }
+        path.write_text(text[kind])
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "reason"),
+    [
+        ("missing", "no such file"),
+        ("folder", "is a folder"),
+        ("truncated laz", "cannot be read"),
+        ("empty", "is empty"),
+        ("only nan", "holds no points with finite coordinates"),
+        ("two columns", "2 column"),
+        ("words", "'one' is not a number"),
+        ("three points", "n_samples=3 is too few"),
+    ],
+)
+@pytest.mark.parametrize("verb", ["denoise", "normals"])
+def test_bad_input_fails_with_one_line_and_writes_nothing(verb, kind, reason, tmp_path):
+    path = bad_input(kind, tmp_path)
+    before = files_in(tmp_path)
+    assert reason in error_line(run(verb, path, tmp_path / "out.laz"))
+    assert files_in(tmp_path) == before
+
+
+@pytest.mark.parametrize("kind", ["missing", "folder", "truncated laz", "empty", "words"])
+def test_info_fails_on_bad_input_with_one_line(kind, tmp_path):
+    error_line(run("info", bad_input(kind, tmp_path)))
+
+
+# ---- bad output: refused before the long work -----------------------------------------------
+
+
+def bad_output(kind, folder):
+    if kind == "no extension":
+        return folder / "out"
+    if kind == "unknown extension":
+        return folder / "out.docx"
+    if kind == "copc":
+        return folder / "out.copc.laz"
+    if kind == "missing folder":
+        return folder / "nowhere" / "out.laz"
+    if kind == "file as folder":
+        return folder / "room.laz" / "out.laz"
+    (folder / "out.laz").mkdir()
+    return folder / "out.laz"
+
+
+@pytest.mark.parametrize(
+    ("kind", "reason"),
+    [
+        ("no extension", "no extension"),
+        ("unknown extension", "unknown extension '.docx'"),
+        ("copc", "COPC can be read but not written"),
+        ("missing folder", "does not exist"),
+        ("file as folder", "does not exist"),
+        ("a folder", "is a folder"),
+    ],
+)
+@pytest.mark.parametrize("verb", ["denoise", "normals"])
+def test_an_output_that_cannot_be_is_refused_before_the_work(
+    verb, kind, reason, room_file, tmp_path, monkeypatch
+):
+    def work(*args, **kwargs):
+        raise AssertionError("the long work began")
+
+    monkeypatch.setattr(_denoise, "_find_outliers", work)
+    monkeypatch.setattr(_normals, "_find_normals", work)
+    target = bad_output(kind, tmp_path)
+    before = files_in(tmp_path)
+    line = error_line(run(verb, room_file, target))
+    assert reason in line
+    assert str(target) in line
+    assert files_in(tmp_path) == before
+
+
+def test_an_attribute_the_output_cannot_hold_is_refused_before_the_work(
+    room, tmp_path, monkeypatch
+):
+    write_points(tmp_path / "in.npz", room.with_attributes(**{"a" * 40: np.ones(len(room))}))
+    monkeypatch.setattr(_denoise, "_find_outliers", None)  # calling it would be a TypeError
+    line = error_line(run("denoise", tmp_path / "in.npz", tmp_path / "out.laz"))
+    assert "longer than the 32 bytes" in line
+    assert str(tmp_path / "out.laz") in line
+
+
+def test_e57_is_refused_where_it_cannot_hold_the_results(room_file, tmp_path):
+    assert "normals" in error_line(run("normals", room_file, tmp_path / "out.e57"))
+    pytest.importorskip("pye57")
+    mark = run("denoise", room_file, tmp_path / "out.e57", "--mode", "mark")
+    assert "no place to mark outliers" in error_line(mark)
+    assert files_in(tmp_path) == ["room.laz"]

@@ -1,0 +1,98 @@
+"""mcmd normals: the estimator's normals and features as attributes."""
+
+import numpy as np
+import pytest
+
+from commands import files_in, run
+from sklearn_mcmd import RobustNormalEstimator
+from sklearn_mcmd.io import read_points
+
+
+def test_normals_adds_the_estimators_results_as_float32(room, room_file, tmp_path):
+    result = run("normals", room_file, tmp_path / "out.laz")
+    assert result.exit_code == 0, result.output
+    out = read_points(tmp_path / "out.laz").attributes
+    fitted = RobustNormalEstimator(random_state=0).fit(read_points(room_file).xyz)
+    expected = {
+        "surface_variation": fitted.surface_variation_,
+        "removed_fraction": fitted.removed_fraction_,
+        **{f"normal_{a}": fitted.normals_[:, i] for i, a in enumerate("xyz")},
+        **{f"eigenvalue_{i}": fitted.eigenvalues_[:, i] for i in range(3)},
+    }
+    for name, values in expected.items():
+        assert out[name].dtype == np.float32
+        np.testing.assert_array_equal(out[name], values.astype(np.float32))
+    np.testing.assert_array_equal(out["intensity"], np.arange(len(room)))
+
+
+def test_normals_look_at_the_viewpoint_also_at_negative_coordinates(room_file, tmp_path):
+    result = run(
+        *("normals", room_file, tmp_path / "out.npy"),
+        *("--orientation", "viewpoint", "--viewpoint", "-1,0.5,-9"),
+    )
+    assert result.exit_code == 0, result.output
+    out = np.load(tmp_path / "out.npy")
+    to_viewpoint = np.array([-1, 0.5, -9]) - np.column_stack([out[a] for a in "xyz"])
+    normals = np.column_stack([out[f"normal_{a}"] for a in "xyz"])
+    assert (np.einsum("ij,ij->i", normals, to_viewpoint) >= -1e-5).all()
+
+
+@pytest.mark.parametrize("orientation", ["none", "up", "mst"])
+def test_every_orientation_gives_unit_normals(orientation, room_file, tmp_path):
+    result = run("normals", room_file, tmp_path / "out.npy", "--orientation", orientation)
+    assert result.exit_code == 0, result.output
+    out = np.load(tmp_path / "out.npy")
+    length = np.sqrt(sum(out[f"normal_{a}"].astype(float) ** 2 for a in "xyz"))
+    np.testing.assert_allclose(length, 1.0, atol=1e-6)
+    if orientation != "mst":
+        assert (out["normal_z"] >= 0).all()
+
+
+def test_a_radius_makes_normals_more_local(room, room_file, tmp_path):
+    assert run("normals", room_file, tmp_path / "out.npy", "--radius", 0.15).exit_code == 0
+    fitted = RobustNormalEstimator(radius=0.15, random_state=0).fit(room.xyz)
+    out = np.load(tmp_path / "out.npy")
+    np.testing.assert_array_equal(out["removed_fraction"], fitted.removed_fraction_.astype("f4"))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--orientation", "viewpoint"],
+        ["--viewpoint", "1,2,3"],
+        ["--orientation", "viewpoint", "--viewpoint", "1,2"],
+        ["--orientation", "viewpoint", "--viewpoint", "1,2,here"],
+        ["--orientation", "viewpoint", "--viewpoint", "1,2,nan"],
+        ["--orientation", "down"],
+    ],
+)
+def test_a_wrong_viewpoint_is_wrong_usage(options, room_file, tmp_path):
+    result = run("normals", room_file, tmp_path / "out.laz", *options)
+    assert result.exit_code == 2
+    assert "viewpoint" in result.stderr
+    assert files_in(tmp_path) == ["room.laz"]
+
+
+def test_features_are_written_as_float32_attributes(room, room_file, tmp_path):
+    names = ["roughness", "planarity", "normal_error"]
+    result = run("normals", room_file, tmp_path / "out.laz", "--features", ",".join(names))
+    assert result.exit_code == 0, result.output
+    out = read_points(tmp_path / "out.laz").attributes
+    fitted = RobustNormalEstimator(features=names, random_state=0).fit(room.xyz)
+    for name, values in zip(names, fitted.features_.T, strict=True):
+        assert out[name].dtype == np.float32
+        np.testing.assert_allclose(out[name], values, rtol=1e-4, atol=1e-6)
+
+
+def test_all_features_are_written_where_asked_for(room_file, tmp_path):
+    assert run("normals", room_file, tmp_path / "out.npy", "--features", "all").exit_code == 0
+    names = np.load(tmp_path / "out.npy").dtype.names
+    assert {"linearity", "eigenentropy", "normal_error"} < set(names)
+    assert names.count("removed_fraction") == 1
+
+
+def test_an_unknown_feature_is_wrong_usage(room_file, tmp_path):
+    result = run("normals", room_file, tmp_path / "out.laz", "--features", "planarity,flatness")
+    assert result.exit_code == 2
+    assert "flatness" in result.stderr
+    assert files_in(tmp_path) == ["room.laz"]

@@ -1,0 +1,47 @@
+"""mcmd info: what a file holds, counted."""
+
+import numpy as np
+import pytest
+
+from commands import run
+from sklearn_mcmd.io import PointCloud, write_points
+
+
+def test_info_counts_points_and_duplicates_and_shows_bounds(tmp_path):
+    grid = np.stack(np.meshgrid(range(4), range(5), [7.0]), axis=-1).reshape(-1, 3)
+    write_points(tmp_path / "grid.csv", PointCloud(np.vstack([grid, grid[:2]])))
+    result = run("info", tmp_path / "grid.csv")
+    assert result.exit_code == 0
+    rows = dict(line.split(maxsplit=1) for line in result.stdout.splitlines()[1:])
+    assert rows["format"] == "CSV"
+    assert rows["points"] == "22"
+    assert rows["duplicates"] == "2 (9.09 %)"
+    assert rows["spacing"].startswith("1 ")
+    assert rows["y"].startswith("0.00000 to 4.00000 ")
+
+
+def test_info_shows_ranges_of_attributes_and_gathers_the_constant(room, tmp_path):
+    values = {"ones": np.ones(len(room)), "half": np.where(room.xyz[:, 0] > 1, np.nan, 1.5)}
+    write_points(tmp_path / "room.npz", room.with_attributes(**values))
+    out = run("info", tmp_path / "room.npz").stdout
+    assert "uint16, 0 to 929" in out
+    assert "float64, 1.5 to 1.5, some NaN" in out
+    assert "ones 1" in out.split("constant")[1]
+
+
+def test_info_names_the_coordinate_system_of_a_las_file(room, tmp_path):
+    laspy = pytest.importorskip("laspy")
+    from laspy.vlrs.known import WktCoordinateSystemVlr
+
+    las = laspy.create(point_format=6, file_version="1.4")
+    las.x, las.y, las.z = room.xyz.T
+    las.header.vlrs.append(WktCoordinateSystemVlr('PROJCS["Amersfoort / RD New",GEOGCS["x"]]'))
+    las.write(tmp_path / "crs.las")
+    assert "Amersfoort / RD New\n" in run("info", tmp_path / "crs.las").stdout
+
+
+def test_info_works_on_a_single_point(tmp_path):
+    (tmp_path / "one.xyz").write_text("1 2 3\n")
+    result = run("info", tmp_path / "one.xyz")
+    assert result.exit_code == 0, result.output
+    assert "spacing" not in result.stdout

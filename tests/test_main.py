@@ -1,0 +1,46 @@
+"""The mcmd command as a program: exit codes, and libraries that are missing or not needed."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+
+def program(*args, code=None):
+    command = [sys.executable, *(["-c", code] if code else ["-m", "sklearn_mcmd"])]
+    return subprocess.run(
+        [*command, *map(str, args)],
+        capture_output=True,
+        text=True,
+        cwd=Path(__file__).parents[1],
+        timeout=120,
+    )
+
+
+def test_the_module_runs_as_a_program_and_exits_with_the_verbs_code(room_file, tmp_path):
+    done = program("denoise", room_file, tmp_path / "out.laz", "--n-jobs", 1)
+    assert (done.returncode, done.stderr) == (0, "")
+    failed = program("info", tmp_path / "none.laz")
+    assert failed.returncode == 1
+    assert failed.stderr == f"mcmd: error: {tmp_path / 'none.laz'}: no such file\n"
+
+
+@pytest.mark.parametrize("library", ["typer", "rich"])
+def test_without_its_libraries_the_command_names_the_extra(library):
+    done = program(
+        code=f"import sys; sys.modules[{library!r}] = None\n"
+        "from sklearn_mcmd.__main__ import main; main()"
+    )
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1
+    assert 'pip install "sklearn-mcmd[cli]"' in done.stderr
+
+
+def test_help_loads_no_library_that_it_does_not_need():
+    done = program(
+        code="import sys, sklearn_mcmd.cli\n"
+        "print([m for m in ('matplotlib', 'numba', 'laspy') if m in sys.modules])"
+    )
+    assert done.stdout == "[]\n", done.stderr

@@ -1,0 +1,46 @@
+"""Which regions are parts of one plane, and which are not."""
+
+import numpy as np
+import pytest
+from sklearn.metrics import adjusted_rand_score
+
+from sklearn_mcmd import RegionGrowing
+
+
+def walls(rng, *boxes, noise=0.003, density=3000):
+    """Vertical walls: each of x from, to, y and slope of y; and which one points are of."""
+    parts = []
+    for low, high, y, slope in boxes:
+        n = int(density * (high - low))
+        x = rng.uniform(low, high, n)
+        parts.append(np.column_stack([x, y + slope * (x - low), rng.uniform(0, 1, n)]))
+    X = np.vstack(parts)
+    return X + rng.normal(0, noise, X.shape), np.repeat(
+        np.arange(len(parts)), list(map(len, parts))
+    )
+
+
+@pytest.mark.parametrize(
+    ("second", "n_regions"),
+    [
+        ((1.3, 2.3, 0.0, 0.0), 1),
+        ((1.3, 2.3, 0.05, 0.0), 2),
+        ((1.3, 2.3, 0.0, 0.1), 2),
+        ((4.0, 5.0, 0.0, 0.0), 2),
+    ],
+    ids=["a shadow cuts one wall", "a recess", "a bend", "far apart"],
+)
+def test_parts_of_one_plane_are_joined_across_short_gaps_only(second, n_regions):
+    X, part = walls(np.random.default_rng(0), (0.0, 1.0, 0.0, 0.0), second)
+    apart = RegionGrowing(random_state=0, join_coplanar=False).fit(X)
+    assert apart.n_regions_ == 2
+    assert adjusted_rand_score(part, apart.labels_) > 0.99
+    assert RegionGrowing(random_state=0).fit(X).n_regions_ == n_regions
+
+
+def test_curved_regions_are_not_joined():
+    rng = np.random.default_rng(0)
+    angle = rng.uniform(0, np.pi, 8000)
+    angle = angle[np.abs(angle - np.pi / 2) > 0.15]  # two quarters of a vault, a slit between
+    vault = np.column_stack([np.cos(angle), rng.uniform(0, 2, len(angle)), np.sin(angle)])
+    assert RegionGrowing(random_state=0).fit(vault).n_regions_ == 2
