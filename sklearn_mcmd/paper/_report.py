@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = ["Report", "Table"]
+__all__ = ["Report", "Table", "paired_rows"]
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,13 @@ class Table:
             ).rstrip()
 
         return "\n".join([self.caption, *(f"  {aligned(line)}" for line in lines)])
+
+
+def paired_rows(name, ours, paper=None):
+    """The rows of a method: the paper's cells, if it has any, above ours."""
+    if paper is None:
+        return [(name, "ours", *ours)]
+    return [(name, "paper", *paper), ("", "ours", *ours)]
 
 
 @dataclass(frozen=True)
