@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from sklearn_mcmd._extras import import_extra
+
 __all__ = ["Report", "Table", "paired_rows"]
 
 
@@ -84,13 +86,7 @@ class Report:
         """
         if self.draw is None:
             raise ValueError(f"{self.name} has no plot.")
-        try:
-            import matplotlib.pyplot as plt
-        except ImportError as error:
-            raise ImportError(
-                f"The plot of {self.name} needs matplotlib, which is not installed: "
-                'pip install "sklearn-mcmd[plot]"'
-            ) from error
+        plt = import_extra("matplotlib.pyplot", "plot", f"The plot of {self.name}")
         figure = plt.figure(figsize=self.size, layout="constrained")
         self.draw(figure)
         return figure
