@@ -1,6 +1,6 @@
 """The entry of ``mcmd`` and ``python -m sklearn_mcmd``."""
 
-import sys
+from sklearn_mcmd._extras import run_app
 
 __all__ = ["main"]
 
@@ -13,23 +13,7 @@ def main():
     SystemExit
         Always, with the exit code: 0 done, 1 failed, 2 wrong usage, 130 interrupted.
     """
-    try:
-        import rich  # noqa: F401
-        import typer  # noqa: F401
-    except ImportError as err:
-        print(
-            f"mcmd: error: the command line needs {err.name}, which is not installed: "
-            'pip install "sklearn-mcmd[cli]"',
-            file=sys.stderr,
-        )
-        sys.exit(1)
-    try:
-        from sklearn_mcmd.cli import app
-
-        app(prog_name="mcmd")
-    except KeyboardInterrupt:  # while modules are imported; the verbs see to their own time
-        print("mcmd: error: interrupted", file=sys.stderr)
-        sys.exit(130)
+    run_app("sklearn_mcmd.cli", "mcmd", prog_name="mcmd")
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from sklearn_mcmd._extras import import_extra
+
 __all__ = ["normal_colors", "plot_before_after", "plot_cloud", "region_colors"]
 
 VIEW = (-64.0, 26.0)  # azimuth and elevation of the camera, degrees
@@ -58,7 +60,7 @@ def plot_cloud(xyz, *, color=None, outliers=None, view=VIEW, size=None, ax=None)
     >>> len(ax.collections[0].get_offsets())
     2000
     """
-    plt = _import_pyplot()
+    plt = import_extra("matplotlib.pyplot", "plot", "Plotting")
     xyz = _check_points(xyz)
     right, up, toward = camera(view)
     picture = np.column_stack([xyz @ right, xyz @ up])
@@ -121,7 +123,7 @@ def plot_before_after(before, outliers, after, missed, normals, *, view=VIEW):
     --------
     plot_cloud : One view.
     """
-    plt = _import_pyplot()
+    plt = import_extra("matplotlib.pyplot", "plot", "Plotting")
     fig, axes = plt.subplots(1, 3, figsize=(15, 4.5), layout="constrained", facecolor="white")
     for ax, xyz, marked in ((axes[0], before, outliers), (axes[1], after, missed)):
         plot_cloud(xyz, outliers=marked, view=view, ax=ax)
@@ -251,13 +253,3 @@ def _check_points(xyz, name="xyz"):
     if xyz.ndim != 2 or xyz.shape[1] != 3 or len(xyz) == 0:
         raise ValueError(f"{name} must have shape (n, 3) with n > 0, got {xyz.shape}.")
     return xyz
-
-
-def _import_pyplot():
-    try:
-        import matplotlib.pyplot as plt
-    except ImportError as err:
-        raise ImportError(
-            'Plotting needs matplotlib, which is not installed: pip install "sklearn-mcmd[plot]"'
-        ) from err
-    return plt

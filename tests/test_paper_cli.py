@@ -85,6 +85,20 @@ def test_without_its_libraries_the_command_line_names_the_extra(missing):
     assert len(result.stderr.splitlines()) == 1
 
 
+def test_without_matplotlib_an_out_folder_is_refused_before_any_work(tmp_path):
+    code = (
+        "import sys; sys.modules['matplotlib'] = None\n"
+        "from sklearn_mcmd.paper.__main__ import main\n"
+        f"main(['table2', '--runs', '2', '--out', {str(tmp_path / 'new')!r}])"
+    )
+    result = python(code)
+    assert result.returncode == 1
+    assert 'pip install "sklearn-mcmd[plot]"' in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+    assert result.stdout == ""
+    assert not list(tmp_path.iterdir())
+
+
 def test_without_matplotlib_a_plot_names_the_extra_and_tables_still_print():
     code = (
         "import sys; sys.modules['matplotlib'] = sys.modules['matplotlib.pyplot'] = None\n"

@@ -3,7 +3,8 @@
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from sklearn_mcmd.adjustment._report import check_points, describe, share
+from sklearn_mcmd._extras import import_extra
+from sklearn_mcmd.adjustment._report import check_points, describe, share, tilt
 from sklearn_mcmd.adjustment._tests import t_to_tau
 
 __all__ = ["plot_report"]
@@ -40,12 +41,7 @@ def plot_report(detector, X, *, title="Plane test", unit="", figure=None):
     ImportError
         If matplotlib is missing.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ImportError(
-            'plot_report needs matplotlib: pip install "sklearn-mcmd[plot]"'
-        ) from error
+    Figure = import_extra("matplotlib.figure", "plot", "plot_report").Figure
     X = check_points(detector, X)
     figure = figure or Figure(figsize=(11.7, 8.3), layout="constrained")  # A4
     view, names = _view(detector, X)
@@ -71,14 +67,13 @@ def plot_report(detector, X, *, title="Plane test", unit="", figure=None):
 def _key_figures(detector, outliers, unit):
     """The lines below the panels."""
     unit = f" {unit}" if unit else ""
-    tilt = np.rad2deg(np.arccos(min(abs(detector.normal_[-1]), 1.0)))
     known = "robust estimate" if detector.sigma0 == "auto" else "given"
     normal = ", ".join(f"{value:.6f}" for value in detector.normal_)
     return "\n".join(
         [
             f"{share(outliers.sum(), len(outliers))} outliers; deviation of one observation "
             f"without them {np.sqrt(detector.variance_factor_):.4g}{unit}",
-            f"Normal ({normal}), tilt {tilt:.3f} degrees",
+            f"Normal ({normal}), tilt {tilt(detector):.3f} degrees",
             f"Test {detector.test}, alpha {detector.alpha:g}, correction {detector.correction}, "
             f"critical value {detector.critical_value_:.3f}, "
             f"sigma0 {detector.sigma0_:.4g}{unit} ({known})",

@@ -5,7 +5,7 @@ from sklearn.utils.validation import check_array, check_is_fitted
 
 from sklearn_mcmd.adjustment._tests import local_level
 
-__all__ = ["check_points", "describe", "share", "text_report"]
+__all__ = ["check_points", "describe", "share", "text_report", "tilt"]
 
 
 def text_report(detector, X, *, title="Plane test", unit="", n_worst=10):
@@ -71,9 +71,8 @@ def text_report(detector, X, *, title="Plane test", unit="", n_worst=10):
             f"slopes                {_row(detector.coef_)}",
             f"intercept             {detector.intercept_:.6f}{suffix}",
         ]
-    tilt = np.rad2deg(np.arccos(min(abs(detector.normal_[-1]), 1.0)))
     lines += [
-        f"tilt from horizontal  {tilt:.4f} degrees",
+        f"tilt from horizontal  {tilt(detector):.4f} degrees",
         "",
         "Tests",
         "-----",
@@ -158,6 +157,11 @@ def _residual_row(name, residuals, digits):
 
 def share(part, total):
     return f"{part} of {total} ({100 * part / total:.2f} %)"
+
+
+def tilt(detector):
+    """Angle between the plane and the horizontal one, degrees."""
+    return np.rad2deg(np.arccos(min(abs(detector.normal_[-1]), 1.0)))
 
 
 def _row(values, digits=6):

@@ -4,14 +4,10 @@ import numpy as np
 
 from sklearn_mcmd._base import validate_params
 from sklearn_mcmd.datasets._panels import Disc, Polygon
+from sklearn_mcmd.datasets._road import KERB_Y, PATH_Z, UP, facing, feet, pole, road_and_kerb
 from sklearn_mcmd.datasets._scan import SCAN_PARAMETERS, scan
 from sklearn_mcmd.datasets._scene import Scene
-from sklearn_mcmd.datasets._surfaces import Circle, Cylinder, Foliage, Patch
-
-# Metres; x along the road, y across it, z up.
-_CROWN_RADIUS, _CROWN_Z = 75.0, 0.03
-_KERB_Y, _PATH_Z = 3.0, 0.10
-_UP = np.array([0, 0, 1.0])
+from sklearn_mcmd.datasets._surfaces import Circle, Foliage, Patch
 
 
 @validate_params(dict(SCAN_PARAMETERS), prefer_skip_nested_validation=True)
@@ -186,23 +182,23 @@ def _traffic_furniture():
         *_rectangular_sign("sign_3", (6.2, 4.2), turned[2], 1.6, 0.9, 1.6, 2),
         *_round_sign("sign_4", (8.3, 3.5), turned[3], 0.3, 2.1),
         *_triangular_sign("sign_5", (9.4, 3.4), turned[4], 0.9, 1.75),
-        _pole("light_pole_1", (2.4, 5.0), 0.09, 4.5),
-        _pole("light_pole_2", (7.7, 5.0), 0.09, 4.5),
+        pole("light_pole_1", (2.4, 5.0), 0.09, 4.5),
+        pole("light_pole_2", (7.7, 5.0), 0.09, 4.5),
         *_bin("bin_1", (4.1, 3.4), 0.2, 0.9),
         *_bin("bin_2", (4.9, 3.4), 0.2, 0.9),
-        _pole("column", (4.5, 4.8), 0.35, 2.9),
+        pole("column", (4.5, 4.8), 0.35, 2.9),
     ]
-    parts = [*_ground(length, 5.5, feet=_feet(things)), *things]
+    parts = [*_ground(length, 5.5, circles=feet(things)), *things]
     return Scene(parts, length, 1, scanner=(length / 2, 1.0, 2.2))
 
 
 def _bus_stop():
     length = 9.0
     x0, x1, y0, y1 = 3.0, 6.0, 4.2, 5.2  # the shelter's posts
-    low, top, roof_z = _PATH_Z + 0.2, 2.1, 2.5
+    low, top, roof_z = PATH_Z + 0.2, 2.1, 2.5
     posts = [
-        Cylinder(f"shelter_post_{i}", (x, y, _PATH_Z), (0, 0, roof_z - _PATH_Z), 0.05)
-        for i, (x, y) in enumerate([(x0, y0), (x1, y0), (x0, y1), (x1, y1)], 1)
+        pole(f"shelter_post_{i}", foot, 0.05, roof_z)
+        for i, foot in enumerate([(x0, y0), (x1, y0), (x0, y1), (x1, y1)], 1)
     ]
     # Panels end before the posts that hold them.
     gap, side, back = 0.12, y1 - y0 - 0.24, x1 - x0 - 0.24
@@ -216,97 +212,64 @@ def _bus_stop():
             roof_corner,
             (0, roof_size[1], 0),
             (roof_size[0], 0, 0),
-            circles=[Circle(post.base + post.length * _UP, _UP, post.radius) for post in posts],
+            circles=[Circle(post.base + post.length * UP, UP, post.radius) for post in posts],
         ),
         Patch("shelter_fascia", roof_corner, (roof_size[0], 0, 0), (0, 0, 0.25)),
         *posts,
     ]
     bench_x, bench_w, bench_y, bench_d, bench_z = 3.5, 2.0, 4.55, 0.4, 0.55
     along, across = np.array([bench_w, 0, 0]), np.array([0, bench_d, 0])
-    foot, seat = (np.array([bench_x, bench_y, z]) for z in (_PATH_Z, bench_z))
+    foot, seat = (np.array([bench_x, bench_y, z]) for z in (PATH_Z, bench_z))
     bench = [
-        Patch("bench_front", foot, along, (0, 0, bench_z - _PATH_Z)),
+        Patch("bench_front", foot, along, (0, 0, bench_z - PATH_Z)),
         Patch("bench_seat", seat, along, across),
         Patch("bench_back", seat + across, along, (0, 0, 0.4)),
     ]
     things = [
         *_umbrella("umbrella_1", (1.3, 4.6)),
         *_umbrella("umbrella_2", (7.6, 4.7)),
-        _pole("light_pole", (6.0, 3.4), 0.09, 4.5),
+        pole("light_pole", (6.0, 3.4), 0.09, 4.5),
         *_rectangular_sign("bus_sign", (3.2, 3.3), np.radians(10), 0.5, 0.5, 2.0, 1),
         _timetable((3.2, 3.3), np.radians(10)),
         *_bin("bin", (6.6, 3.6), 0.2, 0.9),
-        _pole("trunk", (8.5, 3.7), 0.14, 2.3),
+        pole("trunk", (8.5, 3.7), 0.14, 2.3),
         Foliage("foliage", (8.5, 3.7, 2.7), 0.6),
     ]
-    standing = _feet([*posts, *things])
     lines = [(foot, foot + along), *[(foot + x, foot + x + across) for x in (0, along)]]
-    parts = [*_ground(length, 5.8, feet=standing, lines=lines), *shelter, *bench, *things]
+    ground = _ground(length, 5.8, circles=feet([*posts, *things]), lines=lines)
+    parts = [*ground, *shelter, *bench, *things]
     return Scene(parts, length, 1, scanner=(length / 2, 1.0, 2.2))
 
 
-def _ground(length, path_y, *, feet, lines=()):
-    """Half of a cambered road, a kerb of 13 cm and a footpath."""
-    gutter_angle = np.arcsin(_KERB_Y / _CROWN_RADIUS)
-    gutter_z = _CROWN_Z - _CROWN_RADIUS * (1 - np.cos(gutter_angle))
-    along = np.array([length, 0, 0])
-    return [
-        Cylinder(
-            "road",
-            (length, 0, _CROWN_Z - _CROWN_RADIUS),
-            -along,  # right-handed around -x: from the crown towards the kerb
-            _CROWN_RADIUS,
-            start=_UP,
-            arc=gutter_angle,
-            sharp=("stop",),
-        ),
-        Patch(
-            "kerb", (0, _KERB_Y, gutter_z), along, (_PATH_Z - gutter_z) * _UP, smooth=("u0", "u1")
-        ),
-        Patch(
-            "footpath",
-            (0, _KERB_Y, _PATH_Z),
-            along,
-            (0, path_y - _KERB_Y, 0),
-            smooth=("u0", "u1", "v1"),
-            circles=feet,
-            lines=lines,
-        ),
-    ]
-
-
-def _feet(things):
-    return [
-        Circle(part.base, _UP, part.radius)
-        for part in things
-        if isinstance(part, Cylinder) and part.base[2] == _PATH_Z
-    ]
-
-
-def _pole(name, foot, radius, top):
-    return Cylinder(name, (*foot, _PATH_Z), (0, 0, top - _PATH_Z), radius)
+def _ground(length, path_y, *, circles, lines=()):
+    """Half of a cambered road, its kerb and a footpath."""
+    footpath = Patch(
+        "footpath",
+        (0, KERB_Y, PATH_Z),
+        (length, 0, 0),
+        (0, path_y - KERB_Y, 0),
+        smooth=("u0", "u1", "v1"),
+        circles=circles,
+        lines=lines,
+    )
+    return [*road_and_kerb(length), footpath]
 
 
 def _bin(name, foot, radius, top):
     return [
-        _pole(name, foot, radius, top),
-        Disc(f"{name}_lid", (*foot, top), _UP, radius),
+        pole(name, foot, radius, top),
+        Disc(f"{name}_lid", (*foot, top), UP, radius),
     ]
-
-
-def _facing(turn):
-    """A plate's direction along it, rightward as the road sees it, and toward the road."""
-    return np.array([np.cos(turn), np.sin(turn), 0]), np.array([np.sin(turn), -np.cos(turn), 0])
 
 
 def _rectangular_sign(name, foot, turn, width, height, bottom, n_posts, before=0.07):
     """A plate, 7 cm before the axes of one post or two."""
-    along, facing = _facing(turn)
-    middle = np.array([*foot, bottom]) + before * facing
+    along, toward = facing(turn)
+    middle = np.array([*foot, bottom]) + before * toward
     plate = Patch(name, middle - 0.5 * width * along, width * along, (0, 0, height))
     offsets = [0.0] if n_posts == 1 else [-0.3 * width, 0.3 * width]
     posts = [
-        _pole(
+        pole(
             f"{name}_post" if n_posts == 1 else f"{name}_post_{i}",
             np.add(foot, offset * along[:2]),
             0.03,
@@ -318,17 +281,17 @@ def _rectangular_sign(name, foot, turn, width, height, bottom, n_posts, before=0
 
 
 def _round_sign(name, foot, turn, radius, height):
-    _, facing = _facing(turn)
-    plate = Disc(name, np.array([*foot, height]) + 0.07 * facing, facing, radius)
-    return [plate, _pole(f"{name}_post", foot, 0.03, height + radius + 0.1)]
+    _, toward = facing(turn)
+    plate = Disc(name, np.array([*foot, height]) + 0.07 * toward, toward, radius)
+    return [plate, pole(f"{name}_post", foot, 0.03, height + radius + 0.1)]
 
 
 def _triangular_sign(name, foot, turn, side, bottom):
-    along, facing = _facing(turn)
+    along, toward = facing(turn)
     height = side * np.sqrt(3) / 2
-    low = np.array([*foot, bottom]) + 0.07 * facing
-    corners = [low - 0.5 * side * along, low + 0.5 * side * along, low + height * _UP]
-    return [Polygon(name, corners), _pole(f"{name}_post", foot, 0.03, bottom + height + 0.1)]
+    low = np.array([*foot, bottom]) + 0.07 * toward
+    corners = [low - 0.5 * side * along, low + 0.5 * side * along, low + height * UP]
+    return [Polygon(name, corners), pole(f"{name}_post", foot, 0.03, bottom + height + 0.1)]
 
 
 def _timetable(foot, turn):
@@ -344,4 +307,4 @@ def _umbrella(name, foot, rim=0.9, rim_z=1.85, apex_z=2.35):
     panels = [
         Polygon(f"{name}_panel_{i}", [ring[i - 1], ring[i], apex]) for i in range(1, len(ring))
     ]
-    return [Cylinder(f"{name}_pole", (*foot, _PATH_Z), (0, 0, apex_z - _PATH_Z), 0.03), *panels]
+    return [pole(f"{name}_pole", foot, 0.03, apex_z), *panels]

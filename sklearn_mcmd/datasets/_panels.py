@@ -5,14 +5,21 @@ They have the interface that `_surfaces` describes.
 
 import numpy as np
 
-from sklearn_mcmd.datasets._surfaces import Circle, segments_distance
+from sklearn_mcmd.datasets._surfaces import (
+    Circle,
+    Flat,
+    hit_plane,
+    sample_segments,
+    segment_lengths,
+    segments_distance,
+)
 
 #: Cells on a side of the grid for the area of a bilinear surface, and of the one to start from
 #: when the nearest of its points is sought; steps of that search.
 _AREA_CELLS, _START_CELLS, _STEPS = 64, 6, 25
 
 
-class Polygon:
+class Polygon(Flat):
     """Flat convex polygon.
 
     Parameters
@@ -42,7 +49,6 @@ class Polygon:
         self.areas = 0.5 * _cross(self.fan[:, 1] - self.fan[:, 0], self.fan[:, 2] - self.fan[:, 0])
         self.area = self.areas.sum()
         self.bounds = np.array([corners.min(axis=0), corners.max(axis=0)])
-        self.outline_length = np.linalg.norm(self.edges[:, 1] - self.edges[:, 0], axis=1).sum()
 
     def sample(self, n, rng):
         origin, b, c = self.fan[
@@ -53,30 +59,11 @@ class Polygon:
         u, v = np.where(beyond, 1 - u, u), np.where(beyond, 1 - v, v)
         return self._to_scene(origin + u * (b - origin) + v * (c - origin))
 
-    def normals(self, points):
-        return np.tile(self.frame[:, 2], (len(points), 1))
-
     def distance(self, points):
         local = (points - self.corner) @ self.frame
         aside = segments_distance(local[:, :2], self.border)
         aside[self._contains(local[:, :2])] = 0.0
         return np.hypot(aside, local[:, 2])
-
-    def edge_distance(self, points):
-        local = (points - self.corner) @ self.frame
-        return np.hypot(segments_distance(local[:, :2], self.edges), local[:, 2])
-
-    def hit(self, origin, ends):
-        return _hit_plane(self.corner, self.frame, origin, ends, self._contains)
-
-    def sample_outline(self, n, rng, viewpoint):
-        a, b = self.edges[:, 0], self.edges[:, 1]
-        lengths = np.linalg.norm(b - a, axis=1)
-        side = rng.choice(len(lengths), size=n, p=lengths / lengths.sum())
-        return self._to_scene(a[side] + rng.random((n, 1)) * (b - a)[side])
-
-    def _to_scene(self, flat):
-        return self.corner + flat @ self.frame[:, :2].T
 
     def _contains(self, flat):
         inside = np.ones(len(flat), dtype=bool)
@@ -133,7 +120,7 @@ class Disc:
             reach = np.hypot(flat[:, 0], flat[:, 1])
             return (reach <= self.radius) & (reach >= self.inner)
 
-        return _hit_plane(self.center, self.frame, origin, ends, contains)
+        return hit_plane(self.center, self.frame, origin, ends, contains)
 
     def sample_outline(self, n, rng, viewpoint):
         radii = np.array([circle.radius for circle in self.circles])
@@ -173,7 +160,7 @@ class Bilinear:
         # Linear in u and v, so its length is greatest at a corner.
         self._largest = np.linalg.norm(self._cross_product(*ends), axis=1).max()
         self.bounds = np.array([corners.min(axis=0), corners.max(axis=0)])
-        self.outline_length = np.linalg.norm(self.edges[:, 1] - self.edges[:, 0], axis=1).sum()
+        self.outline_length = segment_lengths(self.edges).sum()
 
     def sample(self, n, rng):
         kept, missing = [np.empty((0, 3))], n
@@ -227,10 +214,7 @@ class Bilinear:
         return fraction
 
     def sample_outline(self, n, rng, viewpoint):
-        a, b = self.edges[:, 0], self.edges[:, 1]
-        lengths = np.linalg.norm(b - a, axis=1)
-        side = rng.choice(len(lengths), size=n, p=lengths / lengths.sum())
-        return a[side] + rng.random((n, 1)) * (b - a)[side]
+        return sample_segments(self.edges, n, rng)
 
     def _surface(self, u, v):
         u, v = u[:, None], v[:, None]
@@ -262,20 +246,6 @@ class Bilinear:
             u = np.clip(u + np.clip(step_u, -0.5, 0.5), -1.0, 2.0)
             v = np.clip(v + np.clip(step_v, -0.5, 0.5), -1.0, 2.0)
         return u, v
-
-
-def _hit_plane(corner, frame, origin, ends, contains):
-    """Where segments meet the part of a plane that `contains` says, or inf."""
-    start = (origin - corner) @ frame
-    way = (ends - corner) @ frame - start
-    fraction = np.full(len(ends), np.inf)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t = -start[2] / way[:, 2]
-    crosses = np.flatnonzero((t > 0) & (t <= 1))
-    t = t[crosses]
-    inside = contains(start[:2] + t[:, None] * way[crosses, :2])
-    fraction[crosses[inside]] = t[inside]
-    return fraction
 
 
 def _cross(a, b):

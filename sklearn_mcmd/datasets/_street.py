@@ -3,18 +3,17 @@
 import numpy as np
 
 from sklearn_mcmd._base import Interval, Real, validate_params
+from sklearn_mcmd.datasets._road import KERB_Y, PATH_Z, UP, facing, feet, pole, road_and_kerb
 from sklearn_mcmd.datasets._scan import SCAN_PARAMETERS, points_per_bay, scan
 from sklearn_mcmd.datasets._scene import Scene
-from sklearn_mcmd.datasets._surfaces import Circle, Cylinder, Foliage, Patch
+from sklearn_mcmd.datasets._surfaces import Foliage, Patch
 
-# Metres; x along the street, y across it, z up.
+# Metres.
 _BAY = 5.0
 _BAY_MIN, _BAY_MAX = 4.2, 7.5
-_CROWN_RADIUS, _CROWN_Z = 75.0, 0.03
-_KERB_Y, _PATH_Z = 3.0, 0.10
 _WALL_Y, _WALL_TOP = 4.5, 2.7
 _WINDOW = (0.4, 1.6, 0.95, 2.15)  # x0, x1, z0, z1
-_DOOR = (2.2, 3.1, _PATH_Z, 2.1)
+_DOOR = (2.2, 3.1, PATH_Z, 2.1)
 _WINDOW_DEPTH, _DOOR_DEPTH = 0.20, 0.12
 _SIGN, _POLE, _TREE = (0.9, 3.4), (3.6, 3.45), (2.3, 3.55)  # x, y of their feet
 
@@ -199,47 +198,32 @@ def _fit_street(n_regular, spacing, sampling, spacing_growth, tree):
 
 def _street(length, n_bays, tree):
     """The street of n_bays bays of that length."""
-    gutter_angle = np.arcsin(_KERB_Y / _CROWN_RADIUS)
-    gutter_z = _CROWN_Z - _CROWN_RADIUS * (1 - np.cos(gutter_angle))
     recess_y = _WALL_Y + _DOOR_DEPTH
-    along, up = np.array([length, 0, 0]), np.array([0, 0, 1.0])
+    along = np.array([length, 0, 0])
     beside_door = [
-        (0.0, _DOOR[0], _WALL_Y - _KERB_Y, recess_y - _KERB_Y),
-        (_DOOR[1], length, _WALL_Y - _KERB_Y, recess_y - _KERB_Y),
+        (0.0, _DOOR[0], _WALL_Y - KERB_Y, recess_y - KERB_Y),
+        (_DOOR[1], length, _WALL_Y - KERB_Y, recess_y - KERB_Y),
     ]
-    things = [*_sign(*_SIGN), _pole("lamp_pole", *_POLE, 0.09, 3.5)]
+    things = [*_sign(_SIGN), pole("lamp_pole", _POLE, 0.09, 3.5)]
     if tree:
-        x, y = _TREE
-        things += [_pole("trunk", x, y, 0.12, 2.2), Foliage("foliage", (x, y, 2.4), 0.7)]
-    feet = [Circle(p.base, up, p.radius) for p in things if isinstance(p, Cylinder)]
+        things += [pole("trunk", _TREE, 0.12, 2.2), Foliage("foliage", (*_TREE, 2.4), 0.7)]
     parts = [
-        Cylinder(
-            "road",
-            (length, 0, _CROWN_Z - _CROWN_RADIUS),
-            -along,  # right-handed around -x: from the crown towards the kerb
-            _CROWN_RADIUS,
-            start=up,
-            arc=gutter_angle,
-            sharp=("stop",),
-        ),
-        Patch(
-            "kerb", (0, _KERB_Y, gutter_z), along, (_PATH_Z - gutter_z) * up, smooth=("u0", "u1")
-        ),
+        *road_and_kerb(length),
         Patch(
             "footpath",
-            (0, _KERB_Y, _PATH_Z),
+            (0, KERB_Y, PATH_Z),
             along,
-            (0, recess_y - _KERB_Y, 0),
+            (0, recess_y - KERB_Y, 0),
             holes=beside_door,
             smooth=("u0", "u1"),
-            circles=feet,
+            circles=feet(things),
         ),
         Patch(
             "wall",
-            (0, _WALL_Y, _PATH_Z),
+            (0, _WALL_Y, PATH_Z),
             along,
-            (_WALL_TOP - _PATH_Z) * up,
-            holes=[(x0, x1, z0 - _PATH_Z, z1 - _PATH_Z) for x0, x1, z0, z1 in (_WINDOW, _DOOR)],
+            (_WALL_TOP - PATH_Z) * UP,
+            holes=[(x0, x1, z0 - PATH_Z, z1 - PATH_Z) for x0, x1, z0, z1 in (_WINDOW, _DOOR)],
             smooth=("u0", "u1", "v1"),
         ),
         *_recess("window", *_WINDOW, _WINDOW_DEPTH, sill=True),
@@ -261,14 +245,9 @@ def _recess(name, x0, x1, z0, z1, depth, sill):
     return [*parts, Patch(f"{name}_sill", (x0, _WALL_Y, z0), x, y)] if sill else parts
 
 
-def _sign(x, y):
+def _sign(foot):
     """A plate of 0.5 m by 0.6 m, turned 30 degrees, before its post."""
-    turn = np.radians(30)
-    facing = np.array([np.sin(turn), -np.cos(turn), 0])
-    side = 0.5 * np.array([np.cos(turn), np.sin(turn), 0])
-    plate = np.array([x, y, 1.9]) + 0.05 * facing - 0.5 * side
-    return [Patch("sign", plate, side, (0, 0, 0.6)), _pole("sign_post", x, y, 0.03, 2.4)]
-
-
-def _pole(name, x, y, radius, top):
-    return Cylinder(name, (x, y, _PATH_Z), (0, 0, top - _PATH_Z), radius)
+    along, toward = facing(np.radians(30))
+    side = 0.5 * along
+    corner = np.array([*foot, 1.9]) + 0.05 * toward - 0.5 * side
+    return [Patch("sign", corner, side, (0, 0, 0.6)), pole("sign_post", foot, 0.03, 2.4)]

@@ -17,7 +17,36 @@ scene is a list of parts:
 import numpy as np
 
 
-class Patch:
+class Flat:
+    """What flat parts with straight edges have in common.
+
+    Each has a ``corner``, a ``frame`` whose columns are two directions in its plane and the
+    normal, sharp ``edges`` as segments (m, 2, 2) in that plane, and ``_contains(flat)``, which
+    says of points (n, 2) of the plane whether they are on the part.
+    """
+
+    @property
+    def outline_length(self):
+        return segment_lengths(self.edges).sum()
+
+    def normals(self, points):
+        return np.tile(self.frame[:, 2], (len(points), 1))
+
+    def edge_distance(self, points):
+        local = (points - self.corner) @ self.frame
+        return np.hypot(segments_distance(local[:, :2], self.edges), local[:, 2])
+
+    def hit(self, origin, ends):
+        return hit_plane(self.corner, self.frame, origin, ends, self._contains)
+
+    def sample_outline(self, n, rng, viewpoint):
+        return self._to_scene(sample_segments(self.edges, n, rng))
+
+    def _to_scene(self, flat):
+        return self.corner + flat @ self.frame[:, :2].T
+
+
+class Patch(Flat):
     """Flat rectangle, with rectangular holes if wished.
 
     Parameters
@@ -61,54 +90,27 @@ class Patch:
         self.edges = self.border[[side not in smooth for side in sides]]
         corners = self._to_scene(self.border.reshape(-1, 2))
         self.bounds = np.array([corners.min(axis=0), corners.max(axis=0)])
-        self.outline_length = np.linalg.norm(self.edges[:, 1] - self.edges[:, 0], axis=1).sum()
 
     def sample(self, n, rng):
         cell = rng.choice(len(self.low), size=n, p=self.cell_areas / self.area)
         low = self.low[cell]
         return self._to_scene(low + rng.random((n, 2)) * (self.high[cell] - low))
 
-    def normals(self, points):
-        return np.tile(self.frame[:, 2], (len(points), 1))
-
     def distance(self, points):
         local = (points - self.corner) @ self.frame
         aside = np.zeros(len(local))
-        outside = ~self._contains(local[:, 0], local[:, 1])
+        outside = ~self._contains(local[:, :2])
         aside[outside] = segments_distance(local[outside, :2], self.border)
         return np.hypot(aside, local[:, 2])
 
     def edge_distance(self, points):
-        local = (points - self.corner) @ self.frame
-        aside = segments_distance(local[:, :2], self.edges)
-        distance = np.hypot(aside, local[:, 2])
+        distance = super().edge_distance(points)
         for circle in self.circles:
             np.minimum(distance, circle.distance(points), out=distance)
         return np.minimum(distance, segments_distance(points, self.lines), out=distance)
 
-    def hit(self, origin, ends):
-        start = (origin - self.corner) @ self.frame
-        way = (ends - self.corner) @ self.frame - start
-        fraction = np.full(len(ends), np.inf)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            t = -start[2] / way[:, 2]
-        crosses = np.flatnonzero((t > 0) & (t <= 1))
-        t = t[crosses]
-        u, v = start[:2, None] + t * way[crosses, :2].T
-        inside = self._contains(u, v)
-        fraction[crosses[inside]] = t[inside]
-        return fraction
-
-    def sample_outline(self, n, rng, viewpoint):
-        a, b = self.edges[:, 0], self.edges[:, 1]
-        lengths = np.linalg.norm(b - a, axis=1)
-        side = rng.choice(len(lengths), size=n, p=lengths / lengths.sum())
-        return self._to_scene(a[side] + rng.random((n, 1)) * (b - a)[side])
-
-    def _to_scene(self, local):
-        return self.corner + local @ self.frame[:, :2].T
-
-    def _contains(self, u, v):
+    def _contains(self, flat):
+        u, v = flat.T
         inside = (u >= 0) & (u <= self.size[0]) & (v >= 0) & (v <= self.size[1])
         cells = []
         for coordinate, cuts in zip((u, v), self.cuts, strict=True):
@@ -175,14 +177,7 @@ class Cylinder:
 
     def sample(self, n, rng):
         angle = self.arc * rng.random(n)
-        local = np.column_stack(
-            [
-                self.radius * np.cos(angle),
-                self.radius * np.sin(angle),
-                self.length * rng.random(n),
-            ]
-        )
-        return self.base + local @ self.frame.T
+        return self._to_scene(angle, self.length * rng.random(n))
 
     def normals(self, points):
         local = (points - self.base) @ self.frame
@@ -235,14 +230,11 @@ class Cylinder:
         middle = np.arctan2(seen[1], seen[0])
         half = np.arccos(self.radius / np.hypot(seen[0], seen[1]))
         angle = middle + half * rng.choice([-1.0, 1.0], size=n)
-        local = np.column_stack(
-            [
-                self.radius * np.cos(angle),
-                self.radius * np.sin(angle),
-                self.length * rng.random(n),
-            ]
-        )
-        return self.base + local @ self.frame.T
+        return self._to_scene(angle, self.length * rng.random(n))
+
+    def _to_scene(self, angle, height):
+        ring = self.radius * np.cos(angle), self.radius * np.sin(angle)
+        return self.base + np.column_stack([*ring, height]) @ self.frame.T
 
     def _contains(self, first, second):
         return np.mod(np.arctan2(second, first), 2 * np.pi) <= self.arc
@@ -329,6 +321,33 @@ def _cell_border(solid, cuts_u, cuts_v):
         segments.append([(cuts_u[i], cuts_v[j]), (cuts_u[i + 1], cuts_v[j])])
         sides.append("v0" if j == 0 else "v1" if j == len(cuts_v) - 1 else "")
     return np.array(segments), sides
+
+
+def hit_plane(corner, frame, origin, ends, contains):
+    """Where segments meet the part of a plane that `contains` says, or inf."""
+    start = (origin - corner) @ frame
+    way = (ends - corner) @ frame - start
+    fraction = np.full(len(ends), np.inf)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = -start[2] / way[:, 2]
+    crosses = np.flatnonzero((t > 0) & (t <= 1))
+    t = t[crosses]
+    inside = contains(start[:2] + t[:, None] * way[crosses, :2])
+    fraction[crosses[inside]] = t[inside]
+    return fraction
+
+
+def segment_lengths(segments):
+    return np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
+
+
+def sample_segments(segments, n, rng):
+    """n points, uniform over segments (m, 2, d)."""
+    lengths = segment_lengths(segments)
+    start, end = segments[rng.choice(len(lengths), size=n, p=lengths / lengths.sum())].swapaxes(
+        0, 1
+    )
+    return start + rng.random((n, 1)) * (end - start)
 
 
 def segments_distance(points, segments):

@@ -1,9 +1,10 @@
 """The point cloud that the readers give and the writers take, and its one error."""
 
-import importlib
 from dataclasses import dataclass, field
 
 import numpy as np
+
+from sklearn_mcmd import _extras
 
 __all__ = ["PointCloud", "PointFileError", "fit_dtype", "flat_columns", "import_extra"]
 
@@ -173,8 +174,6 @@ def fit_dtype(name, values, allowed, format_name):
 def import_extra(module, extra, purpose):
     """Import an optional library, or say how to install it."""
     try:
-        return importlib.import_module(module)
+        return _extras.import_extra(module, extra, purpose)
     except ImportError as err:
-        raise PointFileError(
-            f'{purpose} needs {module}, which is not installed: pip install "sklearn-mcmd[{extra}]"'
-        ) from err
+        raise PointFileError(str(err)) from err.__cause__

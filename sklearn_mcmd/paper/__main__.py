@@ -1,6 +1,6 @@
 """The entry of ``python -m sklearn_mcmd.paper``."""
 
-import sys
+from sklearn_mcmd._extras import run_app
 
 __all__ = ["main"]
 
@@ -13,19 +13,7 @@ def main(arguments=None):
     SystemExit
         Always, with the exit code: 0 done, 1 failed, 2 wrong usage, 130 interrupted.
     """
-    try:
-        import rich  # noqa: F401
-        import typer  # noqa: F401
-    except ImportError as err:
-        print(
-            f"paper: error: the command line needs {err.name}, which is not installed: "
-            'pip install "sklearn-mcmd[cli]"',
-            file=sys.stderr,
-        )
-        sys.exit(1)
-    from sklearn_mcmd.paper._cli import app
-
-    app(arguments, prog_name="python -m sklearn_mcmd.paper")
+    run_app("sklearn_mcmd.paper._cli", "paper", arguments, prog_name="python -m sklearn_mcmd.paper")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from sklearn_mcmd.paper import _draw
 from sklearn_mcmd.paper._clouds import contaminated_planes
 from sklearn_mcmd.paper._methods import METHODS
 from sklearn_mcmd.paper._printed import ANGLES, OUTLIERS, STATISTICS
-from sklearn_mcmd.paper._report import Report, Table
+from sklearn_mcmd.paper._report import Report, Table, paired_rows
 from sklearn_mcmd.paper._runs import Steps, affordable, bias_angles, bootstrap_error, stream
 
 __all__ = ["figure3", "figure4", "table1"]
@@ -90,16 +90,14 @@ def _table_1_rows(method, law, angles):
     label, count = method.name, str(len(angles))
     ours = [f"{value:.3f}" for value in values]
     spread = [f"{error:.3f}" if np.isfinite(error) else "" for error in errors]
-    if not method.in_paper:
-        return [(label, "ours", count, *ours, ""), ("", "±", "", *spread, "")]
-    printed = ANGLES[label][law]
-    # The paper's own 1000 runs scatter by their standard deviation.
-    off = (values[0] - printed[0]) / np.hypot(errors[0], printed[4] / np.sqrt(1000))
-    return [
-        (label, "paper", "1000", *(f"{value:.3f}" for value in printed), ""),
-        ("", "ours", count, *ours, f"{off:+.1f} s.e."),
-        ("", "±", "", *spread, ""),
-    ]
+    paper, off_by = None, ""
+    if method.in_paper:
+        printed = ANGLES[label][law]
+        paper = ("1000", *(f"{value:.3f}" for value in printed), "")
+        # The paper's own 1000 runs scatter by their standard deviation.
+        off = (values[0] - printed[0]) / np.hypot(errors[0], printed[4] / np.sqrt(1000))
+        off_by = f"{off:+.1f} s.e."
+    return [*paired_rows(label, (count, *ours, off_by), paper), ("", "±", "", *spread, "")]
 
 
 def figure4(runs=1000, *, seed=0):

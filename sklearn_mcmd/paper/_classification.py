@@ -6,7 +6,7 @@ from sklearn_mcmd.paper import _draw
 from sklearn_mcmd.paper._clouds import contaminated_planes
 from sklearn_mcmd.paper._methods import METHODS
 from sklearn_mcmd.paper._printed import CLASSIFICATION, RATES, SHARES
-from sklearn_mcmd.paper._report import Report, Table
+from sklearn_mcmd.paper._report import Report, Table, paired_rows
 from sklearn_mcmd.paper._runs import Steps, affordable, flag_counts, stream
 
 __all__ = ["figure8", "table4"]
@@ -37,6 +37,17 @@ def flagged_in_paper(name, percentage):
     return round((found * n_outliers + (100.0 - kept) * (N_POINTS - n_outliers)) / 100.0)
 
 
+def labeling_methods():
+    """All but PCA, as in the paper: it labels none."""
+    return [method for method in METHODS.values() if method.name != "PCA"]
+
+
+def counts_of(method, clouds, random_state, steps):
+    """Outliers found and regular points kept in each cloud, as many flagged as in the paper."""
+    n_flagged = flagged_in_paper(method.name, clouds.n_outliers * 100 // N_POINTS)
+    return flag_counts(method, clouds, random_state, steps, n_flagged)
+
+
 def table4(runs=1000, *, seed=0):
     """Table 4: how well outliers and inliers of 100 points are told apart.
 
@@ -52,7 +63,7 @@ def table4(runs=1000, *, seed=0):
         `results` maps (percentage, method) to the rates TPR, TNR, FPR, FNR and accuracy of each
         run in percent, (runs, 5).
     """
-    methods = [m for m in METHODS.values() if m.name != "PCA"]  # as in the paper: it labels none
+    methods = labeling_methods()
     steps = Steps(len(SHARES) * sum(affordable(m, runs) for m in methods))
     results, tables = {}, []
     for percentage in SHARES:
@@ -60,9 +71,7 @@ def table4(runs=1000, *, seed=0):
         rows = []
         for method in methods:
             state = stream(seed, "table4", percentage, method.name)
-            n_flagged = flagged_in_paper(method.name, percentage)
-            counts = flag_counts(method, clouds, state, steps, n_flagged)
-            found = rates(counts, clouds.n_outliers)
+            found = rates(counts_of(method, clouds, state, steps), clouds.n_outliers)
             results[percentage, method.name] = found
             rows += _table_4_rows(method, percentage, found)
         header = ("method", "", "runs", *RATES)
@@ -104,13 +113,12 @@ def _table_4_rows(method, percentage, found):
     count = len(found)
     mean = found.mean(axis=0)
     error = found.std(axis=0, ddof=1) / np.sqrt(count) if count > 1 else np.full(5, np.nan)
-    ours = ("", "ours", str(count), *map("{:.2f}".format, mean))
+    ours = (str(count), *map("{:.2f}".format, mean))
+    printed, paper = _printed(method.name, percentage), None
+    if not np.isnan(printed[0]):
+        paper = ("1000", *map("{:.1f}".format, printed[:4]), f"{printed[4]:.2f}")
     spread = ("", "±", "", *map("{:.2f}".format, error))
-    printed = _printed(method.name, percentage)
-    if np.isnan(printed[0]):
-        return [(method.name, *ours[1:]), spread]
-    cells = (*map("{:.1f}".format, printed[:4]), f"{printed[4]:.2f}")
-    return [(method.name, "paper", "1000", *cells), ours, spread]
+    return [*paired_rows(method.name, ours, paper), spread]
 
 
 def _printed(name, percentage):
@@ -132,15 +140,14 @@ def figure8(runs=100, *, seed=0):
     report : Report
         `results` maps each method to the number of regular points kept, int (runs,).
     """
-    methods = [m for m in METHODS.values() if m.name != "PCA"]
+    methods = labeling_methods()
     steps = Steps(sum(affordable(m, runs) for m in methods))
     clouds = contaminated_planes(runs, N_POINTS, 20, stream(seed, "figure8"))
     limit = N_POINTS - clouds.n_outliers
     results, rows = {}, []
     for method in methods:
         state = stream(seed, "figure8", method.name)
-        n_flagged = flagged_in_paper(method.name, 20)
-        kept = flag_counts(method, clouds, state, steps, n_flagged)[:, 1]
+        kept = counts_of(method, clouds, state, steps)[:, 1]
         results[method.name] = kept
         low, middle, high = np.percentile(kept, [5, 50, 95])
         printed = _printed(method.name, 20)[1]

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.cli._speech import clear_exits, print_table, progress_bar, stopwatch
 from sklearn_mcmd.io._files import replacing
 from sklearn_mcmd.paper import EXPERIMENTS
@@ -68,6 +69,7 @@ def _reproduce(name, runs, seed, out, quiet):
         if runs is None:
             runs = signature(experiment).parameters["runs"].default
         if out is not None:
+            _use_agg()
             out.mkdir(parents=True, exist_ok=True)
         seconds = stopwatch()
         with progress_bar(name, quiet):
@@ -80,7 +82,6 @@ def _reproduce(name, runs, seed, out, quiet):
 
 def _save(report, folder):
     """Write the report's text and plot, each whole or not at all; the plot's path."""
-    _use_agg()
     figure = report.plot()
     with replacing(folder / f"{report.name}.txt") as temporary:
         temporary.write_text(f"{report}\n", encoding="utf-8")
@@ -94,12 +95,8 @@ def _save(report, folder):
 
 
 def _use_agg():
-    """No windows where plots go to files; Report.plot says if Matplotlib is missing."""
-    try:
-        import matplotlib
-    except ImportError:
-        return
-    matplotlib.use("agg")
+    """No windows where plots go to files; and no hours of work if Matplotlib is missing."""
+    import_extra("matplotlib", "plot", "--out").use("agg")
 
 
 def _summary(function):

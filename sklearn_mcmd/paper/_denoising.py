@@ -9,7 +9,7 @@ from sklearn_mcmd.datasets import make_traffic_furniture
 from sklearn_mcmd.metrics import outlier_scores
 from sklearn_mcmd.paper import _draw
 from sklearn_mcmd.paper._printed import DENOISING
-from sklearn_mcmd.paper._report import Report, Table
+from sklearn_mcmd.paper._report import Report, Table, paired_rows
 from sklearn_mcmd.paper._runs import Steps, stream
 from sklearn_mcmd.paper._scene_methods import SCENE_METHODS, quietly, runs_of, summary
 
@@ -107,15 +107,11 @@ def table5(runs=5, *, seed=0, n_regular=N_REGULAR):
     ]
 
     def draw(figure):
-        height = np.arange(len(results))
         axes = figure.subplots(1, 3, sharey=True)
         for ax, column in zip(axes, (0, 1, 4), strict=True):
-            ours = [found[:, column].mean() for found in results.values()]
-            ax.barh(height, ours, 0.6, color=[_draw.color(name) for name in results])
-            printed = [DENOISING[n][2 + column] if n in DENOISING else np.nan for n in results]
-            ax.plot(printed, height, "k|", markersize=16, markeredgewidth=2)
-            ax.set_yticks(height, list(results))
-            ax.set(title=RATES[column], xlim=(0, 102), xlabel="%")
+            ours = {name: found[:, column].mean() for name, found in results.items()}
+            printed = {name: row[2 + column] for name, row in DENOISING.items()}
+            _draw.bars(ax, ours, printed, RATES[column], "%")
         axes[0].invert_yaxis()
         figure.suptitle("bars: a simulated counterpart; black ticks: the paper's real scan")
 
@@ -142,10 +138,10 @@ def _table_5_rows(name, found):
     ours = (str(len(found)), summary(found[:, 5], 0), summary(found[:, 6], 0))
     ours += tuple(summary(found[:, column], 2) for column in range(5))
     if name not in DENOISING:
-        return [(name, "ours", *ours)]
+        return paired_rows(name, ours)
     printed = DENOISING[name]
     cells = (*map(str, printed[:2]), *map("{:.2f}".format, printed[2:]))
-    return [(name, "paper", "", *cells), ("", "ours", *ours)]
+    return paired_rows(name, ours, ("", *cells))
 
 
 def figure9(runs=1, *, seed=0, n_regular=N_REGULAR):

@@ -1,8 +1,8 @@
-"""Box plots, line diagrams, histograms and profiles, with one color a method."""
+"""Box plots, bars, line diagrams, histograms and profiles, with one color a method."""
 
 import numpy as np
 
-__all__ = ["boxes", "histogram", "lines", "printed_means", "profile"]
+__all__ = ["bars", "boxes", "histogram", "lines", "printed_means", "profile"]
 
 # Okabe and Ito's colors, which all people can tell apart, two grays, and three of Tol's.
 COLORS = {
@@ -56,6 +56,16 @@ def printed_means(ax, means):
     """The paper's means, as crosses on box plots."""
     ax.plot(range(1, len(means) + 1), means, "rx", label="paper's mean", zorder=5)
     ax.legend()
+
+
+def bars(ax, ours, printed, title, xlabel):
+    """A bar a method, of percentages; the paper's, where it has one, as black ticks."""
+    height = np.arange(len(ours))
+    ax.barh(height, list(ours.values()), 0.6, color=[color(name) for name in ours])
+    ticks = [printed.get(name, np.nan) for name in ours]
+    ax.plot(ticks, height, "k|", markersize=16, markeredgewidth=2)
+    ax.set_yticks(height, list(ours))
+    ax.set(title=title, xlim=(0, 102), xlabel=xlabel)
 
 
 def lines(ax, x, curves, title, xlabel, ylabel="mean bias angle, degrees", errors=None):

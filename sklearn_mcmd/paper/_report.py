@@ -3,7 +3,9 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = ["Report", "Table"]
+from sklearn_mcmd._extras import import_extra
+
+__all__ = ["Report", "Table", "paired_rows"]
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,13 @@ class Table:
             ).rstrip()
 
         return "\n".join([self.caption, *(f"  {aligned(line)}" for line in lines)])
+
+
+def paired_rows(name, ours, paper=None):
+    """The rows of a method: the paper's cells, if it has any, above ours."""
+    if paper is None:
+        return [(name, "ours", *ours)]
+    return [(name, "paper", *paper), ("", "ours", *ours)]
 
 
 @dataclass(frozen=True)
@@ -77,13 +86,7 @@ class Report:
         """
         if self.draw is None:
             raise ValueError(f"{self.name} has no plot.")
-        try:
-            import matplotlib.pyplot as plt
-        except ImportError as error:
-            raise ImportError(
-                f"The plot of {self.name} needs matplotlib, which is not installed: "
-                'pip install "sklearn-mcmd[plot]"'
-            ) from error
+        plt = import_extra("matplotlib.pyplot", "plot", f"The plot of {self.name}")
         figure = plt.figure(figsize=self.size, layout="constrained")
         self.draw(figure)
         return figure

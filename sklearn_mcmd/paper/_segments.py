@@ -11,7 +11,7 @@ from sklearn_mcmd.datasets import make_bus_stop, make_traffic_furniture
 from sklearn_mcmd.metrics import segmentation_scores
 from sklearn_mcmd.paper import _draw
 from sklearn_mcmd.paper._printed import SEGMENTATION
-from sklearn_mcmd.paper._report import Report, Table
+from sklearn_mcmd.paper._report import Report, Table, paired_rows
 from sklearn_mcmd.paper._runs import Steps, stream
 from sklearn_mcmd.paper._scene_methods import SCENE_METHODS, quietly, runs_of, summary
 
@@ -135,14 +135,10 @@ def table6(runs=2, *, seed=0, n_points=None, slow_points=SLOW_POINTS):
     def draw(figure):
         axes = figure.subplots(1, len(scenes), sharey=True, squeeze=False)[0]
         names = list(rows_of(True))
-        height = np.arange(len(names))
         for ax, (scene, n) in zip(axes, scenes, strict=True):
-            ours = [results[scene, n, name][:, 7].mean() for name in names]
-            ax.barh(height, ours, 0.6, color=[_draw.color(name) for name in names])
-            printed = [SEGMENTATION[scene].get(name, [np.nan] * 7)[6] for name in names]
-            ax.plot(printed, height, "k|", markersize=16, markeredgewidth=2)
-            ax.set_yticks(height, names)
-            ax.set(title=f"{scene}, {n:,} points", xlim=(0, 102), xlabel="F-score, %")
+            ours = {name: results[scene, n, name][:, 7].mean() for name in names}
+            printed = {name: row[6] for name, row in SEGMENTATION[scene].items()}
+            _draw.bars(ax, ours, printed, f"{scene}, {n:,} points", "F-score, %")
         axes[0].invert_yaxis()
         figure.suptitle("bars: simulated counterparts; black ticks: the paper's real scans")
 
@@ -156,9 +152,9 @@ def _table_6_rows(scene, name, found, printed):
     ours = (str(len(found)), *cells)
     paper = SEGMENTATION[scene].get(name)
     if paper is None or not printed:
-        return [(name, "ours", *ours)]
+        return paired_rows(name, ours)
     counts, ratios = map(str, paper[:4]), map("{:.2f}".format, paper[4:])
-    return [(name, "paper", "", *counts, "", *ratios, "", ""), ("", "ours", *ours)]
+    return paired_rows(name, ours, ("", *counts, "", *ratios, "", ""))
 
 
 def _notes():

@@ -14,7 +14,7 @@ from sklearn_mcmd.paper import _draw
 from sklearn_mcmd.paper._clouds import contaminated_planes
 from sklearn_mcmd.paper._methods import METHODS, Method, mcmd
 from sklearn_mcmd.paper._printed import SECONDS, SIZES, TIMED_SHARES
-from sklearn_mcmd.paper._report import Report, Table
+from sklearn_mcmd.paper._report import Report, Table, paired_rows
 from sklearn_mcmd.paper._runs import Steps, bootstrap_error, stream
 
 __all__ = ["cost", "table3"]
@@ -70,11 +70,10 @@ def table3(runs=1000, *, seed=0, sizes=SIZES, shares=TIMED_SHARES):
         rows = []
         for method in methods:
             printed = _printed_ratios(method.name, kind, keys)
-            if printed is not None:
-                rows.append((method.name, "paper", *map(_short, printed)))
+            paper = None if printed is None else map(_short, printed)
             ours, errors = _ratios(seconds, kind, keys, method.name)
             cells = [f"{_short(v)} ± {_short(e)}" for v, e in zip(ours, errors, strict=True)]
-            rows.append((method.name if printed is None else "", "ours", *cells))
+            rows += paired_rows(method.name, cells, paper)
         base = [1e3 * np.median(seconds[kind, key, "MCMD_Z"]) for key in keys]
         rows.append(("MCMD_Z, ms", "ours", *map("{:.3g}".format, base)))
         tables.append(Table(caption, ("method", "", *map(str, keys)), rows, n_labels=2))

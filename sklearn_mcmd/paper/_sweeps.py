@@ -53,14 +53,8 @@ def figure5(runs=1000, *, seed=0, percentages=range(1, 81)):
     percentages = np.array(sorted(percentages))
     steps = Steps(len(percentages) * sum(affordable(m, runs) for m in methods))
     results = {"percentages": percentages}
-    sweeps = {m.name: [] for m in methods}
-    for percentage in percentages:
-        clouds = contaminated_planes(runs, 100, percentage, stream(seed, "figure5", percentage))
-        for method in methods:
-            state = stream(seed, "figure5", percentage, method.name)
-            sweeps[method.name].append(_summary(bias_angles(method, clouds, state, steps)))
-    for name, summaries in sweeps.items():
-        mean, error, failed = np.array(summaries).T
+    sweep = _sweep(methods, runs, 100, percentages, (seed, "figure5"), steps)
+    for name, (mean, error, failed) in sweep.items():
         results |= {("mean", name): mean, ("error", name): error, ("failed", name): failed}
         broken = percentages[failed >= BREAKDOWN_SHARE]
         results["breakdown", name] = int(broken[0]) if len(broken) else None
@@ -132,26 +126,18 @@ def figure6(runs=1000, *, seed=0, percentages=range(1, 46)):
         `results` has "percentages", ("mean", n, method) and ("error", n, method).
     """
     methods = swept(*NOT_ROBUST)
+    names = [m.name for m in methods]
     percentages = np.array(sorted(percentages))
     sizes = (20, 50, 200)
     steps = Steps(len(sizes) * len(percentages) * sum(affordable(m, runs) for m in methods))
     results, tables = {"percentages": percentages}, []
     for n in sizes:
-        sweeps = {m.name: [] for m in methods}
-        for percentage in percentages:
-            clouds = contaminated_planes(
-                runs, n, percentage, stream(seed, "figure6", n, percentage)
-            )
-            for method in methods:
-                state = stream(seed, "figure6", n, percentage, method.name)
-                sweeps[method.name].append(_summary(bias_angles(method, clouds, state, steps)))
-        own = {}
-        for name, summaries in sweeps.items():
-            mean, error, _ = np.array(summaries).T
-            own |= {("mean", name): mean, ("error", name): error}
+        sweep = _sweep(methods, runs, n, percentages, (seed, "figure6", n), steps)
+        for name, (mean, error, _) in sweep.items():
             results |= {("mean", n, name): mean, ("error", n, name): error}
         shown = [i for i, p in enumerate(percentages) if p % 5 == 0] or range(len(percentages))
         caption = f"n = {n}: mean bias angle, degrees"
+        own = _of_sweep(results, n, names)
         tables.append(_mean_table(caption, methods, own, percentages, shown, "%"))
     notes = [
         "The paper prints no numbers. It says that MCMD_Z and MCMD_MD are always better than RPCA, "
@@ -164,9 +150,8 @@ def figure6(runs=1000, *, seed=0, percentages=range(1, 46)):
 
     def draw(figure):
         for ax, n in zip(figure.subplots(1, 3), sizes, strict=True):
-            own = {(kind, m.name): results[kind, n, m.name] for m in methods
-                   for kind in ("mean", "error")}  # fmt: skip
-            _line_panel(ax, percentages, own, [m.name for m in methods], f"n = {n}", "outliers, %")
+            own = _of_sweep(results, n, names)
+            _line_panel(ax, percentages, own, names, f"n = {n}", "outliers, %")
         ax.legend(fontsize=8)
 
     title = f"Figure 6: clustered outliers among 20, 50 and 200 points, {runs} runs each"
@@ -239,6 +224,7 @@ def figure7(runs=1000, *, seed=0):
         "density" or "roughness".
     """
     methods = swept()
+    names = [m.name for m in methods]
     steps = Steps((len(VARIANCES) + len(Z_VARIANCES)) * sum(affordable(m, runs) for m in methods))
     sweeps = {
         "density": {name: _densities(runs, name, seed) for name in VARIANCES},
@@ -255,27 +241,25 @@ def figure7(runs=1000, *, seed=0):
     }
     results, tables = {}, []
     for sweep, settings in sweeps.items():
-        own = {}
         for method in methods:
             summaries = [
                 _summary(bias_angles(method, clouds, stream(seed, sweep, key, method.name), steps))
                 for key, clouds in settings.items()
             ]
             mean, error, _ = np.array(summaries).T
-            own |= {("mean", method.name): mean, ("error", method.name): error}
-        results |= {(kind, sweep, name): value for (kind, name), value in own.items()}
+            results |= {("mean", sweep, method.name): mean, ("error", sweep, method.name): error}
         caption = {
             "density": "by data set of Table 2: mean bias angle, degrees",
             "roughness": "by the variance along z: mean bias angle, degrees",
         }[sweep]
-        tables.append(_mean_table(caption, methods, own, list(settings), range(len(settings)), ""))
+        own, shown = _of_sweep(results, sweep, names), range(len(settings))
+        tables.append(_mean_table(caption, methods, own, list(settings), shown, ""))
     notes = [
         "The paper prints no numbers. Its order, MCMD_Z < MCMD_MD < RPCA < RANSAC, holds with "
         "h = (1 - e) n for MCMD_MD; with h = .5 n MCMD_MD comes behind RPCA.",
     ]
 
     def draw(figure):
-        names = [m.name for m in methods]
         robust = [name for name in names if name not in (*NOT_ROBUST, "uLSIF")]
         panels = [
             ("density", "(a) all methods", names),
@@ -284,8 +268,7 @@ def figure7(runs=1000, *, seed=0):
             ("roughness", "(d) robust methods", robust),
         ]
         for ax, (sweep, title, chosen) in zip(figure.subplots(2, 2).flat, panels, strict=True):
-            own = {(kind, name): results[kind, sweep, name] for name in chosen
-                   for kind in ("mean", "error")}  # fmt: skip
+            own = _of_sweep(results, sweep, chosen)
             if sweep == "density":
                 _line_panel(ax, range(len(VARIANCES)), own, chosen, title, "variances of Table 2")
                 ax.set_xticks(range(len(VARIANCES)), list(VARIANCES))
@@ -307,6 +290,24 @@ def _densities(runs, name, seed):
         regular_variances=(regular, regular, 0.01),
         outlier_variances=(outlying, outlying, 1.5),
     )
+
+
+def _sweep(methods, runs, n, percentages, labels, steps):
+    """`_summary` of each method at each percentage of outliers, (3, percentages) by its name."""
+    summaries = {method.name: [] for method in methods}
+    for percentage in percentages:
+        clouds = contaminated_planes(runs, n, percentage, stream(*labels, percentage))
+        for method in methods:
+            state = stream(*labels, percentage, method.name)
+            summaries[method.name].append(_summary(bias_angles(method, clouds, state, steps)))
+    return {name: np.array(found).T for name, found in summaries.items()}
+
+
+def _of_sweep(results, sweep, names):
+    """The curves (kind, method) of one of several sweeps, from (kind, sweep, method)."""
+    return {
+        (kind, name): results[kind, sweep, name] for kind in ("mean", "error") for name in names
+    }
 
 
 def _summary(angles):

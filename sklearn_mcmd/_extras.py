@@ -1,0 +1,52 @@
+"""What is not installed with the package: optional libraries, and how to get them."""
+
+import importlib
+import sys
+
+__all__ = ["import_extra", "run_app"]
+
+
+def import_extra(module, extra, purpose):
+    """Import an optional library, or say in an ImportError how to install it."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as err:
+        library = module.partition(".")[0]
+        raise ImportError(
+            f"{purpose} needs {library}, which is not installed: "
+            f'pip install "sklearn-mcmd[{extra}]"'
+        ) from err
+
+
+def run_app(module, name, arguments=None, *, prog_name):
+    """Run a module's `app`; without the command line's libraries, say how to get them.
+
+    Parameters
+    ----------
+    module : str
+    name : str
+        Of the command, as its errors begin.
+    arguments : list of str, default=None
+        None are those of the process.
+    prog_name : str
+        As help shows it.
+
+    Raises
+    ------
+    SystemExit
+        Always, with the exit code: 0 done, 1 failed, 2 wrong usage, 130 interrupted.
+    """
+    try:
+        for library in ("rich", "typer"):
+            import_extra(library, "cli", "the command line")
+    except ImportError as err:
+        _exit(name, err, 1)
+    try:
+        importlib.import_module(module).app(arguments, prog_name=prog_name)
+    except KeyboardInterrupt:  # while modules are imported; the commands see to their own time
+        _exit(name, "interrupted", 130)
+
+
+def _exit(name, message, code):
+    print(f"{name}: error: {message}", file=sys.stderr)
+    sys.exit(code)

@@ -1,0 +1,52 @@
+"""What all made-up roadsides share: the road, its kerb, poles on the footpath, turned plates.
+
+Metres; x along the road, y across it, z up.
+"""
+
+import numpy as np
+
+from sklearn_mcmd.datasets._surfaces import Circle, Cylinder, Patch
+
+__all__ = ["KERB_Y", "PATH_Z", "UP", "facing", "feet", "pole", "road_and_kerb"]
+
+KERB_Y, PATH_Z = 3.0, 0.10
+UP = np.array([0, 0, 1.0])
+CROWN_RADIUS, CROWN_Z = 75.0, 0.03
+
+
+def road_and_kerb(length):
+    """Half of a cambered road and a kerb of 13 cm."""
+    gutter_angle = np.arcsin(KERB_Y / CROWN_RADIUS)
+    gutter_z = CROWN_Z - CROWN_RADIUS * (1 - np.cos(gutter_angle))
+    along = np.array([length, 0, 0])
+    return [
+        Cylinder(
+            "road",
+            (length, 0, CROWN_Z - CROWN_RADIUS),
+            -along,  # right-handed around -x: from the crown towards the kerb
+            CROWN_RADIUS,
+            start=UP,
+            arc=gutter_angle,
+            sharp=("stop",),
+        ),
+        Patch("kerb", (0, KERB_Y, gutter_z), along, (PATH_Z - gutter_z) * UP, smooth=("u0", "u1")),
+    ]
+
+
+def pole(name, foot, radius, top):
+    """A pole that stands on the footpath at (x, y)."""
+    return Cylinder(name, (*foot, PATH_Z), (0, 0, top - PATH_Z), radius)
+
+
+def feet(things):
+    """The edges that poles make on the footpath."""
+    return [
+        Circle(part.base, UP, part.radius)
+        for part in things
+        if isinstance(part, Cylinder) and part.base[2] == PATH_Z
+    ]
+
+
+def facing(turn):
+    """A plate's direction along it, rightward as the road sees it, and toward the road."""
+    return np.array([np.cos(turn), np.sin(turn), 0]), np.array([np.sin(turn), -np.cos(turn), 0])
