@@ -113,9 +113,8 @@ def _find_edges(xyz, quiet, **params):
 
     with progress_bar("Edges", quiet):
         detector = SharpFeatureDetector(**params).fit(xyz)
-        scores = detector.score_samples(xyz)
-    is_edge = scores < detector.offset_
-    return is_edge, scores if params["criterion"] == "crease" else -scores
+    scores = detector.scores_
+    return scores < detector.offset_, scores if params["criterion"] == "crease" else -scores
 
 
 def _results(is_edge, score, brightest):
