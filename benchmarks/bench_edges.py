@@ -120,7 +120,7 @@ def main():
                 if not any(part in form for part in options.forms):
                     continue
                 start = time.perf_counter()
-                scores = detector.fit(X).score_samples(X)
+                scores = detector.fit(X).scores_
                 seconds = time.perf_counter() - start
                 row = [*figures(distance, spacing, scores, scores < detector.offset_), seconds]
                 print(f"{form:20}" + "".join(f"{v:9.1f}" for v in row), flush=True)

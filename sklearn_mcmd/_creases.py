@@ -69,6 +69,11 @@ class CreaseModel:
     min_angle : float
         Degrees between the planes of two faces, at least.
     n_jobs : int or None
+
+    Attributes
+    ----------
+    distances : ndarray of shape (n,)
+        ``distance`` of the fitted points.
     """
 
     def __init__(self, n_neighbors, min_angle, n_jobs=None):
@@ -92,6 +97,8 @@ class CreaseModel:
         self.faces = self._give_planes(self.points)
         distance, self.evidence = self._meet(self.points, self.faces)
         self.evidence[~(distance <= REACH)] = np.nan
+        # Copies of a point are as far as the one that stands for them.
+        self.distances = self._judge(self.points, self.faces, distance)[self.index.nearest(points)]
         return self
 
     def distance(self, queries):
@@ -103,6 +110,10 @@ class CreaseModel:
         queries = queries - self.origin
         faces = self._give_planes(queries)
         distance, _ = self._meet(queries, faces)
+        return self._judge(queries, faces, distance)
+
+    def _judge(self, queries, faces, distance):
+        """Distances as told, from those to the crease and what the neighbors say of it."""
         pooled, flat = np.full(len(queries), np.nan), np.empty(len(queries))
 
         def pool(part, indices, pooled, flat):

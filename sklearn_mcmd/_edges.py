@@ -97,6 +97,9 @@ class SharpFeatureDetector(OffsetOutlierMixin, BaseEstimator):
     offset_ : float
         ``decision_function = score_samples - offset_``.
 
+    scores_ : ndarray of shape (n_samples,)
+        ``score_samples`` of the fitted points.
+
     inlier_mask_ : ndarray of bool of shape (n_samples,)
         Which of the fitted points were left by the cleaning.
 
@@ -225,9 +228,30 @@ class SharpFeatureDetector(OffsetOutlierMixin, BaseEstimator):
             self._model = CreaseModel(self.n_neighbors, self.min_angle, self.n_jobs)
             self._model.fit(self._coordinates(members).astype(np.float64), self._normals(members))
             self.offset_ = EDGE_WIDTH if self.threshold is None else float(self.threshold)
+            self.scores_ = np.empty(len(X))
+            self.scores_[self.inlier_mask_] = self._model.distances
+            removed = xyz[~self.inlier_mask_].astype(np.float64)
+            self.scores_[~self.inlier_mask_] = self._model.distance(removed)
         else:
-            self.offset_ = -self._settle_threshold(self._values(members))
+            values = self._values(X)
+            self.offset_ = -self._settle_threshold(values[self.inlier_mask_])
+            self.scores_ = -values
         return self
+
+    def fit_predict(self, X, y=None):
+        """Label the points of a cloud by itself.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+        y : Ignored
+
+        Returns
+        -------
+        labels : ndarray of int of shape (n_samples,)
+            1 for surfaces, -1 for edges: ``fit(X).predict(X)``, without judging twice.
+        """
+        return np.where(self.fit(X).scores_ >= self.offset_, 1, -1)
 
     def score_samples(self, X):
         """Distance to the nearest crease, or the opposite of the criterion.

@@ -12,6 +12,8 @@ from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, SharpFeatur
 from sklearn_mcmd._creases import FAR, CreaseModel, _join, _median, _smooth_residuals, _spacing
 from sklearn_mcmd.datasets import make_box, make_crown_roof, make_street
 
+CRITERIA = ["crease", "eigenvalue", "surface_variation", "removed_fraction"]
+
 
 def fast(**parameters):
     """Without cleaning, which most tests do not need."""
@@ -153,10 +155,47 @@ def test_scores_do_not_depend_on_unit_position_and_attitude(box, fitted):
     assert np.mean(np.abs(found - expected) < 1e-3) > 0.99
 
 
-def test_fit_predict_equals_predict_of_the_fitted_cloud():
+@pytest.mark.parametrize("criterion", CRITERIA)
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_fit_predict_equals_predict_and_scores_are_kept(criterion, dtype):
     cloud = make_box(1200, outlier_share=0.1, random_state=0).data
+    # Copies, of members and of what the cleaning removes, count once in the fitted cloud.
+    cloud = np.vstack([cloud, cloud[::7]]).astype(dtype)
+    detector = SharpFeatureDetector(criterion=criterion, random_state=0)
+    labels = detector.fit_predict(cloud)
+    assert 0 < np.count_nonzero(~detector.inlier_mask_) < len(cloud)
+    assert_array_equal(labels, detector.fit(cloud).predict(cloud))
+    assert_array_equal(detector.scores_, detector.score_samples(cloud))
+
+
+def test_scores_are_kept_where_the_cloud_is_in_many_chunks_and_spatial_order():
+    street = make_street(12_000, random_state=0).data
+    detector = SharpFeatureDetector(random_state=0).fit(street)
+    assert_array_equal(detector.scores_, detector.score_samples(street))
+
+
+@pytest.mark.parametrize("criterion", ["crease", "eigenvalue", "surface_variation"])
+def test_scores_of_precomputed_normals_are_kept(box, criterion):
+    columns = RobustNormalEstimator(40, random_state=0).fit_transform(box.data)
+    detector = SharpFeatureDetector(normals="precomputed", criterion=criterion, random_state=0)
+    labels = detector.fit_predict(columns)
+    assert_array_equal(labels, detector.predict(columns))
+    assert_array_equal(detector.scores_, detector.score_samples(columns))
+
+
+def test_the_creases_of_the_fitted_points_are_looked_for_once(box, monkeypatch):
+    asked = []
+    meet = CreaseModel._meet
+
+    def count(self, queries, faces):
+        asked.append(len(queries))
+        return meet(self, queries, faces)
+
+    monkeypatch.setattr(CreaseModel, "_meet", count)
     detector = SharpFeatureDetector(random_state=0)
-    assert_array_equal(detector.fit_predict(cloud), detector.predict(cloud))
+    detector.fit_predict(box.data)
+    n_kept = np.count_nonzero(detector.inlier_mask_)
+    assert asked == [n_kept, len(box.data) - n_kept]
 
 
 def test_results_do_not_depend_on_threads():

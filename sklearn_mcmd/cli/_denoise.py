@@ -7,24 +7,32 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from sklearn_mcmd.cli._files import coordinates, read, rehearse, with_results, write
+from sklearn_mcmd.cli._files import blank, coordinates, read, rehearse, with_results, write
 from sklearn_mcmd.cli._options import (
     InFile,
     NJobs,
     NNeighbors,
-    NoiseScale,
     OutFile,
     OutlierRate,
     Quiet,
     RandomState,
+    number_or,
     positive,
 )
-from sklearn_mcmd.cli._speech import clear_exits, print_table, progress_bar, stopwatch
+from sklearn_mcmd.cli._speech import (
+    clear_exits,
+    count_and_share,
+    print_summary,
+    progress_bar,
+    stopwatch,
+)
 
 __all__ = ["denoise"]
 
 # Standard deviations that no measured noise leads to, only the rounding of floats.
 EXACT_PLANE_SCORE = 1e6
+# Of false positives: what the simulation resolves in 3D, and what the detector takes.
+LEAST_RATE, LARGEST_RATE = 1e-4, 0.5
 
 
 class Mode(StrEnum):
@@ -55,7 +63,17 @@ def denoise(
             "the distance within it as well; with --noise-scale own that is the verdict, too."
         ),
     ] = OutlierMethod.mcmd_z,
-    noise_scale: NoiseScale = "local",
+    noise_scale: Annotated[
+        str,
+        typer.Option(
+            parser=number_or("local", "own", "pooled"),
+            metavar="local|own|pooled|NUMBER",
+            help="What distances to planes are measured by. local: the noise around, for any "
+            "cloud. own: that of the point's own neighborhood, as in the paper. pooled: one noise "
+            "for all, found from the cloud; NUMBER: given, in units of the file. These two find "
+            "most, but take curvature, foliage and what is rougher than the noise for outliers.",
+        ),
+    ] = "local",
     max_iter: Annotated[
         int,
         typer.Option(
@@ -84,10 +102,24 @@ def denoise(
     cutoff: Annotated[
         float | None,
         typer.Option(
-            callback=positive,
+            parser=positive,
+            metavar="NUMBER",
             help="Distance beyond which a point is an outlier, in standard deviations of the "
             "noise.",
             show_default="3; with --noise-scale own 2.5, for mcmd_md 3.06",
+        ),
+    ] = None,
+    false_positive_rate: Annotated[
+        float | None,
+        typer.Option(
+            parser=number_or(
+                expected=f"a number from {LEAST_RATE:g} to below {LARGEST_RATE:g}",
+                fits=lambda rate: LEAST_RATE <= rate < LARGEST_RATE,
+            ),
+            metavar="RATE",
+            help="Share of the points of a clean plane that may be lost, such as 0.01: the cutoff "
+            "is then found by simulation, so without --cutoff. From 0.0001 to below 0.5; beyond "
+            "some 0.1 only with --drop-groups.",
         ),
     ] = None,
     outlier_rate: OutlierRate = 0.5,
@@ -98,14 +130,20 @@ def denoise(
     """Remove or mark the points that no surface around them explains.
 
     The default is for any cloud: curved, with foliage, of any spacing and noise. One pass by the
-    planes' own noise, as in the paper: --noise-scale own --no-borrow --max-iter 1.
+    planes' own noise, as in the paper: --noise-scale own --no-borrow --max-iter 1. To lose a
+    stated share of good points: --false-positive-rate 0.01.
     """
+    if cutoff is not None and false_positive_rate is not None:
+        raise typer.BadParameter(
+            f"{false_positive_rate:g} and --cutoff {cutoff:g} exclude each other: leave one out.",
+            param_hint="--false-positive-rate",
+        )
     with clear_exits():
         seconds = stopwatch()
         cloud = read(source, target)
         mark = mode is Mode.mark
-        blank = np.zeros(len(cloud))
-        rehearse(target, *_denoised(cloud, blank > 0, blank, mark))
+        nothing = blank(cloud)
+        rehearse(target, *_denoised(cloud, nothing > 0, nothing, mark))
         is_outlier, score = _find_outliers(
             coordinates(cloud),
             quiet,
@@ -116,6 +154,7 @@ def denoise(
             borrow=borrow,
             keep_groups="auto" if keep_groups is None else keep_groups,
             cutoff=cutoff,
+            false_positive_rate=false_positive_rate,
             outlier_rate=outlier_rate,
             random_state=random_state,
             n_jobs=n_jobs,
@@ -123,14 +162,8 @@ def denoise(
         _warn_if_without_scale(score)
         write(target, *_denoised(cloud, is_outlier, score, mark))
         if not quiet:
-            n_outliers = int(np.count_nonzero(is_outlier))
-            verb = "marked" if mark else "removed"
-            print_table(
-                f"{source} -> {target}",
-                points=f"{len(cloud):,}",
-                **{verb: f"{n_outliers:,} ({100 * n_outliers / len(cloud):.2f} %)"},
-                seconds=f"{seconds():.1f}",
-            )
+            found = {"marked" if mark else "removed": count_and_share(is_outlier)}
+            print_summary(source, target, len(cloud), seconds(), **found)
 
 
 def _find_outliers(xyz, quiet, **params):

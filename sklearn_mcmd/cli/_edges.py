@@ -6,7 +6,16 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from sklearn_mcmd.cli._files import blank, coordinates, read, rehearse, with_results, write
+from sklearn_mcmd.cli._files import (
+    blank,
+    color_columns,
+    coordinates,
+    has_colors,
+    read,
+    rehearse,
+    with_results,
+    write,
+)
 from sklearn_mcmd.cli._options import (
     InFile,
     NJobs,
@@ -14,9 +23,16 @@ from sklearn_mcmd.cli._options import (
     OutFile,
     Quiet,
     RandomState,
+    colors_option,
     positive,
 )
-from sklearn_mcmd.cli._speech import clear_exits, print_table, progress_bar, stopwatch
+from sklearn_mcmd.cli._speech import (
+    clear_exits,
+    count_and_share,
+    print_summary,
+    progress_bar,
+    stopwatch,
+)
 
 __all__ = ["edges"]
 
@@ -45,7 +61,8 @@ def edges(
     threshold: Annotated[
         float | None,
         typer.Option(
-            callback=positive,
+            parser=positive,
+            metavar="NUMBER",
             help="Largest distance to a crease, in spacings of the points; least value of the "
             "other criteria.",
             show_default="2; for the others median + 3 robust standard deviations",
@@ -58,12 +75,7 @@ def edges(
         bool, typer.Option(help="Whether outliers are left out when edges are looked for.")
     ] = True,
     colors: Annotated[
-        bool | None,
-        typer.Option(
-            "--colors/--no-colors",
-            help="Whether colors are written: edges red, surfaces gray.",
-            show_default="where the input has none",
-        ),
+        bool | None, colors_option("Whether colors are written: edges red, surfaces gray.")
     ] = None,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
@@ -79,7 +91,7 @@ def edges(
         seconds = stopwatch()
         cloud = read(source, target)
         if colors is None:
-            colors = not {"red", "green", "blue"} & cloud.attributes.keys()
+            colors = not has_colors(cloud)
         # LAS has colors of 16 bits.
         brightest = 65535 if target.suffix.lower() in (".las", ".laz") else 255
         brightest = brightest if colors else None
@@ -98,13 +110,8 @@ def edges(
         )
         write(target, with_results(cloud, _results(is_edge, score, brightest)))
         if not quiet:
-            n_edge = int(np.count_nonzero(is_edge))
-            print_table(
-                f"{source} -> {target}",
-                points=f"{len(cloud):,}",
-                edges=f"{n_edge:,} ({100 * n_edge / len(cloud):.2f} %)",
-                seconds=f"{seconds():.1f}",
-            )
+            edges = count_and_share(is_edge)
+            print_summary(source, target, len(cloud), seconds(), edges=edges)
 
 
 def _find_edges(xyz, quiet, **params):
@@ -113,9 +120,8 @@ def _find_edges(xyz, quiet, **params):
 
     with progress_bar("Edges", quiet):
         detector = SharpFeatureDetector(**params).fit(xyz)
-        scores = detector.score_samples(xyz)
-    is_edge = scores < detector.offset_
-    return is_edge, scores if params["criterion"] == "crease" else -scores
+    scores = detector.scores_
+    return scores < detector.offset_, scores if params["criterion"] == "crease" else -scores
 
 
 def _results(is_edge, score, brightest):
@@ -123,6 +129,5 @@ def _results(is_edge, score, brightest):
     columns = {"edge": is_edge.astype(np.uint8), "edge_score": score.astype(np.float32)}
     if brightest is not None:
         paint = np.where(is_edge[:, None], EDGE_COLOR, SURFACE_COLOR) * (brightest // 255)
-        paint = paint.astype(np.min_scalar_type(brightest))
-        columns.update(zip(("red", "green", "blue"), paint.T.copy(), strict=True))
+        columns |= color_columns(paint.astype(np.min_scalar_type(brightest)))
     return columns

@@ -8,7 +8,19 @@ from pathlib import Path
 
 import numpy as np
 
-__all__ = ["blank", "coordinates", "read", "rehearse", "standing_in", "with_results", "write"]
+__all__ = [
+    "blank",
+    "color_columns",
+    "coordinates",
+    "has_colors",
+    "read",
+    "rehearse",
+    "standing_in",
+    "with_results",
+    "write",
+]
+
+_COLORS = ("red", "green", "blue")
 
 
 def with_results(cloud, results):
@@ -42,6 +54,15 @@ def coordinates(cloud):
 
 def blank(cloud):
     return np.zeros(len(cloud), dtype=np.float32)
+
+
+def has_colors(cloud):
+    return not cloud.attributes.keys().isdisjoint(_COLORS)
+
+
+def color_columns(paint):
+    """The columns of colors (n, 3)."""
+    return dict(zip(_COLORS, paint.T.copy(), strict=True))
 
 
 def read(source, target=None):

@@ -8,7 +8,6 @@ import typer
 
 from sklearn_mcmd.cli._files import blank, coordinates, read, rehearse, with_results, write
 from sklearn_mcmd.cli._options import (
-    Cutoff,
     InFile,
     NJobs,
     NNeighbors,
@@ -18,7 +17,7 @@ from sklearn_mcmd.cli._options import (
     RandomState,
     positive,
 )
-from sklearn_mcmd.cli._speech import clear_exits, print_table, progress_bar, stopwatch
+from sklearn_mcmd.cli._speech import clear_exits, print_summary, progress_bar, stopwatch
 
 __all__ = ["normals"]
 
@@ -55,7 +54,9 @@ def normals(
     radius: Annotated[
         float | None,
         typer.Option(
-            callback=positive, help="Largest distance of a neighbor, in units of the file."
+            parser=positive,
+            metavar="NUMBER",
+            help="Largest distance of a neighbor, in units of the file.",
         ),
     ] = None,
     orientation: Annotated[
@@ -78,7 +79,15 @@ def normals(
             "normal is within 1.73 of them with 95 % confidence).",
         ),
     ] = None,
-    cutoff: Cutoff = None,
+    cutoff: Annotated[
+        float | None,
+        typer.Option(
+            parser=positive,
+            metavar="NUMBER",
+            help="Distance beyond which a neighbor is an outlier, in robust standard deviations.",
+            show_default="2.5, for mcmd_md 3.06",
+        ),
+    ] = None,
     outlier_rate: OutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
@@ -116,12 +125,10 @@ def normals(
         write(target, with_results(cloud, results))
         if not quiet:
             removed = float(results["removed_fraction"].mean(dtype=np.float64))
-            print_table(
-                f"{source} -> {target}",
-                points=f"{len(cloud):,}",
+            print_summary(
+                *(source, target, len(cloud), seconds()),
                 removed=f"{100 * removed:.2f} % of an average neighborhood",
                 curvature=f"{np.median(results['surface_variation']):.2g} (median)",
-                seconds=f"{seconds():.1f}",
             )
 
 

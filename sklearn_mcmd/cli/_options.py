@@ -1,41 +1,56 @@
-"""Arguments and options that several verbs share."""
+"""Arguments and options that several verbs share, and how options are parsed."""
 
+from math import inf, nan
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 __all__ = [
-    "Cutoff",
     "InFile",
     "NJobs",
     "NNeighbors",
-    "NoiseScale",
     "OutFile",
     "OutlierRate",
     "Quiet",
     "RandomState",
+    "colors_option",
+    "number_or",
     "positive",
 ]
 
 
-def positive(value):
-    """Callback of options that must be numbers above zero."""
-    if value is not None and not 0 < value < float("inf"):
-        raise typer.BadParameter(f"{value:g} is not a number above 0")
-    return value
+def _is_positive(number):
+    return 0 < number < inf
 
 
-def _word_or_number(value):
-    """Parser of --noise-scale."""
-    if value in NOISE_SCALES:
-        return value
-    try:
-        return positive(float(value))
-    except ValueError:
-        raise typer.BadParameter(
-            f"{value!r} is none of {', '.join(NOISE_SCALES)} and no number"
-        ) from None
+def number_or(*words, expected="a number above 0", fits=_is_positive):
+    """Parser of an option that is one of some words, or a number that `fits`.
+
+    `expected` says in the error what such a number is; NaN must not fit.
+    """
+
+    def parse(value):
+        if value in words:
+            return value
+        try:
+            number = float(value)
+        except ValueError:
+            number = nan
+        if not fits(number):
+            choices = ", ".join(words) + " or " if words else ""
+            raise typer.BadParameter(f"{value} is not {choices}{expected}")
+        return number
+
+    return parse
+
+
+positive = number_or()
+
+
+def colors_option(help):
+    """The option of verbs that paint what they find."""
+    return typer.Option("--colors/--no-colors", help=help, show_default="unless IN has colors")
 
 
 def _not_zero(value):
@@ -43,8 +58,6 @@ def _not_zero(value):
         raise typer.BadParameter("0 threads cannot work; -1 is one a processor")
     return value
 
-
-NOISE_SCALES = ("local", "own", "pooled")
 
 InFile = Annotated[Path, typer.Argument(metavar="IN", help="Point file to read.")]
 OutFile = Annotated[
@@ -56,32 +69,16 @@ NNeighbors = Annotated[
         min=4, help="Points in a neighborhood, the point itself included. More is smoother."
     ),
 ]
-Cutoff = Annotated[
-    float | None,
-    typer.Option(
-        callback=positive,
-        help="Distance beyond which a point is an outlier, in robust standard deviations.",
-        show_default="2.5, for mcmd_md 3.06",
-    ),
-]
 OutlierRate = Annotated[
     float,
     typer.Option(
-        min=0.0,
-        max=0.99,
-        help="Largest share of outliers in a neighborhood to be prepared for; sets the number of "
-        "trials, not the share that is removed.",
-    ),
-]
-NoiseScale = Annotated[
-    str,
-    typer.Option(
-        parser=_word_or_number,
-        metavar="local|own|pooled|NUMBER",
-        help="What distances to planes are measured by. local: the noise around, for any cloud. "
-        "own: that of the point's own neighborhood, as in the paper. pooled: one noise for all, "
-        "found from the cloud; NUMBER: given, in units of the file. These two find most, but take "
-        "curvature, foliage and what is rougher than the noise for outliers.",
+        parser=number_or(
+            "auto", expected="a number from 0 to 0.99", fits=lambda rate: 0 <= rate <= 0.99
+        ),
+        metavar="NUMBER|auto",
+        help="Largest share of outliers in a neighborhood to be prepared for, up to 0.99; sets the "
+        "number of trials, not the share that is removed. auto: as 0.5, but fewer trials in "
+        "neighborhoods that show that they need no more.",
     ),
 ]
 RandomState = Annotated[

@@ -10,8 +10,14 @@ import numpy as np
 import typer
 
 from sklearn_mcmd.cli._files import blank, read, rehearse, standing_in, with_results, write
-from sklearn_mcmd.cli._options import InFile, OutFile, Quiet, RandomState
-from sklearn_mcmd.cli._speech import clear_exits, print_table, progress_bar, stopwatch
+from sklearn_mcmd.cli._options import InFile, OutFile, Quiet, RandomState, number_or
+from sklearn_mcmd.cli._speech import (
+    clear_exits,
+    count_and_share,
+    print_summary,
+    progress_bar,
+    stopwatch,
+)
 
 __all__ = ["plane"]
 
@@ -64,11 +70,17 @@ def plane(
         ),
     ] = Test.w,
     alpha: Annotated[
-        float, typer.Option(help="Level of the test of the whole cloud, between 0 and 1.")
+        float,
+        typer.Option(
+            parser=number_or(expected="a number between 0 and 1", fits=lambda alpha: 0 < alpha < 1),
+            metavar="NUMBER",
+            help="Level of the test of the whole cloud, between 0 and 1.",
+        ),
     ] = 0.05,
     sigma0: Annotated[
         str,
         typer.Option(
+            parser=number_or("auto"),
             metavar="NUMBER|auto",
             help="Standard deviation of a coordinate, in units of the file. Give it where you "
             "know it. auto: a robust scale of the residuals, by which a rough surface is as "
@@ -129,7 +141,7 @@ def plane(
     report, text and figure, holds the plane, its quality and the residuals.
     """
     params = _detector_params(
-        method, alpha, test, _parse_sigma0(sigma0), correction, elimination, surface, robust_start
+        method, alpha, test, sigma0, correction, elimination, surface, robust_start
     )
     if method is Method.baarda:
         params["random_state"] = random_state
@@ -152,8 +164,6 @@ def plane(
 def _detector_params(method, alpha, test, sigma0, correction, elimination, surface, robust_start):
     """Parameters of the detector; what the method doesn't have is wrong usage."""
     params = {"alpha": alpha, "test": str(test), "sigma0": sigma0, "surface": str(surface)}
-    if not 0 < alpha < 1:
-        raise typer.BadParameter(f"{alpha:g} is not between 0 and 1.", param_hint="--alpha")
     if correction is not None:
         params["correction"] = str(correction)
     if method is Method.baarda:
@@ -166,22 +176,6 @@ def _detector_params(method, alpha, test, sigma0, correction, elimination, surfa
             "--method fuzzy is of one least-squares plane.", param_hint="--robust-start"
         )
     return params
-
-
-def _parse_sigma0(text):
-    """A positive number, or "auto"; whatever else is wrong usage."""
-    if text == "auto":
-        return text
-    try:
-        sigma0 = float(text)
-    except ValueError:
-        sigma0 = np.nan
-    if not (np.isfinite(sigma0) and sigma0 > 0):
-        raise typer.BadParameter(
-            f"{text!r} is neither a positive number, such as 0.005, nor auto.",
-            param_hint="--sigma0",
-        )
-    return sigma0
 
 
 def _choose_sheets(source, target, report, plot):
@@ -276,19 +270,16 @@ def _record(source, target, plot):
 
 def _summarize(source, target, sheets, detector, residuals, unit, seconds):
     is_outlier = detector.labels_ == -1
-    n, n_outliers = len(is_outlier), int(np.count_nonzero(is_outlier))
     unit = f" {unit}" if unit else ""
     rms = [np.sqrt(np.mean(residuals[rows] ** 2)) for rows in (slice(None), ~is_outlier)]
     tilt = np.degrees(np.arccos(min(abs(detector.normal_[-1]), 1.0)))
     how = "estimated" if detector.sigma0 == "auto" else "given"
-    print_table(
-        f"{source} -> {target}",
-        points=f"{n:,}",
-        outliers=f"{n_outliers:,} ({100 * n_outliers / n:.2f} %)",
+    print_summary(
+        *(source, target, len(is_outlier), seconds),
+        outliers=count_and_share(is_outlier),
         normal=f"{' '.join(f'{value:.6f}' for value in detector.normal_)}, tilt {tilt:.3f} degrees",
         distance=f"{detector.distance_:.6g}{unit} from the origin",
         residuals=f"rms {rms[0]:.4g}{unit}, without outliers {rms[1]:.4g}{unit}",
         sigma0=f"{detector.sigma0_:.4g}{unit} ({how})",
         report=", ".join(str(path) for path in sheets if path is not None),
-        seconds=f"{seconds:.1f}",
     )

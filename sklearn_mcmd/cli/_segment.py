@@ -5,7 +5,15 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from sklearn_mcmd.cli._files import coordinates, read, rehearse, with_results, write
+from sklearn_mcmd.cli._files import (
+    color_columns,
+    coordinates,
+    has_colors,
+    read,
+    rehearse,
+    with_results,
+    write,
+)
 from sklearn_mcmd.cli._options import (
     InFile,
     NJobs,
@@ -14,13 +22,20 @@ from sklearn_mcmd.cli._options import (
     OutlierRate,
     Quiet,
     RandomState,
+    colors_option,
+    number_or,
     positive,
 )
-from sklearn_mcmd.cli._speech import clear_exits, print_table, progress_bar, stopwatch
+from sklearn_mcmd.cli._speech import (
+    clear_exits,
+    count_and_share,
+    print_summary,
+    progress_bar,
+    stopwatch,
+)
 
 __all__ = ["segment"]
 
-_COLORS = ("red", "green", "blue")
 LARGEST_SHOWN = 3
 
 
@@ -30,13 +45,18 @@ def segment(
     max_angle: Annotated[
         float,
         typer.Option(
-            min=0.0, max=90.0, help="Largest angle between normals of neighbors, in degrees."
+            parser=number_or(
+                expected="a number above 0 and up to 90", fits=lambda angle: 0 < angle <= 90
+            ),
+            metavar="NUMBER",
+            help="Largest angle between normals of neighbors, in degrees, up to 90.",
         ),
     ] = 15.0,
     max_distance: Annotated[
         float | None,
         typer.Option(
-            callback=positive,
+            parser=positive,
+            metavar="NUMBER",
             help="Largest distance of a neighbor from a point's plane, in units of the file.",
             show_default="by the scatter of each neighborhood",
         ),
@@ -44,7 +64,8 @@ def segment(
     max_gap: Annotated[
         float | None,
         typer.Option(
-            callback=positive,
+            parser=positive,
+            metavar="NUMBER",
             help="Largest distance of a neighbor, in units of the file.",
             show_default="by the spacing of each neighborhood",
         ),
@@ -69,11 +90,7 @@ def segment(
     ] = True,
     colors: Annotated[
         bool | None,
-        typer.Option(
-            "--colors/--no-colors",
-            help="Color each region; gray is none.",
-            show_default="unless IN has colors",
-        ),
+        colors_option("Whether colors are written: one for each region, gray for none."),
     ] = None,
     n_neighbors: NNeighbors = 50,
     growth_neighbors: Annotated[
@@ -92,15 +109,11 @@ def segment(
     All points are kept. New attributes: region, int32, from 0 for the largest on, -1 for none;
     and red, green, blue, 8 bits, a color for each region. Denoise first where there are outliers.
     """
-    if max_angle <= 0:
-        raise typer.BadParameter(
-            f"{max_angle:g} is not above 0; no two normals are equal.", param_hint="--max-angle"
-        )
     with clear_exits():
         seconds = stopwatch()
         cloud = read(source, target)
         if colors is None:
-            colors = not cloud.attributes.keys() & set(_COLORS)
+            colors = not has_colors(cloud)
         rehearse(target, _segmented(cloud, np.zeros(len(cloud), np.int64), colors))
         fitted = _find_regions(
             coordinates(cloud),
@@ -122,15 +135,12 @@ def segment(
         )
         write(target, _segmented(cloud, fitted.labels_, colors))
         if not quiet:
-            n_inside = int(fitted.region_sizes_.sum())
             largest = ", ".join(f"{size:,}" for size in fitted.region_sizes_[:LARGEST_SHOWN])
-            print_table(
-                f"{source} -> {target}",
-                points=f"{len(cloud):,}",
+            print_summary(
+                *(source, target, len(cloud), seconds()),
                 regions=f"{fitted.n_regions_:,}",
-                inside=f"{n_inside:,} ({100 * n_inside / len(cloud):.2f} %)",
+                inside=count_and_share(fitted.labels_ >= 0),
                 largest=largest or "none",
-                seconds=f"{seconds():.1f}",
             )
 
 
@@ -149,5 +159,5 @@ def _segmented(cloud, labels, colors):
         from sklearn_mcmd.plotting import region_colors
 
         bits = np.rint(255 * region_colors(labels)).astype(np.uint8)
-        results.update(zip(_COLORS, bits.T.copy(), strict=True))
+        results |= color_columns(bits)
     return with_results(cloud, results)

@@ -4,9 +4,17 @@ import time
 import warnings
 from contextlib import contextmanager
 
+import numpy as np
 import typer
 
-__all__ = ["clear_exits", "print_table", "progress_bar", "stopwatch"]
+__all__ = [
+    "clear_exits",
+    "count_and_share",
+    "print_summary",
+    "print_table",
+    "progress_bar",
+    "stopwatch",
+]
 
 
 @contextmanager
@@ -76,6 +84,17 @@ def print_table(title, **rows):
     width = max(map(len, rows))
     for name, value in rows.items():
         typer.echo(f"  {name:<{width}}  {value}")
+
+
+def print_summary(source, target, n_points, seconds, **rows):
+    """What a verb made of a cloud: what it found, between what all verbs tell."""
+    print_table(f"{source} -> {target}", points=f"{n_points:,}", **rows, seconds=f"{seconds:.1f}")
+
+
+def count_and_share(mask):
+    """How many are marked, and the percentage that they are."""
+    n = int(np.count_nonzero(mask))
+    return f"{n:,} ({100 * n / len(mask):.2f} %)"
 
 
 def stopwatch():
