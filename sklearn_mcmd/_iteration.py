@@ -6,9 +6,10 @@ all points again, retained or not, so that the retained set grows back along the
 """
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from sklearn_mcmd._borrowing import credible_planes
-from sklearn_mcmd._chunks import each_chunk, run
+from sklearn_mcmd._chunks import each_chunk, each_slice, run
 from sklearn_mcmd._density import Company, DenseSpacing, group_sizes
 from sklearn_mcmd._judging import (
     COMMON,
@@ -38,6 +39,8 @@ FLATNESS = 0.1
 FLATNESS_FACTOR = 3.0
 # With one noise for all, a plane with so many times more is no plane of a surface.
 NOISY_PLANE = 2.0
+# Rounding of a distance must not hide a point that has joined a neighborhood.
+NEXT = 1 + 1e-9
 # Below this share of changed points the retained set is settled.
 SETTLED = 1e-3
 # Iterating must not eat the cloud.
@@ -105,6 +108,7 @@ class IteratedPlanes:
         n_removals = np.zeros(n, dtype=np.int8)
         self._start(X)
         self.alone = np.zeros(n, dtype=bool)  # in a small group, once
+        self.left, self.joined = None, None  # rows and locations, in the last pass
         self.member_rows = np.argsort(order).astype(np.int32)[self.model.index.rows]
         self.distinct = np.sort(self.member_rows)  # copies of a point count once
         while True:
@@ -121,20 +125,23 @@ class IteratedPlanes:
             # A point that was let in again and failed again stays out: no oscillation.
             n_removals += retained & ~passed
             passed &= n_removals < 2
-            changed = np.count_nonzero((passed != retained)[self.distinct])
+            differs = passed != retained
+            changed = np.count_nonzero(differs[self.distinct])
             few = passed[self.distinct].sum() < self._least()
             if changed <= SETTLED * len(self.distinct) or few:
                 break
+            self.left, self.joined = differs & retained, X[differs & passed]
             retained = passed
             self.model = self.model.over(X[retained])
             rows = np.flatnonzero(retained).astype(np.int32)
-            self.member_rows = rows[self.model.index.rows]
+            self.member_rows = self.copied[rows[self.model.index.rows]]
             self.n_iter += 1
         if borrow != self.borrow or self.cutoff != self.verdict:
             self.cutoff = self.verdict
             scores, owners, usual = self._judge_all(X, self.borrow)
         self._settle(X, order, scores, owners, usual)
-        del self.neighbors
+        # New points are not judged by these, which take as much memory as all else.
+        del self.neighbors, self.distinct, self.copied, self.left, self.joined
         return self
 
     def score(self, queries):
@@ -175,7 +182,18 @@ class IteratedPlanes:
         """Planes of the neighborhoods among the retained points, where these have changed."""
         index, fitted = self.model.index, self.fitted
 
+        # Only they can have: a search costs nearly as much as a plane.
+        tree = cKDTree(self.joined) if self.n_iter > 1 and len(self.joined) else None
+
         def task(part):
+            part = np.arange(part.start, part.stop)
+            if self.n_iter > 1:
+                changed = self.left[self.neighbors[part]].any(axis=1)
+                if tree is not None:
+                    changed |= tree.query(X[part])[0] <= fitted.radius[part] * NEXT
+                part = part[changed]
+                if len(part) == 0:
+                    return
             positions, sizes = index.query(X[part])
             rows = self.member_rows[positions]
             stale = (rows != self.neighbors[part]).any(axis=1)
@@ -187,7 +205,7 @@ class IteratedPlanes:
                 extents = self._extents(X[part], positions, sizes)
                 fitted.spacing[part], fitted.radius[part] = extents
 
-        each_chunk(X, CHUNK[self.compiled], task, self.n_jobs)
+        each_slice(len(X), CHUNK[self.compiled], task, self.n_jobs)
         rows = self.member_rows
         scale, radius = fitted.planes.scale[rows], fitted.radius[rows]
         if self.pooled:

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from scenes import corner, cylinder, sphere, torus
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd._density import group_sizes
+from sklearn_mcmd._iteration import IteratedPlanes
 from sklearn_mcmd.datasets import make_street
 
 OWN = {"max_iter": 1, "noise_scale": "own", "borrow": False}
@@ -173,6 +174,21 @@ def test_iteration_ends_before_the_most_passes_on_a_clean_cloud(form):
 def test_iteration_ends_with_many_outliers(form):
     X = make_street(4000, outlier_share=0.4, random_state=2).data
     assert detector({**form, "max_iter": 60}).fit(X).n_iter_ < 60
+
+
+def test_searching_only_what_may_have_changed_finds_what_searching_all_does(street, monkeypatch):
+    X = np.vstack([street.data, street.data[::7]])  # with copies
+    refit, n_passes = IteratedPlanes._refit, []
+
+    def checked(self, points):
+        refit(self, points)
+        found, _ = self.model.index.query(points)
+        assert_array_equal(self.neighbors, self.member_rows[found])
+        n_passes.append(self.n_iter)
+
+    monkeypatch.setattr(IteratedPlanes, "_refit", checked)
+    detector({"max_iter": 6}).fit(X)
+    assert len(n_passes) > 3
 
 
 def test_compiled_verdicts_are_those_of_numpy(street, monkeypatch):
