@@ -3,6 +3,7 @@
 import numpy as np
 
 __all__ = [
+    "EXPLAINED",
     "KEPT_WEIGHT",
     "LEAST_KEPT",
     "MOST_SPARSE",
@@ -15,8 +16,11 @@ __all__ = [
 LEAST_KEPT = 0.5
 # ... is not sparser than its surroundings, and is flat for its size.
 MOST_SPARSE = 1.15
-# Weight of the share of its neighborhood that a plane keeps: as of two further observations.
-KEPT_WEIGHT = 2.0
+# A plane explains points within so many of its standard deviations.
+EXPLAINED = 3.0
+# Weight of the logarithm of the share of its neighborhood that a plane keeps. More is better where
+# there is noise, less where there is none.
+KEPT_WEIGHT = 1.5
 
 
 def credible_planes(scale, removed_fraction, radius, radius_around, most_rough):

@@ -46,6 +46,8 @@ def smooth_planes(neighborhoods, sizes, scale):
     centroids, eigenvalues, axes : as by `fit_planes`
     deviation : ndarray of shape (B,)
         Standard deviation of the members from the plane.
+    left : ndarray of shape (B,)
+        Standard deviation that the quadric leaves; from the plane where there is none.
     """
     _, k, d = neighborhoods.shape
     valid = np.arange(k) < sizes[:, None]
@@ -59,15 +61,17 @@ def smooth_planes(neighborhoods, sizes, scale):
     columns += [flat[..., i] * flat[..., j] for i, j in pairs]
     design = np.stack(columns, axis=-1)
     total = np.square(height).sum(axis=1)
-    left, determined = _residual(design, height, total)
+    squares, determined = _residual(design, height, total)
     plane = total / np.maximum(sizes - d, 1)
-    quadric = left / np.maximum(sizes - len(columns), 1)
+    quadric = squares / np.maximum(sizes - len(columns), 1)
     noise = np.square(scale / extent[:, 0])
     smooth = (plane <= ALL_FLAT**2 * noise) | (
         determined & ((quadric <= CURVED**2 * noise) | (quadric <= QUADRIC * plane))
     )
     smooth &= (sizes >= least_members(d)) & (scale > 0)
-    return smooth, centroids, eigenvalues, axes, np.sqrt(plane) * extent[:, 0]
+    left = np.where(determined, np.minimum(quadric, plane), plane)
+    extent = extent[:, 0]
+    return smooth, centroids, eigenvalues, axes, np.sqrt(plane) * extent, np.sqrt(left) * extent
 
 
 def _residual(design, height, total):

@@ -13,7 +13,8 @@ TERMS = 6
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def smooth_planes_3d(
-    points, indices, sizes, scale, smooth, centroids, eigenvalues, normals, directions, deviation
+    points, indices, sizes, scale, smooth, centroids, eigenvalues, normals, directions, deviation,
+    left,
 ):  # fmt: skip
     """Fill the planes of all members where they make a smooth surface; see `smooth_planes`."""
     k = indices.shape[1]
@@ -37,13 +38,14 @@ def smooth_planes_3d(
         total = _moments(local, size, mean, axes, extent, terms, moments, right)
         noise = (scale[i] / extent) ** 2
         plane = total / max(size - 3, 1)
-        if not plane <= ALL_FLAT**2 * noise:
-            left, determined = _residual(moments, right, forward, total)
-            quadric = left / max(size - TERMS, 1)
-            if not (determined and (quadric <= CURVED**2 * noise or quadric <= QUADRIC * plane)):
-                continue
+        squares, determined = _residual(moments, right, forward, total)
+        quadric = squares / max(size - TERMS, 1)
+        curved = determined and (quadric <= CURVED**2 * noise or quadric <= QUADRIC * plane)
+        if not (curved or plane <= ALL_FLAT**2 * noise):
+            continue
         smooth[i] = True
         deviation[i] = np.sqrt(plane) * extent
+        left[i] = np.sqrt(min(quadric, plane) if determined else plane) * extent
         for axis in range(3):
             centroids[i, axis] = points[first, axis] + mean[axis]
             eigenvalues[i, axis] = values[axis]

@@ -93,7 +93,7 @@ def test_smoothness_is_decided_by_the_residual_of_a_quadric():
         scale.append([0.05, 0.02, 0.02][i % 3])
     neighborhoods, scale = np.array(neighborhoods), np.array(scale)
     sizes = np.full(300, 40)
-    smooth, centroids, values, axes, deviation = smooth_planes(neighborhoods, sizes, scale)
+    smooth, centroids, values, axes, deviation, noise = smooth_planes(neighborhoods, sizes, scale)
     for i in range(0, 300, 7):
         local = (neighborhoods[i] - centroids[i]) @ axes[i]
         z, u, v = local.T
@@ -104,6 +104,7 @@ def test_smoothness_is_decided_by_the_residual_of_a_quadric():
         expected |= quadric <= 0.64 * scale[i] ** 2 or quadric <= 0.02 * plane
         assert smooth[i] == expected
         assert_allclose(deviation[i] ** 2, plane, rtol=1e-9)
+        assert_allclose(noise[i] ** 2, min(quadric, plane), rtol=1e-9)
     assert smooth[0::3].mean() > 0.95
     assert smooth[1::3].mean() < 0.05
     assert smooth[2::3].mean() > 0.8
@@ -111,9 +112,11 @@ def test_smoothness_is_decided_by_the_residual_of_a_quadric():
     points, indices = neighborhoods.reshape(-1, 3), np.arange(12000).reshape(300, 40)
     compiled = np.empty(300, dtype=bool)
     arrays = [np.empty((300, 3)) for _ in range(4)]
-    smooth_planes_3d(points, indices, sizes, scale, compiled, *arrays, np.empty(300))
+    left = np.empty(300)
+    smooth_planes_3d(points, indices, sizes, scale, compiled, *arrays, np.empty(300), left)
     assert_array_equal(compiled, smooth)
     assert_allclose(arrays[1][smooth], values[smooth], rtol=1e-9)
+    assert_allclose(left[smooth], noise[smooth], rtol=1e-9)
 
 
 def test_neighborhoods_on_two_scan_lines_determine_no_quadric():

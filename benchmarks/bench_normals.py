@@ -1,0 +1,162 @@
+"""How far are normals off, near edges, away from them and on curved surfaces, with the truth?
+
+Mean, median and 95 % of the angle to the true normal in degrees, and the share within 10
+degrees, of least squares (what Open3D, PCL and pgeof compute), of the paper's form, of the
+default without borrowed planes and of the default. "Near" is within four spacings of an edge.
+"True planes" knows the plane of every face and gives each point the one that it is nearest to:
+with noise, no method can tell the faces better next to an edge.
+
+    python benchmarks/bench_normals.py streets --seeds 3
+    python benchmarks/bench_normals.py curved
+    python benchmarks/bench_normals.py clouds ../shared/data/cad_*/cloud.npz --n-neighbors 30 50
+    python benchmarks/bench_normals.py clouds ../shared/data/cad_a*/cloud.npz --noise 0.2
+"""
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+FORMS = {
+    "least squares": {"method": "pca"},
+    "paper (literal)": {"refine": None},
+    "own planes": {"borrow": False},
+    "default": {},
+}
+NEAR = 4.0  # spacings
+
+
+@dataclass
+class Scene:
+    name: str
+    data: np.ndarray
+    normals: np.ndarray
+    regular: np.ndarray
+    near: np.ndarray
+    faces: np.ndarray = None  # points without noise, where faces are flat
+
+
+def streets(options):
+    from sklearn_mcmd.datasets import make_street
+
+    for seed in range(options.seeds):
+        street = make_street(options.size, outlier_share=options.share, random_state=seed)
+        name = f"street {seed}, {options.size:,} points, {100 * options.share:g} % outliers"
+        near = street.edge_distance < NEAR * street.spacing
+        yield Scene(name, street.data, street.normals, street.target == 1, near, street.true_points)
+
+
+def clouds(options):
+    for path in options.clouds:
+        with np.load(path) as arrays:
+            X, normals = arrays["xyz"].astype(np.float64), arrays["normals"]
+            distance = arrays["edge_dist"]
+        spacing = typical_spacing(X)
+        everyone = np.ones(len(X), dtype=bool)
+        name = f"{Path(path).parent.name}, noise {options.noise:g} spacings"
+        noise = np.random.default_rng(0).normal(0, options.noise * spacing, X.shape)
+        yield Scene(name, X + noise, normals, everyone, distance < NEAR * spacing, X)
+
+
+def curved(options):
+    n = 5000
+    for noise in (0.0, 0.005):
+        for make in (ball, pipe, ring):
+            rng = np.random.default_rng(0)
+            X, normals = make(n, rng)
+            X += rng.normal(0, noise, X.shape)
+            everyone = np.ones(n, dtype=bool)
+            yield Scene(f"{make.__name__}, noise {noise:g}", X, normals, everyone, ~everyone)
+
+
+def ball(n, rng):
+    normals = rng.normal(size=(n, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals.copy(), normals
+
+
+def pipe(n, rng):
+    angle = rng.uniform(0, 2 * np.pi, n)
+    normals = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(n)])
+    return normals + np.column_stack([np.zeros((n, 2)), rng.uniform(0, 6, n)]), normals
+
+
+def ring(n, rng):
+    u, v = rng.uniform(0, 2 * np.pi, (2, n))
+    normals = np.column_stack([np.cos(v) * np.cos(u), np.cos(v) * np.sin(u), np.sin(v)])
+    return 0.3 * normals + np.column_stack([np.cos(u), np.sin(u), np.zeros(n)]), normals
+
+
+def typical_spacing(X):
+    """Side of the square that a point has for itself."""
+    from scipy.spatial import cKDTree
+
+    distances, _ = cKDTree(X).query(X[::17], k=20)
+    return float(np.sqrt(np.median(np.pi * distances[:, -1] ** 2 / 20)))
+
+
+def nearest_true_planes(scene, n_neighbors):
+    """Of the true planes around, the one that each point is nearest to."""
+    from scipy.spatial import cKDTree
+
+    rows = np.flatnonzero(scene.regular)
+    _, found = cKDTree(scene.data[rows]).query(scene.data, n_neighbors)
+    found = rows[found]
+    gaps = scene.data[:, None] - scene.faces[found]
+    heights = np.abs(np.einsum("nkd,nkd->nk", gaps, scene.normals[found]))
+    return scene.normals[found[np.arange(len(found)), heights.argmin(axis=1)]]
+
+
+def compare(scene, n_neighbors, options):
+    from sklearn_mcmd import RobustNormalEstimator
+
+    parts = {"near edges": scene.regular & scene.near, "elsewhere": scene.regular & ~scene.near}
+    print(f"\n{scene.name}, n_neighbors={n_neighbors}")
+    title = "".join(f"{part:>38}" for part in parts)
+    print(f"{'degrees':16}{title}")
+    normals = {}
+    for name, form in FORMS.items():
+        estimator = RobustNormalEstimator(
+            n_neighbors, random_state=0, n_jobs=options.threads, **form
+        )
+        normals[name] = estimator.fit(scene.data).normals_
+    if scene.faces is not None:
+        normals["true planes"] = nearest_true_planes(scene, n_neighbors)
+    for name, found in normals.items():
+        cosine = np.abs(np.einsum("nd,nd->n", found, scene.normals))
+        angle = np.degrees(np.arccos(np.minimum(cosine, 1.0)))
+        row = ""
+        for part in parts.values():
+            if part.any():
+                a = angle[part]
+                row += f"{a.mean():9.2f}{np.median(a):8.2f}{np.quantile(a, 0.95):9.1f}"
+                row += f"{100 * (a < 10).mean():10.2f} %"
+            else:
+                row += f"{'-':>38}"
+        print(f"{name:16}{row}", flush=True)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    kinds = parser.add_subparsers(dest="kind", required=True)
+    for make in (streets, curved, clouds):
+        part = kinds.add_parser(make.__name__)
+        part.set_defaults(make=make)
+        part.add_argument("--n-neighbors", type=int, nargs="+", default=[50])
+        part.add_argument("--threads", type=int, default=2)
+        if make is streets:
+            part.add_argument("--size", type=int, default=100_000)
+            part.add_argument("--share", type=float, default=0.1)
+            part.add_argument("--seeds", type=int, default=3)
+        if make is clouds:
+            part.add_argument("clouds", nargs="+", help="npz files with xyz, normals, edge_dist")
+            part.add_argument("--noise", type=float, default=0.0, help="in spacings")
+    options = parser.parse_args()
+    for scene in options.make(options):
+        for n_neighbors in options.n_neighbors:
+            compare(scene, n_neighbors, options)
+
+
+if __name__ == "__main__":
+    main()
