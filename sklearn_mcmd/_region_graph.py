@@ -15,6 +15,8 @@ COMPILE_FROM = 2_000
 CHUNK = 200_000
 # A point's nearest neighbors that decide whether growth may pass through it.
 NEAREST = 12
+# A plane that is so many times farther from its neighbors than is usual runs across an edge.
+MOST_UNUSUAL = 2.0
 # Rule A: neighbors within the median and so many standard deviations of the distances.
 N_DEVIATIONS = 2.0
 
@@ -56,7 +58,10 @@ def link_neighbors(
        which leaves the nearer half, and 1. is then of these alone,
     3. its normal is within the angle,
 
-    and if 1. and 3. hold for `core_fraction` of the nearest neighbors.
+    and if 1. and 3. hold for `core_fraction` of the nearest neighbors, and the point itself is
+    within that distance of its plane. Automatic distances are limited then to twice the
+    lower quartile of the neighbors': next to a kerb the plane of the road has the footpath's
+    points among its neighbors, but must not lead to them.
 
     Parameters
     ----------
@@ -78,24 +83,34 @@ def link_neighbors(
     n, d = points.shape
     # Neighbors beyond the median distance are never linked, and need not be found.
     k = index.n_neighbors if max_gap is not None else n_within_median(index.n_neighbors) + 1
-    width = k - 1
-    result = NeighborLinks(np.empty((n, width), np.int32), np.empty(n), np.empty(n))
-    link = _link_numpy
+    graph = NeighborLinks(np.empty((n, k - 1), np.int32), np.empty(n), np.empty(n))
+    limit = np.empty(n)
+    measure, link = _measure_numpy, _link_numpy
     if d == 3 and n >= COMPILE_FROM:
-        link = _compiled("link_neighbors_3d") or _link_numpy
-    threshold = -1.0 if max_distance is None else float(max_distance)
+        measure = _compiled("measure_neighbors_3d") or measure
+        link = _compiled("link_neighbors_3d") or link
+    # The paper, without core points, takes its thresholds as they are.
+    most = MOST_UNUSUAL if core_fraction > 0 and max_distance is None else np.inf
     longest = np.inf if max_gap is None else float(max_gap)
 
-    def task(rows):
+    def measured(rows):
         distances, indices = index.tree.query(points[rows], k=k)
-        distances, indices = distances.reshape(-1, k), indices.reshape(-1, k)
-        arguments = (points, normals, indices, distances, rows.start, floor[rows])
-        limits = (min_cosine, threshold, longest, majority_of(core_fraction, k))
-        link(*arguments, *limits, result.links[rows], result.offset[rows])
-        result.radius[rows] = distances[:, -1]
+        indices = indices.reshape(-1, k)
+        measure(points, normals, indices, rows.start, graph.offset[rows], limit[rows])
+        limit[rows] = np.maximum(limit[rows], floor[rows])
+        if max_distance is not None:
+            limit[rows] = max_distance
+        graph.links[rows] = indices[:, 1:]
+        graph.radius[rows] = distances.reshape(-1, k)[:, -1]
 
-    each_slice(n, max(1, CHUNK // k), task, n_jobs)
-    return result
+    def linked(rows):
+        thresholds = min_cosine, longest, most, majority_of(core_fraction, k)
+        link(points, normals, rows.start, graph.offset, limit, *thresholds, graph.links[rows])
+
+    chunk = max(1, CHUNK // k)
+    each_slice(n, chunk, measured, n_jobs)
+    each_slice(n, chunk, linked, n_jobs)
+    return graph
 
 
 def grow_regions(links, seeds):
@@ -132,30 +147,39 @@ def majority_of(core_fraction, k):
     return int(np.ceil(core_fraction * nearest)), nearest
 
 
-def _link_numpy(
-    points, normals, indices, distances, start, floor,
-    min_cosine, max_distance, max_gap, majority, links, offset,
-):  # fmt: skip
-    """Any dimension, one chunk; fills `links` and `offset`."""
+def _measure_numpy(points, normals, indices, start, offset, limit):
+    """Any dimension, one chunk; fills `offset` and the largest distance to the plane."""
     rows = np.arange(start, start + len(indices))
-    own = normals[rows][:, None]
-    heights = ((points[indices] - points[rows][:, None]) * own).sum(axis=-1)
+    gaps = points[indices] - points[rows][:, None]
+    heights = (gaps * normals[rows][:, None]).sum(axis=-1)
     offset[:] = np.median(heights, axis=1)
     away = np.abs(heights - offset[:, None])
-    if max_distance < 0:
-        middle = np.median(away, axis=1)
-        spread = MAD_TO_SD * np.median(np.abs(away - middle[:, None]), axis=1)
-        limit = np.maximum(middle + N_DEVIATIONS * spread, floor)
-    else:
-        limit = np.full(len(rows), max_distance)
-    fits = away <= limit[:, None]
-    fits &= np.abs((normals[indices] * own).sum(axis=-1)) >= min_cosine
+    middle = np.median(away, axis=1)
+    spread = MAD_TO_SD * np.median(np.abs(away - middle[:, None]), axis=1)
+    limit[:] = middle + N_DEVIATIONS * spread
+
+
+def _link_numpy(
+    points, normals, start, offset, limit, min_cosine, max_gap, most, majority, links
+):  # fmt: skip
+    """Any dimension, one chunk; leaves in `links` the neighbors that may be added."""
+    rows = np.arange(start, start + len(links))
+    own = normals[rows][:, None]
+    gaps = points[links] - points[rows][:, None]
+    away = np.abs((gaps * own).sum(axis=-1) - offset[rows, None])
+    largest = limit[rows]
+    if most < np.inf:
+        around = np.sort(np.column_stack([largest, limit[links]]), axis=1)
+        largest = np.minimum(largest, most * around[:, around.shape[1] // 4])
+    fits = away <= largest[:, None]
+    fits &= np.abs((normals[links] * own).sum(axis=-1)) >= min_cosine
     n_fitting, nearest = majority
-    core = np.count_nonzero(fits[:, 1 : nearest + 1], axis=1) >= n_fitting
-    width = links.shape[1]
-    linked = fits[:, 1 : width + 1] & (distances[:, 1 : width + 1] <= max_gap) & core[:, None]
-    links[:] = np.where(linked, indices[:, 1 : width + 1], -1)
-    links[:] = np.take_along_axis(links, np.argsort(~linked, axis=1, kind="stable"), axis=1)
+    core = np.count_nonzero(fits[:, :nearest], axis=1) >= n_fitting
+    if n_fitting > 0:
+        core &= np.abs(offset[rows]) <= largest
+    fits &= core[:, None] & (np.sqrt(np.square(gaps).sum(axis=-1)) <= max_gap)
+    found = np.where(fits, links, -1)
+    links[:] = np.take_along_axis(found, np.argsort(~fits, axis=1, kind="stable"), axis=1)
 
 
 def _grow(links, seeds):

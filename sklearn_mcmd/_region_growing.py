@@ -49,7 +49,7 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
     max_distance : float, default=None
         Largest distance of a neighbor from the plane of a point, in units of X. None sets it
         for each point from its neighborhood: the median of its members' distances and two
-        robust standard deviations.
+        robust standard deviations, but no more than is usual around (see `core_fraction`).
 
     max_gap : float, default=None
         Largest distance of a neighbor, in units of X. None is the median of the
@@ -60,8 +60,10 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
 
     core_fraction : float in [0, 1], default=0.5
         Share of the nearest 12 neighbors that must fit the point's plane and normal for a
-        region to grow on from it. Where normals are mixed, as next to an edge, a point may
-        be added to a region but leads no further. 0 is the paper.
+        region to grow on from it; the point itself must lie on that plane, and an automatic
+        `max_distance` is at most twice the lower quartile of the neighbors'. Where normals are
+        mixed, as next to an edge, a point may be added to a region but leads no further. 0 is
+        the paper, without all of this.
 
     join_coplanar : bool, default=True
         Whether regions that lie in one plane are joined where the gap between them is shorter

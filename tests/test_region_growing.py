@@ -44,7 +44,7 @@ def grown_by_loops(columns, d, k, max_angle, max_distance, max_gap, core_fractio
     """Section 5.2.3 point by point, with the departures that the docstring names."""
     X, normals, variation = columns[:, :d], columns[:, d : 2 * d], columns[:, 2 * d]
     n = len(X)
-    links = []
+    hoods, offsets, limits = [], np.empty(n), np.empty(n)
     for i in range(n):
         distances = np.sqrt(((X - X[i]) ** 2).sum(axis=1))
         near = np.argsort(distances, kind="stable")[:k]
@@ -52,17 +52,25 @@ def grown_by_loops(columns, d, k, max_angle, max_distance, max_gap, core_fractio
         if gap is None:  # the median of the k - 1 others, the lower one of two
             gap = np.sort(distances[near[1:]])[(k - 2) // 2]
             near = near[distances[near] <= gap]
+        hoods.append((near, distances[near] <= gap))
         heights = (X[near] - X[i]) @ normals[i]
-        away = abs(heights - np.median(heights))
-        limit = max_distance
-        if limit is None:
-            median = np.median(away)
-            limit = median + 2 * 1.4826 * np.median(abs(away - median))
+        offsets[i] = np.median(heights)
+        limits[i] = np.nan if max_distance is None else max_distance
+        if max_distance is None:
+            away = abs(heights - offsets[i])
+            limits[i] = np.median(away) + 2 * 1.4826 * np.median(abs(away - np.median(away)))
+    links = []
+    for i, (near, reached) in enumerate(hoods):
+        limit = limits[i]
+        if max_distance is None and core_fraction:
+            limit = min(limit, 2 * np.sort(limits[near])[len(near) // 4])
+        away = abs((X[near] - X[i]) @ normals[i] - offsets[i])
         turn = np.degrees(np.arccos(np.minimum(abs(normals[near] @ normals[i]), 1)))
         fits = (away <= limit) & (turn <= max_angle)
         nearest = fits[1:13]
         core = nearest.sum() >= core_fraction * len(nearest)
-        links.append(set(near[1:][(fits & (distances[near] <= gap))[1:]]) if core else set())
+        core &= core_fraction == 0 or abs(offsets[i]) <= limit
+        links.append(set(near[1:][(fits & reached)[1:]]) if core else set())
     labels, region = np.full(n, -1), 0
     for seed in np.argsort(variation, kind="stable"):
         if labels[seed] >= 0:
