@@ -11,7 +11,18 @@ import numpy as np
 
 from sklearn_mcmd._plane import fit_planes
 
-__all__ = ["ALL_FLAT", "CURVED", "PIVOT", "QUADRIC", "least_members", "smooth_planes"]
+__all__ = [
+    "AS_FLAT",
+    "FARTHEST",
+    "LEAST_KURTOSIS",
+    "LEAST_WIDTH",
+    "MOST_SKEW",
+    "PERFECT",
+    "PIVOT",
+    "is_smooth",
+    "least_members",
+    "whole_planes",
+]
 
 # All members keep to their plane nearly as well as the retained do to theirs: no outliers.
 ALL_FLAT = 1.2
@@ -23,6 +34,16 @@ CURVED = 0.8
 QUADRIC = 0.02
 # A quadric that the members don't determine, as on two scan lines, explains nothing.
 PIVOT = 1e-6
+# A neighborhood is ordinary, and no robust plane need be sought, if the plane leaves hardly more
+# than a quadric does, no member is farther than noise puts one of fifty, ...
+AS_FLAT, FARTHEST = 1.06, 3.0
+# ... and the heights are like a normal sample's: a few members of another face make them skew,
+# and of points about two planes, or about one that runs across both, the kurtosis is below 2.
+MOST_SKEW, LEAST_KURTOSIS = 0.5, 2.1
+# Narrower strips tell nothing about their plane, in standard deviations of width to length.
+LEAST_WIDTH = 0.05
+# Deviation from the plane to length that is rounding.
+PERFECT = 1e-9
 
 
 def least_members(d):
@@ -30,24 +51,33 @@ def least_members(d):
     return 2 * (1 + (d - 1) + d * (d - 1) // 2)
 
 
-def smooth_planes(neighborhoods, sizes, scale):
-    """Planes of all members, and where these make a smooth surface.
+def is_smooth(deviation, left, scale):
+    """Whether neighborhoods with robust planes of a scale keep all members: bool (B,).
+
+    `deviation` and `left` are as by `whole_planes`.
+    """
+    smooth = (deviation <= ALL_FLAT * scale) | (left <= CURVED * scale)
+    smooth |= left <= np.sqrt(QUADRIC) * deviation
+    return smooth & np.isfinite(deviation) & (scale > 0)
+
+
+def whole_planes(neighborhoods, sizes):
+    """Planes of all members, and what a quadric over them leaves.
 
     Parameters
     ----------
     neighborhoods : ndarray of shape (B, k, d)
     sizes : ndarray of int of shape (B,)
-    scale : ndarray of shape (B,)
-        Of the robust plane.
 
     Returns
     -------
-    smooth : ndarray of bool of shape (B,)
     centroids, eigenvalues, axes : as by `fit_planes`
     deviation : ndarray of shape (B,)
-        Standard deviation of the members from the plane.
+        Standard deviation of the members from the plane; inf where these are too few.
     left : ndarray of shape (B,)
-        Standard deviation that the quadric leaves; from the plane where there is none.
+        From the quadric; inf where the members do not determine it.
+    ordinary : ndarray of bool of shape (B,)
+        Whether noise about the plane is all there is.
     """
     _, k, d = neighborhoods.shape
     valid = np.arange(k) < sizes[:, None]
@@ -62,16 +92,22 @@ def smooth_planes(neighborhoods, sizes, scale):
     design = np.stack(columns, axis=-1)
     total = np.square(height).sum(axis=1)
     squares, determined = _residual(design, height, total)
-    plane = total / np.maximum(sizes - d, 1)
-    quadric = squares / np.maximum(sizes - len(columns), 1)
-    noise = np.square(scale / extent[:, 0])
-    smooth = (plane <= ALL_FLAT**2 * noise) | (
-        determined & ((quadric <= CURVED**2 * noise) | (quadric <= QUADRIC * plane))
-    )
-    smooth &= (sizes >= least_members(d)) & (scale > 0)
-    left = np.where(determined, np.minimum(quadric, plane), plane)
-    extent = extent[:, 0]
-    return smooth, centroids, eigenvalues, axes, np.sqrt(plane) * extent, np.sqrt(left) * extent
+    enough, extent = sizes >= least_members(d), extent[:, 0]
+    deviation = np.sqrt(total / np.maximum(sizes - d, 1))
+    left = np.sqrt(squares / np.maximum(sizes - len(columns), 1))
+    variance = total / sizes
+    with np.errstate(divide="ignore", invalid="ignore"):
+        skew = (height**3).sum(axis=1) / sizes / variance**1.5
+        kurtosis = (height**4).sum(axis=1) / sizes / variance**2
+    ordinary = (deviation <= AS_FLAT * left) & (kurtosis >= LEAST_KURTOSIS)
+    ordinary &= np.abs(skew) <= MOST_SKEW
+    ordinary &= np.square(height).max(axis=1) <= FARTHEST**2 * variance
+    ordinary |= deviation <= PERFECT
+    wide = eigenvalues[:, min(1, d - 1)] > LEAST_WIDTH**2 * eigenvalues[:, -1]
+    ordinary &= enough & determined & wide
+    deviation = np.where(enough, deviation * extent, np.inf)
+    left = np.where(enough & determined, left * extent, np.inf)
+    return centroids, eigenvalues, axes, deviation, left, ordinary
 
 
 def _residual(design, height, total):

@@ -4,57 +4,84 @@ import numpy as np
 from numba import njit
 
 from sklearn_mcmd._plane_numba import FASTMATH, eigh_3d, weighted_covariance
-from sklearn_mcmd._smoothness import ALL_FLAT, CURVED, PIVOT, QUADRIC
+from sklearn_mcmd._smoothness import (
+    AS_FLAT,
+    FARTHEST,
+    LEAST_KURTOSIS,
+    LEAST_WIDTH,
+    MOST_SKEW,
+    PERFECT,
+    PIVOT,
+)
 
-__all__ = ["smooth_planes_3d"]
+__all__ = ["whole_planes_3d"]
 
 TERMS = 6
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def smooth_planes_3d(
-    points, indices, sizes, scale, smooth, centroids, eigenvalues, normals, directions, deviation,
-    left,
+def whole_planes_3d(
+    points, indices, sizes, centroids, eigenvalues, normals, directions, deviation, left, ordinary
 ):  # fmt: skip
-    """Fill the planes of all members where they make a smooth surface; see `smooth_planes`."""
+    """Fill what `whole_planes` returns, of the axes the first and the last."""
     k = indices.shape[1]
-    local, weight = np.empty((3, k)), np.ones(k)
+    local, weight, height = np.empty((3, k)), np.ones(k), np.empty(k)
     terms, moments = np.empty(TERMS), np.empty((TERMS, TERMS))
     right, forward = np.empty(TERMS), np.empty(TERMS)
     for i in range(len(indices)):
         size = sizes[i]
-        smooth[i] = False
-        if size < 2 * TERMS or scale[i] <= 0.0:
-            continue
         first = indices[i, 0]
         for j in range(size):
             for axis in range(3):
                 local[axis, j] = points[indices[i, j], axis] - points[first, axis]
         mean, covariance = weighted_covariance(local, size, weight)
         values, axes = eigh_3d(covariance)
-        extent = np.sqrt(values[2])
-        if extent == 0.0:
-            continue
-        total = _moments(local, size, mean, axes, extent, terms, moments, right)
-        noise = (scale[i] / extent) ** 2
-        plane = total / max(size - 3, 1)
-        squares, determined = _residual(moments, right, forward, total)
-        quadric = squares / max(size - TERMS, 1)
-        curved = determined and (quadric <= CURVED**2 * noise or quadric <= QUADRIC * plane)
-        if not (curved or plane <= ALL_FLAT**2 * noise):
-            continue
-        smooth[i] = True
-        deviation[i] = np.sqrt(plane) * extent
-        left[i] = np.sqrt(min(quadric, plane) if determined else plane) * extent
         for axis in range(3):
             centroids[i, axis] = points[first, axis] + mean[axis]
             eigenvalues[i, axis] = values[axis]
             normals[i, axis] = axes[0][axis]
             directions[i, axis] = axes[2][axis]
+        extent = np.sqrt(values[2])
+        deviation[i] = left[i] = np.inf
+        ordinary[i] = False
+        if size < 2 * TERMS or extent == 0.0:
+            continue
+        total = _moments(local, size, mean, axes, extent, terms, moments, right, height)
+        squares, determined = _residual(moments, right, forward, total)
+        plane = np.sqrt(total / (size - 3))
+        deviation[i] = plane * extent
+        if not determined:
+            continue
+        quadric = np.sqrt(squares / (size - TERMS))
+        left[i] = quadric * extent
+        if values[1] <= LEAST_WIDTH**2 * values[2]:
+            continue
+        if plane <= PERFECT:
+            ordinary[i] = True
+        elif plane <= AS_FLAT * quadric:
+            variance = total / size
+            third, fourth, farthest = _tails(height, size)
+            ordinary[i] = (
+                farthest <= FARTHEST**2 * variance
+                and abs(third) / size <= MOST_SKEW * variance**1.5
+                and fourth / size >= LEAST_KURTOSIS * variance**2
+            )
 
 
 @njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def _moments(local, size, mean, axes, extent, terms, moments, right):
+def _tails(height, size):
+    """Sums of the third and fourth powers, and the largest square."""
+    third = fourth = farthest = 0.0
+    for j in range(size):
+        square = height[j] * height[j]
+        third += square * height[j]
+        fourth += square * square
+        farthest = max(farthest, square)
+    return third, fourth, farthest
+
+
+@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+def _moments(local, size, mean, axes, extent, terms, moments, right, heights):
     """Normal equations of the quadric (lower triangle) and the sum of squared heights."""
     moments[:] = 0.0
     right[:] = 0.0
@@ -66,6 +93,7 @@ def _moments(local, size, mean, axes, extent, terms, moments, right):
         height = (ax * x + ay * y + az * z) * scale
         u = (bx * x + by * y + bz * z) * scale
         v = (cx * x + cy * y + cz * z) * scale
+        heights[j] = height
         total += height * height
         terms[0], terms[1], terms[2] = 1.0, u, v
         terms[3], terms[4], terms[5] = u * u, u * v, v * v

@@ -9,11 +9,12 @@ it best, and planes that are noisier than is usual around come last.
 import numpy as np
 
 from sklearn_mcmd._borrowing import EXPLAINED, explanation_cost
-from sklearn_mcmd._chunks import each_chunk, run
-from sklearn_mcmd._judging import quantile_around
+from sklearn_mcmd._chunks import each_chunk, each_slice, run
+from sklearn_mcmd._judging import quantile_around, ratio
 from sklearn_mcmd._local_planes import CHUNK, LocalPlanes
+from sklearn_mcmd._neighborhoods import spatial_order
 from sklearn_mcmd._plane import flat_normals, normal_errors
-from sklearn_mcmd._smoothness import smooth_planes
+from sklearn_mcmd._smoothness import is_smooth, whole_planes
 
 __all__ = ["SurfacePlanes"]
 
@@ -49,38 +50,36 @@ class SurfacePlanes:
     def fit(self, X):
         """Planes of the fitted points X (n, d), and whose they are: rows of X, (n,)."""
         n = len(X)
+        rows = self.model.index.rows
+        # In spatial order every stage is faster; it is undone at the end.
+        order = rows if len(rows) == n else spatial_order(X)
+        X = X[order]
         planes, owners = LocalPlanes.empty(*X.shape), np.arange(n)
         smooth, noise = np.empty(n, dtype=bool), np.empty(n)
-        self.rows = self.model.index.rows
-        chunks = []
+        members = np.argsort(order)[rows]
+        neighborhoods = {}
 
         def sweep(part):
             indices, sizes = self._neighborhoods(X[part])
             planes[part], smooth[part], noise[part] = self._own(X[part], indices, sizes)
-            chunks.append((part, indices, sizes))
-
-        each_chunk(X, self._chunk(), sweep, self.n_jobs)
-        if not self.borrow:
-            return planes, owners
-        self.noise = noise[self.rows]
+            neighborhoods[part.start] = part, indices, sizes
 
         def unfold(part, indices, sizes):
-            own, whole = planes.take(part), smooth[part]
-            self._unfold(X[part], own, whole, noise[part], indices, sizes)
-            planes[part], smooth[part] = own, whole
-
-        run(chunks, unfold, self.n_jobs)
-        self.members = planes.take(self.rows)
+            self._unfold(X[part], planes.take(part), smooth[part], noise[part], indices, sizes)
 
         def lend(part, indices, sizes):
-            own = planes.take(part)
-            lenders = self._lend(X[part], own, smooth[part], indices, sizes)
-            planes[part] = own
-            found = lenders >= 0
-            owners[part[found]] = self.rows[lenders[found]]
+            lenders = self._lend(X[part], planes.take(part), smooth[part], indices, sizes)
+            owners[part] = np.where(lenders >= 0, members[lenders], owners[part])
 
-        run(chunks, lend, self.n_jobs)
-        return planes, owners
+        each_slice(n, self._chunk(), sweep, self.n_jobs)
+        if self.borrow:
+            self.noise = noise[members]
+            run(list(neighborhoods.values()), unfold, self.n_jobs)
+            self.members = planes.take(members)
+            run(list(neighborhoods.values()), lend, self.n_jobs)
+        result, plane_index = LocalPlanes.empty(*X.shape), np.empty(n, dtype=np.intp)
+        result[order], plane_index[order] = planes, order[owners]
+        return result, plane_index
 
     def evaluate(self, queries):
         """Planes of any queries (m, d)."""
@@ -113,50 +112,59 @@ class SurfacePlanes:
     def _own(self, points, indices, sizes):
         """Planes of neighborhoods, of all members where these are smooth; bool (m,), which are;
         and the noise (m,) of the surface, curved or not."""
-        planes = self._robust(points, indices, sizes)
-        members = self.model.index.points
-        deviation, noise = planes.scale.copy(), planes.scale.copy()
-        if self.compiled:
-            from sklearn_mcmd._smoothness_numba import smooth_planes_3d
+        planes = LocalPlanes.empty(*points.shape)
+        deviation, left, smooth = self._fit_whole(planes, indices, sizes)
+        rest = np.flatnonzero(~smooth)
+        if len(rest):
+            robust = self._robust(points[rest], indices[rest], sizes[rest])
+            whole = is_smooth(deviation[rest], left[rest], robust.scale)
+            smooth[rest] = whole
+            planes[rest[~whole]] = robust.take(~whole)
+        rows = np.flatnonzero(smooth)
+        self._finish_whole(planes, rows, points, sizes, deviation)
+        return planes, smooth, np.where(smooth, np.minimum(deviation, left), planes.scale)
 
-            smooth = np.empty(len(indices), dtype=bool)
-            smooth_planes_3d(
+    def _fit_whole(self, planes, indices, sizes):
+        """Fill planes of all members; `deviation`, `left` and `ordinary` of `whole_planes`."""
+        members = self.model.index.points
+        if self.compiled:
+            from sklearn_mcmd._smoothness_numba import whole_planes_3d
+
+            n = len(indices)
+            found = np.empty(n), np.empty(n), np.empty(n, dtype=bool)
+            whole_planes_3d(
                 members,
                 indices,
                 sizes,
-                planes.scale,
-                smooth,
                 planes.centroids,
                 planes.eigenvalues,
                 planes.normals,
                 planes.directions,
-                deviation,
-                noise,
+                *found,
             )
-        else:
-            smooth, centroids, values, axes, deviation, left = smooth_planes(
-                members[indices], sizes, planes.scale
-            )
-            planes.centroids[smooth], planes.eigenvalues[smooth] = centroids[smooth], values[smooth]
-            planes.normals[smooth] = axes[smooth, :, 0]
-            planes.directions[smooth] = axes[smooth, :, -1]
-            noise[smooth] = left[smooth]
-        rows = np.flatnonzero(smooth)
-        if len(rows):
-            normals = planes.normals[rows]
-            values = planes.eigenvalues[rows]
-            planes.normals[rows] = flat_normals(normals, values, planes.directions[rows])
-            planes.n_inliers[rows] = planes.n_members[rows]
-            rounding = self.model.rounding * np.abs(planes.centroids[rows]).max(axis=1)
-            least = np.maximum(rounding, self.model.least_scale)
-            planes.scale[rows] = np.maximum(deviation[rows], least)
-            planes.normal_error[rows] = normal_errors(
-                planes.scale[rows], values, planes.n_inliers[rows]
-            )
-        return planes, smooth, noise
+            return found
+        fitted = whole_planes(members[indices], sizes)
+        planes.centroids[:], planes.eigenvalues[:], axes = fitted[:3]
+        planes.normals[:], planes.directions[:] = axes[..., 0], axes[..., -1]
+        return fitted[3:]
+
+    def _finish_whole(self, planes, rows, points, sizes, deviation):
+        """What follows from planes of all members."""
+        if len(rows) == 0:
+            return
+        whole = planes.take(rows)
+        flat_normals(whole.normals, whole.eigenvalues, whole.directions)
+        rounding = self.model.rounding * np.abs(whole.centroids).max(axis=1)
+        least = np.maximum(rounding, self.model.least_scale)
+        whole.scale[:] = np.maximum(deviation[rows], least)
+        whole.n_inliers[:] = whole.n_members[:] = sizes[rows]
+        whole.normal_error[:] = normal_errors(whole.scale, whole.eigenvalues, whole.n_inliers)
+        height = np.einsum("md,md->m", points[rows] - whole.centroids, whole.normals)
+        whole.distance[:] = ratio(np.abs(height), whole.scale)
+        planes[rows] = whole
 
     def _unfold(self, points, planes, smooth, noise, indices, sizes):
-        """Give neighborhoods their robust planes back that lie across a crease."""
+        """Give neighborhoods their robust planes back, in place, that lie across a crease."""
         rows = np.flatnonzero(smooth)
         indices, sizes = indices[rows], sizes[rows]
         radius = self._radius(points[rows], indices, sizes)
@@ -168,7 +176,10 @@ class SurfacePlanes:
             smooth[rows] = False
 
     def _lend(self, points, planes, smooth, indices, sizes):
-        """Give planes of neighbors to who asks for them: who lent, rows (m,), -1 for none."""
+        """Give planes of neighbors to who asks for them, in place.
+
+        Returns who lent, rows (m,), -1 for none.
+        """
         lenders = np.full(len(points), -1)
         rough = np.flatnonzero(~smooth & (planes.scale > 0))
         indices, sizes = indices[rough], sizes[rough]

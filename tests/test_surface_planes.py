@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.stats import kurtosis, skew
 
 from scenes import corner, cylinder, sphere, torus
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd._progress import listen_to_progress
-from sklearn_mcmd._smoothness import smooth_planes
-from sklearn_mcmd._smoothness_numba import smooth_planes_3d
+from sklearn_mcmd._smoothness import is_smooth, whole_planes
+from sklearn_mcmd._smoothness_numba import whole_planes_3d
+from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.metrics import bias_angle
 
 
@@ -81,48 +83,82 @@ def test_results_do_not_depend_on_threads_chunks_or_order(monkeypatch):
     assert (angle < 1e-4).mean() > 0.999
 
 
-def test_smoothness_is_decided_by_the_residual_of_a_quadric():
-    """Against least squares by NumPy, on 300 neighborhoods of three kinds."""
+def neighborhoods_of_three_kinds(n, k):
+    """Curved, creased and flat ones, turned; and the scale that a robust plane would have."""
     rng = np.random.default_rng(0)
     heights = [lambda u, v: 0.3 * u**2 + 0.1 * u * v, lambda u, v: np.abs(u), lambda u, v: 0 * u]
     neighborhoods, scale = [], []
-    for i in range(300):
-        u, v = rng.uniform(-1, 1, (2, 40))
-        z = heights[i % 3](u, v) + rng.normal(0, 0.02, 40)
+    for i in range(n):
+        u, v = rng.uniform(-1, 1, (2, k))
+        z = heights[i % 3](u, v) + rng.normal(0, 0.02, k)
         neighborhoods.append(np.column_stack([u, v, z]) @ np.linalg.qr(rng.normal(size=(3, 3)))[0])
         scale.append([0.05, 0.02, 0.02][i % 3])
-    neighborhoods, scale = np.array(neighborhoods), np.array(scale)
-    sizes = np.full(300, 40)
-    smooth, centroids, values, axes, deviation, noise = smooth_planes(neighborhoods, sizes, scale)
+    return np.array(neighborhoods), np.array(scale)
+
+
+def test_smoothness_is_decided_by_the_residual_of_a_quadric():
+    """Against least squares by NumPy, on 300 neighborhoods of three kinds."""
+    neighborhoods, scale = neighborhoods_of_three_kinds(300, 40)
+    centroids, _, axes, deviation, left, ordinary = whole_planes(neighborhoods, np.full(300, 40))
+    smooth = is_smooth(deviation, left, scale)
     for i in range(0, 300, 7):
         local = (neighborhoods[i] - centroids[i]) @ axes[i]
         z, u, v = local.T
         design = np.column_stack([np.ones(40), u, v, u * u, u * v, v * v])
-        left = z - design @ np.linalg.lstsq(design, z)[0]
-        plane, quadric = (z @ z) / 37, (left @ left) / 34
+        rest = z - design @ np.linalg.lstsq(design, z)[0]
+        plane, quadric = (z @ z) / 37, (rest @ rest) / 34
         expected = plane <= 1.44 * scale[i] ** 2
         expected |= quadric <= 0.64 * scale[i] ** 2 or quadric <= 0.02 * plane
         assert smooth[i] == expected
-        assert_allclose(deviation[i] ** 2, plane, rtol=1e-9)
-        assert_allclose(noise[i] ** 2, min(quadric, plane), rtol=1e-9)
+        assert_allclose([deviation[i] ** 2, left[i] ** 2], [plane, quadric], rtol=1e-9)
+        like_noise = abs(skew(z)) <= 0.5 and kurtosis(z, fisher=False) >= 2.1
+        like_noise &= np.abs(z).max() <= 3 * z.std()
+        assert ordinary[i] == (like_noise and plane <= 1.06**2 * quadric)
     assert smooth[0::3].mean() > 0.95
     assert smooth[1::3].mean() < 0.05
     assert smooth[2::3].mean() > 0.8
+    assert not ordinary[0::3].any()
+    assert not ordinary[1::3].any()
+    assert ordinary[2::3].mean() > 0.4
 
-    points, indices = neighborhoods.reshape(-1, 3), np.arange(12000).reshape(300, 40)
-    compiled = np.empty(300, dtype=bool)
-    arrays = [np.empty((300, 3)) for _ in range(4)]
-    left = np.empty(300)
-    smooth_planes_3d(points, indices, sizes, scale, compiled, *arrays, np.empty(300), left)
-    assert_array_equal(compiled, smooth)
-    assert_allclose(arrays[1][smooth], values[smooth], rtol=1e-9)
-    assert_allclose(left[smooth], noise[smooth], rtol=1e-9)
+
+def test_the_compiled_whole_planes_are_those_of_numpy():
+    neighborhoods, _ = neighborhoods_of_three_kinds(900, 40)
+    sizes = np.random.default_rng(1).integers(10, 41, 900)
+    neighborhoods[::50, :, 2] = 0.0  # perfect planes
+    neighborhoods[1::50, :, 1:] = 0.0  # lines
+    expected = whole_planes(neighborhoods, sizes)
+    points, indices = neighborhoods.reshape(-1, 3), np.arange(900 * 40).reshape(900, 40)
+    vectors = [np.empty((900, 3)) for _ in range(4)]
+    deviation, left, ordinary = np.empty(900), np.empty(900), np.empty(900, dtype=bool)
+    whole_planes_3d(points, indices, sizes, *vectors, deviation, left, ordinary)
+    assert_array_equal(ordinary, expected[5])
+    assert ordinary[0::50][sizes[0::50] >= 12].all()
+    assert not ordinary[1::50].any()
+    assert_allclose(vectors[1], expected[1], rtol=1e-9, atol=1e-12)
+    assert_allclose(deviation, expected[3], rtol=1e-9, atol=1e-12)
+    assert_allclose(left, expected[4], rtol=1e-7, atol=1e-12)
 
 
 def test_neighborhoods_on_two_scan_lines_determine_no_quadric():
     t = np.linspace(0, 1, 20)
     lines = np.vstack([np.column_stack([t, np.full(20, y), t**2]) for y in (0.0, 0.1)])
-    assert not smooth_planes(lines[None], np.array([40]), np.array([1e-3]))[0][0]
+    *_, deviation, left, ordinary = whole_planes(lines[None], np.array([40]))
+    assert left[0] == np.inf
+    assert not is_smooth(deviation, left, np.array([1e-3]))[0]
+    assert not ordinary[0]
+
+
+def test_planes_across_a_kerb_come_last():
+    """Noisy faces: their normals, and what ordinary neighborhoods are spared, from the truth."""
+    street = make_street(30_000, outlier_share=0.1, random_state=0)
+    clear = (street.target == 1) & (street.edge_distance > 0.015)
+    near = clear & (street.edge_distance < 4 * street.spacing)
+    angle = angles(street.data, street.normals, n_neighbors=50)
+    own = angles(street.data, street.normals, n_neighbors=50, borrow=False)
+    # Three standard deviations off the edge the faces can be told apart.
+    assert (angle[near] < 10).mean() > max(0.91, (own[near] < 10).mean() + 0.08)
+    assert np.median(angle[clear & ~near]) <= 1.05 * np.median(own[clear & ~near])
 
 
 @pytest.mark.parametrize("refine", ["reweight", None])
