@@ -69,12 +69,14 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         for "mcmd_md".
 
     refine : {"reweight"} or None, default="reweight"
-        "reweight" refits plane and scale twice before outliers are removed; None is the paper
-        to the letter.
+        "reweight" refits plane and scale twice before outliers are removed, and removes none
+        where a plane and noise, or one smooth curved surface, explain all neighbors; None is
+        the paper to the letter.
 
     borrow : bool, default=True
-        Whether a point next to an edge, whose own neighborhood may be ruled by the other face,
-        is given the plane of the neighbor that explains it best; only with ``refine="reweight"``.
+        Whether a point next to an edge, whose own neighborhood may be ruled by the other face or
+        explained by a plane across both, is given the plane of the neighbor that explains it best;
+        only with ``refine="reweight"``.
 
     radius : float, default=None
         Largest distance of a neighbor, in units of X: a fixed-distance neighborhood, of
