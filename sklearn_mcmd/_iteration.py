@@ -109,6 +109,7 @@ class IteratedPlanes:
         self._start(X)
         self.alone = np.zeros(n, dtype=bool)  # in a small group, once
         self.left, self.joined = None, None  # rows and locations, in the last pass
+        self.tied = np.zeros(n, dtype=bool)  # whose neighbors another tree may order otherwise
         self.member_rows = np.argsort(order).astype(np.int32)[self.model.index.rows]
         self.distinct = np.sort(self.member_rows)  # copies of a point count once
         while True:
@@ -141,7 +142,7 @@ class IteratedPlanes:
             scores, owners, usual = self._judge_all(X, self.borrow)
         self._settle(X, order, scores, owners, usual)
         # New points are not judged by these, which take as much memory as all else.
-        del self.neighbors, self.distinct, self.copied, self.left, self.joined
+        del self.neighbors, self.distinct, self.copied, self.left, self.joined, self.tied
         return self
 
     def score(self, queries):
@@ -188,13 +189,13 @@ class IteratedPlanes:
         def task(part):
             part = np.arange(part.start, part.stop)
             if self.n_iter > 1:
-                changed = self.left[self.neighbors[part]].any(axis=1)
+                changed = self.tied[part] | self.left[self.neighbors[part]].any(axis=1)
                 if tree is not None:
                     changed |= tree.query(X[part])[0] <= fitted.radius[part] * NEXT
                 part = part[changed]
                 if len(part) == 0:
                     return
-            positions, sizes = index.query(X[part])
+            positions, sizes, self.tied[part] = index.query_ties(X[part])
             rows = self.member_rows[positions]
             stale = (rows != self.neighbors[part]).any(axis=1)
             self.neighbors[part] = rows

@@ -79,6 +79,21 @@ class NeighborIndex:
         indices = np.where(np.arange(k) < sizes[:, None], indices, indices[:, :1])
         return indices, sizes
 
+    def query_ties(self, queries):
+        """The neighborhoods of `query`, and in which of them distances are equal, bool (m,).
+
+        Which of equally distant points come first, or which one is the last, is up to the tree.
+        """
+        k = self.n_neighbors
+        most = min(k + 1, len(self.points))
+        distances, indices = self.tree.query(queries, k=most)
+        distances = distances.reshape(len(queries), most)
+        tied = (distances[:, 1:] == distances[:, :-1]).any(axis=1)
+        indices = np.ascontiguousarray(indices.reshape(len(queries), most)[:, :k])
+        if tied.any():
+            indices[tied], _ = self.query(queries[tied])
+        return indices, np.full(len(queries), k), tied
+
     def nearest(self, queries, n_workers=1):
         """Row of `points` nearest to each query; the one neighborhood has but one row."""
         if self.n_neighbors is None:

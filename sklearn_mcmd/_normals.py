@@ -164,9 +164,9 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     The error of a normal is that of a plane: where a neighborhood is curved or holds an edge
     the plane itself is the wrong model, and the angle to the surface's normal can be larger.
     It supposes that noise is independent from point to point. In simulations of planes in
-    3D with 20 to 100 neighbors, with and without 10 % outliers, 93 to 97 % of the normals are
-    within 1.73 errors (by "pca" with outliers 97 to 98 %); with fewer neighbors or 20 %
-    outliers up to 99 %. With ``refine=None`` the scale is too
+    3D with 20 to 100 neighbors, with and without 10 % outliers, 92 to 97 % of the normals are
+    within 1.73 errors (by "pca" with outliers 97 to 98 %); the few that are borrowed by chance,
+    being the least noisy of many, are farther off. With ``refine=None`` the scale is too
     small and so is the error. In a long, narrow neighborhood 1.96 errors hold 95 %.
 
     Features follow [3]_; jakteristics does not divide by the sum of the eigenvalues in

@@ -14,8 +14,11 @@ from sklearn_mcmd._plane import fit_planes
 __all__ = [
     "AS_FLAT",
     "FARTHEST",
+    "LEAST_GEARY",
     "LEAST_KURTOSIS",
     "LEAST_WIDTH",
+    "MIDDLE",
+    "MOST_IN_MIDDLE",
     "MOST_SKEW",
     "PERFECT",
     "PIVOT",
@@ -40,6 +43,9 @@ AS_FLAT, FARTHEST = 1.06, 3.0
 # ... and the heights are like a normal sample's: a few members of another face make them skew,
 # and of points about two planes, or about one that runs across both, the kurtosis is below 2.
 MOST_SKEW, LEAST_KURTOSIS = 0.5, 2.1
+# Outliers lengthen the deviation, so that most of the members lie in the middle. Of a normal
+# sample 38 % are within half a deviation, and the mean height is 0.80 deviations (Geary's ratio).
+MIDDLE, MOST_IN_MIDDLE, LEAST_GEARY = 0.5, 0.5, 0.74
 # Narrower strips tell nothing about their plane, in standard deviations of width to length.
 LEAST_WIDTH = 0.05
 # Deviation from the plane to length that is rounding.
@@ -102,6 +108,9 @@ def whole_planes(neighborhoods, sizes):
     ordinary = (deviation <= AS_FLAT * left) & (kurtosis >= LEAST_KURTOSIS)
     ordinary &= np.abs(skew) <= MOST_SKEW
     ordinary &= np.square(height).max(axis=1) <= FARTHEST**2 * variance
+    inside = (np.square(height) <= MIDDLE**2 * variance[:, None]) & valid
+    ordinary &= inside.sum(axis=1) <= MOST_IN_MIDDLE * sizes
+    ordinary &= np.abs(height).sum(axis=1) / sizes >= LEAST_GEARY * np.sqrt(variance)
     ordinary |= deviation <= PERFECT
     wide = eigenvalues[:, min(1, d - 1)] > LEAST_WIDTH**2 * eigenvalues[:, -1]
     ordinary &= enough & determined & wide

@@ -7,8 +7,11 @@ from sklearn_mcmd._plane_numba import FASTMATH, eigh_3d, weighted_covariance
 from sklearn_mcmd._smoothness import (
     AS_FLAT,
     FARTHEST,
+    LEAST_GEARY,
     LEAST_KURTOSIS,
     LEAST_WIDTH,
+    MIDDLE,
+    MOST_IN_MIDDLE,
     MOST_SKEW,
     PERFECT,
     PIVOT,
@@ -60,24 +63,29 @@ def whole_planes_3d(
             ordinary[i] = True
         elif plane <= AS_FLAT * quadric:
             variance = total / size
-            third, fourth, farthest = _tails(height, size)
+            tails = _tails(height, size, MIDDLE**2 * variance)
+            n_inside, total_height, third, fourth, farthest = tails
             ordinary[i] = (
                 farthest <= FARTHEST**2 * variance
+                and n_inside <= MOST_IN_MIDDLE * size
+                and total_height / size >= LEAST_GEARY * np.sqrt(variance)
                 and abs(third) / size <= MOST_SKEW * variance**1.5
                 and fourth / size >= LEAST_KURTOSIS * variance**2
             )
 
 
 @njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def _tails(height, size):
-    """Sums of the third and fourth powers, and the largest square."""
-    third = fourth = farthest = 0.0
+def _tails(height, size, middle):
+    """Members in the middle, sums of first, third and fourth powers, and the largest square."""
+    n_inside = first = third = fourth = farthest = 0.0
     for j in range(size):
         square = height[j] * height[j]
+        n_inside += 1.0 if square <= middle else 0.0
+        first += abs(height[j])
         third += square * height[j]
         fourth += square * square
         farthest = max(farthest, square)
-    return third, fourth, farthest
+    return n_inside, first, third, fourth, farthest
 
 
 @njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")

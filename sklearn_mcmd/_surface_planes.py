@@ -27,7 +27,10 @@ LEAST_NOISE = 0.01
 BEST = 0.1
 # ... and so many standard errors, of a deviation that so few members tell. A curved surface is
 # as curved next to a point as at it; what is not is no smooth surface, though a quadric fits it.
-NOISY, CREASED = 2.0, 4.0
+NOISY, CREASED = 3.0, 4.0
+# A plane that leans by no more than so many of its standard errors is not borrowed: the least noisy
+# of many is so by chance, and no better.
+SIGNIFICANT = 3.0
 
 
 class SurfacePlanes:
@@ -57,7 +60,7 @@ class SurfacePlanes:
         planes, owners = LocalPlanes.empty(*X.shape), np.arange(n)
         smooth, noise = np.empty(n, dtype=bool), np.empty(n)
         members = np.argsort(order)[rows]
-        neighborhoods = {}
+        neighborhoods = {}  # of all points: a search more would take longer than all that follows
 
         def sweep(part):
             indices, sizes = self._neighborhoods(X[part])
@@ -72,9 +75,9 @@ class SurfacePlanes:
             owners[part] = np.where(lenders >= 0, members[lenders], owners[part])
 
         each_slice(n, self._chunk(), sweep, self.n_jobs)
+        self.noise = noise[members]
+        run(list(neighborhoods.values()), unfold, self.n_jobs)
         if self.borrow:
-            self.noise = noise[members]
-            run(list(neighborhoods.values()), unfold, self.n_jobs)
             self.members = planes.take(members)
             run(list(neighborhoods.values()), lend, self.n_jobs)
         result, plane_index = LocalPlanes.empty(*X.shape), np.empty(n, dtype=np.intp)
@@ -89,8 +92,8 @@ class SurfacePlanes:
             points = queries[part]
             indices, sizes = self._neighborhoods(points)
             own, smooth, noise = self._own(points, indices, sizes)
+            self._unfold(points, own, smooth, noise, indices, sizes)
             if self.borrow:
-                self._unfold(points, own, smooth, noise, indices, sizes)
                 self._lend(points, own, smooth, indices, sizes)
             planes[part] = own
 
@@ -191,9 +194,12 @@ class SurfacePlanes:
         ask = (own.removed_fraction > REMOVED) | (np.abs(height) > OFF * own.scale)
         ask |= np.hypot(own.scale, LEAST_NOISE * radius) > most
         best = self._best_planes(queries[ask], indices[ask], sizes[ask], most[ask])
-        rows = rough[ask][best >= 0]
-        best = best[best >= 0]
+        rows, best = rough[ask][best >= 0], best[best >= 0]
         lent = self.members.take(best)
+        cosine = np.abs(np.einsum("md,md->m", planes.normals[rows], lent.normals))
+        angle = np.degrees(np.arccos(np.minimum(cosine, 1.0)))
+        leans = angle > SIGNIFICANT * lent.normal_error
+        rows, best, lent = rows[leans], best[leans], lent.take(leans)
         for name in ("centroids", "normals", "eigenvalues", "directions", "scale", "normal_error"):
             getattr(planes, name)[rows] = getattr(lent, name)
         lenders[rows] = best
@@ -235,7 +241,7 @@ class SurfacePlanes:
         variance += np.square(LEAST_NOISE * radius)[:, None]
         cost = explanation_cost(heights, variance, kept[indices])
         cost[~valid | (reach > radius[:, None]) | (members.scale[indices] <= 0)] = np.inf
-        cost = np.nan_to_num(cost, nan=np.inf)
+        cost = np.nan_to_num(cost, nan=np.inf, posinf=np.inf)
         usual = variance <= np.square(most)[:, None]
         usual &= np.square(heights) <= EXPLAINED**2 * variance
         cost_of_usual = np.where(usual, cost, np.inf)

@@ -90,7 +90,7 @@ def test_a_rate_and_a_cutoff_exclude_each_other(room_file, tmp_path):
 def test_a_rate_out_of_reach_fails_in_one_line(room_file, tmp_path):
     result = run("denoise", room_file, tmp_path / "out.npy", "--false-positive-rate", 0.4)
     assert result.exit_code == 1
-    assert result.stderr.startswith("mcmd: error: false_positive_rate=0.4 is out of reach")
+    assert result.stderr.startswith("mcmd: error: --false-positive-rate 0.4 is out of reach")
     assert len(result.stderr.splitlines()) == 1
     assert not (tmp_path / "out.npy").exists()
 

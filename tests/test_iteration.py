@@ -191,6 +191,18 @@ def test_searching_only_what_may_have_changed_finds_what_searching_all_does(stre
     assert len(n_passes) > 3
 
 
+@pytest.mark.parametrize("noise_scale", ["local", "pooled", "own"])
+def test_scores_of_fitted_points_are_those_of_new_ones_where_distances_tie(noise_scale):
+    rng = np.random.default_rng(0)
+    grid = np.stack(np.meshgrid(np.arange(50), np.arange(50)), -1).reshape(-1, 2)
+    X = np.column_stack([grid, rng.normal(0, 0.2, 2500).round(1)])
+    X = np.vstack([X, rng.uniform(0, 50, (250, 3)).round()])
+    form = {"noise_scale": noise_scale, "max_iter": 5, "n_neighbors": 30}
+    fitted = detector(form).fit(X)
+    assert fitted.n_iter_ > 2
+    assert_array_equal(fitted.scores_, fitted.score_samples(X))
+
+
 def test_compiled_verdicts_are_those_of_numpy(street, monkeypatch):
     compiled = detector(LOCAL).fit(street.data)
     monkeypatch.setattr("sklearn_mcmd._local_planes.LocalPlaneModel.ready", lambda self: False)

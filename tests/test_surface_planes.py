@@ -42,7 +42,7 @@ def test_plane_index_says_whose_plane_it_is():
     X, N, distance = corner(4000)
     estimator = RobustNormalEstimator(30, random_state=0).fit(X)
     rows = np.flatnonzero(estimator.plane_index_ != np.arange(len(X)))
-    assert len(rows) > 100
+    assert len(rows) > 50
     lenders = estimator.plane_index_[rows]
     clear = distance[rows] > 0.006
     assert (N[lenders] == N[rows]).all(axis=1)[clear].mean() > 0.995
@@ -149,6 +149,44 @@ def test_neighborhoods_on_two_scan_lines_determine_no_quadric():
     assert not ordinary[0]
 
 
+@pytest.mark.parametrize(("n", "k", "share", "height"), [
+    (900, 50, 0.4, 0.06), (3000, 50, 0.3, 0.04), (3000, 100, 0.45, 0.04), (3000, 50, 0.4, 0.02),
+])  # fmt: skip
+@pytest.mark.parametrize("borrow", [False, True])
+@pytest.mark.parametrize("levels", ["between", "at"])
+def test_scattered_outliers_do_not_pass_for_noise(n, k, share, height, borrow, levels):
+    """Kept whole, neighborhoods with two fifths of these tilt by 8 degrees and more."""
+    rng = np.random.default_rng(0)
+    X = np.column_stack([rng.uniform(0, 1, (n, 2)), rng.normal(0, 0.001, n)])
+    outlier = rng.uniform(size=n) < share
+    off = (
+        rng.uniform(-height, height, n) if levels == "between" else rng.choice([-1, 1], n) * height
+    )
+    X[outlier, 2] = off[outlier]
+    tilt = angles(X, np.tile([0.0, 0.0, 1.0], (n, 1)), n_neighbors=k, borrow=borrow)[~outlier]
+    paper = angles(X, np.tile([0.0, 0.0, 1.0], (n, 1)), n_neighbors=k, refine=None)[~outlier]
+    assert np.quantile(tilt, 0.95) <= 1.2 * np.quantile(paper, 0.95)
+
+
+def test_planes_are_borrowed_from_within_reach_in_numpy_as_compiled(monkeypatch):
+    X, _, _ = corner(1500)
+    compiled = RobustNormalEstimator(30, radius=0.06, random_state=0).fit(X)
+    monkeypatch.setattr("sklearn_mcmd._local_planes.LocalPlaneModel.ready", lambda self: False)
+    plain = RobustNormalEstimator(30, radius=0.06, random_state=0).fit(X)
+    assert (compiled.plane_index_ != np.arange(1500)).sum() > 30
+    # Of copies of one plane either may lend.
+    assert (bias_angle(compiled.normals_, plain.normals_) < 1e-4).all()
+    assert np.linalg.norm(X - X[plain.plane_index_], axis=1).max() <= 0.06
+
+
+def test_nothing_is_borrowed_on_a_plane_but_by_chance():
+    rng = np.random.default_rng(0)
+    X = np.column_stack([rng.uniform(0, 1, (3000, 2)), rng.normal(0, 0.002, 3000)])
+    for k, most in ((12, 0.15), (20, 0.05), (50, 0.02)):
+        estimator = RobustNormalEstimator(k, random_state=0).fit(X)
+        assert (estimator.plane_index_ != np.arange(3000)).mean() < most
+
+
 def test_planes_across_a_kerb_come_last():
     """Noisy faces: their normals, and what ordinary neighborhoods are spared, from the truth."""
     street = make_street(30_000, outlier_share=0.1, random_state=0)
@@ -157,7 +195,7 @@ def test_planes_across_a_kerb_come_last():
     angle = angles(street.data, street.normals, n_neighbors=50)
     own = angles(street.data, street.normals, n_neighbors=50, borrow=False)
     # Three standard deviations off the edge the faces can be told apart.
-    assert (angle[near] < 10).mean() > max(0.91, (own[near] < 10).mean() + 0.08)
+    assert (angle[near] < 10).mean() > max(0.9, (own[near] < 10).mean() + 0.05)
     assert np.median(angle[clear & ~near]) <= 1.05 * np.median(own[clear & ~near])
 
 

@@ -171,7 +171,10 @@ def _find_outliers(xyz, quiet, **params):
     from sklearn_mcmd import MCMDOutlierDetector
 
     with progress_bar("Outliers", quiet):
-        detector = MCMDOutlierDetector(**params).fit(xyz)
+        try:
+            detector = MCMDOutlierDetector(**params).fit(xyz)
+        except ValueError as err:
+            raise ValueError(_as_options(str(err))) from err
     return detector.scores_ < detector.offset_, -detector.scores_
 
 
@@ -192,3 +195,14 @@ def _denoised(cloud, is_outlier, score, mark):
     if not mark:
         return cloud.subset(~is_outlier), None
     return with_results(cloud, {"outlier_score": score.astype(np.float32)}), is_outlier
+
+
+def _as_options(message):
+    """What the estimator's message says of parameters, said of the options here."""
+    for parameter, option in (
+        ("false_positive_rate=", "--false-positive-rate "),
+        ("pass keep_groups=False", "pass --drop-groups"),
+        ("raise n_neighbors", "raise --n-neighbors"),
+    ):
+        message = message.replace(parameter, option)
+    return message
