@@ -57,7 +57,7 @@ class SurfacePlanes:
         # In spatial order every stage is faster; it is undone at the end.
         order = rows if len(rows) == n else spatial_order(X)
         X = X[order]
-        planes, owners = LocalPlanes.empty(*X.shape), np.arange(n)
+        planes = LocalPlanes.empty(*X.shape)
         smooth, noise = np.empty(n, dtype=bool), np.empty(n)
         members = np.argsort(order)[rows]
         neighborhoods = {}  # of all points: a search more would take longer than all that follows
@@ -67,21 +67,33 @@ class SurfacePlanes:
             planes[part], smooth[part], noise[part] = self._own(X[part], indices, sizes)
             neighborhoods[part.start] = part, indices, sizes
 
-        def unfold(part, indices, sizes):
-            self._unfold(X[part], planes.take(part), smooth[part], noise[part], indices, sizes)
+        def unfold(start):
+            part, indices, sizes = neighborhoods.pop(start)
+            own = planes.take(part)
+            self._unfold(X[part], own, smooth[part], noise[part], indices, sizes)
+            rough = _rough(own, smooth[part])  # smooth ones are done, and their neighbors let go
+            neighborhoods[start] = part, rough, indices[rough], sizes[rough]
 
-        def lend(part, indices, sizes):
-            lenders = self._lend(X[part], planes.take(part), smooth[part], indices, sizes)
-            owners[part] = np.where(lenders >= 0, members[lenders], owners[part])
+        def ask(start):
+            part, rough, indices, sizes = neighborhoods.pop(start)
+            found = self._lenders(X[part], planes.take(part), rough, indices, sizes)
+            lenders[part][rough] = found
 
         each_slice(n, self._chunk(), sweep, self.n_jobs)
         self.noise = noise[members]
-        run(list(neighborhoods.values()), unfold, self.n_jobs)
+        starts = [(start,) for start in neighborhoods]
+        run(starts, unfold, self.n_jobs)
+        # The planes as they are before any is lent; without copies among the points, all of them.
+        self.members = planes if len(rows) == n else planes.take(members)
+        lenders = np.full(n, -1)
         if self.borrow:
-            self.members = planes.take(members)
-            run(list(neighborhoods.values()), lend, self.n_jobs)
+            run(starts, ask, self.n_jobs)
+        neighborhoods.clear()
         result, plane_index = LocalPlanes.empty(*X.shape), np.empty(n, dtype=np.intp)
-        result[order], plane_index[order] = planes, order[owners]
+        result[order], plane_index[order] = planes, order
+        borrowing = np.flatnonzero(lenders >= 0)
+        self._lend(result, order[borrowing], lenders[borrowing])
+        plane_index[order[borrowing]] = order[members[lenders[borrowing]]]
         return result, plane_index
 
     def evaluate(self, queries):
@@ -94,7 +106,9 @@ class SurfacePlanes:
             own, smooth, noise = self._own(points, indices, sizes)
             self._unfold(points, own, smooth, noise, indices, sizes)
             if self.borrow:
-                self._lend(points, own, smooth, indices, sizes)
+                rough = _rough(own, smooth)
+                lenders = self._lenders(points, own, rough, indices[rough], sizes[rough])
+                self._lend(own, rough[lenders >= 0], lenders[lenders >= 0])
             planes[part] = own
 
         each_chunk(queries, self._chunk(), task, self.n_jobs)
@@ -178,14 +192,13 @@ class SurfacePlanes:
             planes[rows] = self._robust(points[rows], indices[creased], sizes[creased])
             smooth[rows] = False
 
-    def _lend(self, points, planes, smooth, indices, sizes):
-        """Give planes of neighbors to who asks for them, in place.
+    def _lenders(self, points, planes, rough, indices, sizes):
+        """Whose planes those of the rows `rough` are given that ask their neighbors.
 
-        Returns who lent, rows (m,), -1 for none.
+        Returns rows of the members for each of `rough`, -1 for none; its neighborhoods are
+        `indices` and `sizes`.
         """
-        lenders = np.full(len(points), -1)
-        rough = np.flatnonzero(~smooth & (planes.scale > 0))
-        indices, sizes = indices[rough], sizes[rough]
+        lenders = np.full(len(rough), -1)
         queries = np.ascontiguousarray(points[rough], dtype=np.float64)
         own = planes.take(rough)
         radius = self._radius(queries, indices, sizes)
@@ -194,16 +207,17 @@ class SurfacePlanes:
         ask = (own.removed_fraction > REMOVED) | (np.abs(height) > OFF * own.scale)
         ask |= np.hypot(own.scale, LEAST_NOISE * radius) > most
         best = self._best_planes(queries[ask], indices[ask], sizes[ask], most[ask])
-        rows, best = rough[ask][best >= 0], best[best >= 0]
-        lent = self.members.take(best)
-        cosine = np.abs(np.einsum("md,md->m", planes.normals[rows], lent.normals))
-        angle = np.degrees(np.arccos(np.minimum(cosine, 1.0)))
-        leans = angle > SIGNIFICANT * lent.normal_error
-        rows, best, lent = rows[leans], best[leans], lent.take(leans)
-        for name in ("centroids", "normals", "eigenvalues", "directions", "scale", "normal_error"):
-            getattr(planes, name)[rows] = getattr(lent, name)
-        lenders[rows] = best
+        asking, best = np.flatnonzero(ask)[best >= 0], best[best >= 0]
+        cosine = np.einsum("md,md->m", own.normals[asking], self.members.normals[best])
+        angle = np.degrees(np.arccos(np.minimum(np.abs(cosine), 1.0)))
+        leans = angle > SIGNIFICANT * self.members.normal_error[best]
+        lenders[asking[leans]] = best[leans]
         return lenders
+
+    def _lend(self, planes, rows, lenders):
+        """Give rows of planes, in place, those of members."""
+        for name in ("centroids", "normals", "eigenvalues", "directions", "scale", "normal_error"):
+            getattr(planes, name)[rows] = getattr(self.members, name)[lenders]
 
     def _radius(self, points, indices, sizes):
         last = indices[np.arange(len(indices)), sizes - 1]
@@ -250,3 +264,8 @@ class SurfacePlanes:
         best = cost.argmin(axis=1)
         each = np.arange(len(queries))
         return np.where(np.isfinite(cost[each, best]), indices[each, best], -1)
+
+
+def _rough(planes, smooth):
+    """Rows that are not smooth and have a plane."""
+    return np.flatnonzero(~smooth & (planes.scale > 0))
