@@ -233,6 +233,26 @@ class OffsetOutlierMixin(OutlierMixin):
         return np.where(self.decision_function(X) >= 0, 1, -1)
 
 
+class FittedScoresMixin(OffsetOutlierMixin):
+    """Labels of the fitted cloud from ``scores_``, its ``score_samples`` that `fit` keeps."""
+
+    def fit_predict(self, X, y=None):
+        """Label the points of a cloud by itself.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+        y : Ignored
+
+        Returns
+        -------
+        labels : ndarray of int of shape (n_samples,)
+            1 for inliers, of a surface, and -1 for outliers, or edges: ``fit(X).predict(X)``,
+            without judging twice.
+        """
+        return np.where(self.fit(X).scores_ >= self.offset_, 1, -1)
+
+
 class BasePlaneOutliers(OffsetOutlierMixin, BaseLocalPlanes):
     """Outliers by a score and an offset: subclasses have `fit` and `_score`.
 

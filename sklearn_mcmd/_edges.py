@@ -7,9 +7,9 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_is_fitted, check_random_state, validate_data
 
 from sklearn_mcmd._base import (
+    FittedScoresMixin,
     Integral,
     Interval,
-    OffsetOutlierMixin,
     Real,
     StrOptions,
     check_extent,
@@ -29,7 +29,7 @@ EDGE_WIDTH = 2.0
 ROBUST_STD, PAPER_STD = 3.0, 1.0
 
 
-class SharpFeatureDetector(OffsetOutlierMixin, BaseEstimator):
+class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
     """Edges and corners: points next to a line in which two faces meet (Eq. 25 and better).
 
     The cloud is cleaned first, as outliers look like edges. Then each point and its neighbors
@@ -237,21 +237,6 @@ class SharpFeatureDetector(OffsetOutlierMixin, BaseEstimator):
             self.offset_ = -self._settle_threshold(values[self.inlier_mask_])
             self.scores_ = -values
         return self
-
-    def fit_predict(self, X, y=None):
-        """Label the points of a cloud by itself.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-        y : Ignored
-
-        Returns
-        -------
-        labels : ndarray of int of shape (n_samples,)
-            1 for surfaces, -1 for edges: ``fit(X).predict(X)``, without judging twice.
-        """
-        return np.where(self.fit(X).scores_ >= self.offset_, 1, -1)
 
     def score_samples(self, X):
         """Distance to the nearest crease, or the opposite of the criterion.

@@ -141,7 +141,7 @@ class IteratedPlanes:
             self.cutoff = self.verdict
             scores, owners, usual = self._judge_all(X, self.borrow)
         self._settle(X, order, scores, owners, usual)
-        # New points are not judged by these, which take as much memory as all else.
+        # What new points are judged by stays; these take as much memory.
         del self.neighbors, self.distinct, self.copied, self.left, self.joined, self.tied
         return self
 
@@ -183,7 +183,8 @@ class IteratedPlanes:
         """Planes of the neighborhoods among the retained points, where these have changed."""
         index, fitted = self.model.index, self.fitted
 
-        # Only they can have: a search costs nearly as much as a plane.
+        # Only next to points that left or joined is searched again, and where distances tie: a
+        # search costs nearly as much as a plane.
         tree = cKDTree(self.joined) if self.n_iter > 1 and len(self.joined) else None
 
         def task(part):

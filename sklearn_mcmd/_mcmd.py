@@ -4,7 +4,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from sklearn_mcmd._base import BasePlaneOutliers, Integral, Interval, Real, StrOptions, fit_context
+from sklearn_mcmd._base import (
+    BasePlaneOutliers,
+    FittedScoresMixin,
+    Integral,
+    Interval,
+    Real,
+    StrOptions,
+    fit_context,
+)
 from sklearn_mcmd._calibration import calibrated_cutoff
 from sklearn_mcmd._iteration import IteratedPlanes
 
@@ -14,7 +22,7 @@ __all__ = ["MCMDOutlierDetector"]
 JOINT_CUTOFF = 3.0
 
 
-class MCMDOutlierDetector(BasePlaneOutliers):
+class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
     """Outliers by maximum consistency with minimum distance (MCMD).
 
     Around each point the plane is sought that the majority of its neighbors agree on: of the
@@ -295,21 +303,6 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         self.scores_ = -self._cloud.scores
         self.offset_ = -cutoff
         return self
-
-    def fit_predict(self, X, y=None):
-        """Label the points of a cloud by itself.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-        y : Ignored
-
-        Returns
-        -------
-        labels : ndarray of int of shape (n_samples,)
-            1 for inliers, -1 for outliers: ``fit(X).predict(X)``, without judging twice.
-        """
-        return np.where(self.fit(X).scores_ >= self.offset_, 1, -1)
 
     def score_samples(self, X):
         """Opposite of the robust distance of each point to the plane of its neighborhood.

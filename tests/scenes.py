@@ -4,6 +4,23 @@ import numpy as np
 
 from sklearn_mcmd.datasets._street import _street
 
+# Folders of shared/data.
+REAL_CLOUDS = [
+    "ahn3_amsterdam_2397",
+    "autzen_trim",
+    "cad_angle_block",
+    "cad_cube_pointfilter",
+    "cad_featuretype",
+    "fast_gicp_velodyne",
+    "jakarto_scanlines",
+    "jakarto_street_thinned",
+    "laspy_plane_patch",
+    "open3d_redwood_fragment",
+    "pcl_building_region_growing",
+    "pcl_cars_mincut",
+    "pcl_lamppost",
+]
+
 
 def corner(n, noise=0.002):
     """Two square faces of 1 m at a right angle: points, normals, distance to the edge."""

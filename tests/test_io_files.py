@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.testing import assert_array_equal
 
+from scenes import REAL_CLOUDS
 from sklearn_mcmd.io import (
     PointCloud,
     PointFileError,
@@ -333,24 +334,8 @@ def test_a_replaced_file_keeps_its_permissions_and_a_link_its_target(tmp_path):
 
 # ---- real clouds -----------------------------------------------------------------------
 
-FOLDERS = [
-    "ahn3_amsterdam_2397",
-    "autzen_trim",
-    "cad_angle_block",
-    "cad_cube_pointfilter",
-    "cad_featuretype",
-    "fast_gicp_velodyne",
-    "jakarto_scanlines",
-    "jakarto_street_thinned",
-    "laspy_plane_patch",
-    "open3d_redwood_fragment",
-    "pcl_building_region_growing",
-    "pcl_cars_mincut",
-    "pcl_lamppost",
-]
 
-
-@pytest.mark.parametrize("folder", FOLDERS)
+@pytest.mark.parametrize("folder", REAL_CLOUDS)
 def test_real_files_hold_as_many_points_as_their_notes_say(shared_data, folder):
     notes = (shared_data / folder / "INFO.md").read_text(encoding="utf-8")
     n_points = int(re.search(r"- points: (\d+)", notes)[1])

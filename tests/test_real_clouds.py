@@ -3,26 +3,11 @@
 import numpy as np
 import pytest
 
+from scenes import REAL_CLOUDS
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
 
-CLOUDS = [
-    "ahn3_amsterdam_2397",
-    "autzen_trim",
-    "cad_angle_block",
-    "cad_cube_pointfilter",
-    "cad_featuretype",
-    "fast_gicp_velodyne",
-    "jakarto_scanlines",
-    "jakarto_street_thinned",
-    "laspy_plane_patch",
-    "open3d_redwood_fragment",
-    "pcl_building_region_growing",
-    "pcl_cars_mincut",
-    "pcl_lamppost",
-]
 
-
-@pytest.fixture(scope="module", params=CLOUDS)
+@pytest.fixture(scope="module", params=REAL_CLOUDS)
 def cloud(request, shared_data):
     with np.load(shared_data / request.param / "cloud.npz") as arrays:
         return arrays["xyz"][:20_000] + arrays["offset"]
