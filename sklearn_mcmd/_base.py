@@ -289,16 +289,16 @@ def check_sizes(n, d, n_neighbors):
 
 def check_extent(X):
     """Raise where squares of coordinates would overflow, or of their differences vanish."""
-    if X.dtype == np.float32:
+    if X.dtype == np.float32 or len(X) == 0:
         return
-    far = np.flatnonzero((np.abs(X) > LARGEST).any(axis=1))
-    if far.size:
-        row = far[0]
+    low, high = X.min(axis=0), X.max(axis=0)
+    if max(-low.min(), high.max()) > LARGEST:
+        row = np.flatnonzero((np.abs(X) > LARGEST).any(axis=1))[0]
         raise ValueError(
             f"X has a coordinate beyond {LARGEST:g} in row {row}: {X[row].tolist()}. Remove points "
             "without a measured position first."
         )
-    extent = float(np.ptp(X, axis=0).max()) if len(X) else 0.0
+    extent = float((high - low).max())
     if 0 < extent < SMALLEST:
         raise ValueError(
             f"X spans no more than {extent:g}; at least {SMALLEST:g} is needed. Scale it up."

@@ -2,13 +2,17 @@
 
 import numpy as np
 
+from sklearn_mcmd._chunks import run
+
 __all__ = ["Claims"]
 
 # Standard deviations of a plane's noise within which it claims a point.
 CUTOFF = 3.0
 MAX_ROUNDS = 50
+# Shares of a limit are equal if they are to so many digits.
+DIGITS = 6
 # Neighbors looked at at once: what bounds the memory.
-CHUNK = 500_000
+CHUNK = 200_000
 
 
 class Claims:
@@ -27,10 +31,12 @@ class Claims:
         Standard deviations of the planes; a float is the largest distance itself.
     max_gap : float, default=None
         Largest distance of a neighbor instead of the planes' radii.
+    n_jobs : int, default=None
     """
 
-    def __init__(self, index, normals, graph, noise, max_gap=None):
+    def __init__(self, index, normals, graph, noise, max_gap=None, n_jobs=None):
         n = len(index.points)
+        self.n_jobs = n_jobs
         self.index, self.normals, self.offset = index, normals, graph.offset
         self.limit = np.broadcast_to(CUTOFF * noise if np.ndim(noise) else float(noise), n)
         self.reach = graph.radius if max_gap is None else np.full(n, float(max_gap))
@@ -96,22 +102,32 @@ class Claims:
 
     def _claimants(self, rows):
         """Neighbors of rows, and each one's distance as a share of its limit; inf beyond."""
-        step = max(1, CHUNK // self.index.n_neighbors)
-        starts = range(0, max(len(rows), 1), step)
-        parts = [self._claimants_of_chunk(rows[start : start + step]) for start in starts]
-        return tuple(np.concatenate(columns) for columns in zip(*parts, strict=True))
+        n, k = len(rows), self.index.n_neighbors
+        neighbors, shares = np.empty((n, k), dtype=np.int32), np.empty((n, k))
+        step = max(1, CHUNK // k)
+        parts = [(slice(start, start + step),) for start in range(0, n, step)]
+
+        def task(part):
+            neighbors[part], shares[part] = self._claimants_of_chunk(rows[part])
+
+        run(parts, task, self.n_jobs)
+        return neighbors, shares
 
     def _claimants_of_chunk(self, rows):
         points, k = self.index.points, self.index.n_neighbors
         distances, neighbors = self.index.tree.query(points[rows], k=k)
         distances, neighbors = distances.reshape(-1, k), neighbors.reshape(-1, k)
-        deviations = points[rows][:, None] - points[neighbors]
-        heights = np.einsum("mkd,mkd->mk", deviations, self.normals[neighbors])
-        heights = np.abs(heights - self.offset[neighbors])
+        heights = -self.offset[neighbors]
+        for axis in range(points.shape[1]):
+            gaps = points[rows, axis][:, None] - points[neighbors, axis]
+            heights += gaps * self.normals[neighbors, axis]
         limit = self.limit[neighbors]
+        heights = np.abs(heights, out=heights)
         usable = (heights <= limit) & (distances <= self.reach[neighbors])
         shares = np.divide(heights, limit, out=np.zeros_like(heights), where=heights > 0)
-        return neighbors.astype(np.int32), np.where(usable, shares, np.inf)
+        # Planes through the same point are the same but for rounding: the nearer neighbor's counts.
+        shares = np.round(shares, DIGITS)
+        return neighbors, np.where(usable, shares, np.inf)
 
 
 def _owners(labels, neighbors, shares):

@@ -270,7 +270,7 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         labels = _renumber(labels, copies, self.min_region_size)
         noise = np.maximum(np.sqrt(eigenvalues[rows, 0]), floor)
         limits = noise if self.max_distance is None else self.max_distance
-        claims = Claims(index, normals, graph, limits, self.max_gap)
+        claims = Claims(index, normals, graph, limits, self.max_gap, self.n_jobs)
         if self.assign_rest:
             labels = _renumber(claims.absorb_fragments(labels), copies)
         if self.join_coplanar:
@@ -312,11 +312,11 @@ def _split_columns(X):
         normals, variation, eigenvalues = X[:, d : 2 * d], X[:, 2 * d], X[:, 2 * d + 1 : 3 * d + 1]
         total = eigenvalues.sum(axis=1)
         if (
-            (np.abs(np.linalg.norm(normals, axis=1) - 1) <= tolerance).all()
+            (np.abs(np.sqrt(np.einsum("nd,nd->n", normals, normals)) - 1) <= tolerance).all()
             and (np.diff(eigenvalues, axis=1) >= -tolerance * total[:, None]).all()
             and (np.abs(variation * total - eigenvalues[:, 0]) <= tolerance * total).all()
         ):
-            coordinates = X[:, :d]
+            coordinates = X[:, :d].copy()  # of its own memory, which is faster from here on
             check_extent(coordinates)
             return coordinates, normals, variation, np.maximum(eigenvalues, 0)
     raise ValueError(

@@ -21,23 +21,18 @@ def measure_neighbors_3d(points, normals, indices, start, offset, limit):
     offset, limit : float64 (m,), filled
     """
     k = indices.shape[1]
-    away, work = np.empty(k), np.empty(k)
+    heights, away, deviations = np.empty(k), np.empty(k), np.empty(k)
     for row in range(len(indices)):
         x, y, z = points[start + row]
         nx, ny, nz = normals[start + row]
         for a in range(k):
             p = points[indices[row, a]]
-            away[a] = (p[0] - x) * nx + (p[1] - y) * ny + (p[2] - z) * nz
-            work[a] = away[a]
-        middle = _median(work)
-        offset[row] = middle
-        for a in range(k):
-            away[a] = abs(away[a] - middle)
-            work[a] = away[a]
-        middle = _median(work)
-        for a in range(k):
-            work[a] = abs(away[a] - middle)
-        limit[row] = middle + N_DEVIATIONS * (MAD_TO_SD * _median(work))
+            _insert(heights, a, (p[0] - x) * nx + (p[1] - y) * ny + (p[2] - z) * nz)
+        offset[row] = _middle(heights)
+        _sort_deviations(heights, offset[row], away)
+        middle = _middle(away)
+        _sort_deviations(away, middle, deviations)
+        limit[row] = middle + N_DEVIATIONS * (MAD_TO_SD * _middle(deviations))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -57,60 +52,72 @@ def link_neighbors_3d(
     """
     width = links.shape[1]
     n_fitting, nearest = majority
-    around = np.empty(width + 1)
+    least = np.empty((width + 1) // 4 + 1)
     for row in range(len(links)):
         i = start + row
         x, y, z = points[i]
         nx, ny, nz = normals[i]
         largest = limit[i]
         if most < np.inf:
-            around[0] = limit[i]
+            least[:] = np.inf
+            _insert_least(least, limit[i])
             for a in range(width):
-                around[a + 1] = limit[links[row, a]]
-            around.sort()
-            largest = min(largest, most * around[(width + 1) // 4])
+                _insert_least(least, limit[links[row, a]])
+            largest = min(largest, most * least[-1])
         n_agreeing = n_links = 0
-        for a in range(width):
-            j = links[row, a]
-            gx, gy, gz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
-            n = normals[j]
-            away = abs(gx * nx + gy * ny + gz * nz - offset[i])
-            if away <= largest and abs(n[0] * nx + n[1] * ny + n[2] * nz) >= min_cosine:
-                n_agreeing += 1 if a < nearest else 0
-                if np.sqrt(gx * gx + gy * gy + gz * gz) <= max_gap:
-                    links[row, n_links] = j
-                    n_links += 1
-        if n_agreeing < n_fitting or (n_fitting > 0 and abs(offset[i]) > largest):
+        if n_fitting == 0 or abs(offset[i]) <= largest:
+            for a in range(width):
+                j = links[row, a]
+                gx, gy, gz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
+                n = normals[j]
+                away = abs(gx * nx + gy * ny + gz * nz - offset[i])
+                if away <= largest and abs(n[0] * nx + n[1] * ny + n[2] * nz) >= min_cosine:
+                    n_agreeing += 1 if a < nearest else 0
+                    if np.sqrt(gx * gx + gy * gy + gz * gz) <= max_gap:
+                        links[row, n_links] = j
+                        n_links += 1
+        if n_agreeing < n_fitting:
             n_links = 0
         links[row, n_links:] = -1
 
 
 @njit(cache=True, nogil=True)
-def _median(values):
-    """Median of an array, which is reordered (Hoare's selection)."""
-    size = len(values)
-    half = size // 2
-    low, high = 0, size - 1
-    while low < high:
-        pivot = values[half]
-        a, b = low, high
-        while a <= b:
-            while values[a] < pivot:
-                a += 1
-            while pivot < values[b]:
-                b -= 1
-            if a <= b:
-                values[a], values[b] = values[b], values[a]
-                a += 1
-                b -= 1
-        if b < half:
-            low = a
-        if half < a:
-            high = b
-    upper = values[half]
-    if size % 2:
-        return upper
-    lower = values[0]
-    for a in range(1, half):
-        lower = max(lower, values[a])
-    return 0.5 * (lower + upper)
+def _insert(ordered, size, value):
+    """Put a value among the first `size` of an array, which ascend."""
+    while size > 0 and ordered[size - 1] > value:
+        ordered[size] = ordered[size - 1]
+        size -= 1
+    ordered[size] = value
+
+
+@njit(cache=True, nogil=True)
+def _insert_least(least, value):
+    """Put a value among the least, which ascend; the last of them drops out."""
+    if value < least[-1]:
+        _insert(least, len(least) - 1, value)
+
+
+@njit(cache=True, nogil=True)
+def _middle(ordered):
+    """Median of ascending values."""
+    half = len(ordered) // 2
+    if len(ordered) % 2:
+        return ordered[half]
+    return 0.5 * (ordered[half - 1] + ordered[half])
+
+
+@njit(cache=True, nogil=True)
+def _sort_deviations(ordered, middle, deviations):
+    """Ascending absolute differences of ascending values from a number among them."""
+    size = len(ordered)
+    above = 0
+    while above < size and ordered[above] < middle:
+        above += 1
+    below = above - 1
+    for a in range(size):
+        if above == size or (below >= 0 and middle - ordered[below] <= ordered[above] - middle):
+            deviations[a] = middle - ordered[below]
+            below -= 1
+        else:
+            deviations[a] = ordered[above] - middle
+            above += 1

@@ -10,6 +10,8 @@ __all__ = ["join_coplanar", "region_planes"]
 # A region is flat, and another lies in its plane, if the root mean square distance is no more
 # than so many times what the noise of single neighborhoods explains.
 MOST_NOISE = 1.5
+# What rounding adds to a least eigenvalue, as a share of the largest one.
+ROUNDING = 16 * np.finfo(np.float64).eps
 MAX_ROUNDS = 10
 # Regions whose pairs are tried at once: what bounds the memory.
 CHUNK = 256
@@ -38,29 +40,25 @@ def region_planes(points, labels, n_regions, weights=None):
     """
     d = points.shape[1]
     inside = np.flatnonzero(labels >= 0)
-    labels = labels[inside]
-    weights = None if weights is None else weights[inside].astype(float)
-
-    def total(values):
-        values = values if weights is None else values * weights
-        return np.bincount(labels, values, n_regions)
-
-    sizes = np.bincount(labels, weights, n_regions)
-    local, divisor = points[inside], np.maximum(sizes, 1.0)
+    labels, columns = labels[inside], points[inside].T.copy()
+    weights = np.ones(len(inside)) if weights is None else weights[inside].astype(float)
+    share = _grouping(labels, n_regions, weights)
+    sizes = share.sum(axis=1)
+    divisor = np.maximum(sizes, 1.0)
     # Centered twice: the first mean of large coordinates is rounded.
-    centroids = np.zeros((n_regions, d))
+    centroids = np.zeros((d, n_regions))
     for _ in range(2):
-        deviations = local - centroids[labels]
         for i in range(d):
-            centroids[:, i] += total(deviations[:, i]) / divisor
-    deviations = local - centroids[labels]
+            mean = (share @ columns[i]) / divisor
+            centroids[i] += mean
+            columns[i] -= mean[labels]
     covariances = np.empty((n_regions, d, d))
     for i in range(d):
         for j in range(i + 1):
-            moment = total(deviations[:, i] * deviations[:, j]) / divisor
+            moment = (share @ (columns[i] * columns[j])) / divisor
             covariances[:, i, j] = covariances[:, j, i] = moment
     eigenvalues, axes = np.linalg.eigh(covariances)
-    return sizes, centroids, covariances, np.maximum(eigenvalues, 0.0), axes
+    return sizes, centroids.T.copy(), covariances, np.maximum(eigenvalues, 0.0), axes
 
 
 def join_coplanar(points, labels, noise):
@@ -88,13 +86,14 @@ def join_coplanar(points, labels, noise):
         return labels
     planes = region_planes(points, labels, n_regions)[:3]
     scale = _medians(noise, labels, n_regions)
-    members = np.argsort(labels, kind="stable")[np.count_nonzero(labels < 0) :]
+    inside = np.flatnonzero(labels >= 0)
+    members = inside[_grouping(labels[inside], n_regions).indices]
     whole = np.arange(n_regions)  # the joined region that each region is part of
     for _ in range(MAX_ROUNDS):
         pairs, length = _pairs_in_a_plane(*planes, scale)
-        ends = np.searchsorted(whole[labels[members]], np.arange(len(scale) + 1))
-        parts = np.split(points[members], ends[1:-1])
-        pairs = pairs[_near(parts, pairs, length)]
+        if len(pairs) > 0:
+            ends = np.searchsorted(whole[labels[members]], np.arange(len(scale) + 1))
+            pairs = pairs[_near(points, members, ends, pairs, length)]
         if len(pairs) == 0:
             break
         graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(scale), len(scale)))
@@ -109,7 +108,7 @@ def join_coplanar(points, labels, noise):
 def _pool(sizes, centroids, covariances, scale, part):
     """Sizes, centroids, covariances and scales of joined regions, from those of their parts."""
     n_parts = int(part.max()) + 1
-    share = coo_array((sizes, (part, np.arange(len(part)))), shape=(n_parts, len(part))).tocsr()
+    share = _grouping(part, n_parts, sizes)
     total = np.bincount(part, sizes, n_parts)
     # The first part is the origin, so that large coordinates cost no accuracy.
     first = np.unique(part, return_index=True)[1]
@@ -129,7 +128,9 @@ def _pairs_in_a_plane(sizes, centroids, covariances, scale):
     eigenvalues, normals = np.maximum(eigenvalues, 0.0), axes[..., 0]
     # Of points spread evenly over a length the standard deviation is its root 12th.
     length = np.sqrt(12 * eigenvalues[:, -1])
-    flat = (eigenvalues[:, 0] <= (MOST_NOISE * scale) ** 2) & (sizes > centroids.shape[1])
+    rounding = ROUNDING * eigenvalues[:, -1]
+    flat = eigenvalues[:, 0] <= (MOST_NOISE * scale) ** 2 + rounding
+    flat &= sizes > centroids.shape[1]
     larger = np.flatnonzero(flat)
     rank = np.argsort(np.argsort(sizes, kind="stable"), kind="stable")
     found = [np.empty((0, 2), dtype=int)]
@@ -139,8 +140,9 @@ def _pairs_in_a_plane(sizes, centroids, covariances, scale):
         normal = normals[rows]
         heights = np.einsum("rsd,rd->rs", apart, normal)
         tilted = np.einsum("sde,rd,re->rs", covariances, normal, normal, optimize=True)
-        limit = MOST_NOISE * np.maximum(scale[None], scale[rows][:, None])
-        candidate = flat[None] & (heights**2 + tilted <= limit**2)
+        limit = (MOST_NOISE * np.maximum(scale[None], scale[rows][:, None])) ** 2
+        limit += np.maximum(rounding[None], rounding[rows][:, None])
+        candidate = flat[None] & (heights**2 + tilted <= limit)
         candidate &= rank[None] < rank[rows][:, None]
         # The gap is at least this: no point is farther from its centroid than the length.
         beyond = np.linalg.norm(apart, axis=-1) - length[rows][:, None] - length[None]
@@ -150,20 +152,36 @@ def _pairs_in_a_plane(sizes, centroids, covariances, scale):
     return np.concatenate(found), length
 
 
-def _near(parts, pairs, length):
+def _near(points, members, ends, pairs, length):
     """Whether the gap between the regions of each pair is shorter than the first of them."""
+
+    def part(region):
+        return points[members[ends[region] : ends[region + 1]]]
+
     trees = {}
     near = np.zeros(len(pairs), dtype=bool)
     for row, (small, large) in enumerate(pairs):
         if large not in trees:
-            trees[large] = cKDTree(parts[large], balanced_tree=False)
-        gaps, _ = trees[large].query(parts[small], distance_upper_bound=length[small])
+            trees[large] = cKDTree(part(large), balanced_tree=False)
+        gaps, _ = trees[large].query(part(small), distance_upper_bound=length[small])
         near[row] = np.isfinite(gaps).any()
     return near
 
 
 def _medians(values, labels, n_regions):
     """Median of the values of each region, of an even number the upper one."""
-    order = np.lexsort((values, labels))[np.count_nonzero(labels < 0) :]
-    sizes = np.bincount(labels[order], minlength=n_regions)
-    return values[order[np.cumsum(sizes) - sizes + sizes // 2]]
+    order = np.argsort(values)
+    order = order[labels[order] >= 0]
+    groups = _grouping(labels[order], n_regions)
+    first, sizes = groups.indptr[:-1], np.diff(groups.indptr)
+    return values[order[groups.indices[first + sizes // 2]]]
+
+
+def _grouping(labels, n_regions, weights=None):
+    """Sparse (n_regions, n) of weights, 1 by default; its `indices` are the rows by region.
+
+    Sorted by counting, rows of a region in their order.
+    """
+    n = len(labels)
+    weights = np.ones(n) if weights is None else weights
+    return coo_array((weights, (labels, np.arange(n))), shape=(n_regions, n)).tocsr()

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from sklearn.metrics import adjusted_rand_score
 
 from sklearn_mcmd import RegionGrowing
+from sklearn_mcmd._region_joining import join_coplanar
 
 
 def walls(rng, *boxes, noise=0.003, density=3000):
@@ -44,3 +46,15 @@ def test_curved_regions_are_not_joined():
     angle = angle[np.abs(angle - np.pi / 2) > 0.15]  # two quarters of a vault, a slit between
     vault = np.column_stack([np.cos(angle), rng.uniform(0, 2, len(angle)), np.sin(angle)])
     assert RegionGrowing(random_state=0).fit(vault).n_regions_ == 2
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_parts_of_a_plane_without_noise_are_joined_in_any_attitude(seed):
+    # The least eigenvalue of a region is rounded by a share of its largest one, far above
+    # what rounding of the coordinates amounts to.
+    X = np.random.default_rng(0).uniform(0, 1, (4000, 3)) * [10, 1, 0]
+    part = (X[:, 0] // 2).astype(int)
+    X[:, 0] += 0.3 * part
+    X = X @ Rotation.random(random_state=seed).as_matrix().T + [3, 7, 1]
+    rounding = 8 * np.finfo(np.float64).eps * np.abs(X).max(axis=1)
+    assert len(np.unique(join_coplanar(X, part, rounding))) == 1
