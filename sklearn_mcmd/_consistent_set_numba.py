@@ -28,7 +28,8 @@ __all__ = [
     "work_arrays",
 ]
 
-VECTOR = 16  # float32 lanes of the widest vectors in use
+VECTOR = 8  # float32 lanes of the vectors that compilers prefer
+LINE = 16  # float32 numbers of a cache line
 COUNTING_PASSES = 7
 ROWS = 4  # members taken together in the counting loop
 F0, F1, F2, HALF = np.float32(0), np.float32(1), np.float32(2), np.float32(0.5)
@@ -88,11 +89,11 @@ def consistent_set_3d(size, trials, n_support, arrays):
     for t in range(n_trials):
         least[t] = np.inf
     for _ in range(n_trials):
-        t = 0
+        t, lowest = 0, bound[0]
         for s in range(1, n_trials):
-            if bound[s] < bound[t]:
-                t = s
-        if bound[t] > best + EIGENVALUE_STEP:
+            if bound[s] < lowest:
+                t, lowest = s, bound[s]
+        if lowest > best + EIGENVALUE_STEP:
             break
         bound[t] = np.inf
         select_members(local, size, n_support, lanes, t, keys, member)
@@ -126,8 +127,8 @@ def work_arrays(n_trials, k):
     local32 = np.zeros((3, k + ROWS), dtype=np.float32)
     lanes = np.zeros((4, n_lanes))
     n_rows = 21 + k + ROWS
-    buffer = np.zeros(n_rows * n_lanes + VECTOR, dtype=np.float32)
-    start = (-buffer.ctypes.data % 64) // 4
+    buffer = np.zeros(n_rows * n_lanes + LINE, dtype=np.float32)
+    start = (-buffer.ctypes.data % (4 * LINE)) // 4
     lanes32 = buffer[start : start + n_rows * n_lanes].reshape(n_rows, n_lanes)
     least, keys, member = np.empty(n_trials), np.empty(k, dtype=np.int64), np.zeros(k)
     return local, local32, lanes, lanes32, least, keys, member

@@ -5,10 +5,12 @@ from numba import njit
 
 from sklearn_mcmd._borrowing import LEAST_KEPT, MOST_SPARSE
 from sklearn_mcmd._judging import COMMON, HALF, OWN, QUARTER, SURFACE
+from sklearn_mcmd._plane_numba import insert_least
 
 __all__ = ["extents_of_neighborhoods", "judge_neighborhoods", "quantile_of_neighbors"]
 
 LARGEST = np.finfo(np.float64).max
+MOST_INSERTED = 8
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -93,10 +95,16 @@ def extents_of_neighborhoods(points, queries, indices, sizes, spacing, radius):
 
 @njit(cache=True, nogil=True)
 def _quantile(all_values, neighbors, size, q, values):
-    """The value at the rank int(q * size), from 0, by Hoare's selection."""
+    """The value at the rank int(q * size), from 0, by Hoare's selection or, of low rank, by
+    insertion."""
+    rank = int(q * size)
+    if rank < MOST_INSERTED:
+        values[: rank + 1] = np.inf
+        for j in range(size):
+            insert_least(values, rank + 1, all_values[neighbors[j]])
+        return values[rank]
     for j in range(size):
         values[j] = all_values[neighbors[j]]
-    rank = int(q * size)
     low, high = 0, size - 1
     while low < high:
         pivot = values[(low + high) // 2]

@@ -112,8 +112,11 @@ def normal_errors(scale, eigenvalues, n_points, inflation=1.0):
     d = eigenvalues.shape[1]
     freedom = n_points - d
     # A table by the number of points: quantiles of F are dear.
-    counts, row = np.unique(np.maximum(freedom, 1), return_inverse=True)
-    student = fdtri(d - 1, counts, CONFIDENCE) * (d - 1) / chdtri(d - 1, 1.0 - CONFIDENCE)
+    row = np.maximum(freedom, 1).astype(np.intp)
+    counts = np.flatnonzero(np.bincount(row))
+    student = np.ones(row.max(initial=0) + 1)
+    student[counts] = fdtri(d - 1, counts, CONFIDENCE)
+    student *= (d - 1) / chdtri(d - 1, 1.0 - CONFIDENCE)
     in_plane, least = eigenvalues[:, 1:], eigenvalues[:, :1]
     gap = in_plane - least
     known = (freedom > 0) & (gap[:, 0] > RANK_TOLERANCE * eigenvalues[:, -1])

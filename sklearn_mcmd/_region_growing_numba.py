@@ -3,6 +3,7 @@
 import numpy as np
 from numba import njit
 
+from sklearn_mcmd._plane_numba import insert, insert_least
 from sklearn_mcmd._region_graph import MAD_TO_SD, N_DEVIATIONS, _grow
 
 __all__ = ["grow", "link_neighbors_3d", "measure_neighbors_3d"]
@@ -27,7 +28,7 @@ def measure_neighbors_3d(points, normals, indices, start, offset, limit):
         nx, ny, nz = normals[start + row]
         for a in range(k):
             p = points[indices[row, a]]
-            _insert(heights, a, (p[0] - x) * nx + (p[1] - y) * ny + (p[2] - z) * nz)
+            insert(heights, a, (p[0] - x) * nx + (p[1] - y) * ny + (p[2] - z) * nz)
         offset[row] = _middle(heights)
         _sort_deviations(heights, offset[row], away)
         middle = _middle(away)
@@ -52,7 +53,8 @@ def link_neighbors_3d(
     """
     width = links.shape[1]
     n_fitting, nearest = majority
-    least = np.empty((width + 1) // 4 + 1)
+    n_least = (width + 1) // 4 + 1
+    least = np.empty(n_least)
     for row in range(len(links)):
         i = start + row
         x, y, z = points[i]
@@ -60,9 +62,9 @@ def link_neighbors_3d(
         largest = limit[i]
         if most < np.inf:
             least[:] = np.inf
-            _insert_least(least, limit[i])
+            insert_least(least, n_least, limit[i])
             for a in range(width):
-                _insert_least(least, limit[links[row, a]])
+                insert_least(least, n_least, limit[links[row, a]])
             largest = min(largest, most * least[-1])
         n_agreeing = n_links = 0
         if n_fitting == 0 or abs(offset[i]) <= largest:
@@ -79,22 +81,6 @@ def link_neighbors_3d(
         if n_agreeing < n_fitting:
             n_links = 0
         links[row, n_links:] = -1
-
-
-@njit(cache=True, nogil=True)
-def _insert(ordered, size, value):
-    """Put a value among the first `size` of an array, which ascend."""
-    while size > 0 and ordered[size - 1] > value:
-        ordered[size] = ordered[size - 1]
-        size -= 1
-    ordered[size] = value
-
-
-@njit(cache=True, nogil=True)
-def _insert_least(least, value):
-    """Put a value among the least, which ascend; the last of them drops out."""
-    if value < least[-1]:
-        _insert(least, len(least) - 1, value)
 
 
 @njit(cache=True, nogil=True)

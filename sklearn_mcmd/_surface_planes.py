@@ -64,7 +64,7 @@ class SurfacePlanes:
 
         def sweep(part):
             indices, sizes = self._neighborhoods(X[part])
-            planes[part], smooth[part], noise[part] = self._own(X[part], indices, sizes)
+            smooth[part], noise[part] = self._own(X[part], planes.take(part), indices, sizes)
             neighborhoods[part.start] = part, indices, sizes
 
         def unfold(start):
@@ -103,7 +103,8 @@ class SurfacePlanes:
         def task(part):
             points = queries[part]
             indices, sizes = self._neighborhoods(points)
-            own, smooth, noise = self._own(points, indices, sizes)
+            own = LocalPlanes.empty(*points.shape)
+            smooth, noise = self._own(points, own, indices, sizes)
             self._unfold(points, own, smooth, noise, indices, sizes)
             if self.borrow:
                 rough = _rough(own, smooth)
@@ -126,20 +127,18 @@ class SurfacePlanes:
         points = np.ascontiguousarray(points, dtype=np.float64)
         return self.model.evaluate_neighborhoods(points, indices, sizes, precision)
 
-    def _own(self, points, indices, sizes):
-        """Planes of neighborhoods, of all members where these are smooth; bool (m,), which are;
-        and the noise (m,) of the surface, curved or not."""
-        planes = LocalPlanes.empty(*points.shape)
+    def _own(self, points, planes, indices, sizes):
+        """Fill the planes of neighborhoods, of all members where these are smooth; bool (m,), which
+        are; and the noise (m,) of the surface, curved or not."""
         deviation, left, smooth = self._fit_whole(planes, indices, sizes)
+        self._finish_whole(planes, points, sizes, deviation)
         rest = np.flatnonzero(~smooth)
         if len(rest):
             robust = self._robust(points[rest], indices[rest], sizes[rest])
             whole = is_smooth(deviation[rest], left[rest], robust.scale)
             smooth[rest] = whole
             planes[rest[~whole]] = robust.take(~whole)
-        rows = np.flatnonzero(smooth)
-        self._finish_whole(planes, rows, points, sizes, deviation)
-        return planes, smooth, np.where(smooth, np.minimum(deviation, left), planes.scale)
+        return smooth, np.where(smooth, np.minimum(deviation, left), planes.scale)
 
     def _fit_whole(self, planes, indices, sizes):
         """Fill planes of all members; `deviation`, `left` and `ordinary` of `whole_planes`."""
@@ -165,20 +164,17 @@ class SurfacePlanes:
         planes.normals[:], planes.directions[:] = axes[..., 0], axes[..., -1]
         return fitted[3:]
 
-    def _finish_whole(self, planes, rows, points, sizes, deviation):
-        """What follows from planes of all members."""
-        if len(rows) == 0:
-            return
-        whole = planes.take(rows)
-        flat_normals(whole.normals, whole.eigenvalues, whole.directions)
-        rounding = self.model.rounding * np.abs(whole.centroids).max(axis=1)
-        least = np.maximum(rounding, self.model.least_scale)
-        whole.scale[:] = np.maximum(deviation[rows], least)
-        whole.n_inliers[:] = whole.n_members[:] = sizes[rows]
-        whole.normal_error[:] = normal_errors(whole.scale, whole.eigenvalues, whole.n_inliers)
-        height = np.einsum("md,md->m", points[rows] - whole.centroids, whole.normals)
-        whole.distance[:] = ratio(np.abs(height), whole.scale)
-        planes[rows] = whole
+    def _finish_whole(self, planes, points, sizes, deviation):
+        """What follows from planes of all members; where these are too few to tell a deviation,
+        something to be overwritten."""
+        flat_normals(planes.normals, planes.eigenvalues, planes.directions)
+        deviation = np.where(np.isfinite(deviation), deviation, 0.0)
+        rounding = self.model.rounding * np.abs(planes.centroids).max(axis=1)
+        planes.scale[:] = np.maximum(deviation, np.maximum(rounding, self.model.least_scale))
+        planes.n_inliers[:] = planes.n_members[:] = sizes
+        planes.normal_error[:] = normal_errors(planes.scale, planes.eigenvalues, planes.n_inliers)
+        height = np.einsum("md,md->m", points - planes.centroids, planes.normals)
+        planes.distance[:] = ratio(np.abs(height), planes.scale)
 
     def _unfold(self, points, planes, smooth, noise, indices, sizes):
         """Give neighborhoods their robust planes back, in place, that lie across a crease."""
