@@ -5,12 +5,11 @@ from numba import njit
 
 from sklearn_mcmd._borrowing import LEAST_KEPT, MOST_SPARSE
 from sklearn_mcmd._judging import COMMON, HALF, OWN, QUARTER, SURFACE
-from sklearn_mcmd._plane_numba import insert_least
+from sklearn_mcmd._plane_numba import kth_smallest
 
 __all__ = ["extents_of_neighborhoods", "judge_neighborhoods", "quantile_of_neighbors"]
 
 LARGEST = np.finfo(np.float64).max
-MOST_INSERTED = 8
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -21,18 +20,18 @@ def judge_neighborhoods(
 ):  # fmt: skip
     """Fill scores, owners and usual_spacing; see `judge`."""
     values = np.empty(indices.shape[1])
+    keys = values.view(np.int64)
     d = queries.shape[1]
     for i in range(len(queries)):
         neighbors, size = indices[i], sizes[i]
-        usual_spacing[i] = _quantile(all_spacing, neighbors, size, HALF, values)
+        usual_spacing[i] = _quantile(all_spacing, neighbors, size, HALF, values, keys)
         owners[i] = -1
         if ruler == OWN:
             scores[i] = distance[i]
         else:
             sigma = noise
             if ruler != COMMON:
-                usual = _quantile(all_scale, neighbors, size, HALF, values)
-                around = _quantile(all_radius, neighbors, size, HALF, values)
+                around = _quantile(all_radius, neighbors, size, HALF, values, keys)
                 n_credible = 0
                 for j in range(size):
                     n_credible += all_credible[neighbors[j]]
@@ -43,12 +42,11 @@ def judge_neighborhoods(
                     and removed[i] <= 1.0 - LEAST_KEPT
                 )
                 if on_surface and credible:
-                    least = _quantile(all_scale, neighbors, size, QUARTER, values)
+                    least = _quantile(all_scale, neighbors, size, QUARTER, values, keys)
                     sigma = max(scale[i], least)
-                elif on_surface:
-                    sigma = min(scale[i], usual)
                 else:
-                    sigma = max(scale[i], usual)
+                    usual = _quantile(all_scale, neighbors, size, HALF, values, keys)
+                    sigma = min(scale[i], usual) if on_surface else max(scale[i], usual)
             own = 0.0
             for axis in range(d):
                 own += (queries[i, axis] - centroids[i, axis]) * normals[i, axis]
@@ -74,8 +72,9 @@ def judge_neighborhoods(
 def quantile_of_neighbors(all_values, indices, sizes, q, out):
     """Fill `out` with the q-quantile of the neighbors' values."""
     values = np.empty(indices.shape[1])
+    keys = values.view(np.int64)
     for i in range(len(out)):
-        out[i] = _quantile(all_values, indices[i], sizes[i], q, values)
+        out[i] = _quantile(all_values, indices[i], sizes[i], q, values, keys)
 
 
 @njit(cache=True, nogil=True)
@@ -94,36 +93,15 @@ def extents_of_neighborhoods(points, queries, indices, sizes, spacing, radius):
 
 
 @njit(cache=True, nogil=True)
-def _quantile(all_values, neighbors, size, q, values):
-    """The value at the rank int(q * size), from 0, by Hoare's selection or, of low rank, by
-    insertion."""
-    rank = int(q * size)
-    if rank < MOST_INSERTED:
-        values[: rank + 1] = np.inf
-        for j in range(size):
-            insert_least(values, rank + 1, all_values[neighbors[j]])
-        return values[rank]
+def _quantile(all_values, neighbors, size, q, values, keys):
+    """The value at the rank int(q * size), from 0, of numbers that are not negative.
+
+    Their bits, which `keys` shares with `values`, are in their order.
+    """
     for j in range(size):
         values[j] = all_values[neighbors[j]]
-    low, high = 0, size - 1
-    while low < high:
-        pivot = values[(low + high) // 2]
-        i, j = low, high
-        while i <= j:
-            while values[i] < pivot:
-                i += 1
-            while pivot < values[j]:
-                j -= 1
-            if i <= j:
-                values[i], values[j] = values[j], values[i]
-                i, j = i + 1, j - 1
-        if rank <= j:
-            high = j
-        elif rank >= i:
-            low = i
-        else:
-            break
-    return values[rank]
+    keys[0] = kth_smallest(keys, size, int(q * size) + 1)
+    return values[0]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
