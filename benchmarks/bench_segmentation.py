@@ -28,11 +28,17 @@ from pathlib import Path
 
 import numpy as np
 
-PAPER = {"core_fraction": 0, "join_coplanar": False, "assign_rest": False}
+PAPER = {
+    "core_fraction": 0,
+    "join_coplanar": False,
+    "join_curved": False,
+    "assign_rest": False,
+}
 FORMS = {
     "paper's rules": PAPER,
     "and core points": {**PAPER, "core_fraction": 0.5},
-    "and rest assigned": {"join_coplanar": False},
+    "and rest assigned": {"join_coplanar": False, "join_curved": False},
+    "and coplanar joined": {"join_curved": False},
     "default": {},
 }
 DENOISERS = {

@@ -73,7 +73,7 @@ class Claims:
         number[pairs[most, 0]] = pairs[most, 1]
         return number[labels]
 
-    def assign_rest(self, labels):
+    def assign_rest(self, labels, content=()):
         """Give points without a region to that of the neighbor whose plane is nearest.
 
         Points claimed in one round may claim others in the next: the outcome depends on no
@@ -83,16 +83,22 @@ class Claims:
         ----------
         labels : ndarray of int of shape (n,)
             -1 for points without a region.
+        content : ndarray of int, default=()
+            Labels of regions that have all their points, and claim none.
 
         Returns
         -------
         labels : ndarray of int of shape (n,)
         """
         labels = labels.copy()
+        claiming = np.append(np.ones(int(labels.max(initial=-1)) + 1, dtype=bool), False)
+        claiming[np.asarray(content, dtype=np.intp)] = False
         rest = np.flatnonzero(labels < 0)
         neighbors, shares = self._claimants(rest)
         for _ in range(MAX_ROUNDS):
-            owner = _owners(labels, neighbors, np.where(labels[neighbors] >= 0, shares, np.inf))
+            owner = _owners(
+                labels, neighbors, np.where(claiming[labels[neighbors]], shares, np.inf)
+            )
             claimed = owner >= 0
             if not claimed.any():
                 break

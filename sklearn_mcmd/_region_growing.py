@@ -19,6 +19,7 @@ from sklearn_mcmd._neighborhoods import NeighborIndex
 from sklearn_mcmd._normals import RobustNormalEstimator
 from sklearn_mcmd._orientation import point_up
 from sklearn_mcmd._region_claims import Claims
+from sklearn_mcmd._region_cylinders import CylinderParts
 from sklearn_mcmd._region_graph import grow_regions, link_neighbors
 from sklearn_mcmd._region_joining import join_coplanar, region_planes
 from sklearn_mcmd._resolution import coordinate_step
@@ -69,6 +70,12 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         Whether regions that lie in one plane are joined where the gap between them is shorter
         than the smaller one: parts of a wall that a shadow cuts, strips of a face whose normals
         are bad. False is the paper.
+
+    join_curved : bool, default=True
+        Whether regions no wider than the neighborhoods that touch are joined where one cylinder
+        explains them as well as each is explained by itself, and better than a plane of each:
+        strips of a post, a trunk, a bin. With `assign_rest` such a cylinder also takes in the
+        points on it before planes do. In three dimensions. False is the paper.
 
     assign_rest : bool, default=True
         Whether points that no region reached, mostly next to edges and in the tails of the
@@ -133,10 +140,10 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
     The paper leaves the automatic thresholds to a reference that was not at hand. Those here,
     the median and two median absolute deviations of the distances to the plane and the median
     of the distances between points, are remembered from later papers of its authors, and
-    unverified. ``core_fraction=0, join_coplanar=False, assign_rest=False`` is nearest to the
-    paper. Departures: the plane of a point lies at the median height of its neighbors,
-    since the columns of a transformer hold no centroid; deviations are scaled to standard
-    deviations by 1.4826; thresholds have a floor where coordinates are rounded; and
+    unverified. ``core_fraction=0, join_coplanar=False, join_curved=False, assign_rest=False`` is
+    nearest to the paper. Departures: the plane of a point lies at the median height of its
+    neighbors, since the columns of a transformer hold no centroid; deviations are scaled to
+    standard deviations by 1.4826; thresholds have a floor where coordinates are rounded; and
     `core_fraction`, without which single bad normals next to an edge join two faces.
 
     A region is what can be reached from its seed, so labels depend on neither the order of
@@ -188,6 +195,7 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         "min_region_size": [Interval(Integral, 1, None, closed="left")],
         "core_fraction": [Interval(Real, 0, 1, closed="both")],
         "join_coplanar": ["boolean"],
+        "join_curved": ["boolean"],
         "assign_rest": ["boolean"],
         "normals": [StrOptions({"estimate", "precomputed"})],
         "normal_estimator": [RobustNormalEstimator, None],
@@ -205,6 +213,7 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         min_region_size=10,
         core_fraction=0.5,
         join_coplanar=True,
+        join_curved=True,
         assign_rest=True,
         normals="estimate",
         normal_estimator=None,
@@ -218,6 +227,7 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         self.min_region_size = min_region_size
         self.core_fraction = core_fraction
         self.join_coplanar = join_coplanar
+        self.join_curved = join_curved
         self.assign_rest = assign_rest
         self.normals = normals
         self.normal_estimator = normal_estimator
@@ -275,7 +285,12 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
             labels = _renumber(claims.absorb_fragments(labels), copies)
         if self.join_coplanar:
             labels = join_coplanar(points, labels, noise)
-        if self.assign_rest:
+        if self.join_curved and points.shape[1] == 3:
+            cylinders = CylinderParts(index, normals, graph.radius, floor, self.max_gap)
+            labels = cylinders.grow(labels) if self.assign_rest else cylinders.join(labels)
+            if self.assign_rest:  # which fills the gaps between parts
+                labels = cylinders.join(claims.assign_rest(labels, cylinders.curved))
+        elif self.assign_rest:
             labels = claims.assign_rest(labels)
         labels = _renumber(labels, copies)
         self.n_regions_ = int(labels.max(initial=-1)) + 1

@@ -76,7 +76,8 @@ def test_without_colors_only_the_labels_are_added(room_file, tmp_path):
 def test_options_of_segment_reach_the_estimators(room, room_file, tmp_path):
     result = run(
         *("segment", room_file, tmp_path / "out.npy", "--max-angle", 7, "--max-distance", 0.003),
-        *("--max-gap", 0.4, "--min-region-size", 30, "--no-join-coplanar", "--no-assign-rest"),
+        *("--max-gap", 0.4, "--min-region-size", 30, "--no-join-coplanar", "--no-join-curved"),
+        *("--no-assign-rest",),
         *("--n-neighbors", 20, "--growth-neighbors", 16, "--outlier-rate", 0.3),
         *("--random-state", 4, "--n-jobs", 1),
     )
@@ -88,6 +89,7 @@ def test_options_of_segment_reach_the_estimators(room, room_file, tmp_path):
         max_gap=0.4,
         min_region_size=30,
         join_coplanar=False,
+        join_curved=False,
         assign_rest=False,
         normal_estimator=RobustNormalEstimator(20, outlier_rate=0.3, random_state=4),
     )

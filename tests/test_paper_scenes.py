@@ -129,6 +129,7 @@ def test_table_6_is_what_the_estimators_give(segmented):
         max_angle=5,
         core_fraction=0,
         join_coplanar=False,
+        join_curved=False,
         assign_rest=False,
         normals="precomputed",
     )

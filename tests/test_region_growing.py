@@ -15,7 +15,12 @@ from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 
 N_STRAY = 9  # fewer than make a region
-LITERAL = {"join_coplanar": False, "assign_rest": False, "min_region_size": 1}
+LITERAL = {
+    "join_coplanar": False,
+    "join_curved": False,
+    "assign_rest": False,
+    "min_region_size": 1,
+}
 
 
 def columns_of(X, normals, rng):

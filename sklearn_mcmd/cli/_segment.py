@@ -81,6 +81,13 @@ def segment(
             "that a shadow cuts.",
         ),
     ] = True,
+    join_curved: Annotated[
+        bool,
+        typer.Option(
+            "--join-curved/--no-join-curved",
+            help="Join narrow regions of one cylinder, such as strips of a post or a trunk.",
+        ),
+    ] = True,
     assign_rest: Annotated[
         bool,
         typer.Option(
@@ -130,6 +137,7 @@ def segment(
             max_gap=max_gap,
             min_region_size=min_region_size,
             join_coplanar=join_coplanar,
+            join_curved=join_curved,
             assign_rest=assign_rest,
             n_jobs=n_jobs,
         )
