@@ -84,9 +84,9 @@ class _Rehearsal(IteratedPlanes):
     all, asked by every point, is compared with any cutoff without asking again.
     """
 
-    def _settle(self, X, order, scores, owners, usual):
+    def _settle(self, X, order, scores, owners, usual, gaps):
         self.cutoff = 0.0
-        self.judged = X, order, owners, usual
+        self.judged = X, order, owners, usual, gaps
         self.least, _, _ = self._judge_all(X, self.borrow)
         self.apart = np.zeros(len(X))
         if self.ruler != OWN:
@@ -97,11 +97,11 @@ class _Rehearsal(IteratedPlanes):
         least = self.least[counted[self.judged[1]]]
 
         def flagged(cutoff):
-            X, order, owners, usual = self.judged
+            X, order, owners, usual, gaps = self.judged
             self.cutoff = cutoff
             # As in a verdict: what stands apart does so whatever the cutoff is.
             scores = np.maximum(self.least, cutoff * self.apart)
-            super(_Rehearsal, self)._settle(X, order, scores, owners, usual)
+            super(_Rehearsal, self)._settle(X, order, scores, owners, usual, gaps)
             return np.mean(self.scores[counted] > cutoff)
 
         apart = flagged(least.max())

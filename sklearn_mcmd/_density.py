@@ -13,6 +13,16 @@ SAMPLE = 64
 DENSE = 0.1  # quantile of the spacing that stands for the dense part of the surroundings
 LINKS = 12
 COMPANIONS = 8
+# Rejected points whose own spacing is below so many times that of surfaces are an object's, if
+# they fill a ball, next to what is explained; ...
+COMPANY = 2.5
+# ... at most below so many times if they are thin or flat, ...
+COMPANY_OF_THIN = 4.0
+# ... but not within so many spacings of explained points: there the tails of noise are as flat.
+BESIDE = 1.5
+# Product of the axes over the longest one, of some 100 points in a ball; and the least to be told
+# from that of a face, which noise and chance give some depth.
+BALL, FLAT = 0.77, 0.1
 MANTISSA, MIXER = np.uint64(2**52 - 1), np.uint64(0x9E3779B97F4A7C15)
 
 
@@ -49,8 +59,11 @@ class DenseSpacing:
 class Company:
     """Rejected points among themselves: what is dense and many is an object, not outliers.
 
-    Foliage, thin objects and what stands out of a surface have no plane that explains them,
-    but they lie together as densely as surfaces do. Outliers don't, or in small groups.
+    Foliage, thin objects, strips of surface and what stands out of one have no plane that explains
+    them, but they lie together nearly as densely as surfaces do. Outliers don't, or in small
+    groups; only where they are many, as in the sheets of mixed pixels behind edges, chance brings
+    them as close. But they scatter to all sides, away from what is explained. So the rounder the
+    group is, and the farther from explained points, the closer its points have to be.
 
     Parameters
     ----------
@@ -58,28 +71,53 @@ class Company:
         The rejected.
     n_neighbors : int
         Of the neighborhoods whose spacing company is compared with.
+    n_group : int
+        Size of the group whose shape is seen, the least that may be an object.
     alone : ndarray of bool of shape (n,)
         Who belongs to a small group, which is no company.
     """
 
-    def __init__(self, points, n_neighbors, alone):
+    def __init__(self, points, n_neighbors, n_group, alone):
         n, d = points.shape
-        self.alone = alone
+        self.points, self.alone = points, alone
         self.n_near = COMPANIONS + 1
+        self.n_group = min(max(n_group, self.n_near), n)
         self.tree = cKDTree(points) if n > self.n_near else None
         # From the mean distance of k points of a surface to that of a few.
         self.per_neighborhood = (COMPANIONS / n_neighbors) ** (1 / (d - 1))
 
-    def isolation(self, queries, usual_spacing):
-        """Spacing among the rejected over the usual spacing of surfaces: (m,)."""
+    def isolation(self, queries, usual_spacing, gaps):
+        """How far queries (m, d) are from having company, up to 1 they have: (m,).
+
+        Parameters
+        ----------
+        queries : ndarray of shape (m, d)
+        usual_spacing : ndarray of shape (m,)
+            Of the surfaces around.
+        gaps : ndarray of shape (m,)
+            Distance of the nearest retained point.
+        """
+        isolation = np.full(len(queries), np.inf)
         if self.tree is None:
-            return np.full(len(queries), np.inf)
+            return isolation
         distances, near = self.tree.query(queries, self.n_near)
-        spacing = distances[:, 1:].mean(axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            isolation = spacing / (self.per_neighborhood * usual_spacing)
-        isolation[self.alone[near[:, 0]] | np.isnan(isolation)] = np.inf
+        step = self.per_neighborhood * usual_spacing
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            spacing, gaps = distances[:, 1:].mean(axis=1) / step, gaps / step
+        limit = np.where(gaps <= BESIDE, COMPANY, COMPANY_OF_THIN)
+        rows = np.flatnonzero((spacing <= limit) & ~self.alone[near[:, 0]])
+        _, group = self.tree.query(queries[rows], self.n_group)
+        stricter = np.sqrt(_fullness(self.points[group]) * np.sqrt(np.maximum(gaps[rows], 1.0)))
+        isolation[rows] = spacing[rows] * stricter / COMPANY
         return isolation
+
+
+def _fullness(groups):
+    """How much of a ball around them groups of points (m, k, d) fill: a ball 1, thin ones less."""
+    deviations = groups - groups.mean(axis=1, keepdims=True)
+    squares = np.linalg.eigvalsh(deviations.swapaxes(1, 2) @ deviations)
+    axes = np.sqrt(np.maximum(squares, 0.0) / squares[:, -1:])
+    return np.maximum(axes.prod(axis=1), FLAT) / BALL
 
 
 def group_sizes(points, rows, neighbors, compiled):

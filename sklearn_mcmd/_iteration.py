@@ -32,8 +32,6 @@ CHUNK = {True: 4096, False: 256}  # rows a task, compiled or not
 # or than is usual on the dense surfaces of its wider surroundings.
 STANDS_APART = 2.4
 SPARSE = 1.5
-# Rejected points whose own spacing is below so many times that of surfaces are an object's.
-COMPANY = 2.5
 # Flat for its size is a plane that is so many times flatter than the radius, or than is usual.
 FLATNESS = 0.1
 FLATNESS_FACTOR = 3.0
@@ -112,6 +110,8 @@ class IteratedPlanes:
         self.tied = np.zeros(n, dtype=bool)  # whose neighbors another tree may order otherwise
         self.member_rows = np.argsort(order).astype(np.int32)[self.model.index.rows]
         self.distinct = np.sort(self.member_rows)  # copies of a point count once
+        k = self.neighbors.shape[1]
+        self.small_group = min(SMALL_GROUP * k, SMALL_SHARE * len(self.distinct))
         while True:
             self._refit(X)
             if self.n_iter == 1:
@@ -140,7 +140,8 @@ class IteratedPlanes:
         if borrow != self.borrow or self.cutoff != self.verdict:
             self.cutoff = self.verdict
             scores, owners, usual = self._judge_all(X, self.borrow)
-        self._settle(X, order, scores, owners, usual)
+        gaps = np.linalg.norm(X - X[self.neighbors[:, 0]], axis=1)
+        self._settle(X, order, scores, owners, usual, gaps)
         # What new points are judged by stays; these take as much memory.
         del self.neighbors, self.distinct, self.copied, self.left, self.joined, self.tied
         return self
@@ -165,7 +166,8 @@ class IteratedPlanes:
             judged = self._judge(
                 points, planes, spacing, radius, rows, sizes, self.borrow, precision
             )
-            scores[part] = self._spare_company(points, *judged[::2])
+            gaps = np.linalg.norm(points - self.model.index.points[positions[:, 0]], axis=1)
+            scores[part] = self._spare_company(points, *judged[::2], gaps)
 
         each_chunk(queries, CHUNK[self.compiled], task, self.n_jobs)
         return scores
@@ -293,38 +295,45 @@ class IteratedPlanes:
             limit = max(limit, float(np.quantile(scores[self.distinct], LEAST_RETAINED)))
         passed = scores <= limit
         if self.ruler != OWN:
-            k = self.neighbors.shape[1]
             members = self.member_rows
             sizes = group_sizes(X, members, self.neighbors, self.compiled)
             planes = self.fitted.planes
             rough = planes.scale[members] > QUITE_FLAT * self.fitted.radius[members]
-            small = sizes < min(SMALL_GROUP * k, SMALL_SHARE * len(self.distinct))
+            small = sizes < self.small_group
             found = members[small & (rough | ~passed[members])]
             self.alone[self.copied[found]] = True
             self.alone = self.alone[self.copied]
             passed &= ~self.alone
         return passed
 
-    def _settle(self, X, order, scores, owners, usual):
+    def _settle(self, X, order, scores, owners, usual, gaps):
         """What new points need, and results in the order of the rows of the fitted cloud."""
         n, k = len(X), self.model.index.n_neighbors
         self.company = None
         if self.keep_groups and self.ruler != OWN:
             rejected = np.flatnonzero(scores > self.cutoff)
             distinct = rejected[distinct_rows(X[rejected])] if len(rejected) else rejected
-            self.company = Company(X[distinct], k, self.alone[distinct])
-            scores[rejected] = self._spare_company(X[rejected], scores[rejected], usual[rejected])
+            n_group = int(np.ceil(self.small_group))
+            self.company = Company(X[distinct], k, n_group, self.alone[distinct])
+            chunk = CHUNK[self.compiled]
+
+            def task(rows):
+                scores[rows] = self._spare_company(X[rows], scores[rows], usual[rows], gaps[rows])
+
+            parts = [(rejected[i : i + chunk],) for i in range(0, len(rejected), chunk)]
+            run(parts, task, self.n_jobs)
         self.scores, self.plane_index = np.empty(n), np.empty(n, dtype=np.intp)
         self.scores[order] = scores
         self.plane_index[order] = order[np.where(owners < 0, np.arange(n), owners)]
 
-    def _spare_company(self, queries, scores, usual):
+    def _spare_company(self, queries, scores, usual, gaps):
         """Scores, lowered where a rejected point keeps company."""
         if self.company is None:
             return scores
         far = np.flatnonzero(scores > self.cutoff)
-        isolation = self.company.isolation(queries[far], usual[far])
-        scores[far] = np.minimum(scores[far], self.cutoff / COMPANY * isolation)
+        isolation = self.company.isolation(queries[far], usual[far], gaps[far])
+        # The root, so that what no plane explains ranks above most of what one does, kept or not.
+        scores[far] = np.minimum(scores[far], self.cutoff * isolation**0.25)
         return scores
 
     def _least(self):

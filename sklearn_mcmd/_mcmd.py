@@ -101,8 +101,9 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
 
     keep_groups : bool or "auto", default="auto"
         Whether points that no plane explains are kept where they lie together nearly as densely
-        as the surfaces do, and not in a small group: foliage, thin objects, small faces. "auto"
-        keeps them with ``noise_scale="local"`` only.
+        as the surfaces do, and not in a small group: foliage, thin objects, small faces. Thin and
+        flat groups may be sparser, those far from explained points must be denser. "auto" keeps
+        them with ``noise_scale="local"`` only.
 
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of trials that all neighborhoods use.
