@@ -87,6 +87,7 @@ class CylinderParts:
         self.index, self.normals, self.radius, self.floor = index, normals, radius, floor
         self.max_gap = np.inf if max_gap is None else max_gap
         self.curved = np.empty(0, dtype=np.intp)
+        self.wide = None  # by label; regions only gain points, and no wide one becomes narrow
 
     def join(self, labels):
         """Give one label to regions that are parts of one cylinder.
@@ -136,14 +137,15 @@ class CylinderParts:
     def _narrow_parts(self, labels):
         """The parts that may be joined, by label: narrow regions, and those curved before."""
         n_regions = int(labels.max(initial=-1)) + 1
-        sizes, *_, values, _ = region_planes(self.index.points, labels, n_regions)
-        inside = labels >= 0
-        reach = np.bincount(labels[inside], self.radius[inside], n_regions) / np.maximum(sizes, 1)
+        wide = np.zeros(n_regions, dtype=bool) if self.wide is None else self.wide[:n_regions]
+        rows = np.flatnonzero(~np.append(wide, True)[labels])
+        own = labels[rows]
+        sizes, *_, values, _ = region_planes(self.index.points[rows], own, n_regions)
+        reach = np.bincount(own, self.radius[rows], n_regions) / np.maximum(sizes, 1)
         # Of points spread evenly over a width the standard deviation is its root 12th.
-        eligible = np.sqrt(12 * values[:, 1]) <= MOST_WIDE * reach
-        eligible[self.curved] = True
-        eligible &= sizes >= 4
-        rows = np.flatnonzero(np.append(eligible, False)[labels])
+        self.wide = wide | (np.sqrt(12 * values[:, 1]) > MOST_WIDE * reach)
+        self.wide[self.curved] = False
+        rows = rows[(~self.wide & (sizes >= 4))[own]]
         rows = rows[np.argsort(labels[rows], kind="stable")]
         names, starts = np.unique(labels[rows], return_index=True)
         groups = np.split(rows, starts[1:]) if len(rows) else []
