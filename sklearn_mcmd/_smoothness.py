@@ -29,9 +29,10 @@ __all__ = [
 
 # All members keep to their plane nearly as well as the retained do to theirs: no outliers.
 ALL_FLAT = 1.2
-# The quadric's residual is below the scale of the robust plane, which curvature has inflated.
-# At a crease of noisy faces it is above: the scale there is the noise.
-CURVED = 0.8
+# The quadric leaves hardly more than the robust plane's scale, which curvature has inflated. At a
+# sharp crease it leaves far more: the scale there is the noise. A blunt one may get past this; that
+# the quadric leaves more there than next to it shows later, see `SurfacePlanes`.
+CURVED = 1.15
 # Share of the variance about the plane that a quadric leaves, without noise at most. It leaves
 # 6 % of a crease.
 QUADRIC = 0.02

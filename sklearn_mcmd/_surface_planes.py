@@ -27,7 +27,7 @@ LEAST_NOISE = 0.01
 BEST = 0.1
 # ... and so many standard errors, of a deviation that so few members tell. A curved surface is
 # as curved next to a point as at it; what is not is no smooth surface, though a quadric fits it.
-NOISY, CREASED = 3.0, 4.0
+NOISY, CREASED = 3.0, 3.25
 # A plane that leans by no more than so many of its standard errors is not borrowed: the least noisy
 # of many is so by chance, and no better.
 SIGNIFICANT = 3.0
