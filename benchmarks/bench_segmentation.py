@@ -30,6 +30,7 @@ import numpy as np
 
 PAPER = {
     "core_fraction": 0,
+    "regrow_rest": False,
     "join_coplanar": False,
     "join_curved": False,
     "assign_rest": False,
@@ -37,8 +38,9 @@ PAPER = {
 FORMS = {
     "paper's rules": PAPER,
     "and core points": {**PAPER, "core_fraction": 0.5},
-    "and rest assigned": {"join_coplanar": False, "join_curved": False},
-    "and coplanar joined": {"join_curved": False},
+    "and rest assigned": {"regrow_rest": False, "join_coplanar": False, "join_curved": False},
+    "and coplanar joined": {"regrow_rest": False, "join_curved": False},
+    "and curved joined": {"regrow_rest": False},
     "default": {},
 }
 DENOISERS = {

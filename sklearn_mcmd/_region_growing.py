@@ -22,6 +22,7 @@ from sklearn_mcmd._region_claims import Claims
 from sklearn_mcmd._region_cylinders import CylinderParts
 from sklearn_mcmd._region_graph import grow_regions, link_neighbors
 from sklearn_mcmd._region_joining import join_coplanar, region_planes
+from sklearn_mcmd._region_rest import RestFaces
 from sklearn_mcmd._resolution import coordinate_step
 
 __all__ = ["RegionGrowing"]
@@ -65,6 +66,13 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         `max_distance` is at most twice the lower quartile of the neighbors'. Where normals are
         mixed, as next to an edge, a point may be added to a region but leads no further. 0 is
         the paper, without all of this.
+
+    regrow_rest : bool, default=True
+        Whether points that no region larger than a neighborhood reached, and that lie off all of
+        these around them, grow regions by the same rules with normals from such points alone:
+        a kerb, three points high between road and footpath, whose own normals are theirs. Only
+        faces as flat as what is beside them and larger than a neighborhood are kept; they take in
+        the points around that lie on them best. False is the paper.
 
     join_coplanar : bool, default=True
         Whether regions that lie in one plane are joined where the gap between them is shorter
@@ -140,11 +148,12 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
     The paper leaves the automatic thresholds to a reference that was not at hand. Those here,
     the median and two median absolute deviations of the distances to the plane and the median
     of the distances between points, are remembered from later papers of its authors, and
-    unverified. ``core_fraction=0, join_coplanar=False, join_curved=False, assign_rest=False`` is
-    nearest to the paper. Departures: the plane of a point lies at the median height of its
-    neighbors, since the columns of a transformer hold no centroid; deviations are scaled to
-    standard deviations by 1.4826; thresholds have a floor where coordinates are rounded; and
-    `core_fraction`, without which single bad normals next to an edge join two faces.
+    unverified. ``core_fraction=0, regrow_rest=False, join_coplanar=False, join_curved=False,
+    assign_rest=False`` is nearest to the paper. Departures: the plane of a point lies at the
+    median height of its neighbors, since the columns of a transformer hold no centroid;
+    deviations are scaled to standard deviations by 1.4826; thresholds have a floor where
+    coordinates are rounded; and `core_fraction`, without which single bad normals next to an edge
+    join two faces.
 
     A region is what can be reached from its seed, so labels depend on neither the order of
     rows, up to exact ties, nor on `n_jobs`. Copies of a point count once in neighborhoods and
@@ -194,6 +203,7 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         "max_gap": [Interval(Real, 0, None, closed="neither"), None],
         "min_region_size": [Interval(Integral, 1, None, closed="left")],
         "core_fraction": [Interval(Real, 0, 1, closed="both")],
+        "regrow_rest": ["boolean"],
         "join_coplanar": ["boolean"],
         "join_curved": ["boolean"],
         "assign_rest": ["boolean"],
@@ -212,6 +222,7 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         max_gap=None,
         min_region_size=10,
         core_fraction=0.5,
+        regrow_rest=True,
         join_coplanar=True,
         join_curved=True,
         assign_rest=True,
@@ -226,6 +237,7 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         self.max_gap = max_gap
         self.min_region_size = min_region_size
         self.core_fraction = core_fraction
+        self.regrow_rest = regrow_rest
         self.join_coplanar = join_coplanar
         self.join_curved = join_curved
         self.assign_rest = assign_rest
@@ -264,21 +276,21 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         index = NeighborIndex(X, self.n_neighbors)
         points, rows = index.points, index.rows
         normals, floor = np.ascontiguousarray(normals[rows], dtype=np.float64), floor[rows]
-        graph = link_neighbors(
-            index,
-            normals,
-            floor,
-            min_cosine=np.cos(np.radians(self.max_angle)),
-            max_distance=self.max_distance,
-            max_gap=self.max_gap,
-            core_fraction=self.core_fraction,
-            n_jobs=self.n_jobs,
-        )
+        rules = {
+            "min_cosine": np.cos(np.radians(self.max_angle)),
+            "max_distance": self.max_distance,
+            "max_gap": self.max_gap,
+            "core_fraction": self.core_fraction,
+        }
+        graph = link_neighbors(index, normals, floor, n_jobs=self.n_jobs, **rules)
         labels = grow_regions(graph.links, np.argsort(variation[rows], kind="stable"))
         owners = _owners(X, index, self.n_jobs)
         copies = np.bincount(owners, minlength=len(points))
         labels = _renumber(labels, copies, self.min_region_size)
         noise = np.maximum(np.sqrt(eigenvalues[rows, 0]), floor)
+        if self.regrow_rest:
+            faces = RestFaces(index, normals, graph, noise, floor, self.n_jobs, **rules)
+            labels = _renumber(faces.grow(labels), copies, self.min_region_size)
         limits = noise if self.max_distance is None else self.max_distance
         claims = Claims(index, normals, graph, limits, self.max_gap, self.n_jobs)
         if self.assign_rest:

@@ -5,7 +5,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-__all__ = ["join_coplanar", "region_planes"]
+__all__ = ["join_coplanar", "median_by_region", "region_planes"]
 
 # A region is flat, and another lies in its plane, if the root mean square distance is no more
 # than so many times what the noise of single neighborhoods explains.
@@ -61,6 +61,27 @@ def region_planes(points, labels, n_regions, weights=None):
     return sizes, centroids.T.copy(), covariances, np.maximum(eigenvalues, 0.0), axes
 
 
+def median_by_region(values, labels, n_regions):
+    """Median of the values of each region, of an even number the upper one.
+
+    Parameters
+    ----------
+    values : ndarray of shape (n,)
+    labels : ndarray of int of shape (n,)
+        Points of label -1 belong to none; each region has one at least.
+    n_regions : int
+
+    Returns
+    -------
+    medians : ndarray of shape (n_regions,)
+    """
+    order = np.argsort(values)
+    order = order[labels[order] >= 0]
+    groups = _grouping(labels[order], n_regions)
+    first, sizes = groups.indptr[:-1], np.diff(groups.indptr)
+    return values[order[groups.indices[first + sizes // 2]]]
+
+
 def join_coplanar(points, labels, noise):
     """Give one label to regions that are parts of one plane.
 
@@ -85,7 +106,7 @@ def join_coplanar(points, labels, noise):
     if n_regions < 2:
         return labels
     planes = region_planes(points, labels, n_regions)[:3]
-    scale = _medians(noise, labels, n_regions)
+    scale = median_by_region(noise, labels, n_regions)
     inside = np.flatnonzero(labels >= 0)
     members = inside[_grouping(labels[inside], n_regions).indices]
     whole = np.arange(n_regions)  # the joined region that each region is part of
@@ -166,15 +187,6 @@ def _near(points, members, ends, pairs, length):
         gaps, _ = trees[large].query(part(small), distance_upper_bound=length[small])
         near[row] = np.isfinite(gaps).any()
     return near
-
-
-def _medians(values, labels, n_regions):
-    """Median of the values of each region, of an even number the upper one."""
-    order = np.argsort(values)
-    order = order[labels[order] >= 0]
-    groups = _grouping(labels[order], n_regions)
-    first, sizes = groups.indptr[:-1], np.diff(groups.indptr)
-    return values[order[groups.indices[first + sizes // 2]]]
 
 
 def _grouping(labels, n_regions, weights=None):

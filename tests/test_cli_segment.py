@@ -77,7 +77,7 @@ def test_options_of_segment_reach_the_estimators(room, room_file, tmp_path):
     result = run(
         *("segment", room_file, tmp_path / "out.npy", "--max-angle", 7, "--max-distance", 0.003),
         *("--max-gap", 0.4, "--min-region-size", 30, "--no-join-coplanar", "--no-join-curved"),
-        *("--no-assign-rest",),
+        *("--no-regrow-rest", "--no-assign-rest"),
         *("--n-neighbors", 20, "--growth-neighbors", 16, "--outlier-rate", 0.3),
         *("--random-state", 4, "--n-jobs", 1),
     )
@@ -88,6 +88,7 @@ def test_options_of_segment_reach_the_estimators(room, room_file, tmp_path):
         max_distance=0.003,
         max_gap=0.4,
         min_region_size=30,
+        regrow_rest=False,
         join_coplanar=False,
         join_curved=False,
         assign_rest=False,

@@ -54,6 +54,7 @@ LAYERS = {  # a module imports only from lower layers, or from its own
     "_region_joining": 1,
     "_cylinder": 0,
     "_cylinder_numba": 0,
+    "_region_rest": 3,
     "_region_cylinders": 3,
     "_region_growing_numba": 2,
     "_region_growing": 7,

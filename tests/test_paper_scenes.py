@@ -128,6 +128,7 @@ def test_table_6_is_what_the_estimators_give(segmented):
         50,
         max_angle=5,
         core_fraction=0,
+        regrow_rest=False,
         join_coplanar=False,
         join_curved=False,
         assign_rest=False,

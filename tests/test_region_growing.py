@@ -16,6 +16,7 @@ from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 
 N_STRAY = 9  # fewer than make a region
 LITERAL = {
+    "regrow_rest": False,
     "join_coplanar": False,
     "join_curved": False,
     "assign_rest": False,

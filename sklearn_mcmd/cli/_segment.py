@@ -73,6 +73,14 @@ def segment(
     min_region_size: Annotated[
         int, typer.Option(min=1, help="Regions of fewer points are dissolved.")
     ] = 10,
+    regrow_rest: Annotated[
+        bool,
+        typer.Option(
+            "--regrow-rest/--no-regrow-rest",
+            help="Find faces a few points wide beside larger ones, such as kerbs, in the points "
+            "that no region reached.",
+        ),
+    ] = True,
     join_coplanar: Annotated[
         bool,
         typer.Option(
@@ -136,6 +144,7 @@ def segment(
             max_distance=max_distance,
             max_gap=max_gap,
             min_region_size=min_region_size,
+            regrow_rest=regrow_rest,
             join_coplanar=join_coplanar,
             join_curved=join_curved,
             assign_rest=assign_rest,

@@ -1,0 +1,92 @@
+"""Faces a few points wide, found in what growth left over, and what is no such face."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from scipy.spatial.transform import Rotation
+
+from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
+from sklearn_mcmd.datasets import make_bus_stop
+from sklearn_mcmd.metrics import segmentation_scores
+
+NOISE = 0.005
+ROAD, KERB, PATH = range(3)
+
+
+def kerb(seed=0, height=0.127, density=500):
+    """Road, kerb and footpath at a spacing of some 4.5 cm: the kerb is three points high."""
+    rng = np.random.default_rng(seed)
+    sizes = (int(6 * 2 * density), int(6 * height * density), int(6 * 2 * density))
+    along, across = rng.uniform(0, 6, sum(sizes)), rng.uniform(size=sum(sizes))
+    part = np.repeat([ROAD, KERB, PATH], sizes)
+    y = np.select([part == ROAD, part == KERB], [-2 * across, 0.0], 2 * across)
+    z = np.select([part == ROAD, part == KERB], [0.0, height * across], height)
+    X = np.column_stack([along, y, z])
+    return X + rng.normal(0, NOISE, X.shape), part
+
+
+def columns(X):
+    return RobustNormalEstimator(50, random_state=0).fit_transform(X)
+
+
+def grown(columns, **params):
+    return RegionGrowing(max_angle=5, normals="precomputed", **params).fit_predict(columns)
+
+
+def outcomes(part, labels):
+    return segmentation_scores(part, labels).surface_outcomes.tolist()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_kerb_three_points_high_is_found(seed):
+    X, part = kerb(seed)
+    X = columns(X)
+    assert outcomes(part, grown(X, regrow_rest=False))[KERB] != "proper"
+    assert outcomes(part, grown(X)) == ["proper"] * 3
+
+
+@pytest.mark.parametrize("height", [0.2, 0.3, 0.5])
+def test_higher_kerbs_are_found_as_before(height):
+    X, part = kerb(height=height)
+    assert outcomes(part, grown(columns(X))) == ["proper"] * 3
+
+
+def test_kerbs_of_the_bus_stop_are_found():
+    for seed in range(2):
+        scene = make_bus_stop(random_state=seed)
+        scores = segmentation_scores(scene.surface, grown(columns(scene.data)))
+        assert scores.surface_outcomes[scene.surface_names.index("kerb")] == "proper"
+
+
+def test_a_kerb_is_found_in_any_unit_and_attitude():
+    X, part = kerb()
+    turn = Rotation.from_rotvec([0.4, -0.9, 1.3]).as_matrix()
+    labels = grown(columns(1000 * X @ turn.T + [4e5, 5e6, 100]))
+    assert outcomes(part, labels) == ["proper"] * 3
+
+
+def test_neither_row_order_nor_threads_matter():
+    X = columns(kerb()[0])
+    order = np.random.default_rng(1).permutation(len(X))
+    labels = grown(X)
+    assert_array_equal(grown(X[order]), labels[order])
+    assert_array_equal(grown(X, n_jobs=2), labels)
+
+
+def test_a_volume_on_a_plane_is_no_face():
+    rng = np.random.default_rng(0)
+    floor = rng.uniform([-2, -2, 0], [2, 2, 0], (8000, 3))
+    bush = np.abs(rng.normal(size=(1500, 3)))
+    bush *= 0.5 * rng.uniform(size=(1500, 1)) ** (1 / 3) / np.linalg.norm(bush, axis=1)[:, None]
+    X = np.vstack([floor, np.add(bush, [0, 0, 0.02])])
+    X = columns(X + rng.normal(0, NOISE, X.shape))
+    assert_array_equal(grown(X), grown(X, regrow_rest=False))
+
+
+def test_an_edge_of_two_walls_hides_no_face():
+    rng = np.random.default_rng(0)
+    walls = np.vstack(
+        [rng.uniform(0, 3, (4000, 3)) * [1, 1, 0], rng.uniform(0, 3, (4000, 3)) * [1, 0, 1]]
+    )
+    X = columns(walls + rng.normal(0, NOISE, walls.shape))
+    assert_array_equal(grown(X), grown(X, regrow_rest=False))
