@@ -283,7 +283,7 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
             "core_fraction": self.core_fraction,
         }
         graph = link_neighbors(index, normals, floor, n_jobs=self.n_jobs, **rules)
-        labels = grow_regions(graph.links, np.argsort(variation[rows], kind="stable"))
+        labels = grow_regions(graph.links, _seeds(variation[rows], graph.offset))
         owners = _owners(X, index, self.n_jobs)
         copies = np.bincount(owners, minlength=len(points))
         labels = _renumber(labels, copies, self.min_region_size)
@@ -351,6 +351,20 @@ def _split_columns(X):
         "RobustNormalEstimator.transform: coordinates, unit normals, surface variation and "
         'eigenvalues (10 in 3D). Do not scale them; or give coordinates with normals="estimate".'
     )
+
+
+def _seeds(variation, offset):
+    """Rows in the order in which regions start at them: that of least curvature first.
+
+    Points that were lent the same plane have the same curvature: those on it come first, so that
+    no order of rows decides.
+    """
+    seeds = np.argsort(variation, kind="stable")
+    same = np.diff(variation[seeds]) == 0
+    tied = np.flatnonzero(np.append(same, False) | np.append(False, same))
+    equal = seeds[tied]
+    seeds[tied] = equal[np.lexsort((np.abs(offset[equal]), variation[equal]))]
+    return seeds
 
 
 def _owners(X, index, n_jobs):

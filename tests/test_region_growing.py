@@ -190,6 +190,17 @@ def test_labels_do_not_depend_on_row_order(street):
     assert_array_equal(growing.fit_predict(columns)[order], growing.fit_predict(columns[order]))
 
 
+def test_labels_do_not_depend_on_row_order_where_points_share_a_plane_that_was_lent():
+    rng = np.random.default_rng(0)
+    floor = np.column_stack([rng.uniform(0, 1, (2000, 2)), rng.normal(0, 0.003, 2000)])
+    X = np.vstack([floor, rng.uniform(0, 1, (700, 3)), rng.normal(0.5, 0.05, (500, 3))])
+    columns = RobustNormalEstimator(random_state=0).fit_transform(X)
+    assert len(np.unique(columns[:, 6])) < len(X) - 100  # seeds of one curvature
+    order = rng.permutation(len(X))
+    growing = RegionGrowing(normals="precomputed")
+    assert_array_equal(growing.fit_predict(columns)[order], growing.fit_predict(columns[order]))
+
+
 def test_labels_do_not_depend_on_threads(street, monkeypatch):
     monkeypatch.setattr("sklearn_mcmd._region_graph.CHUNK", 3000)
     X, _ = street
