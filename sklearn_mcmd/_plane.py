@@ -120,8 +120,9 @@ def normal_errors(scale, eigenvalues, n_points, inflation=1.0):
     in_plane, least = eigenvalues[:, 1:], eigenvalues[:, :1]
     gap = in_plane - least
     known = (freedom > 0) & (gap[:, 0] > RANK_TOLERANCE * eigenvalues[:, -1])
-    gap[~known] = 1.0
-    variance = (in_plane / gap**2).sum(axis=1) * scale**2 * student[row]
+    gap[~known] = np.inf
+    # Quotients of squares alone: fourth powers would leave the range of numbers in some units.
+    variance = (in_plane / gap * (scale**2)[:, None] / gap).sum(axis=1) * student[row]
     errors = inflation * np.degrees(np.sqrt(variance / np.maximum(n_points, 1)))
     return np.where(known, np.minimum(errors, 90.0), 90.0)
 

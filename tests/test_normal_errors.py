@@ -128,6 +128,16 @@ def test_the_error_of_a_perfect_plane_is_that_of_rounding():
     assert (errors < 1e-10).all()
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("unit", [2.0**-300, 2.0**300])
+def test_errors_do_not_depend_on_the_unit_however_small_or_large(unit):
+    rng = np.random.default_rng(0)
+    X = rng.uniform(0, 1, (400, 3)) * [1, 1, 0] + rng.normal(0, 0.01, (400, 3))
+    expected = RobustNormalEstimator(30, random_state=0).fit(X).normal_error_
+    found = RobustNormalEstimator(30, random_state=0).fit(unit * X).normal_error_
+    assert_allclose(found, expected, rtol=1e-9)
+
+
 def test_few_points_raise_the_error_by_students_factor():
     m = np.array([20, 100])
     errors = normal_errors(np.full(2, 0.01), np.tile([1e-4, 1, 1], (2, 1)), m)
