@@ -23,6 +23,8 @@ BESIDE = 1.5
 # Product of the axes over the longest one, of some 100 points in a ball; and the least to be told
 # from that of a face, which noise and chance give some depth.
 BALL, FLAT = 0.77, 0.1
+# Members of groups looked at at once: what bounds the memory.
+CHUNK = 200_000
 MANTISSA, MIXER = np.uint64(2**52 - 1), np.uint64(0x9E3779B97F4A7C15)
 
 
@@ -106,9 +108,12 @@ class Company:
             spacing, gaps = distances[:, 1:].mean(axis=1) / step, gaps / step
         limit = np.where(gaps <= BESIDE, COMPANY, COMPANY_OF_THIN)
         rows = np.flatnonzero((spacing <= limit) & ~self.alone[near[:, 0]])
-        _, group = self.tree.query(queries[rows], self.n_group)
-        stricter = np.sqrt(_fullness(self.points[group]) * np.sqrt(np.maximum(gaps[rows], 1.0)))
-        isolation[rows] = spacing[rows] * stricter / COMPANY
+        at_once = max(1, CHUNK // self.n_group)
+        for part in (rows[i : i + at_once] for i in range(0, len(rows), at_once)):
+            _, group = self.tree.query(queries[part], self.n_group)
+            fullness = _fullness(self.points[group])
+            stricter = np.sqrt(fullness * np.sqrt(np.maximum(gaps[part], 1.0)))
+            isolation[part] = spacing[part] * stricter / COMPANY
         return isolation
 
 

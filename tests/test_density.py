@@ -1,5 +1,7 @@
 """Density: what keeps company among rejected points, and what only lies together by chance."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -83,6 +85,20 @@ def test_copies_of_one_point_around_are_nothing_to_compare_with(rng):
     points = ball(1.0, 5, rng)
     found = company(points).isolation(points, np.zeros(len(points)), np.ones(len(points)))
     assert_array_equal(found, np.inf)
+
+
+def test_large_groups_are_looked_at_in_parts(rng):
+    # All groups of 4,000 queries, of 1,000 points each, would be some 100 MB an array.
+    points = rng.uniform(size=(4000, 3))
+    lonely = Company(points, 500, 1000, np.zeros(len(points), dtype=bool))
+    gaps, usual = np.zeros(len(points)), np.ones(len(points))
+    expected = lonely.isolation(points[:50], usual[:50], gaps[:50])
+    tracemalloc.start()
+    found = lonely.isolation(points, usual, gaps)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 30e6
+    assert_array_equal(found[:50], expected)
 
 
 @pytest.mark.parametrize("unit", [2.0**-300, 2.0**300])
