@@ -152,24 +152,27 @@ def _pairs_in_a_plane(sizes, centroids, covariances, scale):
     rounding = ROUNDING * eigenvalues[:, -1]
     flat = eigenvalues[:, 0] <= (MOST_NOISE * scale) ** 2 + rounding
     flat &= sizes > centroids.shape[1]
-    larger = np.flatnonzero(flat)
-    rank = np.argsort(np.argsort(sizes, kind="stable"), kind="stable")
+    # Others are in no pair; a cloud of noise has very many of them.
+    flat = np.flatnonzero(flat)
+    rank = np.argsort(np.argsort(sizes[flat], kind="stable"), kind="stable")
+    centroids, covariances, normals = centroids[flat], covariances[flat], normals[flat]
+    scale, rounding, reach = scale[flat], rounding[flat], length[flat]
     found = [np.empty((0, 2), dtype=int)]
-    for start in range(0, len(larger), CHUNK):
-        rows = larger[start : start + CHUNK]
+    for start in range(0, len(flat), CHUNK):
+        rows = slice(start, start + CHUNK)
         apart = centroids[None] - centroids[rows][:, None]
         normal = normals[rows]
         heights = np.einsum("rsd,rd->rs", apart, normal)
         tilted = np.einsum("sde,rd,re->rs", covariances, normal, normal, optimize=True)
         limit = (MOST_NOISE * np.maximum(scale[None], scale[rows][:, None])) ** 2
         limit += np.maximum(rounding[None], rounding[rows][:, None])
-        candidate = flat[None] & (heights**2 + tilted <= limit)
+        candidate = heights**2 + tilted <= limit
         candidate &= rank[None] < rank[rows][:, None]
-        # The gap is at least this: no point is farther from its centroid than the length.
-        beyond = np.linalg.norm(apart, axis=-1) - length[rows][:, None] - length[None]
-        candidate &= beyond <= length[None]
         r, s = np.nonzero(candidate)
-        found.append(np.column_stack([s, rows[r]]))
+        # The gap is at least this: no point is farther from its centroid than the length.
+        beyond = np.linalg.norm(apart[r, s], axis=-1) - reach[rows][r] - reach[s]
+        near = beyond <= reach[s]
+        found.append(np.column_stack([flat[s[near]], flat[rows][r[near]]]))
     return np.concatenate(found), length
 
 

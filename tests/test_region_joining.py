@@ -1,5 +1,7 @@
 """Which regions are parts of one plane, and which are not."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -58,3 +60,16 @@ def test_parts_of_a_plane_without_noise_are_joined_in_any_attitude(seed):
     X = X @ Rotation.random(random_state=seed).as_matrix().T + [3, 7, 1]
     rounding = 8 * np.finfo(np.float64).eps * np.abs(X).max(axis=1)
     assert len(np.unique(join_coplanar(X, part, rounding))) == 1
+
+
+def test_regions_that_are_not_flat_are_compared_with_none():
+    # A table of 200 flat regions by all is 27 MB; a cloud of noise has far more that are not flat.
+    points = np.random.default_rng(0).uniform(size=(21_000, 3))
+    labels = np.arange(21_000) % 4200
+    points[labels < 200, 2] = 10.0 + labels[labels < 200]
+    tracemalloc.start()
+    joined = join_coplanar(points, labels, np.full(21_000, 1e-6))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(np.unique(joined)) == 4200
+    assert peak < 15e6
