@@ -74,8 +74,13 @@ def eigh_3d(covariance):
     ax, ay, az = 1.0, 0.0, 0.0
     bx, by, bz = 0.0, 1.0, 0.0
     cx, cy, cz = 0.0, 0.0, 1.0
+    trace = xx + yy + zz
+    inverse = 1.0 / trace if trace > 0.0 else 0.0
     for _ in range(30):
-        if xy * xy + xz * xz + yz * yz <= 1e-34 * (xx * xx + yy * yy + zz * zz):
+        # As shares, whose squares neither overflow nor vanish in any unit.
+        p, q, r = xy * inverse, xz * inverse, yz * inverse
+        u, v, w = xx * inverse, yy * inverse, zz * inverse
+        if p * p + q * q + r * r <= 1e-34 * (u * u + v * v + w * w):
             break
         cosine, sine, move = _rotation(xx, yy, xy)
         xx, yy, xy = xx - move, yy + move, 0.0

@@ -166,6 +166,16 @@ def test_counting_finds_the_element_that_sorting_finds(size):
             assert kth_smallest(keys, size, rank) == np.sort(keys)[rank - 1]
 
 
+@pytest.mark.parametrize("unit", [2.0**-600, 2.0**600])
+def test_rotations_do_not_depend_on_the_unit_however_small_or_large(unit):
+    points = np.random.default_rng(0).normal(size=(10, 3)) * [1, 1, 0.1]
+    covariance = np.cov(points, rowvar=False)[np.triu_indices(3)]
+    expected, expected_axes = eigh_3d(tuple(covariance))
+    values, axes = eigh_3d(tuple(covariance * unit))
+    assert_array_equal(np.array(values) / unit, expected)
+    assert_array_equal(axes, expected_axes)
+
+
 @pytest.mark.parametrize("scale", [1.0, 1e-6, 0.0])
 def test_rotations_decompose_like_lapack(scale):
     rng = np.random.default_rng(0)
