@@ -20,8 +20,8 @@ COMPANY = 2.5
 COMPANY_OF_THIN = 4.0
 # ... but not within so many spacings of explained points: there the tails of noise are as flat.
 BESIDE = 1.5
-# Product of the axes over the longest one, of some 100 points in a ball; and the least to be told
-# from that of a face, which noise and chance give some depth.
+# Product of the axes over the longest one, of some 100 points in a ball (in three dimensions); and
+# the least to be told from that of a face, which noise and chance give some depth.
 BALL, FLAT = 0.77, 0.1
 # Members of groups looked at at once: what bounds the memory.
 CHUNK = 200_000

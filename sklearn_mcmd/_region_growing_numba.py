@@ -94,7 +94,7 @@ def _middle(ordered):
 
 @njit(cache=True, nogil=True)
 def _sort_deviations(ordered, middle, deviations):
-    """Ascending absolute differences of ascending values from a number among them."""
+    """Ascending absolute differences of ascending values from a number in their range."""
     size = len(ordered)
     above = 0
     while above < size and ordered[above] < middle:

@@ -64,7 +64,8 @@ class SurfacePlanes:
 
         def sweep(part):
             indices, sizes = self._neighborhoods(X[part])
-            smooth[part], noise[part] = self._own(X[part], planes.take(part), indices, sizes)
+            own = planes.take(part)  # of a slice: views, which are filled
+            smooth[part], noise[part] = self._own(X[part], own, indices, sizes)
             neighborhoods[part.start] = part, indices, sizes
 
         def unfold(start):
