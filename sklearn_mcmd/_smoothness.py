@@ -31,8 +31,9 @@ __all__ = [
 ALL_FLAT = 1.2
 # The quadric leaves hardly more than the robust plane's scale, which curvature has inflated. At a
 # sharp crease it leaves far more: the scale there is the noise. A blunt one may get past this; that
-# the quadric leaves more there than next to it shows later, see `SurfacePlanes`.
-CURVED = 1.15
+# the quadric leaves more there than next to it shows later, see `SurfacePlanes`. What deviates more
+# from its plane, as a share of its width (standard deviations), is a post or a sharp edge.
+CURVED, MOST_BENT = 1.15, 0.3
 # Share of the variance about the plane that a quadric leaves, without noise at most. It leaves
 # 6 % of a crease.
 QUADRIC = 0.02
@@ -58,12 +59,14 @@ def least_members(d):
     return 2 * (1 + (d - 1) + d * (d - 1) // 2)
 
 
-def is_smooth(deviation, left, scale):
+def is_smooth(deviation, left, eigenvalues, scale):
     """Whether neighborhoods with robust planes of a scale keep all members: bool (B,).
 
-    `deviation` and `left` are as by `whole_planes`.
+    `deviation`, `left` and `eigenvalues` are as by `whole_planes`.
     """
-    smooth = (deviation <= ALL_FLAT * scale) | (left <= CURVED * scale)
+    width = np.sqrt(eigenvalues[:, min(1, eigenvalues.shape[1] - 1)])
+    smooth = (left <= CURVED * scale) & (deviation <= MOST_BENT * width)
+    smooth |= deviation <= ALL_FLAT * scale
     smooth |= left <= np.sqrt(QUADRIC) * deviation
     return smooth & np.isfinite(deviation) & (scale > 0)
 

@@ -136,7 +136,8 @@ class SurfacePlanes:
         rest = np.flatnonzero(~smooth)
         if len(rest):
             robust = self._robust(points[rest], indices[rest], sizes[rest])
-            whole = is_smooth(deviation[rest], left[rest], robust.scale)
+            values = planes.eigenvalues[rest]
+            whole = is_smooth(deviation[rest], left[rest], values, robust.scale)
             smooth[rest] = whole
             planes[rest[~whole]] = robust.take(~whole)
         return smooth, np.where(smooth, np.minimum(deviation, left), planes.scale)
