@@ -99,15 +99,17 @@ class Company:
         gaps : ndarray of shape (m,)
             Distance of the nearest retained point.
         """
-        isolation = np.full(len(queries), np.inf)
         if self.tree is None:
-            return isolation
+            return np.full(len(queries), np.inf)
         distances, near = self.tree.query(queries, self.n_near)
         step = self.per_neighborhood * usual_spacing
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             spacing, gaps = distances[:, 1:].mean(axis=1) / step, gaps / step
-        limit = np.where(gaps <= BESIDE, COMPANY, COMPANY_OF_THIN)
-        rows = np.flatnonzero((spacing <= limit) & ~self.alone[near[:, 0]])
+            limit = np.where(gaps <= BESIDE, COMPANY, COMPANY_OF_THIN)
+            # In the fourth power, whose root the score takes.
+            isolation = (spacing / limit) ** 4
+        isolation[self.alone[near[:, 0]] | np.isnan(isolation)] = np.inf
+        rows = np.flatnonzero(isolation <= 1)
         at_once = max(1, CHUNK // self.n_group)
         for part in (rows[i : i + at_once] for i in range(0, len(rows), at_once)):
             _, group = self.tree.query(queries[part], self.n_group)
