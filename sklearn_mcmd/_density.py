@@ -106,8 +106,7 @@ class Company:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             spacing, gaps = distances[:, 1:].mean(axis=1) / step, gaps / step
             limit = np.where(gaps <= BESIDE, COMPANY, COMPANY_OF_THIN)
-            # In the fourth power, whose root the score takes.
-            isolation = (spacing / limit) ** 4
+            isolation = spacing / limit
         isolation[self.alone[near[:, 0]] | np.isnan(isolation)] = np.inf
         rows = np.flatnonzero(isolation <= 1)
         at_once = max(1, CHUNK // self.n_group)
@@ -115,7 +114,8 @@ class Company:
             _, group = self.tree.query(queries[part], self.n_group)
             fullness = _fullness(self.points[group])
             stricter = np.sqrt(fullness * np.sqrt(np.maximum(gaps[part], 1.0)))
-            isolation[part] = spacing[part] * stricter / COMPANY
+            # A root, so that what no plane explains ranks above most of what one does, kept or not.
+            isolation[part] = (spacing[part] * stricter / COMPANY) ** 0.25
         return isolation
 
 

@@ -332,8 +332,7 @@ class IteratedPlanes:
             return scores
         far = np.flatnonzero(scores > self.cutoff)
         isolation = self.company.isolation(queries[far], usual[far], gaps[far])
-        # The root, so that what no plane explains ranks above most of what one does, kept or not.
-        scores[far] = np.minimum(scores[far], self.cutoff * isolation**0.25)
+        scores[far] = np.minimum(scores[far], self.cutoff * isolation)
         return scores
 
     def _least(self):

@@ -6,8 +6,6 @@ from numba import njit
 __all__ = [
     "FASTMATH",
     "eigh_3d",
-    "insert",
-    "insert_least",
     "kth_smallest",
     "variance_along",
     "weighted_covariance",
@@ -162,19 +160,3 @@ def kth_smallest(keys, size, rank):
         else:
             low, n_below = outer, count
     return low
-
-
-@njit(cache=True, nogil=True)
-def insert(ordered, size, value):
-    """Put a value among the first `size` of an array, which ascend."""
-    while size > 0 and ordered[size - 1] > value:
-        ordered[size] = ordered[size - 1]
-        size -= 1
-    ordered[size] = value
-
-
-@njit(cache=True, nogil=True)
-def insert_least(least, size, value):
-    """Put a value among the `size` least, which ascend; the last of them drops out."""
-    if value < least[size - 1]:
-        insert(least, size - 1, value)

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from sklearn_mcmd._plane_numba import insert, insert_least
+from sklearn_mcmd._plane_numba import kth_smallest
 from sklearn_mcmd._region_graph import MAD_TO_SD, N_DEVIATIONS, _grow
 
 __all__ = ["grow", "link_neighbors_3d", "measure_neighbors_3d"]
@@ -28,7 +28,7 @@ def measure_neighbors_3d(points, normals, indices, start, offset, limit):
         nx, ny, nz = normals[start + row]
         for a in range(k):
             p = points[indices[row, a]]
-            insert(heights, a, (p[0] - x) * nx + (p[1] - y) * ny + (p[2] - z) * nz)
+            _insert(heights, a, (p[0] - x) * nx + (p[1] - y) * ny + (p[2] - z) * nz)
         offset[row] = _middle(heights)
         _sort_deviations(heights, offset[row], away)
         middle = _middle(away)
@@ -53,19 +53,19 @@ def link_neighbors_3d(
     """
     width = links.shape[1]
     n_fitting, nearest = majority
-    n_least = (width + 1) // 4 + 1
-    least = np.empty(n_least)
+    around = np.empty(width + 1)
+    keys = around.view(np.int64)  # limits are not negative: their bits are in their order
     for row in range(len(links)):
         i = start + row
         x, y, z = points[i]
         nx, ny, nz = normals[i]
         largest = limit[i]
         if most < np.inf:
-            least[:] = np.inf
-            insert_least(least, n_least, limit[i])
+            around[0] = limit[i]
             for a in range(width):
-                insert_least(least, n_least, limit[links[row, a]])
-            largest = min(largest, most * least[-1])
+                around[a + 1] = limit[links[row, a]]
+            keys[0] = kth_smallest(keys, width + 1, (width + 1) // 4 + 1)
+            largest = min(largest, most * around[0])
         n_agreeing = n_links = 0
         if n_fitting == 0 or abs(offset[i]) <= largest:
             for a in range(width):
@@ -81,6 +81,15 @@ def link_neighbors_3d(
         if n_agreeing < n_fitting:
             n_links = 0
         links[row, n_links:] = -1
+
+
+@njit(cache=True, nogil=True)
+def _insert(ordered, size, value):
+    """Put a value among the first `size` of an array, which ascend."""
+    while size > 0 and ordered[size - 1] > value:
+        ordered[size] = ordered[size - 1]
+        size -= 1
+    ordered[size] = value
 
 
 @njit(cache=True, nogil=True)
