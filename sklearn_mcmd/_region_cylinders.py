@@ -90,38 +90,18 @@ class CylinderParts:
         self.wide = None  # by label; regions only gain points, and no wide one becomes narrow
 
     def join(self, labels):
-        """Give one label to regions that are parts of one cylinder.
-
-        Parameters
-        ----------
-        labels : ndarray of int of shape (n,)
-            -1 for none.
-
-        Returns
-        -------
-        labels : ndarray of int of shape (n,)
-            Of the joined regions' labels the smallest; the others are left out.
-        """
+        """Labels (n,), -1 for none, where parts of one cylinder have the smallest of theirs."""
         labels = labels.copy()
         parts = self._narrow_parts(labels)
         self._join(labels, parts, set(parts), {})
         return labels
 
     def grow(self, labels):
-        """Join regions, and let curved ones take in the points without region on their cylinders.
+        """As `join`, and curved regions take in the points without region on their cylinders.
 
         Points of a post have planes that run off it, onto the ground or into a tree's foliage; the
         cylinder doesn't. Parts that meet thereby are joined, and so on. Labels of regions that are
         curved then are kept in the attribute `curved`.
-
-        Parameters
-        ----------
-        labels : ndarray of int of shape (n,)
-            -1 for none.
-
-        Returns
-        -------
-        labels : ndarray of int of shape (n,)
         """
         labels = labels.copy()
         parts = self._narrow_parts(labels)

@@ -71,8 +71,9 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         Whether points that no region larger than a neighborhood reached, and that lie off all of
         these around them, grow regions by the same rules with normals from such points alone:
         a kerb, three points high between road and footpath, whose own normals are theirs. Only
-        faces as flat as what is beside them and larger than a neighborhood are kept; they take in
-        the points around that lie on them best. False is the paper.
+        faces as flat as what is beside them and larger than a neighborhood are kept; pieces of
+        one are joined whatever `join_coplanar` is, and they take in the points around that lie
+        on them best. False is the paper.
 
     join_coplanar : bool, default=True
         Whether regions that lie in one plane are joined where the gap between them is shorter
@@ -297,13 +298,13 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
             labels = _renumber(claims.absorb_fragments(labels), copies)
         if self.join_coplanar:
             labels = join_coplanar(points, labels, noise)
-        if self.join_curved and points.shape[1] == 3:
-            cylinders = CylinderParts(index, normals, graph.radius, floor, self.max_gap)
-            labels = cylinders.grow(labels) if self.assign_rest else cylinders.join(labels)
-            if self.assign_rest:  # which fills the gaps between parts
-                labels = cylinders.join(claims.assign_rest(labels, cylinders.curved))
-        elif self.assign_rest:
-            labels = claims.assign_rest(labels)
+        curved = self.join_curved and points.shape[1] == 3
+        cylinders = CylinderParts(index, normals, graph.radius, floor, self.max_gap)
+        if self.assign_rest:
+            labels = cylinders.grow(labels) if curved else labels
+            labels = claims.assign_rest(labels, cylinders.curved)
+        if curved:  # once gaps between parts are filled
+            labels = cylinders.join(labels)
         labels = _renumber(labels, copies)
         self.n_regions_ = int(labels.max(initial=-1)) + 1
         weights = copies if len(points) < len(X) else None

@@ -34,6 +34,13 @@ def columns(X):
     return RobustNormalEstimator(50, random_state=0).fit_transform(X)
 
 
+def floor_and_post(radius=0.1):
+    """Columns of the points, and which are on the post."""
+    rng = np.random.default_rng(0)
+    X, part = with_noise(rng, floor(rng), post(rng, radius))
+    return columns(X), part == 1
+
+
 def grown(X, **params):
     growing = RegionGrowing(max_angle=ANGLE, normals="precomputed", **params)
     return growing.fit_predict(X)
@@ -47,11 +54,9 @@ def regions_of(labels, mask):
 
 @pytest.mark.parametrize("radius", [0.1, 0.14, 0.2], ids=lambda radius: f"radius {radius}")
 def test_strips_of_a_post_are_joined(radius):
-    rng = np.random.default_rng(0)
-    X, part = with_noise(rng, floor(rng), post(rng, radius))
-    X = columns(X)
-    n_strips, _ = regions_of(grown(X, join_curved=False), part == 1)
-    n_regions, share = regions_of(grown(X), part == 1)
+    X, on_post = floor_and_post(radius)
+    n_strips, _ = regions_of(grown(X, join_curved=False), on_post)
+    n_regions, share = regions_of(grown(X), on_post)
     assert n_strips > 1
     assert n_regions == 1
     assert share > 0.9
@@ -103,9 +108,7 @@ def test_a_volume_is_no_cylinder():
 
 
 def test_without_assigning_the_rest_points_only_change_regions():
-    rng = np.random.default_rng(0)
-    X, _ = with_noise(rng, floor(rng), post(rng))
-    X = columns(X)
+    X, _ = floor_and_post()
     apart = grown(X, assign_rest=False, join_curved=False)
     joined = grown(X, assign_rest=False)
     assert_array_equal(joined < 0, apart < 0)
@@ -146,9 +149,7 @@ def test_posts_of_a_scene_are_found():
 
 
 def test_without_joining_the_rest_is_assigned_as_ever():
-    rng = np.random.default_rng(0)
-    X, part = with_noise(rng, floor(rng), post(rng))
-    X = columns(X)
+    X, on_post = floor_and_post()
     before = grown(X, join_curved=False, assign_rest=False)
     after = grown(X, join_curved=False)
-    assert np.count_nonzero(after[part == 0] < 0) < np.count_nonzero(before[part == 0] < 0)
+    assert np.count_nonzero(after[~on_post] < 0) < np.count_nonzero(before[~on_post] < 0)
