@@ -85,7 +85,7 @@ def consistent_set_3d(size, trials, n_support, arrays):
     else:
         bound[:] = F0
 
-    best = np.inf
+    best, selected = np.inf, -1
     for t in range(n_trials):
         least[t] = np.inf
     for _ in range(n_trials):
@@ -97,13 +97,15 @@ def consistent_set_3d(size, trials, n_support, arrays):
             break
         bound[t] = np.inf
         select_members(local, size, n_support, lanes, t, keys, member)
+        selected = t
         least[t] = least_eigenvalue(local, size, member)
         best = min(best, least[t])
     if best == np.inf:
         return first_members(size, n_support, member)
     for t in range(n_trials):
         if least[t] <= best + EIGENVALUE_STEP:
-            select_members(local, size, n_support, lanes, t, keys, member)
+            if t != selected:
+                select_members(local, size, n_support, lanes, t, keys, member)
             return least[t]
     return best
 

@@ -52,7 +52,8 @@ class NeighborIndex:
             self.rows = np.resize(self.rows, X.shape[1] + 1)
         self.n_neighbors = min(n_neighbors, len(self.rows))
         if len(self.rows) >= ORDER_FROM:
-            self.rows = self.rows[spatial_order(X[self.rows])]
+            distinct = X if len(self.rows) == len(X) else X[self.rows]
+            self.rows = self.rows[spatial_order(distinct)]
         self.points = np.ascontiguousarray(X[self.rows])
         self.tree = cKDTree(self.points, leafsize=LEAF, balanced_tree=False)
 
@@ -103,7 +104,7 @@ class NeighborIndex:
 
 def spatial_order(X):
     """Row order in which near points are near in memory: that of a coarse tree's leaves."""
-    return cKDTree(X, leafsize=COARSE_LEAF, balanced_tree=False).indices
+    return cKDTree(X, leafsize=COARSE_LEAF, balanced_tree=False, compact_nodes=False).indices
 
 
 def distinct_rows(X):

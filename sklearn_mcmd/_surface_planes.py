@@ -6,6 +6,8 @@ may run across both: of the planes of all its neighbors the point is given the o
 it best, and planes that are noisier than is usual around come last.
 """
 
+from dataclasses import fields
+
 import numpy as np
 
 from sklearn_mcmd._borrowing import EXPLAINED, explanation_cost
@@ -59,7 +61,9 @@ class SurfacePlanes:
         X = X[order]
         planes = LocalPlanes.empty(*X.shape)
         smooth, noise = np.empty(n, dtype=bool), np.empty(n)
-        members = np.argsort(order)[rows]
+        members = np.arange(n)  # rows of X; without copies among the points all of them, in order
+        if len(rows) < n:
+            members = np.argsort(order)[rows]
         neighborhoods = {}  # of all points: a search more would take longer than all that follows
 
         def sweep(part):
@@ -84,14 +88,20 @@ class SurfacePlanes:
         self.noise = noise[members]
         starts = [(start,) for start in neighborhoods]
         run(starts, unfold, self.n_jobs)
-        # The planes as they are before any is lent; without copies among the points, all of them.
+        # The planes as they are before any is lent.
         self.members = planes if len(rows) == n else planes.take(members)
+        self.kept = self.members.n_inliers / self.members.n_members
         lenders = np.full(n, -1)
         if self.borrow:
             run(starts, ask, self.n_jobs)
         neighborhoods.clear()
         result, plane_index = LocalPlanes.empty(*X.shape), np.empty(n, dtype=np.intp)
-        result[order], plane_index[order] = planes, order
+        plane_index[order] = order
+
+        def put_back(name):
+            getattr(result, name)[order] = getattr(planes, name)
+
+        run([(f.name,) for f in fields(planes)], put_back, self.n_jobs)
         borrowing = np.flatnonzero(lenders >= 0)
         self._lend(result, order[borrowing], lenders[borrowing])
         plane_index[order[borrowing]] = order[members[lenders[borrowing]]]
@@ -219,7 +229,8 @@ class SurfacePlanes:
 
     def _radius(self, points, indices, sizes):
         last = indices[np.arange(len(indices)), sizes - 1]
-        return np.sqrt(np.square(self.model.index.points[last] - points).sum(axis=1))
+        gaps = self.model.index.points[last] - points
+        return np.sqrt(np.einsum("md,md->m", gaps, gaps))
 
     def _most(self, values, radius, indices, sizes, n_errors):
         """The largest deviation that is usual among the neighbors."""
@@ -233,14 +244,13 @@ class SurfacePlanes:
         where there is none of these, of the others.
         """
         members = self.members
-        kept = members.n_inliers / members.n_members
         if self.compiled:
             from sklearn_mcmd._borrowing_numba import best_planes
 
             best = np.empty(len(queries), dtype=np.int64)
             best_planes(
                 queries, self.model.index.points, indices, sizes,
-                members.centroids, members.normals, members.scale, kept,
+                members.centroids, members.normals, members.scale, self.kept,
                 most, LEAST_NOISE, best,
             )  # fmt: skip
             return best
@@ -251,7 +261,7 @@ class SurfacePlanes:
         reach = np.sqrt(np.square(deviations).sum(axis=2))
         variance = np.square(members.scale[indices])
         variance += np.square(LEAST_NOISE * radius)[:, None]
-        cost = explanation_cost(heights, variance, kept[indices])
+        cost = explanation_cost(heights, variance, self.kept[indices])
         cost[~valid | (reach > radius[:, None]) | (members.scale[indices] <= 0)] = np.inf
         cost = np.nan_to_num(cost, nan=np.inf, posinf=np.inf)
         usual = variance <= np.square(most)[:, None]
