@@ -32,6 +32,9 @@ CHUNK = {True: 4096, False: 256}  # rows a task, compiled or not
 # or than is usual on the dense surfaces of its wider surroundings.
 STANDS_APART = 2.4
 SPARSE = 1.5
+# Nor is a surface that company is compared with sparser than so many times those: a group of
+# outliers in mid-air that was retained would else excuse the others around it.
+SPARSEST = 3.0
 # Flat for its size is a plane that is so many times flatter than the radius, or than is usual.
 FLATNESS = 0.1
 FLATNESS_FACTOR = 3.0
@@ -218,9 +221,8 @@ class IteratedPlanes:
         # A cloud whose noise is as large as its neighborhoods has no flatter planes than that.
         self.most_rough = max(FLATNESS, FLATNESS_FACTOR * usual)
         self._find_credible()
-        # Only of the seeds: among those retained, what is sparse would be eaten pass by pass.
-        seeding = self.n_iter == 1 and self.max_iter > 1 and self.ruler != OWN
-        self.dense = DenseSpacing(index.points, fitted.spacing[rows]) if seeding else None
+        if self.n_iter == 1 and self.ruler != OWN:
+            self.dense = DenseSpacing(index.points, fitted.spacing[rows])
 
     def _find_credible(self):
         fitted = self.fitted
@@ -281,7 +283,8 @@ class IteratedPlanes:
         """How far queries stand apart, beyond 1 too far."""
         # Among copies of one point there is no spacing to compare with.
         apart = ratio(spacing, STANDS_APART * np.where(usual > 0, usual, np.inf))
-        if self.dense is not None:
+        # Only of the seeds: among those retained, what is sparse would be eaten pass by pass.
+        if self.n_iter == 1 and self.max_iter > 1:
             dense = self.dense.around(queries)
             sparse = ratio(spacing, SPARSE * np.where(dense > 0, dense, np.inf))
             apart = np.maximum(apart, sparse)
@@ -331,7 +334,8 @@ class IteratedPlanes:
         if self.company is None:
             return scores
         far = np.flatnonzero(scores > self.cutoff)
-        isolation = self.company.isolation(queries[far], usual[far], gaps[far])
+        usual = np.minimum(usual[far], SPARSEST * self.dense.around(queries[far]))
+        isolation = self.company.isolation(queries[far], usual, gaps[far])
         scores[far] = np.minimum(scores[far], self.cutoff * isolation)
         return scores
 

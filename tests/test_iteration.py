@@ -214,6 +214,16 @@ def test_compiled_verdicts_are_those_of_numpy(street, monkeypatch):
     assert same.mean() > 0.99
 
 
+def test_outliers_in_mid_air_do_not_excuse_each_other():
+    # In this scene a group of them is retained, and is sparse: by its spacing, 17 % of the uniform
+    # outliers around would keep company.
+    street = make_street(20_000, outlier_share=0.2, random_state=1)
+    fitted = MCMDOutlierDetector(random_state=0).fit(street.data)
+    outlier = fitted.scores_ < fitted.offset_
+    assert outlier[street.outlier_kind == 2].mean() > 0.93
+    assert outlier[street.target == 1].mean() < 0.005
+
+
 def test_groups_are_those_of_mutual_near_neighbors():
     rng = np.random.default_rng(0)
     centers = rng.uniform(0, 20, (30, 3))
