@@ -15,12 +15,12 @@ import time
 import numpy as np
 
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
-from sklearn_mcmd._adaptive_trials import StopRule, adaptive_consistent_sets
-from sklearn_mcmd._consistent_set import draw_trials, n_support_points
-from sklearn_mcmd._local_planes import LocalPlaneModel
-from sklearn_mcmd._neighborhoods import NeighborIndex
 from sklearn_mcmd.datasets import make_contaminated_plane, make_street
 from sklearn_mcmd.metrics import bias_angle, outlier_scores
+from sklearn_mcmd.planes._adaptive_trials import StopRule, adaptive_consistent_sets
+from sklearn_mcmd.planes._consistent_set import draw_trials, n_support_points
+from sklearn_mcmd.planes._local_planes import LocalPlaneModel
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 
 KINDS = "clustered", "uniform", "any cluster", "crease", "step"
 

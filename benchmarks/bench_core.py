@@ -31,7 +31,7 @@ def scipy_search(X, k, threads):
 def our_search(X, k, threads):
     from joblib import Parallel, delayed
 
-    from sklearn_mcmd._neighborhoods import NeighborIndex, spatial_order
+    from sklearn_mcmd.planes._neighborhoods import NeighborIndex, spatial_order
 
     index = NeighborIndex(X, k)
     order = spatial_order(X)
@@ -100,7 +100,7 @@ def street(n, order):
     # 2 cm between points, the street as long as that makes it; coarser where it would be none.
     X = make_street(n, spacing=0.02 if n >= 100_000 else None, random_state=0).data
     if order == "spatial":
-        from sklearn_mcmd._neighborhoods import spatial_order
+        from sklearn_mcmd.planes._neighborhoods import spatial_order
 
         X = X[spatial_order(X)]
     return np.ascontiguousarray(X)

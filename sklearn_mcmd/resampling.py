@@ -6,8 +6,8 @@ import numpy as np
 from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_consistent_length, validate_data
 
-from sklearn_mcmd._base import fit_context
-from sklearn_mcmd._mcmd import MCMDOutlierDetector
+from sklearn_mcmd._sklearn import fit_context
+from sklearn_mcmd.outliers._detector import MCMDOutlierDetector
 
 __all__ = ["DenoisingSampler"]
 

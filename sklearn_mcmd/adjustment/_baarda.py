@@ -1,12 +1,13 @@
 """Baarda's data snooping of a least-squares plane."""
 
 import warnings
+from numbers import Integral
 from typing import ClassVar
 
 import numpy as np
 from sklearn.exceptions import ConvergenceWarning
 
-from sklearn_mcmd._base import Integral, Interval, StrOptions, fit_context
+from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd.adjustment._detector import PlaneDetector
 from sklearn_mcmd.adjustment._elimination import (
     Elimination,

@@ -1,13 +1,15 @@
 """What both plane tests share: input, scale, predictions."""
 
 import warnings
+from numbers import Real
 from typing import ClassVar
 
 import numpy as np
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_array, check_is_fitted, validate_data
 
-from sklearn_mcmd._base import Interval, OffsetOutlierMixin, Real, StrOptions
+from sklearn_mcmd._sklearn import Interval, StrOptions
+from sklearn_mcmd._validation import OffsetOutlierMixin
 from sklearn_mcmd.adjustment._plane import adjust_plane
 from sklearn_mcmd.adjustment._robust import WEIGHT_FUNCTIONS, m_estimate, zero_scale
 

@@ -1,10 +1,11 @@
 """Outliers of a least-squares plane by fuzzy sets."""
 
+from numbers import Real
 from typing import ClassVar
 
 import numpy as np
 
-from sklearn_mcmd._base import Interval, Real, StrOptions, fit_context
+from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd.adjustment._detector import PlaneDetector
 from sklearn_mcmd.adjustment._elimination import own_redundancy
 from sklearn_mcmd.adjustment._hull import hull_vertices

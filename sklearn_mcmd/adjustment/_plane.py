@@ -6,7 +6,7 @@ import numpy as np
 from numpy.linalg import eigh
 from scipy.linalg import lstsq, orth
 
-from sklearn_mcmd._base import StrOptions, validate_params
+from sklearn_mcmd._sklearn import StrOptions, validate_params
 
 __all__ = ["PlaneAdjustment", "adjust_plane", "row_chunks"]
 

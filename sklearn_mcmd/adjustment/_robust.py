@@ -1,11 +1,12 @@
 """Robust adjustment by iteratively reweighted least squares (Eqs 2-8)."""
 
 import warnings
+from numbers import Real
 
 import numpy as np
 from sklearn.exceptions import ConvergenceWarning
 
-from sklearn_mcmd._base import Interval, Real, StrOptions, validate_params
+from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
 from sklearn_mcmd.adjustment._plane import adjust_plane
 
 __all__ = ["WEIGHT_FUNCTIONS", "huber", "m_estimate", "robust_scale", "tukey", "zero_scale"]

@@ -3,15 +3,15 @@
 import numpy as np
 from sklearn.utils import check_random_state
 
-from sklearn_mcmd._consistent_set import (
+from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._robust import robust_scale
+from sklearn_mcmd.planes._consistent_set import (
     draw_trials,
     maximum_consistent_sets,
     n_support_points,
     n_trials_needed,
 )
-from sklearn_mcmd._plane import fit_planes
-from sklearn_mcmd.adjustment._plane import adjust_plane
-from sklearn_mcmd.adjustment._robust import robust_scale
+from sklearn_mcmd.planes._plane import fit_planes
 
 __all__ = ["robust_start"]
 

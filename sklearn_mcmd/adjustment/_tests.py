@@ -1,9 +1,11 @@
 """Test statistics of residuals, their critical values and local levels (Table 1)."""
 
+from numbers import Integral, Real
+
 import numpy as np
 from scipy.special import chdtrc, ndtri, stdtrit
 
-from sklearn_mcmd._base import Integral, Interval, Real, StrOptions, validate_params
+from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
 
 __all__ = [
     "critical_value",

@@ -1,17 +1,14 @@
 """PlaneOutlierDetector: the comparators as one outlier detector."""
 
+from numbers import Real
 from typing import ClassVar
 
 import numpy as np
 
-from sklearn_mcmd._base import (
-    BasePlaneOutliers,
-    Interval,
-    Real,
-    StrOptions,
-    fit_context,
-)
-from sklearn_mcmd.baselines._methods import COMPARATORS, SCORES_ONLY, settle_method
+from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
+from sklearn_mcmd.baselines._methods import METHOD_NAMES
+from sklearn_mcmd.planes._base import BasePlaneOutliers
+from sklearn_mcmd.planes._comparators import settle_comparator
 
 __all__ = ["PlaneOutlierDetector"]
 
@@ -101,7 +98,7 @@ class PlaneOutlierDetector(BasePlaneOutliers):
         name: BasePlaneOutliers._parameter_constraints[name]
         for name in ("n_neighbors", "random_state", "n_jobs")
     } | {
-        "method": [StrOptions(set(COMPARATORS))],
+        "method": [StrOptions(set(METHOD_NAMES))],
         "method_params": [dict, None],
         "contamination": [StrOptions({"auto"}), Interval(Real, 0, 0.5, closed="right")],
     }
@@ -144,13 +141,13 @@ class PlaneOutlierDetector(BasePlaneOutliers):
             If X has NaN, infinite or too few values, `n_neighbors` is too small, `method_params`
             has an unknown name or a value out of its range, or the method needs a share.
         """
-        comparator = settle_method(self.method, self.method_params)
+        comparator = settle_comparator(self.method, self.method_params)
         if getattr(comparator, "contamination", None) is not None:
             raise ValueError(
                 "method_params has 'contamination'; give it as contamination="
                 f"{comparator.contamination} to the detector."
             )
-        if self.contamination == "auto" and self.method in SCORES_ONLY:
+        if self.contamination == "auto" and not comparator.has_cutoff:
             raise ValueError(
                 f"contamination='auto' but method={self.method!r} has no cut-off of its own: give "
                 "the share of outliers, such as contamination=0.1."

@@ -2,13 +2,13 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from sklearn.utils import check_random_state
 from sklearn.utils.random import sample_without_replacement
 
-from sklearn_mcmd._plane import fit_planes, orthogonal_distances
+from sklearn_mcmd.planes._plane import fit_planes, orthogonal_distances
 
 __all__ = [
     "Found",
@@ -106,6 +106,8 @@ class Method(ABC):
     A subclass settles one group of neighborhoods of equal size in `_fit`; this class does
     what is common: sizes, the origin, the tables of random positions, the final plane.
     """
+
+    has_cutoff: ClassVar[bool] = True  # decides by itself which members are outliers
 
     def fit(self, points, valid=None, *, random_state=None):
         """Judge the members of neighborhoods.

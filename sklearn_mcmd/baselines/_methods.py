@@ -1,16 +1,15 @@
 """The comparators by name, and one function for all of them."""
 
-from dataclasses import fields
-
 from sklearn_mcmd.baselines._pca import Pca
 from sklearn_mcmd.baselines._qsp import Qsp
 from sklearn_mcmd.baselines._ransac import Msac, Ransac
 from sklearn_mcmd.baselines._robpca import Robpca
 from sklearn_mcmd.baselines._ulsif import Ulsif
+from sklearn_mcmd.planes._comparators import register_comparator, settle_comparator
 
-__all__ = ["COMPARATORS", "SCORES_ONLY", "fit_neighborhoods", "settle_method"]
+__all__ = ["METHOD_NAMES", "fit_neighborhoods"]
 
-COMPARATORS = {
+METHODS = {
     "msac": Msac,
     "pca": Pca,
     "qsp": Qsp,
@@ -18,22 +17,9 @@ COMPARATORS = {
     "robpca": Robpca,
     "ulsif": Ulsif,
 }
-SCORES_ONLY = {"qsp", "ulsif"}  # have no cut-off of their own
-
-
-def settle_method(method, method_params=None):
-    """The method of a name with its parameters; errors name what is unknown or wrong."""
-    if method not in COMPARATORS:
-        raise ValueError(f"method={method!r} is none of {', '.join(sorted(COMPARATORS))}.")
-    kind, params = COMPARATORS[method], dict(method_params or {})
-    known = sorted(field.name for field in fields(kind))
-    unknown = sorted(str(name) for name in params if name not in known)
-    if unknown:
-        raise ValueError(
-            f"method_params has {', '.join(map(repr, unknown))}, unknown to method {method!r}; "
-            f"it knows {', '.join(known)}."
-        )
-    return kind(**params)
+METHOD_NAMES = tuple(METHODS)
+for _name, _kind in METHODS.items():
+    register_comparator(_name, _kind)
 
 
 def fit_neighborhoods(method, points, valid=None, *, random_state=None, **method_params):
@@ -81,5 +67,5 @@ def fit_neighborhoods(method, points, valid=None, *, random_state=None, **method
     ransac: [ 1 15] removed, tilts [0.  0.1] degrees
     robpca: [ 2 15] removed, tilts [0.1 0.1] degrees
     """
-    chosen = settle_method(method, method_params)
+    chosen = settle_comparator(method, method_params)
     return chosen.fit(points, valid, random_state=random_state)

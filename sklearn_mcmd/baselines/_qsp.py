@@ -1,6 +1,7 @@
 """qSp: the distance to the nearest of one small random sample."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -30,6 +31,7 @@ class Qsp(Method):
        NIPS 26 (2013) 467-475.
     """
 
+    has_cutoff: ClassVar[bool] = False
     contamination: float | None = None
     sample_size: int = 20
     exclude_self: bool = True

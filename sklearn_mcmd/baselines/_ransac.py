@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
-from sklearn_mcmd._consistent_set import n_trials_needed
-from sklearn_mcmd._plane import fit_planes, orthogonal_distances
-from sklearn_mcmd._rules import MAD_TO_SD
 from sklearn_mcmd.baselines._fits import Found, Method, WhitenedModel, check
+from sklearn_mcmd.planes._consistent_set import n_trials_needed
+from sklearn_mcmd.planes._plane import fit_planes, orthogonal_distances
+from sklearn_mcmd.planes._rules import MAD_TO_SD
 
 __all__ = ["Msac", "Ransac"]
 

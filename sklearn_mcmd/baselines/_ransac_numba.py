@@ -3,8 +3,8 @@
 import numpy as np
 from numba import njit
 
-from sklearn_mcmd._plane_numba import FASTMATH
 from sklearn_mcmd.baselines._ransac import RANK_TOLERANCE, scale_factor
+from sklearn_mcmd.planes._plane_numba import FASTMATH
 
 __all__ = ["best_planes_3d", "least_median_scales_3d"]
 

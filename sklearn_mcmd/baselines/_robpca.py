@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri, ndtri
 
-from sklearn_mcmd._rules import MAD_TO_SD
 from sklearn_mcmd.baselines._fits import Found, Method, check
 from sklearn_mcmd.baselines._mcd import CONSISTENCIES, fit_mcd, mcd_support_size, univariate_mcd
+from sklearn_mcmd.planes._rules import MAD_TO_SD
 
 __all__ = ["Robpca"]
 

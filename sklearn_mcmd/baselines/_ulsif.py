@@ -1,6 +1,7 @@
 """uLSIF: outliers by the ratio of the densities of regular and of all points."""
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -56,6 +57,7 @@ class Ulsif(Method):
        26 (2011) 309-336.
     """
 
+    has_cutoff: ClassVar[bool] = False
     contamination: float | None = None
     training: object = field(default=None, repr=False)
     training_fraction: float = 0.5

@@ -17,7 +17,7 @@ __all__ = ["demo", "info"]
 def info(source: InFile):
     """Show what a file holds: points, bounds, spacing, duplicates, attributes."""
     with clear_exits():
-        from sklearn_mcmd._file_summary import summarize
+        from sklearn_mcmd.cli._file_summary import summarize
 
         print_table(str(source), **summarize(source, read(source)))
 
@@ -36,8 +36,9 @@ def demo(
     demo.png, and prints the accuracy.
     """
     with clear_exits():
+        from sklearn_mcmd.cli import _demo_run
+
         seconds = stopwatch()
-        from sklearn_mcmd import _demo
 
         street, clean, with_normals = (
             folder / f"{name}.laz" for name in ("street", "clean", "normals")
@@ -48,13 +49,13 @@ def demo(
             raise FileExistsError(
                 f"{folder} already holds {', '.join(there)}; name another folder, or --force"
             )
-        _demo.write_street(street)
+        _demo_run.write_street(street)
         denoise(street, clean, n_jobs=n_jobs, quiet=quiet)
         normals(clean, with_normals, n_jobs=n_jobs, quiet=quiet)
         with progress_bar("Accuracy", quiet):
-            angles = _demo.normal_errors(street, n_jobs)
-        rates = _demo.outlier_rates(street, clean)
-        _demo.draw(street, clean, with_normals, picture)
+            angles = _demo_run.normal_errors(street, n_jobs)
+        rates = _demo_run.outlier_rates(street, clean)
+        _demo_run.draw(street, clean, with_normals, picture)
         if not quiet:
             print_table(
                 "Outliers, against the truth",

@@ -171,7 +171,7 @@ def _parse_viewpoint(orientation, text):
 
 def _parse_features(text):
     """Names of features; whatever is wrong is wrong usage."""
-    from sklearn_mcmd._features import settle_features
+    from sklearn_mcmd.normals._features import settle_features
 
     names = [part.strip() for part in (text or "").split(",") if part.strip()]
     try:

@@ -63,7 +63,7 @@ def progress_bar(title, quiet):
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
     from rich.progress import TimeRemainingColumn as TimeLeft
 
-    from sklearn_mcmd._progress import listen_to_progress
+    from sklearn_mcmd.planes._progress import listen_to_progress
 
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeLeft())

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sklearn_mcmd._base import validate_params
+from sklearn_mcmd._sklearn import validate_params
 from sklearn_mcmd.datasets._panels import Disc, Polygon
 from sklearn_mcmd.datasets._road import KERB_Y, PATH_Z, UP, facing, feet, pole, road_and_kerb
 from sklearn_mcmd.datasets._scan import SCAN_PARAMETERS, scan

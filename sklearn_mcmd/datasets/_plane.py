@@ -1,9 +1,11 @@
 """The contaminated plane of the paper's Section 5.1."""
 
+from numbers import Integral, Real
+
 import numpy as np
 from sklearn.utils import Bunch, check_random_state
 
-from sklearn_mcmd._base import Integral, Interval, Real, StrOptions, validate_params
+from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
 
 
 @validate_params(

@@ -1,9 +1,11 @@
 """From a scene to a cloud with the truth of every point."""
 
+from numbers import Integral, Real
+
 import numpy as np
 from sklearn.utils import Bunch, check_random_state
 
-from sklearn_mcmd._base import Integral, Interval, Real, StrOptions
+from sklearn_mcmd._sklearn import Interval, StrOptions
 from sklearn_mcmd.datasets._outliers import CLEARANCE, MAKERS
 from sklearn_mcmd.datasets._scan_lines import effective_area, scan_lines
 

@@ -1,8 +1,10 @@
 """Two shapes with sharp edges: the paper's box-like and crown data sets, made up anew."""
 
+from numbers import Real
+
 import numpy as np
 
-from sklearn_mcmd._base import Interval, Real, validate_params
+from sklearn_mcmd._sklearn import Interval, validate_params
 from sklearn_mcmd.datasets._panels import Bilinear
 from sklearn_mcmd.datasets._scan import SCAN_PARAMETERS, scan
 from sklearn_mcmd.datasets._scene import Scene

@@ -1,8 +1,10 @@
 """A street as a laser scanner sees it, with the truth of every point."""
 
+from numbers import Real
+
 import numpy as np
 
-from sklearn_mcmd._base import Interval, Real, validate_params
+from sklearn_mcmd._sklearn import Interval, validate_params
 from sklearn_mcmd.datasets._road import KERB_Y, PATH_Z, UP, facing, feet, pole, road_and_kerb
 from sklearn_mcmd.datasets._scan import SCAN_PARAMETERS, points_per_bay, scan
 from sklearn_mcmd.datasets._scene import Scene

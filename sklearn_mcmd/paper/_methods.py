@@ -13,17 +13,17 @@ from sklearn.covariance import EllipticEnvelope
 from sklearn.ensemble import IsolationForest
 from sklearn.neighbors import LocalOutlierFactor
 
-from sklearn_mcmd._consistent_set import (
+from sklearn_mcmd.baselines import Msac, Pca, Qsp, Ransac, Robpca, Ulsif
+from sklearn_mcmd.planes._consistent_set import (
     draw_trials,
     localize,
     maximum_consistent_sets,
     n_support_points,
     n_trials_needed,
 )
-from sklearn_mcmd._plane import fit_planes
-from sklearn_mcmd._rules import METHODS as RULES
-from sklearn_mcmd._rules import robust_distances
-from sklearn_mcmd.baselines import Msac, Pca, Qsp, Ransac, Robpca, Ulsif
+from sklearn_mcmd.planes._plane import fit_planes
+from sklearn_mcmd.planes._rules import METHODS as RULES
+from sklearn_mcmd.planes._rules import robust_distances
 
 __all__ = ["METHODS", "PEERS", "Method", "mcmd"]
 

@@ -4,8 +4,8 @@ from zlib import crc32
 
 import numpy as np
 
-from sklearn_mcmd._progress import current_listener
 from sklearn_mcmd.metrics import bias_angle
+from sklearn_mcmd.planes._progress import current_listener
 
 __all__ = [
     "Steps",

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sklearn_mcmd._edges import SharpFeatureDetector
 from sklearn_mcmd.datasets import make_box, make_crown_roof
+from sklearn_mcmd.edges._detector import SharpFeatureDetector
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.paper._report import Report, Table
 from sklearn_mcmd.paper._runs import Steps, stream

@@ -8,8 +8,8 @@ from time import process_time
 import numpy as np
 from scipy.optimize import curve_fit
 
-from sklearn_mcmd._normals import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_contaminated_plane
+from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.paper import _draw
 from sklearn_mcmd.paper._clouds import contaminated_planes
 from sklearn_mcmd.paper._methods import METHODS, Method, mcmd

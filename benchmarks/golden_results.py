@@ -1,0 +1,107 @@
+"""Results of twelve clouds, kept before a change and compared after it.
+
+    python benchmarks/golden_results.py keep before.npz [--data shared/data]
+    python benchmarks/golden_results.py compare before.npz [--data shared/data]
+
+A change that only moves code must leave every result equal to the last bit. ``compare`` prints one
+line for each result: the share of values that are equal, and the largest difference.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from sklearn_mcmd import (
+    MCMDOutlierDetector,
+    RegionGrowing,
+    RobustNormalEstimator,
+    SharpFeatureDetector,
+)
+from sklearn_mcmd.datasets import (
+    make_box,
+    make_bus_stop,
+    make_contaminated_plane,
+    make_crown_roof,
+    make_street,
+    make_traffic_furniture,
+)
+
+MOST_POINTS = 6_000
+REAL = (
+    "ahn3_amsterdam_2397",
+    "cad_angle_block",
+    "jakarto_scanlines",
+    "laspy_plane_patch",
+    "pcl_building_region_growing",
+    "pcl_cars_mincut",
+)
+
+
+def clouds(data):
+    """Name and coordinates of each cloud, in a fixed order."""
+    n = MOST_POINTS
+    yield "box", make_box(n, outlier_share=0.1, random_state=0).data
+    yield "bus stop", make_bus_stop(n, outlier_share=0.1, random_state=0).data
+    yield "plane", make_contaminated_plane(2_000, random_state=0)[0]
+    yield "roof", make_crown_roof(n, outlier_share=0.1, random_state=0).data
+    yield "street", make_street(n, outlier_share=0.1, random_state=0).data
+    yield "furniture", make_traffic_furniture(n, outlier_share=0.1, random_state=0).data
+    for name in REAL:
+        path = Path(data) / name / "cloud.npz"
+        if path.is_file():
+            yield name, np.load(path)["xyz"][:MOST_POINTS]
+
+
+def results(X):
+    """Name and array of each result of a cloud."""
+    detector = MCMDOutlierDetector(random_state=0, n_jobs=2).fit(X)
+    yield "outlier scores", detector.scores_
+    yield "outlier plane", detector.plane_index_
+    probe = X[::7] + 0.01 * (X[:1] - X[::7])
+    yield "new scores", detector.score_samples(probe)
+    literal = MCMDOutlierDetector(
+        refine=None, max_iter=1, noise_scale="own", borrow=False, random_state=0, n_jobs=2
+    )
+    yield "literal scores", literal.fit(X).scores_
+    normals = RobustNormalEstimator(random_state=0, n_jobs=2)
+    columns = normals.fit_transform(X)
+    yield "normals", normals.normals_
+    yield "normal errors", normals.normal_error_
+    yield "eigenvalues", normals.eigenvalues_
+    yield "new normals", normals.transform(probe)
+    growing = RegionGrowing(normals="precomputed", n_jobs=2).fit(columns)
+    yield "regions", growing.labels_
+    edges = SharpFeatureDetector(
+        outlier_detector="passthrough", normal_estimator=normals, random_state=0, n_jobs=2
+    )
+    yield "edge scores", edges.fit(X).scores_
+
+
+def main():
+    """Keep or compare."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("action", choices=["keep", "compare"])
+    parser.add_argument("file")
+    parser.add_argument("--data", default="../shared/data")
+    options = parser.parse_args()
+    found = {
+        f"{cloud}: {name}": array for cloud, X in clouds(options.data) for name, array in results(X)
+    }
+    if options.action == "keep":
+        np.savez_compressed(options.file, **found)
+        return
+    before, n_different = np.load(options.file), 0
+    for name, array in found.items():
+        old = before[name]
+        same = np.mean((old == array) | (np.isnan(old) & np.isnan(array)))
+        n_different += same < 1
+        if same < 1:
+            print(
+                f"{name:45} equal {same:8.3%}  largest difference {np.nanmax(abs(old - array)):.3g}"
+            )
+    print(f"{len(found) - n_different} of {len(found)} results equal to the last bit")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,92 @@
+"""Labels from scores, and checks of clouds: what estimators of every kind share."""
+
+import numpy as np
+from sklearn.base import OutlierMixin
+
+__all__ = ["FittedScoresMixin", "OffsetOutlierMixin", "check_extent", "check_sizes"]
+
+# Coordinates whose squares, and squares of whose differences, float64 can hold; float32 has
+# none beyond.
+LARGEST, SMALLEST = 1e100, 1e-100
+
+
+class OffsetOutlierMixin(OutlierMixin):
+    """Labels from ``score_samples`` and ``offset_``."""
+
+    def decision_function(self, X):
+        """Score relative to the limit: negative for outliers.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+
+        Returns
+        -------
+        decision : ndarray of shape (n_samples,)
+            ``score_samples(X) - offset_``.
+        """
+        return self.score_samples(X) - self.offset_
+
+    def predict(self, X):
+        """Label points by the fitted cloud, each as if it alone were added to it.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+
+        Returns
+        -------
+        labels : ndarray of int of shape (n_samples,)
+            1 for inliers, of a surface, and -1 for outliers, or edges.
+        """
+        return np.where(self.decision_function(X) >= 0, 1, -1)
+
+
+class FittedScoresMixin(OffsetOutlierMixin):
+    """Labels of the fitted cloud from ``scores_``, its ``score_samples`` that `fit` keeps."""
+
+    def fit_predict(self, X, y=None):
+        """Label the points of a cloud by itself.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+        y : Ignored
+
+        Returns
+        -------
+        labels : ndarray of int of shape (n_samples,)
+            1 for inliers, of a surface, and -1 for outliers, or edges: ``fit(X).predict(X)``,
+            without judging twice.
+        """
+        return np.where(self.fit(X).scores_ >= self.offset_, 1, -1)
+
+
+def check_sizes(n, d, n_neighbors):
+    """Raise where there are too few points or neighbors for planes in d dimensions."""
+    if n < d + 1:
+        raise ValueError(
+            f"n_samples={n} is too few for planes in {d}D: at least {d + 1} are needed."
+        )
+    if n_neighbors is not None and n_neighbors < d + 1:
+        raise ValueError(
+            f"n_neighbors={n_neighbors} is too few for planes in {d}D: at least {d + 1} are needed."
+        )
+
+
+def check_extent(X):
+    """Raise where squares of coordinates would overflow, or of their differences vanish."""
+    if X.dtype == np.float32 or len(X) == 0:
+        return
+    low, high = X.min(axis=0), X.max(axis=0)
+    if max(-low.min(), high.max()) > LARGEST:
+        row = np.flatnonzero((np.abs(X) > LARGEST).any(axis=1))[0]
+        raise ValueError(
+            f"X has a coordinate beyond {LARGEST:g} in row {row}: {X[row].tolist()}. Remove points "
+            "without a measured position first."
+        )
+    extent = float((high - low).max())
+    if 0 < extent < SMALLEST:
+        raise ValueError(
+            f"X spans no more than {extent:g}; at least {SMALLEST:g} is needed. Scale it up."
+        )

@@ -1,0 +1,87 @@
+"""The pieces of ``mcmd demo``: a street with known truth, and how near to it the results are."""
+
+import io
+
+import numpy as np
+
+from sklearn_mcmd.datasets import make_street
+from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
+from sklearn_mcmd.metrics import bias_angle
+from sklearn_mcmd.normals._estimator import RobustNormalEstimator
+from sklearn_mcmd.plotting import plot_before_after
+
+__all__ = ["draw", "normal_errors", "outlier_rates", "write_street"]
+
+N_POINTS = 60_000
+OUTLIER_SHARE = 0.1
+COLORS = 96  # in the picture's palette, which makes the file a third as large
+
+
+def write_street(path):
+    """Write a contaminated street, the truth of each point as attributes."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as err:
+        raise PointFileError(f"{path.parent}: cannot be made: {err.strerror}") from err
+    street = make_street(N_POINTS, outlier_share=OUTLIER_SHARE, random_state=0)
+    truth = {
+        "true_outlier": (street.target == -1).astype(np.uint8),
+        "outlier_kind": street.outlier_kind.astype(np.uint8),
+        "edge_distance": street.edge_distance.astype(np.float32),
+    }
+    for axis, values in zip("xyz", street.normals.T, strict=True):
+        truth[f"true_normal_{axis}"] = values.astype(np.float32)
+    # Tenths of a millimeter, as a scanner writes.
+    write_points(path, PointCloud(np.round(street.data, 4), truth))
+
+
+def outlier_rates(street, clean):
+    """How right the removal was, from the two files alone: the truth went along."""
+    is_outlier = read_points(street).attributes["true_outlier"] == 1
+    missed = read_points(clean).attributes["true_outlier"] == 1
+    n_outliers, n_regular = np.count_nonzero(is_outlier), np.count_nonzero(~is_outlier)
+    n_found, n_kept = n_outliers - np.count_nonzero(missed), np.count_nonzero(~missed)
+    return {
+        "outliers found": n_found / n_outliers,
+        "regular points kept": n_kept / n_regular,
+        "accuracy": (n_found + n_kept) / len(is_outlier),
+    }
+
+
+def normal_errors(street, n_jobs):
+    """Median and 95 % quantile of the angle to the true normal, in degrees, by method."""
+    cloud = read_points(street)
+    true_normals = _stack(cloud, "true_normal_")
+    has_normal = np.isfinite(true_normals).all(axis=1)
+    errors = {}
+    for method in ("pca", "mcmd_z"):
+        fitted = RobustNormalEstimator(method=method, random_state=0, n_jobs=n_jobs).fit(cloud.xyz)
+        angles = bias_angle(fitted.normals_[has_normal], true_normals[has_normal])
+        errors[method] = (np.median(angles), np.quantile(angles, 0.95))
+    return errors
+
+
+def draw(street, clean, with_normals, path):
+    """Draw the three files side by side into a PNG."""
+    import matplotlib
+
+    matplotlib.use("agg")
+    from PIL import Image
+
+    before, after = read_points(street), read_points(clean)
+    fig = plot_before_after(
+        before.xyz,
+        before.attributes["true_outlier"] == 1,
+        after.xyz,
+        after.attributes["true_outlier"] == 1,
+        _stack(read_points(with_normals), "normal_"),
+    )
+    raw, small = io.BytesIO(), io.BytesIO()
+    fig.savefig(raw, format="png", dpi=110)
+    palette = Image.open(raw).convert("RGB").quantize(COLORS, dither=Image.Dither.NONE)
+    palette.save(small, format="png", optimize=True)
+    path.write_bytes(small.getvalue())
+
+
+def _stack(cloud, prefix):
+    return np.column_stack([cloud.attributes[f"{prefix}{axis}"] for axis in "xyz"])

@@ -1,0 +1,347 @@
+"""How far points are from a crease: the line in which the planes of two faces meet.
+
+Near an edge the neighborhood of a point holds two faces. The point is given the plane that
+explains it best, its own or a neighbor's, and so are its neighbors; where two of these planes
+meet is the edge, known to a fraction of the spacing of the points. Whether there is an edge is
+decided between two models of the neighborhood: faces that meet in creases, or one smooth
+surface. The verdict is pooled over the neighbors, as an edge is a line and not a point.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gamma
+
+from sklearn_mcmd.planes._chunks import run
+from sklearn_mcmd.planes._explaining import explanation_cost
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+from sklearn_mcmd.planes._rules import MAD_TO_SD, REWEIGHT_CUTOFF, TRUNCATED_VARIANCE
+
+__all__ = ["FAR", "CreaseModel"]
+
+#: Distance, in spacings, of points without a crease in their neighborhood.
+FAR = 20.0
+
+# Entries of the largest array a task holds.
+CHUNK = 1_500_000
+# The spacing is told from this many neighbors, or all if fewer.
+SPACING_NEIGHBORS = 8
+# Noise is at least this share of the spacing: a point is not known better.
+LEAST_NOISE = 0.05
+# Standard deviations beyond which a residual tells no more.
+OFF = 3.0
+# A face is flat: its noise is at most this share of its radius, or this multiple of what is usual.
+FLATNESS, FLATNESS_FACTOR = 0.2, 3.0
+# Neighbors that must lie on another face, at least.
+LEAST_COMPANY = 3
+# A third face is seen where it takes this share off the squared residuals.
+THIRD_FACE = 0.8
+# Creases farther than this many spacings say nothing about the neighbors.
+REACH = 3.0
+# How steeply a smooth surface, and a point off its plane, count as far.
+STEEPNESS = 30
+OFF_STEEPNESS = 2
+SMOOTH_STEPS = 3
+
+
+@dataclass
+class Faces:
+    """The plane given to each of m points; arrays of the length of the points."""
+
+    normals: np.ndarray  # (m, d)
+    levels: np.ndarray  # n . x of the plane's points
+    scale: np.ndarray  # standard deviation of the noise
+    spacing: np.ndarray
+    height: np.ndarray  # of the point above its plane
+    flat: np.ndarray  # whether the plane is that of a face, not of foliage or a cluster
+
+    def take(self, rows):
+        """The planes of some of the points."""
+        return Faces(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+
+class CreaseModel:
+    """A fitted cloud that tells the distance of any point to the nearest crease.
+
+    Parameters
+    ----------
+    n_neighbors : int
+    min_angle : float
+        Degrees between the planes of two faces, at least.
+    n_jobs : int or None
+
+    Attributes
+    ----------
+    distances : ndarray of shape (n,)
+        ``distance`` of the fitted points.
+    """
+
+    def __init__(self, n_neighbors, min_angle, n_jobs=None):
+        self.n_neighbors = n_neighbors
+        self.cosine = np.cos(np.radians(min_angle))
+        self.n_jobs = n_jobs
+
+    def fit(self, points, normals):
+        """Find the planes of points (n, d) with these unit normals (n, d)."""
+        self.index = NeighborIndex(points, self.n_neighbors)
+        # Heights are differences of coordinates, which may be large.
+        self.origin = self.index.points.mean(axis=0)
+        self.points = self.index.points - self.origin
+        self.normals = normals[self.index.rows]
+        m = len(self.points)
+        self.levels, self.scale, self.kept = np.empty(m), np.empty(m), np.empty(m)
+        self.spacing, radius = np.empty(m), np.empty(m)
+        self._in_chunks(self.points, self._fit_planes, self.spacing, radius)
+        flatness = self.scale / np.maximum(radius, np.finfo(float).tiny)
+        self.flat = flatness <= max(FLATNESS, FLATNESS_FACTOR * np.median(flatness))
+        self.faces = self._give_planes(self.points)
+        distance, self.evidence = self._meet(self.points, self.faces)
+        self.evidence[~(distance <= REACH)] = np.nan
+        # Copies of a point are as far as the one that stands for them.
+        self.distances = self._judge(self.points, self.faces, distance)[self.index.nearest(points)]
+        return self
+
+    def distance(self, queries):
+        """Distances of queries (m, d) to the nearest crease, in spacings, `FAR` at most.
+
+        Where no crease is found it is between half of `FAR` and `FAR`, the less, the less flat
+        the neighborhood.
+        """
+        queries = queries - self.origin
+        faces = self._give_planes(queries)
+        distance, _ = self._meet(queries, faces)
+        return self._judge(queries, faces, distance)
+
+    def _judge(self, queries, faces, distance):
+        """Distances as told, from those to the crease and what the neighbors say of it."""
+        pooled, flat = np.full(len(queries), np.nan), np.empty(len(queries))
+
+        def pool(part, indices, pooled, flat):
+            pooled[part] = _median(self.evidence[indices])
+            flat[part] = 1.0 - 0.5 * _roundness(self.points[indices])
+
+        self._in_chunks(queries, pool, pooled, flat)
+        # Continuous: as far as it is where an edge is the better model, farther where not.
+        smooth = np.exp(np.minimum(STEEPNESS * np.maximum(pooled, 0.0), 50.0))
+        off = np.maximum(np.abs(faces.height) / (OFF * faces.scale), 1.0) ** OFF_STEEPNESS
+        found = np.isfinite(distance) & np.isfinite(pooled)
+        distance = np.where(found, distance * smooth * off, FAR)
+        return np.minimum(distance, FAR * flat)
+
+    def _in_chunks(self, queries, work, *arrays, width=None):
+        """Call `work` with rows of queries, their neighbors and the arrays to fill."""
+        n = len(queries)
+        k = self.index.n_neighbors
+        step = max(1, CHUNK // (k * (queries.shape[1] if width is None else width)))
+        parts = [np.arange(start, min(start + step, n)) for start in range(0, n, step)]
+
+        def task(part):
+            indices, _ = self.index.query(queries[part] + self.origin)
+            work(part, indices, *arrays)
+
+        run([(part,) for part in parts], task, self.n_jobs)
+
+    def _fit_planes(self, part, indices, spacing, radius):
+        """Level and noise of the plane with each member's normal, by its majority."""
+        gaps = self.points[indices] - self.points[part][:, None]
+        distances = np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
+        spacing[part] = _spacing(distances, self.points.shape[1])
+        radius[part] = distances.max(axis=1)
+        heights = np.einsum("mkd,md->mk", gaps, self.normals[part])
+        level = np.median(heights, axis=1)
+        scale = MAD_TO_SD * np.median(np.abs(heights - level[:, None]), axis=1)
+        least = LEAST_NOISE * spacing[part]
+        for _ in range(2):
+            limit = REWEIGHT_CUTOFF * np.maximum(scale, least)[:, None]
+            member = np.abs(heights - level[:, None]) <= limit
+            level = _mean(heights, member)
+            scale = np.sqrt(_mean((heights - level[:, None]) ** 2, member) / TRUNCATED_VARIANCE)
+        own = np.einsum("md,md->m", self.points[part], self.normals[part])
+        self.levels[part], self.scale[part] = own + level, np.maximum(scale, least)
+        self.kept[part] = member.mean(axis=1)
+
+    def _give_planes(self, queries):
+        """Of the planes of its neighbors, the one that explains each query best."""
+        owners = np.empty(len(queries), dtype=np.intp)
+        spacing = np.empty(len(queries))
+
+        def choose(part, indices, owners, spacing):
+            spacing[part] = np.median(self.spacing[indices], axis=1)
+            heights = np.einsum("md,mkd->mk", queries[part], self.normals[indices])
+            heights -= self.levels[indices]
+            scale = np.maximum(self.scale[indices], LEAST_NOISE * spacing[part][:, None])
+            scale = np.maximum(scale, np.finfo(float).tiny)
+            cost = explanation_cost(heights, scale**2, self.kept[indices])
+            owners[part] = indices[np.arange(len(part)), cost.argmin(axis=1)]
+
+        self._in_chunks(queries, choose, owners, spacing)
+        normals, levels = self.normals[owners], self.levels[owners]
+        height = np.einsum("md,md->m", queries, normals) - levels
+        scale = np.maximum(self.scale[owners], LEAST_NOISE * spacing)
+        scale = np.maximum(scale, np.finfo(float).tiny)
+        return Faces(normals, levels, scale, spacing, height, self.flat[owners])
+
+    def _meet(self, queries, faces):
+        """Distance to the nearest crease in spacings, inf if none, and the evidence for it.
+
+        The evidence is the logarithm of the residuals of the best two or three faces over those
+        of the best smooth surface: negative where there is an edge.
+        """
+        distance = np.full(len(queries), np.inf)
+        evidence = np.full(len(queries), np.nan)
+        on_face = self.faces.flat & (np.abs(self.faces.height) <= OFF * self.faces.scale)
+
+        def meet(part, indices, distance, evidence):
+            own = faces.take(part)
+            cosines = np.abs(np.einsum("md,mkd->mk", own.normals, self.faces.normals[indices]))
+            other = (cosines < self.cosine) & on_face[indices]
+            busy = np.flatnonzero(other.sum(axis=1) >= LEAST_COMPANY)
+            busy = busy[own.flat[busy] & (own.spacing[busy] > 0)]
+            if busy.size:
+                results = self._faces_or_smooth(
+                    queries[part[busy]], own.take(busy), indices[busy], cosines[busy], other[busy]
+                )
+                distance[part[busy]], evidence[part[busy]] = results
+
+        width = min(self.index.n_neighbors, 1_000)
+        self._in_chunks(queries, meet, distance, evidence, width=width)
+        return distance, evidence
+
+    def _faces_or_smooth(self, queries, own, indices, cosines, other):
+        """Distance and evidence of queries (m, d) with other faces among their neighbors."""
+        neighbors, normals = self.points[indices], self.faces.normals[indices]
+        levels = self.faces.levels[indices]
+        # Heights (m, k, k) of each neighbor above the plane given to each other one.
+        heights = np.matmul(neighbors, normals.swapaxes(1, 2)) - levels[:, None]
+        surface = np.einsum("mkd,md->mk", neighbors, own.normals) - own.levels[:, None]
+        above = np.einsum("md,mkd->mk", queries, normals) - levels
+        limit = OFF * own.scale[:, None]
+        each = np.arange(len(queries))
+
+        second, squares, surface = _join(surface, heights, other, limit)
+        distance = _to_line(above[each, second], cosines[each, second])
+        between = np.abs(np.einsum("md,mkd->mk", normals[each, second], normals))
+        third_faces = other & (between < self.cosine)
+        third, fewer, corner = _join(surface, heights, third_faces, limit)
+        meets = fewer < THIRD_FACE * squares
+        to_third = _to_line(above[each, third], cosines[each, third])
+        distance = np.where(meets, np.minimum(distance, to_third), distance)
+        surface = np.where(meets[:, None], corner, surface)
+
+        least = 1e-4 * own.scale**2  # of exact faces
+        sharp = np.mean(np.clip(surface, -limit, limit) ** 2, axis=1) + least
+        smooth = _smooth_residuals(neighbors, own.scale)
+        if smooth is None:
+            return distance / own.spacing, np.full(len(queries), -1.0)
+        smooth = np.mean(np.minimum(smooth, limit) ** 2, axis=1) + least
+        return distance / own.spacing, 0.5 * np.log(sharp / smooth)
+
+
+def _join(surface, heights, allowed, limit):
+    """The face that, joined to a surface in a crease, leaves the least squared residuals.
+
+    Two planes that cross make four surfaces with a crease, each a half of one and a half of the
+    other: the larger or the lesser of both heights, either side of the second plane up.
+
+    Parameters
+    ----------
+    surface : (m, k), heights of neighbors above the surface so far
+    heights : (m, k, k), above the plane of each neighbor
+    allowed : (m, k), neighbors whose plane may be joined
+    limit : (m, 1), largest residual that counts
+
+    Returns
+    -------
+    best : (m,), position of the neighbor
+    squares : (m,), inf where none is allowed
+    joined : (m, k)
+    """
+    each = np.arange(len(surface))
+    best, squares = np.zeros(len(surface), dtype=np.intp), np.full(len(surface), np.inf)
+    joined = surface.copy()
+    room = np.empty_like(heights)
+    for side in (1.0, -1.0):
+        for choose in (np.maximum, np.minimum):
+            np.multiply(heights, side, out=room)
+            choose(room, surface[:, :, None], out=room)
+            np.clip(room, -limit[:, :, None], limit[:, :, None], out=room)
+            sums = np.where(allowed, np.einsum("mqj,mqj->mj", room, room), np.inf)
+            candidate = sums.argmin(axis=1)
+            least = sums[each, candidate]
+            better = np.flatnonzero(least < squares)
+            best[better], squares[better] = candidate[better], least[better]
+            plane = side * heights[better, :, candidate[better]]
+            joined[better] = choose(plane, surface[better])
+    return best, squares, joined
+
+
+def _to_line(height, cosine):
+    """Distance, along the own plane, to the line where it meets one this far below."""
+    sine = np.sqrt(np.maximum(1.0 - cosine**2, np.finfo(float).tiny))
+    return np.abs(height) / sine
+
+
+def _smooth_residuals(neighbors, scale):
+    """Residuals (m, k) to the best surface of second order, None if too many coefficients."""
+    _, k, d = neighbors.shape
+    pairs = [(a, b) for a in range(1, d) for b in range(a, d)]
+    n_coefficients = d + len(pairs)
+    if k <= n_coefficients + 1:
+        return None
+    centered = neighbors - neighbors.mean(axis=1, keepdims=True)
+    size = np.sqrt(np.einsum("mkd,mkd->m", centered, centered) / k)
+    size = np.maximum(size, np.finfo(float).tiny)
+    centered /= size[:, None, None]
+    _, axes = np.linalg.eigh(np.matmul(centered.swapaxes(1, 2), centered))
+    local = np.matmul(centered, axes)
+    heights, plane = local[..., 0], local[..., 1:]
+    squares = [local[..., a] * local[..., b] for a, b in pairs]
+    terms = np.stack([np.ones_like(heights), *np.moveaxis(plane, -1, 0), *squares], axis=-1)
+    weights = np.ones_like(heights)
+    # A few points off the surface must not bend it: Huber's weights.
+    for _ in range(SMOOTH_STEPS):
+        weighted = terms * weights[..., None]
+        normal = np.matmul(weighted.swapaxes(1, 2), terms) + 1e-9 * np.eye(n_coefficients)
+        right = np.einsum("mka,mk->ma", weighted, heights)
+        solution = np.linalg.solve(normal, right[..., None])[..., 0]
+        residuals = heights - np.einsum("mka,ma->mk", terms, solution)
+        slope = np.repeat(solution[:, None, 1:d], k, axis=1)
+        for (a, b), curvature in zip(pairs, solution[:, d:].T, strict=True):
+            slope[..., a - 1] += curvature[:, None] * local[..., b]
+            slope[..., b - 1] += curvature[:, None] * local[..., a]
+        residuals = np.abs(residuals) / np.sqrt(1.0 + np.einsum("mka,mka->mk", slope, slope))
+        residuals *= size[:, None]
+        with np.errstate(divide="ignore"):
+            weights = np.minimum(1.0, 1.5 * scale[:, None] / residuals)
+    # Two planes have as many coefficients: nothing to allow for.
+    return residuals
+
+
+def _roundness(neighbors):
+    """Surface variation (m,) of neighborhoods (m, k, d), from 0 on a plane to 1 in a ball."""
+    centered = neighbors - neighbors.mean(axis=1, keepdims=True)
+    values = np.linalg.eigvalsh(np.matmul(centered.swapaxes(1, 2), centered))
+    total = np.maximum(values.sum(axis=1), np.finfo(float).tiny)
+    return neighbors.shape[2] * np.clip(values[:, 0] / total, 0.0, 1.0 / neighbors.shape[2])
+
+
+def _spacing(distances, d):
+    """Side of the cell that one point of a (d - 1)-dimensional surface takes, from (m, k)."""
+    n = min(SPACING_NEIGHBORS, distances.shape[1] - 1)
+    radius = np.partition(distances, n, axis=1)[:, n]
+    ball = np.pi ** (0.5 * (d - 1)) / gamma(0.5 * (d - 1) + 1.0)
+    return radius * (ball / n) ** (1.0 / (d - 1))
+
+
+def _mean(values, member):
+    return np.where(member, values, 0.0).sum(axis=1) / np.maximum(member.sum(axis=1), 1)
+
+
+def _median(values):
+    """Medians of rows without their NaN, NaN where all are."""
+    values = np.sort(values, axis=1)  # NaN last
+    count = np.isfinite(values).sum(axis=1)
+    each = np.arange(len(values))
+    low = values[each, np.maximum(count - 1, 0) // 2]
+    high = values[each, np.minimum(count // 2, values.shape[1] - 1)]
+    return np.where(count > 0, 0.5 * (low + high), np.nan)

@@ -1,0 +1,358 @@
+"""SharpFeatureDetector: edges and corners of point clouds."""
+
+from numbers import Integral, Real
+from typing import ClassVar
+
+import numpy as np
+from sklearn.base import BaseEstimator, clone
+from sklearn.utils.validation import check_is_fitted, check_random_state, validate_data
+
+from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
+from sklearn_mcmd._validation import FittedScoresMixin, check_extent, check_sizes
+from sklearn_mcmd.edges._creases import FAR, CreaseModel
+from sklearn_mcmd.normals._estimator import RobustNormalEstimator
+from sklearn_mcmd.outliers._detector import MCMDOutlierDetector
+from sklearn_mcmd.planes._rules import MAD_TO_SD
+
+__all__ = ["SharpFeatureDetector"]
+
+# Spacings within which a point is of the edge.
+EDGE_WIDTH = 2.0
+# Standard deviations of a least eigenvalue above which there is an edge: robust, and Eq. 25.
+ROBUST_STD, PAPER_STD = 3.0, 1.0
+
+
+class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
+    """Edges and corners: points next to a line in which two faces meet (Eq. 25 and better).
+
+    The cloud is cleaned first, as outliers look like edges. Then each point and its neighbors
+    are given the planes that explain them best; where two of these planes meet in a crease,
+    the distance to it is known to a fraction of the spacing of the points. That there is an
+    edge and not a curved surface is decided by which of the two explains the neighborhoods
+    better. With other criteria a point is of an edge if its neighborhood is not flat, as in the
+    paper.
+
+    Parameters
+    ----------
+    n_neighbors : int, default=40
+        Size of a neighborhood, at least ``n_features + 1``, a point of the fitted cloud itself
+        included. Fewer tell apart edges that are close to each other, more withstand noise.
+
+    criterion : {"crease", "eigenvalue", "surface_variation", "removed_fraction"}, \
+            default="crease"
+        What makes an edge:
+
+        - "crease": the distance to the line where the planes of two faces meet, in spacings of
+          the points;
+        - "eigenvalue": the least eigenvalue of the neighborhood, in squared units of X
+          (Eq. 25);
+        - "surface_variation": the same over the sum of the eigenvalues (Eq. 3), which does not
+          depend on the spacing;
+        - "removed_fraction": the share of the neighborhood that is not of its plane.
+
+    threshold : float or "mean", default=None
+        Where an edge begins. A number: largest distance for "crease", in spacings, at most 10;
+        otherwise the least value of the criterion. None means 2 spacings for "crease" and the
+        median plus `n_std` robust standard deviations of the cloud for the others; "mean" the
+        mean plus `n_std` standard deviations (Eq. 25), not for "crease".
+
+    n_std : float, default=None
+        Standard deviations above the median or the mean (a in Eq. 25). None means 3 from the
+        median and 1, as in the paper, from the mean.
+
+    min_angle : float, default=20
+        Least angle between two faces that makes an edge, in degrees; for "crease" only.
+
+    outlier_detector : estimator or "passthrough", default=None
+        What cleans the cloud first: an estimator with `fit_predict`, +1 for inliers. None means
+        :class:`MCMDOutlierDetector`; "passthrough" nothing.
+
+    normal_estimator : estimator, default=None
+        Planes of the cleaned cloud, as of :class:`RobustNormalEstimator`. None means that, with
+        `n_neighbors`, and with ``method="pca"`` for "eigenvalue" and "surface_variation": where
+        a robust fit removes one of two faces, its own eigenvalues do not tell that there was an
+        edge.
+
+    normals : {"precomputed"}, default=None
+        "precomputed" if X are columns of ``RobustNormalEstimator.transform`` in 3D: x, y, z,
+        normal, and, for "eigenvalue" and "surface_variation", what follows. Otherwise X are
+        coordinates.
+
+    random_state : int, RandomState instance or None, default=None
+        Seed of `outlier_detector` and `normal_estimator` where these have none of their own.
+
+    n_jobs : int, default=None
+        Number of threads; None means 1 unless in a :obj:`joblib.parallel_config` context and
+        -1 all processors. Results do not depend on it.
+
+    Attributes
+    ----------
+    offset_ : float
+        ``decision_function = score_samples - offset_``.
+
+    scores_ : ndarray of shape (n_samples,)
+        ``score_samples`` of the fitted points.
+
+    inlier_mask_ : ndarray of bool of shape (n_samples,)
+        Which of the fitted points were left by the cleaning.
+
+    outlier_detector_, normal_estimator_ : estimators
+        As fitted; absent where none was.
+
+    n_features_in_ : int
+        Number of features seen during `fit`.
+
+    feature_names_in_ : ndarray of shape (`n_features_in_`,)
+        Names of features seen during `fit`, when X has names that are all strings.
+
+    See Also
+    --------
+    MCMDOutlierDetector : What cleans the cloud.
+    RobustNormalEstimator : The planes.
+
+    Notes
+    -----
+    Equation 25 to the letter is ``SharpFeatureDetector(30, criterion="eigenvalue",
+    threshold="mean", outlier_detector="passthrough",
+    normal_estimator=RobustNormalEstimator(30, refine=None))``. A few outliers with their huge
+    eigenvalues raise its limit above every edge, and a robust fit keeps to one face right up to
+    the edge and has no large eigenvalue there; hence the two stages and the median.
+
+    An edge is where two faces are seen. The free rim of a plate, or where the scan ends or lies
+    in shadow, is none. Faces need a few points each within the neighborhood; rods as thin as
+    a few spacings are told from prisms by chance.
+
+    A point that the cleaning removed is scored like a new one, by the points that are left; one
+    off all planes counts as far from creases, but not as flat by the other criteria.
+
+    The time of "crease" grows as ``n_edge * n_neighbors ** 2``, with the number of points that
+    see two faces.
+
+    References
+    ----------
+    .. [1] A. Nurunnabi, G. West, D. Belton, "Outlier detection and robust normal-curvature
+       estimation in mobile laser scanning 3D point cloud data", Pattern Recognition 48
+       (2015) 1404-1419, Section 5.2.2.
+
+    Examples
+    --------
+    >>> from sklearn_mcmd import SharpFeatureDetector
+    >>> from sklearn_mcmd.datasets import make_box
+    >>> box = make_box(random_state=0)
+    >>> labels = SharpFeatureDetector(random_state=0).fit_predict(box.data)
+    >>> far = box.edge_distance > 3 * box.spacing
+    >>> on_edge = box.edge_distance < box.spacing
+    >>> print(f"{(labels[on_edge] == -1).mean():.0%} of the edge found, "
+    ...       f"{(labels[far] == -1).mean():.0%} of the faces by mistake")
+    100% of the edge found, 0% of the faces by mistake
+    """
+
+    _parameter_constraints: ClassVar[dict] = {
+        "n_neighbors": [Interval(Integral, 3, None, closed="left")],
+        "criterion": [
+            StrOptions({"crease", "eigenvalue", "surface_variation", "removed_fraction"})
+        ],
+        "threshold": [Interval(Real, 0, None, closed="neither"), StrOptions({"mean"}), None],
+        "n_std": [Interval(Real, 0, None, closed="left"), None],
+        "min_angle": [Interval(Real, 0, 90, closed="neither")],
+        "outlier_detector": "no_validation",
+        "normal_estimator": "no_validation",
+        "normals": [StrOptions({"precomputed"}), None],
+        "random_state": ["random_state"],
+        "n_jobs": [Integral, None],
+    }
+
+    def __init__(
+        self,
+        n_neighbors=40,
+        *,
+        criterion="crease",
+        threshold=None,
+        n_std=None,
+        min_angle=20.0,
+        outlier_detector=None,
+        normal_estimator=None,
+        normals=None,
+        random_state=None,
+        n_jobs=None,
+    ):
+        self.n_neighbors = n_neighbors
+        self.criterion = criterion
+        self.threshold = threshold
+        self.n_std = n_std
+        self.min_angle = min_angle
+        self.outlier_detector = outlier_detector
+        self.normal_estimator = normal_estimator
+        self.normals = normals
+        self.random_state = random_state
+        self.n_jobs = n_jobs
+
+    @fit_context(prefer_skip_nested_validation=False)
+    def fit(self, X, y=None):
+        """Find the planes of a cloud, cleaned, and where an edge begins.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Coordinates, float64 or float32, in any unit; at least two features and
+            ``n_features + 1`` points. With ``normals="precomputed"`` also the other columns.
+        y : Ignored
+
+        Returns
+        -------
+        self : object
+
+        Raises
+        ------
+        ValueError
+            If X has NaN, infinite or too few values or columns, `n_neighbors` is too small, or
+            `threshold` or `normals` does not fit `criterion`.
+        """
+        X = validate_data(self, X, dtype=[np.float64, np.float32], ensure_min_features=2)
+        self._check_parameters(X)
+        xyz = self._coordinates(X)
+        # One seed for both, drawn once: a RandomState must not give them different ones.
+        seed = check_random_state(self.random_state).randint(np.iinfo(np.int32).max)
+        self.inlier_mask_ = self._clean(xyz, seed)
+        members = X[self.inlier_mask_]
+        if self.normals is None:
+            self.normal_estimator_ = self._make_normal_estimator(seed).fit(members)
+        if self.criterion == "crease":
+            self._model = CreaseModel(self.n_neighbors, self.min_angle, self.n_jobs)
+            self._model.fit(self._coordinates(members).astype(np.float64), self._normals(members))
+            self.offset_ = EDGE_WIDTH if self.threshold is None else float(self.threshold)
+            self.scores_ = np.empty(len(X))
+            self.scores_[self.inlier_mask_] = self._model.distances
+            removed = xyz[~self.inlier_mask_].astype(np.float64)
+            self.scores_[~self.inlier_mask_] = self._model.distance(removed)
+        else:
+            values = self._values(X)
+            self.offset_ = -self._settle_threshold(values[self.inlier_mask_])
+            self.scores_ = -values
+        return self
+
+    def score_samples(self, X):
+        """Distance to the nearest crease, or the opposite of the criterion.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+
+        Returns
+        -------
+        scores : ndarray of shape (n_samples,)
+            The lower, the more of an edge. For "crease" the distance in spacings of the points;
+            it grows where a smooth surface explains the neighbors better than a crease does,
+            and off all planes. Where there is no crease it is 10 to 20, the more, the flatter
+            the neighborhood. For the others the value, negative.
+        """
+        check_is_fitted(self)
+        X = validate_data(self, X, dtype=[np.float64, np.float32], reset=False)
+        check_extent(self._coordinates(X))
+        if self.criterion == "crease":
+            return self._model.distance(self._coordinates(X).astype(np.float64))
+        return -self._values(X)
+
+    def _check_parameters(self, X):
+        d = 3 if self.normals == "precomputed" else X.shape[1]
+        needed = {"crease": 6, "surface_variation": 7, "eigenvalue": 8}
+        if self.normals == "precomputed":
+            if self.criterion not in needed:
+                raise ValueError(
+                    f"normals='precomputed' does not tell criterion={self.criterion!r}: leave "
+                    "normals=None, with coordinates as X."
+                )
+            if X.shape[1] < needed[self.criterion]:
+                raise ValueError(
+                    f"normals='precomputed' with criterion={self.criterion!r} needs "
+                    f"{needed[self.criterion]} columns as of RobustNormalEstimator.transform in "
+                    f"3D, and X has {X.shape[1]} features."
+                )
+        check_sizes(len(X), d, self.n_neighbors)
+        if self.criterion == "crease" and self.threshold == "mean":
+            raise ValueError(
+                "threshold='mean' is for eigenvalues; criterion='crease' takes a distance in "
+                "spacings of the points, or None for 2."
+            )
+        farthest = FAR / 2
+        if self.criterion == "crease" and (self.threshold or 0.0) > farthest:
+            raise ValueError(
+                f"threshold={self.threshold:g} is in spacings of the points for "
+                f"criterion='crease', and creases farther than {farthest:g} are not told: lower it."
+            )
+        check_extent(self._coordinates(X))
+
+    def _coordinates(self, X):
+        return X[:, :3] if self.normals == "precomputed" else X
+
+    def _clean(self, xyz, seed):
+        """Which points to keep; all if too few would be left for a plane."""
+        detector = self.outlier_detector
+        if isinstance(detector, str) and detector == "passthrough":
+            return np.ones(len(xyz), dtype=bool)
+        if self.normals == "precomputed" and self.criterion != "crease":
+            return np.ones(len(xyz), dtype=bool)
+        if detector is None:
+            detector = MCMDOutlierDetector(random_state=seed, n_jobs=self.n_jobs)
+        self.outlier_detector_ = _seeded(detector, seed)
+        kept = np.asarray(self.outlier_detector_.fit_predict(xyz)) == 1
+        return kept if kept.sum() > xyz.shape[1] else np.ones(len(xyz), dtype=bool)
+
+    def _make_normal_estimator(self, seed):
+        if self.normal_estimator is not None:
+            return _seeded(self.normal_estimator, seed)
+        plain = self.criterion in ("eigenvalue", "surface_variation")
+        return RobustNormalEstimator(
+            self.n_neighbors,
+            method="pca" if plain else "mcmd_z",
+            features="removed_fraction" if self.criterion == "removed_fraction" else None,
+            random_state=seed,
+            n_jobs=self.n_jobs,
+        )
+
+    def _normals(self, members):
+        """Unit normals of the members, float64."""
+        if self.normals is None:
+            return np.asarray(self.normal_estimator_.normals_, dtype=np.float64)
+        normals = members[:, 3:6].astype(np.float64)
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        if not (np.abs(lengths - 1.0) < 1e-3).all():
+            raise ValueError(
+                "normals='precomputed' takes unit normals from columns 3 to 5 of X, and some "
+                f"there have lengths from {lengths.min():.3g} to {lengths.max():.3g}."
+            )
+        return normals / lengths
+
+    def _values(self, X):
+        """The criterion, not the crease, at points."""
+        if self.normals == "precomputed":
+            column = {"surface_variation": 6, "eigenvalue": 7}[self.criterion]
+            return X[:, column].astype(np.float64)
+        names = list(self.normal_estimator_.get_feature_names_out())
+        name = "eigenvalue_0" if self.criterion == "eigenvalue" else self.criterion
+        if name not in names:
+            raise ValueError(
+                f"criterion={self.criterion!r} needs the column {name} of "
+                f"normal_estimator.transform, which has {names}: ask for it by features=[{name!r}]."
+            )
+        columns = self.normal_estimator_.transform(X)
+        return np.asarray(columns)[:, names.index(name)].astype(np.float64)
+
+    def _settle_threshold(self, values):
+        """Value of the criterion above which a point is of an edge."""
+        if isinstance(self.threshold, Real):
+            return float(self.threshold)
+        if self.threshold == "mean":  # Eq. 25
+            n_std = PAPER_STD if self.n_std is None else self.n_std
+            return float(values.mean() + n_std * values.std(ddof=1))
+        n_std = ROBUST_STD if self.n_std is None else self.n_std
+        median = np.median(values)
+        return float(median + n_std * MAD_TO_SD * np.median(np.abs(values - median)))
+
+
+def _seeded(estimator, seed):
+    """A copy, with this seed if it takes one and has none."""
+    estimator = clone(estimator)
+    if estimator.get_params().get("random_state", seed) is None:
+        estimator.set_params(random_state=seed)
+    return estimator

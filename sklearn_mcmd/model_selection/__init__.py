@@ -1,0 +1,6 @@
+"""Cross-validation on clouds: without tearing neighborhoods apart, or by whole scenes."""
+
+from sklearn_mcmd.model_selection._blocks import SpatialBlockSplit, spatial_blocks
+from sklearn_mcmd.model_selection._scenes import WholeSceneSplit, score_segments
+
+__all__ = ["SpatialBlockSplit", "WholeSceneSplit", "score_segments", "spatial_blocks"]

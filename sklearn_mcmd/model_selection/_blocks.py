@@ -1,0 +1,217 @@
+"""Cross-validation on one cloud, without tearing neighborhoods apart."""
+
+from numbers import Integral
+
+import numpy as np
+from scipy.spatial import cKDTree
+from sklearn.model_selection import BaseCrossValidator
+from sklearn.utils import check_array, check_random_state
+
+from sklearn_mcmd._sklearn import Interval, validate_params
+
+__all__ = ["SpatialBlockSplit", "spatial_blocks"]
+
+# Extents are measured between these percentiles, so that a stray point does not decide an axis.
+BULK = 5, 95
+
+
+@validate_params(
+    {"X": ["array-like"], "n_blocks": [Interval(Integral, 1, None, closed="left")]},
+    prefer_skip_nested_validation=True,
+)
+def spatial_blocks(X, n_blocks):
+    """Cut a cloud into boxes of nearly equal numbers of points.
+
+    The cloud is halved across its longest side, the halves likewise, and so on.
+
+    Parameters
+    ----------
+    X : array-like of shape (n_samples, n_features)
+        Coordinates.
+    n_blocks : int
+        Number of blocks, at most n_samples.
+
+    Returns
+    -------
+    blocks : ndarray of int of shape (n_samples,)
+        Block of each point, 0 to ``n_blocks - 1``, fit to be ``groups`` of scikit-learn's
+        splitters.
+
+    Raises
+    ------
+    ValueError
+        If X has NaN or infinite values, or fewer points than `n_blocks`.
+
+    See Also
+    --------
+    SpatialBlockSplit : Folds of such blocks with the neighbors they need.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn_mcmd.model_selection import spatial_blocks
+    >>> spatial_blocks(np.array([[0.0, 5.0], [1.0, 5.1], [9.0, 5.2], [10.0, 5.3]]), 2)
+    array([0, 0, 1, 1])
+    """
+    X = check_array(X, dtype=np.float64)
+    if n_blocks > len(X):
+        raise ValueError(f"n_blocks={n_blocks} is more than n_samples={len(X)}; take fewer.")
+    blocks = np.empty(len(X), dtype=np.intp)
+    left = [(np.arange(len(X)), 0, n_blocks)]
+    while left:
+        rows, first, count = left.pop()
+        if count == 1:
+            blocks[rows] = first
+            continue
+        low, high = np.percentile(X[rows], BULK, axis=0)
+        along = X[rows, np.argmax(high - low)]
+        n_before = count // 2
+        order = np.argsort(along, kind="stable")
+        cut = len(rows) * n_before // count
+        left += [
+            (rows[order[:cut]], first, n_before),
+            (rows[order[cut:]], first + n_before, count - n_before),
+        ]
+    return blocks
+
+
+class SpatialBlockSplit(BaseCrossValidator):
+    """Folds of spatial blocks, each with the neighbors that its points are judged by.
+
+    A detector of local outliers judges a point by its neighbors. Splitters that fit on one
+    part of a cloud and score another leave the points of a held-out block without neighbors
+    (blocks as groups), or thin everyone's neighborhood (random folds): either scores another
+    task. Here the test points of a fold are whole blocks, and its training points are the same
+    blocks together with the nearest neighbors of their points. What is fitted is the cloud as
+    far as the block's verdicts depend on it: these are exactly those of the whole cloud where a
+    detector looks no farther, and nearly so for detectors that go over a cloud in passes.
+
+    Parameters
+    ----------
+    n_splits : int, default=5
+        Number of folds, at least 2.
+    n_blocks : int, default=None
+        Number of blocks, dealt to the folds at random; at least `n_splits`. None means four a
+        fold: a fold then mixes places of the cloud.
+    n_neighbors : int, default=50
+        Largest neighborhood of the search. Every test point finds so many nearest neighbors,
+        itself included, among the training points.
+    n_rings : int, default=1
+        How often neighbors are added. 1 suffices for a detector that looks at the neighbors
+        of a point, as the paper's form does; each ring more for one that looks at their
+        neighbors, too: 2 for planes that are borrowed or compared among neighbors, 3 for
+        :class:`~sklearn.neighbors.LocalOutlierFactor` and for `MCMDOutlierDetector` in passes,
+        whose scores then still differ a little from those in the whole cloud.
+    random_state : int, RandomState instance or None, default=None
+        Seed of the dealing of blocks.
+
+    See Also
+    --------
+    spatial_blocks : The blocks alone.
+    sklearn.model_selection.GroupKFold : Disjoint folds, for classifiers of points.
+
+    Notes
+    -----
+    *Training and test points overlap on purpose*. That is sound for detectors that are fitted
+    without labels: labels only score, each point's once, in the fold of its block. It is a
+    leak for anything that learns from y; take ``GroupKFold`` with `spatial_blocks` there.
+
+    The mean score of one candidate is an unbiased estimate for the cloud; that of the best of
+    many is optimistic, as in every search. Judge the winner on a cloud that the search has
+    not seen.
+
+    ``LocalOutlierFactor(novelty=True)`` takes a test point of its own training cloud for its
+    own nearest neighbor: one of `n_neighbors` says nothing, which shifts its scores a
+    little. With ``MCMDOutlierDetector`` a point belongs to its neighborhood by definition.
+
+    A fold without any outlier has no ROC-AUC: take fewer or larger blocks.
+
+    Examples
+    --------
+    >>> from sklearn.model_selection import GridSearchCV
+    >>> from sklearn_mcmd import MCMDOutlierDetector
+    >>> from sklearn_mcmd.datasets import make_street
+    >>> from sklearn_mcmd.model_selection import SpatialBlockSplit
+    >>> street = make_street(900, outlier_share=0.1, random_state=0)
+    >>> search = GridSearchCV(
+    ...     MCMDOutlierDetector(random_state=0),
+    ...     {"n_neighbors": [10, 30]},
+    ...     scoring=["balanced_accuracy", "roc_auc"],
+    ...     refit="balanced_accuracy",
+    ...     cv=SpatialBlockSplit(2, n_neighbors=30, random_state=0),
+    ... ).fit(street.data, street.target)
+    >>> search.best_params_
+    {'n_neighbors': 30}
+    """
+
+    def __init__(self, n_splits=5, *, n_blocks=None, n_neighbors=50, n_rings=1, random_state=None):
+        self.n_splits = n_splits
+        self.n_blocks = n_blocks
+        self.n_neighbors = n_neighbors
+        self.n_rings = n_rings
+        self.random_state = random_state
+
+    def get_n_splits(self, X=None, y=None, groups=None):
+        """Number of folds.
+
+        Parameters
+        ----------
+        X, y, groups : Ignored
+
+        Returns
+        -------
+        n_splits : int
+        """
+        return self.n_splits
+
+    def split(self, X, y=None, groups=None):
+        """Indices of the training and test points of each fold.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Coordinates.
+        y, groups : Ignored
+
+        Yields
+        ------
+        train, test : ndarray of int
+            Ascending; `test` is part of `train`.
+
+        Raises
+        ------
+        ValueError
+            If a parameter is out of range, or X has too few points for it.
+        """
+        X = check_array(X, dtype=np.float64)
+        n_blocks = self._check_parameters(len(X))
+        blocks = spatial_blocks(X, n_blocks)
+        fold_of_block = np.arange(n_blocks) % self.n_splits
+        check_random_state(self.random_state).shuffle(fold_of_block)
+        fold = fold_of_block[blocks]
+        tree = cKDTree(X)
+        for i in range(self.n_splits):
+            inside = fold == i
+            front = test = np.flatnonzero(inside)
+            for _ in range(self.n_rings):
+                found = np.zeros(len(X), dtype=bool)
+                found[tree.query(X[front], k=self.n_neighbors)[1].ravel()] = True
+                front = np.flatnonzero(found & ~inside)
+                inside |= found
+            yield np.flatnonzero(inside), test
+
+    def _check_parameters(self, n_samples):
+        n_blocks = 4 * self.n_splits if self.n_blocks is None else self.n_blocks
+        for name, value, least, most in (
+            ("n_splits", self.n_splits, 2, n_samples),
+            ("n_blocks", n_blocks, self.n_splits, n_samples),
+            ("n_neighbors", self.n_neighbors, 2, n_samples),
+            ("n_rings", self.n_rings, 1, np.inf),
+        ):
+            if not isinstance(value, Integral) or isinstance(value, bool):
+                raise ValueError(f"{name}={value!r} must be an integer.")
+            if value < least:
+                raise ValueError(f"{name}={value} is too few: at least {least} are needed.")
+            if value > most:
+                raise ValueError(f"{name}={value} is too many for n_samples={n_samples}.")
+        return n_blocks

@@ -1,0 +1,164 @@
+"""The smoothness of ``_smoothness`` in three dimensions, compiled."""
+
+import numpy as np
+from numba import njit
+
+from sklearn_mcmd.normals._smoothness import (
+    AS_FLAT,
+    FARTHEST,
+    LEAST_GEARY,
+    LEAST_KURTOSIS,
+    LEAST_WIDTH,
+    MIDDLE,
+    MOST_IN_MIDDLE,
+    MOST_SKEW,
+    PERFECT,
+    PIVOT,
+)
+from sklearn_mcmd.planes._plane_numba import FASTMATH, eigh_3d, weighted_covariance
+
+__all__ = ["whole_planes_3d"]
+
+TERMS = 6
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def whole_planes_3d(
+    points, indices, sizes, centroids, eigenvalues, normals, directions, deviation, left, ordinary
+):  # fmt: skip
+    """Fill what `whole_planes` returns, of the axes the first and the last."""
+    k = indices.shape[1]
+    local, weight, height = np.empty((3, k)), np.ones(k), np.empty(k)
+    moments = np.empty((TERMS, TERMS))
+    right, forward = np.empty(TERMS), np.empty(TERMS)
+    for i in range(len(indices)):
+        size = sizes[i]
+        origin = indices[i, 0]
+        for j in range(size):
+            for axis in range(3):
+                local[axis, j] = points[indices[i, j], axis] - points[origin, axis]
+        mean, covariance = weighted_covariance(local, size, weight)
+        values, axes = eigh_3d(covariance)
+        for axis in range(3):
+            centroids[i, axis] = points[origin, axis] + mean[axis]
+            eigenvalues[i, axis] = values[axis]
+            normals[i, axis] = axes[0][axis]
+            directions[i, axis] = axes[2][axis]
+        extent = np.sqrt(values[2])
+        deviation[i] = left[i] = np.inf
+        ordinary[i] = False
+        if size < 2 * TERMS or extent == 0.0:
+            continue
+        total = _moments(local, size, mean, axes, extent, moments, right, height)
+        squares, determined = _residual(moments, right, forward, total)
+        plane = np.sqrt(total / (size - 3))
+        deviation[i] = plane * extent
+        if not determined:
+            continue
+        quadric = np.sqrt(squares / (size - TERMS))
+        left[i] = quadric * extent
+        if values[1] <= LEAST_WIDTH**2 * values[2]:
+            continue
+        if plane <= PERFECT:
+            ordinary[i] = True
+        elif plane <= AS_FLAT * quadric:
+            variance = total / size
+            tails = _tails(height, size, MIDDLE**2 * variance, FARTHEST**2 * variance)
+            n_inside, n_beyond, first, third, fourth = tails
+            ordinary[i] = (
+                n_beyond == 0
+                and n_inside <= MOST_IN_MIDDLE * size
+                and first / size >= LEAST_GEARY * np.sqrt(variance)
+                and abs(third) / size <= MOST_SKEW * variance**1.5
+                and fourth / size >= LEAST_KURTOSIS * variance**2
+            )
+
+
+@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+def _tails(height, size, middle, farthest):
+    """Members with squares up to `middle`, those beyond `farthest`, and sums of the first, third
+    and fourth powers."""
+    n_inside = n_beyond = first = third = fourth = 0.0
+    for j in range(size):
+        square = height[j] * height[j]
+        n_inside += 1.0 if square <= middle else 0.0
+        n_beyond += 1.0 if square > farthest else 0.0
+        first += abs(height[j])
+        third += square * height[j]
+        fourth += square * square
+    return n_inside, n_beyond, first, third, fourth
+
+
+@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+def _moments(local, size, mean, axes, extent, moments, right, heights):
+    """Normal equations of the quadric (lower triangle) and the sum of squared heights.
+
+    The terms are 1, u, v, uu, uv and vv. Sums in numbers, not in arrays, are vectorized.
+    """
+    x, y, z = local[0], local[1], local[2]
+    mx, my, mz = mean
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = axes
+    scale = 1.0 / extent
+    su = sv = suu = suv = svv = suuu = suuv = suvv = svvv = 0.0
+    suuuu = suuuv = suuvv = suvvv = svvvv = 0.0
+    sh = shu = shv = shuu = shuv = shvv = shh = 0.0
+    for j in range(size):
+        dx, dy, dz = x[j] - mx, y[j] - my, z[j] - mz
+        h = (ax * dx + ay * dy + az * dz) * scale
+        u = (bx * dx + by * dy + bz * dz) * scale
+        v = (cx * dx + cy * dy + cz * dz) * scale
+        uu, uv, vv = u * u, u * v, v * v
+        heights[j] = h
+        su += u
+        sv += v
+        suu += uu
+        suv += uv
+        svv += vv
+        suuu += uu * u
+        suuv += uu * v
+        suvv += u * vv
+        svvv += vv * v
+        suuuu += uu * uu
+        suuuv += uu * uv
+        suuvv += uu * vv
+        suvvv += uv * vv
+        svvvv += vv * vv
+        sh += h
+        shu += h * u
+        shv += h * v
+        shuu += h * uu
+        shuv += h * uv
+        shvv += h * vv
+        shh += h * h
+    moments[0, 0] = size
+    moments[1, 0], moments[1, 1] = su, suu
+    moments[2, 0], moments[2, 1], moments[2, 2] = sv, suv, svv
+    moments[3, 0], moments[3, 1], moments[3, 2], moments[3, 3] = suu, suuu, suuv, suuuu
+    moments[4, 0], moments[4, 1], moments[4, 2] = suv, suuv, suvv
+    moments[4, 3], moments[4, 4] = suuuv, suuvv
+    moments[5, 0], moments[5, 1], moments[5, 2] = svv, suvv, svvv
+    moments[5, 3], moments[5, 4], moments[5, 5] = suuvv, suvvv, svvvv
+    right[0], right[1], right[2], right[3], right[4], right[5] = sh, shu, shv, shuu, shuv, shvv
+    return shh
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _residual(moments, right, forward, total):
+    """Squares left, and whether the members determine the quadric; overwrites the moments."""
+    for i in range(TERMS):
+        diagonal = moments[i, i]
+        for j in range(i):
+            dot = moments[i, j]
+            for m in range(j):
+                dot -= moments[i, m] * moments[j, m]
+            moments[i, j] = dot / moments[j, j]
+        pivot, value = diagonal, right[i]
+        for m in range(i):
+            pivot -= moments[i, m] * moments[i, m]
+            value -= moments[i, m] * forward[m]
+        if not pivot > PIVOT * diagonal:
+            return total, False
+        moments[i, i] = np.sqrt(pivot)
+        forward[i] = value / moments[i, i]
+        total -= forward[i] * forward[i]
+    return max(total, 0.0), True

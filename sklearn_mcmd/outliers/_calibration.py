@@ -1,0 +1,234 @@
+"""The cutoff of a stated false-positive rate: a rehearsal on a clean plane.
+
+No formula gives the law of a score that is the least over planes which the point itself helped
+to fit. So a plane with Gaussian noise is simulated and judged by the code and settings that
+judge the cloud, and the cutoff is where the stated share of its points is flagged.
+"""
+
+from math import gamma, pi
+
+import numpy as np
+from scipy.special import ndtri
+
+from sklearn_mcmd.outliers._company import sample_rows
+from sklearn_mcmd.outliers._iteration import IteratedPlanes
+from sklearn_mcmd.outliers._judging import OWN
+from sklearn_mcmd.planes._around import ratio
+from sklearn_mcmd.planes._local_planes import LocalPlaneModel
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+
+__all__ = ["calibrated_cutoff"]
+
+SEED = 20_150
+# Flagged points wanted in the rehearsal, and what it takes at least: its own error is 14 or 30 %.
+EXPECTED, LEAST_EXPECTED = 50, 10
+# Points that count, fewest and most, where compiled code does the work and where it doesn't.
+FEWEST, MOST = {True: 10_000, False: 1_000}, {True: 100_000, False: 10_000}
+# Of all points, with those near the border that do not count. In many dimensions all are.
+MOST_SIMULATED = {True: 400_000, False: 4_000}
+MARGIN = 2.0  # in radii of a neighborhood
+# Noise in spacings, found from the planes of so many points in so many steps.
+LEAST_NOISE, MOST_NOISE = 0.01, 2.0
+MATCHED, MATCHING_STEPS = 1_000, 4
+# Search for the cutoff: steps of the share rejected, and halvings of the last.
+STEP, HALVINGS = 1.15, 8
+BATCH = 20_000  # points a batch of planes of their own
+
+
+def calibrated_cutoff(model, settings, rate):
+    """Cutoff beyond which a stated share of a clean plane's points is flagged.
+
+    Parameters
+    ----------
+    model : LocalPlaneModel
+        Of the whole cloud. Its planes also tell how large the noise is against the spacing,
+        which matters where it reaches the size of a neighborhood.
+    settings : dict
+        Of `IteratedPlanes`.
+    rate : float
+        Share of points.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    ValueError
+        If the rate is less than the simulation resolves, or no cutoff has it.
+    """
+    d = model.index.points.shape[1]
+    compiled = d == 3 and model.index.n_neighbors is not None
+    if rate * MOST[compiled] < LEAST_EXPECTED:
+        raise ValueError(
+            f"false_positive_rate={rate} is less than the simulation can resolve: at least "
+            f"{LEAST_EXPECTED / MOST[compiled]:g} is needed here. Choose a cutoff instead."
+        )
+    n_counted = int(np.clip(EXPECTED / rate, FEWEST[compiled], MOST[compiled]))
+    if model.index.n_neighbors is None:
+        return float(np.quantile(_one_plane(model, settings, n_counted), 1 - rate))
+    noise = _matching_noise(model, settings["n_jobs"])
+    X, counted = _clean_plane(n_counted, model.index.n_neighbors, d, noise)
+    if not isinstance(settings["noise_scale"], str):
+        settings = {**settings, "noise_scale": noise}
+    rehearsal = _Rehearsal(_model_over(model, X), **settings).fit(X)
+    if rehearsal.own_planes_only:
+        return float(np.quantile(rehearsal.scores[counted], 1 - rate))
+    return rehearsal.cutoff_of(rate, counted)
+
+
+class _Rehearsal(IteratedPlanes):
+    """A fitted clean plane whose last verdict can be repeated with any cutoff.
+
+    Planes of neighbors are asked only by points beyond the cutoff. A point is beyond it after
+    that if both its own plane's distance and the least of its neighbors' are, so the least of
+    all, asked by every point, is compared with any cutoff without asking again.
+    """
+
+    def _settle(self, X, order, scores, owners, usual, gaps):
+        self.cutoff = 0.0
+        self.judged = X, order, owners, usual, gaps
+        self.least, _, _ = self._judge_all(X, self.borrow)
+        self.apart = np.zeros(len(X))
+        if self.ruler != OWN:
+            self.apart = self._apart(X, self.fitted.spacing, usual)
+
+    def cutoff_of(self, rate, counted):
+        """Cutoff that flags the share `rate` of the points `counted`, a mask."""
+        least = self.least[counted[self.judged[1]]]
+
+        def flagged(cutoff):
+            X, order, owners, usual, gaps = self.judged
+            self.cutoff = cutoff
+            # As in a verdict: what stands apart does so whatever the cutoff is.
+            scores = np.maximum(self.least, cutoff * self.apart)
+            super(_Rehearsal, self)._settle(X, order, scores, owners, usual, gaps)
+            return np.mean(self.scores[counted] > cutoff)
+
+        apart = flagged(least.max())
+        if apart > rate:
+            raise ValueError(
+                f"false_positive_rate={rate} is out of reach: {apart:.2g} of the points of a clean "
+                "plane stand apart from so few neighbors. Ask for more, or raise n_neighbors."
+            )
+        # Groups that are spared make fewer flagged than rejected, and none if many are: the
+        # share of rejected grows until enough are flagged.
+        share, most = rate / 2, 0.0
+        while share < 1:
+            reached = flagged(np.quantile(least, 1 - share))
+            if reached >= rate:
+                break
+            most, share = max(most, reached), share * STEP
+        else:
+            raise ValueError(
+                f"false_positive_rate={rate} is out of reach: at most {most:.2g} of the points of "
+                "a clean plane are flagged, more keep each other company. Ask for less, or pass "
+                "keep_groups=False."
+            )
+        low, high = share / STEP, share
+        for _ in range(HALVINGS):
+            middle = (low + high) / 2
+            if flagged(np.quantile(least, 1 - middle)) >= rate:
+                high = middle
+            else:
+                low = middle
+        return float(np.quantile(least, 1 - high))
+
+
+def _clean_plane(n_counted, n_neighbors, d, noise):
+    """Points of spacing 1 with noise along the last axis, and which are far from the border."""
+    compiled = d == 3
+    radius = _radius(n_neighbors, d)
+    side = n_counted ** (1 / (d - 1)) + 2 * MARGIN * radius
+    n = min(side ** (d - 1), max(MOST_SIMULATED[compiled], n_counted))
+    n = int(max(n, 2 * n_neighbors))
+    side = n ** (1 / (d - 1))
+    rng = np.random.default_rng(SEED)
+    X = rng.uniform(-side / 2, side / 2, (n, d))
+    off_center = np.abs(X[:, :-1]).max(axis=1)
+    # The innermost where the border leaves fewer; with many dimensions it is nearly everywhere.
+    inner = max(side / 2 - MARGIN * radius, np.quantile(off_center, min(1.0, n_counted / n)))
+    counted = off_center <= inner
+    for part in (counted, ~counted):
+        X[part, -1] = noise * _stratified_noise(np.count_nonzero(part), rng)
+    return X, counted
+
+
+def _stratified_noise(n, rng):
+    """Standard normal values of which exactly as many are beyond any limit as should be.
+
+    The share of flagged points then varies less from simulation to simulation.
+    """
+    return rng.permutation(ndtri((np.arange(n) + 0.5) / n))
+
+
+def _radius(n_neighbors, d):
+    """Radius of the ball in d - 1 dimensions that holds so many points of spacing 1."""
+    unit_ball = pi ** ((d - 1) / 2) / gamma((d - 1) / 2 + 1)
+    return (n_neighbors / unit_ball) ** (1 / (d - 1))
+
+
+def _matching_noise(model, n_jobs):
+    """Noise of a clean plane, in spacings, whose planes are as rough for their size as the cloud's.
+
+    Where noise reaches the size of the neighborhoods these turn from disks into balls, and
+    planes follow the noise: scale and cutoff are then different.
+    """
+    n, d = model.index.points.shape
+    k = model.index.n_neighbors
+    wanted = _roughness(model, sample_rows(model.index.points, max(1, n // MATCHED)), n_jobs)
+    noise = wanted * _radius(k, d)
+    for _ in range(MATCHING_STEPS):
+        noise = float(np.clip(noise, LEAST_NOISE, MOST_NOISE))
+        X, counted = _clean_plane(MATCHED, k, d, noise)
+        simulated = _model_over(model, X)
+        found = _roughness(simulated, counted[simulated.index.rows], n_jobs)
+        noise *= wanted / found
+    return float(np.clip(noise, LEAST_NOISE, MOST_NOISE))
+
+
+def _roughness(model, rows, n_jobs):
+    """Median ratio of scale to radius of the planes around some of the points."""
+    points = model.index.points[rows]
+    scale = model.evaluate(points, saliency=False, n_jobs=n_jobs).scale
+    indices, sizes = model.index.query(points)
+    last = model.index.points[indices[np.arange(len(points)), sizes - 1]]
+    return float(np.median(ratio(scale, np.linalg.norm(points - last, axis=1))))
+
+
+def _model_over(model, X):
+    """The model of another cloud, with the same settings and trials."""
+    k = model.index.n_neighbors
+    simulated = LocalPlaneModel(
+        NeighborIndex(X, k),
+        model.trials,
+        method=model.method,
+        precision=np.finfo(float).eps,
+        support_fraction=model.support_fraction,
+        cutoff=model.cutoff,
+        reweight=model.reweight,
+    )
+    # However small the cloud is, this one is not.
+    simulated.compiled = X.shape[1] == 3
+    return simulated
+
+
+def _one_plane(model, settings, n_counted):
+    """Scores of many clean planes of as many points as the cloud has, each fitted as one."""
+    n, d = model.index.points.shape
+    n_planes = -(-n_counted // n)
+    rng = np.random.default_rng(SEED)
+    batch, scores = max(1, BATCH // n), []
+    for first in range(0, n_planes, batch):
+        X = rng.uniform(-1, 1, (min(batch, n_planes - first), n, d))
+        X[..., -1] = LEAST_NOISE * _stratified_noise(X[..., 0].size, rng).reshape(X.shape[:2])
+        # As the one neighborhood is kept.
+        off_center = np.linalg.norm(X - X.mean(axis=1, keepdims=True), axis=2)
+        X = np.take_along_axis(X, np.argsort(off_center, axis=1)[..., None], axis=1)
+        sizes = np.full(len(X), n)
+        found = _model_over(model, X[0]).fit_rule(X, sizes, model.rounding)
+        distances = found.score(X)
+        if not isinstance(settings["noise_scale"], str):
+            distances *= found.scale[:, None] / LEAST_NOISE
+        scores.append(distances.ravel())
+    return np.concatenate(scores)

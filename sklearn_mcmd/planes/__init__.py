@@ -1,0 +1,1 @@
+"""The engine: neighborhoods, their planes, and whose plane explains a point."""

@@ -1,0 +1,230 @@
+"""Trials until the outlier share seen in a neighborhood needs no more (Eq. 13).
+
+``outlier_rate="auto"`` makes the first 32 trials of the table and the others only where the
+plane found so far does not *settle* its neighborhood: see `settled`. A plane across a mixture
+must not count as one, or half of the points as outliers would be withstood no longer; three
+tests together keep it out.
+
+This batched NumPy form holds in any dimension; ``_adaptive_trials_numba`` repeats it in three.
+"""
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from scipy.special import ndtri
+
+from sklearn_mcmd.planes._consistent_set import (
+    DISTANCE_STEP,
+    localize,
+    maximum_consistent_sets,
+    n_trials_needed,
+)
+from sklearn_mcmd.planes._plane import fit_planes, orthogonal_distances
+
+__all__ = ["StopRule", "adaptive_consistent_sets", "settled"]
+
+# At a success probability of 0.9999, 32 trials suffice for 37 % of outliers in 3D. One check
+# after 16 saves no more time, since 16 trials do not fill the processor, and costs the others.
+CHECKPOINTS = (32,)
+# Smaller neighborhoods tell too little about their outlier share; in larger ones the pairs
+# of the third test take as long as the trials.
+SMALLEST, LARGEST = 20, 200
+CONFIDENCE = 0.95  # one-sided, of the bound on the outlier share
+INLIER_CUTOFF = 2.5
+# Thickest plane that may settle a neighborhood: standard deviation along the normal over
+# that along the shorter axis within the plane.
+FLATNESS = 0.15
+# Residuals of points nearer to each other than this share of the mean variance within the
+# plane, under a root, are expected to be independent.
+REACH = 0.5
+COHERENCE = 0.5
+# Planes thinner than this, in median radii, are perfect: their residuals are rounding.
+PERFECT = 16 * DISTANCE_STEP
+
+
+@dataclass(frozen=True)
+class StopRule:
+    """When to stop, by the size of a neighborhood.
+
+    checkpoints : ndarray of int of shape (C,)
+        Numbers of trials, ascending, at most half of the length of the table.
+    least_inliers : ndarray of int of shape (C, k + 1)
+        Inliers that a neighborhood of each size needs for its outlier share to be covered
+        by that many trials; more than it has where it must not stop.
+    scale_factor : ndarray of shape (k + 1,)
+        What makes the deviation of a consistent set that of the noise, by size.
+    """
+
+    checkpoints: np.ndarray
+    least_inliers: np.ndarray
+    scale_factor: np.ndarray
+
+    @classmethod
+    def of(cls, n_trials, n_support, success_probability, d):
+        """The rule for a table of n_trials; `n_support` holds h of each size 0 ... k."""
+        sizes = np.arange(len(n_support))
+        checkpoints = np.array([n for n in CHECKPOINTS if 2 * n <= n_trials], dtype=np.int64)
+        least = np.tile(sizes + 1, (len(checkpoints), 1))
+        factor = np.ones(len(sizes))
+        for size in sizes[SMALLEST : LARGEST + 1]:
+            factor[size] = _scale_factor(n_support[size], size, d)
+            for check, n in enumerate(checkpoints):
+                least[check, size] = _least_inliers(n, size, success_probability, d)
+        return cls(checkpoints, least, factor)
+
+    @classmethod
+    def never(cls):
+        """The rule of a fixed number of trials."""
+        return cls(np.empty(0, np.int64), np.empty((0, 0), np.int64), np.empty(0))
+
+
+def _least_inliers(n_trials, size, success_probability, d):
+    for count in range(size + 1):
+        share = 1.0 - _lower_bound(count, size)
+        if n_trials_needed(min(share, 1.0), success_probability, d) <= n_trials:
+            return count
+    return size + 1
+
+
+def _lower_bound(count, size):
+    """Wilson's lower bound of a share seen as `count` of `size`."""
+    z = float(ndtri(CONFIDENCE))
+    share, correction = count / size, z * z / size
+    spread = z * sqrt(share * (1 - share) / size + correction / size / 4)
+    return (share + correction / 2 - spread) / (1 + correction)
+
+
+def _scale_factor(h, size, d):
+    """For the middle part of a normal sample, with least median of squares' small-sample
+    factor (Rousseeuw and Leroy, 1987, chapter 5)."""
+    share = h / size
+    if share >= 1.0:
+        variance = 1.0
+    else:
+        cut = float(ndtri((1 + share) / 2))
+        variance = 1.0 - 2 * cut * np.exp(-(cut**2) / 2) / (np.sqrt(2 * np.pi) * share)
+    return (1 + 5 / max(size - d, 1)) / sqrt(variance)
+
+
+def adaptive_consistent_sets(neighborhoods, trials, n_support, rule, sizes=None):
+    """Find the maximum consistent set of each neighborhood in as few trials as it needs.
+
+    Parameters
+    ----------
+    neighborhoods, trials, n_support, sizes
+        See `maximum_consistent_sets`.
+    rule : StopRule
+
+    Returns
+    -------
+    support, least_eigenvalue, degenerate
+        What `maximum_consistent_sets` finds in the first trials of the table ...
+    n_used : ndarray of int of shape (B,)
+        ... and how many these were.
+    """
+    n_sets, k, _ = neighborhoods.shape
+    sizes = np.full(n_sets, k) if sizes is None else np.asarray(sizes)
+    n_support = np.broadcast_to(n_support, n_sets)
+    support = np.zeros((n_sets, k), dtype=bool)
+    least, degenerate = np.zeros(n_sets), np.zeros(n_sets, dtype=bool)
+    n_used = np.full(n_sets, len(trials))
+    if len(rule.checkpoints) == 0:
+        return *maximum_consistent_sets(neighborhoods, trials, n_support, sizes), n_used
+    local, _ = localize(neighborhoods, sizes)
+    left = np.arange(n_sets)
+    for check, n_trials in enumerate(rule.checkpoints):
+        # Neighborhoods that cannot stop wait for the whole table.
+        able = left[rule.least_inliers[check, sizes[left]] <= sizes[left]]
+        if able.size == 0:
+            continue
+        found = maximum_consistent_sets(
+            neighborhoods[able], trials[:n_trials], n_support[able], sizes[able]
+        )
+        size = sizes[able]
+        done = ~found[2] & settled(
+            local[able],
+            size,
+            found[0],
+            rule.scale_factor[size],
+            rule.least_inliers[check, size],
+        )
+        rows = able[done]
+        support[rows], least[rows], degenerate[rows] = (part[done] for part in found)
+        n_used[rows] = n_trials
+        left = np.setdiff1d(left, rows)
+    if left.size:
+        support[left], least[left], degenerate[left] = maximum_consistent_sets(
+            neighborhoods[left], trials, n_support[left], sizes[left]
+        )
+    return support, least, degenerate, n_used
+
+
+def settled(local, sizes, support, scale_factor, least_inliers):
+    """Whether the planes of consistent sets leave no need for further trials.
+
+    Parameters
+    ----------
+    local : ndarray of shape (B, k, d)
+        Neighborhoods, by `localize`.
+    sizes : ndarray of int of shape (B,)
+    support : ndarray of bool of shape (B, k)
+    scale_factor, least_inliers : ndarray of shape (B,)
+        From `StopRule`.
+
+    Returns
+    -------
+    ndarray of bool of shape (B,)
+
+    Notes
+    -----
+    A plane settles its neighborhood if
+
+    1. it has so many inliers, within 2.5 times the scale of its set, that even the upper
+       bound of the outlier share (Wilson, 95 %) needs no more trials by Eq. 13;
+    2. it is flat: the inliers' deviation along the normal is at most 0.15 of the lesser one
+       within the plane. A plane through most of two surfaces is thick, unless both are
+       nearly one;
+    3. residuals of inliers next to each other have nothing in common. On a ramp over a step
+       or across an edge they have the same sign over whole regions. With w_ij falling
+       linearly in the squared distance to zero at the reach, sum w_ij r_i r_j over all pairs
+       may be at most half of the root of sum (w_ij r_i r_j)^2, its standard deviation were
+       all signs random.
+    """
+    valid = np.arange(local.shape[1]) < sizes[:, None]
+    centers, _, axes = fit_planes(local, support)
+    distances = np.abs(orthogonal_distances(local, centers, axes[..., 0]))
+    variance = (np.square(distances) * support).sum(axis=1) / support.sum(axis=1)
+    limit = np.maximum(INLIER_CUTOFF * scale_factor * np.sqrt(variance), PERFECT)
+    inliers = valid & (distances <= limit[:, None])
+    done = inliers.sum(axis=1) >= least_inliers
+    rows = np.flatnonzero(done)
+
+    centers, values, axes = fit_planes(local[rows], inliers[rows])
+    normals, members = axes[..., 0], inliers[rows]
+    residuals = orthogonal_distances(local[rows], centers, normals) * members
+    variance = np.square(residuals).sum(axis=1) / members.sum(axis=1)
+    perfect = variance <= PERFECT**2
+    flat = variance <= FLATNESS**2 * values[:, 1]
+    done[rows] = flat
+    tested = flat & ~perfect
+    rows = rows[tested]
+    reach = REACH * values[tested, 1:].mean(axis=1)
+    done[rows] = _incoherent(
+        local[rows], centers[tested], normals[tested], residuals[tested], reach
+    )
+    return done
+
+
+def _incoherent(local, centers, normals, residuals, reach):
+    """The third test; `reach` is a squared distance, residuals of outliers are zero."""
+    projected = local - centers[:, None] - residuals[..., None] * normals[:, None]
+    projected[residuals == 0] = 0.0  # far outliers would cost the others' distances digits
+    squares = np.square(projected).sum(axis=-1)
+    squared = squares[:, :, None] + squares[:, None] - 2 * projected @ projected.swapaxes(1, 2)
+    products = np.maximum(1.0 - squared / reach[:, None, None], 0.0)
+    products *= residuals[:, :, None] * residuals[:, None]
+    diagonal = np.arange(local.shape[1])
+    products[:, diagonal, diagonal] = 0.0
+    together, spread = products.sum(axis=(1, 2)) / 2, np.square(products).sum(axis=(1, 2)) / 2
+    return (spread > 0.0) & (together <= COHERENCE * np.sqrt(spread))

@@ -1,0 +1,44 @@
+"""Quantiles and extents of neighborhoods, compiled; any dimension."""
+
+import numpy as np
+from numba import njit
+
+from sklearn_mcmd.planes._plane_numba import kth_smallest
+
+__all__ = ["extents_of_neighborhoods", "quantile", "quantile_of_neighbors"]
+
+
+@njit(cache=True, nogil=True)
+def quantile_of_neighbors(all_values, indices, sizes, q, out):
+    """Fill `out` with the q-quantile of the neighbors' values."""
+    values = np.empty(indices.shape[1])
+    keys = values.view(np.int64)
+    for i in range(len(out)):
+        out[i] = quantile(all_values, indices[i], sizes[i], q, values, keys)
+
+
+@njit(cache=True, nogil=True)
+def extents_of_neighborhoods(points, queries, indices, sizes, spacing, radius):
+    """Fill the mean distance of the neighbors and that of the last."""
+    for i in range(len(queries)):
+        total = last = 0.0
+        for j in range(sizes[i]):
+            square = 0.0
+            for axis in range(queries.shape[1]):
+                gap = points[indices[i, j], axis] - queries[i, axis]
+                square += gap * gap
+            total += np.sqrt(square)
+            last = max(last, square)
+        spacing[i], radius[i] = total / sizes[i], np.sqrt(last)
+
+
+@njit(cache=True, nogil=True)
+def quantile(all_values, neighbors, size, q, values, keys):
+    """The value at the rank int(q * size), from 0, of numbers that are not negative.
+
+    Their bits, which `keys` shares with `values`, are in their order.
+    """
+    for j in range(size):
+        values[j] = all_values[neighbors[j]]
+    keys[0] = kth_smallest(keys, size, int(q * size) + 1)
+    return values[0]

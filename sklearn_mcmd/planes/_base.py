@@ -1,0 +1,213 @@
+"""Parameters and fitting of every estimator that fits a plane to each neighborhood."""
+
+import warnings
+from numbers import Integral, Real
+from typing import ClassVar
+
+import numpy as np
+from sklearn.base import BaseEstimator
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from sklearn_mcmd._sklearn import Interval, StrOptions
+from sklearn_mcmd._validation import OffsetOutlierMixin, check_extent, check_sizes
+from sklearn_mcmd.planes._adaptive_trials import StopRule
+from sklearn_mcmd.planes._comparators import settle_comparator
+from sklearn_mcmd.planes._consistent_set import draw_trials, n_support_points, n_trials_needed
+from sklearn_mcmd.planes._local_planes import LocalPlaneModel
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+from sklearn_mcmd.planes._resolution import coordinate_step
+from sklearn_mcmd.planes._rules import METHODS
+
+__all__ = ["BaseLocalPlanes", "BasePlaneOutliers"]
+
+# float32 coordinates are too coarse once their rounding exceeds this share of the radius of a
+# typical neighborhood.
+COARSE_ROUNDING = 0.01
+LARGEST_RATE = 0.5  # what the table of outlier_rate="auto" is prepared for
+# Eq. 13 doubles with every dimension: 69 trials in 3D are 10 million in 20D.
+MAX_TRIALS = 10_000
+# Positions that a trial of one neighborhood of all points may read.
+LONGEST_TRIAL = 4096
+MAX_TRIALS_BEYOND_SPACE = 300
+
+
+class BaseLocalPlanes(BaseEstimator):
+    """Parameters and fitting of everything that fits a plane to each neighborhood.
+
+    Subclasses store the parameters named in `_parameter_constraints` and call `_fit_planes`.
+    """
+
+    _parameter_constraints: ClassVar[dict] = {
+        "n_neighbors": [Interval(Integral, 2, None, closed="left"), None],
+        "method": [StrOptions(set(METHODS))],
+        "support_fraction": [Interval(Real, 0, 1, closed="right"), StrOptions({"auto"})],
+        "outlier_rate": [Interval(Real, 0, 1, closed="left"), StrOptions({"auto"})],
+        "success_probability": [Interval(Real, 0, 1, closed="neither")],
+        "cutoff": [Interval(Real, 0, None, closed="neither"), None],
+        "refine": [StrOptions({"reweight"}), None],
+        "random_state": ["random_state"],
+        "n_jobs": [Integral, None],
+    }
+
+    def _fit_planes(self, X, radius=None):
+        """Validate X, settle what depends on it and fit the model of its local planes."""
+        comparator = self._settle_comparator()
+        X, index = self._index_cloud(X, radius)
+        d = X.shape[1]
+        fraction = self._settle_support_fraction()
+        self.n_support_ = int(n_support_points(fraction, self.n_neighbors_, d))
+        if comparator is not None:
+            self._fit_comparator(comparator, X, index)
+            return X
+        self.n_trials_ = self._settle_n_trials(d)
+        rule = METHODS[self.method]
+        self._cutoff = rule.default_cutoff(d) if self.cutoff is None else float(self.cutoff)
+        trials = draw_trials(
+            self.n_trials_ if rule.needs_consistent_set else 0,
+            self.n_neighbors_,
+            self.random_state,
+            length=LONGEST_TRIAL if self.n_neighbors is None else None,
+        )
+        self._model = LocalPlaneModel(
+            index,
+            trials,
+            method=self.method,
+            support_fraction=fraction,
+            cutoff=self._cutoff,
+            reweight=self.refine == "reweight",
+            precision=np.finfo(X.dtype).eps,
+            step=coordinate_step(X),
+            stop_rule=self._settle_stop_rule(fraction, d),
+        )
+        return X
+
+    def _settle_support_fraction(self):
+        if self.support_fraction != "auto":
+            return self.support_fraction
+        if self.outlier_rate == "auto":
+            raise ValueError(
+                "support_fraction='auto' is 1 - outlier_rate, and outlier_rate='auto' is no number "
+                "before the consistent sets are found: give one of them as a number."
+            )
+        return 1.0 - self.outlier_rate
+
+    def _settle_stop_rule(self, fraction, d):
+        if self.outlier_rate != "auto" or not METHODS[self.method].needs_consistent_set:
+            return None
+        n_support = n_support_points(fraction, np.arange(self.n_neighbors_ + 1), d)
+        return StopRule.of(self.n_trials_, n_support, self.success_probability, d)
+
+    def _settle_comparator(self):
+        """The registered method that `method` and `method_params` name; None for a rule."""
+        params = getattr(self, "method_params", None)
+        if self.method not in METHODS:
+            if self.cutoff is not None:
+                raise ValueError(
+                    f"cutoff={self.cutoff} has no meaning for method={self.method!r}, whose "
+                    "parameters are in method_params."
+                )
+            comparator = settle_comparator(self.method, params)
+            if not comparator.has_cutoff and comparator.contamination is None:
+                raise ValueError(
+                    f"method={self.method!r} has no cut-off of its own: give the share of "
+                    'outliers, such as method_params={"contamination": 0.1}.'
+                )
+            return comparator
+        if params:
+            raise ValueError(
+                f"method_params={params!r} has no meaning for method={self.method!r}, whose "
+                "parameters are those of the estimator: pass {} or None."
+            )
+        return None
+
+    def _fit_comparator(self, comparator, X, index):
+        """Let a registered method be what judges neighborhoods."""
+        self.n_trials_, _ = comparator.table_shape(self.n_neighbors_, X.shape[1])
+        self._model = LocalPlaneModel(
+            index,
+            comparator.tables(self.random_state),
+            method=self.method,
+            precision=np.finfo(X.dtype).eps,
+            step=coordinate_step(X),
+            comparator=comparator,
+        )
+
+    def _index_cloud(self, X, radius=None):
+        """Validate X and return it with the index of its neighborhoods."""
+        X = validate_data(self, X, dtype=[np.float64, np.float32], ensure_min_features=2)
+        n, d = X.shape
+        check_sizes(n, d, self.n_neighbors)
+        check_extent(X)
+        index = NeighborIndex(X.astype(np.float64, copy=False), self.n_neighbors, radius)
+        self.n_neighbors_ = n if self.n_neighbors is None else index.n_neighbors
+        if self.n_neighbors is not None and self.n_neighbors_ < self.n_neighbors:
+            warnings.warn(
+                f"n_neighbors={self.n_neighbors} is more than the number of distinct points, "
+                f"{len(index.points)} of n_samples={n}: neighborhoods of all of them are used.",
+                stacklevel=6,
+            )
+        if X.dtype == np.float32:
+            _warn_if_coarse(index)
+        return X, index
+
+    def _check_queries(self, X):
+        """Points to evaluate, of the fitted dimension and within what squares can hold."""
+        X = validate_data(self, X, dtype=[np.float64, np.float32], reset=False)
+        check_extent(X)
+        return X
+
+    def _settle_n_trials(self, d):
+        rate = LARGEST_RATE if self.outlier_rate == "auto" else self.outlier_rate
+        needed = n_trials_needed(rate, self.success_probability, d)
+        most = MAX_TRIALS if d <= 3 else MAX_TRIALS_BEYOND_SPACE
+        if needed > most and METHODS[self.method].needs_consistent_set:
+            warnings.warn(
+                f"outlier_rate={self.outlier_rate!r} in {d}D asks for {needed} trials; {most} are "
+                "made. A lower outlier_rate asks for fewer.",
+                stacklevel=6,
+            )
+        return min(needed, most)
+
+
+class BasePlaneOutliers(OffsetOutlierMixin, BaseLocalPlanes):
+    """Outliers by a score and an offset: subclasses have `fit` and `_score`.
+
+    `_score` returns how abnormal points are, the larger, the more; `fit` sets ``offset_``.
+    """
+
+    def score_samples(self, X):
+        """Opposite of the abnormality of each point in its neighborhood.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+
+        Returns
+        -------
+        scores : ndarray of shape (n_samples,)
+            The lower, the more abnormal.
+        """
+        check_is_fitted(self)
+        return -self._score(self._check_queries(X))
+
+
+def _warn_if_coarse(index):
+    """Warn where float32 rounds coordinates to a visible share of a typical neighborhood."""
+    points = index.points
+    sample = points[:: max(1, len(points) // 1000)]
+    if index.n_neighbors is None:
+        radius = np.linalg.norm(sample - points[0], axis=1)
+    else:
+        indices, sizes = index.query(sample)
+        last = points[indices[np.arange(len(sample)), sizes - 1]]
+        radius = np.linalg.norm(last - sample, axis=1)
+    # Medians, which a few far points do not move.
+    radius, largest = float(np.median(radius)), float(np.median(np.abs(sample).max(axis=1)))
+    rounding = float(np.spacing(np.float32(largest)))
+    if rounding > COARSE_ROUNDING * radius:
+        warnings.warn(
+            f"float32 rounds coordinates as large as {largest:.6g} to steps of {rounding:.2g}, too "
+            f"coarse for neighborhoods of radius {radius:.2g}. Pass X as float64, or subtract an "
+            "offset before converting it to float32.",
+            stacklevel=7,
+        )

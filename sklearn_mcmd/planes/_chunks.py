@@ -1,0 +1,46 @@
+"""Work on rows in chunks and threads, with progress for whoever listens."""
+
+from threading import Lock
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from sklearn_mcmd.planes._neighborhoods import ORDER_FROM, spatial_order
+from sklearn_mcmd.planes._progress import current_listener
+
+__all__ = ["each_chunk", "each_slice", "run"]
+
+
+def each_chunk(queries, size, work, n_jobs):
+    """Call ``work(rows)`` with chunks of the rows of queries (m, d), near ones together."""
+    n = len(queries)
+    order = spatial_order(queries) if n >= ORDER_FROM else np.arange(n)
+    _watched([(order[i : i + size], min(size, n - i)) for i in range(0, n, size)], work, n, n_jobs)
+
+
+def each_slice(n, size, work, n_jobs):
+    """Call ``work(rows)`` with slices of n rows that are in spatial order already."""
+    parts = [(slice(i, min(i + size, n)), min(size, n - i)) for i in range(0, n, size)]
+    _watched(parts, work, n, n_jobs)
+
+
+def run(tasks, work, n_jobs):
+    """Call ``work(*task)`` for each task, in threads if there is more than one."""
+    if len(tasks) == 1:
+        work(*tasks[0])
+    elif tasks:
+        Parallel(n_jobs=n_jobs, require="sharedmem")(delayed(work)(*task) for task in tasks)
+
+
+def _watched(parts, work, n, n_jobs):
+    listener, n_done, lock = current_listener(), 0, Lock()
+
+    def task(rows, count):
+        nonlocal n_done
+        work(rows)
+        if listener is not None:
+            with lock:
+                n_done += count
+                listener(n_done, n)
+
+    run(parts, task, n_jobs)

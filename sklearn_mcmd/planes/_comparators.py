@@ -1,0 +1,41 @@
+"""Methods of other packages that judge neighborhoods in the place of a rule, by name."""
+
+from dataclasses import fields
+
+__all__ = ["comparator_names", "register_comparator", "settle_comparator"]
+
+_COMPARATORS = {}
+
+
+def register_comparator(name, kind):
+    """Let estimators know a method by a name.
+
+    Parameters
+    ----------
+    name : str
+    kind : type
+        A dataclass whose fields are the method's parameters. It has ``fit_sizes``, ``tables``,
+        ``table_shape`` and ``usual_cutoff`` as ``sklearn_mcmd.baselines`` defines them, and says
+        by ``has_cutoff`` whether it decides by itself who is an outlier.
+    """
+    _COMPARATORS[name] = kind
+
+
+def comparator_names():
+    """The names registered so far, in order."""
+    return sorted(_COMPARATORS)
+
+
+def settle_comparator(method, method_params=None):
+    """The method of a name with its parameters; errors name what is unknown or wrong."""
+    if method not in _COMPARATORS:
+        raise ValueError(f"method={method!r} is none of {', '.join(comparator_names())}.")
+    kind, params = _COMPARATORS[method], dict(method_params or {})
+    known = sorted(field.name for field in fields(kind))
+    unknown = sorted(str(name) for name in params if name not in known)
+    if unknown:
+        raise ValueError(
+            f"method_params has {', '.join(map(repr, unknown))}, unknown to method {method!r}; "
+            f"it knows {', '.join(known)}."
+        )
+    return kind(**params)

@@ -1,0 +1,306 @@
+"""Algorithm 1: the maximum consistent set of a neighborhood, in any dimension.
+
+The batched NumPy form of this module is the reference for the compiled one in
+``_consistent_set_numba`` and serves wherever that one does not: other dimensions than
+three, a handful of neighborhoods (no pause for compiling), machines without Numba.
+"""
+
+from math import ceil, log1p
+
+import numpy as np
+from sklearn.utils import check_random_state
+
+from sklearn_mcmd.planes._plane import fit_planes
+
+__all__ = [
+    "draw_trials",
+    "localize",
+    "maximum_consistent_sets",
+    "n_support_points",
+    "n_trials_needed",
+]
+
+# Distances to a trial plane closer than this share of the neighborhood's median radius are
+# tied (the nearer neighbor goes first), so that ties do not hang on rounding.
+DISTANCE_STEP = 2.0**-29
+# Least eigenvalues closer than this share of the squared median radius are tied (the earlier
+# trial wins): below it eigenvalues are rounding errors, as on perfect planes.
+EIGENVALUE_STEP = 1e-14
+# A subset spans no plane when its second-least singular value is below this share of the
+# largest: such a plane would be at the mercy of rounding.
+RANK_TOLERANCE = 1e-6
+MOST_TRIALS = 2**62
+# Entries of the largest temporary array of maximum_consistent_sets.
+CHUNK_ENTRIES = 2_000_000
+
+
+def n_trials_needed(outlier_rate, success_probability, n_features):
+    """Trials for one outlier-free minimal subset to be likely (Eq. 13).
+
+    Parameters
+    ----------
+    outlier_rate : float in [0, 1)
+        Probability that a point is an outlier (the paper's epsilon).
+    success_probability : float in (0, 1)
+        Probability that at least one minimal subset is free of outliers (P_r).
+    n_features : int
+        Points in a minimal subset (h_0).
+
+    Returns
+    -------
+    int
+        At least 1, at most 2**62.
+
+    Examples
+    --------
+    >>> [n_trials_needed(rate, 0.9999, 3) for rate in (0.05, 0.1, 0.2, 0.4, 0.5)]
+    [5, 8, 13, 38, 69]
+    """
+    clean = (1.0 - outlier_rate) ** n_features
+    if clean >= 1.0:
+        return 1
+    if clean < 1e-15:
+        return MOST_TRIALS
+    return max(1, ceil(log1p(-success_probability) / log1p(-clean)))
+
+
+def draw_trials(n_trials, n_neighbors, random_state=None, *, length=None):
+    """Draw the one table of trials that every neighborhood uses.
+
+    Parameters
+    ----------
+    n_trials, n_neighbors : int
+    random_state : int, RandomState instance or None, default=None
+    length : int, default=None
+        Positions kept of each row, all by default. Fewer bound the memory for one
+        neighborhood of a million points, whose first thousands tell as much.
+
+    Returns
+    -------
+    ndarray of int32 of shape (n_trials, n_neighbors or length)
+        Each row is a random order of the positions 0..k-1. A minimal subset is the start of
+        a row; where it spans no plane, the row is read on, by half as many points again each
+        time ("randomly add more points", Algorithm 1, step 1); positions beyond a smaller
+        neighborhood are passed over.
+    """
+    rng = check_random_state(random_state)
+    length = n_neighbors if length is None else min(length, n_neighbors)
+    table = np.empty((n_trials, length), dtype=np.int32)
+    for row in table:
+        row[:] = rng.permutation(n_neighbors)[:length]
+    return table
+
+
+def n_support_points(support_fraction, sizes, n_features):
+    """Points in the consistent set, h = ceil(support_fraction * k) (section 4).
+
+    Never less than n_features + 1 (fewer fit some plane exactly and tell nothing), never
+    more than the neighborhood has.
+    """
+    # 0.8 * 50 is 40.000000000000004 to no one but a computer.
+    wanted = np.ceil(np.round(support_fraction * np.asarray(sizes), 9)).astype(np.int64)
+    return np.minimum(np.maximum(wanted, n_features + 1), sizes)
+
+
+def localize(neighborhoods, sizes=None):
+    """Shift each neighborhood to its first point and scale its median radius to one.
+
+    The median, since one gross outlier must not make the others' distances vanish.
+
+    Returns
+    -------
+    local : ndarray of shape (B, k, d)
+        Members beyond `sizes` are at the origin.
+    radius : ndarray of shape (B,)
+        Median distance from the first point; the largest one where half of the points
+        coincide with the first, and one where all do.
+    """
+    local = neighborhoods - neighborhoods[:, :1]
+    n_sets, k, _ = local.shape
+    sizes = np.full(n_sets, k) if sizes is None else sizes
+    inside = np.arange(k) < sizes[:, None]
+    local[~inside] = 0.0
+    # The largest coordinate goes out first: squares of 1e-200 would vanish.
+    extent = np.abs(local).max(axis=(1, 2))
+    extent[extent == 0] = 1.0
+    local /= extent[:, None, None]
+    distances = np.sqrt(np.einsum("bkd,bkd->bk", local, local))
+    distances[~inside] = np.inf
+    distances.sort(axis=1)
+    rows = np.arange(n_sets)
+    radius = distances[rows, sizes // 2]
+    radius = np.where(radius > 0, radius, distances[rows, sizes - 1])
+    radius[radius == 0] = 1.0
+    local /= radius[:, None, None]
+    return local, extent * radius
+
+
+def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None):
+    """Find the maximum consistent set of each neighborhood (Algorithm 1).
+
+    Among the h points nearest to the planes of random minimal subsets, the set is kept whose
+    own plane fits best, that is with the smallest least eigenvalue.
+
+    Parameters
+    ----------
+    neighborhoods : ndarray of shape (B, k, d)
+        Members sorted so that ties go to the first.
+    trials : ndarray of int of shape (T, k)
+        From `draw_trials`.
+    n_support : int or ndarray of int of shape (B,)
+        The paper's h.
+    sizes : ndarray of int of shape (B,), default=None
+        Members in use, the first ones; all k when None.
+
+    Returns
+    -------
+    support : ndarray of bool of shape (B, k)
+        Where no set spans a plane (collinear, coincident points) the first h members.
+    least_eigenvalue : ndarray of shape (B,)
+        Of the set's covariance (divisor h), in squared units of the points.
+    degenerate : ndarray of bool of shape (B,)
+        Whether no trial found a set that spans a plane.
+
+    Notes
+    -----
+    Distances within 2e-9 of the neighborhood's median radius are tied and go to the earlier
+    member; eigenvalues within 1e-14 of the squared radius are tied and go to the earlier trial. The
+    answer then does not hang on rounding, not on a perfect plane either.
+    """
+    n_sets, k, _ = neighborhoods.shape
+    sizes = np.full(n_sets, k) if sizes is None else np.asarray(sizes)
+    n_support = np.broadcast_to(n_support, n_sets)
+    local, radius = localize(neighborhoods, sizes)
+
+    eigenvalues = np.empty((n_sets, len(trials)))
+    step = max(1, CHUNK_ENTRIES // (n_sets * k))
+    for start in range(0, len(trials), step):
+        block = slice(start, start + step)
+        normals, offsets, degenerate = _trial_planes(local, trials[block], sizes)
+        support = _nearest_members(local, normals, offsets, n_support, sizes)
+        least = _least_eigenvalues(local, support, n_support)
+        eigenvalues[:, block] = np.where(degenerate, np.inf, least)
+
+    # The first trial among the best, so that rounding does not choose.
+    best = eigenvalues.min(axis=1)
+    winner = np.argmax(eigenvalues <= best[:, None] + EIGENVALUE_STEP, axis=1)
+    normals, offsets, _ = _trial_planes(local, trials, sizes, chosen=winner)
+    support = _nearest_members(local, normals, offsets, n_support, sizes)[:, 0]
+    degenerate = np.isinf(best)
+    support[degenerate] = (np.arange(k) < n_support[:, None])[degenerate]
+    least = np.take_along_axis(eigenvalues, winner[:, None], 1)[:, 0] * radius**2
+    return support, least, degenerate
+
+
+def _trial_planes(local, trials, sizes, chosen=None):
+    """Planes through the minimal subsets, completed where they span none (steps 1 and 2).
+
+    Returns normals (B, T, d), offsets (B, T) and whether even all points span no plane; with
+    `chosen` (B,) only that trial of each neighborhood (T = 1).
+    """
+    n_sets, k, d = local.shape
+    rows = np.arange(n_sets)[:, None, None]
+    if chosen is None:
+        order = np.broadcast_to(trials, (n_sets, *trials.shape))
+    else:
+        order = trials[chosen][:, None]
+    if (sizes < trials.shape[1]).any():
+        # Positions beyond the neighborhood go to the end of the row, the others keep order.
+        behind = np.argsort(order >= sizes[:, None, None], axis=-1, kind="stable")
+        order = np.take_along_axis(order, behind, axis=-1)
+    first = order[..., :d]
+    normals, offsets, degenerate = _planes_through(local[rows, first])
+    rows, trial = np.nonzero(degenerate)
+    # Where all points together span no plane, no subset will.
+    members = np.arange(k) < sizes[:, None]
+    hopeless = np.zeros(n_sets, dtype=bool)
+    some = np.unique(rows)
+    _, spread, _ = fit_planes(local[some], members[some])
+    hopeless[some] = _spans_no_plane(spread)
+    inside = ~hopeless[rows]
+    rows, trial = rows[inside], trial[inside]
+    n_used = d
+    while rows.size and n_used < order.shape[-1]:
+        n_used = min(n_used + max(1, n_used // 2), order.shape[-1])
+        # A smaller neighborhood ends with all its points.
+        for size in np.unique(np.minimum(n_used, sizes[rows])):
+            group = np.minimum(n_used, sizes[rows]) == size
+            at = rows[group], trial[group]
+            points = local[at[0][:, None], order[at[0], at[1], :size]]
+            normals[at], offsets[at], degenerate[at] = _planes_through(points)
+        inside = degenerate[rows, trial] & (sizes[rows] > n_used)
+        rows, trial = rows[inside], trial[inside]
+    return normals, offsets, degenerate
+
+
+def _planes_through(points):
+    """Unit normals, offsets and rank deficiency of the planes of subsets (..., m, d)."""
+    m, d = points.shape[-2:]
+    if m == d == 3:
+        first, second = points[..., 1, :] - points[..., 0, :], points[..., 2, :] - points[..., 0, :]
+        third = second - first
+        normals = np.cross(first, second)
+        area2 = np.einsum("...i,...i", normals, normals)
+        # Of three points the squared singular values have the sum `spread` and the product
+        # `area2 / 3`: the cross product keeps its accuracy where a decomposition loses it.
+        spread = sum(np.einsum("...i,...i", side, side) for side in (first, second, third)) / 3
+        degenerate = area2 / 3 <= (RANK_TOLERANCE * spread) ** 2
+        length = np.sqrt(area2)
+        normals /= np.where(length > 0, length, 1.0)[..., None]
+        anchors = points[..., 0, :]
+    else:
+        anchors = points.mean(axis=-2)
+        _, singular, axes = np.linalg.svd(points - anchors[..., None, :], full_matrices=m < d)
+        normals = axes[..., -1, :].copy()
+        degenerate = singular[..., d - 2] <= RANK_TOLERANCE * singular[..., 0]
+    offsets = -np.einsum("...i,...i", normals, anchors)
+    return normals, offsets, degenerate
+
+
+def _nearest_members(local, normals, offsets, n_support, sizes):
+    """Mask (B, T, k) of the h members nearest to each plane (step 2)."""
+    k = local.shape[1]
+    distances = np.abs(normals @ np.swapaxes(local, 1, 2) + offsets[..., None])
+    # One integer-valued key holds the distance in steps and, behind it, the position.
+    key = np.rint(distances / DISTANCE_STEP) * k + np.arange(k)
+    key[np.broadcast_to((np.arange(k) >= sizes[:, None])[:, None], key.shape)] = np.inf
+    support = np.empty(key.shape, dtype=bool)
+    for h in np.unique(n_support):
+        same = n_support == h
+        limit = np.partition(key[same], h - 1, axis=-1)[..., h - 1]
+        support[same] = key[same] <= limit[..., None]
+    return support
+
+
+def _least_eigenvalues(local, support, n_support):
+    """Least eigenvalue of the covariance of each subset (step 3), in squared radii.
+
+    Infinite where the subset spans no plane itself: the points of one line have the least
+    eigenvalue zero, and no normal.
+    """
+    d = local.shape[-1]
+    upper = np.triu_indices(d)
+    products = local[..., upper[0]] * local[..., upper[1]]
+    moments = support.astype(float) @ np.concatenate([local, products], axis=-1)
+    moments /= n_support[:, None, None]
+    mean, second = moments[..., :d], moments[..., d:]
+    covariance = np.empty((*mean.shape, d))
+    covariance[..., upper[0], upper[1]] = second
+    covariance[..., upper[1], upper[0]] = second
+    covariance -= mean[..., :, None] * mean[..., None, :]
+    spread, axes = np.linalg.eigh(covariance)
+    # The variance of the members themselves along the axis, not the eigenvalue: far members
+    # within the plane make the matrix so large that rounding could pass for a perfect plane.
+    along = (
+        np.matmul(local[:, None], axes[..., :1])[..., 0]
+        - np.matmul(mean[..., None, :], axes[..., :1])[..., 0]
+    )
+    least = np.einsum("btk,btk->bt", support, np.square(along)) / n_support[:, None]
+    return np.where(_spans_no_plane(spread), np.inf, least)
+
+
+def _spans_no_plane(eigenvalues):
+    """Whether points with these eigenvalues (..., d), ascending, span no hyperplane."""
+    if eigenvalues.shape[-1] == 1:  # in one dimension a point is one
+        return np.zeros(eigenvalues.shape[:-1], dtype=bool)
+    return eigenvalues[..., 1] <= RANK_TOLERANCE**2 * eigenvalues[..., -1]

@@ -1,0 +1,339 @@
+"""From neighborhoods to planes: Algorithm 4 in chunks and threads, compiled or in NumPy."""
+
+import os
+import tempfile
+from copy import copy
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from sklearn_mcmd.planes._adaptive_trials import StopRule, adaptive_consistent_sets
+from sklearn_mcmd.planes._chunks import each_chunk
+from sklearn_mcmd.planes._consistent_set import localize, n_support_points
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+from sklearn_mcmd.planes._plane import RANK_TOLERANCE, fit_planes, flat_normals, normal_errors
+from sklearn_mcmd.planes._rules import METHODS, robust_distances
+
+__all__ = ["LocalPlaneModel", "LocalPlanes"]
+
+# Smaller clouds take NumPy: loading compiled code would take longer than the work.
+COMPILE_FROM = 1_000
+# Neighbors a task, compiled or not: what bounds the memory whatever n_neighbors is.
+CHUNK = {True: 200_000, False: 12_800}
+
+
+@dataclass(frozen=True)
+class RuleFit:
+    """What a rule of `METHODS` found in neighborhoods; `scale`, `support` and `score` are as in
+    ``baselines.NeighborhoodFit``."""
+
+    origin: np.ndarray
+    radius: np.ndarray
+    centers: np.ndarray
+    whitening: np.ndarray
+    scale: np.ndarray
+    support: np.ndarray
+
+    def score(self, queries):
+        local = (queries - self.origin[:, None]) / self.radius[:, None, None]
+        return robust_distances(local, self.centers, self.whitening)
+
+
+@dataclass
+class LocalPlanes:
+    """The plane of each query's neighborhood; arrays of the length of the queries.
+
+    distance : robust distance of the query to its own plane
+    scale : standard deviation of the noise along the normal, in units of X
+    centroids, normals, eigenvalues, directions (axis of the largest eigenvalue) : of the
+        members left after outliers are removed
+    n_inliers, n_members : members left, and of the whole neighborhood
+    normal_error : root mean square tilt of the normal, see `normal_errors`
+    """
+
+    distance: np.ndarray
+    scale: np.ndarray
+    centroids: np.ndarray
+    normals: np.ndarray
+    eigenvalues: np.ndarray
+    directions: np.ndarray
+    n_inliers: np.ndarray
+    n_members: np.ndarray
+    normal_error: np.ndarray
+
+    @property
+    def removed_fraction(self):
+        """Share of each neighborhood that was removed."""
+        return 1.0 - self.n_inliers / self.n_members
+
+    @classmethod
+    def empty(cls, n, d):
+        vector = {"centroids", "normals", "eigenvalues", "directions"}
+        return cls(*(np.empty((n, d) if f.name in vector else n) for f in fields(cls)))
+
+    def take(self, rows):
+        """The planes of some of the queries."""
+        return type(self)(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+    def __setitem__(self, rows, part):
+        for f in fields(self):
+            getattr(self, f.name)[rows] = getattr(part, f.name)
+
+
+class LocalPlaneModel:
+    """A fitted cloud that answers with the plane of any query's neighborhood.
+
+    Parameters
+    ----------
+    index : NeighborIndex
+    trials : ndarray of int of shape (T, k)
+    method : str, key of `METHODS`; without meaning where there is a comparator
+    support_fraction, cutoff : float
+    reweight : bool
+    precision : float
+        Relative rounding error of the coordinates, eps of their dtype.
+    step : float, default=0
+        Step to which the coordinates were rounded before.
+    comparator : baselines.Method, default=None
+        Judges neighborhoods in the place of a rule; `trials` are then its tables.
+    stop_rule : StopRule, default=None
+        When to stop before the end of the table; never by default.
+    """
+
+    def __init__(
+        self,
+        index,
+        trials,
+        *,
+        method,
+        precision,
+        support_fraction=0.5,
+        cutoff=None,
+        reweight=False,
+        step=0.0,
+        comparator=None,
+        stop_rule=None,
+    ):
+        self.index = index
+        self.trials = trials
+        self.method = method
+        self.support_fraction = support_fraction
+        self.cutoff = cutoff
+        self.reweight = reweight
+        self.comparator = comparator
+        self.stop_rule = StopRule.never() if stop_rule is None else stop_rule
+        self.rounding = 8 * precision
+        # At the usual cutoffs a distance of one step is then no outlier.
+        self.least_scale = step / 2
+        n, d = index.points.shape
+        # Decided by the fitted cloud, so that predicting one row is the same arithmetic.
+        self.compiled = index.n_neighbors is not None and d == 3 and n >= COMPILE_FROM
+        self.whole = self._fit_whole() if index.n_neighbors is None else None
+
+    def over(self, points):
+        """The same model over other points (m, d), m at least `n_neighbors`."""
+        other = copy(self)
+        other.index = NeighborIndex(points, self.index.n_neighbors, self.index.radius)
+        return other
+
+    def evaluate(self, queries, *, saliency=True, n_jobs=None):
+        """Planes of the neighborhoods of queries (m, d).
+
+        Without `saliency` only `distance` and `scale` are filled.
+        """
+        rounding = max(self.rounding, 8 * np.finfo(queries.dtype).eps)
+        queries = np.ascontiguousarray(queries, dtype=np.float64)
+        planes = LocalPlanes.empty(*queries.shape)
+        if self.whole is not None:
+            self._evaluate_whole(queries, planes)
+            return planes
+
+        def task(rows):
+            part = queries[rows]
+            planes[rows] = self._evaluate_chunk(part, *self.index.query(part), saliency, rounding)
+
+        size = max(1, CHUNK[self.ready()] // self.index.n_neighbors)
+        each_chunk(queries, size, task, n_jobs)
+        if saliency:
+            self._finish(planes)
+        return planes
+
+    def evaluate_neighborhoods(self, queries, indices, sizes, precision=0.0):
+        """Planes of given neighborhoods, rows (m, k) of the index's points.
+
+        `precision` is the relative rounding error of the queries, where that is greater.
+        """
+        rounding = max(self.rounding, 8 * precision)
+        planes = self._evaluate_chunk(queries, indices, sizes, True, rounding)
+        self._finish(planes)
+        return planes
+
+    def ready(self):
+        """Whether compiled code does the work."""
+        return self.compiled and self.comparator is None and _compiled_driver() is not None
+
+    def _evaluate_chunk(self, queries, indices, sizes, saliency, rounding):
+        evaluate = self._evaluate_compiled if self.ready() else self._evaluate_numpy
+        return evaluate(queries, indices, sizes, saliency, rounding)
+
+    def _finish(self, planes):
+        """What follows from the fitted planes, row by row."""
+        flat_normals(planes.normals, planes.eigenvalues, planes.directions)
+        d = planes.normals.shape[1]
+        inflation = 1.0
+        if self.comparator is None:
+            inflation = METHODS[self.method].inflation(
+                self.cutoff, d, planes.n_inliers, planes.n_members
+            )
+        planes.normal_error[:] = normal_errors(
+            planes.scale, planes.eigenvalues, planes.n_inliers, inflation
+        )
+
+    def _evaluate_compiled(self, queries, indices, sizes, saliency, rounding):
+        planes = LocalPlanes.empty(*queries.shape)
+        n_support = n_support_points(self.support_fraction, np.arange(indices.shape[1] + 1), 3)
+        _compiled_driver()(
+            self.index.points,
+            indices,
+            sizes,
+            queries,
+            self.trials,
+            n_support,
+            self.stop_rule.checkpoints,
+            self.stop_rule.least_inliers,
+            self.stop_rule.scale_factor,
+            METHODS[self.method].code,
+            self.cutoff,
+            self.reweight,
+            rounding,
+            self.least_scale,
+            saliency,
+            planes.distance,
+            planes.scale,
+            planes.centroids,
+            planes.normals,
+            planes.eigenvalues,
+            planes.directions,
+            planes.n_inliers,
+        )
+        planes.n_members[:] = sizes
+        self._measure_flat(queries, planes, rounding)
+        return planes
+
+    def _evaluate_numpy(self, queries, indices, sizes, saliency, rounding):
+        planes = LocalPlanes.empty(*queries.shape)
+        neighborhoods = self.index.points[indices]
+        found = self.fit_rule(neighborhoods, sizes, rounding)
+        planes.distance[:] = found.score(queries[:, None])[:, 0]
+        planes.scale[:] = found.scale
+        if saliency:
+            fitted = fit_planes(neighborhoods, found.support)
+            planes.centroids[:], planes.eigenvalues[:], axes = fitted
+            planes.normals[:], planes.directions[:] = axes[..., 0], axes[..., -1]
+            planes.n_inliers[:] = found.support.sum(axis=1)
+            planes.n_members[:] = sizes
+        self._measure_flat(queries, planes, rounding)
+        return planes
+
+    def _measure_flat(self, queries, planes, rounding):
+        """Distances where no consistent set spans a plane, which a negative scale tells.
+
+        Members of a line or a location are at distance zero from it; a query away from it has
+        nothing that explains it. Where the neighborhood as a whole spans a plane, that is it.
+        """
+        flat = np.flatnonzero(planes.scale < 0)
+        if flat.size == 0:
+            return
+        indices, sizes = self.index.query(queries[flat])
+        points = self.index.points[indices]
+        members = np.arange(points.shape[1]) < sizes[:, None]
+        found = self._flat_distances(queries[flat], points, members, rounding)
+        planes.distance[flat], planes.scale[flat] = found
+
+    def _flat_distances(self, queries, points, members, rounding):
+        """Distances and scales of queries (m, d) to what neighborhoods (m or 1, k, d) span."""
+        centers, eigenvalues, axes = fit_planes(points, members)
+        largest = np.sqrt(eigenvalues[:, -1:])
+        floor = rounding * (np.abs(points[:, 0]).max(axis=1, keepdims=True) + largest)
+        floor = np.maximum(floor, self.least_scale)
+        null = eigenvalues <= RANK_TOLERANCE * eigenvalues[:, -1:]
+        thin = np.maximum(floor, 10 * np.sqrt(RANK_TOLERANCE) * largest)
+        deviations = np.where(null, thin, np.inf)
+        spread = ~null.any(axis=1)
+        deviations[spread, :1] = np.maximum(np.sqrt(eigenvalues[spread, :1]), floor[spread])
+        projections = np.matmul((queries - centers)[:, None], axes)[:, 0] / deviations
+        return np.sqrt(np.square(projections).sum(axis=1)), deviations[:, 0]
+
+    def _fit_whole(self):
+        points = self.index.points[None]
+        found = self.fit_rule(points, np.array([points.shape[1]]), self.rounding)
+        centroids, eigenvalues, axes = fit_planes(points, found.support)
+        plane = LocalPlanes.empty(1, points.shape[2])
+        plane.scale[:], plane.centroids[:] = found.scale, centroids
+        plane.eigenvalues[:] = eigenvalues
+        plane.normals[:], plane.directions[:] = axes[..., 0], axes[..., -1]
+        plane.n_inliers[:], plane.n_members[:] = found.support.sum(axis=1), points.shape[1]
+        self._finish(plane)
+        return found, plane
+
+    def _evaluate_whole(self, queries, planes):
+        found, plane = self.whole
+        planes[:] = plane
+        planes.distance[:] = found.score(queries[None])[0]
+        if plane.scale[0] < 0:
+            points = self.index.points[None]
+            members = np.ones(points.shape[:2], dtype=bool)
+            flat = self._flat_distances(queries, points, members, self.rounding)
+            planes.distance[:], planes.scale[:] = flat
+
+    def fit_rule(self, neighborhoods, sizes, rounding):
+        """What the method finds in neighborhoods (B, k, d)."""
+        if self.comparator is not None:
+            return self.comparator.fit_sizes(
+                neighborhoods,
+                sizes,
+                self.trials,
+                rounding=rounding,
+                least_scale=self.least_scale,
+                compiled=self.compiled if self.index.n_neighbors is not None else None,
+            )
+        _, k, d = neighborhoods.shape
+        rule = METHODS[self.method]
+        local, radius = localize(neighborhoods, sizes)
+        valid = np.arange(k) < sizes[:, None]
+        floor = rounding * (np.abs(neighborhoods[:, 0]).max(axis=1) / radius + 1.0)
+        floor = np.maximum(floor, self.least_scale / radius)
+        support, flat = None, np.zeros(len(local), dtype=bool)
+        if rule.needs_consistent_set:
+            n_support = n_support_points(self.support_fraction, sizes, d)
+            support, _, flat, _ = adaptive_consistent_sets(
+                neighborhoods, self.trials, n_support, self.stop_rule, sizes
+            )
+        centers, whitening = rule.apply(local, valid, support, self.reweight, floor)
+        scale = 1.0 / np.linalg.norm(whitening[..., 0], axis=1)
+        origin = neighborhoods[:, 0]
+        if not rule.needs_consistent_set:
+            return RuleFit(origin, radius, centers, whitening, radius * scale, valid)
+        # No member is an outlier where none spans a plane; see `_measure_flat`.
+        whitening[flat], scale[flat] = 0.0, -1.0
+        inliers = valid & (robust_distances(local, centers, whitening) < self.cutoff)
+        return RuleFit(origin, radius, centers, whitening, radius * scale, inliers)
+
+
+def _compiled_driver():
+    """The compiled form, imported on first use; None where Numba cannot be."""
+    try:
+        return _import_driver()
+    except ImportError:
+        return None
+    except RuntimeError:  # Numba found no folder to keep compiled code in
+        import numba
+
+        numba.config.CACHE_DIR = os.path.join(tempfile.gettempdir(), "sklearn_mcmd")
+        return _import_driver()
+
+
+def _import_driver():
+    from sklearn_mcmd.planes._rules_numba import fit_neighborhoods_3d
+
+    return fit_neighborhoods_3d

@@ -1,0 +1,274 @@
+"""The rules of ``_rules`` and Algorithm 4 around them in three dimensions, compiled.
+
+One neighborhood after another goes from indices to its plane; nothing of size (n, k, 3) is
+ever held.
+"""
+
+import numpy as np
+from numba import njit
+
+from sklearn_mcmd.planes._adaptive_trials_numba import adaptive_set_3d, adaptive_work_arrays
+from sklearn_mcmd.planes._consistent_set_numba import consistent_set_3d, work_arrays
+from sklearn_mcmd.planes._plane_numba import (
+    FASTMATH,
+    eigh_3d,
+    kth_smallest,
+    variance_along,
+    weighted_covariance,
+)
+from sklearn_mcmd.planes._rules import (
+    MAD_TO_SD,
+    METHODS,
+    REWEIGHT_CUTOFF,
+    REWEIGHT_STEPS,
+    TRUNCATED_VARIANCE,
+)
+
+__all__ = ["fit_neighborhoods_3d"]
+
+MAGNITUDE = np.int64(2**63 - 1)
+PCA, MCMD_Z = METHODS["pca"].code, METHODS["mcmd_z"].code
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fit_neighborhoods_3d(
+    points, indices, sizes, queries, trials, n_support, checkpoints, least_inliers,
+    scale_factor, method, cutoff, reweight, rounding, least_scale, saliency, distance, scale,
+    centroids, normals, eigenvalues, directions, inliers,
+):  # fmt: skip
+    """Apply a method to each neighborhood (Algorithm 4), one row at a time.
+
+    Parameters
+    ----------
+    points : float64 (n, 3)
+    indices : int (m, k), sizes : int (m,)
+    queries : float64 (m, 3)
+    trials : int32 (T, k)
+    n_support : int (k + 1,), the paper's h of each size
+    checkpoints, least_inliers, scale_factor : a ``StopRule``; without checkpoints all trials
+        are made
+    method : code of the rule
+    cutoff, reweight : as in ``_rules.mcmd_z``
+    rounding : relative rounding error of the coordinates
+    least_scale : what the step of rounded coordinates amounts to, in units of the points
+    saliency : whether the plane of the inliers is wanted, beside the query's distance
+    distance ... inliers : the arrays filled, see ``LocalPlanes``
+    """
+    k = indices.shape[1]
+    arrays = work_arrays(trials.shape[0], k)
+    adaptive = checkpoints.shape[0] > 0
+    blocks = adaptive_work_arrays(trials.shape[0], k, checkpoints)
+    local, keys, member = arrays[0], arrays[5], arrays[6]
+    work = np.zeros(k)
+    query = np.zeros(3)
+    for i in range(indices.shape[0]):
+        size = sizes[i]
+        radius = _localize(points, indices[i], size, local, work, keys)
+        magnitude = 0.0
+        for axis in range(3):
+            first = points[indices[i, 0], axis]
+            query[axis] = (queries[i, axis] - first) / radius
+            magnitude = max(magnitude, abs(first))
+        floor = max(rounding * (magnitude / radius + 1.0), least_scale / radius)
+
+        degenerate = False
+        if method != PCA:
+            if adaptive:
+                found, _ = adaptive_set_3d(
+                    size, trials, n_support[size], arrays, blocks, checkpoints, least_inliers,
+                    scale_factor,
+                )  # fmt: skip
+            else:
+                found = consistent_set_3d(size, trials, n_support[size], arrays)
+            degenerate = found < 0.0
+        if method == PCA or degenerate:
+            for j in range(size):
+                member[j] = 1.0
+            distance[i], scale[i] = _pca(local, size, member, query, floor)
+            if degenerate:
+                distance[i], scale[i] = 0.0, -1.0  # left to the caller
+        elif method == MCMD_Z:
+            distance[i], scale[i] = _mcmd_z(
+                local, size, member, query, cutoff, reweight, floor, work, keys
+            )
+        else:
+            distance[i], scale[i] = _mcmd_md(
+                local, size, member, query, cutoff, reweight, floor, work, keys
+            )
+        scale[i] *= radius
+
+        if saliency:
+            inliers[i] = 0.0
+            for j in range(size):
+                inliers[i] += member[j]
+            mean, covariance = weighted_covariance(local, size, member)
+            values, axes = eigh_3d(covariance)
+            for axis in range(3):
+                centroids[i, axis] = points[indices[i, 0], axis] + radius * mean[axis]
+                eigenvalues[i, axis] = values[axis] * radius * radius
+                normals[i, axis] = axes[0][axis]
+                directions[i, axis] = axes[2][axis]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _localize(points, row, size, local, work, keys):
+    """Shift a neighborhood to its first point and scale its median radius to one."""
+    extent = 0.0
+    first = row[0]
+    for j in range(size):
+        for axis in range(3):
+            value = points[row[j], axis] - points[first, axis]
+            local[axis, j] = value
+            extent = max(extent, abs(value))
+    if extent == 0.0:
+        return 1.0
+    for j in range(size):
+        norm = 0.0
+        for axis in range(3):
+            value = local[axis, j] / extent
+            norm += value * value
+        work[j] = np.sqrt(norm)
+    _order_keys(work, size, keys)
+    radius = _decode(kth_smallest(keys, size, size // 2 + 1))
+    if radius == 0.0:
+        radius = _decode(kth_smallest(keys, size, size))
+    radius *= extent
+    for axis in range(3):
+        for j in range(size):
+            local[axis, j] /= radius
+    return radius
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _pca(local, size, member, query, floor):
+    mean, covariance = weighted_covariance(local, size, member)
+    _, axes = eigh_3d(covariance)
+    variance = variance_along(local, size, member, mean, axes[0])
+    scale = max(np.sqrt(variance * size / max(size - 3, 1)), floor)
+    return abs(_project(query, mean, axes[0])) / scale, scale
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _mcmd_z(local, size, member, query, cutoff, reweight, floor, work, keys):
+    center = 0.0
+    if reweight:
+        mean, _, axes, scale, _ = _reweighted_plane(local, size, member, floor, work, keys)
+        _signed_distances(local, size, mean, axes[0], work)
+    else:
+        mean, covariance = weighted_covariance(local, size, member)
+        _, axes = eigh_3d(covariance)
+        _signed_distances(local, size, mean, axes[0], work)
+        center = _median(work, size, keys)
+        for j in range(size):
+            work[j] = abs(work[j] - center)
+        scale = max(MAD_TO_SD * _median(work, size, keys), floor)
+        _signed_distances(local, size, mean, axes[0], work)
+    limit = cutoff * scale
+    for j in range(size):
+        member[j] = 1.0 if abs(work[j] - center) < limit else 0.0
+    return abs(_project(query, mean, axes[0]) - center) / scale, scale
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _mcmd_md(local, size, member, query, cutoff, reweight, floor, work, keys):
+    if reweight:
+        mean, values, axes, scale, n_used = _reweighted_plane(
+            local, size, member, floor, work, keys
+        )
+    else:
+        mean, covariance = weighted_covariance(local, size, member)
+        values, axes = eigh_3d(covariance)
+        n_used = 0.0
+        for j in range(size):
+            n_used += member[j]
+        variance = variance_along(local, size, member, mean, axes[0])
+        scale = max(np.sqrt(variance * n_used / max(n_used - 1.0, 1.0)), floor)
+    correction = n_used / max(n_used - 1.0, 1.0)
+    middle = max(np.sqrt(values[1] * correction), floor)
+    most = max(np.sqrt(values[2] * correction), floor)
+    for j in range(size):
+        work[j] = 0.0
+    own = 0.0
+    for axis, deviation in zip(axes, (scale, middle, most)):  # noqa: B905
+        _add_squared(local, size, mean, axis, deviation, work)
+        own += (_project(query, mean, axis) / deviation) ** 2
+    for j in range(size):
+        member[j] = 1.0 if work[j] < cutoff * cutoff else 0.0
+    return np.sqrt(own), scale
+
+
+@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+def _add_squared(local, size, mean, axis, deviation, out):
+    x, y, z = local[0], local[1], local[2]
+    ax, ay, az = axis
+    mx, my, mz = mean
+    weight = 1.0 / deviation
+    for j in range(size):
+        projection = (ax * (x[j] - mx) + ay * (y[j] - my) + az * (z[j] - mz)) * weight
+        out[j] += projection * projection
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _reweighted_plane(local, size, member, floor, work, keys):
+    """As in ``_rules``; `member` then holds the members that were kept."""
+    mean, covariance = weighted_covariance(local, size, member)
+    values, axes = eigh_3d(covariance)
+    _signed_distances(local, size, mean, axes[0], work)
+    for j in range(size):
+        work[j] = abs(work[j])
+    factor = MAD_TO_SD * (1.0 + 5.0 / max(size - 3, 1))
+    scale = max(factor * _median(work, size, keys), floor)
+    n_kept = 0.0
+    for step in range(REWEIGHT_STEPS):
+        if step > 0:
+            _signed_distances(local, size, mean, axes[0], work)
+        n_kept = 0.0
+        for j in range(size):
+            member[j] = 1.0 if abs(work[j]) < REWEIGHT_CUTOFF * scale else 0.0
+            n_kept += member[j]
+        mean, covariance = weighted_covariance(local, size, member)
+        values, axes = eigh_3d(covariance)
+        variance = variance_along(local, size, member, mean, axes[0])
+        variance *= n_kept / max(n_kept - 3.0, 1.0) / TRUNCATED_VARIANCE
+        scale = max(np.sqrt(variance), floor)
+    return mean, values, axes, scale, n_kept
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _project(query, mean, axis):
+    return (
+        axis[0] * (query[0] - mean[0])
+        + axis[1] * (query[1] - mean[1])
+        + axis[2] * (query[2] - mean[2])
+    )
+
+
+@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+def _signed_distances(local, size, mean, normal, out):
+    x, y, z = local[0], local[1], local[2]
+    nx, ny, nz = normal[0], normal[1], normal[2]
+    mx, my, mz = mean
+    for j in range(size):
+        out[j] = nx * (x[j] - mx) + ny * (y[j] - my) + nz * (z[j] - mz)
+
+
+@njit(cache=True, nogil=True)
+def _median(values, size, keys):
+    _order_keys(values, size, keys)
+    lower = kth_smallest(keys, size, (size + 1) // 2)
+    upper = lower if size % 2 else kth_smallest(keys, size, size // 2 + 1)
+    return 0.5 * (_decode(lower) + _decode(upper))
+
+
+@njit(cache=True, nogil=True)
+def _order_keys(values, size, keys):
+    """Integers in the order of the numbers: their bits, negated below zero."""
+    bits = values.view(np.int64)
+    for j in range(size):
+        keys[j] = bits[j] if bits[j] >= 0 else -(bits[j] & MAGNITUDE)
+
+
+@njit(cache=True, nogil=True)
+def _decode(key):
+    value = np.array([abs(key)]).view(np.float64)[0]
+    return value if key >= 0 else -value

@@ -1,0 +1,131 @@
+"""The least squares cylinder of a few points."""
+
+import numpy as np
+
+__all__ = ["Cylinder", "fit_cylinder"]
+
+# Steps from each start at most, and the share of the sum of squares below which a step gains
+# nothing; from a fair start two or three reach that.
+N_STEPS = 8
+LEAST_GAIN = 1e-6
+# What keeps the equations of a flat strip, whose radius is infinite, from being singular.
+RIDGE = 1e-12
+N_PARAMETERS = 5
+
+
+class Cylinder:
+    """A circular cylinder without ends.
+
+    Parameters
+    ----------
+    point : ndarray of shape (3,)
+        Of the axis.
+    axis : ndarray of shape (3,)
+        Unit vector.
+    radius : float
+    """
+
+    def __init__(self, point, axis, radius):
+        self.point, self.axis, self.radius = point, axis, radius
+
+    def distances(self, points):
+        """Signed distances of points (n, 3) from the surface, positive outside."""
+        deviations = points - self.point
+        deviations = deviations - np.outer(deviations @ self.axis, self.axis)
+        return np.linalg.norm(deviations, axis=1) - self.radius
+
+
+def fit_cylinder(points, normals, *, compiled=True):
+    """Fit a cylinder to points by least squares of their distances (Gauss-Newton).
+
+    The axis is looked for from three directions: the longest and the second extent of the points,
+    of a pole and of a wide strip of a column, and the one most nearly perpendicular to all
+    normals, which is right where the others are not: on pieces as high as wide. Points of one
+    plane exactly have no best cylinder, and get a poor one: compare with their plane.
+
+    Parameters
+    ----------
+    points, normals : ndarray of shape (n, 3)
+        Six points at least; normals of either sign.
+    compiled : bool, default=True
+        Whether Numba compiles the loop, where it can be imported.
+
+    Returns
+    -------
+    sum_of_squares : float
+    cylinder : Cylinder
+    """
+    center = points.mean(axis=0)
+    local = points - center
+    scale = np.sqrt(np.square(local).sum() / len(local))
+    if not scale > 0:
+        return 0.0, Cylinder(center, np.array([0.0, 0.0, 1.0]), 0.0)
+    local /= scale
+    extents = np.linalg.eigh(local.T @ local)[1]
+    starts = np.stack([extents[:, 2], extents[:, 1], np.linalg.eigh(normals.T @ normals)[1][:, 0]])
+    fit = (_compiled() if compiled else None) or _fit
+    total, model = fit(local, starts)
+    return total * scale**2, Cylinder(center + scale * model[:3], model[3:6], scale * model[6])
+
+
+def _fit(points, starts):
+    """Least sum of squares and cylinder of centered points; it compiles as it is."""
+    n = len(points)
+    best = np.inf
+    model = np.zeros(7)
+    ridge = RIDGE * n * np.eye(5)
+    equations = np.empty((n, 5))
+    for start in starts:
+        axis = start.copy()
+        point = np.zeros(3)
+        radius = -1.0  # none yet
+        last = np.inf
+        for _ in range(N_STEPS + 1):
+            # Two directions across the axis.
+            least = np.argmin(np.abs(axis))
+            u = -axis * axis[least]
+            u[least] += 1.0
+            u /= np.sqrt((u * u).sum())
+            v = np.cross(axis, u)
+            if radius < 0:
+                # The algebraic circle of the points seen along the axis: x^2 + y^2 is linear
+                # in the center's coordinates and a constant.
+                x, y = points @ u, points @ v
+                equations[:, 0], equations[:, 1], equations[:, 2] = 2 * x, 2 * y, 1.0
+                equations[:, 3:] = 0.0
+                moments = equations.T @ equations + ridge
+                circle = np.linalg.solve(moments, equations.T @ (x * x + y * y))
+                point = circle[0] * u + circle[1] * v
+                radius = np.sqrt(max(circle[2] + circle[0] ** 2 + circle[1] ** 2, 0.0))
+            gaps = points - point
+            along, across_u, across_v = gaps @ axis, gaps @ u, gaps @ v
+            reach = np.sqrt(across_u**2 + across_v**2)
+            away = reach - radius
+            total = (away * away).sum()
+            if total < best:
+                best = total
+                model[:3], model[3:6], model[6] = point, axis, radius
+            if not total < (1 - LEAST_GAIN) * last:
+                break
+            last = total
+            reach = np.maximum(reach, RIDGE)
+            equations[:, 0], equations[:, 1] = across_u / reach, across_v / reach
+            equations[:, 2], equations[:, 3] = along * across_u / reach, along * across_v / reach
+            equations[:, 4] = 1.0
+            step = np.linalg.solve(equations.T @ equations + ridge, equations.T @ away)
+            point = point + step[0] * u + step[1] * v
+            axis = axis + step[2] * u + step[3] * v
+            axis /= np.sqrt((axis * axis).sum())
+            # The point moves back to the height of the points: it may lie anywhere on the axis.
+            point = point - (point * axis).sum() * axis
+            radius = abs(radius + step[4])
+    return best, model
+
+
+def _compiled():
+    """The compiled form of `_fit`, imported on first use; None where Numba cannot be."""
+    try:
+        from sklearn_mcmd.segmentation._cylinder_numba import fit
+    except ImportError:
+        return None
+    return fit

@@ -1,0 +1,273 @@
+"""Narrow regions that are parts of one cylinder: posts, trunks, bins that came in strips."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from sklearn_mcmd.segmentation._cylinder import N_PARAMETERS, Cylinder, fit_cylinder
+from sklearn_mcmd.segmentation._graph import COMPILE_FROM, n_within_median
+from sklearn_mcmd.segmentation._joining import region_planes
+
+__all__ = ["CylinderParts"]
+
+# A region is narrow if its second extent is no more than so many times the radius that growth
+# looks at. Wider ones have normals of their own; where these turn, growth follows them.
+MOST_WIDE = 2.5
+# One model explains points as well as another if it leaves no more than so many times its
+# root mean square, and a region is curved if its plane leaves more than that of its cylinder.
+MOST_MISFIT = 1.5
+# Points within so many root mean squares of a region's cylinder are its own. What these leave of
+# the neighborhoods' radius, to both sides, tells a surface from a volume, such as foliage.
+CUTOFF = 3.0
+# Cylinders are fitted again, and pairs tried, once a region has grown so many times: the time
+# for all fits is then that of the last one or two.
+GROWTH = 2.0
+MAX_ROUNDS = 50
+# Fewer points fit cylinders of any kind.
+LEAST_SIZE = 2 * N_PARAMETERS
+
+
+@dataclass
+class _Part:
+    """A narrow region, or several joined.
+
+    members : rows of the points
+    around : their neighbors, (n, n_around)
+    floor : mean square below which deviations are rounding
+    ceiling : mean square above which they are those of a volume
+    plane, curve : mean squares about the plane and about the cylinder, by degrees of freedom
+    cylinder : None where there are too few points
+    """
+
+    members: np.ndarray
+    around: np.ndarray
+    floor: float
+    ceiling: float
+    plane: float
+    curve: float
+    cylinder: Cylinder | None
+
+    @property
+    def curved(self):
+        left = max(self.curve, self.floor)
+        return left <= self.ceiling and self.plane > MOST_MISFIT**2 * left
+
+    def shares(self, points):
+        """Distances of points from the cylinder, as shares of the largest of its own."""
+        limit = CUTOFF * np.sqrt(max(self.curve, self.floor))
+        return np.abs(self.cylinder.distances(points)) / limit
+
+
+class CylinderParts:
+    """Joins narrow regions that touch if one cylinder explains them.
+
+    On a thing no wider than the neighborhoods, normals say little: they turn within a spacing
+    or two, and growth leaves strips. Where the points lie still says what it is. Two parts are
+    one if a cylinder leaves less of both than a plane of each does, with fewer parameters; and if
+    what it leaves of each part is what the best model of that part alone leaves, up to
+    `MOST_MISFIT`. The noise is thus measured on the parts themselves, and two narrow faces that
+    meet in an edge stay two: no cylinder follows both to within their noise.
+
+    Parameters
+    ----------
+    index : NeighborIndex
+        Of points in three dimensions.
+    normals : ndarray of shape (n, 3)
+    radius : ndarray of shape (n,)
+        Distance to the farthest neighbor that growth looked at.
+    floor : ndarray of shape (n,)
+        What rounding amounts to.
+    max_gap : float, default=None
+        Largest distance of points that touch, besides being among the nearer half of neighbors.
+    """
+
+    def __init__(self, index, normals, radius, floor, max_gap=None):
+        self.index, self.normals, self.radius, self.floor = index, normals, radius, floor
+        self.max_gap = np.inf if max_gap is None else max_gap
+        self.curved = np.empty(0, dtype=np.intp)
+        self.wide = None  # by label; regions only gain points, and no wide one becomes narrow
+
+    def join(self, labels):
+        """Labels (n,), -1 for none, where parts of one cylinder have the smallest of theirs."""
+        labels = labels.copy()
+        parts = self._narrow_parts(labels)
+        self._join(labels, parts, set(parts), {})
+        return labels
+
+    def grow(self, labels):
+        """As `join`, and curved regions take in the points without region on their cylinders.
+
+        Points of a post have planes that run off it, onto the ground or into a tree's foliage; the
+        cylinder doesn't. Parts that meet thereby are joined, and so on. Labels of regions that are
+        curved then are kept in the attribute `curved`.
+        """
+        labels = labels.copy()
+        parts = self._narrow_parts(labels)
+        fresh, tried = set(parts), {}
+        for _ in range(MAX_ROUNDS):
+            fresh |= self._join(labels, parts, fresh, tried)
+            fresh = self._claim(labels, parts, fresh & set(parts))
+            if not fresh:
+                break
+        self.curved = np.array(sorted(name for name in parts if parts[name].curved), dtype=np.intp)
+        return labels
+
+    def _narrow_parts(self, labels):
+        """The parts that may be joined, by label: narrow regions, and those curved before."""
+        n_regions = int(labels.max(initial=-1)) + 1
+        wide = np.zeros(n_regions, dtype=bool) if self.wide is None else self.wide[:n_regions]
+        rows = np.flatnonzero(~np.append(wide, True)[labels])
+        own = labels[rows]
+        sizes, *_, values, _ = region_planes(self.index.points[rows], own, n_regions)
+        reach = np.bincount(own, self.radius[rows], n_regions) / np.maximum(sizes, 1)
+        # Of points spread evenly over a width the standard deviation is its root 12th.
+        self.wide = wide | (np.sqrt(12 * values[:, 1]) > MOST_WIDE * reach)
+        self.wide[self.curved] = False
+        rows = rows[(~self.wide & (sizes >= 4))[own]]
+        rows = rows[np.argsort(labels[rows], kind="stable")]
+        names, starts = np.unique(labels[rows], return_index=True)
+        groups = np.split(rows, starts[1:]) if len(rows) else []
+        return {
+            int(name): self._part(group, self._around(group))
+            for name, group in zip(names, groups, strict=True)
+        }
+
+    def _around(self, rows):
+        """The nearer half of the neighbors of rows; themselves in place of those beyond the gap."""
+        k = n_within_median(self.index.n_neighbors) + 1
+        distances, around = self.index.tree.query(self.index.points[rows], k=k)
+        distances, around = distances.reshape(-1, k), around.reshape(-1, k)
+        return np.where(distances <= self.max_gap, around, rows[:, None]).astype(np.int32)
+
+    def _part(self, members, around):
+        points, n = self.index.points[members], len(members)
+        deviations = points - points.mean(axis=0)
+        plane = max(np.linalg.eigvalsh(deviations.T @ deviations)[0], 0.0) / (n - 3)
+        curve, cylinder = np.inf, None
+        if n >= LEAST_SIZE:
+            curve, cylinder = self._fit(members)
+            curve /= n - N_PARAMETERS
+        floor = self.floor[members].max() ** 2
+        ceiling = (self.radius[members].mean() / (2 * CUTOFF)) ** 2
+        return _Part(members, around, floor, ceiling, plane, curve, cylinder)
+
+    def _fit(self, rows):
+        compiled = len(self.index.points) >= COMPILE_FROM
+        return fit_cylinder(self.index.points[rows], self.normals[rows], compiled=compiled)
+
+    def _join(self, labels, parts, fresh, tried):
+        """Join `parts` in place as long as any can be; the names of those that changed."""
+        changed = set()
+        for _ in range(MAX_ROUNDS):
+            pairs = []
+            for pair in self._touching(labels, parts, fresh):
+                key = tuple(len(parts[name].members) for name in pair)  # parts only gain points
+                if tried.get(pair) != key:
+                    tried[pair] = key
+                    if self._are_one(*(parts[name] for name in pair)):
+                        pairs.append(pair)
+            if not pairs:
+                break
+            fresh = self._pool(labels, parts, np.array(pairs))
+            changed |= fresh
+        return changed
+
+    def _touching(self, labels, parts, fresh):
+        """Pairs of parts of which a fresh one has a neighbor in the other, in order."""
+        names = sorted(fresh & set(parts))
+        if not names:
+            return []
+        around = np.concatenate([parts[name].around for name in names])
+        own = np.repeat(names, [len(parts[name].around) for name in names])
+        other = labels[around]
+        row, column = np.nonzero((other != own[:, None]) & (other >= 0))
+        first, second = own[row].astype(np.int64), other[row, column].astype(np.int64)
+        n = int(labels.max()) + 1
+        # Sorted as one number each, which is much faster than as rows.
+        pairs = np.unique(np.minimum(first, second) * n + np.maximum(first, second))
+        pairs = zip((pairs // n).tolist(), (pairs % n).tolist(), strict=True)
+        return [(a, b) for a, b in pairs if a in parts and b in parts]
+
+    def _are_one(self, first, second):
+        rows = np.concatenate([first.members, second.members])
+        n = len(rows)
+        if n < LEAST_SIZE:
+            return False
+        small, large = sorted((first, second), key=lambda part: len(part.members))
+        if large.curved and len(large.members) >= GROWTH * len(small.members):
+            # A small part hardly moves the cylinder of a large one: where most of it lies off that,
+            # no fit is needed, and none of all the large one's points is made for each neighbor.
+            near = large.shares(self.index.points[small.members]) <= 1
+            if 2 * np.count_nonzero(near) <= len(near):
+                return False
+        floor, ceiling = max(first.floor, second.floor), max(first.ceiling, second.ceiling)
+        total, cylinder = self._fit(rows)
+        apart = sum(part.plane * (len(part.members) - 3) for part in (first, second)) / (n - 6)
+        if not total / (n - N_PARAMETERS) <= min(max(apart, floor), ceiling):
+            return False
+        for part in (first, second):
+            left = np.square(cylinder.distances(self.index.points[part.members])).mean()
+            if left > MOST_MISFIT**2 * max(min(part.plane, part.curve), floor):
+                return False
+        return True
+
+    def _pool(self, labels, parts, pairs):
+        """Join the parts of `pairs`, and of chains of them; the names of the joined ones."""
+        names, ends = np.unique(pairs, return_inverse=True)
+        ends = ends.reshape(-1, 2)
+        graph = coo_array((np.ones(len(ends)), ends.T), shape=(len(names), len(names)))
+        _, chain = connected_components(graph, directed=False)
+        pooled = set()
+        for number in range(chain.max() + 1):
+            group = [parts.pop(name) for name in names[chain == number].tolist()]
+            members = np.concatenate([part.members for part in group])
+            name = int(names[chain == number][0])
+            labels[members] = name
+            parts[name] = self._part(members, np.concatenate([part.around for part in group]))
+            pooled.add(name)
+        return pooled
+
+    def _claim(self, labels, parts, fresh):
+        """Give points without region to the cylinder they touch and lie on best, in place.
+
+        Points claimed lead to others, until a part has grown by `GROWTH`. Returns the names of
+        those that grew.
+        """
+        edges = {name: parts[name].around for name in sorted(fresh) if parts[name].curved}
+        gained = {name: [] for name in edges}
+        while edges:
+            claimed, owner = self._claims_of(labels, parts, edges)
+            labels[claimed] = owner
+            spreading = {}
+            for name in np.unique(owner).tolist():
+                rows = claimed[owner == name]
+                gained[name].append(rows)
+                size = len(parts[name].members)
+                if sum(map(len, gained[name])) < (GROWTH - 1) * size:
+                    spreading[name] = self._around(rows)
+            edges = spreading
+        grown = set()
+        for name, rows in gained.items():
+            if rows:
+                rows, part = np.concatenate(rows), parts[name]
+                around = np.concatenate([part.around, self._around(rows)])
+                parts[name] = self._part(np.concatenate([part.members, rows]), around)
+                grown.add(name)
+        return grown
+
+    def _claims_of(self, labels, parts, edges):
+        """Rows without region among `edges`, name -> rows, and the part each lies on best."""
+        rows, names, shares = [np.empty(0, np.intp)], [np.empty(0, np.intp)], [np.empty(0)]
+        for name, edge in edges.items():
+            free = np.unique(edge)
+            free = free[labels[free] < 0]
+            share = parts[name].shares(self.index.points[free])
+            rows.append(free[share <= 1])
+            shares.append(share[share <= 1])
+            names.append(np.full(len(rows[-1]), name))
+        rows, names, shares = np.concatenate(rows), np.concatenate(names), np.concatenate(shares)
+        order = np.lexsort((names, shares, rows))
+        first = order[np.flatnonzero(np.diff(rows[order], prepend=-1))]
+        return rows[first], names[first]

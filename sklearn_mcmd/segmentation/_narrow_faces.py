@@ -1,0 +1,249 @@
+"""Faces a few points wide beside larger ones: what growth left over, grown by itself."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sklearn_mcmd.planes._chunks import run
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+from sklearn_mcmd.planes._plane import fit_planes
+from sklearn_mcmd.segmentation._graph import grow_regions, link_neighbors, n_within_median
+from sklearn_mcmd.segmentation._joining import join_coplanar, median_by_region
+
+__all__ = ["RestFaces"]
+
+# A point is off a surface if the planes around put it farther than so many of its deviations.
+CUTOFF = 3.0
+# Planes noisier than so many times what is usual in their region run across an edge, and a face
+# is as flat as the flattest region beside it if its planes leave no more than so many times that.
+MOST_NOISE = 1.5
+# Points that have a plane together are no farther from each other than so many times the radius
+# that growth looks at: a strip has fewer points within it than a face on all sides.
+REACH = 2.0
+# Rounds of taking in points around; each needs another search of neighbors.
+MAX_ROUNDS = 10
+# What keeps points without noise at the origin from a division by zero.
+LEAST_NOISE = np.finfo(np.float64).tiny
+# Neighbors looked at at once: what bounds the memory.
+CHUNK = 200_000
+
+
+class RestFaces:
+    """Grows regions of the points that lie off all larger regions around them.
+
+    On a face a few points wide, such as a kerb, the neighborhoods have most of their points on
+    the faces beside it. Its normals are theirs, or a plane's that runs across the edge, and growth
+    leaves most of it over. What is left over and lies off the regions around has normals that tell
+    of the face, once only such points are asked.
+
+    A region's surface is told by its planes that are no noisier than is usual in it, the median of
+    those around a point: single planes that run across the edge, or were lent to a point of
+    the wrong face, count for nothing. Its deviation is the region's usual noise, so nothing
+    depends on the unit.
+
+    Parameters
+    ----------
+    index : NeighborIndex
+    normals : ndarray of shape (n, d)
+        Those of the points of faces found are replaced, and their offsets and noise too.
+    graph : NeighborLinks
+    noise : ndarray of shape (n,)
+        Standard deviations of the planes.
+    floor : ndarray of shape (n,)
+        What rounding amounts to, in units of the points.
+    n_jobs : int, default=None
+    **rules
+        Thresholds of growth, as of `link_neighbors`.
+    """
+
+    def __init__(self, index, normals, graph, noise, floor, n_jobs=None, **rules):
+        self.index, self.normals, self.offset, self.noise = index, normals, graph.offset, noise
+        self.k = index.n_neighbors
+        self.reach, self.floor = REACH * graph.radius, floor
+        self.n_jobs, self.rules = n_jobs, rules
+
+    def grow(self, labels):
+        """Find faces, and let them take in the points around that lie on them best.
+
+        Parameters
+        ----------
+        labels : ndarray of int of shape (n,)
+            From 0 on without gaps, -1 for none.
+
+        Returns
+        -------
+        labels : ndarray of int of shape (n,)
+            Faces come last. They are larger than a neighborhood, as are the regions that count
+            as surfaces; the smaller ones are part of what growth left over.
+        """
+        sizes = np.bincount(labels[labels >= 0])
+        surface = np.append(sizes > self.k, False)  # the last is -1
+        rest = np.flatnonzero(~surface[labels])
+        if len(rest) <= self.k or not surface.any():
+            return labels
+        usual = median_by_region(self.noise, labels, len(sizes))
+        outer = np.where(surface, np.append(np.maximum(usual, LEAST_NOISE), np.inf), np.inf)
+        # Many points, of which most are in the tails of the noise: the nearer half tells.
+        _, share, flattest = self._nearest(rest, n_within_median(self.k) + 1, labels, outer)
+        off = (share > CUTOFF) & np.isfinite(share)
+        rows, face = self._faces(rest[off], flattest[off])
+        if len(rows) == 0:
+            return labels
+        first = len(sizes)
+        labels = labels.copy()
+        labels[rows] = first + face
+        self._refit(labels, rows)  # points of other faces were among those asked first
+        own = median_by_region(self.noise[rows], face, int(face.max()) + 1)
+        own = np.maximum(own, LEAST_NOISE)
+        usual = np.concatenate([outer[:-1], own, [np.inf]])
+        members = fresh = rows
+        for _ in range(MAX_ROUNDS):
+            around = np.unique(self.index.tree.query(self.index.points[fresh], self.k)[1])
+            around = around[labels[around] < first]
+            owner, share, _ = self._nearest(around, self.k, labels, usual)
+            won = (owner >= first) & (share <= CUTOFF)
+            fresh = around[won]
+            if len(fresh) == 0:
+                break
+            labels[fresh] = owner[won]
+            # Handed on as it is, a plane leads off no face; one fitted to an edge's points would.
+            self._lend(labels, members, fresh)
+            members = np.union1d(members, fresh)
+        return labels
+
+    def _nearest(self, rows, k, labels, usual):
+        """The region on whose surface each row lies best, and how well.
+
+        Parameters
+        ----------
+        rows : ndarray of int of shape (m,)
+        k : int
+            Neighbors asked.
+        labels : ndarray of int of shape (n,)
+        usual : ndarray of shape (n_regions + 1,)
+            Noise that is usual in each region; inf for those that count for none, the last.
+
+        Returns
+        -------
+        owner : ndarray of int of shape (m,)
+            -1 where there is none around.
+        share : ndarray of shape (m,)
+            Distance from its surface in units of its usual noise; inf where there is none.
+        flattest : ndarray of shape (m,)
+            The least usual noise of the regions around.
+        """
+        m = len(rows)
+        owner, share, flattest = np.full(m, -1), np.full(m, np.inf), np.full(m, np.inf)
+
+        def task(part):
+            row, region, height = self._heights(rows[part], k, labels, usual)
+            height /= usual[region]
+            np.minimum.at(flattest[part], row, usual[region])
+            order = np.lexsort((region, height, row))
+            best = order[np.flatnonzero(np.diff(row[order], prepend=-1))]
+            owner[part][row[best]], share[part][row[best]] = region[best], height[best]
+
+        self._each_part(m, task)
+        return owner, share, flattest
+
+    def _heights(self, rows, k, labels, usual):
+        """Distances of rows from the regions around: places in `rows`, regions, distances."""
+        points = self.index.points
+        near = self.index.tree.query(points[rows], k=k)[1].reshape(-1, k)
+        region = labels[near]
+        known = np.isfinite(usual)[region] & (self.noise[near] <= MOST_NOISE * usual[region])
+        heights = -self.offset[near]
+        for axis in range(points.shape[1]):
+            gaps = points[rows, axis][:, None] - points[near, axis]
+            heights += gaps * self.normals[near, axis]
+        heights = np.where(known, np.abs(heights), np.inf)
+        # Mostly there is one region around.
+        first = np.where(known, region, -1).max(axis=1)
+        several = (known & (region != first[:, None])).any(axis=1)
+        single = np.flatnonzero(known.any(axis=1) & ~several)
+        middle = (np.count_nonzero(known[single], axis=1) - 1) // 2
+        of_single = np.sort(heights[single], axis=1)[np.arange(len(single)), middle]
+        row, column = np.nonzero(known & several[:, None])
+        own, height = region[row, column], heights[row, column]
+        order = np.lexsort((height, own, row))
+        key = (row * len(usual) + own)[order]
+        start = np.flatnonzero(np.diff(key, prepend=-1))
+        count = np.diff(start, append=len(key))
+        middle = order[start + (count - 1) // 2]
+        return (
+            np.concatenate([single, row[middle]]),
+            np.concatenate([first[single], own[middle]]),
+            np.concatenate([of_single, height[middle]]),
+        )
+
+    def _faces(self, rows, flattest):
+        """Regions of rows by planes among themselves: rows, and the face of each, from 0 on."""
+        if len(rows) <= self.k:
+            return rows[:0], rows[:0]
+        normals, _, noise = self._planes(rows, np.zeros(len(rows), dtype=np.intp))
+        flat = noise <= MOST_NOISE * flattest
+        rows, normals, noise = rows[flat], normals[flat], noise[flat]
+        if len(rows) <= self.k:
+            return rows[:0], rows[:0]
+        index = NeighborIndex(self.index.points[rows], self.k)
+        rows, normals, noise = rows[index.rows], normals[index.rows], noise[index.rows]
+        graph = link_neighbors(index, normals, self.floor[rows], n_jobs=self.n_jobs, **self.rules)
+        gaps = index.points[:, None] - index.points[graph.links]
+        far = np.square(gaps).sum(axis=-1) > np.square(self.reach[rows])[:, None]
+        far |= graph.links < 0
+        links = np.where(far, -1, graph.links)
+        links = np.take_along_axis(links, np.argsort(far, axis=1, kind="stable"), axis=1)
+        face = grow_regions(links, np.argsort(noise, kind="stable"))
+        face = join_coplanar(index.points, face, noise)
+        large = np.bincount(face) > self.k
+        number = np.where(large, np.cumsum(large) - 1, -1)
+        inside = large[face]
+        return rows[inside], number[face[inside]]
+
+    def _refit(self, labels, rows):
+        """Give rows the planes of their own regions' points, in place."""
+        normals, offset, noise = self._planes(rows, labels[rows])
+        fitted = np.isfinite(noise)
+        rows = rows[fitted]
+        self.normals[rows], self.offset[rows] = normals[fitted], offset[fitted]
+        self.noise[rows] = np.maximum(noise[fitted], self.floor[rows])
+
+    def _lend(self, labels, members, rows):
+        """Give rows the plane of the nearest member of their face, in place."""
+        points = self.index.points
+        for face in np.unique(labels[rows]).tolist():
+            own, lenders = rows[labels[rows] == face], members[labels[members] == face]
+            lenders = lenders[cKDTree(points[lenders]).query(points[own])[1]]
+            self.normals[own], self.noise[own] = self.normals[lenders], self.noise[lenders]
+            gaps = points[lenders] - points[own]
+            heights = np.einsum("nd,nd->n", gaps, self.normals[lenders])
+            self.offset[own] = self.offset[lenders] + heights
+
+    def _planes(self, rows, group):
+        """Planes of the rows of the same group near each: normals, offsets and noise, (m,).
+
+        The noise is inf where these are too few.
+        """
+        points = self.index.points[rows]
+        (m, d), k = points.shape, min(self.k, len(rows))
+        normals, offset, noise = np.empty((m, d)), np.empty(m), np.empty(m)
+        tree = cKDTree(points, balanced_tree=False)
+
+        def task(part):
+            distances, near = tree.query(points[part], k=k)
+            distances, near = distances.reshape(-1, k), near.reshape(-1, k)
+            valid = distances <= self.reach[rows[part], None]
+            valid &= group[near] == group[part][:, None]
+            gaps = points[near] - points[part][:, None]
+            centroids, eigenvalues, axes = fit_planes(gaps, valid)
+            size = valid.sum(axis=1)
+            normals[part] = axes[..., 0]
+            offset[part] = np.einsum("md,md->m", centroids, axes[..., 0])
+            variance = np.maximum(eigenvalues[:, 0], 0.0) * size / np.maximum(size - d, 1)
+            noise[part] = np.where(size >= 2 * d, np.sqrt(variance), np.inf)
+
+        self._each_part(m, task)
+        return normals, offset, noise
+
+    def _each_part(self, m, task):
+        step = max(1, CHUNK // self.k)
+        run([(slice(start, start + step),) for start in range(0, m, step)], task, self.n_jobs)

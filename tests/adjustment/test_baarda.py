@@ -1,0 +1,302 @@
+"""Data snooping against a full adjustment in every round, and its edge cases."""
+
+import warnings
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from sklearn.exceptions import ConvergenceWarning
+
+import reference_adjustment as reference
+from adjustment_clouds import plane_with_outliers, random_case
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, _downdate, adjust_plane
+
+
+@pytest.mark.filterwarnings("ignore:The tests reject", "ignore:.* without redundancy")
+@pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
+@pytest.mark.parametrize("test", ["w", "tau", "t"])
+@pytest.mark.parametrize("elimination", ["single", "all"])
+def test_every_round_removes_what_a_full_adjustment_removes(
+    surface, test, elimination, monkeypatch
+):
+    # So few candidates that the bound on all other points is put to work.
+    monkeypatch.setattr(_downdate, "MIN_CANDIDATES", 4)
+    for seed in range(60):
+        X, p = random_case(seed)
+        detector = BaardaPlaneDetector(test=test, elimination=elimination, surface=surface)
+        expected = reference.snoop(
+            X, p, alpha=0.05, test=test, single=elimination == "single", surface=surface
+        )
+        assert_array_equal(detector.fit(X, sample_weight=p).elimination_step_, expected)
+
+
+@pytest.mark.parametrize("correction", ["none", "sidak", "bonferroni"])
+def test_the_local_level_counts_the_points_that_are_left(correction):
+    X = plane_with_outliers(60, 12, 4.0)
+    expected = reference.snoop(X, alpha=0.2, correction=correction)
+    detector = BaardaPlaneDetector(0.2, correction=correction).fit(X)
+    assert expected.any()
+    assert_array_equal(detector.elimination_step_, expected)
+
+
+def test_thousands_of_removals_need_few_full_adjustments():
+    X = plane_with_outliers(50_000, 2000, 12.0)
+    support = np.ones(len(X), dtype=bool)
+    plane = _downdate.DowndatedPlane(X, None, support, "vertical")
+    for _ in range(2000):
+        plane.largest()
+        plane.remove_largest()
+    assert not support[:2000].any()
+    assert support[2000:].all()
+    assert plane.n_adjustments <= 10
+
+
+@pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
+def test_downdated_sums_are_those_of_a_new_adjustment(surface):
+    X = plane_with_outliers(300, 30, 20.0)
+    p = np.random.default_rng(1).uniform(0.5, 2, len(X))
+    support = np.ones(len(X), dtype=bool)
+    plane = _downdate.DowndatedPlane(X, p, support, surface)
+    for _ in range(25):
+        plane.largest()
+        plane.remove_largest()
+    again = adjust_plane(X[support], p[support], surface=surface)
+    assert plane.n_adjustments == 1
+    assert plane.dof == again.dof
+    assert_allclose(plane.variance_factor, again.variance_factor, rtol=1e-10)
+
+
+def test_labels_are_the_predictions_of_the_training_points():
+    for seed in range(20):
+        X = plane_with_outliers(100, 20, 5.0, seed)
+        for elimination in ("single", "all"):
+            detector = BaardaPlaneDetector(elimination=elimination).fit(X)
+            assert_array_equal(detector.labels_, detector.predict(X))
+
+
+def test_no_retained_point_is_an_outlier():
+    for test in ("w", "tau", "t"):
+        detector = BaardaPlaneDetector(test=test).fit(plane_with_outliers(100, 3, 8.0))
+        assert (detector.labels_[detector.support_] == 1).all()
+
+
+def test_points_that_a_batch_removed_wrongly_come_back():
+    X = plane_with_outliers(500, 100, 60.0, sigma=0.1)
+    detector = BaardaPlaneDetector(0.15, correction="none", elimination="all").fit(X)
+    assert np.count_nonzero(detector.elimination_step_) > 105
+    assert_array_equal(np.flatnonzero(detector.labels_ == -1), np.arange(100))
+
+
+def test_the_score_is_the_statistic_of_the_point_once_it_has_joined():
+    X = plane_with_outliers(80, 5, 8.0)
+    new = np.array([[20.0, -3.0, 7.0]])
+    for test in ("w", "t"):
+        detector = BaardaPlaneDetector(test=test).fit(X)
+        joined = np.vstack([X[detector.support_], new])
+        v, r, omega, u = reference.adjustment(joined)
+        T = reference.statistic(v, r, np.ones(len(joined)), omega, len(joined) - u, test, 1.0)
+        assert_allclose(-detector.score_samples(new), T[-1], rtol=1e-9)
+
+
+@pytest.mark.parametrize("test", ["w", "tau", "t"])
+def test_the_statistic_of_a_removed_point_is_its_own_after_joining_the_support(test):
+    X = plane_with_outliers(80, 3, 15.0)
+    detector = BaardaPlaneDetector(test=test).fit(X)
+    assert not detector.support_[:3].any()
+    rows = np.append(np.flatnonzero(detector.support_), 0)
+    v, r, omega, u = reference.adjustment(X[rows])
+    T = reference.statistic(v, r, np.ones(len(rows)), omega, len(rows) - u, test, 1.0)
+    assert_allclose(detector.test_statistic_[0], T[-1], rtol=1e-9)
+    assert_allclose(detector.redundancy_[0], r[-1], rtol=1e-9)
+
+
+def test_redundancy_of_the_support_sums_to_the_degrees_of_freedom():
+    detector = BaardaPlaneDetector().fit(plane_with_outliers())
+    assert_allclose(detector.redundancy_[detector.support_].sum(), detector.dof_, rtol=1e-12)
+
+
+def test_the_variance_factor_falls_to_one():
+    detector = BaardaPlaneDetector().fit(plane_with_outliers(4000, 40, 10.0))
+    assert detector.variance_factor_initial_ > 1.5
+    assert 0.9 < detector.variance_factor_ < 1.1
+    assert 0.001 < detector.global_test_pvalue_ < 0.999
+
+
+def test_the_global_test_tells_of_a_wrong_sigma0():
+    X = plane_with_outliers(400, 0)
+    assert BaardaPlaneDetector(sigma0=100).fit(X).global_test_pvalue_ > 1 - 1e-9
+    # The rejected are gone by then: what is left fits a smaller sigma0, but not this one.
+    with pytest.warns(ConvergenceWarning):
+        small = BaardaPlaneDetector(sigma0=0.5, max_iter=1).fit(X)
+    assert small.global_test_pvalue_ < 1e-9
+
+
+def test_precisions_scale_with_the_square_of_sigma0():
+    X, p = plane_with_outliers(), np.random.default_rng(1).uniform(0.2, 5, 400)
+    one = BaardaPlaneDetector().fit(X, sample_weight=p)
+    other = BaardaPlaneDetector(sigma0=3).fit(X, sample_weight=9 * p)
+    assert_array_equal(one.labels_, other.labels_)
+
+
+def test_a_less_precise_observation_may_be_farther_off():
+    X = plane_with_outliers(100, 1, 8.0)
+    p = np.ones(100)
+    assert BaardaPlaneDetector().fit_predict(X, sample_weight=p)[0] == -1
+    p[0] = 0.01
+    assert BaardaPlaneDetector().fit_predict(X, sample_weight=p)[0] == 1
+
+
+def test_contamination_sets_the_share_of_outliers():
+    X = plane_with_outliers()
+    assert (BaardaPlaneDetector(contamination=0.25).fit_predict(X) == -1).sum() == 100
+
+
+def test_sigma0_auto_finds_outliers_without_knowing_sigma():
+    X = plane_with_outliers(2000, 200, 12.0, sigma=0.003)
+    detector = BaardaPlaneDetector(sigma0="auto").fit(X)
+    assert_array_equal(np.flatnonzero(detector.labels_ == -1), np.arange(200))
+    assert 0.003 < detector.sigma0_ < 0.0036
+
+
+@pytest.mark.parametrize("estimator", ["huber", "tukey"])
+@pytest.mark.parametrize("elimination", ["single", "all"])
+def test_m_estimation_with_tests_finds_the_outliers_and_shows_its_weights(estimator, elimination):
+    X = plane_with_outliers(300, 30, 10.0)
+    detector = BaardaPlaneDetector(estimator=estimator, elimination=elimination).fit(X)
+    assert_array_equal(np.flatnonzero(detector.labels_ == -1), np.arange(30))
+    assert np.all(detector.robust_weights_[:30] == 0)
+    assert detector.robust_weights_[30:].mean() > 0.85
+
+
+def test_batch_with_m_estimation_swamps_less_than_with_least_squares():
+    X = plane_with_outliers(1000, 200, 20.0)
+    removed = [
+        np.count_nonzero(
+            BaardaPlaneDetector(elimination="all", estimator=e).fit(X).elimination_step_
+        )
+        for e in ("ls", "tukey")
+    ]
+    assert removed[1] <= 202 < 300 < removed[0]
+
+
+@pytest.mark.parametrize("tilt", [0, 60, 80, 90])
+def test_an_orthogonal_surface_flags_no_good_point_at_any_tilt(tilt):
+    rng = np.random.default_rng(0)
+    local = np.column_stack([rng.uniform(-5, 5, (500, 2)), rng.normal(scale=0.01, size=500)])
+    c, s = np.cos(np.deg2rad(tilt)), np.sin(np.deg2rad(tilt))
+    X = local @ np.array([[1, 0, 0], [0, c, -s], [0, s, c]]).T
+    assert (BaardaPlaneDetector(sigma0=0.01, surface="orthogonal").fit_predict(X) == -1).sum() <= 1
+
+
+def test_a_vertical_surface_rejects_half_of_a_steep_plane():
+    rng = np.random.default_rng(0)
+    t = np.deg2rad(80)
+    flat = np.column_stack([rng.uniform(-5, 5, (500, 2)), np.zeros(500)])
+    X = flat @ np.array([[1, 0, 0], [0, np.cos(t), -np.sin(t)], [0, np.sin(t), np.cos(t)]]).T
+    X += rng.normal(scale=0.01, size=X.shape)
+    batch = BaardaPlaneDetector(sigma0=0.01, elimination="all", max_iter=1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        share = (batch.fit(X).elimination_step_ > 0).mean()
+    assert 0.4 < share < 0.6
+    assert (batch.set_params(surface="orthogonal").fit(X).elimination_step_ > 0).mean() < 0.01
+
+
+# Robust start: the title's case, outliers at one edge.
+
+
+def strip(share, n=800, size=20.0, seed=0):
+    X = plane_with_outliers(n, 0, seed=seed)
+    order = np.argsort(X[:, 0])[: int(share * n)]
+    X[order, 2] += size
+    is_outlier = np.zeros(n, dtype=bool)
+    is_outlier[order] = True
+    return X, is_outlier
+
+
+@pytest.mark.parametrize("test", ["w", "tau"])
+@pytest.mark.parametrize("share", [0.3, 0.4])
+def test_a_robust_start_finds_a_strip_of_outliers_at_one_edge(share, test):
+    for seed in range(3):
+        X, is_outlier = strip(share, seed=seed)
+        detector = BaardaPlaneDetector(test=test, robust_start=True, random_state=0)
+        assert ((detector.fit_predict(X) == -1) != is_outlier).sum() <= 1
+
+
+def test_least_squares_alone_misses_such_a_strip():
+    X, is_outlier = strip(0.4)
+    found = BaardaPlaneDetector().fit_predict(X) == -1
+    assert found[is_outlier].mean() < 0.5
+
+
+def test_a_robust_start_changes_little_in_clean_data():
+    X = plane_with_outliers(1000, 0)
+    detector = BaardaPlaneDetector(robust_start=True, random_state=0).fit(X)
+    assert (detector.labels_ == -1).sum() <= 1
+    assert detector.support_.mean() > 0.995
+
+
+def test_points_left_out_at_the_start_are_of_round_one():
+    X, is_outlier = strip(0.3)
+    detector = BaardaPlaneDetector(robust_start=True, random_state=0).fit(X)
+    assert (detector.elimination_step_[is_outlier] == 1).all()
+
+
+def test_a_robust_start_is_repeatable():
+    X, _ = strip(0.3, size=6.0)
+    detector = BaardaPlaneDetector(robust_start=True, random_state=3)
+    assert_array_equal(detector.fit(X).test_statistic_, detector.fit(X).test_statistic_)
+
+
+def test_a_robust_start_finds_sigma_where_least_squares_can_t():
+    X, is_outlier = strip(0.35, size=20.0)
+    detector = BaardaPlaneDetector(sigma0="auto", robust_start=True, random_state=0).fit(X)
+    assert detector.sigma0_ < 2.5
+    assert_array_equal(detector.labels_ == -1, is_outlier)
+
+
+# Rounds and their limits.
+
+
+def test_max_iter_stops_the_removal_and_says_so():
+    with pytest.warns(ConvergenceWarning, match="raise max_iter"):
+        detector = BaardaPlaneDetector(max_iter=5).fit(plane_with_outliers())
+    assert np.count_nonzero(detector.elimination_step_) == detector.n_iter_ == 5
+
+
+def test_max_iter_that_suffices_is_silent():
+    X = plane_with_outliers(400, 5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        detector = BaardaPlaneDetector(max_iter=5).fit(X)
+    assert np.count_nonzero(detector.elimination_step_) == 5
+
+
+def test_clean_data_take_one_round():
+    detector = BaardaPlaneDetector().fit(plane_with_outliers(400, 0))
+    assert detector.n_iter_ == 1
+    assert detector.support_.all()
+
+
+@pytest.mark.parametrize("elimination", ["single", "all"])
+def test_a_sigma0_far_too_small_leaves_the_last_plane_and_warns(elimination):
+    X = plane_with_outliers(50, 0)
+    with pytest.warns(UserWarning, match="Check sigma0=1e-06"):
+        detector = BaardaPlaneDetector(sigma0=1e-6, elimination=elimination).fit(X)
+    assert detector.support_.sum() > detector.rank_
+    assert np.isfinite(detector.coef_).all()
+    if elimination == "all":
+        assert (detector.elimination_step_ > 0).all()
+
+
+def test_bad_weights_are_refused_by_name():
+    X = plane_with_outliers(20, 0)
+    detector = BaardaPlaneDetector()
+    with pytest.raises(ValueError, match="sample_weight has negative values"):
+        detector.fit(X, sample_weight=-np.ones(20))
+    with pytest.raises(ValueError, match="sample_weight is zero for all"):
+        detector.fit(X, sample_weight=np.zeros(20))
+    with pytest.raises(ValueError, match="sample_weight has shape"):
+        detector.fit(X, sample_weight=np.ones(19))
+    with pytest.raises(ValueError, match="sample_weight contains NaN"):
+        detector.fit(X, sample_weight=np.full(20, np.nan))

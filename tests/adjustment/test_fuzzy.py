@@ -1,0 +1,156 @@
+"""The fuzzy detector against the n x n form of Eqs 9-21."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import reference_adjustment as reference
+from adjustment_clouds import plane_with_outliers, random_case
+from sklearn_mcmd.adjustment import FuzzyPlaneDetector, _fuzzy, _hull
+
+pytestmark = pytest.mark.filterwarnings("ignore:.* without redundancy")
+
+
+@pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
+@pytest.mark.parametrize("weighting", ["ratio", "cut"])
+@pytest.mark.parametrize("width", [0.15, 1.0, 1.25])
+def test_labels_and_limits_are_those_of_the_matrix_form(surface, weighting, width):
+    flagged = 0
+    for seed in range(60):
+        X, p = random_case(seed)
+        expected = reference.fuzzy(
+            X, p, alpha=0.15, width=width, weighting=weighting, surface=surface
+        )
+        detector = FuzzyPlaneDetector(0.15, width=width, weighting=weighting, surface=surface)
+        detector.fit(X, sample_weight=p)
+        assert_array_equal(detector.labels_, expected["labels"])
+        # Heavy-tailed regressors have condition numbers up to 1e4: their square times 1e-16.
+        assert_allclose(detector.membership_, expected["m_H"], rtol=0, atol=1e-8)
+        assert_allclose(detector.membership_residual_, expected["m_M"], rtol=0, atol=1e-8)
+        if expected["M5"].any():
+            assert_allclose(
+                detector.defuzzification_complement_, expected["complement"], rtol=1e-6, atol=1e-12
+            )
+            flagged += (expected["labels"] == -1).sum()
+    assert flagged > 100
+
+
+@pytest.mark.parametrize("test", ["tau", "t"])
+def test_tests_with_an_estimated_scale_agree_with_the_matrix_form(test):
+    for seed in range(60):
+        X, p = random_case(seed)
+        expected = reference.fuzzy(X, p, alpha=0.15, width=0.3, test=test)
+        detector = FuzzyPlaneDetector(0.15, width=0.3, test=test).fit(X, sample_weight=p)
+        assert_array_equal(detector.labels_, expected["labels"])
+
+
+def test_large_clouds_agree_with_the_matrix_form():
+    X = plane_with_outliers(1500, 150, 6.0)
+    expected = reference.fuzzy(X, alpha=0.05, width=1.0)
+    detector = FuzzyPlaneDetector().fit(X)
+    assert_array_equal(detector.labels_, expected["labels"])
+    assert_allclose(detector.defuzzification_complement_, expected["complement"], rtol=1e-9)
+
+
+def test_chunks_change_nothing(monkeypatch):
+    X = plane_with_outliers(300, 30, 6.0)
+    p = np.random.default_rng(0).uniform(0.5, 2, 300)
+    whole = FuzzyPlaneDetector().fit(X, sample_weight=p)
+    monkeypatch.setattr(_fuzzy, "CHUNK", 7)
+    parts = FuzzyPlaneDetector().fit(X, sample_weight=p)
+    assert_allclose(parts.membership_, whole.membership_, rtol=1e-12)
+
+
+def test_many_regressors_go_without_a_hull_and_agree():
+    rng = np.random.default_rng(1)
+    X = rng.normal(size=(120, 9))
+    X[:10, -1] += 8
+    assert X.shape[1] - 1 > _hull.MAX_DIMENSIONS
+    expected = reference.fuzzy(X, alpha=0.05, width=1.0)
+    assert_array_equal(FuzzyPlaneDetector().fit(X).labels_, expected["labels"])
+
+
+def test_labels_are_the_predictions_of_the_training_points():
+    for seed in range(60):
+        X, _ = random_case(seed)
+        detector = FuzzyPlaneDetector(0.15).fit(X)
+        assert_array_equal(detector.labels_, detector.predict(X))
+        assert_allclose(detector.score_samples(X), 1 - detector.membership_, atol=1e-9)
+
+
+def test_m_estimation_s_labels_are_the_predictions_too():
+    X = plane_with_outliers(200, 20, 8.0)
+    for estimator in ("huber", "tukey"):
+        detector = FuzzyPlaneDetector(estimator=estimator).fit(X)
+        assert_array_equal(detector.labels_, detector.predict(X))
+        assert detector.robust_weights_[:20].max() < 0.5
+
+
+def test_m_estimation_keeps_the_plane_off_the_outliers():
+    X = plane_with_outliers(500, 150, 10.0)
+    swamped = [
+        (FuzzyPlaneDetector(estimator=e).fit_predict(X)[150:] == -1).sum() for e in ("ls", "tukey")
+    ]
+    assert swamped[1] < swamped[0] / 3
+
+
+def test_without_an_abnormal_residual_no_point_is_an_outlier():
+    X = plane_with_outliers(500, 0)
+    detector = FuzzyPlaneDetector(1e-6).fit(X)
+    assert (detector.labels_ == 1).all()
+    assert np.isnan(detector.defuzzification_limit_)
+
+
+def test_a_detector_fitted_on_clean_points_still_rejects_a_bad_one():
+    X = plane_with_outliers(500, 0)
+    detector = FuzzyPlaneDetector(1e-6).fit(X)
+    new = np.array([[5.0, 5.0, 60.0], [5.0, 5.0, -0.5], [9.9, 0.1, 6.9]])
+    assert_array_equal(detector.predict(new), [-1, 1, 1])
+
+
+def test_without_a_normal_residual_all_points_are_outliers():
+    X = np.column_stack([np.arange(6.0), [0, 100, 0, 100, 0, 100.0]])
+    detector = FuzzyPlaneDetector(width=0.1).fit(X)
+    assert (detector.membership_residual_ >= 0.5).all()
+    assert (detector.labels_ == -1).all()
+
+
+def test_one_huge_outlier_masks_others_with_the_paper_s_weights_only():
+    X = plane_with_outliers(500, 40, 8.0)
+    X[0, 2] += 100
+    share = {
+        w: (FuzzyPlaneDetector(correction="sidak", weighting=w).fit_predict(X)[:40] == -1).mean()
+        for w in ("ratio", "cut")
+    }
+    assert share["ratio"] < 0.5
+    assert share["cut"] > 0.9
+
+
+def test_weight_zero_is_the_same_as_absence():
+    X = plane_with_outliers(100, 10, 8.0)
+    p = np.ones(100)
+    p[::4] = 0
+    detector = FuzzyPlaneDetector().fit(X, sample_weight=p)
+    without = FuzzyPlaneDetector().fit(X[p > 0])
+    assert_array_equal(detector.labels_[p > 0], without.labels_)
+    assert (detector.labels_[p == 0] == 1).all()
+    assert_allclose(detector.decision_function(X), without.decision_function(X), atol=1e-12)
+
+
+def test_the_variance_factor_falls_when_the_outliers_go():
+    detector = FuzzyPlaneDetector().fit(plane_with_outliers(1000, 50, 10.0))
+    assert detector.variance_factor_ < detector.variance_factor_initial_
+
+
+def test_contamination_sets_the_share_of_outliers():
+    X = plane_with_outliers()
+    assert (FuzzyPlaneDetector(contamination=0.1).fit_predict(X) == -1).sum() == 40
+
+
+def test_a_new_point_far_outside_has_the_deviation_of_an_added_one():
+    X = plane_with_outliers(100, 5, 12.0)
+    detector = FuzzyPlaneDetector().fit(X)
+    far = np.array([[500.0, 500.0, 0.0]])
+    far[0, 2] = far[0, :2] @ detector.coef_ + detector.intercept_ + 5
+    # Five sigma off, but the plane is known to some ten there.
+    assert detector.predict(far)[0] == 1

@@ -1,0 +1,70 @@
+"""The report says what the detector found."""
+
+import numpy as np
+import pytest
+
+from adjustment_clouds import plane_with_outliers
+from sklearn_mcmd.adjustment import (
+    BaardaPlaneDetector,
+    FuzzyPlaneDetector,
+    plot_report,
+    text_report,
+)
+
+DETECTORS = [
+    BaardaPlaneDetector(),
+    BaardaPlaneDetector(surface="orthogonal", sigma0="auto", elimination="all"),
+    FuzzyPlaneDetector(),
+    FuzzyPlaneDetector(1e-9, surface="orthogonal"),
+]
+
+
+@pytest.mark.parametrize("detector", DETECTORS)
+def test_the_text_has_the_figures_of_the_fit(detector):
+    X = plane_with_outliers(200, 10, 12.0)
+    text = text_report(detector.fit(X), X, unit="m", title="Wall 7", n_worst=3)
+    n_outliers = (detector.labels_ == -1).sum()
+    assert text.startswith("Wall 7\n======\n")
+    assert f"{n_outliers} of 200" in text
+    assert f"{detector.critical_value_:.4f}" in text
+    assert f"{detector.variance_factor_:.6g}" in text
+    worst = int(np.argmax(detector.test_statistic_))
+    assert text.splitlines()[-3].split()[0] == str(worst)
+
+
+def test_the_count_of_returned_points_is_reported():
+    X = plane_with_outliers(500, 100, 60.0, sigma=0.1)
+    detector = BaardaPlaneDetector(0.15, correction="none", elimination="all").fit(X)
+    removed = np.count_nonzero(detector.elimination_step_)
+    assert f"{removed} in" in text_report(detector, X)
+    assert f"{removed - 100} came back" in text_report(detector, X)
+
+
+def test_other_points_than_the_fitted_are_refused():
+    X = plane_with_outliers(50, 2, 12.0)
+    detector = FuzzyPlaneDetector().fit(X)
+    with pytest.raises(ValueError, match="pass the training points"):
+        text_report(detector, X[:-1])
+
+
+@pytest.mark.parametrize("detector", DETECTORS)
+@pytest.mark.parametrize("columns", [[0, 2], [0, 1, 2]])
+def test_the_figure_has_three_panels_and_can_be_saved(detector, columns, tmp_path):
+    pytest.importorskip("matplotlib")
+    X = plane_with_outliers(200, 10, 12.0)[:, columns]
+    figure = plot_report(detector.fit(X), X, unit="m")
+    figure.savefig(tmp_path / "report.png")
+    assert (tmp_path / "report.png").stat().st_size > 10_000
+    titles = {axes.get_title() for axes in figure.axes}
+    assert {"Residual map", "Residuals"} < titles
+    last = "Memberships" if isinstance(detector, FuzzyPlaneDetector) else "Test statistics"
+    assert last in titles
+
+
+@pytest.mark.parametrize("X", [np.ones((5, 3)), np.column_stack([np.arange(9.0)] * 3)])
+@pytest.mark.filterwarnings("ignore:.* without redundancy")
+def test_degenerate_clouds_have_a_report_too(X, tmp_path):
+    pytest.importorskip("matplotlib")
+    for detector in DETECTORS:
+        assert "outliers" in text_report(detector.fit(X), X)
+        plot_report(detector, X).savefig(tmp_path / "report.png")

@@ -1,0 +1,190 @@
+"""Rates on the command line: they reach the estimators, and wrong ones are named."""
+
+import inspect
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
+from sklearn_mcmd.cli import _denoise, _normals, _segment, app
+from sklearn_mcmd.outliers._calibration import LEAST_EXPECTED, MOST
+
+VERBS = {
+    "denoise": (_denoise, "_find_outliers"),
+    "normals": (_normals, "_find_normals"),
+    "segment": (_segment, "_find_regions"),
+}
+
+
+@pytest.fixture(scope="module")
+def room():
+    """A floor and a wall with stray points in the air."""
+    rng = np.random.default_rng(0)
+    floor = rng.uniform(0, 2, (450, 3)) * [1, 1, 0]
+    wall = rng.uniform(0, 2, (450, 3)) * [1, 0, 1] + [0, 2, 0]
+    stray = rng.uniform(0.3, 1.7, (30, 3))
+    return np.vstack([np.vstack([floor, wall]) + rng.normal(0, 0.003, (900, 3)), stray])
+
+
+@pytest.fixture
+def room_file(tmp_path, room):
+    np.save(tmp_path / "room.npy", room)
+    return tmp_path / "room.npy"
+
+
+def run(*args):
+    return CliRunner().invoke(app, [str(a) for a in args], prog_name="mcmd")
+
+
+def usage_error(result):
+    """What is in the box of wrong usage, its lines joined."""
+    assert result.exit_code == 2, result.output
+    lines = [line.strip("│╭╮╰╯─ ") for line in result.stderr.splitlines()]
+    return " ".join(" ".join(lines).split())
+
+
+# ---- --false-positive-rate ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("options", [(), ("--noise-scale", "own", "--max-iter", 1, "--no-borrow")])
+def test_the_false_positive_rate_reaches_the_detector(options, room, room_file, tmp_path):
+    result = run(
+        *("denoise", room_file, tmp_path / "out.npy", "--mode", "mark"),
+        *("--false-positive-rate", 0.05, *options),
+    )
+    assert result.exit_code == 0, result.output
+    paper = {"noise_scale": "own", "max_iter": 1, "borrow": False} if options else {}
+    detector = MCMDOutlierDetector(false_positive_rate=0.05, random_state=0, **paper)
+    labels = detector.fit_predict(room)
+    np.testing.assert_array_equal(np.load(tmp_path / "out.npy")["outlier"], labels == -1)
+    usual = MCMDOutlierDetector(random_state=0, **paper).fit_predict(room)
+    assert (labels == -1).sum() > (usual == -1).sum()
+
+
+@pytest.mark.parametrize("rate", ["0", "1e-5", "0.5", "-0.1", "nan", "few", "1%"])
+def test_a_false_positive_rate_out_of_range_is_named_with_the_range(rate, room_file, tmp_path):
+    result = run("denoise", room_file, tmp_path / "out.npy", "--false-positive-rate", rate)
+    error = usage_error(result)
+    assert "'--false-positive-rate'" in error
+    assert f"{rate} is not a number from 0.0001 to below 0.5" in error
+    assert not (tmp_path / "out.npy").exists()
+
+
+def test_the_least_rate_is_what_the_simulation_resolves():
+    assert LEAST_EXPECTED / MOST[True] == _denoise.LEAST_RATE
+    constraint, _ = MCMDOutlierDetector._parameter_constraints["false_positive_rate"]
+    assert constraint.right == _denoise.LARGEST_RATE
+
+
+def test_a_rate_and_a_cutoff_exclude_each_other(room_file, tmp_path):
+    result = run(
+        *("denoise", room_file, tmp_path / "out.npy"),
+        *("--false-positive-rate", 0.01, "--cutoff", 2.8),
+    )
+    error = usage_error(result)
+    assert "--false-positive-rate: 0.01 and --cutoff 2.8 exclude each other" in error
+    assert not (tmp_path / "out.npy").exists()
+
+
+def test_a_rate_out_of_reach_fails_in_one_line(room_file, tmp_path):
+    result = run("denoise", room_file, tmp_path / "out.npy", "--false-positive-rate", 0.4)
+    assert result.exit_code == 1
+    assert result.stderr.startswith("mcmd: error: --false-positive-rate 0.4 is out of reach")
+    assert len(result.stderr.splitlines()) == 1
+    assert not (tmp_path / "out.npy").exists()
+
+
+# ---- --outlier-rate -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("given", "parsed"), [("auto", "auto"), ("0", 0.0), ("0.99", 0.99)])
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_word_and_the_ends_of_the_range_are_parsed(
+    verb, given, parsed, room_file, tmp_path, monkeypatch
+):
+    asked = []
+
+    def work(xyz, quiet, normals=None, **params):
+        asked.append((normals or params)["outlier_rate"])
+        raise ValueError("enough is known")
+
+    monkeypatch.setattr(*VERBS[verb], work)
+    assert run(verb, room_file, tmp_path / "out.npy", "--outlier-rate", given).exit_code == 1
+    assert asked == [parsed]
+
+
+def test_outlier_rate_auto_denoises_as_the_detector_does(room, room_file, tmp_path):
+    target = tmp_path / "out.npy"
+    result = run("denoise", room_file, target, "--mode", "mark", "--outlier-rate", "auto")
+    assert result.exit_code == 0, result.output
+    detector = MCMDOutlierDetector(outlier_rate="auto", random_state=0).fit(room)
+    out = np.load(target)
+    np.testing.assert_array_equal(out["outlier_score"], (-detector.scores_).astype(np.float32))
+    # Where fewer trials were made, another plane won here and there.
+    assert (detector.scores_ != MCMDOutlierDetector(random_state=0).fit(room).scores_).any()
+
+
+def test_outlier_rate_auto_gives_the_normals_of_the_estimator(room, room_file, tmp_path):
+    result = run("normals", room_file, tmp_path / "out.npy", "--outlier-rate", "auto")
+    assert result.exit_code == 0, result.output
+    fitted = RobustNormalEstimator(outlier_rate="auto", random_state=0).fit(room)
+    out = np.load(tmp_path / "out.npy")
+    normals = np.column_stack([out[f"normal_{axis}"] for axis in "xyz"])
+    np.testing.assert_array_equal(normals, fitted.normals_.astype(np.float32))
+
+
+def test_outlier_rate_auto_segments_by_the_normals_of_the_estimator(room, room_file, tmp_path):
+    result = run("segment", room_file, tmp_path / "out.npy", "--outlier-rate", "auto")
+    assert result.exit_code == 0, result.output
+    normals = RobustNormalEstimator(outlier_rate="auto", random_state=0)
+    labels = RegionGrowing(normal_estimator=normals).fit_predict(room)
+    np.testing.assert_array_equal(np.load(tmp_path / "out.npy")["region"], labels)
+
+
+@pytest.mark.parametrize("rate", ["1", "-0.1", "nan", "half", "Auto"])
+@pytest.mark.parametrize("verb", VERBS)
+def test_an_outlier_rate_out_of_range_is_named_with_the_range(verb, rate, room_file, tmp_path):
+    error = usage_error(run(verb, room_file, tmp_path / "out.npy", "--outlier-rate", rate))
+    assert "'--outlier-rate'" in error
+    assert f"{rate} is not auto or a number from 0 to 0.99" in error
+    assert not (tmp_path / "out.npy").exists()
+
+
+# ---- numbers of other options, parsed in the same place -------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("verb", "option", "value", "expected"),
+    [
+        ("denoise", "--cutoff", "3 sigma", "a number above 0"),
+        ("denoise", "--noise-scale", "lokal", "local, own, pooled or a number above 0"),
+        ("normals", "--radius", "inf", "a number above 0"),
+        ("segment", "--max-angle", "0", "a number above 0 and up to 90"),
+        ("edges", "--threshold", "0", "a number above 0"),
+        ("plane", "--sigma0", "5mm", "auto or a number above 0"),
+        ("plane", "--alpha", "1", "a number between 0 and 1"),
+    ],
+)
+def test_what_is_no_number_or_out_of_range_is_named(
+    verb, option, value, expected, room_file, tmp_path
+):
+    error = usage_error(run(verb, room_file, tmp_path / "out.npy", option, value))
+    assert f"'{option}'" in error
+    assert f"{value} is not {expected}" in error
+    assert not (tmp_path / "out.npy").exists()
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_help_names_what_the_rates_take(verb):
+    text = run(verb, "--help").stdout
+    assert "NUMBER|auto" in text
+    if verb == "denoise":
+        assert "--false-positive-rate 0.01" in " ".join(text.split())
+
+
+def test_the_default_of_every_rate_is_the_estimators():
+    estimator = inspect.signature(MCMDOutlierDetector).parameters
+    verb = inspect.signature(_denoise.denoise).parameters
+    for name in ("false_positive_rate", "outlier_rate", "cutoff"):
+        assert verb[name].default == estimator[name].default

@@ -1,0 +1,232 @@
+"""RobustNormalEstimator: the reference, truth, invariances, orientation, columns."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from sklearn.ensemble import RandomForestClassifier
+from sklearn.pipeline import make_pipeline
+
+from reference import plane, saliency
+from scenes import sphere
+from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
+from sklearn_mcmd.datasets import make_street
+from sklearn_mcmd.metrics import bias_angle
+from sklearn_mcmd.planes._consistent_set import draw_trials
+
+GRID = np.array([5e5, 5.4e6, 100])  # national grid coordinates
+
+
+@pytest.fixture(scope="module")
+def street():
+    return make_street(6000, random_state=0)
+
+
+@pytest.mark.parametrize("n", [400, 3000])  # NumPy and compiled
+@pytest.mark.parametrize(("method", "cutoff"), [("mcmd_z", 2.5), ("mcmd_md", 3.0575159)])
+def test_normals_equal_algorithm_4_taken_literally(n, method, cutoff):
+    X = make_street(n, random_state=2).data
+    estimator = RobustNormalEstimator(
+        30, method=method, refine=None, outlier_rate=0.2, random_state=1
+    ).fit(X)
+    trials = draw_trials(estimator.n_trials_, 30, random_state=1)
+    for i in range(0, 60, 3):
+        _, normal, eigenvalues = saliency(X, X[i], 30, trials, 15, method, cutoff)
+        assert bias_angle(estimator.normals_[i], normal) < 1e-6
+        assert_allclose(estimator.eigenvalues_[i], eigenvalues, rtol=1e-9, atol=1e-18)
+        assert_allclose(estimator.surface_variation_[i], eigenvalues[0] / eigenvalues.sum())
+
+
+def test_pca_is_principal_components_of_each_neighborhood(street):
+    X = street.data
+    estimator = RobustNormalEstimator(20, method="pca").fit(X)
+    for i in range(0, 100, 10):
+        nearest = np.argsort(np.linalg.norm(X - X[i], axis=1))[:20]
+        _, eigenvalues, axes = plane(X[nearest])
+        assert bias_angle(estimator.normals_[i], axes[:, 0]) < 1e-6
+        assert_allclose(estimator.eigenvalues_[i], eigenvalues, rtol=1e-9)
+    assert_array_equal(estimator.removed_fraction_, 0)
+
+
+def test_robust_normals_are_closer_to_the_truth_than_pca(street):
+    good = (street.target == 1) & np.isfinite(street.normals).all(axis=1)
+    errors = {}
+    for method in ("pca", "mcmd_z", "mcmd_md"):
+        normals = RobustNormalEstimator(30, method=method, random_state=0).fit(street.data).normals_
+        errors[method] = bias_angle(normals[good], street.normals[good])
+    for method in ("mcmd_z", "mcmd_md"):
+        assert np.mean(errors[method] < 10) > np.mean(errors["pca"] < 10) + 0.1
+        assert np.median(errors[method]) < np.median(errors["pca"])
+
+
+@pytest.mark.parametrize("n", [500, 4000])
+def test_national_grid_coordinates_cost_no_accuracy(n):
+    X = make_street(n, random_state=0).data
+    X = np.round(X * 2**20) / 2**20  # so that the shift itself is exact to 1e-9
+    local = RobustNormalEstimator(random_state=0).fit(X)
+    moved = RobustNormalEstimator(random_state=0).fit(X + GRID)
+    assert bias_angle(local.normals_, moved.normals_).max() < 1e-6
+    assert_allclose(moved.eigenvalues_, local.eigenvalues_, rtol=1e-6, atol=1e-15)
+
+
+def test_float32_at_national_grid_coordinates_warns(street):
+    moved = (street.data + GRID).astype(np.float32)
+    with pytest.warns(UserWarning, match="float32 rounds coordinates as large as 5.4e"):
+        RobustNormalEstimator(random_state=0).fit(moved)
+
+
+def test_float32_at_local_coordinates_does_not_warn(street, recwarn):
+    estimator = RobustNormalEstimator(random_state=0)
+    columns = estimator.fit_transform(street.data.astype(np.float32))
+    assert columns.dtype == np.float32
+    assert not recwarn.list
+
+
+def test_rotating_the_cloud_rotates_the_normals(street):
+    X = street.data[:2000]
+    turn, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))
+    normals = RobustNormalEstimator(random_state=0).fit(X).normals_
+    turned = RobustNormalEstimator(random_state=0).fit(X @ turn.T).normals_
+    assert np.quantile(bias_angle(normals @ turn.T, turned), 0.999) < 1e-5
+
+
+def test_scaling_the_cloud_scales_eigenvalues_and_nothing_else(street):
+    X = street.data[:2000]
+    first = RobustNormalEstimator(random_state=0).fit(X)
+    second = RobustNormalEstimator(random_state=0).fit(1000 * X)
+    assert bias_angle(first.normals_, second.normals_).max() < 1e-6
+    assert_allclose(second.eigenvalues_, 1e6 * first.eigenvalues_, rtol=1e-9)
+    assert_allclose(second.surface_variation_, first.surface_variation_, rtol=1e-9)
+
+
+def test_transform_of_the_training_cloud_is_fit_transform(street):
+    estimator = RobustNormalEstimator(random_state=0)
+    columns = estimator.fit_transform(street.data)
+    assert_array_equal(columns, estimator.transform(street.data))
+    assert_array_equal(columns[:, :3], street.data)
+    assert_array_equal(columns[:, 3:6], estimator.normals_)
+    assert_array_equal(columns[:, 6], estimator.surface_variation_)
+    assert_array_equal(columns[:, 7:], estimator.eigenvalues_)
+
+
+@pytest.mark.parametrize("library", ["pandas", "polars"])
+def test_columns_have_names_in_data_frames(street, library):
+    frames = pytest.importorskip(library)
+    X = frames.DataFrame({name: street.data[:200, i] for i, name in enumerate("xyz")})
+    frame = RobustNormalEstimator(20, random_state=0).set_output(transform=library).fit_transform(X)
+    assert list(frame.columns) == [
+        "x", "y", "z", "normal_x", "normal_y", "normal_z",
+        "surface_variation", "eigenvalue_0", "eigenvalue_1", "eigenvalue_2",
+    ]  # fmt: skip
+
+
+def test_it_feeds_a_classifier_in_a_pipeline(street):
+    good = street.target == 1
+    vertical = np.abs(street.normals[good][:, 2]) < 0.1
+    model = make_pipeline(
+        RobustNormalEstimator(20, random_state=0), RandomForestClassifier(20, random_state=0)
+    )
+    assert model.fit(street.data[good], vertical).score(street.data[good], vertical) > 0.95
+
+
+def test_a_radius_takes_the_points_within_it(street):
+    X = street.data
+    estimator = RobustNormalEstimator(200, radius=0.2, method="pca").fit(X)
+    for i in range(0, 200, 20):
+        inside = X[np.linalg.norm(X - X[i], axis=1) <= 0.2]
+        if 4 <= len(inside) <= 200:
+            _, eigenvalues, axes = plane(inside)
+            assert_allclose(estimator.eigenvalues_[i], eigenvalues, rtol=1e-9)
+            assert bias_angle(estimator.normals_[i], axes[:, 0]) < 1e-6
+
+
+@pytest.mark.parametrize("n", [300, 3000])
+def test_lonely_points_use_their_nearest_neighbors(n):
+    X = make_street(n, random_state=0).data
+    columns = RobustNormalEstimator(30, radius=1e-6, random_state=0).fit_transform(X)
+    assert np.isfinite(columns).all()
+    expected = RobustNormalEstimator(4, method="pca").fit(X)
+    found = RobustNormalEstimator(30, radius=1e-6, method="pca").fit(X)
+    assert_allclose(found.eigenvalues_, expected.eigenvalues_, rtol=1e-9, atol=1e-30)
+
+
+@pytest.mark.parametrize("n", [100, 2000])
+def test_collinear_neighborhoods_have_a_defined_normal(n):
+    t = np.linspace(0, 1, n)[:, None]
+    normals = RobustNormalEstimator(20, random_state=0).fit(t * [[1.0, 1.0, 0.0]]).normals_
+    assert_allclose(normals, np.tile([0, 0, 1.0], (n, 1)), atol=1e-9)
+    steep = RobustNormalEstimator(20, random_state=0).fit(t * [[0.0, 0.0, 1.0]])
+    assert_allclose(np.abs(steep.normals_ @ [0, 0, 1]), 0, atol=1e-9)
+    assert_allclose(steep.surface_variation_, 0, atol=1e-12)
+
+
+def test_normals_point_up_unless_asked_otherwise(street):
+    assert (RobustNormalEstimator(random_state=0).fit(street.data).normals_[:, 2] >= 0).all()
+
+
+def test_normals_point_to_the_side_of_a_direction(street):
+    direction = [0.0, -1.0, 0.2]
+    estimator = RobustNormalEstimator(orientation=direction, random_state=0).fit(street.data)
+    assert (estimator.normals_ @ direction >= 0).all()
+
+
+def test_normals_point_to_the_viewpoint():
+    X, directions = sphere(2000)
+    inside = RobustNormalEstimator(
+        20, orientation="viewpoint", viewpoint=[0, 0, 0], random_state=0
+    ).fit(X)
+    assert (np.einsum("ij,ij->i", inside.normals_, directions) < -0.9).all()
+    assert_array_equal(inside.transform(X[:9])[:, 3:6], inside.normals_[:9])
+
+
+@pytest.mark.parametrize("shift", [0.0, 1e6])
+def test_a_spanning_tree_orients_closed_surfaces_outward(shift):
+    first, directions = sphere(1500)
+    second, more = sphere(1200, seed=1)
+    X = np.vstack([first, 0.5 * second + [5, 0, 0]]) + shift  # two parts, not connected
+    estimator = RobustNormalEstimator(20, orientation="mst", random_state=0).fit(X)
+    outward = np.einsum("ij,ij->i", estimator.normals_, np.vstack([directions, more]))
+    assert (outward > 0.9).all()
+    queries = X[::7]
+    assert_array_equal(estimator.transform(queries)[:, 3:6], estimator.normals_[::7])
+
+
+def test_copies_of_points_do_not_matter_to_the_spanning_tree():
+    X, directions = sphere(1500)
+    X = np.vstack([X, X[:700], np.tile([[5.0, 5.0, 5.0]], (20_000, 1))])
+    estimator = RobustNormalEstimator(20, orientation="mst", random_state=0).fit(X)
+    truth = np.vstack([directions, directions[:700]])
+    outward = np.einsum("ij,ij->i", estimator.normals_[:2200], truth)
+    assert (outward > 0.9).all()
+
+
+def test_one_neighborhood_has_one_normal_however_oriented():
+    X = np.random.default_rng(0).normal(size=(60, 3)) * [1, 1, 0.01]
+    normals = RobustNormalEstimator(None, orientation="mst", random_state=0).fit(X).normals_
+    assert (normals == normals[0]).all()
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"orientation": "viewpoint"}, "needs viewpoint, the scanner's position"),
+        ({"viewpoint": [0, 0, 9]}, "orientation is not"),
+        ({"orientation": [0, 0, 0]}, "must not be zero"),
+        ({"orientation": [0, 1]}, r"orientation must have shape \(3,\)"),
+        ({"orientation": "up"}, "'orientation' parameter"),
+        ({"orientation": "viewpoint", "viewpoint": [0, 0, np.nan]}, "viewpoint contains NaN"),
+        ({"radius": 0}, "'radius' parameter"),
+        ({"radius": 1.0, "n_neighbors": None}, "radius=1.0 has no meaning with n_neighbors=None"),
+    ],
+)
+def test_bad_parameters_are_named(street, parameters, message):
+    with pytest.raises(ValueError, match=message):
+        RobustNormalEstimator(**parameters).fit(street.data)
+
+
+def test_detector_and_normals_come_from_the_same_planes(street):
+    detector = MCMDOutlierDetector(
+        refine=None, max_iter=1, noise_scale="own", borrow=False, random_state=0
+    ).fit(street.data)
+    estimator = RobustNormalEstimator(refine=None, random_state=0).fit(street.data)
+    planes = detector._model.evaluate(street.data)
+    assert_allclose(np.abs(np.einsum("ij,ij->i", planes.normals, estimator.normals_)), 1)

@@ -1,0 +1,225 @@
+"""Features by name: formulas, columns, errors; agreement with another library."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from sklearn.base import clone
+from sklearn.model_selection import GridSearchCV
+from sklearn.pipeline import make_pipeline
+from sklearn.tree import DecisionTreeClassifier
+
+from reference import plane, saliency
+from sklearn_mcmd import RobustNormalEstimator
+from sklearn_mcmd.datasets import make_street
+from sklearn_mcmd.normals._features import FEATURES, settle_features
+from sklearn_mcmd.planes._consistent_set import draw_trials
+
+NAMES = list(FEATURES)
+
+
+@pytest.fixture(scope="module")
+def street():
+    return make_street(3000, random_state=0)
+
+
+def features_of(point, mean, eigenvalues, normal):
+    """The formulas, one point at a time."""
+    l0, l1, l2 = (float(value) for value in eigenvalues)
+    e = [value / (l0 + l1 + l2) for value in (l0, l1, l2)]
+    return {
+        "linearity": (l2 - l1) / l2,
+        "planarity": (l1 - l0) / l2,
+        "sphericity": l0 / l2,
+        "omnivariance": (e[0] * e[1] * e[2]) ** (1 / 3),
+        "anisotropy": (l2 - l0) / l2,
+        "eigenentropy": -sum(value * np.log(value) for value in e),
+        "verticality": 1 - abs(float(normal[2])),
+        "roughness": abs(float((point - mean) @ normal)),
+    }
+
+
+def columns_of(X, names, **parameters):
+    estimator = RobustNormalEstimator(features=names, random_state=0, **parameters)
+    return dict(zip(estimator.fit(X)._feature_names, estimator.features_.T, strict=True))
+
+
+@pytest.mark.parametrize("n", [400, 3000])  # NumPy and compiled
+def test_features_are_those_of_principal_components_taken_literally(n):
+    X = make_street(n, random_state=1).data
+    columns = columns_of(X, "all", n_neighbors=20, method="pca")
+    for i in range(0, n, n // 20):
+        nearest = np.argsort(np.linalg.norm(X - X[i], axis=1))[:20]
+        mean, eigenvalues, axes = plane(X[nearest])
+        for name, value in features_of(X[i], mean, eigenvalues, axes[:, 0]).items():
+            assert_allclose(columns[name][i], value, rtol=1e-6, atol=1e-9, err_msg=name)
+
+
+@pytest.mark.parametrize("n", [400, 3000])
+def test_robust_features_are_those_of_algorithm_4_taken_literally(n):
+    X = make_street(n, random_state=2).data
+    columns = columns_of(X, "all", n_neighbors=30, refine=None, outlier_rate=0.2)
+    trials = draw_trials(columns_n_trials(X), 30, random_state=0)
+    for i in range(0, 60, 3):
+        _, normal, eigenvalues = saliency(X, X[i], 30, trials, 15, "mcmd_z", 2.5)
+        expected = features_of(X[i], X[i], eigenvalues, normal)
+        for name in expected.keys() - {"roughness"}:
+            assert_allclose(columns[name][i], expected[name], rtol=1e-6, atol=1e-9, err_msg=name)
+
+
+def columns_n_trials(X):
+    return RobustNormalEstimator(30, refine=None, outlier_rate=0.2).fit(X).n_trials_
+
+
+def test_features_agree_with_pgeof(street):
+    pgeof = pytest.importorskip("pgeof")
+    X = 1000.0 * street.data  # millimeters, so that their constants of 1e-3 do not matter
+    ids = pgeof.EFeatureID
+    # The neighborhoods must be the same ones: k nearest, all within a radius beyond the cloud.
+    theirs = pgeof.compute_features_selected(
+        X, 1e6, 20, [ids.Verticality, ids.Eigentropy, ids.Volume, ids.Linearity, ids.Planarity]
+    )
+    estimator = RobustNormalEstimator(
+        20, method="pca", features=["verticality", "eigenentropy", "omnivariance"]
+    ).fit(X)
+    ours, total = estimator.features_, estimator.eigenvalues_.sum(axis=1)
+    assert_allclose(ours[:, 0], theirs[:, 0], atol=1e-6)
+    # They add 1e-3 in the logarithm, which takes 1e-3 from each of three terms.
+    assert_allclose(ours[:, 1], theirs[:, 1] + 0.003, atol=2e-3)
+    assert_allclose(np.sqrt(ours[:, 2] * total), theirs[:, 2], rtol=1e-3)  # roots there
+    roots = np.sqrt(estimator.eigenvalues_)
+    assert_allclose((roots[:, 2] - roots[:, 1]) / roots[:, 2], theirs[:, 3], atol=1e-4)
+    assert_allclose((roots[:, 1] - roots[:, 0]) / roots[:, 2], theirs[:, 4], atol=1e-4)
+
+
+def test_the_three_dimensionalities_add_up_to_one(street):
+    columns = columns_of(street.data, ["linearity", "planarity", "sphericity"])
+    assert_allclose(sum(columns.values()), 1)
+
+
+def test_limits_on_a_line_a_disc_and_a_ball():
+    rng = np.random.default_rng(0)
+    ball = rng.normal(size=(4000, 3))
+    for flatten, linear, planar, spherical, omni, entropy in (
+        ([1, 0, 0], 1, 0, 0, 0, 0),
+        ([1, 1, 0], 0, 1, 0, 0, np.log(2)),
+        ([1, 1, 1], 0, 0, 1, 1 / 3, np.log(3)),
+    ):
+        columns = columns_of(ball * flatten, "all", n_neighbors=None, method="pca")
+        found = [columns[name][0] for name in NAMES[:6]]
+        expected = [linear, planar, spherical, omni, 1 - spherical, entropy]
+        # Eigenvalues of 4000 normal numbers differ by some 3 %.
+        assert_allclose(found, expected, atol=0.1)
+
+
+def test_verticality_is_0_on_a_floor_and_1_on_a_wall():
+    floor = np.random.default_rng(0).uniform(0, 1, (200, 3)) * [1, 1, 0]
+    assert_allclose(columns_of(floor, "verticality")["verticality"], 0, atol=1e-9)
+    assert_allclose(columns_of(floor[:, ::-1], "verticality")["verticality"], 1, atol=1e-9)
+
+
+def test_roughness_of_a_stray_point_is_its_height_above_the_floor():
+    rng = np.random.default_rng(0)
+    X = rng.uniform(0, 1, (300, 3)) * [1, 1, 0] + [5e5, 5.4e6, 0]
+    X[0, 2] = 0.25
+    assert_allclose(columns_of(X, "roughness")["roughness"][0], 0.25, rtol=1e-9)
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+def test_coincident_points_have_finite_features(d):
+    columns = columns_of(np.ones((60, d)), "all", n_neighbors=20, outlier_rate=0.1)
+    for name, values in columns.items():
+        assert_array_equal(values, 90 if name == "normal_error" else 0, err_msg=name)
+
+
+def test_a_cloud_in_other_units_differs_in_roughness_alone(street):
+    ours = columns_of(street.data, "all")
+    theirs = columns_of(1000 * street.data, "all")
+    assert_allclose(theirs.pop("roughness"), 1000 * ours.pop("roughness"), rtol=1e-6, atol=1e-9)
+    for name, values in ours.items():
+        assert_allclose(theirs[name], values, rtol=1e-6, atol=1e-12, err_msg=name)
+
+
+def test_an_edge_is_planar_to_cleaned_neighborhoods_only(street):
+    edge = (street.target == 1) & (street.edge_distance < 0.05)
+    robust, plain = (
+        columns_of(street.data, "sphericity", n_neighbors=30, method=method)["sphericity"][edge]
+        for method in ("mcmd_z", "pca")
+    )
+    assert np.median(robust) < 0.5 * np.median(plain)
+
+
+def test_columns_come_in_the_order_asked_for(street):
+    names = ["roughness", "linearity", "normal_error", "removed_fraction"]
+    estimator = RobustNormalEstimator(features=names, random_state=0)
+    columns = estimator.fit_transform(street.data)
+    assert list(estimator.get_feature_names_out()[10:]) == names
+    assert_array_equal(columns[:, 10:], estimator.features_)
+    assert_array_equal(columns[:, 12], estimator.normal_error_)
+    assert_array_equal(columns[:, 13], estimator.removed_fraction_)
+    assert_array_equal(columns, estimator.transform(street.data))
+    assert_allclose(columns[:, 11], columns_of(street.data, "all")["linearity"])
+
+
+def test_no_features_leave_the_columns_as_they_were(street):
+    estimator = RobustNormalEstimator(random_state=0)
+    assert estimator.fit_transform(street.data).shape == (3000, 10)
+    assert estimator.features_.shape == (3000, 0)
+
+
+@pytest.mark.parametrize("library", ["pandas", "polars"])
+def test_features_are_columns_of_data_frames(street, library):
+    frames = pytest.importorskip(library)
+    X = frames.DataFrame({name: street.data[:200, i] for i, name in enumerate("xyz")})
+    estimator = RobustNormalEstimator(20, features="all", random_state=0)
+    frame = estimator.set_output(transform=library).fit_transform(X)
+    assert list(frame.columns)[10:] == NAMES
+    assert_array_equal(frame["roughness"].to_numpy(), estimator.features_[:, 7])
+
+
+def test_float32_clouds_have_float32_features(street):
+    X = street.data.astype(np.float32)
+    columns = RobustNormalEstimator(20, features="all", random_state=0).fit_transform(X)
+    assert columns.dtype == np.float32
+    expected = columns_of(X.astype(np.float64), "all", n_neighbors=20)
+    assert_allclose(columns[:, 10], expected["linearity"], atol=1e-4)
+
+
+def test_planes_beyond_space_have_all_but_the_features_of_space():
+    X = np.random.default_rng(0).normal(size=(200, 4))
+    estimator = RobustNormalEstimator(20, features="all", outlier_rate=0.1).fit(X)
+    assert list(estimator.get_feature_names_out()[-8:]) == NAMES[2:]
+    assert np.isfinite(estimator.features_).all()
+
+
+@pytest.mark.parametrize(
+    ("d", "features", "message"),
+    [
+        (3, ["planarity", "flatness"], r"features='flatness' is not known: take linearity, .*, or"),
+        (3, ["planarity", "planarity"], "has a name twice"),
+        (3, [3], "features=3 is not known"),
+        (3, "flatness", "'features' parameter .*'planarity'"),
+        (2, ["sphericity", "linearity"], "'linearity' is defined in 3D only and X has 2 features"),
+        (4, "planarity", "'planarity' is defined in 3D only and X has 4 features: take spher"),
+    ],
+)
+def test_wrong_names_are_named_and_the_right_ones_listed(d, features, message):
+    X = np.random.default_rng(0).normal(size=(50, d))
+    with pytest.raises(ValueError, match=message):
+        RobustNormalEstimator(20, features=features, outlier_rate=0.1).fit(X)
+
+
+def test_names_may_come_as_any_sequence():
+    for names in (["linearity", "roughness"], ("linearity", "roughness"), np.array(NAMES[:1])):
+        assert settle_features(names) == tuple(names)
+    assert settle_features("roughness") == ("roughness",)
+    assert settle_features(None) == ()
+
+
+def test_features_can_be_searched(street):
+    good = street.target == 1
+    X, vertical = street.data[good][::3], np.abs(street.normals[good][::3, 2]) < 0.1
+    model = make_pipeline(RobustNormalEstimator(20), DecisionTreeClassifier(random_state=0))
+    grid = {"robustnormalestimator__features": [None, "all", ["verticality"]]}
+    search = GridSearchCV(clone(model), grid, cv=2, error_score="raise").fit(X, vertical)
+    assert len(search.cv_results_["params"]) == 3
+    assert search.best_score_ > 0.9

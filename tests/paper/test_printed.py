@@ -1,0 +1,86 @@
+"""The paper's printed numbers agree with each other where they can, and where not it is said."""
+
+import numpy as np
+import pytest
+
+from sklearn_mcmd.paper._classification import flagged_in_paper
+from sklearn_mcmd.paper._printed import (
+    ANGLES,
+    BREAKDOWN,
+    CLASSIFICATION,
+    OUTLIERS,
+    RATES,
+    SECONDS,
+    SHARES,
+    SIZES,
+    STATISTICS,
+    TIMED_SHARES,
+)
+from sklearn_mcmd.planes._consistent_set import n_trials_needed
+
+ROWS = [(name, share) for name in CLASSIFICATION for share in SHARES]
+
+
+@pytest.mark.parametrize(("name", "share"), ROWS)
+def test_the_rates_of_table_4_add_up_within_their_rounding(name, share):
+    found, kept, swamped, masked, accuracy = CLASSIFICATION[name][share]
+    assert kept + swamped == pytest.approx(100, abs=0.1001)
+    assert found + masked == pytest.approx(100, abs=0.1001)
+    # Rates are printed to a tenth.
+    assert accuracy == pytest.approx((share * found + (100 - share) * kept) / 100, abs=0.08)
+
+
+@pytest.mark.parametrize(
+    ("name", "counts"), [("uLSIF", (7.0, 23.0, 46.0)), ("qSp", (8.0, 30.0, 40.0))]
+)
+def test_ulsif_and_qsp_flag_whole_numbers_of_points(name, counts):
+    for share, count in zip(SHARES, counts, strict=True):
+        found, kept = CLASSIFICATION[name][share][:2]
+        flagged = (found * share + (100 - kept) * (100 - share)) / 100
+        assert flagged == pytest.approx(count, abs=0.11)
+        assert flagged_in_paper(name, share) == count
+
+
+def test_two_rows_of_table_4_are_the_same_at_40_percent():
+    assert CLASSIFICATION["RPCA"][40] == CLASSIFICATION["MCMD_MD"][40]
+
+
+def test_the_minimum_printed_for_pca_is_no_such_minimum():
+    mean, least, _, _, deviation, _ = ANGLES["PCA"]["clustered"]
+    assert (mean - least) / deviation > 7
+
+
+@pytest.mark.parametrize("law", OUTLIERS)
+def test_the_statistics_of_table_1_are_in_order(law):
+    for name, laws in ANGLES.items():
+        values = dict(zip(STATISTICS, laws[law], strict=True))
+        assert 0 <= values["min"] <= values["median"] <= values["max"] <= 90, name
+        assert values["min"] <= values["mean"] <= values["max"], name
+        assert values["QR"] < values["max"] - values["min"], name
+
+
+def test_the_times_of_mcmd_are_a_line_in_the_trials_for_the_true_share():
+    trials = [n_trials_needed(share / 100, 0.9999, 3) for share in TIMED_SHARES]
+    for name in ("MCMD_Z", "MCMD_MD"):
+        seconds = np.array(SECONDS[name][1])
+        line = np.polyval(np.polyfit(trials, seconds, 1), trials)
+        np.testing.assert_allclose(seconds, line, atol=5e-4)
+
+
+def test_the_gap_between_rpca_and_mcmd_z_shrinks_with_the_sample():
+    gaps = np.array(SECONDS["RPCA"][0]) / SECONDS["MCMD_Z"][0]
+    assert gaps[SIZES.index(50)] == pytest.approx(98, abs=1)  # as the paper's text says
+    assert gaps[-1] == pytest.approx(32, abs=1)
+
+
+def test_every_row_has_its_columns():
+    for laws in ANGLES.values():
+        assert set(laws) == set(OUTLIERS)
+        assert all(len(row) == len(STATISTICS) for row in laws.values())
+    for by_size, by_share in SECONDS.values():
+        assert len(by_size) == len(SIZES)
+        assert len(by_share) == len(TIMED_SHARES)
+    for shares in CLASSIFICATION.values():
+        assert set(shares) == set(SHARES)
+        assert all(len(row) == len(RATES) for row in shares.values())
+    assert sorted(BREAKDOWN, key=BREAKDOWN.get) == ["PCA", "RPCA", "MCMD_Z", "RANSAC", "MCMD_MD"]

@@ -1,0 +1,189 @@
+"""Algorithm 1 in NumPy and compiled, against the literal reference and each other."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from adversarial import KINDS, neighborhoods
+from reference import consistent_set
+from sklearn_mcmd.planes._consistent_set import (
+    draw_trials,
+    localize,
+    maximum_consistent_sets,
+    n_support_points,
+    n_trials_needed,
+)
+
+numba = pytest.importorskip("numba")
+
+
+@pytest.mark.parametrize(
+    ("rate", "expected"), [(0.05, 5), (0.1, 8), (0.2, 13), (0.4, 38), (0.5, 69), (0.75, 585)]
+)
+def test_the_number_of_trials_is_that_of_the_paper(rate, expected):
+    assert n_trials_needed(rate, 0.9999, 3) == expected
+
+
+def test_without_outliers_one_trial_is_enough():
+    assert n_trials_needed(0.0, 0.9999, 3) == 1
+
+
+def test_each_trial_reads_every_position_once_and_trials_differ():
+    trials = draw_trials(69, 50, random_state=0)
+    assert_array_equal(np.sort(trials, axis=1), np.tile(np.arange(50), (69, 1)))
+    assert len(np.unique(trials[:, :3], axis=0)) > 60
+
+
+def test_the_consistent_set_is_the_ceiling_of_its_share_of_the_neighborhood():
+    # 0.8 * 50 is a little more than 40 in binary; 40 is meant.
+    assert n_support_points(0.8, 50, 3) == 40
+    assert_array_equal(n_support_points(0.5, np.array([3, 5, 9, 50, 51]), 3), [3, 4, 5, 25, 26])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_batched_form_equals_the_literal_reference(kind):
+    points = neighborhoods(kind, 12, 30, seed=1)
+    trials = draw_trials(25, 30, random_state=2)
+    support, least, _ = maximum_consistent_sets(points, trials, 15)
+    for i, neighborhood in enumerate(points):
+        _, radius = localize(neighborhood[None])
+        members, value = consistent_set(neighborhood, trials, 15)
+        assert_array_equal(np.flatnonzero(support[i]), members)
+        assert_allclose(least[i], value, rtol=1e-6, atol=1e-14 * radius[0] ** 2)
+
+
+@pytest.mark.parametrize("d", [2, 4])
+def test_the_batched_form_equals_the_reference_in_other_dimensions(d):
+    points = np.random.default_rng(0).normal(size=(10, 20, d)) * [1] * d
+    points[..., -1] *= 0.05
+    trials = draw_trials(20, 20, random_state=0)
+    support, _, _ = maximum_consistent_sets(points, trials, 10)
+    for i, neighborhood in enumerate(points):
+        assert_array_equal(np.flatnonzero(support[i]), consistent_set(neighborhood, trials, 10)[0])
+
+
+@numba.njit
+def _compiled_sets(local, sizes, trials, n_support):
+    from_numba = np.zeros(local.shape[:2], dtype=np.bool_)
+    least = np.zeros(len(local))
+    arrays = work_arrays(trials.shape[0], local.shape[1])
+    for i in range(len(local)):
+        arrays[0][:] = local[i].T
+        least[i] = consistent_set_3d(sizes[i], trials, n_support[i], arrays)
+        for j in range(sizes[i]):
+            from_numba[i, j] = arrays[6][j] == 1.0
+    return from_numba, least
+
+
+from sklearn_mcmd.planes._consistent_set_numba import (  # noqa: E402, used in the compiled helper
+    consistent_set_3d,
+    work_arrays,
+)
+from sklearn_mcmd.planes._plane_numba import eigh_3d, kth_smallest  # noqa: E402, after Numba is known
+
+
+@pytest.mark.parametrize("k", [50, 21])
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_kernel_and_numpy_find_the_same_set(kind, k):
+    """10,000 neighborhoods over all kinds and sizes; sets must be equal, not only as good."""
+    n = 556
+    points = neighborhoods(kind, n, k, seed=k)
+    trials = draw_trials(69, k, random_state=0)
+    sizes = np.full(n, k)
+    h = n_support_points(0.5, sizes, 3)
+    expected, least, _ = maximum_consistent_sets(points, trials, h)
+    local, radius = localize(points)
+    support, compiled_least = _compiled_sets(local, sizes, trials, h)
+    assert_array_equal(support, expected)
+    assert_allclose(compiled_least * radius**2, least, rtol=1e-8, atol=1e-14 * radius.max() ** 2)
+
+
+def test_the_kernel_and_numpy_agree_where_sizes_differ():
+    rng = np.random.default_rng(3)
+    points = neighborhoods("noisy plane", 500, 40, seed=3)
+    sizes = rng.integers(4, 41, 500)
+    trials = draw_trials(69, 40, random_state=0)
+    h = n_support_points(0.5, sizes, 3)
+    expected, _, _ = maximum_consistent_sets(points, trials, h, sizes)
+    local, _ = localize(points, sizes)
+    support, _ = _compiled_sets(local, sizes, trials, h)
+    assert_array_equal(support, expected)
+    assert not expected[np.arange(40) >= sizes[:, None]].any()
+
+
+def test_members_beyond_the_size_do_not_matter():
+    points = neighborhoods("noisy plane", 20, 40, seed=4)
+    sizes = np.full(20, 25)
+    trials = draw_trials(30, 40, random_state=0)
+    first, _, _ = maximum_consistent_sets(points, trials, 13, sizes)
+    points[:, 25:] = 1e9
+    second, _, _ = maximum_consistent_sets(points, trials, 13, sizes)
+    assert_array_equal(first, second)
+
+
+def test_a_degenerate_minimal_subset_is_completed():
+    """All but one point on a line: only subsets that reach it span a plane."""
+    t = np.linspace(0, 1, 20)
+    points = np.stack([t, 2 * t, 0 * t], axis=1)[None]
+    points[0, 7] = [0.5, 0.5, 3.0]
+    trials = draw_trials(10, 20, random_state=0)
+    support, least, _ = maximum_consistent_sets(points, trials, 10)
+    assert support.sum() == 10
+    assert_allclose(least, 0, atol=1e-15)
+    local, _ = localize(points)
+    compiled, value = _compiled_sets(local, np.array([20]), trials, np.array([10]))
+    assert value[0] >= 0
+    assert_array_equal(compiled, support)
+
+
+@pytest.mark.parametrize("points", [np.zeros((1, 9, 3)), np.arange(9.0)[None, :, None] * [1, 2, 3]])
+def test_points_that_span_no_plane_give_the_first_members(points):
+    trials = draw_trials(10, 9, random_state=0)
+    support, _, degenerate = maximum_consistent_sets(points, trials, 5)
+    assert degenerate.all()
+    assert_array_equal(support[0], np.arange(9) < 5)
+    local, _ = localize(points)
+    compiled, value = _compiled_sets(local, np.array([9]), trials, np.array([5]))
+    assert value[0] == -1
+    assert_array_equal(compiled, support)
+
+
+def test_the_set_does_not_depend_on_how_trials_are_chunked(monkeypatch):
+    points = neighborhoods("noisy plane", 7, 30, seed=5)
+    trials = draw_trials(69, 30, random_state=0)
+    whole = maximum_consistent_sets(points, trials, 15)
+    monkeypatch.setattr("sklearn_mcmd.planes._consistent_set.CHUNK_ENTRIES", 1)
+    pieces = maximum_consistent_sets(points, trials, 15)
+    assert_array_equal(whole[0], pieces[0])
+
+
+@pytest.mark.parametrize("size", [1, 2, 7, 50])
+def test_counting_finds_the_element_that_sorting_finds(size):
+    rng = np.random.default_rng(size)
+    for high in (2, 10, 2**60):
+        keys = rng.integers(0, high, size)
+        for rank in range(1, size + 1):
+            assert kth_smallest(keys, size, rank) == np.sort(keys)[rank - 1]
+
+
+@pytest.mark.parametrize("unit", [2.0**-600, 2.0**600])
+def test_rotations_do_not_depend_on_the_unit_however_small_or_large(unit):
+    points = np.random.default_rng(0).normal(size=(10, 3)) * [1, 1, 0.1]
+    covariance = np.cov(points, rowvar=False)[np.triu_indices(3)]
+    expected, expected_axes = eigh_3d(tuple(covariance))
+    values, axes = eigh_3d(tuple(covariance * unit))
+    assert_array_equal(np.array(values) / unit, expected)
+    assert_array_equal(axes, expected_axes)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-6, 0.0])
+def test_rotations_decompose_like_lapack(scale):
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        points = rng.normal(size=(10, 3)) * [1, 1, scale]
+        matrix = np.cov(points @ np.linalg.qr(rng.normal(size=(3, 3)))[0], rowvar=False)
+        values, axes = eigh_3d(tuple(matrix[np.triu_indices(3)]))
+        assert_allclose(values, np.linalg.eigvalsh(matrix), atol=1e-15 * values[2], rtol=1e-13)
+        assert_allclose(np.array(axes) @ np.array(axes).T, np.eye(3), atol=1e-14)
+        for value, axis in zip(values, axes, strict=True):
+            assert_allclose(matrix @ axis, value * np.array(axis), atol=1e-15 * values[2] * 4)

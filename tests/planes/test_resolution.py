@@ -1,0 +1,76 @@
+"""Rounded coordinates: the step is found, and one step is no outlier."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from sklearn_mcmd import MCMDOutlierDetector
+from sklearn_mcmd.planes._resolution import coordinate_step
+
+
+def rounded_plane(step, n=3000, seed=0):
+    rng = np.random.default_rng(seed)
+    X = rng.uniform(0, 2, (n, 3)) * [1, 1, 0] + rng.normal(0, 0.003, (n, 3))
+    X[:, 2] += 0.02 * X[:, 0]
+    return np.round(X / step) * step
+
+
+@pytest.mark.parametrize("step", [0.01, 0.001, 2.5])
+@pytest.mark.parametrize("shift", [0, 5e6])
+@pytest.mark.parametrize("n", [50, 20_000])
+def test_the_step_of_rounded_coordinates_is_found(step, shift, n):
+    X = np.random.default_rng(0).uniform(0, 100 * step, (n, 3))
+    assert_allclose(coordinate_step(np.round(X / step) * step + shift), step, rtol=1e-4)
+
+
+@pytest.mark.parametrize("n", [1, 5, 20, 1000, 100_000])
+def test_continuous_coordinates_have_no_step(n):
+    for seed in range(5):
+        X = np.random.default_rng(seed).normal(size=(n, 3))
+        assert coordinate_step(X) == 0
+
+
+def test_a_raster_of_heights_has_no_step():
+    x, y = np.meshgrid(np.arange(30.0), np.arange(30.0))
+    z = np.random.default_rng(0).normal(size=900)
+    assert coordinate_step(np.column_stack([x.ravel(), y.ravel(), z])) == 0
+    assert coordinate_step(np.column_stack([x.ravel(), y.ravel(), 0 * z])) == 0
+
+
+def test_a_grid_with_points_off_it_has_no_step():
+    x, y = np.meshgrid(np.arange(20.0), np.arange(20.0))
+    z = np.zeros(400)
+    z[7] = 1.0
+    X = np.column_stack([x.ravel(), y.ravel(), z])
+    assert coordinate_step(X) == 0
+    assert MCMDOutlierDetector(random_state=0).fit_predict(X)[7] == -1
+
+
+def test_a_level_floor_shares_the_step_of_the_other_axes():
+    rng = np.random.default_rng(0)
+    X = rng.uniform(0, 2, (5000, 3)) * [1, 1, 0] + rng.normal(0, 0.003, (5000, 3))
+    X = np.round(X / 0.01) * 0.01  # two or three levels of z
+    assert_allclose(coordinate_step(X), 0.01)
+    assert (MCMDOutlierDetector(random_state=0).fit_predict(X) == -1).mean() < 0.01
+
+
+def test_a_few_points_that_were_not_rounded_do_not_matter():
+    X = rounded_plane(0.01)
+    X[:3] = [[0.50031, 0.50012, 0.00013], [0.1234, 0.4321, 0.0077], [1.00349, 0.7071, 0.0141]]
+    assert_allclose(coordinate_step(X), 0.01, rtol=1e-3)
+
+
+@pytest.mark.parametrize("method", ["mcmd_z", "mcmd_md"])
+def test_a_plane_rounded_to_centimeters_is_not_full_of_outliers(method):
+    """Without a least scale a quarter of the points would be, most of them infinitely far."""
+    X = rounded_plane(0.01)
+    X[:20, 2] += 0.1
+    labels = MCMDOutlierDetector(method=method, random_state=0).fit_predict(X)
+    assert (labels[20:] == -1).mean() < 0.03
+    assert (labels[:20] == -1).all()
+
+
+def test_the_real_plane_in_centimeters_is_kept(shared_data):
+    with np.load(shared_data / "laspy_plane_patch" / "cloud.npz") as arrays:
+        X = arrays["xyz"]
+    assert (MCMDOutlierDetector(random_state=0, n_jobs=2).fit_predict(X) == -1).mean() < 0.01

@@ -1,0 +1,483 @@
+"""Region growing: the rules taken literally, shapes with truth, invariances, bad input."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
+from sklearn.base import clone
+from sklearn.metrics import adjusted_rand_score
+from sklearn.model_selection import ParameterGrid
+from sklearn.pipeline import Pipeline, make_pipeline
+
+from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
+
+N_STRAY = 9  # fewer than make a region
+LITERAL = {
+    "regrow_rest": False,
+    "join_coplanar": False,
+    "join_curved": False,
+    "assign_rest": False,
+    "min_region_size": 1,
+}
+
+
+def columns_of(X, normals, rng):
+    """What the transformer would give, with exact normals and a curvature without ties."""
+    d = X.shape[1]
+    eigenvalues = np.tile(np.r_[1e-6, np.full(d - 1, 1e-2)], (len(X), 1))
+    eigenvalues[:, 0] *= rng.uniform(0.5, 2.0, len(X))
+    variation = eigenvalues[:, 0] / eigenvalues.sum(axis=1)
+    return np.column_stack([X, normals, variation, eigenvalues])
+
+
+def corner(n, d, rng, noise=0.002):
+    """Two faces at right angles in d dimensions, with their normals turned by some degrees."""
+    X = rng.uniform(0, 1, (n, d))
+    normals = np.zeros((n, d))
+    face = rng.integers(2, size=n)
+    X[np.arange(n), face] = 0.0
+    normals[np.arange(n), face] = 1.0
+    X += rng.normal(0, noise, X.shape)
+    normals += rng.normal(0, 0.1, X.shape)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return X, normals * rng.choice([-1, 1], n)[:, None], face
+
+
+def grown_by_loops(columns, d, k, max_angle, max_distance, max_gap, core_fraction):
+    """Section 5.2.3 point by point, with the departures that the docstring names."""
+    X, normals, variation = columns[:, :d], columns[:, d : 2 * d], columns[:, 2 * d]
+    n = len(X)
+    hoods, offsets, limits = [], np.empty(n), np.empty(n)
+    for i in range(n):
+        distances = np.sqrt(((X - X[i]) ** 2).sum(axis=1))
+        near = np.argsort(distances, kind="stable")[:k]
+        gap = max_gap
+        if gap is None:  # the median of the k - 1 others, the lower one of two
+            gap = np.sort(distances[near[1:]])[(k - 2) // 2]
+            near = near[distances[near] <= gap]
+        hoods.append((near, distances[near] <= gap))
+        heights = (X[near] - X[i]) @ normals[i]
+        offsets[i] = np.median(heights)
+        limits[i] = np.nan if max_distance is None else max_distance
+        if max_distance is None:
+            away = abs(heights - offsets[i])
+            limits[i] = np.median(away) + 2 * 1.4826 * np.median(abs(away - np.median(away)))
+    links = []
+    for i, (near, reached) in enumerate(hoods):
+        limit = limits[i]
+        if max_distance is None and core_fraction:
+            limit = min(limit, 2 * np.sort(limits[near])[len(near) // 4])
+        away = abs((X[near] - X[i]) @ normals[i] - offsets[i])
+        turn = np.degrees(np.arccos(np.minimum(abs(normals[near] @ normals[i]), 1)))
+        fits = (away <= limit) & (turn <= max_angle)
+        nearest = fits[1:13]
+        core = nearest.sum() >= core_fraction * len(nearest)
+        core &= core_fraction == 0 or abs(offsets[i]) <= limit
+        links.append(set(near[1:][(fits & reached)[1:]]) if core else set())
+    labels, region = np.full(n, -1), 0
+    for seed in np.argsort(variation, kind="stable"):
+        if labels[seed] >= 0:
+            continue
+        seeds, labels[seed] = [seed], region
+        while seeds:
+            for j in links[seeds.pop(0)]:
+                if labels[j] < 0:
+                    labels[j] = region
+                    seeds.append(j)
+        region += 1
+    return labels
+
+
+@pytest.mark.parametrize(("n", "d"), [(300, 2), (400, 3), (500, 4), (2500, 3)])
+@pytest.mark.parametrize(
+    ("k", "max_angle", "max_distance", "max_gap", "core_fraction"),
+    [(30, 15, None, None, 0.5), (17, 20, None, None, 0), (20, 10, 0.004, 0.12, 0.7)],
+)
+def test_regions_are_those_of_the_rules_taken_literally(
+    n, d, k, max_angle, max_distance, max_gap, core_fraction
+):
+    rng = np.random.default_rng(n + d)
+    X, normals, _ = corner(n, d, rng)
+    columns = columns_of(X, normals, rng)
+    growing = RegionGrowing(
+        k,
+        max_angle=max_angle,
+        max_distance=max_distance,
+        max_gap=max_gap,
+        core_fraction=core_fraction,
+        normals="precomputed",
+        **LITERAL,
+    )
+    labels = growing.fit_predict(columns)
+    expected = grown_by_loops(columns, d, k, max_angle, max_distance, max_gap, core_fraction)
+    assert growing.n_regions_ == expected.max() + 1 > 1
+    assert adjusted_rand_score(expected, labels) == 1.0
+
+
+def steps(rng, n=8000, height=0.2):
+    """Road, kerb and footpath: two floors at different heights and the riser between them."""
+    surface = rng.choice(3, n, p=[0.48, 0.1, 0.42])
+    u, v = rng.uniform(0, 1, (2, n))
+    X = np.choose(
+        surface[:, None],
+        [
+            np.column_stack([2 * u, v, 0 * u]),
+            np.column_stack([2 * u, 0 * u + 1, height * v]),
+            np.column_stack([2 * u, 1 + 0.8 * v, 0 * u + height]),
+        ],
+    )
+    return X + rng.normal(0, 0.002, X.shape), surface
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_road_kerb_and_footpath_are_three_regions(seed):
+    X, surface = steps(np.random.default_rng(seed))
+    growing = RegionGrowing(random_state=seed).fit(X)
+    assert growing.n_regions_ == 3
+    # What remains are points on the two edges, which lie on both faces.
+    assert adjusted_rand_score(surface, growing.labels_) > 0.96
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.002])
+def test_curved_surfaces_stay_whole(noise):
+    rng = np.random.default_rng(0)
+    angle, height = rng.uniform(0, 2 * np.pi, 4000), rng.uniform(0, 3, 4000)
+    pole = np.column_stack([0.15 * np.cos(angle), 0.15 * np.sin(angle), height])
+    ball = rng.normal(size=(4000, 3))
+    ball *= 0.5 / np.linalg.norm(ball, axis=1, keepdims=True)
+    X = np.vstack([pole, ball + np.array([3.0, 0, 0])])
+    X += noise * rng.normal(size=X.shape)
+    labels = RegionGrowing(random_state=0).fit_predict(X)
+    assert set(labels) == {0, 1}
+    assert adjusted_rand_score(np.repeat([0, 1], 4000), labels) == 1.0
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_bad_normals_at_an_edge_join_faces_only_without_a_core_fraction(seed):
+    rng = np.random.default_rng(seed)
+    X, normals, face = corner(3000, 3, rng)
+    # Next to the edge most points have normals of their own between the faces'.
+    near = np.flatnonzero((np.abs(X[:, 0]) + np.abs(X[:, 1]) < 0.15) & (rng.random(3000) < 0.7))
+    share = rng.uniform(0, np.pi / 2, len(near))
+    normals[near] = np.column_stack([np.cos(share), np.sin(share), 0 * share])
+    columns = columns_of(X, normals, rng)
+    params = {"max_distance": 0.1, "normals": "precomputed"}
+    regions = {core: RegionGrowing(core_fraction=core, **params).fit(columns) for core in (0, 0.5)}
+    assert regions[0].region_sizes_[0] > 2800
+    far = np.abs(X[:, 0]) + np.abs(X[:, 1]) > 0.2
+    assert adjusted_rand_score(face[far], regions[0.5].labels_[far]) > 0.98
+
+
+# ---- What must not matter --------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def street():
+    """Steps with stray points; and the columns of their normals."""
+    rng = np.random.default_rng(7)
+    X, _ = steps(rng, 4000)
+    X = np.vstack([X, rng.uniform([0, 0, 0.3], [2, 2, 1], (N_STRAY, 3))])
+    return X, RobustNormalEstimator(random_state=0).fit_transform(X)
+
+
+def test_labels_do_not_depend_on_row_order(street):
+    _, columns = street
+    order = np.random.default_rng(0).permutation(len(columns))
+    growing = RegionGrowing(normals="precomputed")
+    assert_array_equal(growing.fit_predict(columns)[order], growing.fit_predict(columns[order]))
+
+
+def test_labels_do_not_depend_on_row_order_where_points_share_a_plane_that_was_lent():
+    rng = np.random.default_rng(0)
+    floor = np.column_stack([rng.uniform(0, 1, (2000, 2)), rng.normal(0, 0.003, 2000)])
+    X = np.vstack([floor, rng.uniform(0, 1, (700, 3)), rng.normal(0.5, 0.05, (500, 3))])
+    columns = RobustNormalEstimator(random_state=0).fit_transform(X)
+    assert len(np.unique(columns[:, 6])) < len(X) - 100  # seeds of one curvature
+    order = rng.permutation(len(X))
+    growing = RegionGrowing(normals="precomputed")
+    assert_array_equal(growing.fit_predict(columns)[order], growing.fit_predict(columns[order]))
+
+
+def test_labels_do_not_depend_on_threads(street, monkeypatch):
+    monkeypatch.setattr("sklearn_mcmd.segmentation._graph.CHUNK", 3000)
+    X, _ = street
+    one, two = (RegionGrowing(random_state=0, n_jobs=n).fit(X) for n in (1, 2))
+    assert_array_equal(one.labels_, two.labels_)
+    assert_array_equal(one.region_centroids_, two.region_centroids_)
+
+
+@pytest.mark.parametrize(("unit", "offset"), [(1000.0, 0.0), (2.0**-10, 0.0), (1.0, 524288.0)])
+def test_labels_depend_on_neither_unit_nor_origin(street, unit, offset):
+    X, _ = street
+    X = np.round(X * 2**20) / 2**20  # so that shifting rounds nothing
+    labels = RegionGrowing(random_state=0).fit_predict(X)
+    moved = RegionGrowing(random_state=0).fit_predict(unit * X + offset)
+    assert adjusted_rand_score(labels, moved) > 0.999
+
+
+def test_labels_depend_little_on_the_attitude(street):
+    X, columns = street
+    turned = Rotation.random(random_state=0).as_matrix()
+    columns_turned = columns.copy()
+    columns_turned[:, :3], columns_turned[:, 3:6] = X @ turned.T, columns[:, 3:6] @ turned.T
+    growing = RegionGrowing(normals="precomputed")
+    assert_array_equal(growing.fit_predict(columns), growing.fit_predict(columns_turned))
+
+
+def test_copies_of_a_point_share_its_label_and_count(street):
+    _, columns = street
+    alone = RegionGrowing(normals="precomputed").fit(columns)
+    twice = RegionGrowing(normals="precomputed", min_region_size=20).fit(np.repeat(columns, 2, 0))
+    assert_array_equal(twice.labels_, np.repeat(alone.labels_, 2))
+    assert_array_equal(twice.region_sizes_, 2 * alone.region_sizes_)
+    assert_allclose(twice.region_centroids_, alone.region_centroids_, atol=1e-12)
+
+
+def test_labels_are_the_same_without_numba(street):
+    _, columns = street
+    labels = RegionGrowing(normals="precomputed").fit_predict(columns)
+    module = "sklearn_mcmd.segmentation._graph_numba"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, module, None)
+        patch.delattr("sklearn_mcmd.segmentation._graph_numba", raising=False)
+        assert_array_equal(RegionGrowing(normals="precomputed").fit_predict(columns), labels)
+
+
+def test_few_points_do_not_wait_for_a_compiler():
+    statement = (
+        "import sys, numpy as np; from sklearn_mcmd import RegionGrowing;"
+        "RegionGrowing(random_state=0).fit(np.random.default_rng(0).normal(size=(60, 3)));"
+        "print('numba' in sys.modules)"
+    )
+    command = [sys.executable, "-c", statement]
+    result = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert result.stdout == "False\n"
+
+
+# ---- Parameters ------------------------------------------------------------------------------
+
+
+def test_regions_are_numbered_by_size(street):
+    _, columns = street
+    growing = RegionGrowing(normals="precomputed").fit(columns)
+    sizes = np.bincount(growing.labels_[growing.labels_ >= 0])
+    assert_array_equal(growing.region_sizes_, sizes)
+    assert_array_equal(sizes, np.sort(sizes)[::-1])
+    assert growing.n_regions_ == len(sizes)
+
+
+def test_regions_of_too_few_points_are_dissolved(street):
+    _, columns = street
+    params = {"normals": "precomputed", "assign_rest": False, "join_coplanar": False}
+    every = RegionGrowing(min_region_size=1, **params).fit(columns)
+    large = RegionGrowing(min_region_size=50, **params).fit(columns)
+    assert every.labels_.min() == 0
+    kept = every.region_sizes_ >= 50
+    assert 0 < kept.sum() < every.n_regions_
+    assert_array_equal(large.labels_, np.where(kept[every.labels_], every.labels_, -1))
+
+
+def test_stray_points_belong_to_no_region(street):
+    _, columns = street
+    labels = RegionGrowing(normals="precomputed").fit_predict(columns)
+    assert (labels[-N_STRAY:] == -1).all()
+    assert (labels[:-N_STRAY] == -1).mean() < 0.01
+
+
+def test_the_rest_is_assigned_to_planes_that_pass_it(street):
+    _, columns = street
+    params = {"normals": "precomputed", "join_coplanar": False}
+    left = RegionGrowing(assign_rest=False, **params).fit_predict(columns)
+    labels = RegionGrowing(**params).fit_predict(columns)
+    assert_array_equal(labels[left >= 0], left[left >= 0])
+    rest = np.flatnonzero((left < 0) & (labels >= 0))
+    assert len(rest) > 20  # few, since points next to an edge borrow their face's plane
+    height = [0.0, 0.2]  # of road and footpath; noise is 2 mm, the limit about three of it
+    floors = [labels[np.abs(columns[:, 2] - h) < 0.002] for h in height]
+    for h, region in zip(height, [np.bincount(f[f >= 0]).argmax() for f in floors], strict=True):
+        mine = rest[labels[rest] == region]
+        assert len(mine) > 5
+        assert np.abs(columns[mine, 2] - h).max() < 0.012
+
+
+def test_a_given_distance_limits_what_joins_a_region():
+    rng = np.random.default_rng(0)
+    X = rng.uniform(0, 1, (3000, 3)) * [1, 1, 0] + rng.normal(0, 0.003, (3000, 3))
+    labels = RegionGrowing(max_distance=0.003, random_state=0).fit_predict(X)
+    height = np.abs(X[:, 2])
+    # The best of some twenty local planes is within 5 mm of the true one, at the rim too.
+    assert (height > 0.0085).sum() > 10
+    assert (labels[height > 0.0085] == -1).all()
+    assert (labels[height < 0.001] == 0).all()
+
+
+def test_a_given_gap_parts_what_is_farther_apart():
+    rng = np.random.default_rng(0)
+    X = rng.uniform(0, 1, (3000, 3)) * [1, 1, 0]
+    X = X[np.abs(X[:, 0] - 0.5) > 0.02]  # a slit of 4 cm, the spacing is 2 cm
+    X += rng.normal(0, 0.001, X.shape)
+    for gap, n_regions in ((0.035, 2), (0.1, 1)):
+        growing = RegionGrowing(60, max_gap=gap, join_coplanar=False, random_state=0).fit(X)
+        assert growing.n_regions_ == n_regions
+
+
+# ---- Attributes ------------------------------------------------------------------------------
+
+
+def test_region_planes_are_those_of_singular_value_decomposition(street):
+    X, columns = street
+    growing = RegionGrowing(normals="precomputed").fit(columns)
+    for region in range(growing.n_regions_):
+        points = X[growing.labels_ == region]
+        centroid = points.mean(axis=0)
+        _, values, axes = np.linalg.svd(points - centroid, full_matrices=False)
+        assert_allclose(growing.region_centroids_[region], centroid, atol=1e-10)
+        assert_allclose(abs(growing.region_normals_[region] @ axes[2]), 1.0, rtol=1e-9)
+        error = values[2] / np.sqrt(len(points))
+        assert_allclose(growing.region_errors_[region], error, rtol=1e-6)
+
+
+def test_region_planes_keep_their_accuracy_far_from_the_origin(street):
+    X, _ = street
+    near = RegionGrowing(random_state=0).fit(X)
+    far = RegionGrowing(random_state=0).fit(X + np.array([5e5, 5e6, 100.0]))
+    assert_allclose(far.region_errors_[:3], near.region_errors_[:3], rtol=1e-2)
+
+
+def test_normals_of_regions_point_up(street):
+    growing = RegionGrowing(normals="precomputed").fit(street[1])
+    assert (growing.region_normals_[:, 2] >= 0).all()
+
+
+def test_a_cloud_without_regions_has_none():
+    X = np.random.default_rng(0).normal(size=(40, 3))
+    growing = RegionGrowing(min_region_size=100, random_state=0).fit(X)
+    assert growing.n_regions_ == 0
+    assert (growing.labels_ == -1).all()
+    assert growing.region_normals_.shape == (0, 3)
+
+
+# ---- scikit-learn ----------------------------------------------------------------------------
+
+
+def test_a_pipeline_and_a_nested_estimator_give_the_same(street):
+    X, _ = street
+    normals = RobustNormalEstimator(40, method="mcmd_md", random_state=3)
+    pipeline = make_pipeline(clone(normals), RegionGrowing(normals="precomputed"))
+    nested = RegionGrowing(normal_estimator=normals).fit(X)
+    assert_array_equal(pipeline.fit_predict(X), nested.labels_)
+    assert not hasattr(normals, "normals_")  # it was cloned
+    assert_array_equal(nested.normal_estimator_.normals_.shape, X.shape)
+
+
+@pytest.mark.parametrize("output", ["pandas", "polars"])
+def test_columns_may_come_as_a_data_frame_with_features(street, output):
+    pytest.importorskip(output)
+    X, columns = street
+    normals = RobustNormalEstimator(features=["planarity", "verticality"], random_state=0)
+    pipeline = make_pipeline(normals, RegionGrowing(normals="precomputed"))
+    pipeline.set_output(transform=output)
+    labels = RegionGrowing(normals="precomputed").fit_predict(columns)
+    assert_array_equal(pipeline.fit_predict(X), labels)
+
+
+def test_parameters_of_both_steps_are_reached_by_name(street):
+    X, _ = street
+    pipeline = Pipeline(
+        [
+            ("normals", RobustNormalEstimator(random_state=0)),
+            ("segment", RegionGrowing(normals="precomputed")),
+        ]
+    )
+    grid = {"normals__n_neighbors": [20, 50], "segment__max_angle": [1.0, 15.0]}
+    labels = [
+        clone(pipeline).set_params(**params).fit(X)["segment"].labels_
+        for params in ParameterGrid(grid)
+    ]
+    assert len({tuple(found) for found in labels}) == len(labels)
+    nested = RegionGrowing(normal_estimator=RobustNormalEstimator())
+    nested.set_params(normal_estimator__n_neighbors=20)
+    assert nested.normal_estimator.n_neighbors == 20
+
+
+def test_columns_in_two_dimensions_with_features_are_not_taken_for_three():
+    rng = np.random.default_rng(0)
+    X, _, side = corner(800, 2, rng)
+    normals = RobustNormalEstimator(20, features="all", random_state=0)
+    columns = normals.fit_transform(X)
+    assert columns.shape[1] >= 10
+    growing = RegionGrowing(normals="precomputed").fit(columns)
+    assert growing.region_normals_.shape[1] == 2
+    assert adjusted_rand_score(side, growing.labels_) > 0.9
+
+
+def test_float32_columns_are_taken(street):
+    _, columns = street
+    labels = RegionGrowing(normals="precomputed").fit_predict(columns)
+    single = RegionGrowing(normals="precomputed").fit_predict(columns.astype(np.float32))
+    assert adjusted_rand_score(labels, single) > 0.999
+
+
+# ---- Bad input -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("change", ["coordinates", "scaled", "shuffled", "short"])
+def test_columns_that_are_not_the_transformers_are_refused(street, change):
+    _, columns = street
+    wrong = {
+        "coordinates": columns[:, :3],
+        "scaled": (columns - columns.mean(axis=0)) / columns.std(axis=0),
+        "shuffled": columns[:, ::-1],
+        "short": columns[:, :9],
+    }[change]
+    with pytest.raises(ValueError, match=r'normals="precomputed" but the \d+ columns'):
+        RegionGrowing(normals="precomputed").fit(wrong)
+
+
+@pytest.mark.parametrize(
+    ("params", "message"),
+    [
+        ({"max_angle": 0}, "max_angle"),
+        ({"max_angle": 91}, "max_angle"),
+        ({"max_distance": -1.0}, "max_distance"),
+        ({"max_gap": 0.0}, "max_gap"),
+        ({"core_fraction": 1.5}, "core_fraction"),
+        ({"min_region_size": 0}, "min_region_size"),
+        ({"n_neighbors": 1}, "n_neighbors"),
+        ({"normals": "given"}, "normals"),
+        ({"normal_estimator": "pca"}, "normal_estimator"),
+    ],
+)
+def test_parameters_out_of_range_are_refused_by_name(params, message):
+    with pytest.raises(ValueError, match=message):
+        RegionGrowing(**params).fit(np.eye(5))
+
+
+def test_missing_values_and_too_few_points_are_refused(street):
+    _, columns = street
+    holes = columns.copy()
+    holes[3, 4] = np.nan
+    with pytest.raises(ValueError, match="NaN"):
+        RegionGrowing(normals="precomputed").fit(holes)
+    with pytest.raises(ValueError, match="n_samples=3 is too few"):
+        RegionGrowing().fit(np.eye(3))
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_a_handful_of_precomputed_points_gets_an_answer(street, n):
+    labels = RegionGrowing(normals="precomputed", min_region_size=1).fit_predict(street[1][:n])
+    assert labels.shape == (n,)
+    assert labels.min() >= 0
+
+
+# ---- Real clouds -----------------------------------------------------------------------------
+
+
+def test_a_scanned_plane_in_centimeters_is_one_region(shared_data):
+    with np.load(shared_data / "laspy_plane_patch" / "cloud.npz") as arrays:
+        X = arrays["xyz"][::2]
+    growing = RegionGrowing(random_state=0).fit(X)
+    assert growing.region_sizes_[0] > 0.98 * len(X)
