@@ -1,10 +1,12 @@
 """Robust planes in point clouds: outliers, normals and curvature as scikit-learn estimators."""
 
-from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
-from sklearn_mcmd.edges import SharpFeatureDetector
-from sklearn_mcmd.normals import RobustNormalEstimator
-from sklearn_mcmd.outliers import MCMDOutlierDetector
-from sklearn_mcmd.segmentation import RegionGrowing
+TYPE_CHECKING = False  # type checkers take it for True, as typing's, which takes time to import
+if TYPE_CHECKING:
+    from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
+    from sklearn_mcmd.edges import SharpFeatureDetector
+    from sklearn_mcmd.normals import RobustNormalEstimator
+    from sklearn_mcmd.outliers import MCMDOutlierDetector
+    from sklearn_mcmd.segmentation import RegionGrowing
 
 __version__ = "0.1.0.dev0"
 
@@ -17,3 +19,44 @@ __all__ = [
     "SharpFeatureDetector",
     "__version__",
 ]
+
+# Imported when first asked for (PEP 562): estimators need scikit-learn, which takes two seconds to
+# import, and `mcmd --help` does not need them.
+_HOMES = {
+    "BaardaPlaneDetector": "adjustment",
+    "FuzzyPlaneDetector": "adjustment",
+    "MCMDOutlierDetector": "outliers",
+    "RegionGrowing": "segmentation",
+    "RobustNormalEstimator": "normals",
+    "SharpFeatureDetector": "edges",
+}
+_SUBPACKAGES = {
+    "adjustment",
+    "baselines",
+    "datasets",
+    "edges",
+    "io",
+    "metrics",
+    "model_selection",
+    "normals",
+    "outliers",
+    "plotting",
+    "resampling",
+    "segmentation",
+}
+
+
+def __getattr__(name):
+    from importlib import import_module
+
+    if name in _HOMES:
+        value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+        globals()[name] = value
+        return value
+    if name in _SUBPACKAGES:
+        return import_module(f"{__name__}.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__():
+    return sorted({*globals(), *__all__, *_SUBPACKAGES})

@@ -1,7 +1,5 @@
 """The entry of ``mcmd`` and ``python -m sklearn_mcmd``."""
 
-from sklearn_mcmd._extras import run_app
-
 __all__ = ["main"]
 
 
@@ -13,7 +11,15 @@ def main():
     SystemExit
         Always, with the exit code: 0 done, 1 failed, 2 wrong usage, 130 interrupted.
     """
-    run_app("sklearn_mcmd.cli", "mcmd", prog_name="mcmd")
+    try:  # imports above would come before anyone sees to Ctrl-C
+        from sklearn_mcmd._extras import run_app
+
+        run_app("sklearn_mcmd.cli", "mcmd", prog_name="mcmd")
+    except KeyboardInterrupt:
+        import sys
+
+        print("mcmd: interrupted", file=sys.stderr)
+        sys.exit(130)
 
 
 if __name__ == "__main__":

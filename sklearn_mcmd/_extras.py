@@ -1,7 +1,10 @@
 """What is not installed with the package: optional libraries, and how to get them."""
 
 import importlib
+import os
 import sys
+
+from sklearn_mcmd._interrupts import INTERRUPTED, exit_at_once
 
 __all__ = ["import_extra", "run_app"]
 
@@ -27,7 +30,7 @@ def run_app(module, name, arguments=None, *, prog_name):
     name : str
         Of the command, as its errors begin.
     arguments : list of str, default=None
-        None are those of the process.
+        None are those of the process, which is then ours: Ctrl-C ends it with one line.
     prog_name : str
         As help shows it.
 
@@ -36,17 +39,18 @@ def run_app(module, name, arguments=None, *, prog_name):
     SystemExit
         Always, with the exit code: 0 done, 1 failed, 2 wrong usage, 130 interrupted.
     """
+    if arguments is None:
+        exit_at_once(name)
     try:
         for library in ("rich", "typer"):
             import_extra(library, "cli", "the command line")
     except ImportError as err:
-        _exit(name, err, 1)
+        print(f"{name}: error: {err}", file=sys.stderr)
+        sys.exit(1)
     try:
         importlib.import_module(module).app(arguments, prog_name=prog_name)
-    except KeyboardInterrupt:  # while modules are imported; the commands see to their own time
-        _exit(name, "interrupted", 130)
-
-
-def _exit(name, message, code):
-    print(f"{name}: error: {message}", file=sys.stderr)
-    sys.exit(code)
+    except SystemExit as end:
+        if arguments is None and end.code == INTERRUPTED:
+            # Threads may still compile or compute; waiting for them would be no interruption.
+            os._exit(INTERRUPTED)
+        raise

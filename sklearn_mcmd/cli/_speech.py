@@ -7,6 +7,8 @@ from contextlib import contextmanager
 import numpy as np
 import typer
 
+from sklearn_mcmd._interrupts import INTERRUPTED, raise_interrupts, was_interrupted
+
 __all__ = [
     "clear_exits",
     "count_and_share",
@@ -21,16 +23,21 @@ __all__ = [
 def clear_exits():
     """One line on stderr and an exit code for whatever a user can run into."""
     try:
-        with _plain_warnings():
+        with raise_interrupts(), _plain_warnings():
             yield
-    except KeyboardInterrupt:
-        _fail("interrupted, nothing was written", 130)
-    except BrokenPipeError:
+    except typer.Exit:  # of a verb within a verb, which has told why
         raise
-    except MemoryError:
-        _fail("not enough memory; take fewer points or a smaller --n-neighbors")
-    except (ValueError, OSError, ImportError) as err:
-        _fail(str(err) or type(err).__name__)
+    except BaseException as err:
+        if isinstance(err, KeyboardInterrupt) or was_interrupted():
+            typer.echo("mcmd: interrupted", err=True)
+            raise typer.Exit(INTERRUPTED) from None
+        if isinstance(err, BrokenPipeError):
+            raise
+        if isinstance(err, MemoryError):
+            _fail("not enough memory; take fewer points or a smaller --n-neighbors")
+        if isinstance(err, ValueError | OSError | ImportError):
+            _fail(str(err) or type(err).__name__)
+        raise
 
 
 def _fail(message, code=1):

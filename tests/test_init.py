@@ -1,0 +1,47 @@
+"""The public names: there as if imported, and imported when first asked for."""
+
+import pickle
+import subprocess
+import sys
+
+import pytest
+
+import sklearn_mcmd
+
+
+def python(statement):
+    command = [sys.executable, "-c", statement]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+
+
+def test_importing_the_package_imports_none_of_its_dependencies():
+    loaded = python("import sys, sklearn_mcmd; print(*sys.modules)")
+    assert not {"numpy", "scipy", "sklearn", "joblib", "numba"} & set(loaded)
+
+
+def test_a_star_import_gives_every_public_name():
+    names = python("from sklearn_mcmd import *; print(*dir())")
+    assert set(sklearn_mcmd.__all__) <= set(names)
+
+
+@pytest.mark.parametrize("name", sklearn_mcmd.__all__)
+def test_public_names_are_listed_and_found(name):
+    assert name in dir(sklearn_mcmd)
+    assert getattr(sklearn_mcmd, name) is not None
+
+
+@pytest.mark.parametrize("name", ["adjustment", "datasets", "io", "metrics", "plotting"])
+def test_subpackages_are_found_without_importing_them_by_name(name):
+    assert python(f"import sklearn_mcmd; print(sklearn_mcmd.{name}.__name__)") == [
+        f"sklearn_mcmd.{name}"
+    ]
+
+
+def test_an_unknown_name_is_an_attribute_error_that_names_it():
+    with pytest.raises(AttributeError, match="no attribute 'RobustPlane'"):
+        sklearn_mcmd.RobustPlane  # noqa: B018
+
+
+def test_an_estimator_is_unpickled_where_nothing_was_imported_before():
+    pickled = pickle.dumps(sklearn_mcmd.MCMDOutlierDetector(n_neighbors=33))
+    assert python(f"import pickle; print(pickle.loads({pickled!r}).n_neighbors)") == ["33"]
