@@ -23,7 +23,7 @@ from sklearn_mcmd.planes._plane_numba import FASTMATH, eigh_3d, weighted_covaria
 __all__ = ["adaptive_set_3d", "adaptive_work_arrays"]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def adaptive_set_3d(
     size, trials, n_support, arrays, blocks, checkpoints, least_inliers, scale_factor
 ):
@@ -72,7 +72,7 @@ def adaptive_set_3d(
     return value, start
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def adaptive_work_arrays(n_trials, k, checkpoints):
     """Vectors of each block of trials, as ``work_arrays`` makes them; a list for the kernel."""
     blocks = []
@@ -85,7 +85,7 @@ def adaptive_work_arrays(n_trials, k, checkpoints):
     return blocks
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _try_block(
     size, trials, n_support, local, local32, lanes, lanes32, near, best, least, keys, member
 ):
@@ -119,7 +119,7 @@ def _try_block(
     return best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _take_first_best(
     size, n_trials, n_support, local, blocks, checkpoints, best, least, keys, member
 ):
@@ -134,7 +134,7 @@ def _take_first_best(
     return best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _settled(local, size, member, scale_factor, least_inliers):
     """Whether the plane of the members needs no further trials, see the NumPy form."""
     mean, covariance = weighted_covariance(local, size, member)
@@ -176,7 +176,7 @@ def _settled(local, size, member, scale_factor, least_inliers):
     return spread > 0.0 and together <= COHERENCE * np.sqrt(spread)
 
 
-@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+@njit(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _residuals(local, size, mean, normal, out):
     x, y, z = local[0], local[1], local[2]
     nx, ny, nz = normal
@@ -185,7 +185,7 @@ def _residuals(local, size, mean, normal, out):
         out[j] = nx * (x[j] - mx) + ny * (y[j] - my) + nz * (z[j] - mz)
 
 
-@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+@njit(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _pair_sums(projected, n, reach):
     """Sums over pairs of the weighted products of residuals, and of their squares."""
     x, y, z, r = projected[0], projected[1], projected[2], projected[3]

@@ -47,7 +47,7 @@ SCREEN_RTOL = np.float32(1e-3)
 SCREEN_STEP = np.float32(1e-6)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def consistent_set_3d(size, trials, n_support, arrays):
     """Maximum consistent set of one neighborhood (Algorithm 1).
 
@@ -89,7 +89,7 @@ def consistent_set_3d(size, trials, n_support, arrays):
     for t in range(n_trials):
         least[t] = np.inf
     for _ in range(n_trials):
-        t, lowest = 0, bound[0]
+        t, lowest = np.int64(0), bound[0]  # a plain 0 would have `select_members` compiled twice
         for s in range(1, n_trials):
             if bound[s] < lowest:
                 t, lowest = s, bound[s]
@@ -110,14 +110,14 @@ def consistent_set_3d(size, trials, n_support, arrays):
     return best
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def first_members(size, n_support, member):
     for j in range(size):
         member[j] = 1.0 if j < n_support else 0.0
     return -1.0
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def work_arrays(n_trials, k):
     """Arrays that one thread needs for neighborhoods of k members, reused for each.
 
@@ -136,7 +136,7 @@ def work_arrays(n_trials, k):
     return local, local32, lanes, lanes32, least, keys, member
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def trial_planes(local, size, trials, lanes):
     """Planes of all trials (steps 1 and 2) into lanes; an infinite offset where there is none.
 
@@ -183,7 +183,7 @@ def trial_planes(local, size, trials, lanes):
     return first_plane
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _complete_trial(local, size, row, p, lanes, t):
     """Read the row on after position p until the subset spans a plane (step 1)."""
     member = np.zeros(size)
@@ -210,7 +210,7 @@ def _complete_trial(local, size, row, p, lanes, t):
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _refined_normal(local, size, member, mean, axes):
     """Decompose once more in the axes found, which gives a thin subset its lost digits back."""
     rotated = np.empty((3, size))
@@ -229,7 +229,7 @@ def _refined_normal(local, size, member, mean, axes):
     )
 
 
-@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+@njit(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def screen(local32, size, n_support, lanes, work):
     """Lower bounds of the trials' least eigenvalues (steps 2 and 3), in float32, to work[20].
 
@@ -342,7 +342,7 @@ def screen(local32, size, n_support, lanes, work):
         bound[t] = (root * (F1 - SCREEN_RTOL) - error) * (s[t] / wanted)
 
 
-@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+@njit(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def select_members(local, size, n_support, lanes, t, keys, member):
     """Mark the h members nearest to plane t (step 2); ties go to the first."""
     x, y, z = local[0], local[1], local[2]
@@ -364,7 +364,7 @@ def select_members(local, size, n_support, lanes, t, keys, member):
             left -= 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def least_eigenvalue(local, size, member):
     """Least eigenvalue of the covariance of the members (step 3).
 

@@ -3,7 +3,7 @@
 import os
 import tempfile
 from copy import copy
-from dataclasses import dataclass, fields
+from dataclasses import astuple, dataclass, fields
 
 import numpy as np
 
@@ -192,17 +192,19 @@ class LocalPlaneModel:
     def _evaluate_compiled(self, queries, indices, sizes, saliency, rounding):
         planes = LocalPlanes.empty(*queries.shape)
         n_support = n_support_points(self.support_fraction, np.arange(indices.shape[1] + 1), 3)
+        stop_rule = (None, None, None)
+        if len(self.stop_rule.checkpoints):
+            stop_rule = astuple(self.stop_rule)
         _compiled_driver()(
             self.index.points,
-            indices,
+            indices.astype(np.int32, copy=False),  # of one type: each is compiled apart
             sizes,
             queries,
             self.trials,
             n_support,
-            self.stop_rule.checkpoints,
-            self.stop_rule.least_inliers,
-            self.stop_rule.scale_factor,
+            *stop_rule,
             METHODS[self.method].code,
+            self.method == "mcmd_md" or None,
             self.cutoff,
             self.reweight,
             rounding,

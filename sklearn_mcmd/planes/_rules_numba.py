@@ -27,13 +27,13 @@ from sklearn_mcmd.planes._rules import (
 __all__ = ["fit_neighborhoods_3d"]
 
 MAGNITUDE = np.int64(2**63 - 1)
-PCA, MCMD_Z = METHODS["pca"].code, METHODS["mcmd_z"].code
+PCA = METHODS["pca"].code
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fit_neighborhoods_3d(
     points, indices, sizes, queries, trials, n_support, checkpoints, least_inliers,
-    scale_factor, method, cutoff, reweight, rounding, least_scale, saliency, distance, scale,
+    scale_factor, method, within, cutoff, reweight, rounding, least_scale, saliency, distance, scale,
     centroids, normals, eigenvalues, directions, inliers,
 ):  # fmt: skip
     """Apply a method to each neighborhood (Algorithm 4), one row at a time.
@@ -41,23 +41,27 @@ def fit_neighborhoods_3d(
     Parameters
     ----------
     points : float64 (n, 3)
-    indices : int (m, k), sizes : int (m,)
+    indices : int32 (m, k), sizes : int64 (m,)
     queries : float64 (m, 3)
     trials : int32 (T, k)
     n_support : int (k + 1,), the paper's h of each size
-    checkpoints, least_inliers, scale_factor : a ``StopRule``; without checkpoints all trials
+    checkpoints, least_inliers, scale_factor : a ``StopRule``, or three times None: all trials
         are made
     method : code of the rule
+    within : True for distances within the plane as well, those of "mcmd_md"; else None
     cutoff, reweight : as in ``_rules.mcmd_z``
     rounding : relative rounding error of the coordinates
     least_scale : what the step of rounded coordinates amounts to, in units of the points
     saliency : whether the plane of the inliers is wanted, beside the query's distance
     distance ... inliers : the arrays filled, see ``LocalPlanes``
+
+    Numba drops the branches of arguments that are None before it compiles: what the default does
+    not need, a third of all, is compiled when it is first asked for.
     """
     k = indices.shape[1]
     arrays = work_arrays(trials.shape[0], k)
-    adaptive = checkpoints.shape[0] > 0
-    blocks = adaptive_work_arrays(trials.shape[0], k, checkpoints)
+    if checkpoints is not None:
+        blocks = adaptive_work_arrays(trials.shape[0], k, checkpoints)
     local, keys, member = arrays[0], arrays[5], arrays[6]
     work = np.zeros(k)
     query = np.zeros(3)
@@ -73,13 +77,13 @@ def fit_neighborhoods_3d(
 
         degenerate = False
         if method != PCA:
-            if adaptive:
+            if checkpoints is None:
+                found = consistent_set_3d(size, trials, n_support[size], arrays)
+            else:
                 found, _ = adaptive_set_3d(
                     size, trials, n_support[size], arrays, blocks, checkpoints, least_inliers,
                     scale_factor,
                 )  # fmt: skip
-            else:
-                found = consistent_set_3d(size, trials, n_support[size], arrays)
             degenerate = found < 0.0
         if method == PCA or degenerate:
             for j in range(size):
@@ -87,7 +91,7 @@ def fit_neighborhoods_3d(
             distance[i], scale[i] = _pca(local, size, member, query, floor)
             if degenerate:
                 distance[i], scale[i] = 0.0, -1.0  # left to the caller
-        elif method == MCMD_Z:
+        elif within is None:
             distance[i], scale[i] = _mcmd_z(
                 local, size, member, query, cutoff, reweight, floor, work, keys
             )
@@ -110,7 +114,7 @@ def fit_neighborhoods_3d(
                 directions[i, axis] = axes[2][axis]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _localize(points, row, size, local, work, keys):
     """Shift a neighborhood to its first point and scale its median radius to one."""
     extent = 0.0
@@ -139,7 +143,7 @@ def _localize(points, row, size, local, work, keys):
     return radius
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _pca(local, size, member, query, floor):
     mean, covariance = weighted_covariance(local, size, member)
     _, axes = eigh_3d(covariance)
@@ -148,7 +152,7 @@ def _pca(local, size, member, query, floor):
     return abs(_project(query, mean, axes[0])) / scale, scale
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _mcmd_z(local, size, member, query, cutoff, reweight, floor, work, keys):
     center = 0.0
     if reweight:
@@ -169,7 +173,7 @@ def _mcmd_z(local, size, member, query, cutoff, reweight, floor, work, keys):
     return abs(_project(query, mean, axes[0]) - center) / scale, scale
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _mcmd_md(local, size, member, query, cutoff, reweight, floor, work, keys):
     if reweight:
         mean, values, axes, scale, n_used = _reweighted_plane(
@@ -197,7 +201,7 @@ def _mcmd_md(local, size, member, query, cutoff, reweight, floor, work, keys):
     return np.sqrt(own), scale
 
 
-@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+@njit(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _add_squared(local, size, mean, axis, deviation, out):
     x, y, z = local[0], local[1], local[2]
     ax, ay, az = axis
@@ -208,7 +212,7 @@ def _add_squared(local, size, mean, axis, deviation, out):
         out[j] += projection * projection
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _reweighted_plane(local, size, member, floor, work, keys):
     """As in ``_rules``; `member` then holds the members that were kept."""
     mean, covariance = weighted_covariance(local, size, member)
@@ -234,7 +238,7 @@ def _reweighted_plane(local, size, member, floor, work, keys):
     return mean, values, axes, scale, n_kept
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _project(query, mean, axis):
     return (
         axis[0] * (query[0] - mean[0])
@@ -243,7 +247,7 @@ def _project(query, mean, axis):
     )
 
 
-@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+@njit(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _signed_distances(local, size, mean, normal, out):
     x, y, z = local[0], local[1], local[2]
     nx, ny, nz = normal[0], normal[1], normal[2]
@@ -252,7 +256,7 @@ def _signed_distances(local, size, mean, normal, out):
         out[j] = nx * (x[j] - mx) + ny * (y[j] - my) + nz * (z[j] - mz)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _median(values, size, keys):
     _order_keys(values, size, keys)
     lower = kth_smallest(keys, size, (size + 1) // 2)
@@ -260,7 +264,7 @@ def _median(values, size, keys):
     return 0.5 * (_decode(lower) + _decode(upper))
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _order_keys(values, size, keys):
     """Integers in the order of the numbers: their bits, negated below zero."""
     bits = values.view(np.int64)
@@ -268,7 +272,7 @@ def _order_keys(values, size, keys):
         keys[j] = bits[j] if bits[j] >= 0 else -(bits[j] & MAGNITUDE)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _decode(key):
     value = np.array([abs(key)]).view(np.float64)[0]
     return value if key >= 0 else -value
