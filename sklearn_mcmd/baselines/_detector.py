@@ -161,4 +161,4 @@ class PlaneOutlierDetector(BasePlaneOutliers):
         return self
 
     def _score(self, X):
-        return self._model.evaluate(X, saliency=False, n_jobs=self.n_jobs).distance
+        return self._model.evaluate(X, n_jobs=self.n_jobs)[1]

@@ -7,14 +7,15 @@ decided between two models of the neighborhood: faces that meet in creases, or o
 surface. The verdict is pooled over the neighbors, as an edge is a line and not a point.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import gamma
 
 from sklearn_mcmd.planes._chunks import run
-from sklearn_mcmd.planes._explaining import explanation_cost
+from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import MAD_TO_SD, REWEIGHT_CUTOFF, TRUNCATED_VARIANCE
 
 __all__ = ["FAR", "CreaseModel"]
@@ -44,20 +45,21 @@ OFF_STEEPNESS = 2
 SMOOTH_STEPS = 3
 
 
-@dataclass
-class Faces:
-    """The plane given to each of m points; arrays of the length of the points."""
+# The plane of a face is the one under which a point is most likely.
+LIKELIEST = ExplainLimits(likely=True, kept_weight=1.5)
 
-    normals: np.ndarray  # (m, d)
+
+class Faces(NamedTuple):
+    """The plane given to each of m points."""
+
+    planes: Planes  # `spacing` is that of the point's neighbors
     levels: np.ndarray  # n . x of the plane's points
-    scale: np.ndarray  # standard deviation of the noise
-    spacing: np.ndarray
     height: np.ndarray  # of the point above its plane
     flat: np.ndarray  # whether the plane is that of a face, not of foliage or a cluster
 
     def take(self, rows):
         """The planes of some of the points."""
-        return Faces(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+        return Faces(self.planes.take(rows), self.levels[rows], self.height[rows], self.flat[rows])
 
 
 class CreaseModel:
@@ -87,12 +89,11 @@ class CreaseModel:
         # Heights are differences of coordinates, which may be large.
         self.origin = self.index.points.mean(axis=0)
         self.points = self.index.points - self.origin
-        self.normals = normals[self.index.rows]
-        m = len(self.points)
-        self.levels, self.scale, self.kept = np.empty(m), np.empty(m), np.empty(m)
-        self.spacing, radius = np.empty(m), np.empty(m)
-        self._in_chunks(self.points, self._fit_planes, self.spacing, radius)
-        flatness = self.scale / np.maximum(radius, np.finfo(float).tiny)
+        self.planes = Planes.empty(*self.points.shape)
+        self.planes.normals[:] = normals[self.index.rows]
+        self._in_chunks(self.points, self._fit_planes)
+        self.usable = np.ones(len(self.points), dtype=bool)
+        flatness = self.planes.scale / np.maximum(self.planes.radius, np.finfo(float).tiny)
         self.flat = flatness <= max(FLATNESS, FLATNESS_FACTOR * np.median(flatness))
         self.faces = self._give_planes(self.points)
         distance, self.evidence = self._meet(self.points, self.faces)
@@ -116,14 +117,15 @@ class CreaseModel:
         """Distances as told, from those to the crease and what the neighbors say of it."""
         pooled, flat = np.full(len(queries), np.nan), np.empty(len(queries))
 
-        def pool(part, indices, pooled, flat):
+        def pool(part, around, pooled, flat):
+            indices = around.indices
             pooled[part] = _median(self.evidence[indices])
             flat[part] = 1.0 - 0.5 * _roundness(self.points[indices])
 
         self._in_chunks(queries, pool, pooled, flat)
         # Continuous: as far as it is where an edge is the better model, farther where not.
         smooth = np.exp(np.minimum(STEEPNESS * np.maximum(pooled, 0.0), 50.0))
-        off = np.maximum(np.abs(faces.height) / (OFF * faces.scale), 1.0) ** OFF_STEEPNESS
+        off = np.maximum(np.abs(faces.height) / (OFF * faces.planes.scale), 1.0) ** OFF_STEEPNESS
         found = np.isfinite(distance) & np.isfinite(pooled)
         distance = np.where(found, distance * smooth * off, FAR)
         return np.minimum(distance, FAR * flat)
@@ -136,50 +138,51 @@ class CreaseModel:
         parts = [np.arange(start, min(start + step, n)) for start in range(0, n, step)]
 
         def task(part):
-            indices, _ = self.index.query(queries[part] + self.origin)
-            work(part, indices, *arrays)
+            work(part, self.index.query(queries[part] + self.origin), *arrays)
 
         run([(part,) for part in parts], task, self.n_jobs)
 
-    def _fit_planes(self, part, indices, spacing, radius):
+    def _fit_planes(self, part, around):
         """Level and noise of the plane with each member's normal, by its majority."""
+        indices, normals = around.indices, self.planes.normals[part]
         gaps = self.points[indices] - self.points[part][:, None]
         distances = np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
-        spacing[part] = _spacing(distances, self.points.shape[1])
-        radius[part] = distances.max(axis=1)
-        heights = np.einsum("mkd,md->mk", gaps, self.normals[part])
+        spacing = _spacing(distances, self.points.shape[1])
+        heights = np.einsum("mkd,md->mk", gaps, normals)
         level = np.median(heights, axis=1)
         scale = MAD_TO_SD * np.median(np.abs(heights - level[:, None]), axis=1)
-        least = LEAST_NOISE * spacing[part]
+        least = LEAST_NOISE * spacing
         for _ in range(2):
             limit = REWEIGHT_CUTOFF * np.maximum(scale, least)[:, None]
             member = np.abs(heights - level[:, None]) <= limit
             level = _mean(heights, member)
             scale = np.sqrt(_mean((heights - level[:, None]) ** 2, member) / TRUNCATED_VARIANCE)
-        own = np.einsum("md,md->m", self.points[part], self.normals[part])
-        self.levels[part], self.scale[part] = own + level, np.maximum(scale, least)
-        self.kept[part] = member.mean(axis=1)
+        planes = self.planes
+        planes.centroids[part] = self.points[part] + level[:, None] * normals
+        planes.scale[part], planes.kept[part] = np.maximum(scale, least), member.mean(axis=1)
+        planes.spacing[part], planes.radius[part] = spacing, distances.max(axis=1)
 
     def _give_planes(self, queries):
         """Of the planes of its neighbors, the one that explains each query best."""
-        owners = np.empty(len(queries), dtype=np.intp)
-        spacing = np.empty(len(queries))
+        owners, spacing = np.empty(len(queries), dtype=np.intp), np.empty(len(queries))
 
-        def choose(part, indices, owners, spacing):
-            spacing[part] = np.median(self.spacing[indices], axis=1)
-            heights = np.einsum("md,mkd->mk", queries[part], self.normals[indices])
-            heights -= self.levels[indices]
-            scale = np.maximum(self.scale[indices], LEAST_NOISE * spacing[part][:, None])
-            scale = np.maximum(scale, np.finfo(float).tiny)
-            cost = explanation_cost(heights, scale**2, self.kept[indices])
-            owners[part] = indices[np.arange(len(part)), cost.argmin(axis=1)]
+        def choose(part, around, owners, spacing):
+            spacing[part] = np.median(self.planes.spacing[around.indices], axis=1)
+            everything = np.full(len(part), np.inf)
+            least = np.maximum(LEAST_NOISE * spacing[part], np.finfo(float).tiny)
+            owners[part], _ = explain(
+                queries[part], around, self.planes, LIKELIEST, self.usable, least, everything,
+                compiled=False,
+            )  # fmt: skip
 
         self._in_chunks(queries, choose, owners, spacing)
-        normals, levels = self.normals[owners], self.levels[owners]
-        height = np.einsum("md,md->m", queries, normals) - levels
-        scale = np.maximum(self.scale[owners], LEAST_NOISE * spacing)
+        given = self.planes.take(owners)
+        levels = np.einsum("md,md->m", given.centroids, given.normals)
+        height = np.einsum("md,md->m", queries, given.normals) - levels
+        scale = np.maximum(given.scale, LEAST_NOISE * spacing)
         scale = np.maximum(scale, np.finfo(float).tiny)
-        return Faces(normals, levels, scale, spacing, height, self.flat[owners])
+        given = given._replace(scale=scale, spacing=spacing)
+        return Faces(given, levels, height, self.flat[owners])
 
     def _meet(self, queries, faces):
         """Distance to the nearest crease in spacings, inf if none, and the evidence for it.
@@ -189,14 +192,16 @@ class CreaseModel:
         """
         distance = np.full(len(queries), np.inf)
         evidence = np.full(len(queries), np.nan)
-        on_face = self.faces.flat & (np.abs(self.faces.height) <= OFF * self.faces.scale)
+        on_face = self.faces.flat & (np.abs(self.faces.height) <= OFF * self.faces.planes.scale)
 
-        def meet(part, indices, distance, evidence):
+        def meet(part, around, distance, evidence):
+            indices = around.indices
             own = faces.take(part)
-            cosines = np.abs(np.einsum("md,mkd->mk", own.normals, self.faces.normals[indices]))
+            normals = self.faces.planes.normals[indices]
+            cosines = np.abs(np.einsum("md,mkd->mk", own.planes.normals, normals))
             other = (cosines < self.cosine) & on_face[indices]
             busy = np.flatnonzero(other.sum(axis=1) >= LEAST_COMPANY)
-            busy = busy[own.flat[busy] & (own.spacing[busy] > 0)]
+            busy = busy[own.flat[busy] & (own.planes.spacing[busy] > 0)]
             if busy.size:
                 results = self._faces_or_smooth(
                     queries[part[busy]], own.take(busy), indices[busy], cosines[busy], other[busy]
@@ -209,13 +214,13 @@ class CreaseModel:
 
     def _faces_or_smooth(self, queries, own, indices, cosines, other):
         """Distance and evidence of queries (m, d) with other faces among their neighbors."""
-        neighbors, normals = self.points[indices], self.faces.normals[indices]
+        neighbors, normals = self.points[indices], self.faces.planes.normals[indices]
         levels = self.faces.levels[indices]
         # Heights (m, k, k) of each neighbor above the plane given to each other one.
         heights = np.matmul(neighbors, normals.swapaxes(1, 2)) - levels[:, None]
-        surface = np.einsum("mkd,md->mk", neighbors, own.normals) - own.levels[:, None]
+        surface = np.einsum("mkd,md->mk", neighbors, own.planes.normals) - own.levels[:, None]
         above = np.einsum("md,mkd->mk", queries, normals) - levels
-        limit = OFF * own.scale[:, None]
+        limit = OFF * own.planes.scale[:, None]
         each = np.arange(len(queries))
 
         second, squares, surface = _join(surface, heights, other, limit)
@@ -228,13 +233,13 @@ class CreaseModel:
         distance = np.where(meets, np.minimum(distance, to_third), distance)
         surface = np.where(meets[:, None], corner, surface)
 
-        least = 1e-4 * own.scale**2  # of exact faces
+        least = 1e-4 * own.planes.scale**2  # of exact faces
         sharp = np.mean(np.clip(surface, -limit, limit) ** 2, axis=1) + least
-        smooth = _smooth_residuals(neighbors, own.scale)
+        smooth = _smooth_residuals(neighbors, own.planes.scale)
         if smooth is None:
-            return distance / own.spacing, np.full(len(queries), -1.0)
+            return distance / own.planes.spacing, np.full(len(queries), -1.0)
         smooth = np.mean(np.minimum(smooth, limit) ** 2, axis=1) + least
-        return distance / own.spacing, 0.5 * np.log(sharp / smooth)
+        return distance / own.planes.spacing, 0.5 * np.log(sharp / smooth)
 
 
 def _join(surface, heights, allowed, limit):

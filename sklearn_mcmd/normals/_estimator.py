@@ -317,7 +317,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         if self._surfaces is not None:
             planes = self._surfaces.evaluate(X)
         else:
-            planes = self._model.evaluate(X, n_jobs=self.n_jobs)
+            planes, _ = self._model.evaluate(X, n_jobs=self.n_jobs)
         normals = point_up(planes.normals)
         if self.orientation is not None:
             self._orient(normals, X, self._settle_orientation(X.shape[1]))
@@ -371,12 +371,12 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
             self._surfaces = SurfacePlanes(self._model, self.borrow, self.n_jobs)
             planes, self.plane_index_ = self._surfaces.fit(X)
         else:
-            planes = self._model.evaluate(X, n_jobs=self.n_jobs)
+            planes, _ = self._model.evaluate(X, n_jobs=self.n_jobs)
             self.plane_index_ = np.arange(len(X))
         self.normals_ = point_up(planes.normals)
         self.eigenvalues_ = planes.eigenvalues
         self.surface_variation_ = surface_variation(planes.eigenvalues)
-        self.removed_fraction_ = planes.removed_fraction
+        self.removed_fraction_ = 1.0 - planes.kept
         self.normal_error_ = planes.normal_error
         self.features_ = evaluate_features(self._feature_names, planes, X)
         if isinstance(orientation, str) and orientation == "mst":

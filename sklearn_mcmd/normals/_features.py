@@ -64,10 +64,10 @@ def normal_error(planes, points):
 
 def removed_fraction(planes, points):
     """Share of the neighborhood that was removed."""
-    return planes.removed_fraction
+    return 1.0 - planes.kept
 
 
-# Functions of LocalPlanes and the points (m, d) they belong to, in the order of "all".
+# Functions of Planes and the points (m, d) they belong to, in the order of "all".
 FEATURES = {
     function.__name__: function
     for function in (

@@ -7,25 +7,13 @@ explains it as well as the robust plane explains its own part. An edge is not ex
 The NumPy form, for any dimension; ``_smoothness_numba`` repeats it in three.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from sklearn_mcmd.planes._plane import fit_planes
 
-__all__ = [
-    "AS_FLAT",
-    "FARTHEST",
-    "LEAST_GEARY",
-    "LEAST_KURTOSIS",
-    "LEAST_WIDTH",
-    "MIDDLE",
-    "MOST_IN_MIDDLE",
-    "MOST_SKEW",
-    "PERFECT",
-    "PIVOT",
-    "is_smooth",
-    "least_members",
-    "whole_planes",
-]
+__all__ = ["LIMITS", "SmoothnessLimits", "is_smooth", "least_members", "whole_planes"]
 
 # All members keep to their plane nearly as well as the retained do to theirs: no outliers.
 ALL_FLAT = 1.2
@@ -52,6 +40,24 @@ MIDDLE, MOST_IN_MIDDLE, LEAST_GEARY = 0.5, 0.5, 0.74
 LEAST_WIDTH = 0.05
 # Deviation from the plane to length that is rounding.
 PERFECT = 1e-9
+
+
+class SmoothnessLimits(NamedTuple):
+    """The constants above, as compiled code takes them: it would not notice a change of a file."""
+
+    pivot: float = PIVOT
+    as_flat: float = AS_FLAT
+    farthest: float = FARTHEST
+    most_skew: float = MOST_SKEW
+    least_kurtosis: float = LEAST_KURTOSIS
+    middle: float = MIDDLE
+    most_in_middle: float = MOST_IN_MIDDLE
+    least_geary: float = LEAST_GEARY
+    least_width: float = LEAST_WIDTH
+    perfect: float = PERFECT
+
+
+LIMITS = SmoothnessLimits()
 
 
 def least_members(d):

@@ -3,18 +3,6 @@
 import numpy as np
 from numba import njit
 
-from sklearn_mcmd.normals._smoothness import (
-    AS_FLAT,
-    FARTHEST,
-    LEAST_GEARY,
-    LEAST_KURTOSIS,
-    LEAST_WIDTH,
-    MIDDLE,
-    MOST_IN_MIDDLE,
-    MOST_SKEW,
-    PERFECT,
-    PIVOT,
-)
 from sklearn_mcmd.planes._plane_numba import FASTMATH, eigh_3d, weighted_covariance
 
 __all__ = ["whole_planes_3d"]
@@ -23,10 +11,12 @@ TERMS = 6
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def whole_planes_3d(
-    points, indices, sizes, centroids, eigenvalues, normals, directions, deviation, left, ordinary
-):  # fmt: skip
-    """Fill what `whole_planes` returns, of the axes the first and the last."""
+def whole_planes_3d(points, around, limits, planes, directions, deviation, left, ordinary):
+    """Fill what `whole_planes` returns, of the axes the first and the last.
+
+    `around` are Neighborhoods; of Planes centroids, eigenvalues and normals are filled.
+    """
+    indices, sizes = around.indices, around.sizes
     k = indices.shape[1]
     local, weight, height = np.empty((3, k)), np.ones(k), np.empty(k)
     moments = np.empty((TERMS, TERMS))
@@ -40,9 +30,9 @@ def whole_planes_3d(
         mean, covariance = weighted_covariance(local, size, weight)
         values, axes = eigh_3d(covariance)
         for axis in range(3):
-            centroids[i, axis] = points[origin, axis] + mean[axis]
-            eigenvalues[i, axis] = values[axis]
-            normals[i, axis] = axes[0][axis]
+            planes.centroids[i, axis] = points[origin, axis] + mean[axis]
+            planes.eigenvalues[i, axis] = values[axis]
+            planes.normals[i, axis] = axes[0][axis]
             directions[i, axis] = axes[2][axis]
         extent = np.sqrt(values[2])
         deviation[i] = left[i] = np.inf
@@ -50,27 +40,27 @@ def whole_planes_3d(
         if size < 2 * TERMS or extent == 0.0:
             continue
         total = _moments(local, size, mean, axes, extent, moments, right, height)
-        squares, determined = _residual(moments, right, forward, total)
+        squares, determined = _residual(moments, right, forward, total, limits.pivot)
         plane = np.sqrt(total / (size - 3))
         deviation[i] = plane * extent
         if not determined:
             continue
         quadric = np.sqrt(squares / (size - TERMS))
         left[i] = quadric * extent
-        if values[1] <= LEAST_WIDTH**2 * values[2]:
+        if values[1] <= limits.least_width**2 * values[2]:
             continue
-        if plane <= PERFECT:
+        if plane <= limits.perfect:
             ordinary[i] = True
-        elif plane <= AS_FLAT * quadric:
+        elif plane <= limits.as_flat * quadric:
             variance = total / size
-            tails = _tails(height, size, MIDDLE**2 * variance, FARTHEST**2 * variance)
+            tails = _tails(height, size, limits.middle**2 * variance, limits.farthest**2 * variance)
             n_inside, n_beyond, first, third, fourth = tails
             ordinary[i] = (
                 n_beyond == 0
-                and n_inside <= MOST_IN_MIDDLE * size
-                and first / size >= LEAST_GEARY * np.sqrt(variance)
-                and abs(third) / size <= MOST_SKEW * variance**1.5
-                and fourth / size >= LEAST_KURTOSIS * variance**2
+                and n_inside <= limits.most_in_middle * size
+                and first / size >= limits.least_geary * np.sqrt(variance)
+                and abs(third) / size <= limits.most_skew * variance**1.5
+                and fourth / size >= limits.least_kurtosis * variance**2
             )
 
 
@@ -143,7 +133,7 @@ def _moments(local, size, mean, axes, extent, moments, right, heights):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _residual(moments, right, forward, total):
+def _residual(moments, right, forward, total, least_pivot):
     """Squares left, and whether the members determine the quadric; overwrites the moments."""
     for i in range(TERMS):
         diagonal = moments[i, i]
@@ -156,7 +146,7 @@ def _residual(moments, right, forward, total):
         for m in range(i):
             pivot -= moments[i, m] * moments[i, m]
             value -= moments[i, m] * forward[m]
-        if not pivot > PIVOT * diagonal:
+        if not pivot > least_pivot * diagonal:
             return total, False
         moments[i, i] = np.sqrt(pivot)
         forward[i] = value / moments[i, i]

@@ -189,11 +189,8 @@ def _matching_noise(model, n_jobs):
 
 def _roughness(model, rows, n_jobs):
     """Median ratio of scale to radius of the planes around some of the points."""
-    points = model.index.points[rows]
-    scale = model.evaluate(points, saliency=False, n_jobs=n_jobs).scale
-    indices, sizes = model.index.query(points)
-    last = model.index.points[indices[np.arange(len(points)), sizes - 1]]
-    return float(np.median(ratio(scale, np.linalg.norm(points - last, axis=1))))
+    planes, _ = model.evaluate(model.index.points[rows], n_jobs=n_jobs)
+    return float(np.median(ratio(planes.scale, planes.radius)))
 
 
 def _model_over(model, X):

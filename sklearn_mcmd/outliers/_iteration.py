@@ -9,20 +9,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sklearn_mcmd.outliers._company import Company, DenseSpacing, group_sizes
-from sklearn_mcmd.outliers._judging import (
-    COMMON,
-    HALF,
-    LOCAL,
-    OWN,
-    Judge,
-    Surroundings,
-    judge,
-)
+from sklearn_mcmd.outliers._judging import COMMON, HALF, LOCAL, OWN, Judge, judge
 from sklearn_mcmd.planes._around import quantile_around, ratio
 from sklearn_mcmd.planes._chunks import each_chunk, each_slice, run
-from sklearn_mcmd.planes._explaining import credible_planes
-from sklearn_mcmd.planes._local_planes import LocalPlanes
+from sklearn_mcmd.planes._explaining import Credibility, credible_planes
 from sklearn_mcmd.planes._neighborhoods import ORDER_FROM, distinct_rows, spatial_order
+from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 __all__ = ["IteratedPlanes"]
 
@@ -151,24 +143,22 @@ class IteratedPlanes:
     def score(self, queries):
         """Robust distances of queries (m, d), those that stand apart raised accordingly."""
         if self.own_planes_only:
-            planes = self.model.evaluate(queries, saliency=False, n_jobs=self.n_jobs)
+            planes, distance = self.model.evaluate(queries, n_jobs=self.n_jobs)
             # Of one plane for all the noise may still be known.
             if self.ruler == COMMON and not self.pooled:
-                return ratio(planes.distance * planes.scale, self.noise_scale_found)
-            return planes.distance
+                return ratio(distance * planes.scale, self.noise_scale_found)
+            return distance
         scores, precision = np.empty(len(queries)), np.finfo(queries.dtype).eps
         queries = np.ascontiguousarray(queries, dtype=np.float64)
 
         def task(part):
             points = queries[part]
-            positions, sizes = self.model.index.query(points)
-            planes = self.model.evaluate_neighborhoods(points, positions, sizes, precision)
-            spacing, radius = self._extents(points, positions, sizes)
-            rows = self.member_rows[positions]
-            judged = self._judge(
-                points, planes, spacing, radius, rows, sizes, self.borrow, precision
-            )
-            gaps = np.linalg.norm(points - self.model.index.points[positions[:, 0]], axis=1)
+            around = self.model.index.query(points)
+            planes, distance = self.model.evaluate_neighborhoods(points, around, precision)
+            rows = around._replace(indices=self.member_rows[around.indices])
+            judged = self._judge(points, planes, distance, rows, self.borrow, precision)
+            first = around.indices[:, 0]
+            gaps = np.linalg.norm(points - self.model.index.points[first], axis=1)
             scores[part] = self._spare_company(points, *judged[::2], gaps)
 
         each_chunk(queries, CHUNK[self.compiled], task, self.n_jobs)
@@ -179,9 +169,8 @@ class IteratedPlanes:
         n, d = X.shape
         k = self.model.index.n_neighbors
         self.neighbors = np.full((n, k), -1, dtype=np.int32)
-        self.fitted = Surroundings(
-            LocalPlanes.empty(n, d), np.empty(n), np.empty(n), np.zeros(n, dtype=bool)
-        )
+        self.fitted, self.distance = Planes.empty(n, d), np.empty(n)
+        self.credible = np.zeros(n, dtype=bool)
 
     def _refit(self, X):
         """Planes of the neighborhoods among the retained points, where these have changed."""
@@ -200,49 +189,46 @@ class IteratedPlanes:
                 part = part[changed]
                 if len(part) == 0:
                     return
-            positions, sizes, self.tied[part] = index.query_ties(X[part])
-            rows = self.member_rows[positions]
+            around, self.tied[part] = index.query_ties(X[part])
+            rows = self.member_rows[around.indices]
             stale = (rows != self.neighbors[part]).any(axis=1)
             self.neighbors[part] = rows
-            part, positions, sizes = part[stale], positions[stale], sizes[stale]
+            part, around = part[stale], around.take(stale)
             if len(part):
-                planes = self.model.evaluate_neighborhoods(X[part], positions, sizes)
-                fitted.planes[part] = planes
-                extents = self._extents(X[part], positions, sizes)
-                fitted.spacing[part], fitted.radius[part] = extents
+                planes, distance = self.model.evaluate_neighborhoods(X[part], around)
+                fitted.put(part, planes)
+                self.distance[part] = distance
 
         each_slice(len(X), CHUNK[self.compiled], task, self.n_jobs)
         rows = self.member_rows
-        scale, radius = fitted.planes.scale[rows], fitted.radius[rows]
+        scale, radius = fitted.scale[rows], fitted.radius[rows]
         if self.pooled:
             self.noise_scale_found = float(np.median(scale))
         usual = float(np.median(np.where(radius > 0, ratio(scale, radius), 0.0)))
         # A cloud whose noise is as large as its neighborhoods has no flatter planes than that.
-        self.most_rough = max(FLATNESS, FLATNESS_FACTOR * usual)
+        self.limits = Credibility(max(FLATNESS, FLATNESS_FACTOR * usual))
         self._find_credible()
         if self.n_iter == 1 and self.ruler != OWN:
             self.dense = DenseSpacing(index.points, fitted.spacing[rows])
 
     def _find_credible(self):
-        fitted = self.fitted
-        fitted.credible[:] = False
-        chunk = CHUNK[self.compiled]
+        fitted, chunk = self.fitted, CHUNK[self.compiled]
+        self.credible[:] = False
 
         def task(rows):
-            sizes = np.full(len(rows), self.neighbors.shape[1])
-            around = quantile_around(
-                fitted.radius, self.neighbors[rows], sizes, HALF, self.compiled
-            )
-            planes = fitted.planes
-            scale = planes.scale[rows]
-            removed = 1.0 - planes.n_inliers[rows] / planes.n_members[rows]
-            credible = credible_planes(scale, removed, fitted.radius[rows], around, self.most_rough)
+            around = self._around(self.neighbors[rows])
+            usual = quantile_around(fitted.radius, around, HALF, self.compiled)
+            credible = credible_planes(fitted.take(rows), usual, self.limits)
             if self.ruler == COMMON:
-                credible &= scale <= NOISY_PLANE * self.noise_scale_found
-            fitted.credible[rows] = credible
+                credible &= fitted.scale[rows] <= NOISY_PLANE * self.noise_scale_found
+            self.credible[rows] = credible
 
         rows = self.member_rows
         run([(rows[i : i + chunk],) for i in range(0, len(rows), chunk)], task, self.n_jobs)
+
+    @staticmethod
+    def _around(neighbors):
+        return Neighborhoods(neighbors, np.full(len(neighbors), neighbors.shape[1]))
 
     def _judge_all(self, X, borrow):
         n = len(X)
@@ -250,33 +236,25 @@ class IteratedPlanes:
         fitted, chunk = self.fitted, CHUNK[self.compiled]
 
         def task(part):
-            rows = self.neighbors[part]
-            sizes = np.full(len(rows), rows.shape[1])
-            scores[part], owners[part], usual[part] = self._judge(
-                X[part],
-                fitted.planes.take(part),
-                fitted.spacing[part],
-                fitted.radius[part],
-                rows,
-                sizes,
-                borrow,
-            )
+            around = self._around(self.neighbors[part])
+            judged = self._judge(X[part], fitted.take(part), self.distance[part], around, borrow)
+            scores[part], owners[part], usual[part] = judged
 
         run([(np.arange(i, min(i + chunk, n)),) for i in range(0, n, chunk)], task, self.n_jobs)
         return scores, owners, usual
 
-    def _judge(self, queries, planes, spacing, radius, rows, sizes, borrow, precision=0.0):
+    def _judge(self, queries, planes, distance, around, borrow, precision=0.0):
         """Scores, owners (rows of the sorted cloud, -1 the own) and the usual spacing."""
         least = max(self.model.rounding, 8 * precision) * np.abs(queries).max(axis=1)
         noise = self.noise_scale_found if self.ruler == COMMON else np.nan
-        options = Judge(self.ruler, noise, self.cutoff, borrow, self.most_rough)
-        judged = judge(
-            options, queries, planes, radius, least, rows, sizes, self.fitted, self.compiled
-        )
-        scores, usual = judged.scores, judged.usual_spacing
+        options = Judge(self.ruler, noise, self.cutoff, borrow, self.limits)
+        scores, owners, usual = judge(
+            options, queries, planes, distance, least, around, self.fitted, self.credible,
+            self.compiled,
+        )  # fmt: skip
         if self.ruler != OWN:
-            scores = np.maximum(scores, self.cutoff * self._apart(queries, spacing, usual))
-        return scores, judged.owners, usual
+            scores = np.maximum(scores, self.cutoff * self._apart(queries, planes.spacing, usual))
+        return scores, owners, usual
 
     def _apart(self, queries, spacing, usual):
         """How far queries stand apart, beyond 1 too far."""
@@ -299,8 +277,7 @@ class IteratedPlanes:
         if self.ruler != OWN:
             members = self.member_rows
             sizes = group_sizes(X, members, self.neighbors, self.compiled)
-            planes = self.fitted.planes
-            rough = planes.scale[members] > QUITE_FLAT * self.fitted.radius[members]
+            rough = self.fitted.scale[members] > QUITE_FLAT * self.fitted.radius[members]
             small = sizes < self.small_group
             found = members[small & (rough | ~passed[members])]
             self.alone[self.copied[found]] = True
@@ -342,17 +319,3 @@ class IteratedPlanes:
         """Fewest points to go on with: some are left out of the half for being alone."""
         least = LEAST_GOING_ON * len(self.distinct)
         return max(self.model.index.points.shape[1] + 1, self.neighbors.shape[1], least)
-
-    def _extents(self, queries, positions, sizes):
-        """Mean distance of the neighbors, and that of the last."""
-        points = self.model.index.points
-        if self.compiled:
-            from sklearn_mcmd.planes._around_numba import extents_of_neighborhoods
-
-            spacing, radius = np.empty(len(queries)), np.empty(len(queries))
-            extents_of_neighborhoods(points, queries, positions, sizes, spacing, radius)
-            return spacing, radius
-        gaps = points[positions] - queries[:, None]
-        distances = np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
-        distances[np.arange(positions.shape[1]) >= sizes[:, None]] = 0.0
-        return distances.sum(axis=1) / sizes, distances.max(axis=1)

@@ -1,53 +1,36 @@
-"""A point's verdict from the planes around it: distance, ruler, borrowed plane, density.
+"""A point's verdict from the planes around it: distance, ruler, borrowed plane, density."""
 
-The NumPy form, for any dimension and small clouds; ``_judging_numba`` repeats it compiled.
-"""
-
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._around import quantile, ratio, valid_members
-from sklearn_mcmd.planes._explaining import credible_planes, nearest_credible_planes
+from sklearn_mcmd.planes._around import quantile, ratio
+from sklearn_mcmd.planes._explaining import Credibility, ExplainLimits, credible_planes, explain
 
-__all__ = ["OWN", "Judge", "Judged", "Surroundings", "judge"]
+__all__ = ["COMMON", "HALF", "LOCAL", "OWN", "Judge", "Judged", "judge"]
 
 OWN, LOCAL, COMMON = 0, 1, 2  # rulers
 # Share of credible planes among the neighbors that makes a surface.
 SURFACE = 0.5
 QUARTER = 0.25
 HALF = 0.5
+NEAREST = ExplainLimits(likely=False)
 
 
-@dataclass
-class Judge:
+class Judge(NamedTuple):
     """By what points are measured."""
 
     ruler: int  # OWN, LOCAL or COMMON
     noise: float  # of COMMON
     cutoff: float
     borrow: bool
-    most_rough: float  # largest ratio of scale to radius of a surface
+    credible: Credibility
+    surface: float = SURFACE
+    quarter: float = QUARTER
+    half: float = HALF
 
 
-@dataclass
-class Surroundings:
-    """What is known of the fitted points, by row.
-
-    planes : LocalPlanes
-    spacing : mean distance of the neighbors
-    radius : distance of the last neighbor
-    credible : whether the plane may explain other points
-    """
-
-    planes: object
-    spacing: np.ndarray
-    radius: np.ndarray
-    credible: np.ndarray
-
-
-@dataclass
-class Judged:
+class Judged(NamedTuple):
     """Verdicts of queries (m,).
 
     scores : distance to the own or a borrowed plane in standard deviations
@@ -60,98 +43,75 @@ class Judged:
     usual_spacing: np.ndarray
 
 
-def judge(options, queries, planes, radius, least, indices, sizes, fitted, compiled):
+def judge(options, queries, own, distance, least, neighborhoods, fitted, credible, compiled):
     """Measure queries (m, d) by their own planes and those of their neighbors.
 
     Parameters
     ----------
     options : Judge
     queries : ndarray of float64 of shape (m, d)
-    planes : LocalPlanes of the queries
-    radius : ndarray of shape (m,)
+    own : Planes
+        Of the queries.
+    distance : ndarray of shape (m,)
+        Robust distances of the queries to their own planes.
     least : ndarray of shape (m,)
         Least standard deviation of a query: what rounding of its coordinates amounts to.
-    indices : ndarray of int of shape (m, k)
+    neighborhoods : Neighborhoods
         Rows of `fitted`.
-    sizes : ndarray of int of shape (m,)
-    fitted : Surroundings
+    fitted : Planes
+    credible : ndarray of bool of shape (n,)
+        Which of these may explain other points.
     compiled : bool
 
     Returns
     -------
     Judged
     """
-    if not compiled:
-        return _judge_numpy(options, queries, planes, radius, least, indices, sizes, fitted)
-    from sklearn_mcmd.outliers._judging_numba import judge_neighborhoods
-
     m = len(queries)
-    judged = Judged(np.empty(m), np.empty(m, dtype=np.int64), np.empty(m))
-    judge_neighborhoods(
-        queries,
-        planes.distance,
-        planes.scale,
-        planes.centroids,
-        planes.normals,
-        planes.removed_fraction,
-        radius,
-        least,
-        indices,
-        sizes,
-        fitted.planes.centroids,
-        fitted.planes.normals,
-        fitted.planes.scale,
-        fitted.spacing,
-        fitted.radius,
-        fitted.credible,
-        options.ruler,
-        options.noise,
-        options.cutoff,
-        options.borrow,
-        options.most_rough,
-        judged.scores,
-        judged.owners,
-        judged.usual_spacing,
-    )
-    return judged
+    if compiled:
+        from sklearn_mcmd.outliers._judging_numba import rule_neighborhoods
 
-
-def _judge_numpy(options, queries, planes, radius, least, indices, sizes, fitted):
-    valid = valid_members(indices, sizes)
-    own = np.abs(np.einsum("md,md->m", queries - planes.centroids, planes.normals))
-    ruler = np.maximum(_ruler(options, planes, radius, indices, valid, fitted), least)
-    scores = planes.distance.copy() if options.ruler == OWN else ratio(own, ruler)
-    owners = np.full(len(queries), -1)
+        ruler, usual = np.empty(m), np.empty(m)
+        rule_neighborhoods(options, own, neighborhoods, fitted, credible, ruler, usual)
+    else:
+        valid = neighborhoods.valid
+        ruler = _ruler(options, own, neighborhoods.indices, valid, fitted, credible)
+        usual = quantile(fitted.spacing[neighborhoods.indices], valid, HALF)
+    scores, owners = distance, np.full(m, -1)
+    if options.ruler != OWN:
+        height = np.einsum("md,md->m", queries - own.centroids, own.normals)
+        scores = ratio(np.abs(height), np.maximum(ruler, least))
     if options.borrow:
+        scores = scores.copy()
         far = np.flatnonzero(scores > options.cutoff)
-        others = fitted.planes.scale[indices[far]]
+        lenders = fitted
         if options.ruler == COMMON:
-            others = np.full_like(others, options.noise)
-        others = np.maximum(others, least[far, None])
-        borrowed, owner = nearest_credible_planes(
-            queries[far], indices[far], valid[far], fitted, others
-        )
+            lenders = fitted._replace(scale=np.full(len(fitted.scale), options.noise))
+        owner, borrowed = explain(
+            queries[far], neighborhoods.take(far), lenders, NEAREST, credible,
+            least[far], np.full(len(far), np.inf), compiled,
+        )  # fmt: skip
         nearer = borrowed < scores[far]
-        scores[far[nearer]] = borrowed[nearer]
-        owners[far[nearer]] = owner[nearer]
-    return Judged(scores, owners, quantile(fitted.spacing[indices], valid, HALF))
+        scores[far[nearer]], owners[far[nearer]] = borrowed[nearer], owner[nearer]
+    return Judged(scores, owners, usual)
 
 
-def _ruler(options, planes, radius, indices, valid, fitted):
+def _ruler(options, own, indices, valid, fitted, credible):
     """Standard deviation by which the distance to the own plane is measured."""
     if options.ruler == OWN:
-        return planes.scale
+        return own.scale
     if options.ruler == COMMON:
-        return np.full(len(radius), options.noise)
+        return np.full(len(own.scale), options.noise)
     # A credible plane is its own ruler: it knows its curvature. Among credible planes any
     # other would excuse by its roughness what they don't; where there are none, as in
     # foliage, roughness is what is usual.
-    scale = planes.scale
-    around = quantile(fitted.radius[indices], valid, HALF)
-    usual = quantile(fitted.planes.scale[indices], valid, HALF)
-    credible = credible_planes(scale, planes.removed_fraction, radius, around, options.most_rough)
-    n_credible = (fitted.credible[indices] & valid).sum(axis=1)
+    scale = own.scale
+    usual = quantile(fitted.scale[indices], valid, HALF)
+    is_credible = credible_planes(
+        own, quantile(fitted.radius[indices], valid, HALF), options.credible
+    )
+    n_credible = (credible[indices] & valid).sum(axis=1)
     on_surface = n_credible >= SURFACE * valid.sum(axis=1)
     other = np.where(on_surface, np.minimum(scale, usual), np.maximum(scale, usual))
-    least = quantile(fitted.planes.scale[indices], valid, QUARTER)
-    return np.where(credible & on_surface, np.maximum(scale, least), other)
+    least = quantile(fitted.scale[indices], valid, QUARTER)
+    return np.where(is_credible & on_surface, np.maximum(scale, least), other)

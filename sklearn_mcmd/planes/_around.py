@@ -1,19 +1,33 @@
-"""What is usual among the neighbors: quantiles of their values, and quotients that stay finite."""
+"""What is usual among the neighbors: quantiles, extents, and quotients that stay finite."""
 
 import numpy as np
 
-__all__ = ["quantile", "quantile_around", "ratio", "valid_members"]
+__all__ = ["extents", "quantile", "quantile_around", "ratio"]
 
 
-def quantile_around(values, indices, sizes, q, compiled):
-    """The q-quantile (from above) of the neighbors' values, for each row of indices (m, k)."""
+def quantile_around(values, neighborhoods, q, compiled):
+    """The q-quantile (from above) of the neighbors' values of each neighborhood: (m,)."""
     if compiled:
         from sklearn_mcmd.planes._around_numba import quantile_of_neighbors
 
-        out = np.empty(len(indices))
-        quantile_of_neighbors(values, indices, sizes, q, out)
+        out = np.empty(len(neighborhoods.sizes))
+        quantile_of_neighbors(values, neighborhoods, q, out)
         return out
-    return quantile(values[indices], valid_members(indices, sizes), q)
+    return quantile(values[neighborhoods.indices], neighborhoods.valid, q)
+
+
+def extents(points, queries, neighborhoods, compiled):
+    """Mean distance (m,) of the neighbors from queries (m, d), and that of the last."""
+    if compiled:
+        from sklearn_mcmd.planes._around_numba import extents_of_neighborhoods
+
+        spacing, radius = np.empty(len(queries)), np.empty(len(queries))
+        extents_of_neighborhoods(points, queries, neighborhoods, spacing, radius)
+        return spacing, radius
+    gaps = points[neighborhoods.indices] - queries[:, None]
+    distances = np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
+    distances[~neighborhoods.valid] = 0.0
+    return distances.sum(axis=1) / neighborhoods.sizes, distances.max(axis=1)
 
 
 def ratio(numerator, denominator):
@@ -30,8 +44,3 @@ def quantile(values, valid, q):
         return np.partition(values, position, axis=1)[:, position]
     ordered = np.sort(np.where(valid, values, np.inf), axis=1)
     return ordered[np.arange(len(values)), (q * valid.sum(axis=1)).astype(int)]
-
-
-def valid_members(indices, sizes):
-    """Which members of neighborhoods (m, k) are no padding: bool (m, k)."""
-    return np.arange(indices.shape[1]) < sizes[:, None]

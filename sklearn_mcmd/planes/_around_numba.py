@@ -9,8 +9,9 @@ __all__ = ["extents_of_neighborhoods", "quantile", "quantile_of_neighbors"]
 
 
 @njit(cache=True, nogil=True)
-def quantile_of_neighbors(all_values, indices, sizes, q, out):
+def quantile_of_neighbors(all_values, neighborhoods, q, out):
     """Fill `out` with the q-quantile of the neighbors' values."""
+    indices, sizes = neighborhoods.indices, neighborhoods.sizes
     values = np.empty(indices.shape[1])
     keys = values.view(np.int64)
     for i in range(len(out)):
@@ -18,8 +19,9 @@ def quantile_of_neighbors(all_values, indices, sizes, q, out):
 
 
 @njit(cache=True, nogil=True)
-def extents_of_neighborhoods(points, queries, indices, sizes, spacing, radius):
+def extents_of_neighborhoods(points, queries, neighborhoods, spacing, radius):
     """Fill the mean distance of the neighbors and that of the last."""
+    indices, sizes = neighborhoods.indices, neighborhoods.sizes
     for i in range(len(queries)):
         total = last = 0.0
         for j in range(sizes[i]):
@@ -32,7 +34,7 @@ def extents_of_neighborhoods(points, queries, indices, sizes, spacing, radius):
         spacing[i], radius[i] = total / sizes[i], np.sqrt(last)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def quantile(all_values, neighbors, size, q, values, keys):
     """The value at the rank int(q * size), from 0, of numbers that are not negative.
 

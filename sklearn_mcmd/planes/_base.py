@@ -11,6 +11,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from sklearn_mcmd._sklearn import Interval, StrOptions
 from sklearn_mcmd._validation import OffsetOutlierMixin, check_extent, check_sizes
 from sklearn_mcmd.planes._adaptive_trials import StopRule
+from sklearn_mcmd.planes._around import extents
 from sklearn_mcmd.planes._comparators import settle_comparator
 from sklearn_mcmd.planes._consistent_set import draw_trials, n_support_points, n_trials_needed
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel
@@ -92,7 +93,8 @@ class BaseLocalPlanes(BaseEstimator):
         return 1.0 - self.outlier_rate
 
     def _settle_stop_rule(self, fraction, d):
-        if self.outlier_rate != "auto" or not METHODS[self.method].needs_consistent_set:
+        # In 3D compiled code screens all trials at once: fewer save no time.
+        if self.outlier_rate != "auto" or not METHODS[self.method].needs_consistent_set or d <= 3:
             return None
         n_support = n_support_points(fraction, np.arange(self.n_neighbors_ + 1), d)
         return StopRule.of(self.n_trials_, n_support, self.success_probability, d)
@@ -198,9 +200,7 @@ def _warn_if_coarse(index):
     if index.n_neighbors is None:
         radius = np.linalg.norm(sample - points[0], axis=1)
     else:
-        indices, sizes = index.query(sample)
-        last = points[indices[np.arange(len(sample)), sizes - 1]]
-        radius = np.linalg.norm(last - sample, axis=1)
+        _, radius = extents(points, sample, index.query(sample), compiled=False)
     # Medians, which a few far points do not move.
     radius, largest = float(np.median(radius)), float(np.median(np.abs(sample).max(axis=1)))
     rounding = float(np.spacing(np.float32(largest)))

@@ -6,6 +6,7 @@ three, a handful of neighborhoods (no pause for compiling), machines without Num
 """
 
 from math import ceil, log1p
+from typing import NamedTuple
 
 import numpy as np
 from sklearn.utils import check_random_state
@@ -13,6 +14,7 @@ from sklearn.utils import check_random_state
 from sklearn_mcmd.planes._plane import fit_planes
 
 __all__ = [
+    "Trials",
     "draw_trials",
     "localize",
     "maximum_consistent_sets",
@@ -32,6 +34,16 @@ RANK_TOLERANCE = 1e-6
 MOST_TRIALS = 2**62
 # Entries of the largest temporary array of maximum_consistent_sets.
 CHUNK_ENTRIES = 2_000_000
+
+
+class Trials(NamedTuple):
+    """What the compiled Algorithm 1 is told: constants reach it as arguments, see `RuleLimits`."""
+
+    positions: np.ndarray  # int32 (T, k), the table of `draw_trials`
+    n_support: np.ndarray  # int64 (k + 1,), the paper's h of each size
+    distance_step: float = DISTANCE_STEP
+    eigenvalue_step: float = EIGENVALUE_STEP
+    rank_tolerance: float = RANK_TOLERANCE
 
 
 def n_trials_needed(outlier_rate, success_probability, n_features):

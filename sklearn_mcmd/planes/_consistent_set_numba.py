@@ -9,7 +9,6 @@ set is the one that float64 alone would find, at the price of float32.
 import numpy as np
 from numba import njit
 
-from sklearn_mcmd.planes._consistent_set import DISTANCE_STEP, EIGENVALUE_STEP, RANK_TOLERANCE
 from sklearn_mcmd.planes._plane_numba import (
     FASTMATH,
     eigh_3d,
@@ -48,14 +47,13 @@ SCREEN_STEP = np.float32(1e-6)
 
 
 @njit(nogil=True, error_model="numpy")
-def consistent_set_3d(size, trials, n_support, arrays):
+def consistent_set_3d(size, trials, arrays):
     """Maximum consistent set of one neighborhood (Algorithm 1).
 
     Parameters
     ----------
     size : members in use, whose coordinates (by `localize`) are in the first array
-    trials : int32 (T, k)
-    n_support : the paper's h
+    trials : Trials
     arrays : from `work_arrays`; `member`, the last, receives 1 for members of the set and 0
         for the others
 
@@ -65,7 +63,8 @@ def consistent_set_3d(size, trials, n_support, arrays):
         Least eigenvalue of the set, in squared radii; negative where no set spans a plane.
     """
     local, local32, lanes, lanes32, least, keys, member = arrays
-    n_trials = trials.shape[0]
+    n_trials = trials.positions.shape[0]
+    n_support = trials.n_support[size]
     farthest = 0.0
     for axis in range(3):
         for j in range(size):
@@ -93,19 +92,19 @@ def consistent_set_3d(size, trials, n_support, arrays):
         for s in range(1, n_trials):
             if bound[s] < lowest:
                 t, lowest = s, bound[s]
-        if lowest > best + EIGENVALUE_STEP:
+        if lowest > best + trials.eigenvalue_step:
             break
         bound[t] = np.inf
-        select_members(local, size, n_support, lanes, t, keys, member)
+        select_members(local, size, trials, lanes, t, keys, member)
         selected = t
-        least[t] = least_eigenvalue(local, size, member)
+        least[t] = least_eigenvalue(local, size, member, trials.rank_tolerance)
         best = min(best, least[t])
     if best == np.inf:
         return first_members(size, n_support, member)
     for t in range(n_trials):
-        if least[t] <= best + EIGENVALUE_STEP:
+        if least[t] <= best + trials.eigenvalue_step:
             if t != selected:
-                select_members(local, size, n_support, lanes, t, keys, member)
+                select_members(local, size, trials, lanes, t, keys, member)
             return least[t]
     return best
 
@@ -145,8 +144,8 @@ def trial_planes(local, size, trials, lanes):
     x, y, z = local[0], local[1], local[2]
     first_plane = -1
     n_failures = 0
-    for t in range(trials.shape[0]):
-        row = trials[t]
+    for t in range(trials.positions.shape[0]):
+        row = trials.positions[t]
         # The first three positions inside the neighborhood.
         p = 0
         while row[p] >= size:
@@ -167,14 +166,14 @@ def trial_planes(local, size, trials, lanes):
         area2 = nx * nx + ny * ny + nz * nz
         spread = ux * ux + uy * uy + uz * uz + vx * vx + vy * vy + vz * vz
         spread = (spread + wx * wx + wy * wy + wz * wz) / 3.0
-        if area2 / 3.0 > (RANK_TOLERANCE * spread) ** 2:
+        if area2 / 3.0 > (trials.rank_tolerance * spread) ** 2:
             scale = 1.0 / np.sqrt(area2)
             lanes[0, t], lanes[1, t], lanes[2, t] = nx * scale, ny * scale, nz * scale
             lanes[3, t] = -(nx * x[a] + ny * y[a] + nz * z[a]) * scale
             found = True
         else:
             # A neighborhood without a plane need not be read to its end 69 times.
-            found = n_failures < 3 and _complete_trial(local, size, row, p, lanes, t)
+            found = n_failures < 3 and _complete_trial(local, size, trials, t, p, lanes)
             n_failures += not found
         if not found:
             lanes[3, t] = np.inf
@@ -184,8 +183,9 @@ def trial_planes(local, size, trials, lanes):
 
 
 @njit(nogil=True, error_model="numpy")
-def _complete_trial(local, size, row, p, lanes, t):
-    """Read the row on after position p until the subset spans a plane (step 1)."""
+def _complete_trial(local, size, trials, t, p, lanes):
+    """Read row t on after position p until the subset spans a plane (step 1)."""
+    row = trials.positions[t]
     member = np.zeros(size)
     for q in range(p + 1):
         if row[q] < size:
@@ -201,7 +201,7 @@ def _complete_trial(local, size, row, p, lanes, t):
         wanted = min(wanted + max(1, wanted // 2), size)
         mean, covariance = weighted_covariance(local, size, member)
         values, axes = eigh_3d(covariance)
-        if values[1] > RANK_TOLERANCE**2 * values[2]:
+        if values[1] > trials.rank_tolerance**2 * values[2]:
             normal = _refined_normal(local, size, member, mean, axes)
             for axis in range(3):
                 lanes[axis, t] = normal[axis]
@@ -343,13 +343,14 @@ def screen(local32, size, n_support, lanes, work):
 
 
 @njit(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def select_members(local, size, n_support, lanes, t, keys, member):
+def select_members(local, size, trials, lanes, t, keys, member):
     """Mark the h members nearest to plane t (step 2); ties go to the first."""
     x, y, z = local[0], local[1], local[2]
     nx, ny, nz, offset = lanes[0, t], lanes[1, t], lanes[2, t], lanes[3, t]
+    n_support = trials.n_support[size]
     for j in range(size):
         distance = abs(nx * x[j] + ny * y[j] + nz * z[j] + offset)
-        keys[j] = np.int64(min(np.rint(distance / DISTANCE_STEP), MOST_STEPS))
+        keys[j] = np.int64(min(np.rint(distance / trials.distance_step), MOST_STEPS))
     limit = kth_smallest(keys, size, n_support)
     left = n_support
     for j in range(size):
@@ -365,7 +366,7 @@ def select_members(local, size, n_support, lanes, t, keys, member):
 
 
 @njit(nogil=True, error_model="numpy")
-def least_eigenvalue(local, size, member):
+def least_eigenvalue(local, size, member, rank_tolerance):
     """Least eigenvalue of the covariance of the members (step 3).
 
     Taken as the variance of the members along the axis, which errs to the large side only,
@@ -373,6 +374,6 @@ def least_eigenvalue(local, size, member):
     """
     mean, covariance = weighted_covariance(local, size, member)
     values, axes = eigh_3d(covariance)
-    if values[1] <= RANK_TOLERANCE**2 * values[2]:
+    if values[1] <= rank_tolerance**2 * values[2]:
         return np.inf
     return variance_along(local, size, member, mean, axes[0])

@@ -1,88 +1,121 @@
-"""Borrowed planes: next to an edge, a point asks its neighbors' planes whether one is its own."""
+"""Whose plane explains a point? One question, asked by every stage of its neighbors' planes."""
+
+from typing import NamedTuple
 
 import numpy as np
 
-__all__ = [
-    "EXPLAINED",
-    "KEPT_WEIGHT",
-    "LEAST_KEPT",
-    "MOST_SPARSE",
-    "credible_planes",
-    "explanation_cost",
-    "nearest_credible_planes",
-]
-
-# A credible plane keeps at least half of its neighborhood, ...
-LEAST_KEPT = 0.5
-# ... is not sparser than its surroundings, and is flat for its size.
-MOST_SPARSE = 1.15
-# A plane explains points within so many of its standard deviations.
-EXPLAINED = 3.0
-# Weight of the logarithm of the share of its neighborhood that a plane keeps. More is better where
-# there is noise, less where there is none.
-KEPT_WEIGHT = 1.5
+__all__ = ["CREDIBLE", "Credibility", "ExplainLimits", "credible_planes", "explain"]
 
 
-def credible_planes(scale, removed_fraction, radius, radius_around, most_rough):
-    """Which planes may explain points, their own or others: arrays (n,) to bool (n,).
+class Credibility(NamedTuple):
+    """What a plane must be to explain other points.
 
-    Parameters
-    ----------
-    scale, removed_fraction : of the planes
-    radius : of their neighborhoods
-    radius_around : what is usual among the neighbors
-    most_rough : float
-        Largest ratio of scale to radius.
+    most_rough : largest ratio of scale to radius
+    least_kept : least share of its neighborhood that it keeps
+    most_sparse : largest ratio of its radius to what is usual among the neighbors
     """
-    flat = scale <= most_rough * radius
-    dense = radius <= MOST_SPARSE * radius_around
-    return flat & dense & (removed_fraction <= 1 - LEAST_KEPT)
+
+    most_rough: float
+    least_kept: float = 0.5
+    most_sparse: float = 1.15
 
 
-def nearest_credible_planes(queries, candidates, valid, fitted, ruler):
-    """Of the planes of its neighbors, the credible one that each query is nearest to.
+CREDIBLE = Credibility(np.inf)
+
+
+class ExplainLimits(NamedTuple):
+    """By what a plane is said to explain a point.
+
+    likely : bool
+        Whether the owner is the plane under which the point is most likely: a flat plane that the
+        point lies on beats a rough one that it lies on as well. Otherwise it is the nearest plane,
+        in standard deviations.
+    explained : float
+        A plane explains points within so many of its standard deviations. Planes that explain
+        the point come first, others only where there is none.
+    kept_weight : float
+        Weight of the logarithm of the share of its neighborhood that a plane keeps, in the
+        likelihood. More is better where there is noise, less where there is none.
+    """
+
+    likely: bool
+    explained: float = np.inf
+    kept_weight: float = 0.0
+
+
+def explain(queries, candidates, planes, limits, usable, least, most, compiled):
+    """The plane of its neighbors that explains each query best.
+
+    A plane reaches as far from its centroid as its neighborhood does from its point.
 
     Parameters
     ----------
-    queries : ndarray of shape (m, d)
-    candidates : ndarray of int of shape (m, k)
-        Rows of `fitted`.
-    valid : ndarray of bool of shape (m, k)
-    fitted : Surroundings
-    ruler : ndarray of shape (m, k)
-        Standard deviation by which the distance to a candidate is measured.
+    queries : ndarray of float64 of shape (m, d)
+    candidates : Neighborhoods
+        Rows of `planes`.
+    planes : Planes
+    limits : ExplainLimits
+    usable : ndarray of bool
+        Which of the planes may explain points.
+    least : ndarray of shape (m,)
+        Standard deviation that is added to each plane's, for each query.
+    most : ndarray of shape (m,)
+        Planes with a larger standard deviation come last.
+    compiled : bool
 
     Returns
     -------
-    distances : ndarray of shape (m,)
-        In standard deviations; inf where no credible plane reaches the query.
     owners : ndarray of int of shape (m,)
-        Rows of `fitted`; -1 where none.
+        Rows of `planes`, -1 where none reaches the query.
+    distances : ndarray of shape (m,)
+        From the owner's plane in standard deviations; inf where there is none.
     """
-    deviations = queries[:, None] - fitted.planes.centroids[candidates]
-    heights = np.abs(np.einsum("mkd,mkd->mk", deviations, fitted.planes.normals[candidates]))
+    if compiled:
+        from sklearn_mcmd.planes._explaining_numba import explain_queries
+
+        owners, distances = np.empty(len(queries), dtype=np.int64), np.empty(len(queries))
+        explain_queries(
+            queries, candidates, planes, limits, usable, (least, most), owners, distances
+        )
+        return owners, distances
+    indices = candidates.indices
+    deviations = queries[:, None] - planes.centroids[indices]
+    heights = np.einsum("mkd,mkd->mk", deviations, planes.normals[indices])
     reach = np.sqrt(np.einsum("mkd,mkd->mk", deviations, deviations))
-    usable = valid & fitted.credible[candidates] & (reach <= fitted.radius[candidates])
-    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        distances = np.where(usable, heights / ruler, np.inf)
-    best = distances.argmin(axis=1)
-    each = np.arange(len(queries))
-    distances, owners = distances[each, best], candidates[each, best]
-    return distances, np.where(np.isfinite(distances), owners, -1)
+    variance = np.square(planes.scale[indices]) + np.square(least)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        distances = np.abs(heights) / np.sqrt(variance)
+        cost = distances
+        if limits.likely:
+            cost = 0.5 * (np.log(variance) + np.square(distances))
+            cost = cost - limits.kept_weight * np.log(planes.kept[indices])
+    reached = candidates.valid & usable[indices] & (reach <= planes.radius[indices])
+    if limits.likely:
+        reached &= planes.scale[indices] > 0
+    cost = np.where(reached, np.nan_to_num(cost, nan=np.inf, posinf=np.inf), np.inf)
+    first = (variance <= np.square(most)[:, None]) & (distances <= limits.explained)
+    cost_of_first = np.where(first, cost, np.inf)
+    some = np.isfinite(cost_of_first).any(axis=1)
+    cost[some] = cost_of_first[some]
+    best, each = cost.argmin(axis=1), np.arange(len(queries))
+    found = np.isfinite(cost[each, best])
+    owners = np.where(found, indices[each, best], -1)
+    return owners, np.where(found, distances[each, best], np.inf)
 
 
-def explanation_cost(heights, variance, kept):
-    """How badly planes explain a point: the least is of the face that it lies on.
+def credible_planes(planes, radius_around, limits):
+    """Which planes may explain points, their own or others: bool (m,).
+
+    A plane is credible if it is flat for its size, keeps its share of its neighborhood and is not
+    sparser than what is usual around.
 
     Parameters
     ----------
-    heights : ndarray
-        Distances of the point to planes.
-    variance : ndarray
-        Squared scale of the planes.
-    kept : ndarray
-        Share of its neighborhood that each plane keeps.
+    planes : Planes
+    radius_around : ndarray of shape (m,)
+        Radius that is usual among the neighbors.
+    limits : Credibility
     """
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        cost = 0.5 * (np.log(variance) + np.square(heights) / variance)
-        return cost - KEPT_WEIGHT * np.log(kept)
+    flat = planes.scale <= limits.most_rough * planes.radius
+    dense = planes.radius <= limits.most_sparse * radius_around
+    return flat & dense & (1 - planes.kept <= 1 - limits.least_kept)

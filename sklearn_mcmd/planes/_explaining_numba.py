@@ -1,44 +1,37 @@
-"""The plane that explains a point best, of those of its neighbors, compiled."""
+"""``explain`` of ``_explaining``, compiled; any dimension."""
 
 import numpy as np
 from numba import njit
 
-from sklearn_mcmd.planes._explaining import EXPLAINED, KEPT_WEIGHT
-
-__all__ = ["best_planes"]
+__all__ = ["explain_queries"]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def best_planes(
-    queries, points, indices, sizes, centroids, normals, scale, kept, most, least_noise, best
-):  # fmt: skip
-    """Fill the row of the best plane, -1 for none; in any dimension.
-
-    See the NumPy form, ``SurfacePlanes._best_planes``.
-    """
+def explain_queries(queries, candidates, planes, limits, usable, scales, owners, distances):
+    """Fill owners and distances; `scales` are the least and the most of `explain`."""
     d = queries.shape[1]
+    least, most = scales
     for i in range(len(queries)):
-        square = 0.0
-        for j in range(sizes[i]):
-            total = 0.0
-            for axis in range(d):
-                gap = points[indices[i, j], axis] - queries[i, axis]
-                total += gap * gap
-            square = max(square, total)
-        least = least_noise * least_noise * square
-        best[i], least_cost, best_is_usual = -1, np.inf, False
-        for j in range(sizes[i]):
-            row = indices[i, j]
+        owners[i], distances[i] = -1, np.inf
+        least_cost, best_first = np.inf, False
+        for j in range(candidates.sizes[i]):
+            row = candidates.indices[i, j]
+            if not usable[row] or (limits.likely and not planes.scale[row] > 0.0):
+                continue
             height = reach = 0.0
             for axis in range(d):
-                deviation = queries[i, axis] - centroids[row, axis]
-                height += deviation * normals[row, axis]
+                deviation = queries[i, axis] - planes.centroids[row, axis]
+                height += deviation * planes.normals[row, axis]
                 reach += deviation * deviation
-            if reach > square or scale[row] <= 0.0:
+            if not np.sqrt(reach) <= planes.radius[row]:
                 continue
-            variance = scale[row] * scale[row] + least
-            cost = 0.5 * (np.log(variance) + height * height / variance)
-            cost -= KEPT_WEIGHT * np.log(kept[row])
-            usual = variance <= most[i] * most[i] and height * height <= EXPLAINED**2 * variance
-            if (usual and not best_is_usual) or (usual == best_is_usual and cost < least_cost):
-                best[i], least_cost, best_is_usual = row, cost, usual
+            variance = planes.scale[row] * planes.scale[row] + least[i] * least[i]
+            distance = abs(height) / np.sqrt(variance)
+            cost = distance
+            if limits.likely:
+                cost = 0.5 * (np.log(variance) + distance * distance)
+                cost -= limits.kept_weight * np.log(planes.kept[row])
+            first = variance <= most[i] * most[i] and distance <= limits.explained
+            if (first and not best_first) or (first == best_first and cost < least_cost):
+                owners[i], distances[i] = row, distance
+                least_cost, best_first = cost, first

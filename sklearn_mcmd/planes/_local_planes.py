@@ -3,18 +3,20 @@
 import os
 import tempfile
 from copy import copy
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from sklearn_mcmd.planes._adaptive_trials import StopRule, adaptive_consistent_sets
+from sklearn_mcmd.planes._around import extents
 from sklearn_mcmd.planes._chunks import each_chunk
-from sklearn_mcmd.planes._consistent_set import localize, n_support_points
+from sklearn_mcmd.planes._consistent_set import Trials, localize, n_support_points
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._plane import RANK_TOLERANCE, fit_planes, flat_normals, normal_errors
-from sklearn_mcmd.planes._rules import METHODS, robust_distances
+from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.planes._rules import METHODS, RuleLimits, robust_distances
 
-__all__ = ["LocalPlaneModel", "LocalPlanes"]
+__all__ = ["LocalPlaneModel"]
 
 # Smaller clouds take NumPy: loading compiled code would take longer than the work.
 COMPILE_FROM = 1_000
@@ -37,47 +39,6 @@ class RuleFit:
     def score(self, queries):
         local = (queries - self.origin[:, None]) / self.radius[:, None, None]
         return robust_distances(local, self.centers, self.whitening)
-
-
-@dataclass
-class LocalPlanes:
-    """The plane of each query's neighborhood; arrays of the length of the queries.
-
-    distance : robust distance of the query to its own plane
-    scale : standard deviation of the noise along the normal, in units of X
-    centroids, normals, eigenvalues, directions (axis of the largest eigenvalue) : of the
-        members left after outliers are removed
-    n_inliers, n_members : members left, and of the whole neighborhood
-    normal_error : root mean square tilt of the normal, see `normal_errors`
-    """
-
-    distance: np.ndarray
-    scale: np.ndarray
-    centroids: np.ndarray
-    normals: np.ndarray
-    eigenvalues: np.ndarray
-    directions: np.ndarray
-    n_inliers: np.ndarray
-    n_members: np.ndarray
-    normal_error: np.ndarray
-
-    @property
-    def removed_fraction(self):
-        """Share of each neighborhood that was removed."""
-        return 1.0 - self.n_inliers / self.n_members
-
-    @classmethod
-    def empty(cls, n, d):
-        vector = {"centroids", "normals", "eigenvalues", "directions"}
-        return cls(*(np.empty((n, d) if f.name in vector else n) for f in fields(cls)))
-
-    def take(self, rows):
-        """The planes of some of the queries."""
-        return type(self)(*(getattr(self, f.name)[rows] for f in fields(self)))
-
-    def __setitem__(self, rows, part):
-        for f in fields(self):
-            getattr(self, f.name)[rows] = getattr(part, f.name)
 
 
 class LocalPlaneModel:
@@ -136,108 +97,73 @@ class LocalPlaneModel:
         other.index = NeighborIndex(points, self.index.n_neighbors, self.index.radius)
         return other
 
-    def evaluate(self, queries, *, saliency=True, n_jobs=None):
-        """Planes of the neighborhoods of queries (m, d).
-
-        Without `saliency` only `distance` and `scale` are filled.
-        """
+    def evaluate(self, queries, n_jobs=None):
+        """Planes of the neighborhoods of queries (m, d), and robust distances (m,) to them."""
         rounding = max(self.rounding, 8 * np.finfo(queries.dtype).eps)
         queries = np.ascontiguousarray(queries, dtype=np.float64)
-        planes = LocalPlanes.empty(*queries.shape)
+        planes, distance = Planes.empty(*queries.shape), np.empty(len(queries))
         if self.whole is not None:
-            self._evaluate_whole(queries, planes)
-            return planes
+            self._evaluate_whole(queries, planes, distance)
+            return planes, distance
 
         def task(rows):
             part = queries[rows]
-            planes[rows] = self._evaluate_chunk(part, *self.index.query(part), saliency, rounding)
+            found, distance[rows] = self._evaluate_chunk(part, self.index.query(part), rounding)
+            planes.put(rows, found)
 
         size = max(1, CHUNK[self.ready()] // self.index.n_neighbors)
         each_chunk(queries, size, task, n_jobs)
-        if saliency:
-            self._finish(planes)
-        return planes
+        return planes, distance
 
-    def evaluate_neighborhoods(self, queries, indices, sizes, precision=0.0):
-        """Planes of given neighborhoods, rows (m, k) of the index's points.
+    def evaluate_neighborhoods(self, queries, neighborhoods, precision=0.0):
+        """The same of given neighborhoods, rows of the index's points.
 
         `precision` is the relative rounding error of the queries, where that is greater.
         """
-        rounding = max(self.rounding, 8 * precision)
-        planes = self._evaluate_chunk(queries, indices, sizes, True, rounding)
-        self._finish(planes)
-        return planes
+        return self._evaluate_chunk(queries, neighborhoods, max(self.rounding, 8 * precision))
 
     def ready(self):
         """Whether compiled code does the work."""
         return self.compiled and self.comparator is None and _compiled_driver() is not None
 
-    def _evaluate_chunk(self, queries, indices, sizes, saliency, rounding):
-        evaluate = self._evaluate_compiled if self.ready() else self._evaluate_numpy
-        return evaluate(queries, indices, sizes, saliency, rounding)
+    def _evaluate_chunk(self, queries, neighborhoods, rounding):
+        planes, distance = Planes.empty(*queries.shape), np.empty(len(queries))
+        directions = np.empty_like(planes.normals)
+        fit = self._fit_compiled if self.ready() else self._fit_numpy
+        fit(queries, neighborhoods, rounding, planes, directions, distance)
+        self._measure_flat(queries, neighborhoods, rounding, planes, distance)
+        spacing, radius = extents(self.index.points, queries, neighborhoods, self.ready())
+        planes.spacing[:], planes.radius[:] = spacing, radius
+        self._finish(planes, directions, neighborhoods.sizes)
+        return planes, distance
 
-    def _finish(self, planes):
+    def _finish(self, planes, directions, sizes):
         """What follows from the fitted planes, row by row."""
-        flat_normals(planes.normals, planes.eigenvalues, planes.directions)
-        d = planes.normals.shape[1]
+        flat_normals(planes.normals, planes.eigenvalues, directions)
+        d, n_kept = planes.normals.shape[1], np.rint(planes.kept * sizes)
         inflation = 1.0
         if self.comparator is None:
-            inflation = METHODS[self.method].inflation(
-                self.cutoff, d, planes.n_inliers, planes.n_members
-            )
-        planes.normal_error[:] = normal_errors(
-            planes.scale, planes.eigenvalues, planes.n_inliers, inflation
-        )
+            inflation = METHODS[self.method].inflation(self.cutoff, d, n_kept, sizes)
+        errors = normal_errors(planes.scale, planes.eigenvalues, n_kept, inflation)
+        planes.normal_error[:] = errors
 
-    def _evaluate_compiled(self, queries, indices, sizes, saliency, rounding):
-        planes = LocalPlanes.empty(*queries.shape)
-        n_support = n_support_points(self.support_fraction, np.arange(indices.shape[1] + 1), 3)
-        stop_rule = (None, None, None)
-        if len(self.stop_rule.checkpoints):
-            stop_rule = astuple(self.stop_rule)
-        _compiled_driver()(
-            self.index.points,
-            indices.astype(np.int32, copy=False),  # of one type: each is compiled apart
-            sizes,
-            queries,
-            self.trials,
-            n_support,
-            *stop_rule,
-            METHODS[self.method].code,
-            self.method == "mcmd_md" or None,
-            self.cutoff,
-            self.reweight,
-            rounding,
-            self.least_scale,
-            saliency,
-            planes.distance,
-            planes.scale,
-            planes.centroids,
-            planes.normals,
-            planes.eigenvalues,
-            planes.directions,
-            planes.n_inliers,
-        )
-        planes.n_members[:] = sizes
-        self._measure_flat(queries, planes, rounding)
-        return planes
+    def _fit_compiled(self, queries, neighborhoods, rounding, planes, directions, distance):
+        sizes = np.arange(neighborhoods.indices.shape[1] + 1)
+        trials = Trials(self.trials, n_support_points(self.support_fraction, sizes, 3))
+        rule = RuleLimits.of(self.method, self.cutoff, self.reweight, rounding, self.least_scale)
+        fit = _compiled_driver()
+        fit(self.index.points, neighborhoods, queries, trials, rule, planes, directions, distance)
 
-    def _evaluate_numpy(self, queries, indices, sizes, saliency, rounding):
-        planes = LocalPlanes.empty(*queries.shape)
-        neighborhoods = self.index.points[indices]
-        found = self.fit_rule(neighborhoods, sizes, rounding)
-        planes.distance[:] = found.score(queries[:, None])[:, 0]
+    def _fit_numpy(self, queries, neighborhoods, rounding, planes, directions, distance):
+        points = self.index.points[neighborhoods.indices]
+        found = self.fit_rule(points, neighborhoods.sizes, rounding)
+        distance[:] = found.score(queries[:, None])[:, 0]
         planes.scale[:] = found.scale
-        if saliency:
-            fitted = fit_planes(neighborhoods, found.support)
-            planes.centroids[:], planes.eigenvalues[:], axes = fitted
-            planes.normals[:], planes.directions[:] = axes[..., 0], axes[..., -1]
-            planes.n_inliers[:] = found.support.sum(axis=1)
-            planes.n_members[:] = sizes
-        self._measure_flat(queries, planes, rounding)
-        return planes
+        planes.centroids[:], planes.eigenvalues[:], axes = fit_planes(points, found.support)
+        planes.normals[:], directions[:] = axes[..., 0], axes[..., -1]
+        planes.kept[:] = found.support.sum(axis=1) / neighborhoods.sizes
 
-    def _measure_flat(self, queries, planes, rounding):
+    def _measure_flat(self, queries, neighborhoods, rounding, planes, distance):
         """Distances where no consistent set spans a plane, which a negative scale tells.
 
         Members of a line or a location are at distance zero from it; a query away from it has
@@ -246,11 +172,10 @@ class LocalPlaneModel:
         flat = np.flatnonzero(planes.scale < 0)
         if flat.size == 0:
             return
-        indices, sizes = self.index.query(queries[flat])
-        points = self.index.points[indices]
-        members = np.arange(points.shape[1]) < sizes[:, None]
-        found = self._flat_distances(queries[flat], points, members, rounding)
-        planes.distance[flat], planes.scale[flat] = found
+        around = neighborhoods.take(flat)
+        points = self.index.points[around.indices]
+        found = self._flat_distances(queries[flat], points, around.valid, rounding)
+        distance[flat], planes.scale[flat] = found
 
     def _flat_distances(self, queries, points, members, rounding):
         """Distances and scales of queries (m, d) to what neighborhoods (m or 1, k, d) span."""
@@ -270,23 +195,28 @@ class LocalPlaneModel:
         points = self.index.points[None]
         found = self.fit_rule(points, np.array([points.shape[1]]), self.rounding)
         centroids, eigenvalues, axes = fit_planes(points, found.support)
-        plane = LocalPlanes.empty(1, points.shape[2])
-        plane.scale[:], plane.centroids[:] = found.scale, centroids
-        plane.eigenvalues[:] = eigenvalues
-        plane.normals[:], plane.directions[:] = axes[..., 0], axes[..., -1]
-        plane.n_inliers[:], plane.n_members[:] = found.support.sum(axis=1), points.shape[1]
-        self._finish(plane)
+        plane = Planes.empty(1, points.shape[2])
+        plane.scale[:], plane.centroids[:], plane.eigenvalues[:] = (
+            found.scale,
+            centroids,
+            eigenvalues,
+        )
+        plane.normals[:] = axes[..., 0]
+        plane.kept[:] = found.support.mean(axis=1)
+        self._finish(plane, axes[..., -1], np.array([points.shape[1]]))
         return found, plane
 
-    def _evaluate_whole(self, queries, planes):
+    def _evaluate_whole(self, queries, planes, distance):
         found, plane = self.whole
-        planes[:] = plane
-        planes.distance[:] = found.score(queries[None])[0]
+        planes.put(slice(None), plane)
+        distance[:] = found.score(queries[None])[0]
+        gaps = np.linalg.norm(self.index.points - plane.centroids, axis=1)
+        planes.radius[:], planes.spacing[:] = gaps.max(), gaps.mean()
         if plane.scale[0] < 0:
             points = self.index.points[None]
             members = np.ones(points.shape[:2], dtype=bool)
             flat = self._flat_distances(queries, points, members, self.rounding)
-            planes.distance[:], planes.scale[:] = flat
+            distance[:], planes.scale[:] = flat
 
     def fit_rule(self, neighborhoods, sizes, rounding):
         """What the method finds in neighborhoods (B, k, d)."""

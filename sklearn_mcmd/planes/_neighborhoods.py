@@ -3,6 +3,8 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sklearn_mcmd.planes._record import Neighborhoods
+
 __all__ = ["NeighborIndex", "distinct_rows", "spatial_order"]
 
 # Below this many points the order of memory does not matter.
@@ -62,23 +64,24 @@ class NeighborIndex:
 
         Returns
         -------
-        indices : ndarray of int of shape (m, k)
-            Rows of `points`; members beyond the size repeat the first.
-        sizes : ndarray of int of shape (m,)
+        Neighborhoods
+            Rows of `points`.
         """
         if self.n_neighbors is None:
             n = len(self.points)
-            return np.broadcast_to(np.arange(n), (len(queries), n)), np.full(len(queries), n)
+            indices = np.broadcast_to(np.arange(n, dtype=np.int32), (len(queries), n))
+            return Neighborhoods(indices, np.full(len(queries), n))
         k = self.n_neighbors
         if self.radius is None:
             _, indices = self.tree.query(queries, k=k)
-            return indices.reshape(len(queries), k), np.full(len(queries), k)
+            indices = indices.reshape(len(queries), k).astype(np.int32)
+            return Neighborhoods(indices, np.full(len(queries), k))
         distances, indices = self.tree.query(queries, k=k)
         distances, indices = distances.reshape(-1, k), indices.reshape(-1, k)
         sizes = np.count_nonzero(distances <= self.radius, axis=1)
         sizes = np.maximum(sizes, min(self.points.shape[1] + 1, k))
         indices = np.where(np.arange(k) < sizes[:, None], indices, indices[:, :1])
-        return indices, sizes
+        return Neighborhoods(indices.astype(np.int32), sizes)
 
     def query_ties(self, queries):
         """The neighborhoods of `query`, and in which of them distances are equal, bool (m,).
@@ -90,10 +93,10 @@ class NeighborIndex:
         distances, indices = self.tree.query(queries, k=most)
         distances = distances.reshape(len(queries), most)
         tied = (distances[:, 1:] == distances[:, :-1]).any(axis=1)
-        indices = np.ascontiguousarray(indices.reshape(len(queries), most)[:, :k])
+        indices = indices.reshape(len(queries), most)[:, :k].astype(np.int32)
         if tied.any():
-            indices[tied], _ = self.query(queries[tied])
-        return indices, np.full(len(queries), k), tied
+            indices[tied] = self.query(queries[tied]).indices
+        return Neighborhoods(indices, np.full(len(queries), k)), tied
 
     def nearest(self, queries, n_workers=1):
         """Row of `points` nearest to each query; the one neighborhood has but one row."""

@@ -9,6 +9,7 @@ NumPy form holds in any dimension, ``_rules_numba`` repeats it in three.
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import erf, exp, pi, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
@@ -18,6 +19,7 @@ from sklearn_mcmd.planes._plane import fit_planes, orthogonal_distances
 __all__ = [
     "METHODS",
     "Rule",
+    "RuleLimits",
     "cut_inflation",
     "mcmd_md",
     "mcmd_z",
@@ -48,11 +50,44 @@ TRUNCATED_VARIANCE = truncated_normal(REWEIGHT_CUTOFF)[1]  # 0.911
 class Rule:
     """A method by name."""
 
-    code: int  # what the compiled driver knows it by
     apply: Callable  # see `mcmd_z`
     default_cutoff: Callable  # of the number of features
     needs_consistent_set: bool
     inflation: Callable  # of standard errors: of cutoff, d, members left and members
+
+
+class RuleLimits(NamedTuple):
+    """What the compiled form of a rule is told: constants reach it as arguments.
+
+    Code that is compiled and kept would not notice that a constant of another file has changed.
+    """
+
+    needs_consistent_set: bool
+    within: object  # True for distances within the plane as well, those of "mcmd_md"; else None
+    cutoff: float
+    reweight: bool
+    rounding: float  # relative rounding error of the coordinates
+    least_scale: float  # what the step of rounded coordinates amounts to, in units of the points
+    mad_to_sd: float
+    reweight_cutoff: float
+    reweight_steps: int
+    truncated_variance: float
+
+    @classmethod
+    def of(cls, method, cutoff, reweight, rounding, least_scale):
+        """The limits of a method of `METHODS`."""
+        return cls(
+            METHODS[method].needs_consistent_set,
+            (method == "mcmd_md") or None,
+            cutoff,
+            reweight,
+            rounding,
+            least_scale,
+            MAD_TO_SD,
+            REWEIGHT_CUTOFF,
+            REWEIGHT_STEPS,
+            TRUNCATED_VARIANCE,
+        )
 
 
 def robust_distances(points, centers, whitening):
@@ -201,8 +236,8 @@ def _inflation_md(cutoff, d, n_inliers, n_members):
 
 
 METHODS = {
-    "mcmd_z": Rule(1, mcmd_z, lambda d: 2.5, True, _inflation_z),
+    "mcmd_z": Rule(mcmd_z, lambda d: 2.5, True, _inflation_z),
     # The paper prints 3.075 for d = 3; the root of chi-squared's quantile is 3.0575.
-    "mcmd_md": Rule(2, mcmd_md, lambda d: sqrt(chdtri(d, 0.025)), True, _inflation_md),
-    "pca": Rule(0, pca, lambda d: 2.5, False, lambda *_: 1.0),
+    "mcmd_md": Rule(mcmd_md, lambda d: sqrt(chdtri(d, 0.025)), True, _inflation_md),
+    "pca": Rule(pca, lambda d: 2.5, False, lambda *_: 1.0),
 }

@@ -7,7 +7,6 @@ ever held.
 import numpy as np
 from numba import njit
 
-from sklearn_mcmd.planes._adaptive_trials_numba import adaptive_set_3d, adaptive_work_arrays
 from sklearn_mcmd.planes._consistent_set_numba import consistent_set_3d, work_arrays
 from sklearn_mcmd.planes._plane_numba import (
     FASTMATH,
@@ -16,102 +15,75 @@ from sklearn_mcmd.planes._plane_numba import (
     variance_along,
     weighted_covariance,
 )
-from sklearn_mcmd.planes._rules import (
-    MAD_TO_SD,
-    METHODS,
-    REWEIGHT_CUTOFF,
-    REWEIGHT_STEPS,
-    TRUNCATED_VARIANCE,
-)
 
 __all__ = ["fit_neighborhoods_3d"]
 
 MAGNITUDE = np.int64(2**63 - 1)
-PCA = METHODS["pca"].code
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def fit_neighborhoods_3d(
-    points, indices, sizes, queries, trials, n_support, checkpoints, least_inliers,
-    scale_factor, method, within, cutoff, reweight, rounding, least_scale, saliency, distance, scale,
-    centroids, normals, eigenvalues, directions, inliers,
-):  # fmt: skip
-    """Apply a method to each neighborhood (Algorithm 4), one row at a time.
+def fit_neighborhoods_3d(points, around, queries, trials, rule, planes, directions, distance):
+    """Apply a rule to each neighborhood (Algorithm 4), one row at a time.
 
     Parameters
     ----------
     points : float64 (n, 3)
-    indices : int32 (m, k), sizes : int64 (m,)
+    around : Neighborhoods
     queries : float64 (m, 3)
-    trials : int32 (T, k)
-    n_support : int (k + 1,), the paper's h of each size
-    checkpoints, least_inliers, scale_factor : a ``StopRule``, or three times None: all trials
-        are made
-    method : code of the rule
-    within : True for distances within the plane as well, those of "mcmd_md"; else None
-    cutoff, reweight : as in ``_rules.mcmd_z``
-    rounding : relative rounding error of the coordinates
-    least_scale : what the step of rounded coordinates amounts to, in units of the points
-    saliency : whether the plane of the inliers is wanted, beside the query's distance
-    distance ... inliers : the arrays filled, see ``LocalPlanes``
+    trials : Trials
+    rule : RuleLimits
+    planes : Planes
+        Filled, but for extents and errors.
+    directions : float64 (m, 3)
+        Filled with the axes of the largest eigenvalues.
+    distance : float64 (m,)
+        Filled with robust distances of the queries.
 
-    Numba drops the branches of arguments that are None before it compiles: what the default does
+    Numba drops the branches of fields that are None before it compiles: what the default does
     not need, a third of all, is compiled when it is first asked for.
     """
-    k = indices.shape[1]
-    arrays = work_arrays(trials.shape[0], k)
-    if checkpoints is not None:
-        blocks = adaptive_work_arrays(trials.shape[0], k, checkpoints)
+    k = around.indices.shape[1]
+    arrays = work_arrays(trials.positions.shape[0], k)
     local, keys, member = arrays[0], arrays[5], arrays[6]
     work = np.zeros(k)
     query = np.zeros(3)
-    for i in range(indices.shape[0]):
-        size = sizes[i]
-        radius = _localize(points, indices[i], size, local, work, keys)
+    for i in range(len(queries)):
+        size, row = around.sizes[i], around.indices[i]
+        radius = _localize(points, row, size, local, work, keys)
         magnitude = 0.0
         for axis in range(3):
-            first = points[indices[i, 0], axis]
+            first = points[row[0], axis]
             query[axis] = (queries[i, axis] - first) / radius
             magnitude = max(magnitude, abs(first))
-        floor = max(rounding * (magnitude / radius + 1.0), least_scale / radius)
+        floor = max(rule.rounding * (magnitude / radius + 1.0), rule.least_scale / radius)
 
         degenerate = False
-        if method != PCA:
-            if checkpoints is None:
-                found = consistent_set_3d(size, trials, n_support[size], arrays)
-            else:
-                found, _ = adaptive_set_3d(
-                    size, trials, n_support[size], arrays, blocks, checkpoints, least_inliers,
-                    scale_factor,
-                )  # fmt: skip
+        if rule.needs_consistent_set:
+            found = consistent_set_3d(size, trials, arrays)
             degenerate = found < 0.0
-        if method == PCA or degenerate:
+        if degenerate or not rule.needs_consistent_set:
             for j in range(size):
                 member[j] = 1.0
-            distance[i], scale[i] = _pca(local, size, member, query, floor)
+            distance[i], scale = _pca(local, size, member, query, floor)
             if degenerate:
-                distance[i], scale[i] = 0.0, -1.0  # left to the caller
-        elif within is None:
-            distance[i], scale[i] = _mcmd_z(
-                local, size, member, query, cutoff, reweight, floor, work, keys
-            )
+                distance[i], scale = 0.0, -1.0  # left to the caller
+        elif rule.within is None:
+            distance[i], scale = _mcmd_z(local, size, member, query, rule, floor, work, keys)
         else:
-            distance[i], scale[i] = _mcmd_md(
-                local, size, member, query, cutoff, reweight, floor, work, keys
-            )
-        scale[i] *= radius
+            distance[i], scale = _mcmd_md(local, size, member, query, rule, floor, work, keys)
+        planes.scale[i] = scale * radius
 
-        if saliency:
-            inliers[i] = 0.0
-            for j in range(size):
-                inliers[i] += member[j]
-            mean, covariance = weighted_covariance(local, size, member)
-            values, axes = eigh_3d(covariance)
-            for axis in range(3):
-                centroids[i, axis] = points[indices[i, 0], axis] + radius * mean[axis]
-                eigenvalues[i, axis] = values[axis] * radius * radius
-                normals[i, axis] = axes[0][axis]
-                directions[i, axis] = axes[2][axis]
+        n_kept = 0.0
+        for j in range(size):
+            n_kept += member[j]
+        planes.kept[i] = n_kept / size
+        mean, covariance = weighted_covariance(local, size, member)
+        values, axes = eigh_3d(covariance)
+        for axis in range(3):
+            planes.centroids[i, axis] = points[row[0], axis] + radius * mean[axis]
+            planes.eigenvalues[i, axis] = values[axis] * radius * radius
+            planes.normals[i, axis] = axes[0][axis]
+            directions[i, axis] = axes[2][axis]
 
 
 @njit(nogil=True, error_model="numpy")
@@ -153,10 +125,10 @@ def _pca(local, size, member, query, floor):
 
 
 @njit(nogil=True, error_model="numpy")
-def _mcmd_z(local, size, member, query, cutoff, reweight, floor, work, keys):
+def _mcmd_z(local, size, member, query, rule, floor, work, keys):
     center = 0.0
-    if reweight:
-        mean, _, axes, scale, _ = _reweighted_plane(local, size, member, floor, work, keys)
+    if rule.reweight:
+        mean, _, axes, scale, _ = _reweighted_plane(local, size, member, rule, floor, work, keys)
         _signed_distances(local, size, mean, axes[0], work)
     else:
         mean, covariance = weighted_covariance(local, size, member)
@@ -165,19 +137,19 @@ def _mcmd_z(local, size, member, query, cutoff, reweight, floor, work, keys):
         center = _median(work, size, keys)
         for j in range(size):
             work[j] = abs(work[j] - center)
-        scale = max(MAD_TO_SD * _median(work, size, keys), floor)
+        scale = max(rule.mad_to_sd * _median(work, size, keys), floor)
         _signed_distances(local, size, mean, axes[0], work)
-    limit = cutoff * scale
+    limit = rule.cutoff * scale
     for j in range(size):
         member[j] = 1.0 if abs(work[j] - center) < limit else 0.0
     return abs(_project(query, mean, axes[0]) - center) / scale, scale
 
 
 @njit(nogil=True, error_model="numpy")
-def _mcmd_md(local, size, member, query, cutoff, reweight, floor, work, keys):
-    if reweight:
+def _mcmd_md(local, size, member, query, rule, floor, work, keys):
+    if rule.reweight:
         mean, values, axes, scale, n_used = _reweighted_plane(
-            local, size, member, floor, work, keys
+            local, size, member, rule, floor, work, keys
         )
     else:
         mean, covariance = weighted_covariance(local, size, member)
@@ -197,7 +169,7 @@ def _mcmd_md(local, size, member, query, cutoff, reweight, floor, work, keys):
         _add_squared(local, size, mean, axis, deviation, work)
         own += (_project(query, mean, axis) / deviation) ** 2
     for j in range(size):
-        member[j] = 1.0 if work[j] < cutoff * cutoff else 0.0
+        member[j] = 1.0 if work[j] < rule.cutoff * rule.cutoff else 0.0
     return np.sqrt(own), scale
 
 
@@ -213,27 +185,27 @@ def _add_squared(local, size, mean, axis, deviation, out):
 
 
 @njit(nogil=True, error_model="numpy")
-def _reweighted_plane(local, size, member, floor, work, keys):
+def _reweighted_plane(local, size, member, rule, floor, work, keys):
     """As in ``_rules``; `member` then holds the members that were kept."""
     mean, covariance = weighted_covariance(local, size, member)
     values, axes = eigh_3d(covariance)
     _signed_distances(local, size, mean, axes[0], work)
     for j in range(size):
         work[j] = abs(work[j])
-    factor = MAD_TO_SD * (1.0 + 5.0 / max(size - 3, 1))
+    factor = rule.mad_to_sd * (1.0 + 5.0 / max(size - 3, 1))
     scale = max(factor * _median(work, size, keys), floor)
     n_kept = 0.0
-    for step in range(REWEIGHT_STEPS):
+    for step in range(rule.reweight_steps):
         if step > 0:
             _signed_distances(local, size, mean, axes[0], work)
         n_kept = 0.0
         for j in range(size):
-            member[j] = 1.0 if abs(work[j]) < REWEIGHT_CUTOFF * scale else 0.0
+            member[j] = 1.0 if abs(work[j]) < rule.reweight_cutoff * scale else 0.0
             n_kept += member[j]
         mean, covariance = weighted_covariance(local, size, member)
         values, axes = eigh_3d(covariance)
         variance = variance_along(local, size, member, mean, axes[0])
-        variance *= n_kept / max(n_kept - 3.0, 1.0) / TRUNCATED_VARIANCE
+        variance *= n_kept / max(n_kept - 3.0, 1.0) / rule.truncated_variance
         scale = max(np.sqrt(variance), floor)
     return mean, values, axes, scale, n_kept
 

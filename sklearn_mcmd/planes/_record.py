@@ -1,0 +1,69 @@
+"""The record of planes that every stage reads, and compiled code takes as one argument."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+__all__ = ["Neighborhoods", "Planes"]
+
+
+class Neighborhoods(NamedTuple):
+    """Rows of an index's points that are neighbors of m queries, the nearest first.
+
+    indices : ndarray of int32 of shape (m, k)
+        Members beyond the size repeat the first.
+    sizes : ndarray of int64 of shape (m,)
+    """
+
+    indices: np.ndarray
+    sizes: np.ndarray
+
+    def take(self, rows):
+        """The neighborhoods of some of the queries."""
+        return Neighborhoods(self.indices[rows], self.sizes[rows])
+
+    @property
+    def valid(self):
+        """Which members are no padding: bool (m, k)."""
+        return np.arange(self.indices.shape[1]) < self.sizes[:, None]
+
+
+class Planes(NamedTuple):
+    """Planes of m neighborhoods, one row each; lengths are in units of the points.
+
+    centroids, normals : ndarray of shape (m, d)
+    eigenvalues : ndarray of shape (m, d)
+        Of the covariance of the members left, ascending.
+    scale : ndarray of shape (m,)
+        Standard deviation of the noise along the normal; negative where there is no plane.
+    kept : ndarray of shape (m,)
+        Share of the neighborhood that is left after outliers are removed.
+    radius, spacing : ndarray of shape (m,)
+        Distance of the last neighbor from the query, and the mean distance of all of them.
+    normal_error : ndarray of shape (m,)
+        Root mean square tilt of the normal in degrees, see `normal_errors`.
+    """
+
+    centroids: np.ndarray
+    normals: np.ndarray
+    eigenvalues: np.ndarray
+    scale: np.ndarray
+    kept: np.ndarray
+    radius: np.ndarray
+    spacing: np.ndarray
+    normal_error: np.ndarray
+
+    @classmethod
+    def empty(cls, m, d):
+        """A record to be filled."""
+        vectors = (np.empty((m, d)) for _ in range(3))
+        return cls(*vectors, *(np.empty(m) for _ in range(5)))
+
+    def take(self, rows):
+        """The planes of some of the queries; of a slice these are views, which can be filled."""
+        return Planes(*(values[rows] for values in self))
+
+    def put(self, rows, part):
+        """Overwrite the planes of some of the queries."""
+        for values, some in zip(self, part, strict=True):
+            values[rows] = some
