@@ -1,6 +1,15 @@
 """Sphinx configuration: numpydoc for docstrings, sphinx-gallery for examples/."""
 
+import sys
+from pathlib import Path
+
+from sphinx.ext import autosummary
+
 import sklearn_mcmd
+
+HERE = Path(__file__).parent
+sys.path.append(str(HERE))
+import offline_inventories  # noqa: E402
 
 project = "sklearn_mcmd"
 author = "The sklearn_mcmd developers"
@@ -11,9 +20,11 @@ extensions = [
     "numpydoc",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
+    "sphinx.ext.intersphinx",
     "sphinx.ext.mathjax",
     "sphinx_gallery.gen_gallery",
 ]
+templates_path = ["_templates"]
 exclude_patterns = ["_build"]
 html_theme = "pydata_sphinx_theme"
 html_title = "sklearn_mcmd"
@@ -21,9 +32,25 @@ html_theme_options = {"show_prev_next": False, "navigation_with_keys": False}
 html_copy_source = False
 html_show_sphinx = False
 
+toc_object_entries_show_parents = "hide"  # fit(), not RobustNormalEstimator.fit()
 autosummary_generate = True
-numpydoc_show_class_members = False
-numpydoc_xref_param_type = False
+# The first sentence of a docstring does not end at "(Eq. 13)".
+autosummary.WELL_KNOWN_ABBREVIATIONS += ("Eq.",)
+numpydoc_show_class_members = False  # The template of a class shows them, with their docstrings.
+
+# Types of parameters become links: those that numpydoc knows, those listed, and our own classes.
+# Other words of a type, such as "of shape (n_samples,)", stay words.
+numpydoc_xref_param_type = True
+numpydoc_xref_ignore = "all"
+numpydoc_xref_aliases = {
+    "bool": ":class:`python:bool`",
+    **{name: f":obj:`~{name}`" for name in offline_inventories.dotted_names()},
+    **{name: f":obj:`~sklearn_mcmd.{name}`" for name in sklearn_mcmd.__all__},
+}
+
+# Each site first; without a network, the names that these pages use.
+intersphinx_mapping = offline_inventories.intersphinx_mapping(HERE / "_build" / "inventories")
+intersphinx_timeout = 5
 
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",

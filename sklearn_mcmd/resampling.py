@@ -42,7 +42,7 @@ class DenoisingSampler(BaseEstimator):
 
     See Also
     --------
-    MCMDOutlierDetector : The default detector.
+    sklearn_mcmd.MCMDOutlierDetector : The default detector.
     sklearn_mcmd.model_selection.score_segments : Scores a pipeline that drops rows.
 
     Notes

@@ -1,0 +1,67 @@
+import importlib
+import pkgutil
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+import sklearn_mcmd
+
+DOCS = Path(__file__).parent.parent / "docs"
+COMMAND_LINE = {"cli"}
+MODULES = [
+    "sklearn_mcmd",
+    *(
+        f"sklearn_mcmd.{module.name}"
+        for module in pkgutil.iter_modules(sklearn_mcmd.__path__)
+        if not module.name.startswith("_") and module.name not in COMMAND_LINE
+    ),
+]
+
+
+def documented():
+    """What api.rst lists, as full names: rows of tables, and what a directive describes."""
+    names, module = [], None
+    for line in (DOCS / "api.rst").read_text().splitlines():
+        if found := re.fullmatch(r"\.\. currentmodule:: (\S+)", line):
+            module = found[1]
+        elif found := re.fullmatch(r"(?:   |\.\. data:: )([A-Za-z]\w*)", line):
+            names.append(f"{module}.{found[1]}")
+    return names
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_every_public_name_has_a_page(name):
+    pages = {id(pkgutil.resolve_name(page)) for page in documented()}
+    module = importlib.import_module(name)
+    public = set(module.__all__) - {"__version__"}
+    assert {n for n in public if id(getattr(module, n)) not in pages} == set()
+
+
+def test_only_public_names_have_pages():
+    for page in documented():
+        module, _, name = page.rpartition(".")
+        assert name in importlib.import_module(module).__all__, page
+
+
+def test_no_name_has_two_pages():
+    assert len(documented()) == len(set(documented()))
+
+
+@pytest.fixture
+def inventories(monkeypatch):
+    monkeypatch.syspath_prepend(DOCS)
+    yield importlib.import_module("offline_inventories")
+    sys.modules.pop("offline_inventories", None)
+
+
+def test_offline_links_go_to_names_that_the_libraries_have(inventories, tmp_path):
+    mapping = inventories.intersphinx_mapping(tmp_path)
+    assert all(Path(file).is_file() for _, (_, file) in mapping.values())
+
+
+def test_a_misspelled_offline_link_stops_the_build(inventories, tmp_path):
+    inventories.NAMES["numpy"]["reference/generated/$.html#$"].append("numpy.ndaray")
+    with pytest.raises(AttributeError, match="ndaray"):
+        inventories.intersphinx_mapping(tmp_path)
