@@ -54,7 +54,8 @@ def orient_by_spanning_tree(normals, points, indices):
         agreement = np.abs(np.einsum("ij,ij->i", normals, normals[neighbors]))
         # SciPy takes a zero for no edge at all.
         column[:] = 1.0 + 1e-9 - np.minimum(agreement, 1.0)
-    ends = np.arange(0, n * k + 1, k)
+    # The spanning tree of SciPy before 1.17.1 takes indices of 32 bits only.
+    ends = np.arange(0, n * k + 1, k, dtype=np.int32 if n * k < 2**31 else np.int64)
     graph = csr_array((cost.ravel(), indices.ravel(), ends), shape=(n, n))
     tree = minimum_spanning_tree(graph, overwrite=True)
     n_parts, part = connected_components(tree, directed=False)
@@ -65,8 +66,8 @@ def orient_by_spanning_tree(normals, points, indices):
     point_up_at = normals[roots]
     normals[roots] = point_up(point_up_at)
     tree = tree.tocoo()
-    rows = np.r_[tree.coords[0], np.full(n_parts, n)]
-    columns = np.r_[tree.coords[1], roots]
+    rows = np.r_[tree.row, np.full(n_parts, n)]
+    columns = np.r_[tree.col, roots]
     joined = coo_array((np.ones(len(rows)), (rows, columns)), shape=(n + 1, n + 1)).tocsr()
     _, parent = breadth_first_order(joined, n, directed=False)
     parent = parent[:n]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.sparse.csgraph import minimum_spanning_tree
 from sklearn.ensemble import RandomForestClassifier
 from sklearn.pipeline import make_pipeline
 
@@ -11,6 +12,7 @@ from scenes import sphere
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.metrics import bias_angle
+from sklearn_mcmd.planes import _orientation
 from sklearn_mcmd.planes._consistent_set import draw_trials
 
 GRID = np.array([5e5, 5.4e6, 100])  # national grid coordinates
@@ -197,6 +199,19 @@ def test_copies_of_points_do_not_matter_to_the_spanning_tree():
     truth = np.vstack([directions, directions[:700]])
     outward = np.einsum("ij,ij->i", estimator.normals_[:2200], truth)
     assert (outward > 0.9).all()
+
+
+def test_the_spanning_tree_is_asked_with_indices_that_older_scipy_takes(monkeypatch):
+    # Before SciPy 1.17.1 those of 64 bits are refused.
+    kinds = []
+
+    def record(graph, **options):
+        kinds.extend([graph.indptr.dtype, graph.indices.dtype])
+        return minimum_spanning_tree(graph, **options)
+
+    monkeypatch.setattr(_orientation, "minimum_spanning_tree", record)
+    RobustNormalEstimator(20, orientation="mst", random_state=0).fit(sphere(200)[0])
+    assert kinds == [np.int32, np.int32]
 
 
 def test_one_neighborhood_has_one_normal_however_oriented():
