@@ -59,6 +59,8 @@ def _plain_warnings():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", UserWarning)
+        # Some libraries' deprecations are both, and are for programmers.
+        warnings.simplefilter("ignore", DeprecationWarning)
         warnings.showwarning = show
         yield
 

@@ -1,5 +1,7 @@
 """How a command ends: one clear line for users' errors, a traceback for the program's own."""
 
+import warnings
+
 import pytest
 
 from commands import error_line, files_in, run
@@ -40,3 +42,20 @@ def test_an_error_of_the_program_itself_is_not_hidden(room_file, tmp_path, monke
     monkeypatch.setattr(_denoise, "_find_outliers", lambda *args, **kwargs: 1 / 0)
     result = run("denoise", room_file, tmp_path / "out.laz")
     assert isinstance(result.exception, ZeroDivisionError)
+
+
+def test_deprecations_within_libraries_are_not_told_to_users(room_file, tmp_path, monkeypatch):
+    # pyparsing's are of both kinds, and old versions of Matplotlib give them.
+    class Deprecated(UserWarning, DeprecationWarning):
+        pass
+
+    find = _denoise._find_outliers
+
+    def warn(*args, **kwargs):
+        warnings.warn("parseString is deprecated", Deprecated, stacklevel=2)
+        warnings.warn("the scan is sparse", UserWarning, stacklevel=2)
+        return find(*args, **kwargs)
+
+    monkeypatch.setattr(_denoise, "_find_outliers", warn)
+    result = run("denoise", room_file, tmp_path / "out.laz", "--quiet")
+    assert result.stderr == "mcmd: warning: the scan is sparse\n"
