@@ -9,6 +9,7 @@ from sklearn.exceptions import ConvergenceWarning
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd.adjustment._detector import PlaneDetector
+from sklearn_mcmd.adjustment._determinacy import check_rank
 from sklearn_mcmd.adjustment._elimination import (
     Elimination,
     eliminate,
@@ -99,7 +100,7 @@ class BaardaPlaneDetector(PlaneDetector):
     critical_value_ : float
         Of the last round.
     coef_ : ndarray of shape (n_features - 1,)
-        Slopes; of minimum norm where the regressors are collinear.
+        Slopes; of minimum norm where a column depends on two or more others.
     intercept_ : float
         Constant term.
     normal_ : ndarray of shape (n_features,)
@@ -107,7 +108,9 @@ class BaardaPlaneDetector(PlaneDetector):
     distance_ : float
         ``normal_ @ x`` of its points.
     sigma0_ : float
-        `sigma0`, or its robust estimate.
+        `sigma0`, or its robust estimate; no less than what float64 may add to a residual at
+        these coordinates (some 1e-14 at 10, 1e-9 at 5e6), which is all the noise there is in
+        points of an exact plane.
     variance_factor_, variance_factor_initial_ : float
         v'Pv / f of the support, and of all points before the first test.
     global_test_pvalue_ : float
@@ -226,18 +229,26 @@ class BaardaPlaneDetector(PlaneDetector):
         self : BaardaPlaneDetector
             Fitted detector.
 
+        Raises
+        ------
+        ValueError
+            If the points of positive weight leave no redundancy (no more distinct points than
+            columns), or lie on one line or at one place (for a vertical surface by their
+            regressors), so that many planes contain them.
+
         Warns
         -----
         UserWarning
-            If there are no more points than parameters, if so many are rejected that no
-            plane with redundancy would be left, or if vertical residuals reject points of a
-            steep plane.
+            If so many points are rejected that no plane with redundancy would be left, if
+            vertical residuals reject points of a steep plane, if the points of an orthogonal
+            surface are as thick as they are wide, if half of the points are on one line,
+            which is no robust start, or if `sigma0` is less than the rounding of float64.
         ConvergenceWarning
             If `max_iter` rounds were not enough.
         """
         X, weights, used = self._check_training(X, sample_weight)
-        self._find_zero_scale(X, used)
         initial, _ = self._adjust(X, weights)
+        check_rank(initial, X.shape[1])
         state = Elimination(step=np.zeros(len(X), dtype=np.intp), support=used.copy(), n_rounds=0)
         if self.robust_start:
             start, sigma = robust_start(
@@ -246,13 +257,15 @@ class BaardaPlaneDetector(PlaneDetector):
                 used,
                 surface=self.surface,
                 sigma0=self._known_sigma(),
-                zero_scale=self._zero_scale,
                 random_state=self.random_state,
             )
-            self.sigma0_ = sigma if self.sigma0 == "auto" else float(self.sigma0)
+        if self.robust_start and start.rank == initial.rank:
+            self._set_sigma0(sigma if self.sigma0 == "auto" else float(self.sigma0), start)
             self._keep_passing(X, weights, used, start, sigma, state)
         else:
-            self.sigma0_ = self._choose_sigma0(X, weights)
+            self._choose_sigma0(X, weights, initial)
+            if self.robust_start:
+                self._warn_of_start()
         if self.estimator == "ls" and self.elimination == "single":
             state = eliminate_one_by_one(
                 X, weights, self.surface, self._limit, state, max_rounds=self.max_iter
@@ -306,10 +319,10 @@ class BaardaPlaneDetector(PlaneDetector):
         """What the statistic divides by, besides the root of the cofactor."""
         return self.sigma0_ if self.test == "w" else self._scale
 
-    def _limit(self, n_retained, dof, variance_factor):
+    def _limit(self, n_retained, dof, variance_factor, direction):
         """Largest standardized residual that passes, for the loops of removal."""
         level = local_level(self.alpha, n_retained, self.correction)
-        scale = max(np.sqrt(variance_factor), self._zero_scale)
+        scale = max(np.sqrt(variance_factor), self._rounding_of(direction))
         return residual_limit(self.test, level, dof, self.sigma0_, scale)
 
     def _keep_passing(self, X, weights, used, start, sigma, state):
@@ -344,11 +357,20 @@ class BaardaPlaneDetector(PlaneDetector):
             self.robust_weights_ = np.where(support, state.robust_weights, 0.0)
         return scores
 
+    def _warn_of_start(self):
+        warnings.warn(
+            "robust_start=True finds half of the points or more on one line, through which any "
+            "plane goes. All points are the start in their place, as with robust_start=False.",
+            UserWarning,
+            stacklevel=4,
+        )
+
     def _warn_of(self, state):
         if state.ran_out_of_points:
             warnings.warn(
                 f"The tests reject {np.count_nonzero(state.step)} of {len(state.step)} points, "
-                "which leaves too few for a plane; the last estimable one was kept. Check "
+                "which leaves too few for a plane, or points on a line; the last estimable plane "
+                "was kept. Check "
                 f"sigma0={self.sigma0!r} against the noise, or the share of outliers.",
                 UserWarning,
                 stacklevel=4,

@@ -10,8 +10,15 @@ from sklearn.utils.validation import check_array, check_is_fitted, validate_data
 
 from sklearn_mcmd._sklearn import Interval, StrOptions
 from sklearn_mcmd._validation import OffsetOutlierMixin
+from sklearn_mcmd.adjustment._determinacy import (
+    AS_THICK_AS_WIDE,
+    check_distinct,
+    check_rank,
+    normal_pvalue,
+)
 from sklearn_mcmd.adjustment._plane import adjust_plane
-from sklearn_mcmd.adjustment._robust import WEIGHT_FUNCTIONS, m_estimate, zero_scale
+from sklearn_mcmd.adjustment._robust import WEIGHT_FUNCTIONS, m_estimate
+from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 
 __all__ = ["PlaneDetector"]
 
@@ -71,8 +78,16 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
     def _check_training(self, X, sample_weight):
         """Validated points, weights (None where all are 1) and which of them count."""
         X = validate_data(self, X, dtype=np.float64, ensure_min_features=2)
+        weights = self._check_weights(X, sample_weight)
+        used = np.ones(len(X), dtype=bool) if weights is None else weights > 0
+        points = X if used.all() else X[used]
+        check_distinct(points, len(X))
+        self._rounding_errors = rounding_errors(points)
+        return X, weights, used
+
+    def _check_weights(self, X, sample_weight):
         if sample_weight is None:
-            return X, None, np.ones(len(X), dtype=bool)
+            return None
         shape = np.asarray(sample_weight).shape
         if shape != (len(X),):
             raise ValueError(
@@ -89,9 +104,7 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
             )
         if not weights.any():
             raise ValueError("sample_weight is zero for all points; leave some weight.")
-        if np.all(weights == 1):
-            return X, None, np.ones(len(X), dtype=bool)
-        return X, weights, weights > 0
+        return None if np.all(weights == 1) else weights
 
     def _check_query(self, X):
         check_is_fitted(self)
@@ -102,12 +115,31 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
         known = self.test == "w" and self.sigma0 != "auto"
         return float(self.sigma0) if known else None
 
-    def _choose_sigma0(self, X, sample_weight):
+    def _choose_sigma0(self, X, sample_weight, initial):
         """The sigma0 of w: as given, or a robust scale about a robust plane."""
-        if self.sigma0 != "auto":
-            return float(self.sigma0)
-        scale = m_estimate(X, sample_weight, loss="huber", surface=self.surface)[2]
-        return max(scale, self._zero_scale)
+        if self.sigma0 == "auto":
+            plane, _, sigma = m_estimate(X, sample_weight, loss="huber", surface=self.surface)
+        else:
+            plane, sigma = initial, float(self.sigma0)
+        self._set_sigma0(sigma, plane)
+
+    def _set_sigma0(self, sigma, plane):
+        """Keep sigma0, no less than what float64 may add to a residual from this plane."""
+        rounding = self._rounding_of(plane.direction)
+        self.sigma0_ = max(sigma, rounding)
+        self._sigma0_is_rounding = sigma <= rounding
+        if self._sigma0_is_rounding and self.test == "w" and self.sigma0 != "auto":
+            warnings.warn(
+                f"sigma0={self.sigma0!r} is less than what float64 may add to a residual at these "
+                f"coordinates, {rounding:.2g}, which is taken in its place. Subtract an offset "
+                "from X before its digits are lost, or give the noise of the points as sigma0.",
+                UserWarning,
+                stacklevel=5,
+            )
+
+    def _rounding_of(self, direction):
+        """What float64 may add to a residual of this direction."""
+        return residual_rounding(self._rounding_errors, direction)
 
     def _adjust(self, X, weights):
         """Plane by the chosen estimator, and the weights W of a robust one."""
@@ -120,13 +152,15 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
 
     def _robust_weights_at(self, residuals, sample_weight=None):
         """W of given residuals, the same for training points and new ones."""
-        standardized = residuals / max(self._loss_scale, self._zero_scale)
+        floor = self._rounding_of(self._plane.direction)
+        standardized = residuals / max(self._loss_scale, floor)
         if sample_weight is not None:
             standardized *= np.sqrt(sample_weight)
         return WEIGHT_FUNCTIONS[self.estimator](standardized)
 
     def _set_plane(self, X, plane, initial):
         """Attributes of the final plane, and of the one before any test."""
+        check_rank(plane, X.shape[1], "X that the tests leave")
         self._plane = plane
         self.coef_, self.intercept_ = plane.coef, plane.intercept
         self.normal_ = plane.normal
@@ -134,11 +168,11 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
         self.rank_, self.dof_ = plane.rank, plane.dof
         self.variance_factor_ = plane.variance_factor
         self.variance_factor_initial_ = initial.variance_factor
-        self._scale = max(np.sqrt(plane.variance_factor), self._zero_scale)
-        if initial.dof == 0:
+        self._scale = max(np.sqrt(plane.variance_factor), self._rounding_of(plane.direction))
+        if plane.surface == "orthogonal" and normal_pvalue(plane) > self.alpha:
             warnings.warn(
-                f"{initial.n_observations} point(s) leave a plane of {initial.rank} parameters "
-                "without redundancy: nothing can be tested and no point is an outlier.",
+                f"{AS_THICK_AS_WIDE}, which determines no normal: normal_ points anywhere across "
+                "them. Add points beside that line, or look for what is thick.",
                 UserWarning,
                 stacklevel=4,  # past scikit-learn's wrapper of fit
             )
@@ -150,7 +184,7 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
         the points are a thin and steep sheet that either many points fail, or which is much
         nearer to them than the `vertical` plane is.
         """
-        if self.surface == "orthogonal" or vertical.dof == 0:
+        if self.surface == "orthogonal":
             return
         plane = adjust_plane(X, weights, surface="orthogonal")
         tilt = np.degrees(np.arccos(min(abs(plane.normal[-1]), 1.0)))
@@ -170,9 +204,6 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
                 UserWarning,
                 stacklevel=4,
             )
-
-    def _find_zero_scale(self, X, used):
-        self._zero_scale = zero_scale(X if used.all() else X[used], self.surface)
 
     def _choose_offset(self, scores, used, auto):
         """Limit of the scores: of the test, or the percentile the user wants."""

@@ -39,6 +39,8 @@ class DowndatedPlane:
     rank, n_retained : int
     sum_of_squares : float
         v'Pv of the retained points.
+    direction : ndarray of shape (d,)
+        That of the residuals at the last full adjustment.
     n_adjustments : int
         Full adjustments made so far.
 
@@ -123,7 +125,7 @@ class DowndatedPlane:
         self._alive = np.ones(len(candidates), dtype=bool)
         self._plane, self._removed = plane, 0
         self.rank, self.n_retained = plane.rank, plane.n_observations
-        self.sum_of_squares = plane.sum_of_squares
+        self.sum_of_squares, self.direction = plane.sum_of_squares, plane.direction
         self._lost_normal = np.zeros((plane.rank, plane.rank))
         self._lost_cross, self._lost_squares = np.zeros(plane.rank), 0.0
         self.n_adjustments += 1

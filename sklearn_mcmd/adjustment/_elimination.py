@@ -30,8 +30,8 @@ class Elimination:
     ran_out_of_rounds : bool
         The limit of rounds was reached with something left to remove.
     ran_out_of_points : bool
-        What should have gone would have left too few points for a plane with redundancy:
-        they are marked in `step`, and the plane before that stands.
+        What should have gone would have left too few points for a plane with redundancy, or
+        points on a line: they are marked in `step`, and the plane before that stands.
     """
 
     step: np.ndarray
@@ -53,25 +53,31 @@ def eliminate(X, sample_weight, adjust, limit, state, *, single, max_rounds=None
     adjust : callable
         ``adjust(weights) -> (plane, robust_weights)``; robust weights None for least squares.
     limit : callable
-        ``limit(n_retained, dof, variance_factor)``: the largest standardized residual that
-        passes.
+        ``limit(n_retained, dof, variance_factor, direction)``: the largest standardized
+        residual that passes.
     state : Elimination
         Where to start; changed in place.
     single : bool
         Only the worst of the rejected points goes in a round.
     max_rounds : int, default=None
     """
+    before = state.support
     while True:
         weights = state.support.astype(float)
         if sample_weight is not None:
             weights *= sample_weight
-        state.plane, state.robust_weights = adjust(weights)
+        plane, robust_weights = adjust(weights)
+        if state.plane is not None and plane.rank < state.plane.rank:
+            state.support, state.ran_out_of_points = before, True
+            return state
+        state.plane, state.robust_weights = plane, robust_weights
         residuals, cofactors, spread = state.plane.evaluate(X)
         redundancy = own_redundancy(cofactors, spread, sample_weight, state.robust_weights)
         standardized = standardized_residuals(residuals, sample_weight, redundancy)
         standardized[~state.support] = 0.0
-        plane, n_retained = state.plane, np.count_nonzero(state.support)
-        rejected = standardized > limit(n_retained, plane.dof, plane.variance_factor)
+        n_retained = np.count_nonzero(state.support)
+        most = limit(n_retained, plane.dof, plane.variance_factor, plane.direction)
+        rejected = standardized > most
         n_rejected = np.count_nonzero(rejected)
         if n_rejected and single:
             rejected[:], n_rejected = False, 1
@@ -86,7 +92,7 @@ def eliminate(X, sample_weight, adjust, limit, state, *, single, max_rounds=None
         if n_retained - n_rejected <= plane.rank:
             state.ran_out_of_points = True
             return state
-        state.support &= ~rejected
+        before, state.support = state.support, state.support & ~rejected
 
 
 def eliminate_one_by_one(X, sample_weight, surface, limit, state, *, max_rounds=None):
@@ -94,7 +100,7 @@ def eliminate_one_by_one(X, sample_weight, surface, limit, state, *, max_rounds=
     plane = DowndatedPlane(X, sample_weight, state.support, surface)
     while True:
         worst, value = plane.largest()
-        if value <= limit(plane.n_retained, plane.dof, plane.variance_factor):
+        if value <= limit(plane.n_retained, plane.dof, plane.variance_factor, plane.direction):
             break
         if state.n_rounds == max_rounds:
             state.ran_out_of_rounds = True

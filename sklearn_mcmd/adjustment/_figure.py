@@ -4,7 +4,7 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from sklearn_mcmd._extras import import_extra
-from sklearn_mcmd.adjustment._report import check_points, describe, share, tilt
+from sklearn_mcmd.adjustment._report import check_points, describe, share, sigma0_origin, tilt
 from sklearn_mcmd.adjustment._tests import t_to_tau
 
 __all__ = ["plot_report"]
@@ -67,7 +67,6 @@ def plot_report(detector, X, *, title="Plane test", unit="", figure=None):
 def _key_figures(detector, outliers, unit):
     """The lines below the panels."""
     unit = f" {unit}" if unit else ""
-    known = "robust estimate" if detector.sigma0 == "auto" else "given"
     normal = ", ".join(f"{value:.6f}" for value in detector.normal_)
     return "\n".join(
         [
@@ -76,7 +75,7 @@ def _key_figures(detector, outliers, unit):
             f"Normal ({normal}), tilt {tilt(detector):.3f} degrees",
             f"Test {detector.test}, alpha {detector.alpha:g}, correction {detector.correction}, "
             f"critical value {detector.critical_value_:.3f}, "
-            f"sigma0 {detector.sigma0_:.4g}{unit} ({known})",
+            f"sigma0 {detector.sigma0_:.4g}{unit} ({sigma0_origin(detector)})",
             describe(detector),
         ]
     )

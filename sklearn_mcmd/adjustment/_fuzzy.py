@@ -7,6 +7,7 @@ import numpy as np
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd.adjustment._detector import PlaneDetector
+from sklearn_mcmd.adjustment._determinacy import check_rank
 from sklearn_mcmd.adjustment._elimination import own_redundancy
 from sklearn_mcmd.adjustment._hull import hull_vertices
 from sklearn_mcmd.adjustment._memberships import (
@@ -85,7 +86,7 @@ class FuzzyPlaneDetector(PlaneDetector):
     critical_value_ : float
         ``N_{1 - alpha/2}``, or that of tau or t.
     coef_ : ndarray of shape (n_features - 1,)
-        Slopes; of minimum norm where the regressors are collinear.
+        Slopes; of minimum norm where a column depends on two or more others.
     intercept_ : float
         Constant term.
     normal_ : ndarray of shape (n_features,)
@@ -95,7 +96,8 @@ class FuzzyPlaneDetector(PlaneDetector):
     support_ : ndarray of bool of shape (n_samples,)
         Points of positive weight: all of them make the plane.
     sigma0_ : float
-        `sigma0`, or its robust estimate.
+        `sigma0`, or its robust estimate; no less than what float64 may add to a residual at
+        these coordinates.
     variance_factor_initial_, variance_factor_ : float
         v'Pv / f of all points, and after the outliers are left out and the plane is adjusted
         again, as in the paper's Table 4.
@@ -205,16 +207,23 @@ class FuzzyPlaneDetector(PlaneDetector):
         self : FuzzyPlaneDetector
             Fitted detector.
 
+        Raises
+        ------
+        ValueError
+            If the points of positive weight leave no redundancy or do not determine a plane;
+            see `BaardaPlaneDetector.fit`.
+
         Warns
         -----
         UserWarning
-            If there are no more points than parameters, or if vertical residuals reject
-            points of a steep plane.
+            If vertical residuals reject points of a steep plane, if the points of an
+            orthogonal surface are as thick as they are wide, or if `sigma0` is less than the
+            rounding of float64.
         """
         X, weights, used = self._check_training(X, sample_weight)
-        self._find_zero_scale(X, used)
         plane, robust_weights = self._adjust(X, weights)
-        self.sigma0_ = self._choose_sigma0(X, weights)
+        check_rank(plane, X.shape[1])
+        self._choose_sigma0(X, weights, plane)
         self._set_plane(X, plane, plane)
         self.support_ = used
         level = local_level(self.alpha, plane.n_observations, self.correction)

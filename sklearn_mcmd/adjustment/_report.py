@@ -5,7 +5,7 @@ from sklearn.utils.validation import check_array, check_is_fitted
 
 from sklearn_mcmd.adjustment._tests import local_level
 
-__all__ = ["check_points", "describe", "share", "text_report", "tilt"]
+__all__ = ["check_points", "describe", "share", "sigma0_origin", "text_report", "tilt"]
 
 
 def text_report(detector, X, *, title="Plane test", unit="", n_worst=10):
@@ -80,8 +80,7 @@ def text_report(detector, X, *, title="Plane test", unit="", n_worst=10):
         f"alpha = {detector.alpha:g}",
         f"level of one point    {level:.3g}",
         f"critical value        {detector.critical_value_:.4f}",
-        f"sigma0                {detector.sigma0_:.6g}{suffix}"
-        + (" (robust estimate)" if detector.sigma0 == "auto" else " (given)"),
+        f"sigma0                {detector.sigma0_:.6g}{suffix} ({sigma0_origin(detector)})",
         f"degrees of freedom    {detector.dof_}",
         f"variance factor       {detector.variance_factor_initial_:.6g} with all points, "
         f"{detector.variance_factor_:.6g} without outliers",
@@ -89,6 +88,7 @@ def text_report(detector, X, *, title="Plane test", unit="", n_worst=10):
         "observation, without outliers",
         f"global test           p = {detector.global_test_pvalue_:.4g}",
         *_details(detector),
+        *_notes(detector, suffix),
         "",
         f"Residuals{suffix and f' ({unit})'}",
         "---------",
@@ -128,6 +128,31 @@ def describe(detector):
     else:
         name = f"fuzzy memberships, width {detector.width:g}, weighting {detector.weighting}"
     return f"{name}; {detector.surface} surface, estimator {detector.estimator}"
+
+
+def sigma0_origin(detector):
+    """Where sigma0 comes from, in words."""
+    if detector._sigma0_is_rounding:
+        return "float64's rounding"
+    return "robust estimate" if detector.sigma0 == "auto" else "given"
+
+
+def _notes(detector, suffix):
+    """What is to be known where there is no noise to test against."""
+    if not detector._sigma0_is_rounding:
+        return []
+    if detector.sigma0 == "auto":
+        reason = "Half of the points or more lie on the plane to the rounding of float64,"
+    else:
+        reason = f"sigma0 = {detector.sigma0:g}{suffix} is less than the rounding of float64,"
+    # tau and t have a scale of their own.
+    meaning = ["what is farther from the plane is an outlier."] if detector.test == "w" else []
+    return [
+        "",
+        f"Note: {reason}",
+        f"{detector.sigma0_:.2g}{suffix} at these coordinates. They hold no noise to test against:",
+        *(meaning or [f"sigma0 is that rounding. Test {detector.test} does not use it."]),
+    ]
 
 
 def _details(detector):

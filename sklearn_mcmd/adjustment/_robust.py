@@ -8,8 +8,9 @@ from sklearn.exceptions import ConvergenceWarning
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
 from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 
-__all__ = ["WEIGHT_FUNCTIONS", "huber", "m_estimate", "robust_scale", "tukey", "zero_scale"]
+__all__ = ["WEIGHT_FUNCTIONS", "huber", "m_estimate", "robust_scale", "tukey"]
 
 MAX_ITERATIONS = 200
 # Change of a residual, in units of the scale, below which the plane stands still.
@@ -51,7 +52,8 @@ def m_estimate(X, sample_weight=None, *, loss="huber", sigma0=None, surface="ver
     robust_weights : ndarray of shape (n,)
         W, 1 for normal observations, near 0 for outliers.
     scale : float
-        sigma0, or its robust estimate.
+        sigma0, or its robust estimate, which is never less than what float64 may add to a
+        residual at these coordinates.
 
     Warns
     -----
@@ -79,13 +81,14 @@ def m_estimate(X, sample_weight=None, *, loss="huber", sigma0=None, surface="ver
     if sample_weight is not None:
         sample_weight = np.asarray(sample_weight, dtype=np.float64)
     weigh = WEIGHT_FUNCTIONS[loss]
-    floor = zero_scale(X, surface)
     if loss == "tukey":
         plane, _, scale = m_estimate(X, sample_weight, sigma0=sigma0, surface=surface)
     else:
         plane, scale = adjust_plane(X, sample_weight, surface=surface), sigma0
+    errors = rounding_errors(X if sample_weight is None else X[sample_weight > 0])
     residuals = plane.evaluate(X)[0]
     for _ in range(MAX_ITERATIONS):
+        floor = residual_rounding(errors, plane.direction)
         # Tukey's weights fall to 0: a scale that followed them could collapse (S-estimation
         # is another method), so it stays the one Huber's plane gave.
         if sigma0 is None and loss != "tukey":
@@ -99,7 +102,8 @@ def m_estimate(X, sample_weight=None, *, loss="huber", sigma0=None, surface="ver
             break  # too few observations left to carry a plane: keep the last one
         plane = adjust_plane(X, equivalent, surface=surface)
         previous, residuals = residuals, plane.evaluate(X)[0]
-        if np.abs(residuals - previous).max() <= max(TOLERANCE * scale, floor):
+        # Two residuals that differ by rounding alone do so by that of both.
+        if np.abs(residuals - previous).max() <= max(TOLERANCE * scale, 2 * floor):
             break
     else:
         warnings.warn(
@@ -109,6 +113,8 @@ def m_estimate(X, sample_weight=None, *, loss="huber", sigma0=None, surface="ver
             stacklevel=2,
         )
     plane = plane.with_robust_weights(X, sample_weight, robust_weights)
+    if sigma0 is None:
+        scale = max(scale, residual_rounding(errors, plane.direction))
     return plane, robust_weights, float(scale)
 
 
@@ -144,9 +150,3 @@ def robust_scale(residuals, sample_weight, rank):
         return 0.0
     median = np.median(size, overwrite_input=True)
     return float(median / NORMAL_QUARTILE * np.sqrt(n / (n - rank)))
-
-
-def zero_scale(X, surface):
-    """Length below which a scale is rounding: 1e-13 of the largest coordinate."""
-    column = X if surface == "orthogonal" else X[:, -1]
-    return 1e-13 * float(max(column.max(), -column.min())) or np.finfo(float).tiny

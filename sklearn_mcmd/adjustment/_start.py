@@ -5,6 +5,7 @@ from sklearn.utils import check_random_state
 
 from sklearn_mcmd.adjustment._plane import adjust_plane
 from sklearn_mcmd.adjustment._robust import robust_scale
+from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 from sklearn_mcmd.planes._consistent_set import (
     draw_trials,
     maximum_consistent_sets,
@@ -29,7 +30,7 @@ MAX_POINTS = 20_000
 MAX_TRIALS = 2_000
 
 
-def robust_start(X, sample_weight, used, *, surface, sigma0, zero_scale, random_state):
+def robust_start(X, sample_weight, used, *, surface, sigma0, random_state):
     """Points that belong to the plane of the most coplanar half, and its scale.
 
     Parameters
@@ -41,8 +42,6 @@ def robust_start(X, sample_weight, used, *, surface, sigma0, zero_scale, random_
     surface : {"vertical", "orthogonal"}
     sigma0 : float or None
         Standard deviation of unit weight; estimated when None.
-    zero_scale : float
-        Least scale that isn't rounding.
     random_state : int, RandomState instance or None
 
     Returns
@@ -51,7 +50,8 @@ def robust_start(X, sample_weight, used, *, surface, sigma0, zero_scale, random_
         Of all points within 2.5 deviations of it.
     sigma : float
         sigma0, or the deviation of these points. Unlike a median's it isn't enlarged by
-        outliers that are separate from them.
+        outliers that are separate from them. Never less than what float64 may add to a
+        residual at these coordinates.
 
     Notes
     -----
@@ -73,7 +73,9 @@ def robust_start(X, sample_weight, used, *, surface, sigma0, zero_scale, random_
             break
         members = nearest
 
-    sigma = sigma0 or max(robust_scale(residuals, sample_weight, plane.rank), zero_scale)
+    errors = rounding_errors(X[used])
+    floor = residual_rounding(errors, plane.direction)
+    sigma = sigma0 or max(robust_scale(residuals, sample_weight, plane.rank), floor)
     members = None
     for _ in range(MAX_ROUNDS):
         residuals, _, spread = plane.evaluate(X)
@@ -84,7 +86,8 @@ def robust_start(X, sample_weight, used, *, surface, sigma0, zero_scale, random_
         members = near
         plane = adjust_plane(X, _weights_of(members, sample_weight), surface=surface)
         if sigma0 is None:
-            sigma = max(np.sqrt(plane.variance_factor) / CUT_DEVIATION, zero_scale)
+            floor = residual_rounding(errors, plane.direction)
+            sigma = max(np.sqrt(plane.variance_factor) / CUT_DEVIATION, floor)
     return plane, float(sigma)
 
 

@@ -22,6 +22,8 @@ from sklearn_mcmd.cli._speech import (
 __all__ = ["plane"]
 
 FIGURE_EXTENSIONS = (".png", ".pdf", ".svg")
+# So many points show the step of their coordinates.
+MAX_LOOKED_AT = 20_000
 
 
 class Method(StrEnum):
@@ -138,7 +140,8 @@ def plane(
 
     All points are kept. Outliers are class 7 (noise) in LAS and LAZ, attribute 'outlier'
     elsewhere, beside 'residual' (in units of the file) and 'test_statistic', float32. The
-    report, text and figure, holds the plane, its quality and the residuals.
+    report, text and figure, holds the plane, its quality and the residuals. Points that
+    determine no plane are refused: fewer than four distinct ones, or points along a line.
     """
     params = _detector_params(
         method, alpha, test, sigma0, correction, elimination, surface, robust_start
@@ -216,11 +219,34 @@ def _rehearse_sheets(sheets, plot_wanted):
 def _test_plane(xyz, quiet, method, params):
     """The fitted detector and the residuals of all points."""
     from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
+    from sklearn_mcmd.adjustment._determinacy import AS_THICK_AS_WIDE
 
     detector = {Method.baarda: BaardaPlaneDetector, Method.fuzzy: FuzzyPlaneDetector}[method]
-    with progress_bar("Plane", quiet):
+    with progress_bar("Plane", quiet), warnings.catch_warnings():
+        # Refused below, for both surfaces.
+        warnings.filterwarnings("ignore", message=AS_THICK_AS_WIDE)
         fitted = detector(**params).fit(xyz)
+    _check_width(fitted, xyz)
     return fitted, fitted.residuals(xyz)
+
+
+def _check_width(detector, xyz):
+    """Raise where the points that pass are no sheet, but thick about a line or a place."""
+    from sklearn_mcmd.adjustment import adjust_plane
+    from sklearn_mcmd.adjustment._determinacy import AS_THICK_AS_WIDE, normal_pvalue
+    from sklearn_mcmd.planes._resolution import coordinate_step
+
+    retained = adjust_plane(xyz[detector.support_], surface="orthogonal")
+    thick = np.sqrt(retained.sum_of_squares / retained.n_observations)
+    # A file that rounds a line to, say, millimeters makes a narrow lattice of it.
+    step = coordinate_step(xyz[:: len(xyz) // MAX_LOOKED_AT + 1])
+    pvalue = normal_pvalue(retained, rounding=np.sqrt(xyz.shape[1]) / 2 * step)
+    if pvalue > detector.alpha:
+        raise ValueError(
+            f"{AS_THICK_AS_WIDE} (rms {thick:.2g} from the plane of best fit; p = {pvalue:.2g} > "
+            f"--alpha {detector.alpha:g} in a test of width against thickness). They determine no "
+            "plane: take points beside that line."
+        )
 
 
 def _tested(cloud, is_outlier, statistic, residuals):
@@ -274,6 +300,8 @@ def _summarize(source, target, sheets, detector, residuals, unit, seconds):
     rms = [np.sqrt(np.mean(residuals[rows] ** 2)) for rows in (slice(None), ~is_outlier)]
     tilt = np.degrees(np.arccos(min(abs(detector.normal_[-1]), 1.0)))
     how = "estimated" if detector.sigma0 == "auto" else "given"
+    if detector._sigma0_is_rounding:
+        how = "float64's rounding: no noise to test against"
     print_summary(
         *(source, target, len(is_outlier), seconds),
         outliers=count_and_share(is_outlier),

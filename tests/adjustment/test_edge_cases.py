@@ -5,9 +5,11 @@ import warnings
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
 
 from adjustment_clouds import plane_with_outliers
-from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector, adjust_plane
+from sklearn_mcmd.adjustment._determinacy import normal_pvalue
 
 DETECTORS = [
     BaardaPlaneDetector(),
@@ -26,14 +28,31 @@ parametrized = pytest.mark.parametrize("detector", DETECTORS, ids=lambda d: repr
 
 @parametrized
 @pytest.mark.parametrize("n", [1, 2, 3])
-def test_no_more_points_than_parameters_are_all_inliers_with_a_warning(detector, n):
+def test_no_more_points_than_parameters_are_refused(detector, n):
     X = np.random.default_rng(0).normal(size=(n, 3))
-    with pytest.warns(UserWarning, match="without redundancy"):
+    with pytest.raises(ValueError, match=f"n_samples={n} is too few .* 4 distinct points"):
         detector.fit(X)
-    assert (detector.labels_ == 1).all()
-    assert (detector.predict(X) == 1).all()
-    assert detector.variance_factor_ == 0
-    assert np.isnan(detector.global_test_pvalue_)
+
+
+@parametrized
+@pytest.mark.parametrize("n_distinct", [1, 2, 3])
+@pytest.mark.parametrize("n", [500, 5000])
+def test_copies_of_three_points_are_no_more_than_three(detector, n_distinct, n):
+    X = np.random.default_rng(0).normal(size=(n_distinct, 3))[np.arange(n) % n_distinct]
+    with pytest.raises(ValueError, match=f"has {n_distinct} distinct .* n_samples={n}"):
+        detector.fit(X)
+
+
+def test_a_fourth_distinct_point_behind_many_copies_is_seen():
+    X = np.repeat(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]), [5000, 1, 1, 1], axis=0)
+    assert (BaardaPlaneDetector().fit(X).labels_ == 1).all()
+
+
+@parametrized
+def test_points_of_weight_zero_are_no_redundancy(detector):
+    X = np.random.default_rng(0).normal(size=(50, 3))
+    with pytest.raises(ValueError, match="n_samples=50, of which 3 of positive weight, is too few"):
+        detector.fit(X, sample_weight=np.arange(50) < 3)
 
 
 @pytest.mark.parametrize("test", ["tau", "t"])
@@ -79,38 +98,90 @@ def test_the_one_point_off_an_exact_plane_is_found(detector):
     assert_array_equal(np.flatnonzero(detector.fit_predict(X) == -1), [17])
 
 
+def line(n=500, offset=0.0):
+    along = np.random.default_rng(2).uniform(0, 10, n)
+    return np.outer(along, [1.0, 2.0, 0.5]) / 2 + offset
+
+
 @parametrized
-def test_collinear_regressors_are_tested_like_a_line(detector):
-    rng = np.random.default_rng(2)
-    x = rng.uniform(0, 10, 100)
-    X = np.column_stack([x, 2 * x + 1, 0.5 * x + rng.normal(scale=0.1, size=100)])
-    X[5, 2] += 30
-    detector.fit(X)
-    assert detector.rank_ == (3 if detector.surface == "orthogonal" else 2)
+@pytest.mark.parametrize("offset", [0.0, 5e6])
+def test_collinear_points_are_refused(detector, offset):
+    with pytest.raises(ValueError, match="lie on one line"):
+        detector.fit(line(offset=offset))
+
+
+@parametrized
+def test_points_above_a_line_determine_no_slope_across_it_but_an_upright_wall(detector):
+    X = line(100)
+    X[:, 2] += np.random.default_rng(3).normal(scale=0.1, size=100)
     if detector.surface == "vertical":
-        assert detector.labels_[5] == -1
-        assert (detector.labels_ == -1).sum() == 1
+        with pytest.raises(ValueError, match=r"By their first 2 columns .* on one line"):
+            detector.fit(X)
+    else:
+        assert_allclose(detector.fit(X).normal_ @ [0, 0, 1], 0, atol=1e-12)
 
 
 @parametrized
-def test_points_of_one_location_are_tested_against_their_mean(detector):
-    if detector.surface == "orthogonal":
-        pytest.skip("points above each other are an upright line, which lies in a plane")
-    z = np.random.default_rng(3).normal(scale=0.1, size=60)
-    z[5] += 30
-    X = np.column_stack([np.full((60, 2), 4.2), z])
-    assert_array_equal(np.flatnonzero(detector.fit(X).labels_ == -1), [5])
-    assert detector.rank_ == 1
+def test_points_above_one_place_are_refused(detector):
+    X = np.column_stack([np.full((60, 2), 4.2), np.arange(60.0)])
+    with pytest.raises(ValueError, match=r"lie (at one place|on one line)"):
+        detector.fit(X)
 
 
 @parametrized
-def test_a_constant_column_changes_nothing(detector):
+def test_a_column_that_is_the_sum_of_others_changes_no_statistic(detector):
     if detector.surface == "orthogonal":
-        pytest.skip("a constant column is the normal of an exact plane")
+        pytest.skip("a sum of columns is the normal of an exact plane")
     X = plane_with_outliers(100, 1, 30.0)
-    expected = detector.fit(X[:, [0, 2]]).labels_
-    labels = detector.fit(np.column_stack([X[:, 0], np.full(100, 0.3), X[:, 2]])).labels_
-    assert_array_equal(labels, expected)
+    expected = detector.fit(X).test_statistic_
+    statistic = detector.fit(np.column_stack([X[:, 0] + X[:, 1], X])).test_statistic_
+    # A start draws its planes in a space of another dimension.
+    rtol = 0.1 if getattr(detector, "robust_start", False) else 1e-6
+    assert_allclose(statistic, expected, rtol=rtol, atol=1e-6)
+
+
+def test_half_of_the_points_on_a_line_are_no_robust_start():
+    X = plane_with_outliers(100, 0)
+    X = np.vstack([X, line(150) * [1, 1, 0] + [0, 0, 1]])
+    with pytest.warns(UserWarning, match="half of the points or more on one line"):
+        robust = BaardaPlaneDetector(sigma0="auto", surface="orthogonal", robust_start=True).fit(X)
+    plain = BaardaPlaneDetector(sigma0="auto", surface="orthogonal").fit(X)
+    assert_array_equal(robust.labels_, plain.labels_)
+
+
+def test_removing_all_at_once_never_leaves_a_line():
+    X = np.vstack([line(200) * [1, 1, 0], [[3.0, 0, 40], [0, 5, -40], [5, 0, 40]]])
+    detector = BaardaPlaneDetector(sigma0=0.01, elimination="all")
+    with pytest.warns(UserWarning, match="points on a line"):
+        detector.fit(X)
+    assert detector.rank_ == 3
+
+
+@pytest.mark.parametrize("n", [6, 50, 500])
+def test_the_width_test_calls_a_rod_a_plane_as_often_as_alpha_says(n):
+    p = []
+    for seed in range(400):
+        rng = np.random.default_rng(seed)
+        X = rng.normal(size=(n, 3)) * [100, 1, 1] @ Rotation.random(rng=rng).as_matrix()
+        p.append(normal_pvalue(adjust_plane(X, surface="orthogonal")))
+    for alpha in (0.05, 0.2, 0.5):
+        # Four standard deviations of a share of 400.
+        assert abs(np.mean(np.array(p) < alpha) - alpha) < 4 * np.sqrt(alpha * (1 - alpha) / 400)
+
+
+@pytest.mark.parametrize("detector", [BaardaPlaneDetector, FuzzyPlaneDetector])
+def test_the_normal_of_a_rod_is_warned_of(detector):
+    X = line() + np.random.default_rng(1).normal(scale=0.01, size=(500, 3))
+    with pytest.warns(UserWarning, match="as thick as they are wide"):
+        detector(sigma0=0.01, surface="orthogonal").fit(X)
+
+
+def test_the_normal_of_a_strip_of_three_deviations_of_width_is_not_warned_of():
+    X = line() + np.random.default_rng(1).normal(scale=0.01, size=(500, 3))
+    X[:, 1] += np.random.default_rng(2).normal(scale=0.03, size=500)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        BaardaPlaneDetector(sigma0=0.01, surface="orthogonal").fit(X)
 
 
 @parametrized

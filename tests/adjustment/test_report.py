@@ -61,10 +61,32 @@ def test_the_figure_has_three_panels_and_can_be_saved(detector, columns, tmp_pat
     assert last in titles
 
 
-@pytest.mark.parametrize("X", [np.ones((5, 3)), np.column_stack([np.arange(9.0)] * 3)])
-@pytest.mark.filterwarnings("ignore:.* without redundancy")
-def test_degenerate_clouds_have_a_report_too(X, tmp_path):
+def exact_plane(offset):
+    xy = np.random.default_rng(0).uniform(0, 10, (50, 2)) + offset
+    return np.column_stack([xy, xy @ [0.1, 0.3] + 7])
+
+
+@pytest.mark.parametrize("detector", DETECTORS)
+def test_a_point_more_than_three_has_a_report_too(detector, tmp_path):
     pytest.importorskip("matplotlib")
-    for detector in DETECTORS:
-        assert "outliers" in text_report(detector.fit(X), X)
-        plot_report(detector, X).savefig(tmp_path / "report.png")
+    X = plane_with_outliers(4, 0)
+    assert "outliers" in text_report(detector.fit(X), X)
+    plot_report(detector, X).savefig(tmp_path / "report.png")
+
+
+@pytest.mark.parametrize("offset", [0.0, 5e6])
+def test_the_report_of_an_exact_plane_says_that_there_is_no_noise(offset, tmp_path):
+    X = exact_plane(offset)
+    detector = BaardaPlaneDetector(sigma0="auto").fit(X)
+    text = text_report(detector, X, unit="m")
+    assert f"{detector.sigma0_:.6g} m (float64's rounding)" in text
+    assert "no noise to test against" in text
+    pytest.importorskip("matplotlib")
+    plot_report(detector, X).savefig(tmp_path / "report.png")
+
+
+def test_the_report_of_a_plane_with_noise_says_nothing_of_rounding():
+    X = plane_with_outliers(200, 0)
+    text = text_report(BaardaPlaneDetector(sigma0="auto").fit(X), X)
+    assert "(robust estimate)" in text
+    assert "rounding" not in text

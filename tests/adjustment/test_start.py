@@ -11,7 +11,7 @@ from sklearn_mcmd.adjustment import _start
 def start(X, used=None, sigma0=1.0, surface="vertical", sample_weight=None, random_state=0):
     used = np.ones(len(X), dtype=bool) if used is None else used
     return _start.robust_start(
-        X, sample_weight, used, surface=surface, sigma0=sigma0, zero_scale=1e-12,
+        X, sample_weight, used, surface=surface, sigma0=sigma0,
         random_state=random_state,
     )  # fmt: skip
 

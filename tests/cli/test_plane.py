@@ -1,5 +1,6 @@
 """mcmd plane: what it writes, what it refuses, and that nothing is lost."""
 
+import re
 import sys
 
 import numpy as np
@@ -241,12 +242,43 @@ def test_without_matplotlib_the_text_is_written_and_the_figure_named(
     assert 'pip install "sklearn-mcmd[plot]"' in error_line(wanted)
 
 
-def test_three_points_are_a_plane_that_cannot_be_tested(tmp_path):
-    (tmp_path / "three.xyz").write_text("0 0 0\n1 0 0\n0 1 0\n")
-    result = run("plane", tmp_path / "three.xyz", tmp_path / "out.csv")
+ALONG = np.outer(np.linspace(0, 10, 500), [0.3, 0.4, 0.2])
+ALONG += np.array([512345, 5403210, 212])
+NO_PLANES = {
+    "one point": ALONG[:1],
+    "two points": ALONG[:2],
+    "three points": np.eye(3),
+    "copies of three points": np.eye(3)[np.arange(500) % 3],
+    "a line": ALONG,
+    "a line in millimeters": np.round(ALONG, 3),
+    "a line with noise": ALONG + np.random.default_rng(0).normal(0, 0.004, (500, 3)),
+    "a box full of points": np.random.default_rng(0).uniform(0, 1, (500, 3)),
+}
+
+
+@pytest.mark.parametrize("kind", NO_PLANES)
+@pytest.mark.parametrize(
+    "options", [(), ("--surface", "vertical"), ("--method", "fuzzy"), ("--test", "tau")]
+)
+def test_points_that_determine_no_plane_are_refused(kind, options, tmp_path):
+    write_points(tmp_path / "a.npy", PointCloud(NO_PLANES[kind]))
+    result = run("plane", tmp_path / "a.npy", tmp_path / "out.csv", *options)
+    assert re.search("too few|does not determine|determine no plane", error_line(result))
+    assert files_in(tmp_path) == ["a.npy"]
+
+
+@pytest.mark.parametrize("offset", [0.0, 5e6])
+def test_an_exact_plane_is_told_to_have_no_noise(offset, tmp_path):
+    xy = np.random.default_rng(0).uniform(0, 10, (200, 2)) + offset
+    X = np.column_stack([xy, xy @ [0.1, 0.3]])
+    X[7, 2] += 1e-3
+    write_points(tmp_path / "a.npy", PointCloud(X))
+    result = run("plane", tmp_path / "a.npy", tmp_path / "out.npz")
     assert result.exit_code == 0, result.output
-    assert "without redundancy" in result.stderr
-    assert not read_points(tmp_path / "out.csv").attributes["outlier"].any()
+    assert "no noise to test against" in result.stdout
+    assert "no noise to test against" in (tmp_path / "out_report.txt").read_text()
+    marked = read_points(tmp_path / "out.npz").attributes["outlier"]
+    np.testing.assert_array_equal(np.flatnonzero(marked), [7])
 
 
 @pytest.mark.parametrize("kind", ["missing", "empty", "words"])
