@@ -81,7 +81,7 @@ METHODS = {
     "... sigma0 auto": labels(BaardaPlaneDetector(sigma0="auto")),
     "... both": labels(BaardaPlaneDetector(sigma0="auto", robust_start=True, random_state=0)),
     "... tau": labels(BaardaPlaneDetector(test="tau")),
-    "... tukey": labels(BaardaPlaneDetector(estimator="tukey", elimination="all")),
+    "... tukey": labels(BaardaPlaneDetector(loss="tukey", elimination="all")),
     "batch, Sidak": removed(BaardaPlaneDetector(elimination="all")),
     "batch, alpha (paper)": removed(BaardaPlaneDetector(correction="none", elimination="all")),
     "Fuzzy, width alpha": labels(FuzzyPlaneDetector(width=0.05)),

@@ -50,7 +50,9 @@ class BaardaPlaneDetector(PlaneDetector):
         the scale they are compared with.
     sigma0 : float > 0 or "auto", default=1.0
         Standard deviation of an observation of weight 1, in the units of the dependent
-        column (along the normal, for an orthogonal surface). **Set it**: residuals of
+        column (along the normal, for an orthogonal surface). It is the noise that
+        `MCMDOutlierDetector` calls `noise_scale`: give a scanner's deviation to either.
+        **Set it**: residuals of
         millimeters in a cloud in meters are nothing to the default of 1 m, and the test finds
         no outlier. "auto" takes a robust scale of the residuals about a Huber plane: within
         a few percent of the truth in clean data, a factor of 1.3 too large with 20 % of
@@ -70,8 +72,9 @@ class BaardaPlaneDetector(PlaneDetector):
         Residuals along the last axis, or along the normal (total least squares). Take
         "orthogonal" for walls: of a plane tilted by 80 degrees with equal noise in all
         directions, "vertical" rejects half of the good points.
-    estimator : {"ls", "huber", "tukey"}, default="ls"
-        How planes are adjusted: least squares, or M-estimation (Eqs 2-7), whose weights are
+    loss : {"squared_error", "huber", "tukey"}, default="squared_error"
+        What the adjustment minimizes: squared residuals (least squares), or a robust loss
+        by M-estimation (Eqs 2-7), whose weights are
         then in `robust_weights_`. With ``elimination="single"`` each removal costs an
         M-estimate of the whole cloud.
     robust_start : bool, default=False
@@ -121,7 +124,7 @@ class BaardaPlaneDetector(PlaneDetector):
     n_iter_ : int
         Rounds of removal, 1 if there were none.
     robust_weights_ : ndarray of shape (n_samples,)
-        W of the last M-estimate; only with ``estimator`` other than "ls".
+        W of the last M-estimate; only with `loss` other than "squared_error".
     offset_ : float
         Limit of the scores: minus the critical value for a new point.
     n_features_in_ : int
@@ -141,7 +144,7 @@ class BaardaPlaneDetector(PlaneDetector):
     support. It is no makeshift: the predicted residual over its deviation is the statistic
     the point has after it joined them.
 
-    Sample weights are precisions, not repetitions: two observations have two residuals and
+    Weights are precisions, not repetitions: two observations have two residuals and
     two tests, one of double weight has one.
 
     Removed points cost no pass over the cloud: sums are down-dated and only the candidates
@@ -194,7 +197,7 @@ class BaardaPlaneDetector(PlaneDetector):
         max_iter=None,
         contamination="auto",
         surface="vertical",
-        estimator="ls",
+        loss="squared_error",
         robust_start=False,
         random_state=None,
     ):
@@ -206,12 +209,12 @@ class BaardaPlaneDetector(PlaneDetector):
         self.max_iter = max_iter
         self.contamination = contamination
         self.surface = surface
-        self.estimator = estimator
+        self.loss = loss
         self.robust_start = robust_start
         self.random_state = random_state
 
     @fit_context(prefer_skip_nested_validation=True)
-    def fit(self, X, y=None, sample_weight=None):
+    def fit(self, X, y=None, weights=None):
         """Adjust the plane and remove what its tests reject.
 
         Parameters
@@ -220,9 +223,11 @@ class BaardaPlaneDetector(PlaneDetector):
             Points; the last column depends on the others.
         y : Ignored
             Present for API consistency.
-        sample_weight : array-like of shape (n_samples,), default=None
-            Precisions ``p_i = sigma0^2 / sigma_i^2``. A point of weight 0 takes no part and
-            is never an outlier: nothing is known about its precision.
+        weights : array-like of shape (n_samples,), default=None
+            Precisions ``p_i = sigma0^2 / sigma_i^2``, which is another thing than
+            scikit-learn's `sample_weight`, a repetition. A point of weight 0 takes no part and
+            is never an outlier: nothing is known about its precision. In a Pipeline, pass
+            ``name__weights=``, or request them by ``set_fit_request(weights=True)``.
 
         Returns
         -------
@@ -246,7 +251,7 @@ class BaardaPlaneDetector(PlaneDetector):
         ConvergenceWarning
             If `max_iter` rounds were not enough.
         """
-        X, weights, used = self._check_training(X, sample_weight)
+        X, weights, used = self._check_training(X, weights)
         initial, _ = self._adjust(X, weights)
         check_rank(initial, X.shape[1])
         state = Elimination(step=np.zeros(len(X), dtype=np.intp), support=used.copy(), n_rounds=0)
@@ -266,7 +271,7 @@ class BaardaPlaneDetector(PlaneDetector):
             self._choose_sigma0(X, weights, initial)
             if self.robust_start:
                 self._warn_of_start()
-        if self.estimator == "ls" and self.elimination == "single":
+        if self.loss == "squared_error" and self.elimination == "single":
             state = eliminate_one_by_one(
                 X, weights, self.surface, self._limit, state, max_rounds=self.max_iter
             )

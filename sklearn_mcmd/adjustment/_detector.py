@@ -38,12 +38,12 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
         "test": [StrOptions({"w", "tau", "t"})],
         "sigma0": [Interval(Real, 0, None, closed="neither"), StrOptions({"auto"})],
         "correction": [StrOptions({"none", "sidak", "bonferroni"})],
-        "estimator": [StrOptions({"ls", *WEIGHT_FUNCTIONS})],
+        "loss": [StrOptions({"squared_error", *WEIGHT_FUNCTIONS})],
         "contamination": [StrOptions({"auto"}), Interval(Real, 0, 0.5, closed="right")],
         "surface": [StrOptions({"vertical", "orthogonal"})],
     }
 
-    def fit_predict(self, X, y=None, sample_weight=None):
+    def fit_predict(self, X, y=None, weights=None):
         """Fit and return the labels of the training points.
 
         Parameters
@@ -51,15 +51,16 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
         X : array-like of shape (n_samples, n_features)
             Points; the last column depends on the others.
         y : Ignored
-        sample_weight : array-like of shape (n_samples,), default=None
-            Precisions; see `fit`. They count in the labels, too, which `predict` can't know.
+        weights : array-like of shape (n_samples,), default=None
+            Precisions, not repetitions; see `fit`. They count in the labels, too, which
+            `predict` can't know.
 
         Returns
         -------
         ndarray of int of shape (n_samples,)
             -1 for outliers, 1 for inliers.
         """
-        return self.fit(X, sample_weight=sample_weight).labels_
+        return self.fit(X, weights=weights).labels_
 
     def residuals(self, X):
         """Observed minus adjusted, along the last axis or the normal.
@@ -75,35 +76,33 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
         """
         return self._plane.evaluate(self._check_query(X))[0]
 
-    def _check_training(self, X, sample_weight):
+    def _check_training(self, X, weights):
         """Validated points, weights (None where all are 1) and which of them count."""
         X = validate_data(self, X, dtype=np.float64, ensure_min_features=2)
-        weights = self._check_weights(X, sample_weight)
+        weights = self._check_weights(X, weights)
         used = np.ones(len(X), dtype=bool) if weights is None else weights > 0
         points = X if used.all() else X[used]
         check_distinct(points, len(X))
         self._rounding_errors = rounding_errors(points)
         return X, weights, used
 
-    def _check_weights(self, X, sample_weight):
-        if sample_weight is None:
+    def _check_weights(self, X, weights):
+        if weights is None:
             return None
-        shape = np.asarray(sample_weight).shape
+        shape = np.asarray(weights).shape
         if shape != (len(X),):
             raise ValueError(
-                f"sample_weight has shape {shape}; it needs one precision "
+                f"weights has shape {shape}; it needs one precision "
                 f"sigma0^2 / sigma_i^2 for each of the {len(X)} points of X."
             )
-        weights = check_array(
-            sample_weight, ensure_2d=False, dtype=np.float64, input_name="sample_weight"
-        )
+        weights = check_array(weights, ensure_2d=False, dtype=np.float64, input_name="weights")
         if weights.min() < 0:
             raise ValueError(
-                f"sample_weight has negative values (least: {weights.min()}); precisions are "
-                "positive, or 0 for a point that takes no part."
+                f"weights has negative values (least: {weights.min()}); precisions are positive, "
+                "or 0 for a point that takes no part."
             )
         if not weights.any():
-            raise ValueError("sample_weight is zero for all points; leave some weight.")
+            raise ValueError("weights is zero for all points; leave some weight.")
         return None if np.all(weights == 1) else weights
 
     def _check_query(self, X):
@@ -115,10 +114,10 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
         known = self.test == "w" and self.sigma0 != "auto"
         return float(self.sigma0) if known else None
 
-    def _choose_sigma0(self, X, sample_weight, initial):
+    def _choose_sigma0(self, X, weights, initial):
         """The sigma0 of w: as given, or a robust scale about a robust plane."""
         if self.sigma0 == "auto":
-            plane, _, sigma = m_estimate(X, sample_weight, loss="huber", surface=self.surface)
+            plane, _, sigma = m_estimate(X, weights, loss="huber", surface=self.surface)
         else:
             plane, sigma = initial, float(self.sigma0)
         self._set_sigma0(sigma, plane)
@@ -142,21 +141,21 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
         return residual_rounding(self._rounding_errors, direction)
 
     def _adjust(self, X, weights):
-        """Plane by the chosen estimator, and the weights W of a robust one."""
-        if self.estimator == "ls":
+        """Plane by the chosen loss, and the weights W of a robust one."""
+        if self.loss == "squared_error":
             return adjust_plane(X, weights, surface=self.surface), None
         plane, robust_weights, self._loss_scale = m_estimate(
-            X, weights, loss=self.estimator, sigma0=self._known_sigma(), surface=self.surface
+            X, weights, loss=self.loss, sigma0=self._known_sigma(), surface=self.surface
         )
         return plane, robust_weights
 
-    def _robust_weights_at(self, residuals, sample_weight=None):
+    def _robust_weights_at(self, residuals, weights=None):
         """W of given residuals, the same for training points and new ones."""
         floor = self._rounding_of(self._plane.direction)
         standardized = residuals / max(self._loss_scale, floor)
-        if sample_weight is not None:
-            standardized *= np.sqrt(sample_weight)
-        return WEIGHT_FUNCTIONS[self.estimator](standardized)
+        if weights is not None:
+            standardized *= np.sqrt(weights)
+        return WEIGHT_FUNCTIONS[self.loss](standardized)
 
     def _set_plane(self, X, plane, initial):
         """Attributes of the final plane, and of the one before any test."""

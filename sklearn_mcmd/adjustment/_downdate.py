@@ -29,7 +29,7 @@ class DowndatedPlane:
     Parameters
     ----------
     X : ndarray of shape (n, d)
-    sample_weight : ndarray of shape (n,) or None
+    weights : ndarray of shape (n,) or None
     support : ndarray of bool of shape (n,)
         Retained points. `remove` changes it in place.
     surface : {"vertical", "orthogonal"}
@@ -54,9 +54,9 @@ class DowndatedPlane:
         sqrt(h_now) <= |L| sqrt(h)        + |turn| sqrt(p) |e|
     """
 
-    def __init__(self, X, sample_weight, support, surface):
+    def __init__(self, X, weights, support, surface):
         self.X, self.surface, self.support = X, surface, support
-        self.sample_weight = sample_weight
+        self.weights = weights
         self.n_adjustments = 0
         self._adjust()
 
@@ -79,7 +79,7 @@ class DowndatedPlane:
     def remove_largest(self):
         """Take the point that `largest` found out of the plane."""
         at, g = self._at, self._design[self._at]
-        p, e = self._weights[at], self._residuals[at]
+        p, e = self._candidate_weights[at], self._residuals[at]
         self.support[self._candidates[at]] = False
         self._alive[at] = False
         self.n_retained -= 1
@@ -95,13 +95,13 @@ class DowndatedPlane:
 
     def _adjust(self):
         """Adjust all retained points and choose new candidates."""
-        weights = self.support.astype(float)
-        if self.sample_weight is not None:
-            weights *= self.sample_weight
-        plane = adjust_plane(self.X, weights, surface=self.surface)
+        retained = self.support.astype(float)
+        if self.weights is not None:
+            retained *= self.weights
+        plane = adjust_plane(self.X, retained, surface=self.surface)
         residuals, cofactors, _ = plane.evaluate(self.X)
-        leverage = cofactors if self.sample_weight is None else cofactors * self.sample_weight
-        standardized = standardized_residuals(residuals, self.sample_weight, 1 - leverage)
+        leverage = cofactors if self.weights is None else cofactors * self.weights
+        standardized = standardized_residuals(residuals, self.weights, 1 - leverage)
         standardized[~self.support] = -1.0
         leverage[~self.support] = 0.0
 
@@ -120,7 +120,7 @@ class DowndatedPlane:
         self._candidates = candidates = np.flatnonzero(chosen)
         U, self._residuals = plane.whiten(self.X[candidates])
         self._design = plane.design(U)
-        self._weights = weights[candidates]
+        self._candidate_weights = retained[candidates]
         self._standardized = standardized[candidates]
         self._alive = np.ones(len(candidates), dtype=bool)
         self._plane, self._removed = plane, 0
@@ -148,8 +148,8 @@ class DowndatedPlane:
         design = self._design @ self._map.T
         if self._turn is not None:
             design += np.outer(self._residuals, self._turn)
-        redundancy = 1 - self._weights * np.einsum("ij,ij->i", design, design)
-        self._standardized = standardized_residuals(residuals, self._weights, redundancy)
+        redundancy = 1 - self._candidate_weights * np.einsum("ij,ij->i", design, design)
+        self._standardized = standardized_residuals(residuals, self._candidate_weights, redundancy)
         self._standardized[~self._alive] = -1.0
         return None
 

@@ -43,15 +43,15 @@ class Elimination:
     ran_out_of_points: bool = False
 
 
-def eliminate(X, sample_weight, adjust, limit, state, *, single, max_rounds=None):
+def eliminate(X, weights, adjust, limit, state, *, single, max_rounds=None):
     """Remove every rejected point, or the worst one, and adjust again (section 1.1).
 
     Parameters
     ----------
     X : ndarray of shape (n, d)
-    sample_weight : ndarray of shape (n,) or None
+    weights : ndarray of shape (n,) or None
     adjust : callable
-        ``adjust(weights) -> (plane, robust_weights)``; robust weights None for least squares.
+        ``adjust(retained) -> (plane, robust_weights)``; robust weights None for least squares.
     limit : callable
         ``limit(n_retained, dof, variance_factor, direction)``: the largest standardized
         residual that passes.
@@ -63,17 +63,17 @@ def eliminate(X, sample_weight, adjust, limit, state, *, single, max_rounds=None
     """
     before = state.support
     while True:
-        weights = state.support.astype(float)
-        if sample_weight is not None:
-            weights *= sample_weight
-        plane, robust_weights = adjust(weights)
+        retained = state.support.astype(float)
+        if weights is not None:
+            retained *= weights
+        plane, robust_weights = adjust(retained)
         if state.plane is not None and plane.rank < state.plane.rank:
             state.support, state.ran_out_of_points = before, True
             return state
         state.plane, state.robust_weights = plane, robust_weights
         residuals, cofactors, spread = state.plane.evaluate(X)
-        redundancy = own_redundancy(cofactors, spread, sample_weight, state.robust_weights)
-        standardized = standardized_residuals(residuals, sample_weight, redundancy)
+        redundancy = own_redundancy(cofactors, spread, weights, state.robust_weights)
+        standardized = standardized_residuals(residuals, weights, redundancy)
         standardized[~state.support] = 0.0
         n_retained = np.count_nonzero(state.support)
         most = limit(n_retained, plane.dof, plane.variance_factor, plane.direction)
@@ -95,9 +95,9 @@ def eliminate(X, sample_weight, adjust, limit, state, *, single, max_rounds=None
         before, state.support = state.support, state.support & ~rejected
 
 
-def eliminate_one_by_one(X, sample_weight, surface, limit, state, *, max_rounds=None):
+def eliminate_one_by_one(X, weights, surface, limit, state, *, max_rounds=None):
     """Same as `eliminate` with ``single=True`` for least squares, by down-dating."""
-    plane = DowndatedPlane(X, sample_weight, state.support, surface)
+    plane = DowndatedPlane(X, weights, state.support, surface)
     while True:
         worst, value = plane.largest()
         if value <= limit(plane.n_retained, plane.dof, plane.variance_factor, plane.direction):
@@ -111,20 +111,20 @@ def eliminate_one_by_one(X, sample_weight, surface, limit, state, *, max_rounds=
             state.ran_out_of_points = True
             break
         plane.remove_largest()
-    weights = state.support.astype(float)
-    if sample_weight is not None:
-        weights *= sample_weight
-    state.plane = adjust_plane(X, weights, surface=surface)
+    retained = state.support.astype(float)
+    if weights is not None:
+        retained *= weights
+    state.plane = adjust_plane(X, retained, surface=surface)
     return state
 
 
-def own_redundancy(cofactors, spread, sample_weight, robust_weights=None):
+def own_redundancy(cofactors, spread, weights, robust_weights=None):
     """Redundancy numbers ``r_i = p_i q_i`` of observations that made the plane.
 
     With weights W of an M-estimate the cofactor is that of ``v = (I - A N^-1 A'PW) l`` with W
     taken as fixed: ``r = 1 - 2 w h + p g'Cg``, which is 1 - h for W = 1.
     """
     if robust_weights is None:
-        return 1 - (cofactors if sample_weight is None else cofactors * sample_weight)
+        return 1 - (cofactors if weights is None else cofactors * weights)
     loss = 2 * robust_weights * cofactors - spread
-    return 1 - (loss if sample_weight is None else loss * sample_weight)
+    return 1 - (loss if weights is None else loss * weights)

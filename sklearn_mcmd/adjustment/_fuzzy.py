@@ -8,15 +8,19 @@ import numpy as np
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd.adjustment._detector import PlaneDetector
 from sklearn_mcmd.adjustment._determinacy import check_rank
+from sklearn_mcmd.adjustment._effects import (
+    bounding_points,
+    effects_of,
+    largest_effects,
+    largest_effects_of_others,
+)
 from sklearn_mcmd.adjustment._elimination import own_redundancy
-from sklearn_mcmd.adjustment._hull import hull_vertices
 from sklearn_mcmd.adjustment._memberships import (
     abnormal_residual_membership,
     defuzzification_complement,
     normal_error_complement,
     normal_residual_membership,
 )
-from sklearn_mcmd.adjustment._plane import CHUNK
 from sklearn_mcmd.adjustment._tests import (
     critical_value,
     global_test_pvalue,
@@ -47,7 +51,8 @@ class FuzzyPlaneDetector(PlaneDetector):
         Statistic of the residuals; see `BaardaPlaneDetector`.
     sigma0 : float > 0 or "auto", default=1.0
         Standard deviation of an observation of weight 1, in the units of the dependent
-        column. **Set it**, or take "auto"; see `BaardaPlaneDetector`.
+        column, which `MCMDOutlierDetector` calls `noise_scale`. **Set it**, or take "auto";
+        see `BaardaPlaneDetector`.
     correction : {"none", "sidak", "bonferroni"}, default="none"
         Local level; the paper uses alpha itself.
     width : float > 0, default=1.0
@@ -62,7 +67,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         Share of training points to call outliers; by Eq. 21 when "auto".
     surface : {"vertical", "orthogonal"}, default="vertical"
         Residuals along the last axis, or along the normal (for walls).
-    estimator : {"ls", "huber", "tukey"}, default="ls"
+    loss : {"squared_error", "huber", "tukey"}, default="squared_error"
         Least squares, or M-estimation (Eqs 2-7), whose weights are then in
         `robust_weights_` and enter the redundancy matrix.
 
@@ -106,7 +111,7 @@ class FuzzyPlaneDetector(PlaneDetector):
     dof_, rank_ : int
         Degrees of freedom f and number of estimable parameters u of the tested plane.
     robust_weights_ : ndarray of shape (n_samples,)
-        W of the M-estimate; only with ``estimator`` other than "ls".
+        W of the M-estimate; only with `loss` other than "squared_error".
     offset_ : float
         Limit of the scores.
     n_features_in_ : int
@@ -176,7 +181,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         weighting="ratio",
         contamination="auto",
         surface="vertical",
-        estimator="ls",
+        loss="squared_error",
     ):
         self.alpha = alpha
         self.test = test
@@ -186,10 +191,10 @@ class FuzzyPlaneDetector(PlaneDetector):
         self.weighting = weighting
         self.contamination = contamination
         self.surface = surface
-        self.estimator = estimator
+        self.loss = loss
 
     @fit_context(prefer_skip_nested_validation=True)
-    def fit(self, X, y=None, sample_weight=None):
+    def fit(self, X, y=None, weights=None):
         """Adjust the plane once and divide its residuals.
 
         Parameters
@@ -198,9 +203,9 @@ class FuzzyPlaneDetector(PlaneDetector):
             Points; the last column depends on the others.
         y : Ignored
             Present for API consistency.
-        sample_weight : array-like of shape (n_samples,), default=None
-            Precisions ``p_i = sigma0^2 / sigma_i^2``. A point of weight 0 takes no part and
-            is never an outlier.
+        weights : array-like of shape (n_samples,), default=None
+            Precisions ``p_i = sigma0^2 / sigma_i^2``, not repetitions; see
+            `BaardaPlaneDetector.fit`. A point of weight 0 takes no part and is never an outlier.
 
         Returns
         -------
@@ -220,7 +225,7 @@ class FuzzyPlaneDetector(PlaneDetector):
             orthogonal surface are as thick as they are wide, or if `sigma0` is less than the
             rounding of float64.
         """
-        X, weights, used = self._check_training(X, sample_weight)
+        X, weights, used = self._check_training(X, weights)
         plane, robust_weights = self._adjust(X, weights)
         check_rank(plane, X.shape[1])
         self._choose_sigma0(X, weights, plane)
@@ -284,7 +289,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         # The same point in another batch may differ by rounding.
         own = cofactors <= self._largest_leverage * (1 + 1e-9)
         robust_weights = None
-        if self.estimator != "ls":
+        if self.loss != "squared_error":
             robust_weights = self._robust_weights_at(residuals)
         redundancy = own_redundancy(cofactors, spread, None, robust_weights)
         redundancy[~own] = 1 / (1 + spread[~own])
@@ -295,10 +300,10 @@ class FuzzyPlaneDetector(PlaneDetector):
             t = standardized[~own] / self._scale
             tests[~own] = t if self.test == "t" else t_to_tau(t, self.dof_ + 1)
         normal = normal_residual_membership(tests, redundancy, self.critical_value_, self.width)
-        effect = _largest_effects(plane, X, self._vertices)
+        effect = largest_effects(plane, X, self._vertices)
         alone = np.flatnonzero(own & (cofactors > 0.5))
         same = (X[alone, None] == self._vertices).all(axis=2)
-        effect[alone] = _largest_effects_of_others(plane, X[alone], self._vertices, same)
+        effect[alone] = largest_effects_of_others(plane, X[alone], self._vertices, same)
         diagonal = redundancy
         if robust_weights is not None:
             effect *= robust_weights
@@ -332,19 +337,19 @@ class FuzzyPlaneDetector(PlaneDetector):
         alone = leverage > 0.5  # at most 2u points: leverages sum to u
 
         normal = used & ~abnormal
-        vertices = _bounding_points(plane, X, cofactors, np.flatnonzero(normal), alone)
+        vertices = bounding_points(plane, X, cofactors, np.flatnonzero(normal), alone)
         self._vertices = X[vertices]
         self._largest_leverage = float(cofactors.max(where=used, initial=0.0))
         sought = np.flatnonzero(used if weights is not None else used & (abnormal | alone))
         effect = np.zeros(n)
-        effect[sought] = _effects_of(plane, X, sought, vertices, weights, alone)
+        effect[sought] = effects_of(plane, X, sought, vertices, weights, alone)
         np.maximum(effect, diagonal, out=effect, where=normal)
 
         largest = diagonal.max(where=used, initial=0.0)
         if weights is not None or n < 2 * plane.rank:
             everyone = np.flatnonzero(used)
-            vertices = _bounding_points(plane, X, cofactors, everyone, alone)
-            between = _effects_of(plane, X, everyone, vertices, weights, alone)
+            vertices = bounding_points(plane, X, cofactors, everyone, alone)
+            between = effects_of(plane, X, everyone, vertices, weights, alone)
             largest = max(largest, between.max())
         self._largest_effect = float(largest) or 1.0
         effect /= self._largest_effect
@@ -376,54 +381,3 @@ class FuzzyPlaneDetector(PlaneDetector):
             plane, _ = self._adjust(X, retained)
             self.variance_factor_ = plane.variance_factor
         self.global_test_pvalue_ = global_test_pvalue(plane.sum_of_squares, self.sigma0_, plane.dof)
-
-
-def _bounding_points(plane, X, cofactors, members, alone):
-    """Rows among which effects on the members are largest, whichever one row is left out.
-
-    Points with a leverage over 1/2 act most on themselves, which doesn't count. They are
-    kept beside the hull of the others, so that leaving one out uncovers nothing.
-    """
-    apart = members[alone[members]] if alone.any() else members[:0]
-    if len(apart):
-        members = np.setdiff1d(members, apart, assume_unique=True)
-    if len(members):
-        members = hull_vertices(plane, X, cofactors, members)
-    return np.concatenate([members, apart])
-
-
-def _effects_of(plane, X, rows, vertices, weights, alone):
-    """``max |r_ki|`` over vertices k other than i, for the given rows i."""
-    effect = _largest_effects(plane, X, X[vertices], rows)
-    few = np.flatnonzero(alone[rows])
-    effect[few] = _largest_effects_of_others(
-        plane, X[rows[few]], X[vertices], rows[few, None] == vertices
-    )
-    return effect if weights is None else effect * weights[rows]
-
-
-def _largest_effects(plane, X, vertices, rows=None):
-    """``max |a_k' N^-1 a_i|`` over vertices k, for all points i or those of some rows."""
-    n = len(X) if rows is None else len(rows)
-    effect = np.zeros(n)
-    if len(vertices) == 0:
-        return effect
-    design = plane.design(plane.whiten(vertices)[0])
-    # Without a hull (many regressors) there are as many vertices as points.
-    step = max(CHUNK * 32 // (32 + len(vertices)), 1)
-    for start in range(0, n, step):
-        part = slice(start, start + step)
-        points = X[part] if rows is None else X[rows[part]]
-        product = plane.design(plane.whiten(points)[0]) @ design.T
-        effect[part] = np.abs(product, out=product).max(axis=1)
-    return effect
-
-
-def _largest_effects_of_others(plane, X, vertices, same):
-    """Same, without the vertices that are the point itself."""
-    if 0 in same.shape:
-        return np.zeros(len(X))
-    design = plane.design(plane.whiten(vertices)[0])
-    product = np.abs(plane.design(plane.whiten(X)[0]) @ design.T)
-    product[same] = 0.0
-    return product.max(axis=1)

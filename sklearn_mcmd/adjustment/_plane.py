@@ -130,14 +130,14 @@ class PlaneAdjustment:
         """Rows g of the whitened design matrix, the constant first: ``g'g`` is a cofactor."""
         return np.column_stack([np.full(len(U), self.sum_weights**-0.5), U])
 
-    def with_robust_weights(self, X, sample_weight, robust_weights):
+    def with_robust_weights(self, X, weights, robust_weights):
         """Same plane with the kernel that belongs to equivalent weights PW."""
         kernel = np.zeros((self.rank, self.rank))
         for rows in row_chunks(len(X)):
             G = self.design(self.whiten(X[rows])[0])
             factor = robust_weights[rows] ** 2
-            if sample_weight is not None:
-                factor = factor * sample_weight[rows]
+            if weights is not None:
+                factor = factor * weights[rows]
             kernel += (G * factor[:, None]).T @ G
         return replace(self, kernel=kernel)
 
@@ -145,19 +145,19 @@ class PlaneAdjustment:
 @validate_params(
     {
         "X": ["array-like"],
-        "sample_weight": ["array-like", None],
+        "weights": ["array-like", None],
         "surface": [StrOptions({"vertical", "orthogonal"})],
     },
     prefer_skip_nested_validation=True,
 )
-def adjust_plane(X, sample_weight=None, *, surface="vertical"):
+def adjust_plane(X, weights=None, *, surface="vertical"):
     """Weighted least-squares plane, its cofactors and variance factor (Eqs 2-4, 9).
 
     Parameters
     ----------
     X : array-like of shape (n, d)
         Points; the last column is the dependent variable of a vertical surface.
-    sample_weight : array-like of shape (n,), default=None
+    weights : array-like of shape (n,), default=None
         Precisions ``p_i = sigma0^2 / sigma_i^2``. Points of weight 0 take no part.
     surface : {"vertical", "orthogonal"}, default="vertical"
         Residuals along the last axis (the paper), or along the normal (total least squares,
@@ -198,15 +198,15 @@ def adjust_plane(X, sample_weight=None, *, surface="vertical"):
     X = np.asarray(X, dtype=np.float64)
     if X.ndim != 2 or X.shape[1] < 2:
         raise ValueError(f"X has shape {X.shape}; a plane needs points of 2 columns or more.")
-    if sample_weight is not None:
-        sample_weight = np.asarray(sample_weight, dtype=np.float64)
-    used = np.arange(X.shape[0]) if sample_weight is None else np.flatnonzero(sample_weight)
+    if weights is not None:
+        weights = np.asarray(weights, dtype=np.float64)
+    used = np.arange(X.shape[0]) if weights is None else np.flatnonzero(weights)
     if len(used) == 0:
         raise ValueError("X has no point of positive weight: there is nothing to adjust.")
     # Any point inside the cloud will do as a first origin: the mean of a thinned cloud.
     origin = X[used[:: len(used) // 1024 + 1]].mean(axis=0)
     with np.errstate(over="ignore", invalid="ignore"):
-        total, first, second = _moments(X, origin, None, sample_weight)
+        total, first, second = _moments(X, origin, None, weights)
     if not np.all(np.isfinite(second)):
         raise ValueError(
             "X has missing or infinite coordinates, or some whose squares overflow float64; "
@@ -222,7 +222,7 @@ def adjust_plane(X, sample_weight=None, *, surface="vertical"):
 
     # Second pass, in coordinates that are nearly white already.
     basis = np.column_stack([axes, direction])
-    total, first, second = _moments(X, center, basis, sample_weight)
+    total, first, second = _moments(X, center, basis, weights)
     mean = first / total
     center = center + lstsq(basis.T, mean)[0]
     second = second - np.outer(mean, first)
@@ -232,7 +232,7 @@ def adjust_plane(X, sample_weight=None, *, surface="vertical"):
     direction = direction - axes @ slopes
     if surface == "orthogonal":
         direction = _oriented(direction / np.linalg.norm(direction))
-    n_observations = X.shape[0] if sample_weight is None else np.count_nonzero(sample_weight)
+    n_observations = X.shape[0] if weights is None else np.count_nonzero(weights)
     return PlaneAdjustment(
         center=center,
         # The symmetric root turns the axes as little as possible.
@@ -251,7 +251,7 @@ def row_chunks(n):
         yield slice(start, min(start + CHUNK, n))
 
 
-def _moments(X, origin, basis, sample_weight):
+def _moments(X, origin, basis, weights):
     """Weighted count, sum and second moment of (X - origin) @ basis."""
     width = X.shape[1] if basis is None else basis.shape[1]
     total, first, second = 0.0, np.zeros(width), np.zeros((width, width))
@@ -259,12 +259,12 @@ def _moments(X, origin, basis, sample_weight):
         local = X[rows] - origin
         if basis is not None:
             local = local @ basis
-        if sample_weight is None:
+        if weights is None:
             weighted = local
             total += local.shape[0]
         else:
-            weighted = local * sample_weight[rows, None]
-            total += sample_weight[rows].sum()
+            weighted = local * weights[rows, None]
+            total += weights[rows].sum()
         first += np.ones(len(local)) @ weighted  # thrice as fast as a sum of short rows
         second += weighted.T @ local
     return total, first, second

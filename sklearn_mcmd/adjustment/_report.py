@@ -127,7 +127,8 @@ def describe(detector):
         name = f"Baarda's data snooping, {how}"
     else:
         name = f"fuzzy memberships, width {detector.width:g}, weighting {detector.weighting}"
-    return f"{name}; {detector.surface} surface, estimator {detector.estimator}"
+    how = "least squares" if detector.loss == "squared_error" else f"{detector.loss} loss"
+    return f"{name}; {detector.surface} surface, {how}"
 
 
 def sigma0_origin(detector):

@@ -22,21 +22,21 @@ NORMAL_QUARTILE = 0.6744897501960817
 @validate_params(
     {
         "X": ["array-like"],
-        "sample_weight": ["array-like", None],
+        "weights": ["array-like", None],
         "loss": [StrOptions({"huber", "tukey"})],
         "sigma0": [Interval(Real, 0, None, closed="neither"), None],
         "surface": [StrOptions({"vertical", "orthogonal"})],
     },
     prefer_skip_nested_validation=True,
 )
-def m_estimate(X, sample_weight=None, *, loss="huber", sigma0=None, surface="vertical"):
+def m_estimate(X, weights=None, *, loss="huber", sigma0=None, surface="vertical"):
     """Plane by M-estimation: repeat the adjustment with P W until it rests (Eqs 3-7).
 
     Parameters
     ----------
     X : array-like of shape (n, d)
         Points; the last column is the dependent variable of a vertical surface.
-    sample_weight : array-like of shape (n,), default=None
+    weights : array-like of shape (n,), default=None
         P, the precisions.
     loss : {"huber", "tukey"}, default="huber"
         Rule that turns standardized residuals into W. "tukey" starts from Huber's plane,
@@ -78,26 +78,26 @@ def m_estimate(X, sample_weight=None, *, loss="huber", sigma0=None, surface="ver
     [2.] [0.97 0.84 0.95 0.87 0.93 0.   0.91 0.92]
     """
     X = np.asarray(X, dtype=np.float64)
-    if sample_weight is not None:
-        sample_weight = np.asarray(sample_weight, dtype=np.float64)
+    if weights is not None:
+        weights = np.asarray(weights, dtype=np.float64)
     weigh = WEIGHT_FUNCTIONS[loss]
     if loss == "tukey":
-        plane, _, scale = m_estimate(X, sample_weight, sigma0=sigma0, surface=surface)
+        plane, _, scale = m_estimate(X, weights, sigma0=sigma0, surface=surface)
     else:
-        plane, scale = adjust_plane(X, sample_weight, surface=surface), sigma0
-    errors = rounding_errors(X if sample_weight is None else X[sample_weight > 0])
+        plane, scale = adjust_plane(X, weights, surface=surface), sigma0
+    errors = rounding_errors(X if weights is None else X[weights > 0])
     residuals = plane.evaluate(X)[0]
     for _ in range(MAX_ITERATIONS):
         floor = residual_rounding(errors, plane.direction)
         # Tukey's weights fall to 0: a scale that followed them could collapse (S-estimation
         # is another method), so it stays the one Huber's plane gave.
         if sigma0 is None and loss != "tukey":
-            scale = max(robust_scale(residuals, sample_weight, plane.rank), floor)
+            scale = max(robust_scale(residuals, weights, plane.rank), floor)
         standardized = residuals / max(scale, floor)
-        if sample_weight is not None:
-            standardized *= np.sqrt(sample_weight)
+        if weights is not None:
+            standardized *= np.sqrt(weights)
         robust_weights = weigh(standardized)
-        equivalent = robust_weights if sample_weight is None else robust_weights * sample_weight
+        equivalent = robust_weights if weights is None else robust_weights * weights
         if np.count_nonzero(equivalent) <= plane.rank:
             break  # too few observations left to carry a plane: keep the last one
         plane = adjust_plane(X, equivalent, surface=surface)
@@ -108,11 +108,11 @@ def m_estimate(X, sample_weight=None, *, loss="huber", sigma0=None, surface="ver
     else:
         warnings.warn(
             f"The {loss} estimate still moves after {MAX_ITERATIONS} adjustments; "
-            "check sigma0, or use estimator='ls'.",
+            "check sigma0, or use least squares (loss='squared_error').",
             ConvergenceWarning,
             stacklevel=2,
         )
-    plane = plane.with_robust_weights(X, sample_weight, robust_weights)
+    plane = plane.with_robust_weights(X, weights, robust_weights)
     if sigma0 is None:
         scale = max(scale, residual_rounding(errors, plane.direction))
     return plane, robust_weights, float(scale)
@@ -133,7 +133,7 @@ def tukey(standardized, k=4.685):
 WEIGHT_FUNCTIONS = {"huber": huber, "tukey": tukey}
 
 
-def robust_scale(residuals, sample_weight, rank):
+def robust_scale(residuals, weights, rank):
     """Standard deviation of unit weight from the median of ``sqrt(p) |v|``.
 
     Up to half of the observations may be off the plane without making it useless, but they
@@ -142,9 +142,9 @@ def robust_scale(residuals, sample_weight, rank):
     ``sqrt(n / (n - u))`` makes up for the shrinkage of residuals by the adjustment.
     """
     size = np.abs(residuals)
-    if sample_weight is not None:
-        used = sample_weight > 0
-        size = (size * np.sqrt(sample_weight))[used]
+    if weights is not None:
+        used = weights > 0
+        size = (size * np.sqrt(weights))[used]
     n = len(size)
     if n <= rank:
         return 0.0

@@ -30,13 +30,13 @@ MAX_POINTS = 20_000
 MAX_TRIALS = 2_000
 
 
-def robust_start(X, sample_weight, used, *, surface, sigma0, random_state):
+def robust_start(X, weights, used, *, surface, sigma0, random_state):
     """Points that belong to the plane of the most coplanar half, and its scale.
 
     Parameters
     ----------
     X : ndarray of shape (n, d)
-    sample_weight : ndarray of shape (n,) or None
+    weights : ndarray of shape (n,) or None
     used : ndarray of bool of shape (n,)
         Points of positive weight.
     surface : {"vertical", "orthogonal"}
@@ -62,9 +62,9 @@ def robust_start(X, sample_weight, used, *, surface, sigma0, random_state):
     points = X[used] if surface == "orthogonal" else _stretched(X[used])
     members[used] = _robust_start_plane(points, random_state)
     size = np.count_nonzero(members)
-    root = np.sqrt(used if sample_weight is None else sample_weight)
+    root = np.sqrt(used if weights is None else weights)
     for _ in range(MAX_ROUNDS):
-        plane = adjust_plane(X, _weights_of(members, sample_weight), surface=surface)
+        plane = adjust_plane(X, _weights_of(members, weights), surface=surface)
         residuals = plane.evaluate(X)[0]
         distances = np.where(used, np.abs(residuals) * root, np.inf)
         nearest = np.zeros(len(X), dtype=bool)
@@ -75,16 +75,16 @@ def robust_start(X, sample_weight, used, *, surface, sigma0, random_state):
 
     errors = rounding_errors(X[used])
     floor = residual_rounding(errors, plane.direction)
-    sigma = sigma0 or max(robust_scale(residuals, sample_weight, plane.rank), floor)
+    sigma = sigma0 or max(robust_scale(residuals, weights, plane.rank), floor)
     members = None
     for _ in range(MAX_ROUNDS):
         residuals, _, spread = plane.evaluate(X)
-        deviation = sigma * np.sqrt(1 + (spread if sample_weight is None else spread * root**2))
+        deviation = sigma * np.sqrt(1 + (spread if weights is None else spread * root**2))
         near = used & (np.abs(residuals) * root <= CUT * deviation)
         if np.count_nonzero(near) <= plane.rank or np.array_equal(near, members):
             break
         members = near
-        plane = adjust_plane(X, _weights_of(members, sample_weight), surface=surface)
+        plane = adjust_plane(X, _weights_of(members, weights), surface=surface)
         if sigma0 is None:
             floor = residual_rounding(errors, plane.direction)
             sigma = max(np.sqrt(plane.variance_factor) / CUT_DEVIATION, floor)
@@ -102,8 +102,8 @@ def _stretched(X):
     return np.column_stack([U * (1000 * typical * np.sqrt(len(X))), residuals])
 
 
-def _weights_of(members, sample_weight):
-    return members.astype(float) if sample_weight is None else members * sample_weight
+def _weights_of(members, weights):
+    return members.astype(float) if weights is None else members * weights
 
 
 def _robust_start_plane(X, random_state=None):

@@ -128,14 +128,14 @@ def first_of_largest(values):
     return int(np.argmax(values >= values.max() * (1 - 1e-10)))
 
 
-def standardized_residuals(residuals, sample_weight, redundancy):
+def standardized_residuals(residuals, weights, redundancy):
     """Residual over the root of its cofactor, ``|v_i| / sqrt(q_i)`` with ``q_i = r_i / p_i``.
 
     Zero where the point is uncontrolled (r_i about 0) or has no weight.
     """
     size = np.abs(residuals)
-    if sample_weight is not None:
-        size *= np.sqrt(sample_weight)
+    if weights is not None:
+        size *= np.sqrt(weights)
     controlled = redundancy > UNCONTROLLED
     root = np.sqrt(redundancy, out=np.ones_like(size), where=controlled)
     size /= root

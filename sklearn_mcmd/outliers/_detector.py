@@ -83,7 +83,8 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         - "pooled": one for all points, the median of the retained points' planes. The most
           sensitive, but only for clouds of one noise and flat faces: curvature, foliage and
           coarse spacing are flagged;
-        - a number: the scanner's standard deviation, in units of X; otherwise as "pooled".
+        - a number: the scanner's standard deviation, in units of X; otherwise as "pooled". It
+          is the same thing as `sigma0` of `BaardaPlaneDetector`, the geodesists' name for it.
 
         All but "own" also flag points that stand apart, whose neighbors are, on average, more
         than 2.4 times as far as is usual among these neighbors, and do not retain those that

@@ -16,12 +16,12 @@ DETECTORS = [
     BaardaPlaneDetector(test="tau"),
     BaardaPlaneDetector(test="t", elimination="all"),
     BaardaPlaneDetector(surface="orthogonal"),
-    BaardaPlaneDetector(estimator="huber", elimination="all"),
+    BaardaPlaneDetector(loss="huber", elimination="all"),
     BaardaPlaneDetector(robust_start=True, random_state=0),
     FuzzyPlaneDetector(),
     FuzzyPlaneDetector(test="tau"),
     FuzzyPlaneDetector(surface="orthogonal", weighting="cut"),
-    FuzzyPlaneDetector(estimator="tukey"),
+    FuzzyPlaneDetector(loss="tukey"),
 ]
 parametrized = pytest.mark.parametrize("detector", DETECTORS, ids=lambda d: repr(d).split(".")[-1])
 
@@ -52,7 +52,7 @@ def test_a_fourth_distinct_point_behind_many_copies_is_seen():
 def test_points_of_weight_zero_are_no_redundancy(detector):
     X = np.random.default_rng(0).normal(size=(50, 3))
     with pytest.raises(ValueError, match="n_samples=50, of which 3 of positive weight, is too few"):
-        detector.fit(X, sample_weight=np.arange(50) < 3)
+        detector.fit(X, weights=np.arange(50) < 3)
 
 
 @pytest.mark.parametrize("test", ["tau", "t"])
@@ -89,7 +89,7 @@ def test_an_exact_plane_has_no_outlier(detector):
         FuzzyPlaneDetector(),
         FuzzyPlaneDetector(test="tau"),
         FuzzyPlaneDetector(test="t"),
-        FuzzyPlaneDetector(estimator="tukey", sigma0="auto"),
+        FuzzyPlaneDetector(loss="tukey", sigma0="auto"),
     ],
 )
 def test_the_one_point_off_an_exact_plane_is_found(detector):
@@ -197,9 +197,9 @@ def test_coordinates_of_ten_million_change_no_label(detector):
 def test_weight_zero_equals_absence(detector):
     X = plane_with_outliers(120, 12, 12.0)
     p = np.random.default_rng(4).choice([0.0, 0.5, 2.0], 120)
-    detector.fit(X, sample_weight=p)
+    detector.fit(X, weights=p)
     decision, labels = detector.decision_function(X), detector.labels_
-    detector.fit(X[p > 0], sample_weight=p[p > 0])
+    detector.fit(X[p > 0], weights=p[p > 0])
     # A start draws other subsets of other row numbers, so only the verdicts can agree there.
     assert_array_equal(labels[p > 0], detector.labels_)
     assert_allclose(decision, detector.decision_function(X), rtol=1e-7, atol=1e-9)
@@ -210,7 +210,7 @@ def test_a_point_of_weight_zero_is_never_an_outlier(detector):
     X = plane_with_outliers(60, 1, 1000.0)
     p = np.ones(60)
     p[0] = 0
-    assert detector.fit_predict(X, sample_weight=p)[0] == 1
+    assert detector.fit_predict(X, weights=p)[0] == 1
 
 
 @parametrized
@@ -220,7 +220,7 @@ def test_a_point_of_huge_weight_carries_the_plane_and_isn_t_flagged(detector):
     p[7] = 1e12
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the plane may be bad, and the others rejected
-        detector.fit(X, sample_weight=p)
+        detector.fit(X, weights=p)
     assert np.isfinite(detector.test_statistic_).all()
     assert detector.labels_[7] == 1
     if detector.support_[7]:
@@ -320,9 +320,9 @@ def test_a_sigma0_whose_square_underflows_rejects_what_is_off_the_plane(detector
 
 
 @pytest.mark.parametrize("detector", [BaardaPlaneDetector, FuzzyPlaneDetector])
-def test_a_number_as_sample_weight_is_refused_by_name(detector):
-    with pytest.raises(ValueError, match="sample_weight has shape \\(\\)"):
-        detector().fit(wall(0), sample_weight=2.0)
+def test_a_number_as_weights_is_refused_by_name(detector):
+    with pytest.raises(ValueError, match="weights has shape \\(\\)"):
+        detector().fit(wall(0), weights=2.0)
 
 
 @pytest.mark.parametrize("surface", ["vertical", "orthogonal"])

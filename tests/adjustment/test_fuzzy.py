@@ -6,9 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import reference_adjustment as reference
 from adjustment_clouds import plane_with_outliers, random_case
-from sklearn_mcmd.adjustment import FuzzyPlaneDetector, _fuzzy, _hull
-
-pytestmark = pytest.mark.filterwarnings("ignore:.* without redundancy")
+from sklearn_mcmd.adjustment import FuzzyPlaneDetector, _effects, _hull
 
 
 @pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
@@ -22,7 +20,7 @@ def test_labels_and_limits_are_those_of_the_matrix_form(surface, weighting, widt
             X, p, alpha=0.15, width=width, weighting=weighting, surface=surface
         )
         detector = FuzzyPlaneDetector(0.15, width=width, weighting=weighting, surface=surface)
-        detector.fit(X, sample_weight=p)
+        detector.fit(X, weights=p)
         assert_array_equal(detector.labels_, expected["labels"])
         # Heavy-tailed regressors have condition numbers up to 1e4: their square times 1e-16.
         assert_allclose(detector.membership_, expected["m_H"], rtol=0, atol=1e-8)
@@ -40,7 +38,7 @@ def test_tests_with_an_estimated_scale_agree_with_the_matrix_form(test):
     for seed in range(60):
         X, p = random_case(seed)
         expected = reference.fuzzy(X, p, alpha=0.15, width=0.3, test=test)
-        detector = FuzzyPlaneDetector(0.15, width=0.3, test=test).fit(X, sample_weight=p)
+        detector = FuzzyPlaneDetector(0.15, width=0.3, test=test).fit(X, weights=p)
         assert_array_equal(detector.labels_, expected["labels"])
 
 
@@ -55,9 +53,9 @@ def test_large_clouds_agree_with_the_matrix_form():
 def test_chunks_change_nothing(monkeypatch):
     X = plane_with_outliers(300, 30, 6.0)
     p = np.random.default_rng(0).uniform(0.5, 2, 300)
-    whole = FuzzyPlaneDetector().fit(X, sample_weight=p)
-    monkeypatch.setattr(_fuzzy, "CHUNK", 7)
-    parts = FuzzyPlaneDetector().fit(X, sample_weight=p)
+    whole = FuzzyPlaneDetector().fit(X, weights=p)
+    monkeypatch.setattr(_effects, "CHUNK", 7)
+    parts = FuzzyPlaneDetector().fit(X, weights=p)
     assert_allclose(parts.membership_, whole.membership_, rtol=1e-12)
 
 
@@ -80,8 +78,8 @@ def test_labels_are_the_predictions_of_the_training_points():
 
 def test_m_estimation_s_labels_are_the_predictions_too():
     X = plane_with_outliers(200, 20, 8.0)
-    for estimator in ("huber", "tukey"):
-        detector = FuzzyPlaneDetector(estimator=estimator).fit(X)
+    for loss in ("huber", "tukey"):
+        detector = FuzzyPlaneDetector(loss=loss).fit(X)
         assert_array_equal(detector.labels_, detector.predict(X))
         assert detector.robust_weights_[:20].max() < 0.5
 
@@ -89,7 +87,8 @@ def test_m_estimation_s_labels_are_the_predictions_too():
 def test_m_estimation_keeps_the_plane_off_the_outliers():
     X = plane_with_outliers(500, 150, 10.0)
     swamped = [
-        (FuzzyPlaneDetector(estimator=e).fit_predict(X)[150:] == -1).sum() for e in ("ls", "tukey")
+        (FuzzyPlaneDetector(loss=e).fit_predict(X)[150:] == -1).sum()
+        for e in ("squared_error", "tukey")
     ]
     assert swamped[1] < swamped[0] / 3
 
@@ -130,7 +129,7 @@ def test_weight_zero_is_the_same_as_absence():
     X = plane_with_outliers(100, 10, 8.0)
     p = np.ones(100)
     p[::4] = 0
-    detector = FuzzyPlaneDetector().fit(X, sample_weight=p)
+    detector = FuzzyPlaneDetector().fit(X, weights=p)
     without = FuzzyPlaneDetector().fit(X[p > 0])
     assert_array_equal(detector.labels_[p > 0], without.labels_)
     assert (detector.labels_[p == 0] == 1).all()

@@ -73,7 +73,7 @@ def test_noise_of_twenty_steps_of_float64_is_measured(offset, surface, robust_st
         BaardaPlaneDetector(sigma0="auto", surface="orthogonal", robust_start=True),
         BaardaPlaneDetector(test="tau"),
         BaardaPlaneDetector(test="t", elimination="all", surface="orthogonal"),
-        BaardaPlaneDetector(sigma0="auto", estimator="tukey"),
+        BaardaPlaneDetector(sigma0="auto", loss="tukey"),
         FuzzyPlaneDetector(sigma0="auto"),
         FuzzyPlaneDetector(test="tau", surface="orthogonal"),
     ],

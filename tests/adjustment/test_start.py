@@ -8,10 +8,10 @@ from adjustment_clouds import plane_with_outliers
 from sklearn_mcmd.adjustment import _start
 
 
-def start(X, used=None, sigma0=1.0, surface="vertical", sample_weight=None, random_state=0):
+def start(X, used=None, sigma0=1.0, surface="vertical", weights=None, random_state=0):
     used = np.ones(len(X), dtype=bool) if used is None else used
     return _start.robust_start(
-        X, sample_weight, used, surface=surface, sigma0=sigma0,
+        X, weights, used, surface=surface, sigma0=sigma0,
         random_state=random_state,
     )  # fmt: skip
 
@@ -58,9 +58,9 @@ def test_a_known_scale_is_kept():
 def test_points_of_weight_zero_have_no_say():
     X, bad = with_a_bad_corner(0.45)
     weight = np.where(bad, 0.0, 1.0)
-    plane, _ = start(X, used=~bad, sample_weight=weight)
+    plane, _ = start(X, used=~bad, weights=weight)
     X[bad] = 1e5
-    again, _ = start(X, used=~bad, sample_weight=weight)
+    again, _ = start(X, used=~bad, weights=weight)
     assert_array_equal(plane.coef, again.coef)
 
 

@@ -1,0 +1,86 @@
+"""Precisions reach a plane test through scikit-learn's metadata routing."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from sklearn import config_context
+from sklearn.pipeline import Pipeline
+from sklearn.preprocessing import FunctionTransformer
+from sklearn.utils.estimator_checks import check_estimator
+from sklearn.utils.validation import has_fit_parameter
+
+from adjustment_clouds import plane_with_outliers
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
+
+DETECTORS = [BaardaPlaneDetector, FuzzyPlaneDetector]
+parametrized = pytest.mark.parametrize("detector", DETECTORS)
+
+
+@pytest.fixture
+def cloud():
+    """Points, and precisions with which other points are outliers than without."""
+    X = plane_with_outliers(200, 8, 12.0)
+    weights = np.ones(200)
+    weights[:4] = 0.01
+    return X, weights
+
+
+@parametrized
+def test_a_pipeline_hands_requested_weights_to_the_detector(detector, cloud):
+    X, weights = cloud
+    expected = detector().fit(X, weights=weights).labels_
+    assert (expected != detector().fit(X).labels_).any()
+    with config_context(enable_metadata_routing=True):
+        steps = [
+            ("same", FunctionTransformer()),
+            ("test", detector().set_fit_request(weights=True)),
+        ]
+        pipeline = Pipeline(steps)
+        assert_array_equal(pipeline.fit(X, weights=weights)["test"].labels_, expected)
+        assert_array_equal(pipeline.fit_predict(X, weights=weights), expected)
+
+
+@parametrized
+def test_weights_may_be_requested_under_another_name(detector, cloud):
+    X, weights = cloud
+    expected = detector().fit(X, weights=weights).labels_
+    with config_context(enable_metadata_routing=True):
+        pipeline = Pipeline([("test", detector().set_fit_request(weights="precision"))])
+        assert_array_equal(pipeline.fit(X, precision=weights)["test"].labels_, expected)
+
+
+@parametrized
+def test_weights_that_nobody_requested_are_refused(detector, cloud):
+    X, weights = cloud
+    with config_context(enable_metadata_routing=True):
+        pipeline = Pipeline([("test", detector())])
+        with pytest.raises(ValueError, match="weights"):
+            pipeline.fit(X, weights=weights)
+
+
+@parametrized
+def test_without_routing_a_step_s_name_leads_weights_to_it(detector, cloud):
+    X, weights = cloud
+    pipeline = Pipeline([("test", detector())]).fit(X, test__weights=weights)
+    assert_array_equal(pipeline["test"].labels_, detector().fit(X, weights=weights).labels_)
+
+
+@parametrized
+def test_nothing_is_called_sample_weight_that_is_no_repetition(detector):
+    assert not has_fit_parameter(detector(), "sample_weight")
+
+
+@parametrized
+@pytest.mark.filterwarnings("ignore")
+def test_check_estimator_has_no_failure_and_needs_no_exception(detector):
+    results = check_estimator(detector(), on_skip=None)
+    assert {result["status"] for result in results} <= {"passed", "skipped"}
+    assert len(results) > 40
+
+
+@parametrized
+def test_a_weight_is_no_repetition(detector):
+    X = plane_with_outliers(200, 0)
+    once = detector(sigma0=9.0).fit(X, weights=np.full(200, 2.0))
+    twice = detector(sigma0=9.0).fit(np.repeat(X, 2, axis=0))
+    assert (once.dof_, twice.dof_) == (197, 397)
