@@ -1,6 +1,6 @@
 """Outliers leave X and y together, in imbalanced-learn's pipelines."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from sklearn.base import BaseEstimator, clone
@@ -68,11 +68,11 @@ class DenoisingSampler(BaseEstimator):
 
     _parameter_constraints: ClassVar[dict] = {"detector": "no_validation"}
 
-    def __init__(self, detector=None):
+    def __init__(self, detector: BaseEstimator | None = None) -> None:
         self.detector = detector
 
     @fit_context(prefer_skip_nested_validation=False)
-    def fit_resample(self, X, y=None):
+    def fit_resample(self, X: Any, y: Any = None) -> tuple[Any, Any]:
         """Find the outliers of X and drop their rows from X and y.
 
         Parameters

@@ -2,9 +2,10 @@
 
 import warnings
 from numbers import Integral
-from typing import ClassVar
+from typing import ClassVar, Literal, Self
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from sklearn.exceptions import ConvergenceWarning
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
@@ -188,19 +189,19 @@ class BaardaPlaneDetector(PlaneDetector):
 
     def __init__(
         self,
-        alpha=0.05,
+        alpha: float = 0.05,
         *,
-        test="w",
-        sigma0=1.0,
-        correction="sidak",
-        elimination="single",
-        max_iter=None,
-        contamination="auto",
-        surface="vertical",
-        loss="squared_error",
-        robust_start=False,
-        random_state=None,
-    ):
+        test: Literal["w", "tau", "t"] = "w",
+        sigma0: float | Literal["auto"] = 1.0,
+        correction: Literal["sidak", "bonferroni", "none"] = "sidak",
+        elimination: Literal["single", "all"] = "single",
+        max_iter: int | None = None,
+        contamination: float | Literal["auto"] = "auto",
+        surface: Literal["vertical", "orthogonal"] = "vertical",
+        loss: Literal["squared_error", "huber", "tukey"] = "squared_error",
+        robust_start: bool = False,
+        random_state: int | np.random.RandomState | None = None,
+    ) -> None:
         self.alpha = alpha
         self.test = test
         self.sigma0 = sigma0
@@ -214,7 +215,7 @@ class BaardaPlaneDetector(PlaneDetector):
         self.random_state = random_state
 
     @fit_context(prefer_skip_nested_validation=True)
-    def fit(self, X, y=None, weights=None):
+    def fit(self, X: ArrayLike, y: object = None, weights: ArrayLike | None = None) -> Self:
         """Adjust the plane and remove what its tests reject.
 
         Parameters
@@ -303,7 +304,7 @@ class BaardaPlaneDetector(PlaneDetector):
         self._warn_if_steep(X, weights, initial)
         return self
 
-    def score_samples(self, X):
+    def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
         """Minus the statistic of each point, were it added to the support with weight 1.
 
         Parameters

@@ -5,6 +5,7 @@ from numbers import Real
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_array, check_is_fitted, validate_data
 
@@ -43,7 +44,9 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
         "surface": [StrOptions({"vertical", "orthogonal"})],
     }
 
-    def fit_predict(self, X, y=None, weights=None):
+    def fit_predict(
+        self, X: ArrayLike, y: object = None, weights: ArrayLike | None = None
+    ) -> NDArray[np.int_]:
         """Fit and return the labels of the training points.
 
         Parameters
@@ -62,7 +65,7 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
         """
         return self.fit(X, weights=weights).labels_
 
-    def residuals(self, X):
+    def residuals(self, X: ArrayLike) -> NDArray[np.float64]:
         """Observed minus adjusted, along the last axis or the normal.
 
         Parameters
@@ -76,15 +79,17 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
         """
         return self._plane.evaluate(self._check_query(X))[0]
 
-    def _check_training(self, X, weights):
+    def _check_training(
+        self, X: ArrayLike, weights: ArrayLike | None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.bool_]]:
         """Validated points, weights (None where all are 1) and which of them count."""
-        X = validate_data(self, X, dtype=np.float64, ensure_min_features=2)
-        weights = self._check_weights(X, weights)
-        used = np.ones(len(X), dtype=bool) if weights is None else weights > 0
-        points = X if used.all() else X[used]
-        check_distinct(points, len(X))
-        self._rounding_errors = rounding_errors(points)
-        return X, weights, used
+        points = validate_data(self, X, dtype=np.float64, ensure_min_features=2)
+        p = self._check_weights(points, weights)
+        used = np.ones(len(points), dtype=np.bool_) if p is None else p > 0
+        counted = points if used.all() else points[used]
+        check_distinct(counted, len(points))
+        self._rounding_errors = rounding_errors(counted)
+        return points, p, used
 
     def _check_weights(self, X, weights):
         if weights is None:
@@ -105,7 +110,7 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
             raise ValueError("weights is zero for all points; leave some weight.")
         return None if np.all(weights == 1) else weights
 
-    def _check_query(self, X):
+    def _check_query(self, X: ArrayLike) -> NDArray[np.float64]:
         check_is_fitted(self)
         return validate_data(self, X, dtype=np.float64, reset=False)
 

@@ -1,11 +1,20 @@
 """A report of a fitted plane test that a surveyor can file, as a figure."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import ndtri, stdtrit
 
 from sklearn_mcmd._extras import import_extra
+from sklearn_mcmd.adjustment._detector import PlaneDetector
 from sklearn_mcmd.adjustment._report import check_points, describe, share, sigma0_origin, tilt
 from sklearn_mcmd.adjustment._tests import t_to_tau
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["plot_report"]
 
@@ -16,7 +25,14 @@ MAX_DEVIATIONS = 15
 BLUE, RED, GRAY = "#1f77b4", "#d62728", "#7f7f7f"
 
 
-def plot_report(detector, X, *, title="Plane test", unit="", figure=None):
+def plot_report(
+    detector: PlaneDetector,
+    X: ArrayLike,
+    *,
+    title: str = "Plane test",
+    unit: str = "",
+    figure: Figure | None = None,
+) -> Figure:
     """Residual map, histogram against the normal curve, and memberships or statistics.
 
     Parameters
@@ -41,9 +57,9 @@ def plot_report(detector, X, *, title="Plane test", unit="", figure=None):
     ImportError
         If matplotlib is missing.
     """
-    Figure = import_extra("matplotlib.figure", "plot", "plot_report").Figure
+    new_figure = import_extra("matplotlib.figure", "plot", "plot_report").Figure
     X = check_points(detector, X)
-    figure = figure or Figure(figsize=(11.7, 8.3), layout="constrained")  # A4
+    figure = figure or new_figure(figsize=(11.7, 8.3), layout="constrained")  # A4
     view, names = _view(detector, X)
     wide = view.shape[1] >= 2 and np.ptp(view[:, 0]) > 1.5 * np.ptp(view[:, 1])
     if wide:

@@ -1,9 +1,10 @@
 """Outliers of a least-squares plane by fuzzy sets."""
 
 from numbers import Real
-from typing import ClassVar
+from typing import ClassVar, Literal, Self
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd.adjustment._detector import PlaneDetector
@@ -172,17 +173,17 @@ class FuzzyPlaneDetector(PlaneDetector):
 
     def __init__(
         self,
-        alpha=0.05,
+        alpha: float = 0.05,
         *,
-        test="w",
-        sigma0=1.0,
-        correction="none",
-        width=1.0,
-        weighting="ratio",
-        contamination="auto",
-        surface="vertical",
-        loss="squared_error",
-    ):
+        test: Literal["w", "tau", "t"] = "w",
+        sigma0: float | Literal["auto"] = 1.0,
+        correction: Literal["sidak", "bonferroni", "none"] = "none",
+        width: float = 1.0,
+        weighting: Literal["ratio", "cut"] = "ratio",
+        contamination: float | Literal["auto"] = "auto",
+        surface: Literal["vertical", "orthogonal"] = "vertical",
+        loss: Literal["squared_error", "huber", "tukey"] = "squared_error",
+    ) -> None:
         self.alpha = alpha
         self.test = test
         self.sigma0 = sigma0
@@ -194,7 +195,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         self.loss = loss
 
     @fit_context(prefer_skip_nested_validation=True)
-    def fit(self, X, y=None, weights=None):
+    def fit(self, X: ArrayLike, y: object = None, weights: ArrayLike | None = None) -> Self:
         """Adjust the plane once and divide its residuals.
 
         Parameters
@@ -265,7 +266,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         self._warn_if_steep(X, weights, plane)
         return self
 
-    def score_samples(self, X):
+    def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
         """``G = 1 - m_H`` of each point, an observation of weight 1.
 
         Parameters

@@ -1,9 +1,11 @@
 """Weighted least-squares planes: coefficients, cofactors and redundancy numbers."""
 
 from dataclasses import dataclass, replace
+from typing import Literal, Self
 
 import numpy as np
 from numpy.linalg import eigh
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lstsq, orth
 
 from sklearn_mcmd._sklearn import StrOptions, validate_params
@@ -51,49 +53,51 @@ class PlaneAdjustment:
         PW (M-estimation); None stands for the identity of plain least squares.
     """
 
-    center: np.ndarray
-    axes: np.ndarray
-    direction: np.ndarray
+    center: NDArray[np.float64]
+    axes: NDArray[np.float64]
+    direction: NDArray[np.float64]
     sum_weights: float
     sum_of_squares: float
     n_observations: int
-    surface: str
-    kernel: np.ndarray | None = None
+    surface: Literal["vertical", "orthogonal"]
+    kernel: NDArray[np.float64] | None = None
 
     @property
-    def rank(self):
+    def rank(self) -> int:
         """Number of estimable parameters u."""
         return self.axes.shape[1] + 1
 
     @property
-    def dof(self):
+    def dof(self) -> int:
         """Degrees of freedom f = n - u, never negative."""
         return max(self.n_observations - self.rank, 0)
 
     @property
-    def variance_factor(self):
+    def variance_factor(self) -> float:
         """Estimated variance of unit weight v'Pv / f; 0 without redundancy."""
         return self.sum_of_squares / self.dof if self.dof else 0.0
 
     @property
-    def normal(self):
+    def normal(self) -> NDArray[np.float64]:
         """Unit normal, its last component of non-negligible size positive."""
         normal = self.direction / np.linalg.norm(self.direction)
         return _oriented(normal)
 
     @property
-    def coef(self):
+    def coef(self) -> NDArray[np.float64]:
         """Slopes of ``z = x @ coef + intercept``; not finite for an upright plane."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return -self.direction[:-1] / self.direction[-1]
 
     @property
-    def intercept(self):
+    def intercept(self) -> float:
         """Constant term of ``z = x @ coef + intercept``."""
         with np.errstate(invalid="ignore"):
             return float(self.center[-1] - self.center[:-1] @ self.coef)
 
-    def evaluate(self, X):
+    def evaluate(
+        self, X: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Residuals of points and cofactors of the plane below them.
 
         Parameters
@@ -121,16 +125,21 @@ class PlaneAdjustment:
                 spread[rows] = np.einsum("ij,ij->i", G @ self.kernel, G)
         return residuals, cofactors, spread
 
-    def whiten(self, X):
+    def whiten(self, X: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Whitened regressors (n, rank - 1) and residuals (n,) of a few points."""
         local = (X - self.center) @ np.column_stack([self.axes, self.direction])
         return local[:, :-1], local[:, -1]
 
-    def design(self, U):
+    def design(self, U: NDArray[np.float64]) -> NDArray[np.float64]:
         """Rows g of the whitened design matrix, the constant first: ``g'g`` is a cofactor."""
         return np.column_stack([np.full(len(U), self.sum_weights**-0.5), U])
 
-    def with_robust_weights(self, X, weights, robust_weights):
+    def with_robust_weights(
+        self,
+        X: NDArray[np.float64],
+        weights: NDArray[np.float64] | None,
+        robust_weights: NDArray[np.float64],
+    ) -> Self:
         """Same plane with the kernel that belongs to equivalent weights PW."""
         kernel = np.zeros((self.rank, self.rank))
         for rows in row_chunks(len(X)):
@@ -150,7 +159,12 @@ class PlaneAdjustment:
     },
     prefer_skip_nested_validation=True,
 )
-def adjust_plane(X, weights=None, *, surface="vertical"):
+def adjust_plane(
+    X: ArrayLike,
+    weights: ArrayLike | None = None,
+    *,
+    surface: Literal["vertical", "orthogonal"] = "vertical",
+) -> PlaneAdjustment:
     """Weighted least-squares plane, its cofactors and variance factor (Eqs 2-4, 9).
 
     Parameters

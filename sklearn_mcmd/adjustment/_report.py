@@ -1,14 +1,23 @@
 """A report of a fitted plane test that a surveyor can file, as text."""
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from sklearn.utils.validation import check_array, check_is_fitted
 
+from sklearn_mcmd.adjustment._detector import PlaneDetector
 from sklearn_mcmd.adjustment._tests import local_level
 
 __all__ = ["check_points", "describe", "share", "sigma0_origin", "text_report", "tilt"]
 
 
-def text_report(detector, X, *, title="Plane test", unit="", n_worst=10):
+def text_report(
+    detector: PlaneDetector,
+    X: ArrayLike,
+    *,
+    title: str = "Plane test",
+    unit: str = "",
+    n_worst: int = 10,
+) -> str:
     """Plane, quality figures and the worst points of a fitted detector, as text.
 
     Parameters
@@ -109,15 +118,15 @@ def text_report(detector, X, *, title="Plane test", unit="", n_worst=10):
     return "\n".join(lines) + "\n"
 
 
-def check_points(detector, X):
+def check_points(detector: PlaneDetector, X: ArrayLike) -> NDArray[np.float64]:
     check_is_fitted(detector)
-    X = check_array(X, dtype=np.float64)
-    if X.shape != (len(detector.labels_), detector.n_features_in_):
+    points = check_array(X, dtype=np.float64)
+    if points.shape != (len(detector.labels_), detector.n_features_in_):
         raise ValueError(
-            f"X has shape {X.shape}, but the detector was fitted to "
+            f"X has shape {points.shape}, but the detector was fitted to "
             f"{(len(detector.labels_), detector.n_features_in_)}; pass the training points."
         )
-    return X
+    return points
 
 
 def describe(detector):

@@ -2,12 +2,14 @@
 
 import warnings
 from numbers import Real
+from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from sklearn.exceptions import ConvergenceWarning
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
-from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._plane import PlaneAdjustment, adjust_plane
 from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 
 __all__ = ["WEIGHT_FUNCTIONS", "huber", "m_estimate", "robust_scale", "tukey"]
@@ -29,7 +31,14 @@ NORMAL_QUARTILE = 0.6744897501960817
     },
     prefer_skip_nested_validation=True,
 )
-def m_estimate(X, weights=None, *, loss="huber", sigma0=None, surface="vertical"):
+def m_estimate(
+    X: ArrayLike,
+    weights: ArrayLike | None = None,
+    *,
+    loss: Literal["huber", "tukey"] = "huber",
+    sigma0: float | None = None,
+    surface: Literal["vertical", "orthogonal"] = "vertical",
+) -> tuple[PlaneAdjustment, NDArray[np.float64], float]:
     """Plane by M-estimation: repeat the adjustment with P W until it rests (Eqs 3-7).
 
     Parameters

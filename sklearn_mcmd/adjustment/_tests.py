@@ -1,6 +1,7 @@
 """Test statistics of residuals, their critical values and local levels (Table 1)."""
 
 from numbers import Integral, Real
+from typing import Literal
 
 import numpy as np
 from scipy.special import chdtrc, ndtri, stdtrit
@@ -31,7 +32,9 @@ UNCONTROLLED = 1e-10
     },
     prefer_skip_nested_validation=True,
 )
-def local_level(alpha, n, correction="sidak"):
+def local_level(
+    alpha: float, n: int, correction: Literal["sidak", "bonferroni", "none"] = "sidak"
+) -> float:
     """Level of one test of n, so that all together keep alpha (Eq. 1).
 
     Parameters
@@ -69,7 +72,7 @@ def local_level(alpha, n, correction="sidak"):
     },
     prefer_skip_nested_validation=True,
 )
-def critical_value(test, level, dof):
+def critical_value(test: Literal["w", "tau", "t"], level: float, dof: int) -> float:
     """Two-sided critical value of one test (Table 1).
 
     Parameters

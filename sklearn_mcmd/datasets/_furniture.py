@@ -1,6 +1,10 @@
 """The two roadside scenes of the paper's Section 5.2.3, made up anew."""
 
+from collections.abc import Sequence
+from typing import Literal
+
 import numpy as np
+from sklearn.utils import Bunch
 
 from sklearn_mcmd._sklearn import validate_params
 from sklearn_mcmd.datasets._panels import Disc, Polygon
@@ -12,16 +16,16 @@ from sklearn_mcmd.datasets._surfaces import Circle, Foliage, Patch
 
 @validate_params(dict(SCAN_PARAMETERS), prefer_skip_nested_validation=True)
 def make_traffic_furniture(
-    n_samples=127_898,
+    n_samples: int = 127_898,
     *,
-    sampling="uniform",
-    spacing_growth=1.0,
-    noise=0.005,
-    noise_growth=1.0,
-    outlier_share=0.0,
-    outlier_kinds=("gaussian", "uniform", "mixed_pixel", "ghost"),
-    random_state=None,
-):
+    sampling: Literal["uniform", "scan_lines"] = "uniform",
+    spacing_growth: float = 1.0,
+    noise: float = 0.005,
+    noise_growth: float = 1.0,
+    outlier_share: float = 0.0,
+    outlier_kinds: Sequence[str] = ("gaussian", "uniform", "mixed_pixel", "ghost"),
+    random_state: int | np.random.RandomState | None = None,
+) -> Bunch:
     """Make a scan of traffic furniture: the counterpart of the paper's Fig. 14.
 
     21 surfaces as in the paper's data set: ten flat ones (road, kerb, footpath, five sign
@@ -92,16 +96,16 @@ def make_traffic_furniture(
 
 @validate_params(dict(SCAN_PARAMETERS), prefer_skip_nested_validation=True)
 def make_bus_stop(
-    n_samples=33_719,
+    n_samples: int = 33_719,
     *,
-    sampling="uniform",
-    spacing_growth=1.0,
-    noise=0.005,
-    noise_growth=1.0,
-    outlier_share=0.0,
-    outlier_kinds=("gaussian", "uniform", "mixed_pixel", "ghost"),
-    random_state=None,
-):
+    sampling: Literal["uniform", "scan_lines"] = "uniform",
+    spacing_growth: float = 1.0,
+    noise: float = 0.005,
+    noise_growth: float = 1.0,
+    outlier_share: float = 0.0,
+    outlier_kinds: Sequence[str] = ("gaussian", "uniform", "mixed_pixel", "ghost"),
+    random_state: int | np.random.RandomState | None = None,
+) -> Bunch:
     """Make a scan of a bus stop: the counterpart of the paper's Fig. 15.
 
     31 surfaces as in the paper's data set: road, kerb, footpath; a shelter (three panels, roof

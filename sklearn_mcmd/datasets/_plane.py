@@ -1,8 +1,10 @@
 """The contaminated plane of the paper's Section 5.1."""
 
 from numbers import Integral, Real
+from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from sklearn.utils import Bunch, check_random_state
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
@@ -25,19 +27,19 @@ from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
     prefer_skip_nested_validation=True,
 )
 def make_contaminated_plane(
-    n_samples=50,
+    n_samples: int = 50,
     *,
-    outlier_share=0.2,
-    outliers="clustered",
-    regular_mean=(2.0, 2.0, 2.0),
-    regular_variances=(6.0, 6.0, 0.01),
-    outlier_mean=(7.0, 6.0, 8.0),
-    outlier_variances=(2.0, 2.0, 1.5),
-    uniform_range=(-9.0, 9.0),
-    shuffle=False,
-    return_X_y=True,
-    random_state=None,
-):
+    outlier_share: float = 0.2,
+    outliers: Literal["clustered", "uniform"] = "clustered",
+    regular_mean: ArrayLike = (2.0, 2.0, 2.0),
+    regular_variances: ArrayLike = (6.0, 6.0, 0.01),
+    outlier_mean: ArrayLike = (7.0, 6.0, 8.0),
+    outlier_variances: ArrayLike = (2.0, 2.0, 1.5),
+    uniform_range: tuple[float, float] = (-9.0, 9.0),
+    shuffle: bool = False,
+    return_X_y: bool = True,
+    random_state: int | np.random.RandomState | None = None,
+) -> Bunch | tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Make a noisy plane with clustered or uniform outliers (Section 5.1).
 
     Regular points are Gaussian with one small variance, across the plane. The last

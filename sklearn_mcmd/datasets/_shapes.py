@@ -1,8 +1,11 @@
 """Two shapes with sharp edges: the paper's box-like and crown data sets, made up anew."""
 
+from collections.abc import Sequence
 from numbers import Real
+from typing import Literal
 
 import numpy as np
+from sklearn.utils import Bunch
 
 from sklearn_mcmd._sklearn import Interval, validate_params
 from sklearn_mcmd.datasets._panels import Bilinear
@@ -21,16 +24,16 @@ _SHAPE_PARAMETERS = {
 
 @validate_params(_SHAPE_PARAMETERS, prefer_skip_nested_validation=True)
 def make_box(
-    n_samples=3339,
+    n_samples: int = 3339,
     *,
-    sampling="uniform",
-    noise=0.002,
-    noise_growth=1.0,
-    outlier_share=0.0,
-    outlier_kinds=("gaussian",),
-    outlier_scale=0.1,
-    random_state=None,
-):
+    sampling: Literal["uniform", "scan_lines"] = "uniform",
+    noise: float = 0.002,
+    noise_growth: float = 1.0,
+    outlier_share: float = 0.0,
+    outlier_kinds: Sequence[str] = ("gaussian",),
+    outlier_scale: float = 0.1,
+    random_state: int | np.random.RandomState | None = None,
+) -> Bunch:
     """Make the corner of a box: three faces, three edges, one corner (Fig. 11).
 
     The faces are squares of 1 m at right angles, seen from outside. Where they end there is no
@@ -95,16 +98,16 @@ def make_box(
 
 @validate_params(_SHAPE_PARAMETERS, prefer_skip_nested_validation=True)
 def make_crown_roof(
-    n_samples=3017,
+    n_samples: int = 3017,
     *,
-    sampling="uniform",
-    noise=0.002,
-    noise_growth=1.0,
-    outlier_share=0.0,
-    outlier_kinds=("gaussian",),
-    outlier_scale=0.1,
-    random_state=None,
-):
+    sampling: Literal["uniform", "scan_lines"] = "uniform",
+    noise: float = 0.002,
+    noise_growth: float = 1.0,
+    outlier_share: float = 0.0,
+    outlier_kinds: Sequence[str] = ("gaussian",),
+    outlier_scale: float = 0.1,
+    random_state: int | np.random.RandomState | None = None,
+) -> Bunch:
     """Make a roof of four bilinear surfaces: edges whose angle varies (Fig. 13).
 
     Over a square of 2 m, the corners at the bottom, the middles of the sides 0.6 m higher and the

@@ -1,8 +1,11 @@
 """A street as a laser scanner sees it, with the truth of every point."""
 
+from collections.abc import Sequence
 from numbers import Real
+from typing import Literal
 
 import numpy as np
+from sklearn.utils import Bunch
 
 from sklearn_mcmd._sklearn import Interval, validate_params
 from sklearn_mcmd.datasets._road import KERB_Y, PATH_Z, UP, facing, feet, pole, road_and_kerb
@@ -29,18 +32,18 @@ _SIGN, _POLE, _TREE = (0.9, 3.4), (3.6, 3.45), (2.3, 3.55)  # x, y of their feet
     prefer_skip_nested_validation=True,
 )
 def make_street(
-    n_samples=100_000,
+    n_samples: int = 100_000,
     *,
-    spacing=None,
-    spacing_growth=1.0,
-    noise=0.005,
-    noise_growth=1.0,
-    outlier_share=0.1,
-    outlier_kinds=("gaussian", "uniform", "mixed_pixel", "ghost"),
-    tree=False,
-    sampling="uniform",
-    random_state=None,
-):
+    spacing: float | None = None,
+    spacing_growth: float = 1.0,
+    noise: float = 0.005,
+    noise_growth: float = 1.0,
+    outlier_share: float = 0.1,
+    outlier_kinds: Sequence[str] = ("gaussian", "uniform", "mixed_pixel", "ghost"),
+    tree: bool = False,
+    sampling: Literal["uniform", "scan_lines"] = "uniform",
+    random_state: int | np.random.RandomState | None = None,
+) -> Bunch:
     """Make a laser scan of a street whose truth is known at every point.
 
     A cambered road, a 13 cm kerb, a footpath, a facade with a recessed window and door, a sign

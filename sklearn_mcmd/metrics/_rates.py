@@ -3,6 +3,7 @@
 import warnings
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from sklearn.exceptions import UndefinedMetricWarning
 from sklearn.metrics import accuracy_score, confusion_matrix
 from sklearn.utils import Bunch, check_array, check_consistent_length, column_or_1d
@@ -17,7 +18,7 @@ __all__ = [
 ]
 
 
-def bias_angle(normals_a, normals_b):
+def bias_angle(normals_a: ArrayLike, normals_b: ArrayLike) -> float | NDArray[np.float64]:
     """Angle between two planes, from their normals, in degrees (Eq. 19).
 
     A normal and its opposite stand for the same plane, so the angle lies in [0, 90].
@@ -76,7 +77,7 @@ def bias_angle(normals_a, normals_b):
     return float(angle) if angle.ndim == 0 else angle
 
 
-def true_positive_rate(y_true, y_pred):
+def true_positive_rate(y_true: ArrayLike, y_pred: ArrayLike) -> float:
     """Correct outlier identification rate, COIR (Eq. 20).
 
     The share of the true outliers (-1) that are called outliers. The paper prints it times 100.
@@ -114,7 +115,7 @@ def true_positive_rate(y_true, y_pred):
     return _rate(found, found + missed, "true_positive_rate", "outlier (-1)")
 
 
-def true_negative_rate(y_true, y_pred):
+def true_negative_rate(y_true: ArrayLike, y_pred: ArrayLike) -> float:
     """Correct inlier identification rate, CIIR (Eq. 21).
 
     The share of the true inliers (+1) that are called inliers. The paper prints it times 100.
@@ -148,7 +149,7 @@ def true_negative_rate(y_true, y_pred):
     return _rate(kept, swamped + kept, "true_negative_rate", "inlier (+1)")
 
 
-def swamping_rate(y_true, y_pred):
+def swamping_rate(y_true: ArrayLike, y_pred: ArrayLike) -> float:
     """Swamping rate or false positive rate, FPR (Eq. 22).
 
     The share of the true inliers (+1) that are called outliers. The paper prints it times 100.
@@ -182,7 +183,7 @@ def swamping_rate(y_true, y_pred):
     return _rate(swamped, swamped + kept, "swamping_rate", "inlier (+1)")
 
 
-def masking_rate(y_true, y_pred):
+def masking_rate(y_true: ArrayLike, y_pred: ArrayLike) -> float:
     """Masking rate or false negative rate, FNR (Eq. 23).
 
     The share of the true outliers (-1) that are called inliers. The paper prints it times 100.
@@ -216,7 +217,7 @@ def masking_rate(y_true, y_pred):
     return _rate(missed, found + missed, "masking_rate", "outlier (-1)")
 
 
-def outlier_scores(y_true, y_pred):
+def outlier_scores(y_true: ArrayLike, y_pred: ArrayLike) -> Bunch:
     """The five measures of an outlier detector as a classifier (Eqs. 20-24).
 
     Parameters

@@ -3,6 +3,7 @@
 import warnings
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from sklearn.exceptions import UndefinedMetricWarning
 from sklearn.metrics import adjusted_rand_score
@@ -11,7 +12,7 @@ from sklearn.utils import Bunch, check_consistent_length, column_or_1d
 __all__ = ["segmentation_scores"]
 
 
-def segmentation_scores(y_true, y_pred, *, min_overlap=0.8):
+def segmentation_scores(y_true: ArrayLike, y_pred: ArrayLike, *, min_overlap: float = 0.8) -> Bunch:
     """Proper, over and under segmentation, recall, precision and F (Eqs. 26-28).
 
     Each true surface has one of four outcomes. Its *main segment* is the one that holds most
@@ -151,13 +152,13 @@ def _overlaps(surface, y_pred):
     return rows, columns, table.data, np.bincount(segment, minlength=len(names))
 
 
-def _labels(y, name):
-    y = column_or_1d(y)
-    if y.dtype.kind not in "iu":
+def _labels(y: ArrayLike, name: str) -> NDArray[np.integer]:
+    labels: NDArray[np.integer] = column_or_1d(y)
+    if labels.dtype.kind not in "iu":
         raise ValueError(
-            f"{name} has dtype {y.dtype}; labels are integers, -1 for points of no surface."
+            f"{name} has dtype {labels.dtype}; labels are integers, -1 for points of no surface."
         )
-    return y
+    return labels
 
 
 def _ratio(part, total, name, kind):

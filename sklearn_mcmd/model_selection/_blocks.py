@@ -1,8 +1,10 @@
 """Cross-validation on one cloud, without tearing neighborhoods apart."""
 
+from collections.abc import Iterator
 from numbers import Integral
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 from sklearn.model_selection import BaseCrossValidator
 from sklearn.utils import check_array, check_random_state
@@ -19,7 +21,7 @@ BULK = 5, 95
     {"X": ["array-like"], "n_blocks": [Interval(Integral, 1, None, closed="left")]},
     prefer_skip_nested_validation=True,
 )
-def spatial_blocks(X, n_blocks):
+def spatial_blocks(X: ArrayLike, n_blocks: int) -> NDArray[np.intp]:
     """Cut a cloud into boxes of nearly equal numbers of points.
 
     The cloud is halved across its longest side, the halves likewise, and so on.
@@ -53,18 +55,18 @@ def spatial_blocks(X, n_blocks):
     >>> spatial_blocks(np.array([[0.0, 5.0], [1.0, 5.1], [9.0, 5.2], [10.0, 5.3]]), 2)
     array([0, 0, 1, 1])
     """
-    X = check_array(X, dtype=np.float64)
-    if n_blocks > len(X):
-        raise ValueError(f"n_blocks={n_blocks} is more than n_samples={len(X)}; take fewer.")
-    blocks = np.empty(len(X), dtype=np.intp)
-    left = [(np.arange(len(X)), 0, n_blocks)]
+    points: NDArray[np.float64] = check_array(X, dtype=np.float64)
+    if n_blocks > len(points):
+        raise ValueError(f"n_blocks={n_blocks} is more than n_samples={len(points)}; take fewer.")
+    blocks = np.empty(len(points), dtype=np.intp)
+    left = [(np.arange(len(points)), 0, n_blocks)]
     while left:
         rows, first, count = left.pop()
         if count == 1:
             blocks[rows] = first
             continue
-        low, high = np.percentile(X[rows], BULK, axis=0)
-        along = X[rows, np.argmax(high - low)]
+        low, high = np.percentile(points[rows], BULK, axis=0)
+        along = points[rows, np.argmax(high - low)]
         n_before = count // 2
         order = np.argsort(along, kind="stable")
         cut = len(rows) * n_before // count
@@ -144,14 +146,22 @@ class SpatialBlockSplit(BaseCrossValidator):
     {'n_neighbors': 30}
     """
 
-    def __init__(self, n_splits=5, *, n_blocks=None, n_neighbors=50, n_rings=1, random_state=None):
+    def __init__(
+        self,
+        n_splits: int = 5,
+        *,
+        n_blocks: int | None = None,
+        n_neighbors: int = 50,
+        n_rings: int = 1,
+        random_state: int | np.random.RandomState | None = None,
+    ) -> None:
         self.n_splits = n_splits
         self.n_blocks = n_blocks
         self.n_neighbors = n_neighbors
         self.n_rings = n_rings
         self.random_state = random_state
 
-    def get_n_splits(self, X=None, y=None, groups=None):
+    def get_n_splits(self, X: object = None, y: object = None, groups: object = None) -> int:
         """Number of folds.
 
         Parameters
@@ -164,7 +174,9 @@ class SpatialBlockSplit(BaseCrossValidator):
         """
         return self.n_splits
 
-    def split(self, X, y=None, groups=None):
+    def split(
+        self, X: ArrayLike, y: object = None, groups: object = None
+    ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
         """Indices of the training and test points of each fold.
 
         Parameters
@@ -183,19 +195,19 @@ class SpatialBlockSplit(BaseCrossValidator):
         ValueError
             If a parameter is out of range, or X has too few points for it.
         """
-        X = check_array(X, dtype=np.float64)
-        n_blocks = self._check_parameters(len(X))
-        blocks = spatial_blocks(X, n_blocks)
+        points: NDArray[np.float64] = check_array(X, dtype=np.float64)
+        n_blocks = self._check_parameters(len(points))
+        blocks = spatial_blocks(points, n_blocks)
         fold_of_block = np.arange(n_blocks) % self.n_splits
         check_random_state(self.random_state).shuffle(fold_of_block)
         fold = fold_of_block[blocks]
-        tree = cKDTree(X)
+        tree = cKDTree(points)
         for i in range(self.n_splits):
             inside = fold == i
             front = test = np.flatnonzero(inside)
             for _ in range(self.n_rings):
-                found = np.zeros(len(X), dtype=bool)
-                found[tree.query(X[front], k=self.n_neighbors)[1].ravel()] = True
+                found = np.zeros(len(points), dtype=np.bool_)
+                found[tree.query(points[front], k=self.n_neighbors)[1].ravel()] = True
                 front = np.flatnonzero(found & ~inside)
                 inside |= found
             yield np.flatnonzero(inside), test
