@@ -256,16 +256,18 @@ class BaardaPlaneDetector(PlaneDetector):
         initial, _ = self._adjust(X, weights)
         check_rank(initial, X.shape[1])
         state = Elimination(step=np.zeros(len(X), dtype=np.intp), support=used.copy(), n_rounds=0)
+        start = None
         if self.robust_start:
             start, sigma = robust_start(
                 X,
                 weights,
                 used,
+                rank=initial.rank,
                 surface=self.surface,
                 sigma0=self._known_sigma(),
                 random_state=self.random_state,
             )
-        if self.robust_start and start.rank == initial.rank:
+        if start is not None:
             self._set_sigma0(sigma if self.sigma0 == "auto" else float(self.sigma0), start)
             self._keep_passing(X, weights, used, start, sigma, state)
         else:

@@ -6,6 +6,7 @@ from sklearn.utils import check_random_state
 from sklearn_mcmd.adjustment._plane import adjust_plane
 from sklearn_mcmd.adjustment._robust import robust_scale
 from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
+from sklearn_mcmd.adjustment._tests import UNCONTROLLED
 from sklearn_mcmd.planes._consistent_set import (
     draw_trials,
     maximum_consistent_sets,
@@ -30,7 +31,7 @@ MAX_POINTS = 20_000
 MAX_TRIALS = 2_000
 
 
-def robust_start(X, weights, used, *, surface, sigma0, random_state):
+def robust_start(X, weights, used, *, rank, surface, sigma0, random_state):
     """Points that belong to the plane of the most coplanar half, and its scale.
 
     Parameters
@@ -39,6 +40,8 @@ def robust_start(X, weights, used, *, surface, sigma0, random_state):
     weights : ndarray of shape (n,) or None
     used : ndarray of bool of shape (n,)
         Points of positive weight.
+    rank : int
+        Of the plane of all points.
     surface : {"vertical", "orthogonal"}
     sigma0 : float or None
         Standard deviation of unit weight; estimated when None.
@@ -46,8 +49,9 @@ def robust_start(X, weights, used, *, surface, sigma0, random_state):
 
     Returns
     -------
-    plane : PlaneAdjustment
-        Of all points within 2.5 deviations of it.
+    plane : PlaneAdjustment or None
+        Of all points within 2.5 deviations of it. None where these are on one line, or all but
+        one of them are: half of the points or more lie on it, and any plane goes through.
     sigma : float
         sigma0, or the deviation of these points. Unlike a median's it isn't enlarged by
         outliers that are separate from them. Never less than what float64 may add to a
@@ -75,6 +79,7 @@ def robust_start(X, weights, used, *, surface, sigma0, random_state):
 
     errors = rounding_errors(X[used])
     floor = residual_rounding(errors, plane.direction)
+    made_of = members
     sigma = sigma0 or max(robust_scale(residuals, weights, plane.rank), floor)
     members = None
     for _ in range(MAX_ROUNDS):
@@ -83,11 +88,16 @@ def robust_start(X, weights, used, *, surface, sigma0, random_state):
         near = used & (np.abs(residuals) * root <= CUT * deviation)
         if np.count_nonzero(near) <= plane.rank or np.array_equal(near, members):
             break
-        members = near
+        made_of = members = near
         plane = adjust_plane(X, _weights_of(members, weights), surface=surface)
         if sigma0 is None:
             floor = residual_rounding(errors, plane.direction)
             sigma = max(np.sqrt(plane.variance_factor) / CUT_DEVIATION, floor)
+    leverage = plane.evaluate(X[made_of])[1] * (1 if weights is None else weights[made_of])
+    # As many points as parameters have leverages of 1 each, wherever they are.
+    one_apart = len(leverage) > rank and leverage.max() > 1 - UNCONTROLLED
+    if plane.rank < rank or one_apart:
+        plane = None
     return plane, float(sigma)
 
 

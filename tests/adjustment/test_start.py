@@ -11,7 +11,7 @@ from sklearn_mcmd.adjustment import _start
 def start(X, used=None, sigma0=1.0, surface="vertical", weights=None, random_state=0):
     used = np.ones(len(X), dtype=bool) if used is None else used
     return _start.robust_start(
-        X, weights, used, surface=surface, sigma0=sigma0,
+        X, weights, used, rank=X.shape[1], surface=surface, sigma0=sigma0,
         random_state=random_state,
     )  # fmt: skip
 
@@ -72,7 +72,11 @@ def test_clouds_beyond_the_sample_size_are_decided_on_a_sample(monkeypatch):
     assert members[bad].mean() < 0.05
 
 
-@pytest.mark.parametrize("n", [1, 3, 5])
-def test_a_handful_of_points_is_no_problem(n):
-    plane, sigma = start(np.random.default_rng(0).normal(size=(n, 3)), sigma0=None)
-    assert plane.n_observations == n or sigma > 0
+@pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
+@pytest.mark.parametrize("n", [4, 5, 6, 7])
+def test_a_handful_of_points_has_a_start(n, surface):
+    for seed in range(20):
+        X = np.random.default_rng(seed).normal(size=(n, 3))
+        plane, sigma = start(X, sigma0=None, surface=surface)
+        assert plane.n_observations >= 3
+        assert sigma > 0
