@@ -1,12 +1,12 @@
 """LAS and LAZ: attributes, coordinate system and integer coordinates survive."""
 
 import copy
-import os
-import struct
 import warnings
 
 import numpy as np
 
+from sklearn_mcmd.io._las_structure import check_structure
+from sklearn_mcmd.io._laz import read_compressed_points, write_compressed
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, flat_columns, import_extra
 
 __all__ = ["read_las", "write_las"]
@@ -22,8 +22,8 @@ def read_las(path):
     """Read LAS, LAZ or COPC in one pass; plain attributes are views of the raw records."""
     compressed = path.name.lower().endswith(".laz")
     laspy = _import_laspy(compressed)
-    _check_structure(path)
-    las = laspy.read(path)
+    check_structure(path)
+    las = _read(laspy, path)
     records = las.points.array
     if len(records) != las.header.point_count:
         raise PointFileError(
@@ -40,7 +40,8 @@ def read_las(path):
 
 def write_las(path, cloud, noise=None):
     """Write LAS or LAZ; whatever did not change since it was read is written bit for bit."""
-    laspy = _import_laspy(path.name.lower().endswith(".laz"))
+    compressed = path.name.lower().endswith(".laz")
+    laspy = _import_laspy(compressed)
     if "las_points" in cloud.metadata:
         header = copy.deepcopy(cloud.metadata["las_header"])
         _forget_copc(header)
@@ -59,7 +60,25 @@ def write_las(path, cloud, noise=None):
         classes = np.array(las.classification)
         classes[noise] = NOISE_CLASS
         las.classification = classes
-    las.write(str(path))
+    if compressed:
+        write_compressed(laspy, path, las)
+    else:
+        las.write(str(path))
+
+
+def _read(laspy, path):
+    """What laspy.read gives, by a safer way where points are compressed."""
+    with laspy.open(path) as reader:
+        if not (reader.header.are_points_compressed and reader.header.point_count):
+            return reader.read()
+        header = reader.header
+    with open(path, "rb") as file:
+        points = read_compressed_points(file, header)
+    points = laspy.PackedPointRecord.from_buffer(points, header.point_format)
+    points = laspy.ScaleAwarePointRecord(
+        points.array, header.point_format, header.scales, header.offsets
+    )
+    return laspy.LasData(header, points)
 
 
 def _with_colors(laspy, las, attributes):
@@ -79,40 +98,8 @@ def _with_colors(laspy, las, attributes):
 def _import_laspy(compressed):
     laspy = import_extra("laspy", "las", "LAS")
     if compressed:
-        try:
-            import_extra("lazrs", "las", "LAZ")
-        except PointFileError:
-            try:
-                import_extra("laszip", "las", "LAZ")  # laspy's other backend serves as well
-            except PointFileError:
-                import_extra("lazrs", "las", "LAZ")
+        import_extra("lazrs", "las", "LAZ")
     return laspy
-
-
-def _check_structure(path):
-    """Refuse counts that cannot be true: laspy would loop over them for hours."""
-    size = os.path.getsize(path)
-    with open(path, "rb") as file:
-        start = file.read(247)
-    if start[:4] != b"LASF":
-        raise PointFileError("not a LAS/LAZ file: it does not begin with 'LASF'")
-    if len(start) < 227:
-        raise PointFileError(f"truncated: {size} bytes are fewer than a LAS header")
-    minor = start[25]
-    header_size, points_at, n_vlrs = struct.unpack_from("<HII", start, 94)
-    format_id, record_length, n_points = struct.unpack_from("<BHI", start, 104)
-    evlrs_at, n_evlrs = 0, 0
-    if minor >= 4 and len(start) == 247:
-        evlrs_at, n_evlrs = struct.unpack_from("<QI", start, 235)
-    if n_points and points_at >= size:
-        raise PointFileError(f"truncated: the points begin at byte {points_at} of {size}")
-    if 54 * n_vlrs > size - header_size or (n_evlrs and evlrs_at + 60 * n_evlrs > size):
-        raise PointFileError("broken header: more metadata records than the file has room for")
-    if not format_id & 0x80 and n_points * record_length > size - points_at:
-        raise PointFileError(
-            f"truncated: {n_points} points of {record_length} bytes need "
-            f"{points_at + n_points * record_length} bytes, the file has {size}"
-        )
 
 
 def _forget_copc(header):

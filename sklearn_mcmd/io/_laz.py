@@ -1,0 +1,229 @@
+"""The compressed points of LAZ: checked first, then handed to lazrs.
+
+lazrs ends the whole process (SIGABRT) where it cannot get the memory that a damaged file makes
+it ask for. So everything that it takes a size from is checked before: the items of a point, the
+chunk table, and in layered chunks (point formats 6 to 10) the sizes of the layers. What remains
+are the compressed bytes themselves, which lazrs reads through without asking for memory.
+
+lazrs turns whatever happens in Python code that it calls into an error of its own, a
+KeyboardInterrupt as well. So it is given bytes in memory, never a file.
+"""
+
+import io
+import os
+import struct
+
+import numpy as np
+
+from sklearn_mcmd.io._point_cloud import PointFileError, import_extra
+
+__all__ = ["read_compressed_points", "write_compressed"]
+
+# LASzip's items: number -> (bytes, layers). Of "extra bytes", 0 and 14, each byte is a layer.
+ITEMS = {
+    **{6: (20, 0), 7: (8, 0), 8: (6, 0), 9: (29, 0)},
+    **{10: (30, 9), 11: (6, 1), 12: (8, 2), 13: (29, 1)},
+}
+ITEMS_OF_FORMAT = {
+    **{0: [6], 1: [6, 7], 2: [6, 8], 3: [6, 7, 8], 4: [6, 7, 9], 5: [6, 7, 8, 9]},
+    **{6: [10], 7: [10, 11], 8: [10, 12], 9: [10, 13], 10: [10, 12, 13]},
+}
+EXTRA_BYTES, LAYERED_EXTRA_BYTES = 0, 14
+ONE_CHUNK, CHUNKED, LAYERED = 1, 2, 3  # compressors
+ITEM_VERSIONS = {ONE_CHUNK: (1, 2), CHUNKED: (1, 2), LAYERED: (3, 4)}
+VARIABLE = 2**32 - 1  # the chunk size that says: see the table
+BYTES_PER_ENTRY = 16  # of the table, at most: two integers with their probabilities
+CHUNKS_A_TIME = 64  # enough for all processors, few enough for Ctrl-C to be heard
+POINTS_A_TIME = 2_000_000
+WAVE_PACKET_FORMATS = (4, 5, 9, 10)
+
+
+def read_compressed_points(file, header):
+    """The point records (n * record length bytes) behind a header that laspy has read.
+
+    Parameters
+    ----------
+    file : binary file
+        Opened for reading, at any position.
+    header : laspy.LasHeader
+        Its LASzip record is taken out, as laspy does.
+
+    Returns
+    -------
+    ndarray of uint8
+    """
+    lazrs = import_extra("lazrs", "las", "LAZ")
+    names = [type(record).__name__ for record in header.vlrs]
+    if "LasZipVlr" not in names:
+        raise PointFileError("damaged: the record that says how its points are compressed is gone")
+    record = header.vlrs.pop(names.index("LasZipVlr")).record_data
+    layout = _Layout(record, header.point_format)
+    chunks = _chunks(lazrs, file, header, record, layout)
+    points = np.empty((header.point_count, header.point_format.size), dtype=np.uint8)
+    done = 0
+    for start in range(0, len(chunks), CHUNKS_A_TIME):
+        part = chunks[start : start + CHUNKS_A_TIME]
+        data = file.read(sum(n_bytes for _, n_bytes in part))
+        layout.check_chunks(data, part, start)
+        n_points = sum(n for n, _ in part)
+        lazrs.decompress_points_with_chunk_table(
+            data, record, points[done : done + n_points].reshape(-1), part
+        )
+        done += n_points
+    return points.reshape(-1)
+
+
+def write_compressed(laspy, path, las):
+    """Write LAZ by way of memory; refuse wave packets that would not come back."""
+    buffer = io.BytesIO()
+    with laspy.open(
+        buffer, "w", header=las.header, laz_backend=laspy.LazBackend.LazrsParallel, closefd=False
+    ) as writer:
+        for start in range(0, len(las.points), POINTS_A_TIME):
+            writer.write_points(las.points[start : start + POINTS_A_TIME])
+        if las.header.version.minor >= 4 and las.evlrs is not None:
+            writer.write_evlrs(las.evlrs)
+    if las.header.point_format.id in WAVE_PACKET_FORMATS:
+        _refuse_changed(laspy, buffer, las)
+    with open(path, "wb") as file:
+        file.write(buffer.getbuffer())
+
+
+def _refuse_changed(laspy, buffer, las):
+    """lazrs 0.8 loses offsets of wave packets that are more than 2**31 bytes apart."""
+    buffer.seek(0)
+    with laspy.open(buffer, closefd=False) as reader:
+        header = reader.header
+    stored = read_compressed_points(buffer, header).view(las.points.array.dtype)
+    changed = [
+        name
+        for name in stored.dtype.names
+        if stored[name].tobytes() != las.points.array[name].tobytes()
+    ]
+    if changed:
+        raise PointFileError(
+            f"lazrs cannot compress these wave packets without loss ({', '.join(changed)} would "
+            f"change, point format {las.header.point_format.id}); write .las instead"
+        )
+
+
+class _Layout:
+    """How a point is laid out and compressed, by the LASzip record of the header."""
+
+    def __init__(self, record, point_format):
+        n_items = struct.unpack_from("<H", record, 32)[0] if len(record) >= 34 else 0
+        if n_items == 0 or len(record) < 34 + 6 * n_items:
+            raise PointFileError("damaged: the record of the compression is too short")
+        self.compressor, self.chunk_size = struct.unpack_from("<H10xI", record)
+        if self.compressor not in ITEM_VERSIONS:
+            raise PointFileError(f"damaged, or compressed in a way unknown ({self.compressor})")
+        if self.chunk_size == 0:
+            raise PointFileError("damaged: its chunks are of 0 points")
+        items = list(struct.iter_unpack("<3H", record[34 : 34 + 6 * n_items]))
+        self.n_bytes = point_format.size
+        self.n_layers = 0
+        n_extra = point_format.size
+        wanted = ITEMS_OF_FORMAT[point_format.id]
+        for i, (kind, size, version) in enumerate(items):
+            is_extra = kind in (EXTRA_BYTES, LAYERED_EXTRA_BYTES) and i >= len(wanted)
+            known = is_extra or ([kind] == wanted[i : i + 1] and size == ITEMS[kind][0])
+            if not known or version not in ITEM_VERSIONS[self.compressor]:
+                raise PointFileError(
+                    f"damaged: item {kind} of {size} bytes, version {version}, is not what "
+                    f"point format {point_format.id} is compressed as"
+                )
+            self.n_layers += size if is_extra else ITEMS[kind][1]
+            n_extra -= size
+        if len(items) < len(wanted) or n_extra != 0:
+            raise PointFileError(
+                f"damaged: points of {point_format.size} bytes are compressed as "
+                f"{point_format.size - n_extra} bytes"
+            )
+        if self.compressor != LAYERED:
+            self.n_layers = 0
+
+    @property
+    def smallest_chunk(self):
+        """Bytes of the first point, which is not compressed, and of the sizes behind it."""
+        return self.n_bytes + (4 + 4 * self.n_layers if self.compressor == LAYERED else 0)
+
+    def check_chunks(self, data, chunks, first):
+        """Refuse chunks that end too early, or layers that do not fit into their chunk.
+
+        Of an empty chunk (lazrs may end a file of variable chunks with one) nothing is read.
+        """
+        if len(data) < sum(n_bytes for _, n_bytes in chunks):
+            raise PointFileError("truncated: the compressed points end too early")
+        start = 0
+        for number, (n_points, n_bytes) in enumerate(chunks, start=first + 1):
+            needed = self.smallest_chunk if n_points else 0
+            if self.compressor == LAYERED and 0 < needed <= n_bytes:
+                n_stored, *layers = struct.unpack_from(
+                    f"<{1 + self.n_layers}I", data, start + self.n_bytes
+                )
+                needed += sum(layers)
+                if n_stored < n_points:
+                    raise PointFileError(
+                        f"damaged: chunk {number} holds {n_stored} points, not {n_points}"
+                    )
+            if needed > n_bytes:
+                raise PointFileError(
+                    f"damaged: chunk {number} of {n_bytes} bytes would need {needed}"
+                )
+            start += n_bytes
+
+
+def _chunks(lazrs, file, header, record, layout):
+    """Points and bytes of each chunk; leaves the file at the first one.
+
+    The table is read by lazrs, which believes its count: that is checked before.
+    """
+    size = file.seek(0, os.SEEK_END)
+    points_at, n_points = header.offset_to_point_data, header.point_count
+    if layout.compressor == ONE_CHUNK:
+        file.seek(points_at)
+        return [(n_points, size - points_at)]
+    table_at = _table_position(file, points_at, size)
+    room = table_at - points_at - 8
+    file.seek(table_at)
+    start = file.read(8)
+    (n_chunks,) = struct.unpack_from("<I", start, 4)
+    is_variable = layout.chunk_size == VARIABLE
+    n_needed = 1 if is_variable else -(-n_points // layout.chunk_size)
+    if not n_needed <= n_chunks <= room // layout.smallest_chunk + 1:
+        raise PointFileError(
+            f"damaged: {n_points} points in {room} bytes are not in {n_chunks} chunks"
+        )
+    table = io.BytesIO(start + file.read(BYTES_PER_ENTRY * (n_chunks + 4)))
+    try:
+        entries = lazrs.read_chunk_table_only(table, lazrs.LazVlr(record))
+    except lazrs.LazrsError as err:
+        raise PointFileError(f"damaged: its chunk table cannot be read ({err})") from err
+    if is_variable:
+        chunks = [(n, n_bytes) for n, n_bytes in entries if n > 0 or n_bytes > 0]
+    else:
+        chunks = [(layout.chunk_size, n_bytes) for _, n_bytes in entries[:n_needed]]
+        chunks[-1] = (n_points - layout.chunk_size * (n_needed - 1), chunks[-1][1])
+    if sum(n for n, _ in chunks) != n_points or sum(b for _, b in chunks) > room:
+        raise PointFileError(
+            f"damaged: its chunk table tells of {sum(n for n, _ in chunks)} points in "
+            f"{sum(b for _, b in chunks)} bytes, the file holds {n_points} in {room}"
+        )
+    file.seek(points_at + 8)
+    return chunks
+
+
+def _table_position(file, points_at, size):
+    """Where the chunk table begins; what was written to a stream says so at the very end."""
+    for position in (points_at, size - 8):
+        file.seek(position)
+        (table_at,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
+        if table_at > points_at:
+            break
+    else:
+        raise PointFileError(
+            "has no chunk table: it is damaged, or whoever wrote it did not get to the end"
+        )
+    if not points_at + 8 <= table_at <= size - 8:
+        raise PointFileError(f"truncated: its chunk table begins at byte {table_at} of {size}")
+    return table_at
