@@ -1,5 +1,6 @@
 """``mcmd info`` and ``mcmd demo``."""
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -44,7 +45,8 @@ def demo(
             folder / f"{name}.laz" for name in ("street", "clean", "normals")
         )
         picture = folder / "demo.png"
-        there = [path.name for path in (street, clean, with_normals, picture) if path.exists()]
+        outputs = (street, clean, with_normals, picture)
+        there = [path.name for path in outputs if os.path.exists(path)]
         if there and not force:
             raise FileExistsError(
                 f"{folder} already holds {', '.join(there)}; name another folder, or --force"

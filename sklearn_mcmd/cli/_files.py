@@ -95,14 +95,16 @@ def rehearse(target, cloud, noise=None):
 @contextmanager
 def standing_in(target):
     """A path beside `target` that can be written to on trial; errors name `target` itself."""
+    from sklearn_mcmd.io._files import system_error
+
     real = Path(os.path.realpath(target))
-    if real.is_dir():
-        raise ValueError(f"{target}: is a folder; name a file in it")
-    if not real.parent.is_dir():
-        raise ValueError(f"{target}: the folder {real.parent} does not exist")
-    if real.exists() and not os.access(real, os.W_OK):
-        raise ValueError(f"{target}: the file is write-protected")
     try:
+        if real.is_dir():
+            raise ValueError(f"{target}: is a folder; name a file in it")
+        if not real.parent.is_dir():
+            raise ValueError(f"{target}: the folder {real.parent} does not exist")
+        if real.exists() and not os.access(real, os.W_OK):
+            raise ValueError(f"{target}: the file is write-protected")
         with (
             tempfile.TemporaryDirectory(prefix=".mcmd-", dir=real.parent) as folder,
             warnings.catch_warnings(),
@@ -114,7 +116,4 @@ def standing_in(target):
             except ValueError as err:
                 raise ValueError(str(err).replace(str(stand_in), str(target))) from err
     except OSError as err:
-        raise ValueError(
-            f"{target}: cannot be written: {(err.strerror or str(err)).lower()}; check the "
-            f"permissions of {real.parent}"
-        ) from err
+        raise system_error(target, "written", err) from err

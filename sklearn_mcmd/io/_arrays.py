@@ -1,5 +1,7 @@
 """NPY and NPZ: NumPy's own files, without pickles."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
@@ -45,7 +47,7 @@ def read_npz(path):
 def write_npy(path, cloud):
     """Write a plain (n, 3) array, or a structured one if there are attributes."""
     if not cloud.attributes:
-        np.save(path, cloud.xyz, allow_pickle=False)
+        _save(path, cloud.xyz)
         return
     fields = [(axis, np.float64) for axis in "xyz"]
     fields += [(name, a.dtype, a.shape[1:]) for name, a in cloud.attributes.items()]
@@ -54,7 +56,13 @@ def write_npy(path, cloud):
         records[axis] = cloud.xyz[:, i]
     for name, values in cloud.attributes.items():
         records[name] = values
-    np.save(path, records, allow_pickle=False)
+    _save(path, records)
+
+
+def _save(path, array):
+    """Save through Python's own write: NumPy's reports a full disk without naming it."""
+    with open(path, "wb") as file:
+        np.save(SimpleNamespace(write=file.write), array, allow_pickle=False)
 
 
 def write_npz(path, cloud):

@@ -4,7 +4,7 @@ import errno
 import os
 import secrets
 import shutil
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,7 @@ from sklearn_mcmd.io._scan_formats import (
 )
 from sklearn_mcmd.io._text import read_text, write_text
 
-__all__ = ["read_points", "replacing", "supported_extensions", "write_points"]
+__all__ = ["read_points", "replacing", "supported_extensions", "system_error", "write_points"]
 
 _FORMATS = {
     ".csv": (read_text, write_text),
@@ -94,14 +94,14 @@ def read_points(path):
     (PointCloud(2 points; label), 1)
     """
     path = Path(path)
-    if path.is_dir():
-        raise PointFileError(f"{path}: is a folder; a point file is needed")
-    reader, _ = _FORMATS[_extension(path)]
-    if not path.exists():
-        raise PointFileError(f"{path}: no such file")
-    if not path.is_file():
-        raise PointFileError(f"{path}: is not a regular file")
     with _one_clear_line(path, "read"):
+        if path.is_dir():
+            raise PointFileError("is a folder; a point file is needed")
+        reader, _ = _FORMATS[_extension(path)]
+        if not path.exists():
+            raise PointFileError("no such file")
+        if not path.is_file():
+            raise PointFileError("is not a regular file")
         if path.stat().st_size == 0:
             raise PointFileError("is empty (0 bytes)")
         cloud = reader(path)
@@ -185,7 +185,8 @@ def write_points(path, cloud, *, noise=None, encoding=None):
     0.0 1.0 9.0 1
     """
     path = Path(path)
-    extension = _extension(path)
+    with _one_clear_line(path, "written"):
+        extension = _extension(path)
     if path.name.lower().endswith(".copc.laz"):
         raise PointFileError(f"{path}: COPC can be read but not written; write plain .laz instead")
     _, writer = _FORMATS[extension]
@@ -236,7 +237,7 @@ def _extension(path):
     extension = path.suffix.lower()
     if extension not in _FORMATS:
         found = f"unknown extension {extension!r}" if extension else "no extension"
-        raise PointFileError(f"{path}: {found}; known are {' '.join(supported_extensions())}")
+        raise PointFileError(f"{found}; known are {' '.join(supported_extensions())}")
     return extension
 
 
@@ -254,19 +255,23 @@ def _mask(noise, n_points):
 def replacing(path):
     """A temporary name beside ``path`` that takes its place when the block has succeeded."""
     target = Path(os.path.realpath(path))  # a link keeps pointing to the file it names
-    if not target.parent.is_dir():
-        raise PointFileError(f"{path}: the folder {target.parent} does not exist")
-    if target.is_dir():
-        raise PointFileError(f"{path}: is a folder; name a file in it")
-    if target.exists() and not target.is_file():
-        raise PointFileError(f"{path}: is not a regular file")
-    if target.exists() and not os.access(target, os.W_OK):
-        raise PointFileError(f"{path}: the file is write-protected")
+    with _one_clear_line(path, "written"):
+        if not target.parent.is_dir():
+            raise PointFileError(f"the folder {target.parent} does not exist")
+        if target.is_dir():
+            raise PointFileError("is a folder; name a file in it")
+        if target.exists() and not target.is_file():
+            raise PointFileError("is not a regular file")
+        if target.exists() and not os.access(target, os.W_OK):
+            raise PointFileError("the file is write-protected")
     temporary = target.with_name(f".mcmd-{secrets.token_hex(8)}{target.suffix.lower()}")
     try:
         with _one_clear_line(path, "written"):
             temporary.touch(exist_ok=False)
-        yield temporary
+        try:
+            yield temporary
+        except OSError as err:
+            raise system_error(path, "written", err) from err
         with _one_clear_line(path, "written"):
             with open(temporary, "rb+") as file:  # whole on the disk before it takes the name
                 os.fsync(file.fileno())
@@ -274,7 +279,8 @@ def replacing(path):
                 shutil.copymode(target, temporary)
             os.replace(temporary, target)
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # a disk that cannot be written to has said so above
+            temporary.unlink()
 
 
 @contextmanager
@@ -282,22 +288,28 @@ def _one_clear_line(path, action):
     """Turn whatever goes wrong into a PointFileError that begins with the file's name."""
     try:
         yield
-    except (KeyboardInterrupt, SystemExit, GeneratorExit):
-        raise
     except PointFileError as err:
         raise PointFileError(f"{path}: {err}") from err.__cause__
     except OSError as err:
-        reason = (err.strerror or _first_line(err)).lower()
-        if err.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
-            reason += f"; check the permissions of {path.parent if action != 'read' else path}"
-        raise PointFileError(f"{path}: cannot be {action}: {reason}") from err
+        raise system_error(path, action, err) from err
     except MemoryError as err:
         raise PointFileError(
             f"{path}: cannot be {action}: not enough memory, or its header is broken"
         ) from err
-    except BaseException as err:  # a panic in lazrs is no Exception
+    except BaseException as err:
+        is_panic = type(err).__name__ == "PanicException"  # of Rust, in lazrs: no Exception
+        if not (is_panic or isinstance(err, Exception)):
+            raise  # Ctrl-C and the like are no matter of the file
         hint = "" if action == "written" else "; it seems damaged or is of another format"
         raise PointFileError(f"{path}: cannot be {action}{hint}: {_first_line(err)}") from err
+
+
+def system_error(path, action, err):
+    """The PointFileError that names the user's file for what the operating system refused."""
+    reason = (err.strerror or _first_line(err)).lower()
+    if err.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
+        reason += f"; check the permissions of {path.parent if action != 'read' else path}"
+    return PointFileError(f"{path}: cannot be {action}: {reason}")
 
 
 def _first_line(err):

@@ -200,8 +200,16 @@ def write_e57(path, cloud):
             f"written: {', '.join(lost)}.",
             stacklevel=3,
         )
-    with pye57.E57(str(path), mode="w") as file:
+    file = pye57.E57(str(path), mode="w")
+    try:
         file.write_scan_raw(data, translation=center)
+        file.close()
+    except Exception as err:
+        if hasattr(file, "image_file"):
+            del file.image_file  # else pye57 closes it once more, and prints how that failed
+        if "ErrorWriteFailed" in str(err):
+            raise PointFileError("cannot be written: the disk may be full") from err
+        raise
 
 
 def _pcd_header(file):

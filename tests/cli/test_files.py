@@ -74,7 +74,7 @@ def bad_input(kind, folder):
     [
         ("missing", "no such file"),
         ("folder", "is a folder"),
-        ("truncated laz", "cannot be read"),
+        ("truncated laz", "truncated"),
         ("empty", "is empty"),
         ("only nan", "holds no points with finite coordinates"),
         ("two columns", "2 column"),
@@ -157,3 +157,10 @@ def test_e57_is_refused_where_it_cannot_hold_the_results(room_file, tmp_path):
     mark = run("denoise", room_file, tmp_path / "out.e57", "--mode", "mark")
     assert "no place to mark outliers" in error_line(mark)
     assert files_in(tmp_path) == ["room.laz"]
+
+
+@pytest.mark.parametrize("verb", ["denoise", "plane"])
+def test_a_name_that_is_too_long_is_named(verb, room_file, tmp_path):
+    target = tmp_path / ("x" * 260 + ".laz")
+    line = error_line(run(verb, room_file, target))
+    assert line == f"mcmd: error: {target}: cannot be written: file name too long"

@@ -2,6 +2,7 @@
 
 import re
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from commands import error_line, files_in, run
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
 from sklearn_mcmd.cli import _plane
-from sklearn_mcmd.io import PointCloud, read_points, write_points
+from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 
 N, N_OUTLIERS = 600, 60
 ALL_FILES = ["out.laz", "out_report.png", "out_report.txt", "wall.laz"]
@@ -221,12 +222,28 @@ def test_a_figure_that_fails_leaves_every_old_file_as_it_was(wall_file, tmp_path
     assert all((tmp_path / name).read_bytes() == b"old" for name in ALL_FILES[:3])
 
 
-def test_points_that_cannot_be_written_leave_no_report(wall_file, tmp_path, monkeypatch):
+@pytest.mark.parametrize("sheet", ["out_report.txt", "out_report.png"])
+def test_a_full_disk_names_the_sheet_that_did_not_fit(wall_file, tmp_path, monkeypatch, sheet):
+    import matplotlib.figure
+
     def fail(*args, **kwargs):
         raise OSError(28, "No space left on device")
 
+    if sheet.endswith("txt"):
+        monkeypatch.setattr(Path, "write_text", fail)
+    else:
+        monkeypatch.setattr(matplotlib.figure.Figure, "savefig", fail)
+    message = f"{tmp_path / sheet}: cannot be written: no space left on device"
+    assert message in error_line(run("plane", wall_file, tmp_path / "out.laz"))
+    assert files_in(tmp_path) == ["wall.laz"]
+
+
+def test_points_that_cannot_be_written_leave_no_report(wall_file, tmp_path, monkeypatch):
+    def fail(*args, **kwargs):
+        raise PointFileError("out.laz: cannot be written: no space left on device")
+
     monkeypatch.setattr(_plane, "write", fail)
-    assert "No space left" in error_line(run("plane", wall_file, tmp_path / "out.laz"))
+    assert "out.laz: cannot be written" in error_line(run("plane", wall_file, tmp_path / "out.laz"))
     assert files_in(tmp_path) == ["wall.laz"]
 
 

@@ -284,6 +284,42 @@ def test_permission_errors_of_the_system_become_one_clear_line(tmp_path, monkeyp
         write_points(tmp_path / "a.ply", np.eye(3))
 
 
+@pytest.mark.parametrize("extension", supported_extensions())
+def test_a_file_for_which_there_is_no_room_is_named(tmp_path, extension):
+    resource = pytest.importorskip("resource")
+    path = tmp_path / f"a{extension}"
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8192, before[1]))  # as full as a disk can be
+    try:
+        with pytest.raises(PointFileError, match="file too large|the disk may be full") as error:
+            write_points(path, np.random.default_rng(0).random((20_000, 3)))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert_one_clear_line(error, path)
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_folder_that_can_only_be_read_is_named(tmp_path, monkeypatch):
+    def refuse(self, **kwargs):
+        raise OSError(30, "Read-only file system", str(self))
+
+    for name in ("touch", "unlink"):
+        monkeypatch.setattr(f"pathlib.Path.{name}", refuse)
+    with pytest.raises(PointFileError, match="read-only file system; check the perm") as error:
+        write_points(tmp_path / "a.ply", np.eye(3))
+    assert_one_clear_line(error, tmp_path / "a.ply")
+
+
+def test_a_name_that_is_too_long_is_named(tmp_path):
+    path = tmp_path / ("x" * 260 + ".npy")
+    with pytest.raises(PointFileError, match="cannot be written: file name too long") as error:
+        write_points(path, np.eye(3))
+    assert_one_clear_line(error, path)
+    with pytest.raises(PointFileError, match="cannot be read: file name too long") as error:
+        read_points(path)
+    assert_one_clear_line(error, path)
+
+
 def fail_midway(error):
     def writer(path, cloud):
         path.write_text("half of it")
