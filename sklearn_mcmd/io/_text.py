@@ -1,6 +1,7 @@
 """XYZ, TXT and CSV: whitespace, comma or semicolon; optional header; any numeric columns."""
 
 import csv
+import re
 
 import numpy as np
 
@@ -29,7 +30,7 @@ def read_text(path):
         )
     with open(path, encoding="utf-8-sig") as file:
         try:
-            table = np.loadtxt(file, delimiter=delimiter, skiprows=skip, ndmin=2)
+            table = np.loadtxt(file, delimiter=delimiter, skiprows=skip, ndmin=2, quotechar='"')
         except ValueError as err:
             raise PointFileError(_what_is_wrong(path, skip, len(first), delimiter)) from err
     cloud = split_table(table, names)
@@ -107,10 +108,11 @@ def _inspect(path):
             if text.startswith(COMMENTS) and header is None:
                 comment = text.lstrip("#/").strip()
                 continue
-            delimiter = ";" if ";" in text else "," if "," in text else None
-            if delimiter == ";" and _is_row(text.replace(",", ".").split(";")) and "," in text:
+            bare = re.sub(r'"[^"]*"', "", text)  # what stands in quotes delimits nothing
+            delimiter = ";" if ";" in bare else "," if "," in bare else None
+            fields = _fields(text, delimiter)
+            if not _is_row(fields) and _is_row([field.replace(",", ".") for field in fields]):
                 raise PointFileError(f"line {number} has decimal commas: replace them by points")
-            fields = text.split(delimiter)
             if _is_row(fields):
                 names = None
                 if header is not None:
@@ -141,7 +143,7 @@ def _what_is_wrong(path, skip, n_columns, delimiter):
             text = line.partition("#")[0].strip()
             if number <= skip or not text:
                 continue
-            fields = text.split(delimiter)
+            fields = _fields(text, delimiter)
             if len(fields) != n_columns:
                 return f"line {number} has {len(fields)} columns, line {skip + 1} has {n_columns}"
             for value in fields:
@@ -151,10 +153,17 @@ def _what_is_wrong(path, skip, n_columns, delimiter):
 
 
 def _names(header, delimiter):
+    """Names of columns; one without a name, as pandas and R leave that of the rows, gets one."""
+    fields = _fields(header, delimiter)
+    return [name or f"column_{i}" for i, name in enumerate(fields, start=1)]
+
+
+def _fields(line, delimiter):
+    """The fields of a line, without the quotes that some stand in."""
     if delimiter is None:
-        header = header.replace("\t", " ")
-    row = next(csv.reader([header], delimiter=delimiter or " ", skipinitialspace=True))
-    return [name.strip() for name in row]
+        line = " ".join(line.split())
+    row = next(csv.reader([line], delimiter=delimiter or " ", skipinitialspace=True))
+    return [field.strip() for field in row]
 
 
 def _is_row(fields):

@@ -291,7 +291,7 @@ def test_a_file_for_which_there_is_no_room_is_named(tmp_path, extension):
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (8192, before[1]))  # as full as a disk can be
     try:
-        with pytest.raises(PointFileError, match="file too large|the disk may be full") as error:
+        with pytest.raises(PointFileError, match=r"file too large|the disk may be full") as error:
             write_points(path, np.random.default_rng(0).random((20_000, 3)))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
