@@ -8,6 +8,7 @@ import numpy as np
 import typer
 
 from sklearn_mcmd._interrupts import INTERRUPTED, raise_interrupts, was_interrupted
+from sklearn_mcmd.cli._termination import tidy_when_terminated
 
 __all__ = [
     "clear_exits",
@@ -23,7 +24,7 @@ __all__ = [
 def clear_exits():
     """One line on stderr and an exit code for whatever a user can run into."""
     try:
-        with raise_interrupts(), _plain_warnings():
+        with raise_interrupts(), tidy_when_terminated(), _plain_warnings():
             yield
     except typer.Exit:  # of a verb within a verb, which has told why
         raise

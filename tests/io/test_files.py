@@ -339,11 +339,16 @@ def test_a_failure_midway_leaves_the_old_file_and_nothing_else(tmp_path, monkeyp
     assert os.listdir(tmp_path) == ["a.xyz"]
 
 
-def test_an_interruption_midway_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
+class Ending(BaseException):
+    """What no error handling is asked about."""
+
+
+@pytest.mark.parametrize("kind", [KeyboardInterrupt, SystemExit, Ending])
+def test_an_interruption_midway_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch, kind):
     path = tmp_path / "a.xyz"
     path.write_text("1 2 3\n")
-    monkeypatch.setitem(_files._FORMATS, ".xyz", (None, fail_midway(KeyboardInterrupt())))
-    with pytest.raises(KeyboardInterrupt):
+    monkeypatch.setitem(_files._FORMATS, ".xyz", (None, fail_midway(kind())))
+    with pytest.raises(kind):
         write_points(path, np.eye(3))
     assert path.read_text() == "1 2 3\n"
     assert os.listdir(tmp_path) == ["a.xyz"]

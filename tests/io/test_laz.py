@@ -358,3 +358,44 @@ def test_wave_packets_anywhere_survive_las(tmp_path, scattered_waves):
     write_points(tmp_path / "b.las", read_points(tmp_path / "a.las"))
     back = laspy.read(tmp_path / "b.las").points.array
     assert_array_equal(back, scattered_waves.points.array)
+
+
+INTERRUPTED = """
+import logging, os, signal, sys, threading, time
+import numpy as np
+from sklearn_mcmd.io import read_points, write_points
+logging.disable()
+xyz = np.random.default_rng(0).integers(0, 9999, (200_000, 3)) / 100
+path = sys.argv[1]
+act = {"write": lambda: write_points(path, xyz), "read": lambda: read_points(path)}[sys.argv[2]]
+start = time.perf_counter()
+write_points(path, xyz)
+act()
+seconds = time.perf_counter() - start
+for i in range(12):
+    timer = threading.Timer(seconds * (i + 1) / 14, os.kill, [os.getpid(), signal.SIGINT])
+    try:
+        timer.start()
+        act()
+        timer.join()
+        time.sleep(1)  # where the interruption arrives if it comes after the end
+        print("lost")
+    except KeyboardInterrupt:
+        print("interrupted")
+    except Exception as err:
+        print(repr(err))
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("action", ["write", "read"])
+def test_ctrl_c_is_a_keyboard_interrupt_and_no_matter_of_the_file(tmp_path, action):
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED, str(tmp_path / "a.laz"), action],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        cwd=Path(__file__).parents[1],
+    )
+    assert done.stdout.splitlines() == ["interrupted"] * 12, done.stderr
+    assert os.listdir(tmp_path) == ["a.laz"]
