@@ -2,23 +2,54 @@
 
 import importlib
 import os
+import re
 import sys
 
 from sklearn_mcmd._interrupts import INTERRUPTED, exit_at_once
 
-__all__ = ["import_extra", "run_app"]
+__all__ = ["how_to_install", "import_extra", "run_app"]
 
 
 def import_extra(module, extra, purpose):
-    """Import an optional library, or say in an ImportError how to install it."""
+    """Import an optional library, or say in an ImportError how to install it.
+
+    Parameters
+    ----------
+    module : str
+    extra : str
+        The extra of this package that asks for the library.
+    purpose : str
+        What needs it, as the error begins.
+    """
     try:
         return importlib.import_module(module)
     except ImportError as err:
         library = module.partition(".")[0]
         raise ImportError(
-            f"{purpose} needs {library}, which is not installed: "
-            f'pip install "sklearn-mcmd[{extra}]"'
+            f"{purpose} needs {library}, which is not installed: {how_to_install(library, extra)}"
         ) from err
+
+
+def how_to_install(library, extra):
+    """The command that installs what an extra asks for, wherever this package came from.
+
+    A checkout, a wheel and an index call the package differently, the library is the same.
+
+    Parameters
+    ----------
+    library : str
+        As it is imported.
+    extra : str
+        The extra of this package that asks for it, itself or through another library.
+
+    Returns
+    -------
+    str
+    """
+    asked = _requirements(extra)
+    named = [asked_for for asked_for in asked if library in re.split(r"[^\w.-]+", asked_for)]
+    wanted = named or asked or [library]  # rich comes with typer, which alone is asked for
+    return "pip install " + " ".join(f'"{requirement}"' for requirement in wanted)
 
 
 def run_app(module, name, arguments=None, *, prog_name):
@@ -54,3 +85,19 @@ def run_app(module, name, arguments=None, *, prog_name):
             # Threads may still compile or compute; waiting for them would be no interruption.
             os._exit(INTERRUPTED)
         raise
+
+
+def _requirements(extra):
+    """What an extra asks for, by the metadata of the installed package."""
+    from importlib import metadata
+
+    try:
+        lines = metadata.requires("sklearn-mcmd") or []
+    except metadata.PackageNotFoundError:  # run from a folder, never installed
+        return []
+    parts = [line.partition(";") for line in lines]
+    return [
+        requirement.strip()
+        for requirement, _, marker in parts
+        if re.search(rf"""extra\s*==\s*['"]{extra}['"]""", marker)
+    ]

@@ -9,6 +9,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from sklearn_mcmd._extras import how_to_install
 from sklearn_mcmd.cli._files import blank, read, rehearse, standing_in, with_results, write
 from sklearn_mcmd.cli._options import InFile, OutFile, Quiet, RandomState, number_or
 from sklearn_mcmd.cli._speech import (
@@ -206,7 +207,7 @@ def _rehearse_sheets(sheets, plot_wanted):
     try:
         import matplotlib  # noqa: F401
     except ImportError as err:
-        message = 'the figure needs matplotlib: pip install "sklearn-mcmd[plot]"'
+        message = f"the figure needs matplotlib: {how_to_install('matplotlib', 'plot')}"
         if plot_wanted is not None:
             raise ImportError(message) from err
         warnings.warn(f"{message}; the text alone is written", stacklevel=2)
