@@ -81,6 +81,10 @@ def read_points(path):
     ``rgb`` becomes ``red, green, blue``, so that attributes have one name in all formats.
     Several E57 scans are merged, with ``scan_index`` telling them apart.
 
+    What a LAZ says of its chunks and layers is checked before it is decompressed: lazrs would
+    end the process where a damaged size asks for more memory than there is. Nothing in LAZ
+    tells a changed bit of a compressed point, if it still decompresses.
+
     Examples
     --------
     >>> import tempfile
@@ -135,15 +139,16 @@ def write_points(path, cloud, *, noise=None, encoding=None):
     ------
     PointFileError
         In one line: the folder is missing or not writable, the name is a folder's, an
-        attribute has a name or dtype the format cannot hold, an optional library is not
-        installed, or writing failed. An existing file is then as it was.
+        attribute has a name or dtype the format cannot hold, LAZ would change wave packets,
+        an optional library is not installed, or writing failed. An existing file is then as
+        it was.
     ValueError
         If ``cloud``, ``noise`` or ``encoding`` is not of the stated form.
 
     Warns
     -----
     UserWarning
-        If attributes cannot be kept: E57 holds intensity and colors only; a value that
+        If something cannot be kept: E57 holds intensity and colors only; a value that
         does not fit the LAS dimension of its name goes to an extra dimension
         ``<name>_value``.
 
@@ -163,7 +168,9 @@ def write_points(path, cloud, *, noise=None, encoding=None):
     LAS 1.4, point format 6 (7 with colors; 8-bit colors times 256), with the coarsest
     scale of 1, 0.1 ... 1e-6 that holds all coordinates exactly, else the finest power of
     ten that fits: better than 1e-8 of the largest extent. Attributes without a standard
-    dimension become extra dimensions, replacing any of the same name.
+    dimension become extra dimensions, replacing any of the same name. LAZ is compressed in
+    memory. Wave packets that lazrs would change (scattered ones of point formats 9 and 10) are
+    refused. Samples of waveforms inside a file are copied from LAS 1.4, not from LAS 1.3.
 
     *PLY, PCD.* Coordinates are float32 where that is exact, as viewers expect, else float64.
 

@@ -8,6 +8,7 @@ import numpy as np
 from sklearn_mcmd.io._las_structure import check_structure
 from sklearn_mcmd.io._laz import read_compressed_points, write_compressed
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, flat_columns, import_extra
+from sklearn_mcmd.io._waveforms import place_waveforms
 
 __all__ = ["read_las", "write_las"]
 
@@ -64,6 +65,7 @@ def write_las(path, cloud, noise=None):
         write_compressed(laspy, path, las)
     else:
         las.write(str(path))
+    place_waveforms(path, header)
 
 
 def _read(laspy, path):
