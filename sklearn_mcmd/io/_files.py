@@ -169,8 +169,9 @@ def write_points(path, cloud, *, noise=None, encoding=None):
     scale of 1, 0.1 ... 1e-6 that holds all coordinates exactly, else the finest power of
     ten that fits: better than 1e-8 of the largest extent. Attributes without a standard
     dimension become extra dimensions, replacing any of the same name. LAZ is compressed in
-    memory. Wave packets that lazrs would change (scattered ones of point formats 9 and 10) are
-    refused. Samples of waveforms inside a file are copied from LAS 1.4, not from LAS 1.3.
+    memory. Wave packets that lazrs would change (point formats 9 and 10 with several scanner
+    channels) are refused. Samples of waveforms inside a file are copied from LAS 1.4, not
+    from LAS 1.3.
 
     *PLY, PCD.* Coordinates are float32 where that is exact, as viewers expect, else float64.
 

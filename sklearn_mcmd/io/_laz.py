@@ -90,7 +90,7 @@ def write_compressed(laspy, path, las):
 
 
 def _refuse_changed(laspy, buffer, las):
-    """lazrs 0.8 loses offsets of wave packets that are more than 2**31 bytes apart."""
+    """lazrs 0.8 mixes up the wave packets of several scanner channels when it compresses."""
     buffer.seek(0)
     with laspy.open(buffer, closefd=False) as reader:
         header = reader.header
@@ -103,7 +103,8 @@ def _refuse_changed(laspy, buffer, las):
     if changed:
         raise PointFileError(
             f"lazrs cannot compress these wave packets without loss ({', '.join(changed)} would "
-            f"change, point format {las.header.point_format.id}); write .las instead"
+            f"change, point format {las.header.point_format.id}, as of several scanner channels); "
+            "write .las instead"
         )
 
 
