@@ -12,6 +12,7 @@ from sklearn_mcmd._validation import FittedScoresMixin, check_extent, check_size
 from sklearn_mcmd.edges._creases import FAR, CreaseModel
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.outliers._detector import MCMDOutlierDetector
+from sklearn_mcmd.planes._columns import Columns, split_columns
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 
 __all__ = ["SharpFeatureDetector"]
@@ -73,10 +74,10 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
         a robust fit removes one of two faces, its own eigenvalues do not tell that there was an
         edge.
 
-    normals : {"precomputed"}, default=None
-        "precomputed" if X are columns of ``RobustNormalEstimator.transform`` in 3D: x, y, z,
-        normal, and, for "eigenvalue" and "surface_variation", what follows. Otherwise X are
-        coordinates.
+    normals : {"estimate", "precomputed"}, default="estimate"
+        "estimate": X are coordinates, and `normal_estimator` fits the planes. "precomputed": X are
+        the columns of ``RobustNormalEstimator.transform``, as in a Pipeline behind it, in which
+        nothing scales them.
 
     random_state : int, RandomState instance or None, default=None
         Seed of `outlier_detector` and `normal_estimator` where these have none of their own.
@@ -157,7 +158,7 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
         "min_angle": [Interval(Real, 0, 90, closed="neither")],
         "outlier_detector": "no_validation",
         "normal_estimator": "no_validation",
-        "normals": [StrOptions({"precomputed"}), None],
+        "normals": [StrOptions({"estimate", "precomputed"})],
         "random_state": ["random_state"],
         "n_jobs": [Integral, None],
     }
@@ -172,7 +173,7 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
         min_angle=20.0,
         outlier_detector=None,
         normal_estimator=None,
-        normals=None,
+        normals="estimate",
         random_state=None,
         n_jobs=None,
     ):
@@ -209,24 +210,36 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
             `threshold` or `normals` does not fit `criterion`.
         """
         X = validate_data(self, X, dtype=[np.float64, np.float32], ensure_min_features=2)
-        self._check_parameters(X)
-        xyz = self._coordinates(X)
+        if self.normals == "precomputed" and self.criterion == "removed_fraction":
+            raise ValueError(
+                "normals='precomputed' does not tell criterion='removed_fraction': take "
+                "normals='estimate', with coordinates as X."
+            )
+        self._n_dimensions = None  # of precomputed columns, which tell it
+        columns = self._columns(X)
+        xyz = columns.coordinates
+        self._n_dimensions = xyz.shape[1]
+        self._check_parameters(xyz)
         # One seed for both, drawn once: a RandomState must not give them different ones.
         seed = check_random_state(self.random_state).randint(np.iinfo(np.int32).max)
         self.inlier_mask_ = self._clean(xyz, seed)
-        members = X[self.inlier_mask_]
-        if self.normals is None:
+        members, normals = xyz[self.inlier_mask_], columns.normals
+        if self.normals == "estimate":
             self.normal_estimator_ = self._make_normal_estimator(seed).fit(members)
+            normals = self.normal_estimator_.normals_
+        else:
+            normals = normals[self.inlier_mask_]
+            normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
         if self.criterion == "crease":
             self._model = CreaseModel(self.n_neighbors, self.min_angle, self.n_jobs)
-            self._model.fit(self._coordinates(members).astype(np.float64), self._normals(members))
+            self._model.fit(members.astype(np.float64), np.asarray(normals, dtype=np.float64))
             self.offset_ = EDGE_WIDTH if self.threshold is None else float(self.threshold)
             self.scores_ = np.empty(len(X))
             self.scores_[self.inlier_mask_] = self._model.distances
             removed = xyz[~self.inlier_mask_].astype(np.float64)
             self.scores_[~self.inlier_mask_] = self._model.distance(removed)
         else:
-            values = self._values(X)
+            values = self._values(columns)
             self.offset_ = -self._settle_threshold(values[self.inlier_mask_])
             self.scores_ = -values
         return self
@@ -248,27 +261,20 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
         """
         check_is_fitted(self)
         X = validate_data(self, X, dtype=[np.float64, np.float32], reset=False)
-        check_extent(self._coordinates(X))
+        columns = self._columns(X)
         if self.criterion == "crease":
-            return self._model.distance(self._coordinates(X).astype(np.float64))
-        return -self._values(X)
+            return self._model.distance(columns.coordinates.astype(np.float64))
+        return -self._values(columns)
 
-    def _check_parameters(self, X):
-        d = 3 if self.normals == "precomputed" else X.shape[1]
-        needed = {"crease": 6, "surface_variation": 7, "eigenvalue": 8}
+    def _columns(self, X):
+        """Coordinates, and what else X tells."""
         if self.normals == "precomputed":
-            if self.criterion not in needed:
-                raise ValueError(
-                    f"normals='precomputed' does not tell criterion={self.criterion!r}: leave "
-                    "normals=None, with coordinates as X."
-                )
-            if X.shape[1] < needed[self.criterion]:
-                raise ValueError(
-                    f"normals='precomputed' with criterion={self.criterion!r} needs "
-                    f"{needed[self.criterion]} columns as of RobustNormalEstimator.transform in "
-                    f"3D, and X has {X.shape[1]} features."
-                )
-        check_sizes(len(X), d, self.n_neighbors)
+            return split_columns(X, self._n_dimensions)
+        check_extent(X)
+        return Columns(X, None, None, None)
+
+    def _check_parameters(self, xyz):
+        check_sizes(*xyz.shape, self.n_neighbors)
         if self.criterion == "crease" and self.threshold == "mean":
             raise ValueError(
                 "threshold='mean' is for eigenvalues; criterion='crease' takes a distance in "
@@ -280,10 +286,6 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
                 f"threshold={self.threshold:g} is in spacings of the points for "
                 f"criterion='crease', and creases farther than {farthest:g} are not told: lower it."
             )
-        check_extent(self._coordinates(X))
-
-    def _coordinates(self, X):
-        return X[:, :3] if self.normals == "precomputed" else X
 
     def _clean(self, xyz, seed):
         """Which points to keep; all if too few would be left for a plane."""
@@ -310,24 +312,13 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
             n_jobs=self.n_jobs,
         )
 
-    def _normals(self, members):
-        """Unit normals of the members, float64."""
-        if self.normals is None:
-            return np.asarray(self.normal_estimator_.normals_, dtype=np.float64)
-        normals = members[:, 3:6].astype(np.float64)
-        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-        if not (np.abs(lengths - 1.0) < 1e-3).all():
-            raise ValueError(
-                "normals='precomputed' takes unit normals from columns 3 to 5 of X, and some "
-                f"there have lengths from {lengths.min():.3g} to {lengths.max():.3g}."
-            )
-        return normals / lengths
-
-    def _values(self, X):
+    def _values(self, columns):
         """The criterion, not the crease, at points."""
         if self.normals == "precomputed":
-            column = {"surface_variation": 6, "eigenvalue": 7}[self.criterion]
-            return X[:, column].astype(np.float64)
+            values = columns.surface_variation
+            if self.criterion == "eigenvalue":
+                values = columns.eigenvalues[:, 0]
+            return values.astype(np.float64)
         names = list(self.normal_estimator_.get_feature_names_out())
         name = "eigenvalue_0" if self.criterion == "eigenvalue" else self.criterion
         if name not in names:
@@ -335,8 +326,8 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
                 f"criterion={self.criterion!r} needs the column {name} of "
                 f"normal_estimator.transform, which has {names}: ask for it by features=[{name!r}]."
             )
-        columns = self.normal_estimator_.transform(X)
-        return np.asarray(columns)[:, names.index(name)].astype(np.float64)
+        transformed = self.normal_estimator_.transform(columns.coordinates)
+        return np.asarray(transformed)[:, names.index(name)].astype(np.float64)
 
     def _settle_threshold(self, values):
         """Value of the criterion above which a point is of an edge."""

@@ -7,13 +7,16 @@ explains it as well as the robust plane explains its own part. An edge is not ex
 The NumPy form, for any dimension; ``_smoothness_numba`` repeats it in three.
 """
 
+from functools import cache
+from math import pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import fdtri, ndtr, ndtri
 
 from sklearn_mcmd.planes._plane import fit_planes
 
-__all__ = ["LIMITS", "SmoothnessLimits", "is_smooth", "least_members", "whole_planes"]
+__all__ = ["SmoothnessLimits", "is_smooth", "least_members", "whole_planes"]
 
 # All members keep to their plane nearly as well as the retained do to theirs: no outliers.
 ALL_FLAT = 1.2
@@ -27,37 +30,59 @@ CURVED, MOST_BENT = 1.15, 0.3
 QUADRIC = 0.02
 # A quadric that the members don't determine, as on two scan lines, explains nothing.
 PIVOT = 1e-6
-# A neighborhood is ordinary, and no robust plane need be sought, if the plane leaves hardly more
-# than a quadric does, no member is farther than noise puts one of fifty, ...
-AS_FLAT, FARTHEST = 1.06, 3.0
-# ... and the heights are like a normal sample's: a few members of another face make them skew,
-# and of points about two planes, or about one that runs across both, the kurtosis is below 2.
-MOST_SKEW, LEAST_KURTOSIS = 0.5, 2.1
-# Outliers lengthen the deviation, so that most of the members lie in the middle. Of a normal
-# sample 38 % are within half a deviation, and the mean height is 0.80 deviations (Geary's ratio).
-MIDDLE, MOST_IN_MIDDLE, LEAST_GEARY = 0.5, 0.5, 0.74
+# A neighborhood is ordinary, and no robust plane need be sought, if no test of normality sees more
+# than noise about the plane of all members. Each test allows so many standard errors.
+N_ERRORS = 1.5
 # Narrower strips tell nothing about their plane, in standard deviations of width to length.
 LEAST_WIDTH = 0.05
 # Deviation from the plane to length that is rounding.
 PERFECT = 1e-9
+# Mean absolute value of a standard normal variable, and the standard deviation of that of a sample
+# in its own standard deviations, times the root of its size.
+GEARY, GEARY_DEVIATION = sqrt(2 / pi), sqrt(1 - 3 / pi)
 
 
 class SmoothnessLimits(NamedTuple):
-    """The constants above, as compiled code takes them: it would not notice a change of a file."""
+    """What `whole_planes` allows, by the size of a neighborhood, 0 ... k.
 
-    pivot: float = PIVOT
-    as_flat: float = AS_FLAT
-    farthest: float = FARTHEST
-    most_skew: float = MOST_SKEW
-    least_kurtosis: float = LEAST_KURTOSIS
-    middle: float = MIDDLE
-    most_in_middle: float = MOST_IN_MIDDLE
-    least_geary: float = LEAST_GEARY
-    least_width: float = LEAST_WIDTH
-    perfect: float = PERFECT
+    Heights above the plane of all members, in their standard deviations, are like those of a normal
+    sample if
 
+    - a quadric takes no more off their squares than chance does (`most_ratio`, by the F test),
+    - none is farther off than `farthest`,
+    - the mean of their cubes is at most `most_skew`: members of another face make them skew,
+    - their mean differs from a normal sample's, 0.798, by no more than `geary` (Geary's ratio):
+      outliers make it less, two planes or one that runs across both make it more.
+    """
 
-LIMITS = SmoothnessLimits()
+    most_ratio: np.ndarray  # ratio of the plane's standard deviation to the quadric's
+    farthest: np.ndarray
+    most_skew: np.ndarray
+    geary: np.ndarray
+    geary_of_normal: float
+    pivot: float
+    least_width: float
+    perfect: float
+
+    @classmethod
+    @cache
+    def of(cls, k, d):
+        """The limits for neighborhoods of up to k members in d dimensions."""
+        n = np.maximum(np.arange(k + 1), least_members(d)).astype(float)
+        chance = ndtr(-N_ERRORS)  # that a normal sample fails one of the tests
+        n_terms = least_members(d) // 2
+        left = n - n_terms
+        gained = fdtri(n_terms - d, left, 1 - chance)
+        return cls(
+            most_ratio=np.sqrt((left + (n_terms - d) * gained) / (n - d)),
+            farthest=ndtri(1 - chance / (2 * n)),
+            most_skew=N_ERRORS * np.sqrt(6 * (n - 2) / ((n + 1) * (n + 3))),
+            geary=N_ERRORS * GEARY_DEVIATION / np.sqrt(n),
+            geary_of_normal=GEARY,
+            pivot=PIVOT,
+            least_width=LEAST_WIDTH,
+            perfect=PERFECT,
+        )
 
 
 def least_members(d):
@@ -112,15 +137,14 @@ def whole_planes(neighborhoods, sizes):
     deviation = np.sqrt(total / np.maximum(sizes - d, 1))
     left = np.sqrt(squares / np.maximum(sizes - len(columns), 1))
     variance = total / sizes
+    limits = SmoothnessLimits.of(k, d)
     with np.errstate(divide="ignore", invalid="ignore"):
         skew = (height**3).sum(axis=1) / sizes / variance**1.5
-        kurtosis = (height**4).sum(axis=1) / sizes / variance**2
-    ordinary = (deviation <= AS_FLAT * left) & (kurtosis >= LEAST_KURTOSIS)
-    ordinary &= np.abs(skew) <= MOST_SKEW
-    ordinary &= np.square(height).max(axis=1) <= FARTHEST**2 * variance
-    inside = (np.square(height) <= MIDDLE**2 * variance[:, None]) & valid
-    ordinary &= inside.sum(axis=1) <= MOST_IN_MIDDLE * sizes
-    ordinary &= np.abs(height).sum(axis=1) / sizes >= LEAST_GEARY * np.sqrt(variance)
+        geary = np.abs(height).sum(axis=1) / sizes / np.sqrt(variance)
+    ordinary = deviation <= limits.most_ratio[sizes] * left
+    ordinary &= np.abs(skew) <= limits.most_skew[sizes]
+    ordinary &= np.abs(geary - GEARY) <= limits.geary[sizes]
+    ordinary &= np.square(height).max(axis=1) <= np.square(limits.farthest[sizes]) * variance
     ordinary |= deviation <= PERFECT
     wide = eigenvalues[:, min(1, d - 1)] > LEAST_WIDTH**2 * eigenvalues[:, -1]
     ordinary &= enough & determined & wide

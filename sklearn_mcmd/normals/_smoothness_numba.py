@@ -51,32 +51,27 @@ def whole_planes_3d(points, around, limits, planes, directions, deviation, left,
             continue
         if plane <= limits.perfect:
             ordinary[i] = True
-        elif plane <= limits.as_flat * quadric:
-            variance = total / size
-            tails = _tails(height, size, limits.middle**2 * variance, limits.farthest**2 * variance)
-            n_inside, n_beyond, first, third, fourth = tails
+        elif plane <= limits.most_ratio[size] * quadric:
+            deviations = np.sqrt(total / size)
+            farthest, first, third = _tails(height, size)
+            geary = first / size / deviations
             ordinary[i] = (
-                n_beyond == 0
-                and n_inside <= limits.most_in_middle * size
-                and first / size >= limits.least_geary * np.sqrt(variance)
-                and abs(third) / size <= limits.most_skew * variance**1.5
-                and fourth / size >= limits.least_kurtosis * variance**2
+                farthest <= limits.farthest[size] * deviations
+                and abs(third) / size <= limits.most_skew[size] * deviations**3
+                and abs(geary - limits.geary_of_normal) <= limits.geary[size]
             )
 
 
 @njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def _tails(height, size, middle, farthest):
-    """Members with squares up to `middle`, those beyond `farthest`, and sums of the first, third
-    and fourth powers."""
-    n_inside = n_beyond = first = third = fourth = 0.0
+def _tails(height, size):
+    """The largest absolute height, and sums of the first and third powers."""
+    farthest = first = third = 0.0
     for j in range(size):
-        square = height[j] * height[j]
-        n_inside += 1.0 if square <= middle else 0.0
-        n_beyond += 1.0 if square > farthest else 0.0
-        first += abs(height[j])
-        third += square * height[j]
-        fourth += square * square
-    return n_inside, n_beyond, first, third, fourth
+        absolute = abs(height[j])
+        farthest = max(farthest, absolute)
+        first += absolute
+        third += height[j] * height[j] * height[j]
+    return farthest, first, third
 
 
 @njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")

@@ -8,7 +8,7 @@ it best, and planes that are noisier than is usual around come last.
 
 import numpy as np
 
-from sklearn_mcmd.normals._smoothness import LIMITS, is_smooth, whole_planes
+from sklearn_mcmd.normals._smoothness import SmoothnessLimits, is_smooth, whole_planes
 from sklearn_mcmd.planes._around import extents, quantile_around
 from sklearn_mcmd.planes._chunks import each_chunk, each_slice, run
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
@@ -161,7 +161,8 @@ class SurfacePlanes:
 
             m = len(points)
             found = np.empty(m), np.empty(m), np.empty(m, dtype=bool)
-            whole_planes_3d(members, around, LIMITS, planes, directions, *found)
+            limits = SmoothnessLimits.of(around.indices.shape[1], 3)
+            whole_planes_3d(members, around, limits, planes, directions, *found)
         else:
             fitted = whole_planes(members[around.indices], around.sizes)
             planes.centroids[:], planes.eigenvalues[:], axes = fitted[:3]

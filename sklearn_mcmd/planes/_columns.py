@@ -1,0 +1,74 @@
+"""The columns of ``RobustNormalEstimator.transform``, read back by stages that stand behind it."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sklearn_mcmd._validation import check_extent
+
+__all__ = ["Columns", "split_columns"]
+
+# How far the length of a normal may be from 1, after a file has stored it in few digits.
+TOLERANCE = 1e-3
+
+
+class Columns(NamedTuple):
+    """What stands in the first 3 d + 1 columns, (n, d) each but `surface_variation`, (n,)."""
+
+    coordinates: np.ndarray
+    normals: np.ndarray
+    surface_variation: np.ndarray
+    eigenvalues: np.ndarray
+
+
+def split_columns(X, d=None):
+    """Coordinates, normals, surface variation and eigenvalues of points.
+
+    The columns themselves tell how many dimensions there are: normals have length one,
+    eigenvalues ascend, and surface variation is a share of them.
+
+    Parameters
+    ----------
+    X : ndarray of shape (n, n_columns)
+    d : int, default=None
+        Dimensions of the coordinates, where they are known.
+
+    Returns
+    -------
+    Columns
+
+    Raises
+    ------
+    ValueError
+        If X has other columns.
+    """
+    for dimensions in range((X.shape[1] - 1) // 3, 1, -1) if d is None else (d,):
+        columns = _cut(X, dimensions)
+        if _are_planes(columns):
+            check_extent(columns.coordinates)
+            return columns
+    raise ValueError(
+        f'normals="precomputed" but the {X.shape[1]} columns of X are not those of '
+        "RobustNormalEstimator.transform: coordinates, unit normals, surface variation and "
+        'eigenvalues (10 in 3D). Do not scale them; or give coordinates with normals="estimate".'
+    )
+
+
+def _cut(X, d):
+    # Coordinates get memory of their own, which is faster from here on.
+    return Columns(
+        X[:, :d].copy(), X[:, d : 2 * d], X[:, 2 * d], np.maximum(X[:, 2 * d + 1 : 3 * d + 1], 0)
+    )
+
+
+def _are_planes(columns):
+    _, normals, variation, eigenvalues = columns
+    if eigenvalues.shape[1] != normals.shape[1]:
+        return False
+    total = eigenvalues.sum(axis=1)
+    lengths = np.sqrt(np.einsum("nd,nd->n", normals, normals))
+    return (
+        (np.abs(lengths - 1) <= TOLERANCE).all()
+        and (np.diff(eigenvalues, axis=1) >= -TOLERANCE * total[:, None]).all()
+        and (np.abs(variation * total - eigenvalues[:, 0]) <= TOLERANCE * total).all()
+    )
