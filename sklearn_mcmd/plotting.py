@@ -8,6 +8,8 @@ __all__ = ["normal_colors", "plot_before_after", "plot_cloud", "region_colors"]
 
 VIEW = (-64.0, 26.0)  # azimuth and elevation of the camera, degrees
 OUTLIER_COLOR = (0.84, 0.10, 0.11)
+# Of the ball in the picture of normals: left, bottom, width and height as shares of the axes.
+BALL_PLACE, BALL_PIXELS = (0.80, 0.02, 0.18, 0.18), 121
 FAR, NEAR = (0.80, 0.83, 0.87), (0.24, 0.28, 0.34)
 
 
@@ -117,7 +119,7 @@ def plot_before_after(before, outliers, after, missed, normals, *, view=VIEW):
     Returns
     -------
     fig : matplotlib.figure.Figure
-        With three axes.
+        With three axes; in the last a ball shows which color a normal gives.
 
     See Also
     --------
@@ -128,6 +130,7 @@ def plot_before_after(before, outliers, after, missed, normals, *, view=VIEW):
     for ax, xyz, marked in ((axes[0], before, outliers), (axes[1], after, missed)):
         plot_cloud(xyz, outliers=marked, view=view, ax=ax)
     plot_cloud(after, color=normal_colors(normals, view=view), view=view, ax=axes[2])
+    _draw_ball(axes[2], view)
     n_marked, n_missed = np.count_nonzero(outliers), np.count_nonzero(missed)
     titles = (
         f"Before: {len(before):,} points, {n_marked:,} outliers in red",
@@ -172,6 +175,24 @@ def normal_colors(normals, *, view=VIEW):
     hues = np.array([[0.86, 0.42, 0.30], [1.0, 0.88, 0.62], [0.45, 0.66, 0.84]])
     colors = shade[:, None] * (seen**2 @ hues)
     return np.where(np.isnan(colors), 0.6, np.clip(colors, 0.0, 1.0))
+
+
+def _draw_ball(ax, view):
+    """The legend of `normal_colors`: a ball, whose normals are known."""
+    inset = ax.inset_axes(BALL_PLACE)
+    right, up, toward = camera(view)
+    x = np.linspace(-1.0, 1.0, BALL_PIXELS)
+    across, height = np.meshgrid(x, x)
+    square = across**2 + height**2
+    depth = np.sqrt(np.maximum(1.0 - square, 0.0))
+    normals = np.stack([across, height, depth], axis=-1) @ np.stack([right, up, toward])
+    colors = normal_colors(normals.reshape(-1, 3), view=view).reshape(*square.shape, 3)
+    picture = np.dstack([colors, square <= 1.0])  # transparent around the ball
+    inset.imshow(picture, origin="lower", extent=(-1, 1, -1, 1), interpolation="antialiased")
+    inset.set(aspect="equal", xlim=(-1.05, 1.05), ylim=(-1.05, 1.05))
+    inset.set_axis_off()
+    inset.set_title("a ball in these colors", fontsize=9, color="0.25", pad=3)
+    return inset
 
 
 def region_colors(labels):

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from sklearn_mcmd.cli._denoise import denoise
-from sklearn_mcmd.cli._files import read
+from sklearn_mcmd.cli._files import naming, read
 from sklearn_mcmd.cli._normals import normals
 from sklearn_mcmd.cli._options import InFile, NJobs, Quiet
 from sklearn_mcmd.cli._speech import clear_exits, print_table, progress_bar, stopwatch
@@ -27,14 +27,17 @@ def demo(
     folder: Annotated[
         Path, typer.Argument(metavar="[DIR]", help="Where to; made if need be.")
     ] = Path("mcmd-demo"),
-    force: Annotated[bool, typer.Option("--force", help="Replace files of these names.")] = False,
+    force: Annotated[
+        bool,
+        typer.Option("--force", help="Replace files of these names that no earlier demo made."),
+    ] = False,
     n_jobs: NJobs = -1,
     quiet: Quiet = False,
 ):
     """Clean a made-up street scan whose truth is known, and show how well that went.
 
     Writes street.laz (with outliers, and the truth as attributes), clean.laz, normals.laz and
-    demo.png, and prints the accuracy.
+    demo.png, and prints the accuracy. Those of an earlier demo in the same folder are replaced.
     """
     with clear_exits():
         from sklearn_mcmd.cli import _demo_run
@@ -47,9 +50,10 @@ def demo(
         picture = folder / "demo.png"
         outputs = (street, clean, with_normals, picture)
         there = [path.name for path in outputs if os.path.exists(path)]
-        if there and not force:
+        if there and not force and not _demo_run.made_by_demo(street):
             raise FileExistsError(
-                f"{folder} already holds {', '.join(there)}; name another folder, or --force"
+                f"{folder} already holds {', '.join(there)}, of no earlier demo; name another "
+                "folder, or --force"
             )
         _demo_run.write_street(street)
         denoise(street, clean, n_jobs=n_jobs, quiet=quiet)
@@ -57,7 +61,8 @@ def demo(
         with progress_bar("Accuracy", quiet):
             angles = _demo_run.normal_errors(street, n_jobs)
         rates = _demo_run.outlier_rates(street, clean)
-        _demo_run.draw(street, clean, with_normals, picture)
+        with naming(picture):
+            _demo_run.draw(street, clean, with_normals, picture)
         if not quiet:
             print_table(
                 "Outliers, against the truth",

@@ -6,15 +6,24 @@ import numpy as np
 
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
+from sklearn_mcmd.io._files import replacing
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.plotting import plot_before_after
 
-__all__ = ["draw", "normal_errors", "outlier_rates", "write_street"]
+__all__ = ["draw", "made_by_demo", "normal_errors", "outlier_rates", "write_street"]
 
 N_POINTS = 60_000
 OUTLIER_SHARE = 0.1
 COLORS = 96  # in the picture's palette, which makes the file a third as large
+
+
+def made_by_demo(path):
+    """Whether a file is the street of an earlier run: the truth that goes with it tells."""
+    try:
+        return {"true_outlier", "true_normal_x"} <= read_points(path).attributes.keys()
+    except PointFileError:
+        return False
 
 
 def write_street(path):
@@ -22,7 +31,8 @@ def write_street(path):
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as err:
-        raise PointFileError(f"{path.parent}: cannot be made: {err.strerror}") from err
+        reason = (err.strerror or str(err)).lower()
+        raise PointFileError(f"{path.parent}: the folder cannot be made: {reason}") from err
     street = make_street(N_POINTS, outlier_share=OUTLIER_SHARE, random_state=0)
     truth = {
         "true_outlier": (street.target == -1).astype(np.uint8),
@@ -80,7 +90,8 @@ def draw(street, clean, with_normals, path):
     fig.savefig(raw, format="png", dpi=110)
     palette = Image.open(raw).convert("RGB").quantize(COLORS, dither=Image.Dither.NONE)
     palette.save(small, format="png", optimize=True)
-    path.write_bytes(small.getvalue())
+    with replacing(path) as temporary:
+        temporary.write_bytes(small.getvalue())
 
 
 def _stack(cloud, prefix):

@@ -9,6 +9,7 @@ import typer
 
 from sklearn_mcmd.cli._files import blank, coordinates, read, rehearse, with_results, write
 from sklearn_mcmd.cli._options import (
+    AllowCoarse,
     InFile,
     NJobs,
     NNeighbors,
@@ -125,6 +126,7 @@ def denoise(
     outlier_rate: OutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
+    allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ):
     """Remove or mark the points that no surface around them explains.
@@ -138,10 +140,10 @@ def denoise(
             f"{false_positive_rate:g} and --cutoff {cutoff:g} exclude each other: leave one out.",
             param_hint="--false-positive-rate",
         )
-    with clear_exits():
+    with clear_exits(allow_coarse=allow_coarse):
         seconds = stopwatch()
-        cloud = read(source, target)
         mark = mode is Mode.mark
+        cloud = read(source, target, "marks of outliers" if mark else None)
         nothing = blank(cloud)
         rehearse(target, *_denoised(cloud, nothing > 0, nothing, mark))
         is_outlier, score = _find_outliers(
@@ -171,10 +173,7 @@ def _find_outliers(xyz, quiet, **params):
     from sklearn_mcmd import MCMDOutlierDetector
 
     with progress_bar("Outliers", quiet):
-        try:
-            detector = MCMDOutlierDetector(**params).fit(xyz)
-        except ValueError as err:
-            raise ValueError(_as_options(str(err))) from err
+        detector = MCMDOutlierDetector(**params).fit(xyz)
     return detector.scores_ < detector.offset_, -detector.scores_
 
 
@@ -195,14 +194,3 @@ def _denoised(cloud, is_outlier, score, mark):
     if not mark:
         return cloud.subset(~is_outlier), None
     return with_results(cloud, {"outlier_score": score.astype(np.float32)}), is_outlier
-
-
-def _as_options(message):
-    """What the estimator's message says of parameters, said of the options here."""
-    for parameter, option in (
-        ("false_positive_rate=", "--false-positive-rate "),
-        ("pass keep_groups=False", "pass --drop-groups"),
-        ("raise n_neighbors", "raise --n-neighbors"),
-    ):
-        message = message.replace(parameter, option)
-    return message

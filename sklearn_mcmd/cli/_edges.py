@@ -17,6 +17,7 @@ from sklearn_mcmd.cli._files import (
     write,
 )
 from sklearn_mcmd.cli._options import (
+    AllowCoarse,
     InFile,
     NJobs,
     NNeighbors,
@@ -79,6 +80,7 @@ def edges(
     ] = None,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
+    allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ):
     """Mark edges and corners: points next to a line where two faces meet.
@@ -87,9 +89,9 @@ def edges(
     to the nearest crease in spacings, at most 20, or the criterion's value) and, where the input
     has no colors or with --colors, red, green and blue.
     """
-    with clear_exits():
+    with clear_exits(allow_coarse=allow_coarse):
         seconds = stopwatch()
-        cloud = read(source, target)
+        cloud = read(source, target, "edges")
         if colors is None:
             colors = not has_colors(cloud)
         # LAS has colors of 16 bits.

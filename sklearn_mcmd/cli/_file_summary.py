@@ -5,6 +5,7 @@ from scipy.spatial import cKDTree
 
 __all__ = ["summarize"]
 
+USER_DEFINED = 32767  # GeoTIFF's code for a system that has none
 SPACING_SAMPLE = 200_000  # points at most that the median spacing is taken from
 
 
@@ -20,11 +21,7 @@ def summarize(source, cloud):
     if header is not None:
         rows["format"] += f" {header.version}, point format {header.point_format.id}"
         rows["CRS"] = _coordinate_system(header) or "not stated"
-    digits = max(0, 5 - int(np.floor(np.log10(max((high - low).max(), 1e-12)))))
-    for i, axis in enumerate("xyz"):
-        rows[axis] = (
-            f"{low[i]:.{digits}f} to {high[i]:.{digits}f} (extent {high[i] - low[i]:.{digits}f})"
-        )
+    rows |= _bounds(low, high)
     if len(distinct) > 1:
         step = -(-len(distinct) // SPACING_SAMPLE)
         distance, _ = cKDTree(distinct, balanced_tree=False).query(distinct[::step], k=2)
@@ -51,6 +48,21 @@ def summarize(source, cloud):
     return rows
 
 
+def _bounds(low, high):
+    """Ranges of the axes: six digits of the largest extent, or, of one location, those it has."""
+    extent = float((high - low).max())
+    if extent == 0.0:
+        return {axis: f"{value!r}" for axis, value in zip("xyz", low.tolist(), strict=True)}
+    digits = max(0, 5 - int(np.floor(np.log10(extent))))
+    # Of large coordinates float64 has fewer digits than that.
+    most = max(0, 15 - int(np.floor(np.log10(max(np.abs([low, high]).max(), 1.0)))))
+    digits = min(digits, most)
+    return {
+        axis: f"{least:.{digits}f} to {most:.{digits}f} (extent {most - least:.{digits}f})"
+        for axis, least, most in zip("xyz", low, high, strict=True)
+    }
+
+
 def _coordinate_system(header):
     """Name or EPSG code of the coordinate system of a LAS header, or None."""
     name = None
@@ -61,5 +73,6 @@ def _coordinate_system(header):
         for key in getattr(record, "geo_keys", ()):
             # GeoTIFF: 3072 a projected system, 2048 a geographic one, both as EPSG codes.
             if key.id == 3072 or (key.id == 2048 and name is None):
-                name = f"EPSG:{key.value_offset}"
+                code = key.value_offset
+                name = "user-defined" if code == USER_DEFINED else f"EPSG:{code}"
     return name

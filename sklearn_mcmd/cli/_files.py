@@ -13,13 +13,16 @@ __all__ = [
     "color_columns",
     "coordinates",
     "has_colors",
+    "naming",
     "read",
     "rehearse",
     "standing_in",
+    "warn_if_coarse",
     "with_results",
     "write",
 ]
 
+USUAL_NEIGHBORS = 50
 _COLORS = ("red", "green", "blue")
 
 
@@ -52,6 +55,26 @@ def coordinates(cloud):
     return single if np.array_equal(single, cloud.xyz) else cloud.xyz
 
 
+def warn_if_coarse(cloud):
+    """Warn as the estimators of neighborhoods do, for a verb whose estimator has none."""
+    if coordinates(cloud).dtype == np.float32:
+        from sklearn_mcmd import _resolution
+        from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+
+        _resolution.warn_if_coarse(NeighborIndex(cloud.xyz, USUAL_NEIGHBORS), stacklevel=2)
+
+
+@contextmanager
+def naming(path):
+    """Name the file in what the system says of writing it."""
+    from sklearn_mcmd.io._files import system_error
+
+    try:
+        yield
+    except OSError as err:
+        raise system_error(path, "written", err) from err
+
+
 def blank(cloud):
     return np.zeros(len(cloud), dtype=np.float32)
 
@@ -65,10 +88,12 @@ def color_columns(paint):
     return dict(zip(_COLORS, paint.T.copy(), strict=True))
 
 
-def read(source, target=None):
-    """Read a cloud; a `target` that cannot be written is refused before."""
+def read(source, target=None, results=None):
+    """Read a cloud; a `target` that cannot be written, or hold the `results`, is refused before."""
     from sklearn_mcmd.io import PointCloud, read_points
 
+    if results is not None and target.suffix.lower() == ".e57":
+        raise ValueError(f"{target}: E57 has no place for {results}; write another format")
     if target is not None:
         rehearse(target, PointCloud(np.zeros((1, 3))))
     cloud = read_points(source)
@@ -83,7 +108,8 @@ def read(source, target=None):
 def write(target, cloud, noise=None):
     from sklearn_mcmd.io import write_points
 
-    write_points(target, cloud, noise=noise)
+    with naming(target):
+        write_points(target, cloud, noise=noise)
 
 
 def rehearse(target, cloud, noise=None):

@@ -8,6 +8,7 @@ import typer
 
 from sklearn_mcmd.cli._files import blank, coordinates, read, rehearse, with_results, write
 from sklearn_mcmd.cli._options import (
+    AllowCoarse,
     InFile,
     NJobs,
     NNeighbors,
@@ -91,6 +92,7 @@ def normals(
     outlier_rate: OutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
+    allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ):
     """Add normals, curvature and eigenvalues, robust to outliers and edges.
@@ -101,11 +103,9 @@ def normals(
     """
     viewpoint = _parse_viewpoint(orientation, viewpoint)
     features = _parse_features(features)
-    with clear_exits():
+    with clear_exits(allow_coarse=allow_coarse):
         seconds = stopwatch()
-        if target.suffix.lower() == ".e57":
-            raise ValueError(f"{target}: E57 has no place for normals; write another format")
-        cloud = read(source, target)
+        cloud = read(source, target, "normals")
         columns = (*_NORMAL_COLUMNS, *features)
         rehearse(target, with_results(cloud, dict.fromkeys(columns, blank(cloud))))
         results = _find_normals(

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 __all__ = [
+    "AllowCoarse",
     "InFile",
     "NJobs",
     "NNeighbors",
@@ -86,6 +87,14 @@ RandomState = Annotated[
 ]
 NJobs = Annotated[
     int, typer.Option(callback=_not_zero, help="Threads; -1 is one a processor, 0 means nothing.")
+]
+AllowCoarse = Annotated[
+    bool,
+    typer.Option(
+        "--allow-coarse",
+        help="Go on where single precision rounds coordinates too coarsely for the spacing of the "
+        "points, as large ones in PLY or PCD; else this is an error.",
+    ),
 ]
 Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", help="No progress bar and no summary; warnings stay.")

@@ -10,8 +10,17 @@ import numpy as np
 import typer
 
 from sklearn_mcmd._extras import how_to_install
-from sklearn_mcmd.cli._files import blank, read, rehearse, standing_in, with_results, write
-from sklearn_mcmd.cli._options import InFile, OutFile, Quiet, RandomState, number_or
+from sklearn_mcmd.cli._files import (
+    blank,
+    naming,
+    read,
+    rehearse,
+    standing_in,
+    warn_if_coarse,
+    with_results,
+    write,
+)
+from sklearn_mcmd.cli._options import AllowCoarse, InFile, OutFile, Quiet, RandomState, number_or
 from sklearn_mcmd.cli._speech import (
     clear_exits,
     count_and_share,
@@ -135,6 +144,7 @@ def plane(
         str, typer.Option(help="Unit of the file, such as m; it is only printed.")
     ] = "",
     random_state: RandomState = 0,
+    allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ):
     """Test one plane, such as a wall or a floor: mark its outliers and write a report.
@@ -150,12 +160,13 @@ def plane(
     if method is Method.baarda:
         params["random_state"] = random_state
     sheets = _choose_sheets(source, target, report, plot)
-    with clear_exits():
+    with clear_exits(allow_coarse=allow_coarse):
         seconds = stopwatch()
         with standing_in(target):
             pass
         sheets = _rehearse_sheets(sheets, plot)
-        cloud = read(source, target)
+        cloud = read(source, target, "results of a test")
+        warn_if_coarse(cloud)
         none = blank(cloud)
         rehearse(target, *_tested(cloud, none > 0, none, none))
         detector, residuals = _test_plane(cloud.xyz, quiet, method, params)
@@ -269,11 +280,13 @@ def _write_all(source, target, sheets, cloud, detector, residuals, unit):
     with ExitStack() as stack:
         temporary = stack.enter_context(replacing(report))
         text = text_report(detector, cloud.xyz, title=title, unit=unit)
-        temporary.write_text(text + _record(source, target, plot), encoding="utf-8")
+        with naming(report):
+            temporary.write_text(text + _record(source, target, plot), encoding="utf-8")
         if plot is not None:
             temporary = stack.enter_context(replacing(plot))
             figure = plot_report(detector, cloud.xyz, title=title, unit=unit)
-            figure.savefig(temporary, dpi=150)
+            with naming(plot):
+                figure.savefig(temporary, dpi=150)
         is_outlier = detector.labels_ == -1
         write(target, *_tested(cloud, is_outlier, detector.test_statistic_, residuals))
 

@@ -15,6 +15,7 @@ from sklearn_mcmd.cli._files import (
     write,
 )
 from sklearn_mcmd.cli._options import (
+    AllowCoarse,
     InFile,
     NJobs,
     NNeighbors,
@@ -117,6 +118,7 @@ def segment(
     outlier_rate: OutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
+    allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ):
     """Divide a cloud into surfaces: road, kerb and footpath, walls, signs, poles.
@@ -124,9 +126,9 @@ def segment(
     All points are kept. New attributes: region, int32, from 0 for the largest on, -1 for none;
     and red, green, blue, 8 bits, a color for each region. Denoise first where there are outliers.
     """
-    with clear_exits():
+    with clear_exits(allow_coarse=allow_coarse):
         seconds = stopwatch()
-        cloud = read(source, target)
+        cloud = read(source, target, "regions")
         if colors is None:
             colors = not has_colors(cloud)
         rehearse(target, _segmented(cloud, np.zeros(len(cloud), np.int64), colors))

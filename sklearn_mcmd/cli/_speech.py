@@ -9,6 +9,7 @@ import typer
 
 from sklearn_mcmd._interrupts import INTERRUPTED, raise_interrupts, was_interrupted
 from sklearn_mcmd.cli._termination import tidy_when_terminated
+from sklearn_mcmd.cli._wording import in_words_of_options
 
 __all__ = [
     "clear_exits",
@@ -21,10 +22,13 @@ __all__ = [
 
 
 @contextmanager
-def clear_exits():
-    """One line on stderr and an exit code for whatever a user can run into."""
+def clear_exits(*, allow_coarse=False):
+    """One line on stderr and an exit code for whatever a user can run into.
+
+    Coordinates that float32 rounds too coarsely are an error unless `allow_coarse`.
+    """
     try:
-        with raise_interrupts(), tidy_when_terminated(), _plain_warnings():
+        with raise_interrupts(), tidy_when_terminated(), _plain_warnings(allow_coarse):
             yield
     except typer.Exit:  # of a verb within a verb, which has told why
         raise
@@ -37,7 +41,12 @@ def clear_exits():
         if isinstance(err, MemoryError):
             _fail("not enough memory; take fewer points or a smaller --n-neighbors")
         if isinstance(err, ValueError | OSError | ImportError):
-            _fail(str(err) or type(err).__name__)
+            _fail(_in_words(err) or type(err).__name__)
+        if _is_coarse(err):
+            _fail(
+                f"{_coarse_words(err)}. Write the file in double precision, as LAS, LAZ or text, "
+                "or subtract an offset where it is made; or give --allow-coarse"
+            )
         raise
 
 
@@ -46,13 +55,37 @@ def _fail(message, code=1):
     raise typer.Exit(code)
 
 
+def _in_words(err):
+    """What happened, to what file, without the names of Python."""
+    if isinstance(err, OSError) and err.strerror:
+        about = f"{err.filename}: " if err.filename else ""
+        return f"{about}{err.strerror.lower()}"
+    return in_words_of_options(str(err))
+
+
+def _is_coarse(warning):
+    return type(warning).__name__ == "CoarseCoordinatesWarning"
+
+
+def _coarse_words(warning):
+    """Not that they are stored in single precision: whole meters look the same."""
+    return (
+        f"single precision (float32) rounds coordinates as large as {warning.largest:,.0f} to "
+        f"steps of {warning.rounding:.2g}, and those of the file have no more digits: too coarse "
+        f"for points whose neighborhoods have a radius of {warning.radius:.2g}"
+    )
+
+
 @contextmanager
-def _plain_warnings():
+def _plain_warnings(allow_coarse):
     """Show each warning meant for users once, in one line."""
     shown = set()
 
     def show(message, category, *args, **kwargs):
-        text = " ".join(str(message).split())
+        if _is_coarse(message) and not allow_coarse:
+            raise message
+        words = _coarse_words(message) if _is_coarse(message) else in_words_of_options(str(message))
+        text = " ".join(words.split())
         if text not in shown:
             shown.add(text)
             typer.echo(f"mcmd: warning: {text}", err=True)

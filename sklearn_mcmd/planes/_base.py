@@ -11,19 +11,15 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from sklearn_mcmd._sklearn import Interval, StrOptions
 from sklearn_mcmd._validation import OffsetOutlierMixin, check_extent, check_sizes
 from sklearn_mcmd.planes._adaptive_trials import StopRule
-from sklearn_mcmd.planes._around import extents
 from sklearn_mcmd.planes._comparators import settle_comparator
 from sklearn_mcmd.planes._consistent_set import draw_trials, n_support_points, n_trials_needed
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._resolution import coordinate_step
+from sklearn_mcmd.planes._resolution import coordinate_step, warn_if_coarse
 from sklearn_mcmd.planes._rules import METHODS
 
 __all__ = ["BaseLocalPlanes", "BasePlaneOutliers"]
 
-# float32 coordinates are too coarse once their rounding exceeds this share of the radius of a
-# typical neighborhood.
-COARSE_ROUNDING = 0.01
 LARGEST_RATE = 0.5  # what the table of outlier_rate="auto" is prepared for
 # Eq. 13 doubles with every dimension: 69 trials in 3D are 10 million in 20D.
 MAX_TRIALS = 10_000
@@ -145,11 +141,11 @@ class BaseLocalPlanes(BaseEstimator):
         if self.n_neighbors is not None and self.n_neighbors_ < self.n_neighbors:
             warnings.warn(
                 f"n_neighbors={self.n_neighbors} is more than the number of distinct points, "
-                f"{len(index.points)} of n_samples={n}: neighborhoods of all of them are used.",
+                f"{index.n_distinct} of n_samples={n}: neighborhoods of all of them are used.",
                 stacklevel=6,
             )
         if X.dtype == np.float32:
-            _warn_if_coarse(index)
+            warn_if_coarse(index, stacklevel=7)
         return X, index
 
     def _check_queries(self, X):
@@ -191,23 +187,3 @@ class BasePlaneOutliers(OffsetOutlierMixin, BaseLocalPlanes):
         """
         check_is_fitted(self)
         return -self._score(self._check_queries(X))
-
-
-def _warn_if_coarse(index):
-    """Warn where float32 rounds coordinates to a visible share of a typical neighborhood."""
-    points = index.points
-    sample = points[:: max(1, len(points) // 1000)]
-    if index.n_neighbors is None:
-        radius = np.linalg.norm(sample - points[0], axis=1)
-    else:
-        _, radius = extents(points, sample, index.query(sample), compiled=False)
-    # Medians, which a few far points do not move.
-    radius, largest = float(np.median(radius)), float(np.median(np.abs(sample).max(axis=1)))
-    rounding = float(np.spacing(np.float32(largest)))
-    if rounding > COARSE_ROUNDING * radius:
-        warnings.warn(
-            f"float32 rounds coordinates as large as {largest:.6g} to steps of {rounding:.2g}, too "
-            f"coarse for neighborhoods of radius {radius:.2g}. Pass X as float64, or subtract an "
-            "offset before converting it to float32.",
-            stacklevel=7,
-        )

@@ -36,6 +36,8 @@ class NeighborIndex:
         Distinct points in spatial order: copies of a neighbor tell nothing about the plane,
         and a scanner's thousands of points at the origin would make the search quadratic. One
         neighborhood of all points keeps its copies.
+    n_distinct : int
+        Distinct points, fewer than `points` where these are too few for any plane.
     rows : ndarray of int of shape (m,)
         The row of X that each of `points` is.
     """
@@ -50,6 +52,7 @@ class NeighborIndex:
             self.points = np.ascontiguousarray(X[self.rows])
             return
         self.rows = distinct_rows(X)
+        self.n_distinct = len(self.rows)
         if len(self.rows) <= X.shape[1]:  # too few locations for any plane; copies keep the form
             self.rows = np.resize(self.rows, X.shape[1] + 1)
         self.n_neighbors = min(n_neighbors, len(self.rows))

@@ -1,8 +1,12 @@
 """The step to which a file's coordinates were rounded, found from the coordinates."""
 
+import warnings
+
 import numpy as np
 
-__all__ = ["coordinate_step"]
+from sklearn_mcmd.planes._around import extents
+
+__all__ = ["CoarseCoordinatesWarning", "coordinate_step", "warn_if_coarse"]
 
 # A gap counts as so many steps if it is within this much of a whole number of them.
 TOLERANCE = 0.02
@@ -15,6 +19,30 @@ SHORTER, ON_LATTICE = 0.02, 0.95
 # but a few, those held by less than this share of all points are no evidence.
 RARE = 0.1
 LEAST_LEVEL = 0.02
+# float32 coordinates are too coarse once their rounding exceeds this share of the radius of a
+# typical neighborhood.
+COARSE_ROUNDING = 0.01
+
+
+class CoarseCoordinatesWarning(UserWarning):
+    """float32 rounds coordinates to a visible share of a typical neighborhood.
+
+    Parameters
+    ----------
+    largest, rounding, radius : float
+        Coordinate of a typical point, step at it, and radius of a typical neighborhood.
+    """
+
+    def __init__(self, largest, rounding, radius):
+        self.largest, self.rounding, self.radius = largest, rounding, radius
+        super().__init__(largest, rounding, radius)
+
+    def __str__(self):
+        return (
+            f"float32 rounds coordinates as large as {self.largest:.6g} to steps of "
+            f"{self.rounding:.2g}, too coarse for neighborhoods of radius {self.radius:.2g}. Pass "
+            "X as float64, or subtract an offset before converting it to float32."
+        )
 
 
 def coordinate_step(X):
@@ -79,3 +107,18 @@ def _lattice_step(gaps, rounding):
 
 def _whole(multiples, error=0.0):
     return (np.abs(multiples - np.rint(multiples)) <= TOLERANCE + error) & (multiples > 0.5)
+
+
+def warn_if_coarse(index, stacklevel):
+    """Warn where float32 coordinates, in a `NeighborIndex` by now, are too coarse."""
+    points = index.points
+    sample = points[:: max(1, len(points) // 1000)]
+    if index.n_neighbors is None:
+        radius = np.linalg.norm(sample - points[0], axis=1)
+    else:
+        _, radius = extents(points, sample, index.query(sample), compiled=False)
+    # Medians, which a few far points do not move.
+    radius, largest = float(np.median(radius)), float(np.median(np.abs(sample).max(axis=1)))
+    rounding = float(np.spacing(np.float32(largest)))
+    if 0 < COARSE_ROUNDING * radius < rounding:
+        warnings.warn(CoarseCoordinatesWarning(largest, rounding, radius), stacklevel=stacklevel)

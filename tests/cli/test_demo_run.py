@@ -1,5 +1,7 @@
 """mcmd demo: the files it writes and the accuracy it claims."""
 
+import shutil
+
 import numpy as np
 import pytest
 
@@ -54,9 +56,12 @@ def test_demo_refuses_a_file_as_folder(tmp_path):
     assert "taken" in result.stderr
 
 
-def test_demo_gives_the_same_accuracy_and_picture_again(demo, tmp_path):
+def test_demo_in_the_same_folder_replaces_its_files_and_gives_the_same_again(demo, tmp_path):
     folder, result = demo
+    for name in ("street.laz", "clean.laz", "normals.laz"):
+        shutil.copy(folder / name, tmp_path)
     again = run("demo", tmp_path)
+    assert again.exit_code == 0, again.output
     accuracy = [
         r.stdout.split("Outliers, against")[1].split("Normals of")[0] for r in (result, again)
     ]
@@ -73,3 +78,12 @@ def test_the_demo_replaces_no_file_unasked(tmp_path):
     assert "already holds clean.laz" in result.stderr
     assert (tmp_path / "clean.laz").read_text() == "precious"
     assert not (tmp_path / "street.laz").exists()
+
+
+def test_the_demo_replaces_no_street_of_others(room_file, tmp_path):
+    room_file.rename(tmp_path / "street.laz")
+    before = (tmp_path / "street.laz").read_bytes()
+    result = run("demo", tmp_path)
+    assert result.exit_code == 1
+    assert "already holds street.laz, of no earlier demo" in result.stderr
+    assert (tmp_path / "street.laz").read_bytes() == before

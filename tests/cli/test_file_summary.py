@@ -45,3 +45,44 @@ def test_info_works_on_a_single_point(tmp_path):
     result = run("info", tmp_path / "one.xyz")
     assert result.exit_code == 0, result.output
     assert "spacing" not in result.stdout
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_info_shows_points_of_one_location_with_the_digits_of_the_file(n, tmp_path):
+    (tmp_path / "one.xyz").write_text("432100.25 5157000.1 -0.125\n" * n)
+    out = run("info", tmp_path / "one.xyz").stdout
+    rows = dict(line.split(maxsplit=1) for line in out.splitlines()[1:])
+    assert (rows["x"], rows["y"], rows["z"]) == ("432100.25", "5157000.1", "-0.125")
+
+
+def test_info_shows_no_more_digits_than_large_coordinates_have(tmp_path):
+    (tmp_path / "two.xyz").write_text("5157000.1 0 0\n5157000.1000001 0 0\n")
+    out = run("info", tmp_path / "two.xyz").stdout
+    assert "5157000.100000000 to 5157000.100000100 " in out
+
+
+@pytest.mark.parametrize(
+    ("codes", "shown"),
+    [
+        ({3072: 32767}, "user-defined"),
+        ({2048: 4326, 3072: 32767}, "user-defined"),
+        ({2048: 4326, 3072: 25832}, "EPSG:25832"),
+        ({2048: 4326}, "EPSG:4326"),
+    ],
+)
+def test_info_shows_geotiff_codes_and_says_where_there_is_none(codes, shown, room, tmp_path):
+    laspy = pytest.importorskip("laspy")
+    from laspy.vlrs.known import GeoKeyDirectoryVlr, GeoKeyEntryStruct
+
+    las = laspy.create(point_format=1, file_version="1.2")
+    las.x, las.y, las.z = room.xyz.T
+    directory = GeoKeyDirectoryVlr()
+    directory.geo_keys = [
+        GeoKeyEntryStruct(id=key, tiff_tag_location=0, count=1, value_offset=code)
+        for key, code in codes.items()
+    ]
+    directory.geo_keys_header.number_of_keys = len(codes)
+    las.header.vlrs.append(directory)
+    las.write(tmp_path / "crs.las")
+    rows = run("info", tmp_path / "crs.las").stdout.splitlines()
+    assert next(row.split()[1] for row in rows if row.split()[0] == "CRS") == shown

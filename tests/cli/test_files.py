@@ -5,7 +5,7 @@ import pytest
 
 from commands import error_line, files_in, run
 from sklearn_mcmd.cli import _denoise, _normals
-from sklearn_mcmd.io import read_points, write_points
+from sklearn_mcmd.io import read_points, supported_extensions, write_points
 
 
 @pytest.mark.parametrize("verb", ["denoise", "normals"])
@@ -35,12 +35,41 @@ def test_normals_of_the_input_are_replaced_with_a_warning(room, tmp_path):
     assert (read_points(tmp_path / "out.laz").attributes["normal_x"] <= 1).all()
 
 
-def test_single_precision_files_at_national_grid_coordinates_warn(tmp_path):
+@pytest.fixture
+def coarse_file(tmp_path):
+    """A box of 5 m in a national grid, in single precision: steps of 0.5 m."""
     X = np.random.default_rng(0).uniform([5e5, 5.4e6, 0], [5e5 + 5, 5.4e6 + 5, 5], (300, 3))
     np.save(tmp_path / "in.npy", X.astype(np.float32))
-    result = run("normals", tmp_path / "in.npy", tmp_path / "out.npy")
-    assert result.exit_code == 0
-    assert "float32 rounds coordinates" in result.stderr
+    return tmp_path / "in.npy"
+
+
+VERBS = ["denoise", "normals", "segment", "edges", "plane"]
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_single_precision_too_coarse_for_the_points_is_refused(verb, coarse_file, tmp_path):
+    line = error_line(run(verb, coarse_file, tmp_path / "out.npy"))
+    assert "coordinates as large as 5,400,00" in line
+    assert "to steps of 0.5" in line
+    assert "--allow-coarse" in line
+    assert files_in(tmp_path) == ["in.npy"]
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_single_precision_too_coarse_goes_on_with_a_warning_where_allowed(
+    verb, coarse_file, tmp_path
+):
+    result = run(verb, coarse_file, tmp_path / "out.npy", "--allow-coarse")
+    assert result.exit_code == 0, result.stderr
+    assert "to steps of 0.5" in result.stderr
+    assert (tmp_path / "out.npy").exists()
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_single_precision_fine_enough_is_taken_without_a_word(verb, room, tmp_path):
+    np.save(tmp_path / "in.npy", room.xyz.astype(np.float32))
+    result = run(verb, tmp_path / "in.npy", tmp_path / "out.npy")
+    assert (result.exit_code, result.stderr) == (0, "")
 
 
 # ---- bad input: exit code 1, one line, nothing written --------------------------------------
@@ -79,7 +108,7 @@ def bad_input(kind, folder):
         ("only nan", "holds no points with finite coordinates"),
         ("two columns", "2 column"),
         ("words", "'one' is not a number"),
-        ("three points", "n_samples=3 is too few"),
+        ("three points", "too few points for a plane: 3, and at least 4"),
     ],
 )
 @pytest.mark.parametrize("verb", ["denoise", "normals"])
@@ -151,11 +180,20 @@ def test_an_attribute_the_output_cannot_hold_is_refused_before_the_work(
     assert str(tmp_path / "out.laz") in line
 
 
-def test_e57_is_refused_where_it_cannot_hold_the_results(room_file, tmp_path):
-    assert "normals" in error_line(run("normals", room_file, tmp_path / "out.e57"))
-    pytest.importorskip("pye57")
-    mark = run("denoise", room_file, tmp_path / "out.e57", "--mode", "mark")
-    assert "no place to mark outliers" in error_line(mark)
+@pytest.mark.parametrize(
+    ("verb", "options"),
+    [
+        ("denoise", ["--mode", "mark"]),
+        ("normals", []),
+        ("segment", []),
+        ("segment", ["--no-colors"]),
+        ("edges", []),
+        ("plane", []),
+    ],
+)
+def test_e57_is_refused_where_it_cannot_hold_the_results(verb, options, room_file, tmp_path):
+    line = error_line(run(verb, room_file, tmp_path / "out.e57", *options))
+    assert "out.e57: E57 has no place for" in line
     assert files_in(tmp_path) == ["room.laz"]
 
 
@@ -164,3 +202,33 @@ def test_a_name_that_is_too_long_is_named(verb, room_file, tmp_path):
     target = tmp_path / ("x" * 260 + ".laz")
     line = error_line(run(verb, room_file, target))
     assert line == f"mcmd: error: {target}: cannot be written: file name too long"
+
+
+HOLD_RESULTS = [".csv", ".las", ".laz", ".npy", ".npz", ".pcd", ".ply", ".txt", ".xyz"]
+
+
+@pytest.mark.parametrize("extension", HOLD_RESULTS)
+@pytest.mark.parametrize(
+    ("verb", "result"),
+    [
+        ("denoise", "outlier_score"),
+        ("normals", "normal_z"),
+        ("segment", "region"),
+        ("edges", "edge_score"),
+        ("plane", "test_statistic"),
+    ],
+)
+def test_all_other_formats_hold_the_results_of_every_verb(
+    verb, result, extension, room_file, tmp_path
+):
+    if extension in (".ply", ".pcd"):
+        pytest.importorskip("plyfile" if extension == ".ply" else "pypcd4")
+    options = ["--mode", "mark"] if verb == "denoise" else []
+    target = tmp_path / f"out{extension}"
+    done = run(verb, room_file, target, *options)
+    assert done.exit_code == 0, done.output
+    assert result in read_points(target).attributes
+
+
+def test_formats_with_and_without_results_are_all_there_are():
+    assert {*HOLD_RESULTS, ".e57"} == {*supported_extensions()}

@@ -1,5 +1,7 @@
 """mcmd plane: what it writes, what it refuses, and that nothing is lost."""
 
+import errno
+import os
 import re
 import sys
 from pathlib import Path
@@ -202,7 +204,6 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(
 
 
 def test_e57_is_refused_as_it_holds_no_results_of_plane(wall_file, tmp_path, monkeypatch):
-    pytest.importorskip("pye57")
     refuse_to_work(monkeypatch)
     assert "E57" in error_line(run("plane", wall_file, tmp_path / "out.e57"))
     assert files_in(tmp_path) == ["wall.laz"]
@@ -306,3 +307,26 @@ def test_bad_input_of_plane_fails_with_one_line(kind, tmp_path):
     before = files_in(tmp_path)
     error_line(run("plane", path, tmp_path / "out.laz"))
     assert files_in(tmp_path) == before
+
+
+def full_disk(*args, **kwargs):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_a_figure_that_does_not_fit_the_disk_is_named_in_the_error(
+    wall_file, tmp_path, monkeypatch
+):
+    figure = pytest.importorskip("matplotlib.figure")
+    monkeypatch.setattr(figure.Figure, "savefig", full_disk)
+    line = error_line(run("plane", wall_file, tmp_path / "out.laz"))
+    assert f"{tmp_path / 'out_report.png'}: cannot be written: no space left" in line
+    assert files_in(tmp_path) == ["wall.laz"]
+
+
+def test_a_report_that_does_not_fit_the_disk_is_named_in_the_error(
+    wall_file, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(Path, "write_text", full_disk)
+    line = error_line(run("plane", wall_file, tmp_path / "out.laz"))
+    assert f"{tmp_path / 'out_report.txt'}: cannot be written: no space left" in line
+    assert files_in(tmp_path) == ["wall.laz"]

@@ -1,0 +1,49 @@
+"""What estimators say of their parameters, said of the command line's options and files."""
+
+import re
+
+__all__ = ["in_words_of_options"]
+
+# Parameters that are options of a verb; `name=value` becomes `--name value`.
+OPTIONS = (
+    *("alpha", "criterion", "cutoff", "false_positive_rate", "features", "max_angle"),
+    *("max_distance", "max_gap", "max_iter", "method", "min_angle", "min_region_size"),
+    *("n_jobs", "n_neighbors", "noise_scale", "outlier_rate", "radius", "random_state"),
+    *("robust_start", "sigma0", "surface", "threshold", "viewpoint"),
+)
+# Whole phrases first; what is left of parameters after them is translated one by one.
+PHRASES = (
+    (
+        r"n_samples=(\d+) is too few for planes in 3D: at least (\d+) are needed\.",
+        r"too few points for a plane: \1, and at least \2 are needed.",
+    ),
+    (
+        r"n_neighbors=(\d+) is more than the number of distinct points, (\d+) of n_samples=\d+: "
+        r"neighborhoods of all of them are used\.",
+        r"there are only \2 distinct points, fewer than the \1 of a neighborhood: each "
+        r"neighborhood is the whole cloud.",
+    ),
+    (
+        r"X has a coordinate beyond (\S+) in row (\d+): \[(.*?)\]\.",
+        lambda found: f"point {int(found[2]) + 1} has a coordinate beyond {found[1]}: {found[3]}.",
+    ),
+    (r"X spans no more than (.*?)\. Scale it up\.", r"the points span no more than \1."),
+    (r"outlier_rate=(\S+) in 3D asks", r"--outlier-rate \1 asks"),
+    (r"keep_groups=False", "--drop-groups"),
+    (r"Choose a cutoff instead", "Choose a --cutoff instead"),
+    (r"If all columns are coordinates of like precision, as in the scan", "In the scan"),
+)
+_GIVEN = re.compile(rf"(?<![-/\w])({'|'.join(OPTIONS)})=(?:'([^']*)'|([^\s,:;]*[^\s,:;.]))")
+_NAMED = re.compile(rf"(?<![-/\w])({'|'.join(o for o in OPTIONS if '_' in o)})\b")
+
+
+def in_words_of_options(message):
+    """What an estimator's message says of parameters, said of the options here."""
+    for phrase, words in PHRASES:
+        message = re.sub(phrase, words, message)
+    message = _GIVEN.sub(lambda found: f"{_option(found[1])} {found[2] or found[3]}", message)
+    return _NAMED.sub(lambda found: _option(found[1]), message)
+
+
+def _option(parameter):
+    return f"--{parameter.replace('_', '-')}"

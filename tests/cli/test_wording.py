@@ -1,0 +1,66 @@
+"""What estimators say is said again in the words of the command line."""
+
+import numpy as np
+import pytest
+
+from commands import error_line, run
+from sklearn_mcmd.cli._wording import in_words_of_options
+
+
+@pytest.mark.parametrize(
+    ("said", "heard"),
+    [
+        ("n_neighbors=50 is too few", "--n-neighbors 50 is too few"),
+        ("use surface='orthogonal'.", "use --surface orthogonal."),
+        ("Check sigma0=0.5 against", "Check --sigma0 0.5 against"),
+        ("raise n_neighbors.", "raise --n-neighbors."),
+        ("--n-neighbors 5 of a file", "--n-neighbors 5 of a file"),
+        ("/data/n_neighbors=5/in.laz: no such file", "/data/n_neighbors=5/in.laz: no such file"),
+    ],
+)
+def test_parameters_are_named_as_options(said, heard):
+    assert in_words_of_options(said) == heard
+
+
+PYTHON = ("n_samples", "n_neighbors=", "float64", "None", " X ", "n_features", "ndarray", "_rate")
+
+
+@pytest.mark.parametrize("verb", ["denoise", "normals", "segment", "edges"])
+@pytest.mark.parametrize("n", [1, 4, 30])
+def test_a_cloud_of_few_distinct_points_is_told_how_many_it_has(verb, n, tmp_path):
+    X = np.random.default_rng(0).uniform(size=(n, 3))
+    np.savetxt(tmp_path / "in.xyz", np.resize(X, (70, 3)))
+    result = run(verb, tmp_path / "in.xyz", tmp_path / "out.xyz")
+    assert result.exit_code == 0, result.output
+    assert f"only {n} distinct points" in result.stderr
+    assert not any(word in result.stderr for word in PYTHON)
+
+
+@pytest.mark.parametrize(
+    ("verb", "options", "words"),
+    [
+        ("denoise", ["--false-positive-rate", 0.4], "--false-positive-rate 0.4 is out of reach"),
+        ("edges", ["--threshold", 30], "--threshold 30 is in spacings"),
+    ],
+)
+def test_values_out_of_reach_are_refused_in_words_of_options(
+    verb, options, words, room_file, tmp_path
+):
+    line = error_line(run(verb, room_file, tmp_path / "out.laz", *options))
+    assert words in line
+    assert not any(word in line for word in PYTHON)
+
+
+def test_a_point_without_a_position_is_named_by_its_number(tmp_path):
+    X = np.random.default_rng(0).uniform(size=(100, 3))
+    X[7, 1] = 1e120
+    np.savetxt(tmp_path / "in.xyz", X)
+    line = error_line(run("denoise", tmp_path / "in.xyz", tmp_path / "out.xyz"))
+    assert "point 8 has a coordinate beyond 1e+100" in line
+
+
+def test_more_trials_than_are_made_are_told_of_the_option(room_file, tmp_path):
+    result = run("normals", room_file, tmp_path / "out.laz", "--outlier-rate", 0.99)
+    assert result.exit_code == 0
+    assert "--outlier-rate 0.99 asks for 9210336 trials; 10000 are made" in result.stderr
+    assert not any(word in result.stderr for word in PYTHON)
