@@ -47,7 +47,9 @@ for parameters in ({"method": "pca"}, {}, {"refine": None}):
     normals = RobustNormalEstimator(random_state=0, n_jobs=-1, **parameters).fit(X).normals_
     angles = [bias_angle(normals[rows], street.normals[rows]) for rows in (known, near)]
     print(f"{parameters}: median {np.median(angles[0]):.2f}, ", end="")
-    print(f"95 % {np.percentile(angles[0], 95):.1f}, near edges {np.median(angles[1]):.1f}")
+    print(f"95 % {np.percentile(angles[0], 95):.1f}, ", end="")
+    print(f"near edges {np.median(angles[1]):.1f}, ", end="")
+    print(f"{100 * np.mean(angles[1] <= 10):.1f} % within 10 degrees")
 
 if options.data:
     for path in sorted(Path(options.data).glob("*/cloud.npz")):

@@ -9,7 +9,7 @@ __all__ = ["normal_colors", "plot_before_after", "plot_cloud", "region_colors"]
 VIEW = (-64.0, 26.0)  # azimuth and elevation of the camera, degrees
 OUTLIER_COLOR = (0.84, 0.10, 0.11)
 # Of the ball in the picture of normals: left, bottom, width and height as shares of the axes.
-BALL_PLACE, BALL_PIXELS = (0.80, 0.02, 0.18, 0.18), 121
+BALL_PLACE, BALL_PIXELS = (0.02, 0.72, 0.18, 0.18), 121
 FAR, NEAR = (0.80, 0.83, 0.87), (0.24, 0.28, 0.34)
 
 

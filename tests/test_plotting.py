@@ -85,6 +85,24 @@ def test_before_and_after_share_one_scale_and_count_truly(cloud):
     assert f"{(~kept).sum()} removed, {outliers[kept].sum()} outliers missed" in middle.get_title()
 
 
+def test_the_ball_beside_the_normals_has_the_color_of_each_of_its_normals(cloud):
+    none = np.zeros(len(cloud), dtype=bool)
+    normals = cloud / np.linalg.norm(cloud, axis=1, keepdims=True)
+    axes = plot_before_after(cloud, none, cloud, none, normals, view=FRONT).axes[2]
+    (ball,) = axes.child_axes[0].images
+    picture = ball.get_array()
+    middle = len(picture) // 2
+    # Seen along +y: x to the right, z up, and the near side looks along -y.
+    for row, column, normal in (
+        (middle, middle, [0, -1, 0]),
+        (-1, middle, [0, 0, 1]),
+        (middle, -1, [1, 0, 0]),
+    ):
+        expected = [*normal_colors([normal], view=FRONT)[0], 1.0]
+        np.testing.assert_allclose(picture[row, column], expected, atol=1e-9)
+    assert picture[0, 0, 3] == 0  # nothing outside of the ball
+
+
 def test_clouds_and_masks_of_another_shape_are_refused(cloud):
     with pytest.raises(ValueError, match=r"xyz must have shape \(n, 3\)"):
         plot_cloud(cloud[:, :2])

@@ -15,7 +15,7 @@ __all__ = ["draw", "made_by_demo", "normal_errors", "outlier_rates", "write_stre
 
 N_POINTS = 60_000
 OUTLIER_SHARE = 0.1
-COLORS = 96  # in the picture's palette, which makes the file a third as large
+COLORS = 160  # in the picture's palette, which makes the file a third as large
 
 
 def made_by_demo(path):
