@@ -10,7 +10,8 @@ from sklearn_mcmd.cli._denoise import denoise
 from sklearn_mcmd.cli._files import naming, read
 from sklearn_mcmd.cli._normals import normals
 from sklearn_mcmd.cli._options import InFile, NJobs, Quiet
-from sklearn_mcmd.cli._speech import clear_exits, print_table, progress_bar, stopwatch
+from sklearn_mcmd.cli._speech import clear_exits, print_table, stopwatch
+from sklearn_mcmd.cli._waiting import progress
 
 __all__ = ["demo", "info"]
 
@@ -58,7 +59,7 @@ def demo(
         _demo_run.write_street(street)
         denoise(street, clean, n_jobs=n_jobs, quiet=quiet)
         normals(clean, with_normals, n_jobs=n_jobs, quiet=quiet)
-        with progress_bar("Accuracy", quiet):
+        with progress("accuracy", quiet):
             angles = _demo_run.normal_errors(street, n_jobs)
         rates = _demo_run.outlier_rates(street, clean)
         with naming(picture):

@@ -9,6 +9,7 @@ from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_point
 from sklearn_mcmd.io._files import replacing
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
+from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.plotting import plot_before_after
 
 __all__ = ["draw", "made_by_demo", "normal_errors", "outlier_rates", "write_street"]
@@ -64,8 +65,10 @@ def normal_errors(street, n_jobs):
     true_normals = _stack(cloud, "true_normal_")
     has_normal = np.isfinite(true_normals).all(axis=1)
     errors = {}
-    for method in ("pca", "mcmd_z"):
-        fitted = RobustNormalEstimator(method=method, random_state=0, n_jobs=n_jobs).fit(cloud.xyz)
+    for begin, method in ((0.0, "pca"), (0.5, "mcmd_z")):
+        estimator = RobustNormalEstimator(method=method, random_state=0, n_jobs=n_jobs)
+        with progress_part(begin, begin + 0.5):
+            fitted = estimator.fit(cloud.xyz)
         angles = bias_angle(fitted.normals_[has_normal], true_normals[has_normal])
         errors[method] = (np.median(angles), np.quantile(angles, 0.95))
     return errors

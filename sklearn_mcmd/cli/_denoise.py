@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from sklearn_mcmd.cli._files import blank, coordinates, read, rehearse, with_results, write
+from sklearn_mcmd.cli._files import WORKING, blank, coordinates, read, rehearse, with_results, write
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
     InFile,
@@ -24,9 +24,10 @@ from sklearn_mcmd.cli._speech import (
     clear_exits,
     count_and_share,
     print_summary,
-    progress_bar,
     stopwatch,
 )
+from sklearn_mcmd.cli._waiting import progress
+from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["denoise"]
 
@@ -142,37 +143,37 @@ def denoise(
         )
     with clear_exits(allow_coarse=allow_coarse):
         seconds = stopwatch()
-        mark = mode is Mode.mark
-        cloud = read(source, target, "marks of outliers" if mark else None)
-        nothing = blank(cloud)
-        rehearse(target, *_denoised(cloud, nothing > 0, nothing, mark))
-        is_outlier, score = _find_outliers(
-            coordinates(cloud),
-            quiet,
-            n_neighbors=n_neighbors,
-            method=str(method),
-            noise_scale=noise_scale,
-            max_iter=max_iter,
-            borrow=borrow,
-            keep_groups="auto" if keep_groups is None else keep_groups,
-            cutoff=cutoff,
-            false_positive_rate=false_positive_rate,
-            outlier_rate=outlier_rate,
-            random_state=random_state,
-            n_jobs=n_jobs,
-        )
-        _warn_if_without_scale(score)
-        write(target, *_denoised(cloud, is_outlier, score, mark))
+        with progress("denoise", quiet):
+            mark = mode is Mode.mark
+            cloud = read(source, target, "marks of outliers" if mark else None)
+            nothing = blank(cloud)
+            rehearse(target, *_denoised(cloud, nothing > 0, nothing, mark))
+            is_outlier, score = _find_outliers(
+                coordinates(cloud),
+                n_neighbors=n_neighbors,
+                method=str(method),
+                noise_scale=noise_scale,
+                max_iter=max_iter,
+                borrow=borrow,
+                keep_groups="auto" if keep_groups is None else keep_groups,
+                cutoff=cutoff,
+                false_positive_rate=false_positive_rate,
+                outlier_rate=outlier_rate,
+                random_state=random_state,
+                n_jobs=n_jobs,
+            )
+            _warn_if_without_scale(score)
+            write(target, *_denoised(cloud, is_outlier, score, mark))
         if not quiet:
             found = {"marked" if mark else "removed": count_and_share(is_outlier)}
             print_summary(source, target, len(cloud), seconds(), **found)
 
 
-def _find_outliers(xyz, quiet, **params):
+def _find_outliers(xyz, **params):
     """Whether each point is an outlier, and its robust distance to its plane."""
     from sklearn_mcmd import MCMDOutlierDetector
 
-    with progress_bar("Outliers", quiet):
+    with progress_part(*WORKING):
         detector = MCMDOutlierDetector(**params).fit(xyz)
     return detector.scores_ < detector.offset_, -detector.scores_
 

@@ -7,6 +7,7 @@ import numpy as np
 import typer
 
 from sklearn_mcmd.cli._files import (
+    WORKING,
     blank,
     color_columns,
     coordinates,
@@ -31,9 +32,10 @@ from sklearn_mcmd.cli._speech import (
     clear_exits,
     count_and_share,
     print_summary,
-    progress_bar,
     stopwatch,
 )
+from sklearn_mcmd.cli._waiting import progress
+from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["edges"]
 
@@ -91,36 +93,36 @@ def edges(
     """
     with clear_exits(allow_coarse=allow_coarse):
         seconds = stopwatch()
-        cloud = read(source, target, "edges")
-        if colors is None:
-            colors = not has_colors(cloud)
-        # LAS has colors of 16 bits.
-        brightest = 65535 if target.suffix.lower() in (".las", ".laz") else 255
-        brightest = brightest if colors else None
-        nothing = blank(cloud)
-        rehearse(target, with_results(cloud, _results(nothing > 0, nothing, brightest)))
-        is_edge, score = _find_edges(
-            coordinates(cloud),
-            quiet,
-            n_neighbors=n_neighbors,
-            criterion=str(criterion),
-            threshold=threshold,
-            min_angle=min_angle,
-            outlier_detector=None if denoise else "passthrough",
-            random_state=random_state,
-            n_jobs=n_jobs,
-        )
-        write(target, with_results(cloud, _results(is_edge, score, brightest)))
+        with progress("edges", quiet):
+            cloud = read(source, target, "edges")
+            if colors is None:
+                colors = not has_colors(cloud)
+            # LAS has colors of 16 bits.
+            brightest = 65535 if target.suffix.lower() in (".las", ".laz") else 255
+            brightest = brightest if colors else None
+            nothing = blank(cloud)
+            rehearse(target, with_results(cloud, _results(nothing > 0, nothing, brightest)))
+            is_edge, score = _find_edges(
+                coordinates(cloud),
+                n_neighbors=n_neighbors,
+                criterion=str(criterion),
+                threshold=threshold,
+                min_angle=min_angle,
+                outlier_detector=None if denoise else "passthrough",
+                random_state=random_state,
+                n_jobs=n_jobs,
+            )
+            write(target, with_results(cloud, _results(is_edge, score, brightest)))
         if not quiet:
             edges = count_and_share(is_edge)
             print_summary(source, target, len(cloud), seconds(), edges=edges)
 
 
-def _find_edges(xyz, quiet, **params):
+def _find_edges(xyz, **params):
     """Whether each point is of an edge, and its distance or the criterion's value."""
     from sklearn_mcmd import SharpFeatureDetector
 
-    with progress_bar("Edges", quiet):
+    with progress_part(*WORKING):
         detector = SharpFeatureDetector(**params).fit(xyz)
     scores = detector.scores_
     return scores < detector.offset_, scores if params["criterion"] == "crease" else -scores

@@ -8,7 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from sklearn_mcmd.planes._progress import progress_part
+
 __all__ = [
+    "WORKING",
     "blank",
     "color_columns",
     "coordinates",
@@ -23,6 +26,8 @@ __all__ = [
 ]
 
 USUAL_NEIGHBORS = 50
+# What is shown of the progress of a verb between reading and writing, begin and end.
+WORKING = (0.04, 0.97)
 _COLORS = ("red", "green", "blue")
 
 
@@ -96,7 +101,8 @@ def read(source, target=None, results=None):
         raise ValueError(f"{target}: E57 has no place for {results}; write another format")
     if target is not None:
         rehearse(target, PointCloud(np.zeros((1, 3))))
-    cloud = read_points(source)
+    with progress_part(0.0, WORKING[0], "reading"):
+        cloud = read_points(source)
     if cloud.n_dropped:
         warnings.warn(
             f"{source}: {cloud.n_dropped:,} points without finite coordinates are left out",
@@ -106,6 +112,11 @@ def read(source, target=None, results=None):
 
 
 def write(target, cloud, noise=None):
+    with progress_part(WORKING[1], 1.0, "writing"):
+        _write(target, cloud, noise)
+
+
+def _write(target, cloud, noise):
     from sklearn_mcmd.io import write_points
 
     with naming(target):
@@ -115,7 +126,7 @@ def write(target, cloud, noise=None):
 def rehearse(target, cloud, noise=None):
     """Write one point beside `target`, so that what must fail does so before the long work."""
     with standing_in(target) as stand_in:
-        write(stand_in, cloud.subset(slice(0, 1)), None if noise is None else noise[:1])
+        _write(stand_in, cloud.subset(slice(0, 1)), None if noise is None else noise[:1])
 
 
 @contextmanager

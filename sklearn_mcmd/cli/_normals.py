@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from sklearn_mcmd.cli._files import blank, coordinates, read, rehearse, with_results, write
+from sklearn_mcmd.cli._files import WORKING, blank, coordinates, read, rehearse, with_results, write
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
     InFile,
@@ -18,7 +18,9 @@ from sklearn_mcmd.cli._options import (
     RandomState,
     positive,
 )
-from sklearn_mcmd.cli._speech import clear_exits, print_summary, progress_bar, stopwatch
+from sklearn_mcmd.cli._speech import clear_exits, print_summary, stopwatch
+from sklearn_mcmd.cli._waiting import progress
+from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["normals"]
 
@@ -39,6 +41,9 @@ class Orientation(StrEnum):
     up = "up"
     viewpoint = "viewpoint"
     mst = "mst"
+
+
+DIRECTIONS = {Orientation.none: None, Orientation.up: [0.0, 0.0, 1.0]}
 
 
 def normals(
@@ -105,24 +110,24 @@ def normals(
     features = _parse_features(features)
     with clear_exits(allow_coarse=allow_coarse):
         seconds = stopwatch()
-        cloud = read(source, target, "normals")
-        columns = (*_NORMAL_COLUMNS, *features)
-        rehearse(target, with_results(cloud, dict.fromkeys(columns, blank(cloud))))
-        results = _find_normals(
-            coordinates(cloud),
-            quiet,
-            n_neighbors=n_neighbors,
-            method=str(method),
-            radius=radius,
-            orientation={"none": None, "up": [0.0, 0.0, 1.0]}.get(orientation, str(orientation)),
-            viewpoint=viewpoint,
-            features=features,
-            cutoff=cutoff,
-            outlier_rate=outlier_rate,
-            random_state=random_state,
-            n_jobs=n_jobs,
-        )
-        write(target, with_results(cloud, results))
+        with progress("normals", quiet):
+            cloud = read(source, target, "normals")
+            columns = (*_NORMAL_COLUMNS, *features)
+            rehearse(target, with_results(cloud, dict.fromkeys(columns, blank(cloud))))
+            results = _find_normals(
+                coordinates(cloud),
+                n_neighbors=n_neighbors,
+                method=str(method),
+                radius=radius,
+                orientation=DIRECTIONS.get(orientation, str(orientation)),
+                viewpoint=viewpoint,
+                features=features,
+                cutoff=cutoff,
+                outlier_rate=outlier_rate,
+                random_state=random_state,
+                n_jobs=n_jobs,
+            )
+            write(target, with_results(cloud, results))
         if not quiet:
             removed = float(results["removed_fraction"].mean(dtype=np.float64))
             print_summary(
@@ -132,11 +137,11 @@ def normals(
             )
 
 
-def _find_normals(xyz, quiet, **params):
+def _find_normals(xyz, **params):
     """The columns `_NORMAL_COLUMNS`, and those of `features`."""
     from sklearn_mcmd import RobustNormalEstimator
 
-    with progress_bar("Normals", quiet):
+    with progress_part(*WORKING):
         fitted = RobustNormalEstimator(**params).fit(xyz)
     columns = np.column_stack(
         [

@@ -11,6 +11,7 @@ import typer
 
 from sklearn_mcmd._extras import how_to_install
 from sklearn_mcmd.cli._files import (
+    WORKING,
     blank,
     naming,
     read,
@@ -25,9 +26,10 @@ from sklearn_mcmd.cli._speech import (
     clear_exits,
     count_and_share,
     print_summary,
-    progress_bar,
     stopwatch,
 )
+from sklearn_mcmd.cli._waiting import progress
+from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["plane"]
 
@@ -162,15 +164,15 @@ def plane(
     sheets = _choose_sheets(source, target, report, plot)
     with clear_exits(allow_coarse=allow_coarse):
         seconds = stopwatch()
-        with standing_in(target):
-            pass
-        sheets = _rehearse_sheets(sheets, plot)
-        cloud = read(source, target, "results of a test")
-        warn_if_coarse(cloud)
-        none = blank(cloud)
-        rehearse(target, *_tested(cloud, none > 0, none, none))
-        detector, residuals = _test_plane(cloud.xyz, quiet, method, params)
-        with progress_bar("Report", quiet):
+        with progress("plane", quiet):
+            with standing_in(target):
+                pass
+            sheets = _rehearse_sheets(sheets, plot)
+            cloud = read(source, target, "results of a test")
+            warn_if_coarse(cloud)
+            none = blank(cloud)
+            rehearse(target, *_tested(cloud, none > 0, none, none))
+            detector, residuals = _test_plane(cloud.xyz, method, params)
             _write_all(source, target, sheets, cloud, detector, residuals, unit)
         if not quiet:
             _summarize(source, target, sheets, detector, residuals, unit, seconds())
@@ -228,13 +230,13 @@ def _rehearse_sheets(sheets, plot_wanted):
     return report, plot
 
 
-def _test_plane(xyz, quiet, method, params):
+def _test_plane(xyz, method, params):
     """The fitted detector and the residuals of all points."""
     from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
     from sklearn_mcmd.adjustment._determinacy import AS_THICK_AS_WIDE
 
     detector = {Method.baarda: BaardaPlaneDetector, Method.fuzzy: FuzzyPlaneDetector}[method]
-    with progress_bar("Plane", quiet), warnings.catch_warnings():
+    with progress_part(*WORKING, "plane"), warnings.catch_warnings():
         # Refused below, for both surfaces.
         warnings.filterwarnings("ignore", message=AS_THICK_AS_WIDE)
         fitted = detector(**params).fit(xyz)

@@ -6,6 +6,7 @@ import numpy as np
 import typer
 
 from sklearn_mcmd.cli._files import (
+    WORKING,
     color_columns,
     coordinates,
     has_colors,
@@ -31,9 +32,10 @@ from sklearn_mcmd.cli._speech import (
     clear_exits,
     count_and_share,
     print_summary,
-    progress_bar,
     stopwatch,
 )
+from sklearn_mcmd.cli._waiting import progress
+from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["segment"]
 
@@ -128,31 +130,31 @@ def segment(
     """
     with clear_exits(allow_coarse=allow_coarse):
         seconds = stopwatch()
-        cloud = read(source, target, "regions")
-        if colors is None:
-            colors = not has_colors(cloud)
-        rehearse(target, _segmented(cloud, np.zeros(len(cloud), np.int64), colors))
-        fitted = _find_regions(
-            coordinates(cloud),
-            quiet,
-            {
-                "n_neighbors": n_neighbors,
-                "outlier_rate": outlier_rate,
-                "random_state": random_state,
-                "n_jobs": n_jobs,
-            },
-            n_neighbors=growth_neighbors,
-            max_angle=max_angle,
-            max_distance=max_distance,
-            max_gap=max_gap,
-            min_region_size=min_region_size,
-            regrow_rest=regrow_rest,
-            join_coplanar=join_coplanar,
-            join_curved=join_curved,
-            assign_rest=assign_rest,
-            n_jobs=n_jobs,
-        )
-        write(target, _segmented(cloud, fitted.labels_, colors))
+        with progress("segment", quiet):
+            cloud = read(source, target, "regions")
+            if colors is None:
+                colors = not has_colors(cloud)
+            rehearse(target, _segmented(cloud, np.zeros(len(cloud), np.int64), colors))
+            fitted = _find_regions(
+                coordinates(cloud),
+                {
+                    "n_neighbors": n_neighbors,
+                    "outlier_rate": outlier_rate,
+                    "random_state": random_state,
+                    "n_jobs": n_jobs,
+                },
+                n_neighbors=growth_neighbors,
+                max_angle=max_angle,
+                max_distance=max_distance,
+                max_gap=max_gap,
+                min_region_size=min_region_size,
+                regrow_rest=regrow_rest,
+                join_coplanar=join_coplanar,
+                join_curved=join_curved,
+                assign_rest=assign_rest,
+                n_jobs=n_jobs,
+            )
+            write(target, _segmented(cloud, fitted.labels_, colors))
         if not quiet:
             largest = ", ".join(f"{size:,}" for size in fitted.region_sizes_[:LARGEST_SHOWN])
             print_summary(
@@ -163,10 +165,10 @@ def segment(
             )
 
 
-def _find_regions(xyz, quiet, normals, **params):
+def _find_regions(xyz, normals, **params):
     from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 
-    with progress_bar("Regions", quiet):
+    with progress_part(*WORKING):
         estimator = RobustNormalEstimator(**normals)
         return RegionGrowing(normal_estimator=estimator, **params).fit(xyz)
 

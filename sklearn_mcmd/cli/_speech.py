@@ -16,7 +16,6 @@ __all__ = [
     "count_and_share",
     "print_summary",
     "print_table",
-    "progress_bar",
     "stopwatch",
 ]
 
@@ -97,28 +96,6 @@ def _plain_warnings(allow_coarse):
         warnings.simplefilter("ignore", DeprecationWarning)
         warnings.showwarning = show
         yield
-
-
-@contextmanager
-def progress_bar(title, quiet):
-    """A bar on stderr, if that is a terminal, that follows the fits within."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
-    from rich.progress import TimeRemainingColumn as TimeLeft
-
-    from sklearn_mcmd.planes._progress import listen_to_progress
-
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeLeft())
-    hidden = quiet or not console.is_terminal
-    with Progress(*columns, console=console, transient=True, disable=hidden) as bar:
-        task = bar.add_task(title, total=None)  # pulses while code is compiled, on the first run
-
-        def show(n_done, n_total):
-            bar.update(task, completed=n_done, total=n_total)
-
-        with listen_to_progress(show):
-            yield
 
 
 def print_table(title, **rows):

@@ -140,7 +140,7 @@ class CreaseModel:
         def task(part):
             work(part, self.index.query(queries[part] + self.origin), *arrays)
 
-        run([(part,) for part in parts], task, self.n_jobs)
+        run([(part,) for part in parts], task, self.n_jobs, told=True)
 
     def _fit_planes(self, part, around):
         """Level and noise of the plane with each member's normal, by its majority."""

@@ -13,6 +13,7 @@ from sklearn_mcmd.edges._creases import FAR, CreaseModel
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.outliers._detector import MCMDOutlierDetector
 from sklearn_mcmd.planes._columns import Columns, split_columns
+from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 
 __all__ = ["SharpFeatureDetector"]
@@ -222,17 +223,20 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
         self._check_parameters(xyz)
         # One seed for both, drawn once: a RandomState must not give them different ones.
         seed = check_random_state(self.random_state).randint(np.iinfo(np.int32).max)
-        self.inlier_mask_ = self._clean(xyz, seed)
+        with progress_part(0.0, 0.6):
+            self.inlier_mask_ = self._clean(xyz, seed)
         members, normals = xyz[self.inlier_mask_], columns.normals
         if self.normals == "estimate":
-            self.normal_estimator_ = self._make_normal_estimator(seed).fit(members)
+            with progress_part(0.6, 0.8):
+                self.normal_estimator_ = self._make_normal_estimator(seed).fit(members)
             normals = self.normal_estimator_.normals_
         else:
             normals = normals[self.inlier_mask_]
             normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
         if self.criterion == "crease":
             self._model = CreaseModel(self.n_neighbors, self.min_angle, self.n_jobs)
-            self._model.fit(members.astype(np.float64), np.asarray(normals, dtype=np.float64))
+            with progress_part(0.8, 1.0, "creases"):
+                self._model.fit(members.astype(np.float64), np.asarray(normals, dtype=np.float64))
             self.offset_ = EDGE_WIDTH if self.threshold is None else float(self.threshold)
             self.scores_ = np.empty(len(X))
             self.scores_[self.inlier_mask_] = self._model.distances

@@ -15,6 +15,7 @@ from sklearn_mcmd.normals._surface_planes import SurfacePlanes
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.planes._orientation import orient_by_spanning_tree, orient_toward, point_up
 from sklearn_mcmd.planes._plane import surface_variation
+from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._rules import METHODS
 
 __all__ = ["RobustNormalEstimator"]
@@ -371,7 +372,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
             self._surfaces = SurfacePlanes(self._model, self.borrow, self.n_jobs)
             planes, self.plane_index_ = self._surfaces.fit(X)
         else:
-            planes, _ = self._model.evaluate(X, n_jobs=self.n_jobs)
+            with progress_part(0.0, 1.0, "normals"):
+                planes, _ = self._model.evaluate(X, n_jobs=self.n_jobs)
             self.plane_index_ = np.arange(len(X))
         self.normals_ = point_up(planes.normals)
         self.eigenvalues_ = planes.eigenvalues

@@ -15,6 +15,7 @@ from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._local_planes import CHUNK
 from sklearn_mcmd.planes._neighborhoods import spatial_order
 from sklearn_mcmd.planes._plane import flat_normals, normal_errors
+from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._record import Planes
 
 __all__ = ["SurfacePlanes"]
@@ -85,16 +86,19 @@ class SurfacePlanes:
             part, rough, around = neighborhoods.pop(start)
             lenders[part][rough] = self._lenders(X[part], planes.take(part), rough, around)
 
-        each_slice(n, self._chunk(), sweep, self.n_jobs)
+        with progress_part(0.0, 0.8, "normals"):
+            each_slice(n, self._chunk(), sweep, self.n_jobs)
         self.noise = noise[members]
         starts = [(start,) for start in neighborhoods]
-        run(starts, unfold, self.n_jobs)
+        with progress_part(0.8, 0.9, "normals next to edges"):
+            run(starts, unfold, self.n_jobs, told=True)
         # The planes as they are before any is lent.
         self.members = planes if len(rows) == n else planes.take(members)
         self.usable = np.ones(len(members), dtype=bool)
         lenders = np.full(n, -1)
         if self.borrow:
-            run(starts, ask, self.n_jobs)
+            with progress_part(0.9, 1.0, "normals next to edges"):
+                run(starts, ask, self.n_jobs, told=True)
         neighborhoods.clear()
         result, plane_index = Planes.empty(*X.shape), np.empty(n, dtype=np.intp)
         plane_index[order] = order

@@ -10,6 +10,7 @@ from sklearn_mcmd._validation import FittedScoresMixin
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff
 from sklearn_mcmd.outliers._iteration import IteratedPlanes
 from sklearn_mcmd.planes._base import BasePlaneOutliers
+from sklearn_mcmd.planes._progress import listen_to_progress, progress_part
 
 __all__ = ["MCMDOutlierDetector"]
 
@@ -289,10 +290,14 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             "max_iter": self.max_iter,
             "n_jobs": self.n_jobs,
         }
+        begin = 0.0
         if self.false_positive_rate is not None:
-            cutoff = calibrated_cutoff(self._model, settings, self.false_positive_rate)
+            begin = 0.5  # for the display of progress
+            with progress_part(0.0, begin, "cutoff by simulation"), listen_to_progress(None):
+                cutoff = calibrated_cutoff(self._model, settings, self.false_positive_rate)
         self._cloud = IteratedPlanes(self._model, verdict=cutoff, **settings)
-        self._cloud.fit(X.astype(np.float64, copy=False))
+        with progress_part(begin, 1.0, "outliers"):
+            self._cloud.fit(X.astype(np.float64, copy=False))
         self.n_iter_ = self._cloud.n_iter
         if self._cloud.noise_scale_found is not None:
             self.noise_scale_ = self._cloud.noise_scale_found

@@ -14,6 +14,7 @@ from sklearn_mcmd.planes._around import quantile_around, ratio
 from sklearn_mcmd.planes._chunks import each_chunk, each_slice, run
 from sklearn_mcmd.planes._explaining import Credibility, credible_planes
 from sklearn_mcmd.planes._neighborhoods import ORDER_FROM, distinct_rows, spatial_order
+from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 __all__ = ["IteratedPlanes"]
@@ -37,6 +38,9 @@ NEXT = 1 + 1e-9
 SETTLED = 1e-3
 # Iterating must not eat the cloud.
 LEAST_RETAINED, LEAST_GOING_ON = 0.5, 0.4
+# For the display of progress: the time of a later pass, of that of the first; and the share of a
+# pass that goes into planes.
+LATER_PASS, REFITTING = 0.4, 0.8
 # Groups below this many neighborhoods or share of the cloud are outliers unless quite flat.
 SMALL_GROUP, SMALL_SHARE = 2, 1 / 20
 QUITE_FLAT = 0.05
@@ -107,13 +111,17 @@ class IteratedPlanes:
         k = self.neighbors.shape[1]
         self.small_group = min(SMALL_GROUP * k, SMALL_SHARE * len(self.distinct))
         while True:
-            self._refit(X)
+            begin, end, stage = self._part_of_pass()
+            middle = begin + REFITTING * (end - begin)
+            with progress_part(begin, middle, stage):
+                self._refit(X)
             if self.n_iter == 1:
                 self.copied = self.neighbors[:, 0].copy()  # the row that stands for its copies
             last = self.n_iter == self.max_iter
             # With one noise for all, borrowed planes would let outliers creep back in.
             borrow = self.borrow and (last or self.ruler != COMMON)
-            scores, owners, usual = self._judge_all(X, borrow)
+            with progress_part(middle, end, stage):
+                scores, owners, usual = self._judge_all(X, borrow)
             if last:
                 break
             passed = self._passed(X, scores)
@@ -211,6 +219,14 @@ class IteratedPlanes:
         if self.n_iter == 1 and self.ruler != OWN:
             self.dense = DenseSpacing(index.points, fitted.spacing[rows])
 
+    def _part_of_pass(self):
+        """Begin and end of this pass, as shares of all that may be, and its name."""
+        total = 1 + LATER_PASS * (self.max_iter - 1)
+        end = 1 + LATER_PASS * (self.n_iter - 1)
+        begin = end - LATER_PASS if self.n_iter > 1 else 0.0
+        stage = f"outliers, pass {self.n_iter} of at most {self.max_iter}"
+        return begin / total, end / total, stage
+
     def _find_credible(self):
         fitted, chunk = self.fitted, CHUNK[self.compiled]
         self.credible[:] = False
@@ -240,7 +256,8 @@ class IteratedPlanes:
             judged = self._judge(X[part], fitted.take(part), self.distance[part], around, borrow)
             scores[part], owners[part], usual[part] = judged
 
-        run([(np.arange(i, min(i + chunk, n)),) for i in range(0, n, chunk)], task, self.n_jobs)
+        parts = [(np.arange(i, min(i + chunk, n)),) for i in range(0, n, chunk)]
+        run(parts, task, self.n_jobs, told=True)
         return scores, owners, usual
 
     def _judge(self, queries, planes, distance, around, borrow, precision=0.0):

@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 from sklearn_mcmd._extras import import_extra
-from sklearn_mcmd.cli._speech import clear_exits, print_table, progress_bar, stopwatch
+from sklearn_mcmd.cli._speech import clear_exits, print_table, stopwatch
+from sklearn_mcmd.cli._waiting import progress
 from sklearn_mcmd.io._files import replacing
 from sklearn_mcmd.paper import EXPERIMENTS
 
@@ -72,7 +73,7 @@ def _reproduce(name, runs, seed, out, quiet):
             _use_agg()
             out.mkdir(parents=True, exist_ok=True)
         seconds = stopwatch()
-        with progress_bar(name, quiet):
+        with progress(name, quiet):
             report = experiment(runs, seed=seed)
         typer.echo(str(report))
         typer.echo(f"\n{seconds():.1f} seconds, seed {seed}")

@@ -5,7 +5,7 @@ from zlib import crc32
 import numpy as np
 
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.planes._progress import current_listener
+from sklearn_mcmd.planes._progress import current_span
 
 __all__ = [
     "Steps",
@@ -37,12 +37,12 @@ class Steps:
     """Tells whoever listens (see ``_progress``) how many of the runs are done."""
 
     def __init__(self, total):
-        self.total, self.done, self.listener = total, 0, current_listener()
+        self.total, self.done, self.span = total, 0, current_span()
 
     def advance(self, n):
         self.done += n
-        if self.listener is not None:
-            self.listener(self.done, self.total)
+        if self.span is not None:
+            self.span.tell(self.done / self.total)
 
 
 def bias_angles(method, clouds, random_state, steps):

@@ -6,7 +6,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from sklearn_mcmd.planes._neighborhoods import ORDER_FROM, spatial_order
-from sklearn_mcmd.planes._progress import current_listener
+from sklearn_mcmd.planes._progress import current_span
 
 __all__ = ["each_chunk", "each_slice", "run"]
 
@@ -24,8 +24,24 @@ def each_slice(n, size, work, n_jobs):
     _watched(parts, work, n, n_jobs)
 
 
-def run(tasks, work, n_jobs):
-    """Call ``work(*task)`` for each task, in threads if there is more than one."""
+def run(tasks, work, n_jobs, *, told=False):
+    """Call ``work(*task)`` for each task, in threads if there is more than one.
+
+    `told` tells whoever listens how many are done.
+    """
+    span, n_done, lock = current_span() if told else None, 0, Lock()
+
+    def watched(*task):
+        nonlocal n_done
+        work(*task)
+        with lock:
+            n_done += 1
+            span.tell(n_done / len(tasks))
+
+    _run(tasks, work if span is None else watched, n_jobs)
+
+
+def _run(tasks, work, n_jobs):
     if len(tasks) == 1:
         work(*tasks[0])
     elif tasks:
@@ -33,14 +49,14 @@ def run(tasks, work, n_jobs):
 
 
 def _watched(parts, work, n, n_jobs):
-    listener, n_done, lock = current_listener(), 0, Lock()
+    span, n_done, lock = current_span(), 0, Lock()
 
     def task(rows, count):
         nonlocal n_done
         work(rows)
-        if listener is not None:
+        if span is not None:
             with lock:
                 n_done += count
-                listener(n_done, n)
+                span.tell(n_done / n)
 
-    run(parts, task, n_jobs)
+    _run(parts, task, n_jobs)

@@ -13,6 +13,7 @@ from sklearn_mcmd.planes._chunks import each_chunk
 from sklearn_mcmd.planes._consistent_set import Trials, localize, n_support_points
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._plane import RANK_TOLERANCE, fit_planes, flat_normals, normal_errors
+from sklearn_mcmd.planes._progress import watch_compilation
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import METHODS, RuleLimits, robust_distances
 
@@ -268,4 +269,5 @@ def _compiled_driver():
 def _import_driver():
     from sklearn_mcmd.planes._rules_numba import fit_neighborhoods_3d
 
+    watch_compilation()
     return fit_neighborhoods_3d

@@ -13,6 +13,7 @@ from sklearn_mcmd._validation import check_extent
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._orientation import point_up
+from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._resolution import coordinate_step
 from sklearn_mcmd.segmentation._claims import Claims
 from sklearn_mcmd.segmentation._cylinder_parts import CylinderParts
@@ -264,7 +265,8 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
             If X has NaN, infinite or too few values, or ``normals="precomputed"`` and X lacks
             normals, surface variation and eigenvalues.
         """
-        X, normals, variation, eigenvalues = self._settle_columns(X)
+        with progress_part(0.0, 0.35):
+            X, normals, variation, eigenvalues = self._settle_columns(X)
         floor = 8 * np.finfo(X.dtype).eps * np.abs(X).max(axis=1)
         # At the usual cutoff one step of rounded coordinates is then no outlier.
         floor = np.maximum(floor.astype(np.float64), 1.25 * coordinate_step(X))
@@ -278,28 +280,33 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
             "max_gap": self.max_gap,
             "core_fraction": self.core_fraction,
         }
-        graph = link_neighbors(index, normals, floor, n_jobs=self.n_jobs, **rules)
-        labels = grow_regions(graph.links, _seeds(variation[rows], graph.offset))
+        with progress_part(0.35, 0.5, "links of neighbors"):
+            graph = link_neighbors(index, normals, floor, n_jobs=self.n_jobs, **rules)
+        with progress_part(0.5, 0.55, "growing regions"):
+            labels = grow_regions(graph.links, _seeds(variation[rows], graph.offset))
         owners = _owners(X, index, self.n_jobs)
         copies = np.bincount(owners, minlength=len(points))
         labels = _renumber(labels, copies, self.min_region_size)
         noise = np.maximum(np.sqrt(eigenvalues[rows, 0]), floor)
         if self.regrow_rest:
-            faces = RestFaces(index, normals, graph, noise, floor, self.n_jobs, **rules)
-            labels = _renumber(faces.grow(labels), copies, self.min_region_size)
+            with progress_part(0.55, 0.75, "narrow faces"):
+                faces = RestFaces(index, normals, graph, noise, floor, self.n_jobs, **rules)
+                labels = _renumber(faces.grow(labels), copies, self.min_region_size)
         limits = noise if self.max_distance is None else self.max_distance
         claims = Claims(index, normals, graph, limits, self.max_gap, self.n_jobs)
-        if self.assign_rest:
-            labels = _renumber(claims.absorb_fragments(labels), copies)
-        if self.join_coplanar:
-            labels = join_coplanar(points, labels, noise)
+        with progress_part(0.75, 0.85, "joining regions"):
+            if self.assign_rest:
+                labels = _renumber(claims.absorb_fragments(labels), copies)
+            if self.join_coplanar:
+                labels = join_coplanar(points, labels, noise)
         curved = self.join_curved and points.shape[1] == 3
         cylinders = CylinderParts(index, normals, graph.radius, floor, self.max_gap)
-        if self.assign_rest:
-            labels = cylinders.grow(labels) if curved else labels
-            labels = claims.assign_rest(labels, cylinders.curved)
-        if curved:  # once gaps between parts are filled
-            labels = cylinders.join(labels)
+        with progress_part(0.85, 1.0, "cylinders and the rest"):
+            if self.assign_rest:
+                labels = cylinders.grow(labels) if curved else labels
+                labels = claims.assign_rest(labels, cylinders.curved)
+            if curved:  # once gaps between parts are filled
+                labels = cylinders.join(labels)
         labels = _renumber(labels, copies)
         self.n_regions_ = int(labels.max(initial=-1)) + 1
         weights = copies if len(points) < len(X) else None

@@ -105,7 +105,7 @@ def test_a_word_and_the_ends_of_the_range_are_parsed(
 ):
     asked = []
 
-    def work(xyz, quiet, normals=None, **params):
+    def work(xyz, normals=None, **params):
         asked.append((normals or params)["outlier_rate"])
         raise ValueError("enough is known")
 

@@ -135,5 +135,5 @@ def test_too_few_points_fail_in_one_line(tmp_path):
     write_points(tmp_path / "few.csv", np.eye(3))
     result = run("segment", tmp_path / "few.csv", tmp_path / "out.csv")
     assert result.exit_code == 1
-    assert "n_samples=3 is too few" in result.stderr
+    assert "too few points for a plane: 3" in result.stderr
     assert len(result.stderr.splitlines()) == 1

@@ -1,0 +1,103 @@
+"""Progress: what estimators tell whoever listens, of the whole of their work."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from sklearn_mcmd import (
+    MCMDOutlierDetector,
+    RegionGrowing,
+    RobustNormalEstimator,
+    SharpFeatureDetector,
+)
+from sklearn_mcmd.planes._progress import (
+    COMPILING,
+    current_span,
+    listen_to_progress,
+    progress_part,
+    watch_compilation,
+)
+
+
+def heard(work):
+    """Stages and shares that a listener hears."""
+    told = []
+    with listen_to_progress(lambda stage, share: told.append((stage, share))):
+        work()
+    return told
+
+
+def test_parts_of_parts_are_shares_of_the_whole():
+    def work():
+        with progress_part(0.0, 0.5, "first"):
+            current_span().tell(0.5)
+        with progress_part(0.5, 1.0, "second"), progress_part(0.0, 0.2):
+            pass
+
+    assert heard(work) == [
+        *[("first", share) for share in (0.0, 0.25, 0.5)],
+        *[("second", share) for share in (0.5, 0.5, 0.6, 1.0)],
+    ]
+
+
+def test_nobody_listening_is_no_error():
+    with progress_part(0.0, 1.0, "alone"):
+        assert current_span() is None
+
+
+def test_a_listener_of_none_hears_nothing_of_what_is_within():
+    def work():
+        with listen_to_progress(None), progress_part(0.0, 1.0, "hidden"):
+            pass
+
+    assert heard(work) == []
+
+
+@pytest.mark.parametrize(
+    ("estimator", "stages"),
+    [
+        (MCMDOutlierDetector(random_state=0), ["outliers, pass 1 of at most 3"]),
+        (RobustNormalEstimator(random_state=0), ["normals", "normals next to edges"]),
+        (RobustNormalEstimator(method="pca"), ["normals"]),
+        (RegionGrowing(random_state=0), ["normals", "links of neighbors", "narrow faces"]),
+        (
+            SharpFeatureDetector(random_state=0),
+            ["outliers, pass 1 of at most 3", "normals", "creases"],
+        ),
+    ],
+)
+def test_estimators_name_their_stages_in_order_and_tell_the_whole(estimator, stages, room):
+    told = heard(lambda: estimator.fit(room.xyz))
+    names = list(dict.fromkeys(stage for stage, _ in told))
+    assert [name for name in names if name in stages] == stages
+    shares = [share for _, share in told]
+    assert min(shares) == 0
+    assert max(shares) == pytest.approx(1)
+
+
+def test_the_passes_of_the_detector_divide_the_whole_without_gaps(room):
+    told = heard(lambda: MCMDOutlierDetector(random_state=0).fit(room.xyz))
+    ends = {}
+    for stage, share in told:
+        first, last = ends.get(stage, (share, share))
+        ends[stage] = min(first, share), max(last, share)
+    passes = [ends[f"outliers, pass {n} of at most 3"] for n in (1, 2, 3)]
+    assert passes[0][0] == 0
+    assert passes[2][1] == pytest.approx(1)
+    for before, after in pairwise(passes):
+        assert before[1] == pytest.approx(after[0])
+
+
+def test_compilation_is_told_and_its_end():
+    numba = pytest.importorskip("numba")
+    watch_compilation()
+
+    @numba.njit
+    def twice(x):
+        return 2 * x
+
+    told = heard(lambda: twice(np.float32(1)))
+    assert told[0] == (COMPILING, None)
+    assert told[-1] == (None, None)
+    assert heard(lambda: twice(np.float32(1))) == []
