@@ -63,10 +63,10 @@ def coordinates(cloud):
 def warn_if_coarse(cloud):
     """Warn as the estimators of neighborhoods do, for a verb whose estimator has none."""
     if coordinates(cloud).dtype == np.float32:
-        from sklearn_mcmd import _resolution
         from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+        from sklearn_mcmd.planes._resolution import warn_if_coarse as warn
 
-        _resolution.warn_if_coarse(NeighborIndex(cloud.xyz, USUAL_NEIGHBORS), stacklevel=2)
+        warn(NeighborIndex(cloud.xyz, USUAL_NEIGHBORS), stacklevel=2)
 
 
 @contextmanager

@@ -55,7 +55,7 @@ def test_single_precision_too_coarse_for_the_points_is_refused(verb, coarse_file
     assert files_in(tmp_path) == ["in.npy"]
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", VERBS[:-1])  # a box is no plane, which `plane` refuses
 def test_single_precision_too_coarse_goes_on_with_a_warning_where_allowed(
     verb, coarse_file, tmp_path
 ):
