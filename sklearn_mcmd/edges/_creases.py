@@ -46,7 +46,7 @@ SMOOTH_STEPS = 3
 
 
 # The plane of a face is the one under which a point is most likely.
-LIKELIEST = ExplainLimits(likely=True, kept_weight=1.5)
+LIKELIEST = ExplainLimits(likely=True)
 
 
 class Faces(NamedTuple):

@@ -18,16 +18,10 @@ from sklearn_mcmd.planes._plane import fit_planes
 
 __all__ = ["SmoothnessLimits", "is_smooth", "least_members", "whole_planes"]
 
-# All members keep to their plane nearly as well as the retained do to theirs: no outliers.
-ALL_FLAT = 1.2
-# The quadric leaves hardly more than the robust plane's scale, which curvature has inflated. At a
+# A quadric leaves hardly more than the robust plane's scale, which curvature has inflated. At a
 # sharp crease it leaves far more: the scale there is the noise. A blunt one may get past this; that
-# the quadric leaves more there than next to it shows later, see `SurfacePlanes`. What deviates more
-# from its plane, as a share of its width (standard deviations), is a post or a sharp edge.
-CURVED, MOST_BENT = 1.15, 0.3
-# Share of the variance about the plane that a quadric leaves, without noise at most. It leaves
-# 6 % of a crease.
-QUADRIC = 0.02
+# the quadric leaves more there than next to it shows later, see `SurfacePlanes`.
+CURVED = 1.2
 # A quadric that the members don't determine, as on two scan lines, explains nothing.
 PIVOT = 1e-6
 # A neighborhood is ordinary, and no robust plane need be sought, if no test of normality sees more
@@ -90,16 +84,12 @@ def least_members(d):
     return 2 * (1 + (d - 1) + d * (d - 1) // 2)
 
 
-def is_smooth(deviation, left, eigenvalues, scale):
+def is_smooth(deviation, left, scale):
     """Whether neighborhoods with robust planes of a scale keep all members: bool (B,).
 
-    `deviation`, `left` and `eigenvalues` are as by `whole_planes`.
+    `deviation` and `left` are as by `whole_planes`.
     """
-    width = np.sqrt(eigenvalues[:, min(1, eigenvalues.shape[1] - 1)])
-    smooth = (left <= CURVED * scale) & (deviation <= MOST_BENT * width)
-    smooth |= deviation <= ALL_FLAT * scale
-    smooth |= left <= np.sqrt(QUADRIC) * deviation
-    return smooth & np.isfinite(deviation) & (scale > 0)
+    return (left <= CURVED * scale) & np.isfinite(deviation) & (scale > 0)
 
 
 def whole_planes(neighborhoods, sizes):

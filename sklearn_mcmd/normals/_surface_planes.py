@@ -20,22 +20,20 @@ from sklearn_mcmd.planes._record import Planes
 
 __all__ = ["SurfacePlanes"]
 
-# A point asks its neighbors where so much of its own neighborhood was removed, or where it is so
-# many standard deviations off its own plane, or where that is noisier than is usual around.
-REMOVED, OFF = 0.1, 2.5
+# A point asks its neighbors where so much of its own neighborhood was removed, or where its plane
+# is noisier than is usual around.
+REMOVED = 0.2
 # Share of a neighborhood's radius that counts as noise: no surface is flatter.
 LEAST_NOISE = 0.01
-# What is usual is what the best tenth of the neighbors have ...
-BEST = 0.1
-# ... and so many standard errors, of a deviation that so few members tell. A curved surface is
-# as curved next to a point as at it; what is not is no smooth surface, though a quadric fits it.
-NOISY, CREASED = 3.0, 3.25
+# What is usual is what the best tenth of the neighbors have and so many standard errors of a
+# deviation that so few members tell. A curved surface is as curved next to a point as at it; what
+# is not is no smooth surface, though a quadric fits it.
+BEST, NOISY = 0.1, 3.0
 # A plane that leans by no more than so many of its standard errors is not borrowed: the least noisy
 # of many is so by chance, and no better.
 SIGNIFICANT = 3.0
-# A plane explains points within 3 of its standard deviations. The weight of the share that it keeps
-# was settled between clouds with noise, where more is better, and without.
-LIKELIEST = ExplainLimits(likely=True, explained=3.0, kept_weight=1.5)
+# A point is explained within three standard deviations.
+LIKELIEST = ExplainLimits(likely=True, explained=3.0)
 
 
 class SurfacePlanes:
@@ -149,7 +147,7 @@ class SurfacePlanes:
         rest = np.flatnonzero(~smooth)
         if len(rest):
             robust = self._robust(points[rest], around.take(rest))
-            whole = is_smooth(deviation[rest], left[rest], planes.eigenvalues[rest], robust.scale)
+            whole = is_smooth(deviation[rest], left[rest], robust.scale)
             smooth[rest] = whole
             planes.put(rest[~whole], robust.take(~whole))
         return smooth, np.where(smooth, np.minimum(deviation, left), planes.scale)
@@ -187,7 +185,7 @@ class SurfacePlanes:
         rows = np.flatnonzero(smooth)
         around, radius = around.take(rows), planes.radius[rows]
         creased = np.hypot(noise[rows], LEAST_NOISE * radius) > self._most(
-            self.noise, radius, around, CREASED
+            self.noise, radius, around
         )
         rows = rows[creased]
         if len(rows):
@@ -204,11 +202,8 @@ class SurfacePlanes:
         queries = np.ascontiguousarray(points[rough], dtype=np.float64)
         own = planes.take(rough)
         least = LEAST_NOISE * own.radius
-        most = self._most(self.members.scale, own.radius, around, NOISY)
-        height = np.einsum("md,md->m", queries - own.centroids, own.normals)
-        ask = (1 - own.kept > REMOVED) | (np.abs(height) > OFF * own.scale)
-        ask |= np.hypot(own.scale, least) > most
-        asking = np.flatnonzero(ask)
+        most = self._most(self.members.scale, own.radius, around)
+        asking = np.flatnonzero((1 - own.kept > REMOVED) | (np.hypot(own.scale, least) > most))
         best, _ = explain(
             queries[asking], around.take(asking), self.members, LIKELIEST, self.usable,
             least[asking], most[asking], self.compiled,
@@ -226,10 +221,10 @@ class SurfacePlanes:
         own = planes.take(rows)
         planes.put(rows, lent._replace(kept=own.kept, radius=own.radius, spacing=own.spacing))
 
-    def _most(self, values, radius, around, n_errors):
+    def _most(self, values, radius, around):
         """The largest deviation that is usual among the neighbors."""
         usual = quantile_around(values, around, BEST, self.compiled)
-        return (1 + n_errors / np.sqrt(2 * around.sizes)) * np.hypot(usual, LEAST_NOISE * radius)
+        return (1 + NOISY / np.sqrt(2 * around.sizes)) * np.hypot(usual, LEAST_NOISE * radius)
 
 
 def _rough(planes, smooth):

@@ -33,14 +33,10 @@ class ExplainLimits(NamedTuple):
     explained : float
         A plane explains points within so many of its standard deviations. Planes that explain
         the point come first, others only where there is none.
-    kept_weight : float
-        Weight of the logarithm of the share of its neighborhood that a plane keeps, in the
-        likelihood. More is better where there is noise, less where there is none.
     """
 
     likely: bool
     explained: float = np.inf
-    kept_weight: float = 0.0
 
 
 def explain(queries, candidates, planes, limits, usable, least, most, compiled):
@@ -88,7 +84,6 @@ def explain(queries, candidates, planes, limits, usable, least, most, compiled):
         cost = distances
         if limits.likely:
             cost = 0.5 * (np.log(variance) + np.square(distances))
-            cost = cost - limits.kept_weight * np.log(planes.kept[indices])
     reached = candidates.valid & usable[indices] & (reach <= planes.radius[indices])
     if limits.likely:
         reached &= planes.scale[indices] > 0

@@ -30,7 +30,6 @@ def explain_queries(queries, candidates, planes, limits, usable, scales, owners,
             cost = distance
             if limits.likely:
                 cost = 0.5 * (np.log(variance) + distance * distance)
-                cost -= limits.kept_weight * np.log(planes.kept[row])
             first = variance <= most[i] * most[i] and distance <= limits.explained
             if (first and not best_first) or (first == best_first and cost < least_cost):
                 owners[i], distances[i] = row, distance
