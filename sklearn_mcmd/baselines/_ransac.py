@@ -1,6 +1,7 @@
 """RANSAC and MSAC: the plane of a minimal subset that most members agree with."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.special import chdtri
@@ -230,4 +231,5 @@ def _compiled():
         from sklearn_mcmd.baselines._ransac_numba import best_planes_3d, least_median_scales_3d
     except (ImportError, RuntimeError):
         return None
-    return best_planes_3d, least_median_scales_3d
+    forms = best_planes_3d, least_median_scales_3d
+    return tuple(partial(form, rank_tolerance=RANK_TOLERANCE) for form in forms)

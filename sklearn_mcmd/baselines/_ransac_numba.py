@@ -3,29 +3,32 @@
 import numpy as np
 from numba import njit
 
-from sklearn_mcmd.baselines._ransac import RANK_TOLERANCE, scale_factor
+from sklearn_mcmd.baselines._ransac import scale_factor
 from sklearn_mcmd.planes._plane_numba import FASTMATH
 
 __all__ = ["best_planes_3d", "least_median_scales_3d"]
 
 
-def best_planes_3d(points, table, threshold, stops, truncated_loss):
+def best_planes_3d(points, table, threshold, stops, truncated_loss, *, rank_tolerance):
     """As `_ransac.best_planes`, of points (B, n, 3)."""
     centers, normals = np.full((2, len(points), 3), np.nan)
     columns = np.ascontiguousarray(np.swapaxes(points, 1, 2))
-    _best_planes(columns, table, threshold, stops, truncated_loss, centers, normals)
+    _best_planes(columns, table, rank_tolerance, threshold, stops, truncated_loss, centers, normals)
     return centers, normals
 
 
-def least_median_scales_3d(points, table):
+def least_median_scales_3d(points, table, *, rank_tolerance):
     """As `_ransac.least_median_scales`, of points (B, n, 3)."""
     least = np.full(len(points), np.inf)
-    _least_medians(np.ascontiguousarray(np.swapaxes(points, 1, 2)), table, least)
+    columns = np.ascontiguousarray(np.swapaxes(points, 1, 2))
+    _least_medians(columns, table, rank_tolerance, least)
     return scale_factor(points.shape[1], 3) * least
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _best_planes(columns, table, threshold, stops, truncated_loss, centers, normals):
+def _best_planes(
+    columns, table, rank_tolerance, threshold, stops, truncated_loss, centers, normals
+):
     n_members = columns.shape[2]
     for i in range(columns.shape[0]):
         local = columns[i]
@@ -33,7 +36,7 @@ def _best_planes(columns, table, threshold, stops, truncated_loss, centers, norm
         for t in range(table.shape[0]):
             if t >= stop:
                 break
-            spans, anchor, normal = _trial_plane(local, table[t])
+            spans, anchor, normal = _trial_plane(local, table[t], rank_tolerance)
             if not spans:
                 continue
             if truncated_loss:
@@ -49,14 +52,14 @@ def _best_planes(columns, table, threshold, stops, truncated_loss, centers, norm
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _least_medians(columns, table, least):
+def _least_medians(columns, table, rank_tolerance, least):
     n_members = columns.shape[2]
     distances = np.empty(n_members)
     for i in range(columns.shape[0]):
         local = columns[i]
         best = np.inf
         for t in range(table.shape[0]):
-            spans, anchor, normal = _trial_plane(local, table[t])
+            spans, anchor, normal = _trial_plane(local, table[t], rank_tolerance)
             # A lower median needs the lower half of the members below the best.
             if not spans or _count(local, normal, anchor, best) < (n_members + 1) // 2:
                 continue
@@ -66,7 +69,7 @@ def _least_medians(columns, table, least):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _trial_plane(local, row):
+def _trial_plane(local, row, rank_tolerance):
     """Whether three members span a plane, the first of them and the unit normal."""
     a, b, c = row[0], row[1], row[2]
     x, y, z = local[0], local[1], local[2]
@@ -77,7 +80,7 @@ def _trial_plane(local, row):
     area2 = nx * nx + ny * ny + nz * nz
     spread = ux * ux + uy * uy + uz * uz + vx * vx + vy * vy + vz * vz
     spread = (spread + wx * wx + wy * wy + wz * wz) / 3.0
-    if not area2 / 3.0 > (RANK_TOLERANCE * spread) ** 2:
+    if not area2 / 3.0 > (rank_tolerance * spread) ** 2:
         return False, a, (0.0, 0.0, 0.0)
     scale = 1.0 / np.sqrt(area2)
     return True, a, (nx * scale, ny * scale, nz * scale)

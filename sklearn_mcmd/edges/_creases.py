@@ -165,15 +165,17 @@ class CreaseModel:
     def _give_planes(self, queries):
         """Of the planes of its neighbors, the one that explains each query best."""
         owners, spacing = np.empty(len(queries), dtype=np.intp), np.empty(len(queries))
+        # What no plane reaches is given the likeliest as if all were boundless.
+        boundless = self.planes._replace(radius=np.full_like(self.planes.radius, np.inf))
 
         def choose(part, around, owners, spacing):
             spacing[part] = np.median(self.planes.spacing[around.indices], axis=1)
-            everything = np.full(len(part), np.inf)
-            least = np.maximum(LEAST_NOISE * spacing[part], np.finfo(float).tiny)
-            owners[part], _ = explain(
-                queries[part], around, self.planes, LIKELIEST, self.usable, least, everything,
-                compiled=False,
-            )  # fmt: skip
+            owners[part] = self._likeliest(queries, part, around, self.planes, spacing)
+            far = owners[part] < 0
+            if far.any():
+                found = self._likeliest(queries, part[far], around.take(far), boundless, spacing)
+                # Points in one place have no planes.
+                owners[part[far]] = np.where(found < 0, around.indices[far, 0], found)
 
         self._in_chunks(queries, choose, owners, spacing)
         given = self.planes.take(owners)
@@ -183,6 +185,15 @@ class CreaseModel:
         scale = np.maximum(scale, np.finfo(float).tiny)
         given = given._replace(scale=scale, spacing=spacing)
         return Faces(given, levels, height, self.flat[owners])
+
+    def _likeliest(self, queries, part, around, planes, spacing):
+        """Whose plane explains queries[part] best, -1 where none does."""
+        most = np.full(len(part), np.inf)
+        least = np.maximum(LEAST_NOISE * spacing[part], np.finfo(float).tiny)
+        owners, _ = explain(
+            queries[part], around, planes, LIKELIEST, self.usable, least, most, compiled=False
+        )
+        return owners
 
     def _meet(self, queries, faces):
         """Distance to the nearest crease in spacings, inf if none, and the evidence for it.

@@ -30,6 +30,8 @@ def explain_queries(queries, candidates, planes, limits, usable, scales, owners,
             cost = distance
             if limits.likely:
                 cost = 0.5 * (np.log(variance) + distance * distance)
+            if not cost < np.inf:
+                continue
             first = variance <= most[i] * most[i] and distance <= limits.explained
             if (first and not best_first) or (first == best_first and cost < least_cost):
                 owners[i], distances[i] = row, distance

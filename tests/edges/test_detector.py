@@ -115,6 +115,18 @@ def test_points_off_the_faces_are_no_edges(box, fitted):
     assert (fitted.predict(above) == 1).all()
 
 
+def test_points_that_no_plane_reaches_are_no_edges():
+    rng = np.random.default_rng(0)
+    floor, wall, partition = rng.uniform(0, 1, (3, 800, 3))
+    floor[:, 2], wall[:, 0], partition[:, 1] = 0, 1, 0.5
+    partition *= [0.5, 1, 1]
+    points = np.vstack([floor, wall, partition]) + rng.normal(0, 0.002, (2400, 3))
+    # On the floor's plane and the partition's, and half a unit beyond the wall.
+    far = np.array([[1.5, 0.5, 0.0]])
+    assert fast().fit(points).score_samples(far)[0] > 10
+    assert fast().fit(points[::-1]).score_samples(far)[0] > 10
+
+
 def test_foliage_has_hardly_any_edges():
     street = make_street(20_000, outlier_share=0, tree=True, random_state=0)
     labels = fast().fit_predict(street.data)

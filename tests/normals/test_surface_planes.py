@@ -9,9 +9,10 @@ from scenes import corner, cylinder, sphere, torus
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.normals._smoothness import is_smooth, whole_planes
+from sklearn_mcmd.normals._smoothness import LIMITS, is_smooth, whole_planes
 from sklearn_mcmd.normals._smoothness_numba import whole_planes_3d
 from sklearn_mcmd.planes._progress import listen_to_progress
+from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 
 def angles(X, normals, **parameters):
@@ -144,13 +145,15 @@ def test_the_compiled_whole_planes_are_those_of_numpy():
     neighborhoods[1::50, :, 1:] = 0.0  # lines
     expected = whole_planes(neighborhoods, sizes)
     points, indices = neighborhoods.reshape(-1, 3), np.arange(900 * 40).reshape(900, 40)
-    vectors = [np.empty((900, 3)) for _ in range(4)]
+    around = Neighborhoods(indices.astype(np.int32), sizes)
+    planes, directions = Planes.empty(900, 3), np.empty((900, 3))
     deviation, left, ordinary = np.empty(900), np.empty(900), np.empty(900, dtype=bool)
-    whole_planes_3d(points, indices, sizes, *vectors, deviation, left, ordinary)
+    whole_planes_3d(points, around, LIMITS, planes, directions, deviation, left, ordinary)
     assert_array_equal(ordinary, expected[5])
     assert ordinary[0::50][sizes[0::50] >= 12].all()
     assert not ordinary[1::50].any()
-    assert_allclose(vectors[1], expected[1], rtol=1e-9, atol=1e-12)
+    assert_allclose(planes.centroids, expected[0], rtol=1e-9, atol=1e-12)
+    assert_allclose(planes.eigenvalues, expected[1], rtol=1e-9, atol=1e-12)
     assert_allclose(deviation, expected[3], rtol=1e-9, atol=1e-12)
     assert_allclose(left, expected[4], rtol=1e-7, atol=1e-12)
 

@@ -116,7 +116,8 @@ def test_float32_gives_the_answers_of_float64():
     X = X.astype(np.float32)
     single = MCMDOutlierDetector(random_state=0).fit(X).score_samples(X)
     double = MCMDOutlierDetector(random_state=0).fit(X.astype(float)).score_samples(X.astype(float))
-    assert_allclose(single, double, rtol=1e-12)
+    # The rounding of float32, 1e-6, joins a noise of 0.004 in borrowed planes, in squares.
+    assert_allclose(single, double, rtol=1e-6)
 
 
 @pytest.mark.parametrize("refine", ["reweight", None])

@@ -7,6 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from adversarial import KINDS, neighborhoods
 from reference import consistent_set
 from sklearn_mcmd.planes._consistent_set import (
+    Trials,
     draw_trials,
     localize,
     maximum_consistent_sets,
@@ -63,16 +64,23 @@ def test_the_batched_form_equals_the_reference_in_other_dimensions(d):
 
 
 @numba.njit
-def _compiled_sets(local, sizes, trials, n_support):
+def _sets_of(local, sizes, trials):
     from_numba = np.zeros(local.shape[:2], dtype=np.bool_)
     least = np.zeros(len(local))
-    arrays = work_arrays(trials.shape[0], local.shape[1])
+    arrays = work_arrays(trials.positions.shape[0], local.shape[1])
     for i in range(len(local)):
         arrays[0][:] = local[i].T
-        least[i] = consistent_set_3d(sizes[i], trials, n_support[i], arrays)
+        least[i] = consistent_set_3d(sizes[i], trials, arrays)
         for j in range(sizes[i]):
             from_numba[i, j] = arrays[6][j] == 1.0
     return from_numba, least
+
+
+def compiled_sets(local, sizes, positions, h):
+    """The compiled form, told the consistent sets' number of points of each size."""
+    n_support = np.zeros(local.shape[1] + 1, dtype=np.int64)
+    n_support[sizes] = h
+    return _sets_of(local, sizes, Trials(positions, n_support))
 
 
 from sklearn_mcmd.planes._consistent_set_numba import (  # noqa: E402, used in the compiled helper
@@ -93,7 +101,7 @@ def test_the_kernel_and_numpy_find_the_same_set(kind, k):
     h = n_support_points(0.5, sizes, 3)
     expected, least, _ = maximum_consistent_sets(points, trials, h)
     local, radius = localize(points)
-    support, compiled_least = _compiled_sets(local, sizes, trials, h)
+    support, compiled_least = compiled_sets(local, sizes, trials, h)
     assert_array_equal(support, expected)
     assert_allclose(compiled_least * radius**2, least, rtol=1e-8, atol=1e-14 * radius.max() ** 2)
 
@@ -106,7 +114,7 @@ def test_the_kernel_and_numpy_agree_where_sizes_differ():
     h = n_support_points(0.5, sizes, 3)
     expected, _, _ = maximum_consistent_sets(points, trials, h, sizes)
     local, _ = localize(points, sizes)
-    support, _ = _compiled_sets(local, sizes, trials, h)
+    support, _ = compiled_sets(local, sizes, trials, h)
     assert_array_equal(support, expected)
     assert not expected[np.arange(40) >= sizes[:, None]].any()
 
@@ -131,7 +139,7 @@ def test_a_degenerate_minimal_subset_is_completed():
     assert support.sum() == 10
     assert_allclose(least, 0, atol=1e-15)
     local, _ = localize(points)
-    compiled, value = _compiled_sets(local, np.array([20]), trials, np.array([10]))
+    compiled, value = compiled_sets(local, np.array([20]), trials, np.array([10]))
     assert value[0] >= 0
     assert_array_equal(compiled, support)
 
@@ -143,7 +151,7 @@ def test_points_that_span_no_plane_give_the_first_members(points):
     assert degenerate.all()
     assert_array_equal(support[0], np.arange(9) < 5)
     local, _ = localize(points)
-    compiled, value = _compiled_sets(local, np.array([9]), trials, np.array([5]))
+    compiled, value = compiled_sets(local, np.array([9]), trials, np.array([5]))
     assert value[0] == -1
     assert_array_equal(compiled, support)
 

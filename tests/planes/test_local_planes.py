@@ -31,8 +31,8 @@ def planes_of(X, compiled, **parameters):
 @pytest.mark.parametrize("kind", KINDS)
 def test_compiled_and_numpy_forms_agree(kind, method, reweight):
     X = neighborhoods(kind, 8, 60, seed=5).reshape(-1, 3)
-    ours = planes_of(X, True, method=method, reweight=reweight)
-    theirs = planes_of(X, False, method=method, reweight=reweight)
+    ours, our_distance = planes_of(X, True, method=method, reweight=reweight)
+    theirs, their_distance = planes_of(X, False, method=method, reweight=reweight)
     # Scales at rounding level, as on a perfect plane, may differ by rounding.
     level = 1e-13 * (np.abs(X).max() + 1)
     agree = np.isclose(ours.scale, theirs.scale, rtol=1e-6, atol=level)
@@ -40,8 +40,8 @@ def test_compiled_and_numpy_forms_agree(kind, method, reweight):
     # different steps, another plane wins. Everywhere else the forms agree without exception.
     assert agree.mean() >= (0.99 if kind == "thin" else 1.0)
     same = agree & (theirs.scale > 1e3 * level)
-    assert_allclose(ours.distance[same], theirs.distance[same], rtol=1e-5, atol=1e-6)
-    assert_array_equal(ours.n_inliers[same], theirs.n_inliers[same])
+    assert_allclose(our_distance[same], their_distance[same], rtol=1e-5, atol=1e-6)
+    assert_array_equal(ours.kept[same], theirs.kept[same])
     most = theirs.eigenvalues.max()
     assert_allclose(ours.eigenvalues[same], theirs.eigenvalues[same], rtol=1e-6, atol=1e-15 * most)
 
@@ -50,29 +50,30 @@ def test_compiled_and_numpy_forms_agree(kind, method, reweight):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_cleaned_neighborhood_keeps_the_better_part(kind, compiled):
     X = neighborhoods(kind, 8, 60, seed=6).reshape(-1, 3)
-    planes = planes_of(X, compiled)
+    planes, distance = planes_of(X, compiled)
     # Two cuts at 2.5 deviations of the majority, each of which keeps at least 84 % (Chebyshev).
-    assert planes.removed_fraction.max() <= 1 - 0.5 * 0.84**2
+    assert planes.kept.min() >= 0.5 * 0.84**2
     assert_allclose(np.linalg.norm(planes.normals, axis=1), 1, rtol=1e-12)
-    assert np.isfinite(planes.distance).all()
+    assert np.isfinite(distance).all()
 
 
 def test_neighborhoods_of_different_sizes_agree():
     X = neighborhoods("noisy plane", 6, 80, seed=7).reshape(-1, 3)
-    ours, theirs = (planes_of(X, compiled, radius=0.4) for compiled in (True, False))
+    (ours, _), (theirs, _) = (planes_of(X, compiled, radius=0.4) for compiled in (True, False))
     assert_allclose(ours.scale, theirs.scale, rtol=1e-6, atol=1e-12)
-    assert_array_equal(ours.n_inliers, theirs.n_inliers)
-    assert_array_equal(ours.n_members, theirs.n_members)
-    assert len(np.unique(ours.n_members)) > 1
+    assert_array_equal(ours.kept, theirs.kept)
+    assert_allclose(ours.spacing, theirs.spacing, rtol=1e-12)
+    assert_allclose(ours.radius, theirs.radius, rtol=1e-12)
+    assert len(np.unique(NeighborIndex(X, 30, 0.4).query(X).sizes)) > 1
 
 
 def test_members_of_a_radius_search_are_within_it():
     X = np.random.default_rng(0).uniform(size=(500, 3))
     index = NeighborIndex(X, 40, 0.2)
-    indices, sizes = index.query(X)
+    found = index.query(X)
+    indices, sizes = found
     distances = np.linalg.norm(index.points[indices] - X[:, None], axis=2)
-    inside = np.arange(40) < sizes[:, None]
-    assert (distances[inside & (sizes > 4)[:, None]] <= 0.2).all()
+    assert (distances[found.valid & (sizes > 4)[:, None]] <= 0.2).all()
     assert_array_equal(np.sort(indices[:, 0]), np.arange(500))
     assert sizes.min() >= 4
 

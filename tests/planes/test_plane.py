@@ -42,7 +42,7 @@ def coverage(k, method, outliers, n_patches, d=3, cutoff=None, seed=0):
         reweight=True,
         precision=2.0**-52,
     )
-    planes = model.evaluate(queries @ turn.T)
+    planes, _ = model.evaluate(queries @ turn.T)
     along = planes.normals @ turn[:, -1]
     across = np.linalg.norm(planes.normals - along[:, None] * turn[:, -1], axis=1)
     tilt = np.degrees(np.arctan2(across, np.abs(along)))

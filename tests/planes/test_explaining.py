@@ -1,0 +1,147 @@
+"""Whose plane explains a point: compiled and NumPy forms, against a loop taken literally."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from sklearn_mcmd.planes._explaining import (
+    CREDIBLE,
+    Credibility,
+    ExplainLimits,
+    credible_planes,
+    explain,
+)
+from sklearn_mcmd.planes._record import Neighborhoods, Planes
+
+pytest.importorskip("numba")
+
+LIMITS = {
+    "nearest": ExplainLimits(likely=False),
+    "nearest within 3": ExplainLimits(likely=False, explained=3.0),
+    "likeliest": ExplainLimits(likely=True),
+    "likeliest within 3": ExplainLimits(likely=True, explained=3.0, kept_weight=1.5),
+}
+
+
+def scene(kind, d, m=200, n=80, k=12, seed=0):
+    """Queries, candidates, planes, usable, least and most."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(size=(n, d))
+    planes = Planes.empty(n, d)
+    planes.centroids[:] = points + rng.normal(0, 0.05, (n, d))
+    normals = rng.normal(size=(n, d))
+    planes.normals[:] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    planes.scale[:] = rng.uniform(0.01, 0.1, n)
+    planes.kept[:] = rng.integers(5, 11, n) / 10
+    planes.radius[:] = rng.uniform(0.2, 0.6, n)
+    usable = np.ones(n, dtype=bool)
+    queries = rng.uniform(-0.1, 1.1, (m, d))
+    indices = np.argsort(np.linalg.norm(queries[:, None] - points, axis=2), axis=1)[:, :k]
+    sizes = np.full(m, k)
+    least, most = rng.uniform(0, 0.02, m), np.full(m, np.inf)
+    if kind == "ties":  # of two copies of a plane the first candidate is the owner
+        planes = planes.take(np.arange(n) // 2)
+    elif kind == "sizes":
+        sizes = rng.integers(1, k + 1, m)
+        indices = np.where(np.arange(k) < sizes[:, None], indices, indices[:, :1])
+    elif kind == "zero scales":
+        planes.scale[::2], least[:] = 0.0, 0.0
+        queries[::2] = planes.centroids[indices[::2, 0]]  # at distance 0 / 0
+    elif kind == "no planes":
+        planes.scale[::3] = -1.0
+    elif kind == "unusable":
+        usable = rng.random(n) < 0.25
+    elif kind == "noisy ones last":
+        most = rng.uniform(0, 0.1, m)
+    elif kind == "far away":
+        queries += 10.0
+    candidates = Neighborhoods(indices.astype(np.int32), sizes)
+    return queries, candidates, planes, usable, least, most
+
+
+KINDS = ["plain", "ties", "sizes", "zero scales", "no planes", "unusable", "noisy ones last",
+         "far away"]  # fmt: skip
+
+
+def literally(queries, candidates, planes, limits, usable, least, most):
+    """One query and one plane at a time."""
+    owners, distances = [], []
+    for query, row, size, add, limit in zip(queries, *candidates, least, most, strict=True):
+        best = (False, np.inf), -1, np.inf
+        for i in row[:size]:
+            gap = query - planes.centroids[i]
+            if not usable[i] or np.sqrt((gap**2).sum()) > planes.radius[i]:
+                continue
+            if limits.likely and planes.scale[i] <= 0:
+                continue
+            deviation = np.hypot(planes.scale[i], add)
+            if deviation == 0:
+                continue  # no distance is a number of its deviations
+            distance = abs(gap @ planes.normals[i]) / deviation
+            cost = distance
+            if limits.likely:  # minus the logarithm of a normal density, and of the share kept
+                cost = np.log(deviation) + distance**2 / 2
+                cost -= limits.kept_weight * np.log(planes.kept[i])
+            last = not (deviation <= limit and distance <= limits.explained)
+            if best[1] < 0 or (last, cost) < best[0]:
+                best = (last, cost), i, distance
+        owners.append(best[1])
+        distances.append(best[2])
+    return np.array(owners), np.array(distances)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("limits", LIMITS.values(), ids=LIMITS)
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_owner_is_the_one_that_a_literal_loop_finds(d, kind, limits, compiled):
+    queries, candidates, planes, *others = scene(kind, d)
+    owners, distances = explain(queries, candidates, planes, limits, *others, compiled)
+    expected, expected_distances = literally(queries, candidates, planes, limits, *others)
+    assert_array_equal(owners, expected)
+    assert_allclose(distances, expected_distances, rtol=1e-9, atol=1e-12)
+
+
+def test_the_scenes_hold_what_they_are_made_for():
+    """Queries without an owner, with one that explains them, and with one that does not."""
+    limits = LIMITS["likeliest within 3"]
+    queries, candidates, planes, *others = scene("unusable", 3)
+    owners, distances = explain(queries, candidates, planes, limits, *others, False)
+    assert (owners == -1).sum() > 5
+    assert_array_equal(np.isinf(distances), owners == -1)
+    assert (distances <= 3).sum() > 50
+    assert ((distances > 3) & (owners >= 0)).sum() > 5
+    assert (explain(*scene("far away", 3)[:3], limits, *others, True)[0] == -1).all()
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_no_queries_have_no_owners(compiled):
+    _, candidates, planes, usable, *_ = scene("plain", 3)
+    none = np.empty(0)
+    owners, distances = explain(
+        np.empty((0, 3)), candidates.take(slice(0, 0)), planes, LIMITS["nearest"], usable,
+        none, none, compiled,
+    )  # fmt: skip
+    assert owners.shape == distances.shape == (0,)
+
+
+def credible(limits=CREDIBLE, **changes):
+    """Whether a plane of scale 0.1, radius 1 and share 1 is credible where radii are 1."""
+    planes = Planes.empty(1, 3)
+    planes.scale[0], planes.radius[0], planes.kept[0] = 0.1, 1.0, 1.0
+    for name, value in changes.items():
+        getattr(planes, name)[0] = value
+    return credible_planes(planes, np.ones(1), limits)[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "good", "bad"), [("scale", 0.2, 0.21), ("kept", 0.5, 0.49), ("radius", 1.15, 1.16)]
+)
+def test_a_credible_plane_is_flat_keeps_its_share_and_is_not_sparse(name, good, bad):
+    limits = Credibility(most_rough=0.2)
+    assert credible(limits, **{name: good})
+    assert not credible(limits, **{name: bad})
+
+
+def test_without_a_limit_roughness_does_not_matter():
+    assert credible(scale=50.0)
