@@ -78,8 +78,8 @@ OutlierRate = Annotated[
         ),
         metavar="NUMBER|auto",
         help="Largest share of outliers in a neighborhood to be prepared for, up to 0.99; sets the "
-        "number of trials, not the share that is removed. auto: as 0.5, but fewer trials in "
-        "neighborhoods that show that they need no more.",
+        "number of trials, not the share that is removed. auto: as 0.5; in three dimensions it "
+        "makes all trials, since compiled code screens them at once.",
     ),
 ]
 RandomState = Annotated[

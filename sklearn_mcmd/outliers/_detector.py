@@ -47,8 +47,9 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
     outlier_rate : float in [0, 1) or "auto", default=0.5
         Assumed share of outliers in a neighborhood (epsilon). It sets the number of trials
         (Eq. 13); too small a rate risks masking. It is not the share that is flagged.
-        "auto" prepares for 0.5 and makes fewer trials where the neighborhood itself shows
-        that they suffice.
+        "auto" prepares for 0.5. In three dimensions it makes all trials, since compiled code
+        screens them at once; from four dimensions on fewer, where the neighborhood itself
+        shows that they suffice.
 
     success_probability : float in (0, 1), default=0.9999
         Probability that at least one minimal subset is free of outliers (P_r).

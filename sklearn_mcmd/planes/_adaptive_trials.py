@@ -5,7 +5,8 @@ plane found so far does not *settle* its neighborhood: see `settled`. A plane ac
 must not count as one, or half of the points as outliers would be withstood no longer; three
 tests together keep it out.
 
-This batched NumPy form holds in any dimension; ``_adaptive_trials_numba`` repeats it in three.
+Estimators use it from four dimensions on. In three dimensions they make all trials, since compiled
+code screens them at once: with fewer they took 0.94 to 1.09 of the time.
 """
 
 from dataclasses import dataclass
