@@ -19,7 +19,7 @@ LIMITS = {
     "nearest": ExplainLimits(likely=False),
     "nearest within 3": ExplainLimits(likely=False, explained=3.0),
     "likeliest": ExplainLimits(likely=True),
-    "likeliest within 3": ExplainLimits(likely=True, explained=3.0, kept_weight=1.5),
+    "likeliest within 3": ExplainLimits(likely=True, explained=3.0),
 }
 
 
@@ -81,7 +81,6 @@ def literally(queries, candidates, planes, limits, usable, least, most):
             cost = distance
             if limits.likely:  # minus the logarithm of a normal density, and of the share kept
                 cost = np.log(deviation) + distance**2 / 2
-                cost -= limits.kept_weight * np.log(planes.kept[i])
             last = not (deviation <= limit and distance <= limits.explained)
             if best[1] < 0 or (last, cost) < best[0]:
                 best = (last, cost), i, distance
