@@ -11,7 +11,6 @@ from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.normals._smoothness import SmoothnessLimits, is_smooth, whole_planes
 from sklearn_mcmd.normals._smoothness_numba import whole_planes_3d
-from sklearn_mcmd.planes._progress import listen_to_progress
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 
@@ -210,16 +209,6 @@ def test_planes_across_a_kerb_come_last():
     # Three standard deviations off the edge the faces can be told apart.
     assert (angle[near] < 10).mean() > max(0.9, (own[near] < 10).mean() + 0.05)
     assert np.median(angle[clear & ~near]) <= 1.05 * np.median(own[clear & ~near])
-
-
-@pytest.mark.parametrize("refine", ["reweight", None])
-def test_progress_is_told_to_the_last_point(refine):
-    X, _, _ = corner(12_000)
-    heard = []
-    with listen_to_progress(lambda done, total: heard.append((done, total))):
-        RobustNormalEstimator(30, refine=refine, random_state=0).fit(X)
-    assert len(heard) > 1
-    assert heard[-1] == (len(X), len(X))
 
 
 def test_the_paper_to_the_letter_borrows_nothing():
