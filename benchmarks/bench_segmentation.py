@@ -29,7 +29,7 @@ from pathlib import Path
 import numpy as np
 
 PAPER = {
-    "core_fraction": 0,
+    "mutual": False,
     "regrow_rest": False,
     "join_coplanar": False,
     "join_curved": False,
@@ -37,7 +37,7 @@ PAPER = {
 }
 FORMS = {
     "paper's rules": PAPER,
-    "and core points": {**PAPER, "core_fraction": 0.5},
+    "and mutual": {**PAPER, "mutual": True},
     "and rest assigned": {"regrow_rest": False, "join_coplanar": False, "join_curved": False},
     "and coplanar joined": {"regrow_rest": False, "join_curved": False},
     "and curved joined": {"regrow_rest": False},

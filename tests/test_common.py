@@ -49,7 +49,7 @@ QUICK = RobustNormalEstimator(outlier_rate=0.2, random_state=0)
         RegionGrowing(),
         RegionGrowing(10, max_distance=0.5, max_gap=1.0, normal_estimator=QUICK, n_jobs=2),
         RegionGrowing(
-            15, core_fraction=0, join_coplanar=False, join_curved=False, normal_estimator=QUICK
+            15, mutual=False, join_coplanar=False, join_curved=False, normal_estimator=QUICK
         ),
         RegionGrowing(15, min_region_size=3, assign_rest=False, normal_estimator=QUICK),
         SharpFeatureDetector(

@@ -20,7 +20,7 @@ __all__ = ["figure14", "figure15", "table6"]
 N_NEIGHBORS, MIN_REGION_SIZE = 50, 10
 SLOW_POINTS = 34_000  # of a scene on which RPCA and uLSIF are run, minutes each
 GROWTH_ALONE = {
-    "core_fraction": 0,
+    "mutual": False,
     "regrow_rest": False,
     "join_coplanar": False,
     "join_curved": False,
@@ -172,7 +172,7 @@ def _notes():
         "the rule of segmentation_scores, 80 % overlap.",
         "Regions grow by the paper's three criteria alone; their automatic thresholds are in a "
         "reference that was not at hand. 'default' and 'PCA, default growth' also have this "
-        "package's further steps (RegionGrowing's core_fraction, regrow_rest, join_coplanar, "
+        "package's further steps (RegionGrowing's mutual, regrow_rest, join_coplanar, "
         "join_curved, assign_rest).",
         "RPCA and uLSIF take milliseconds a point and are run on one scene of at most "
         f"{SLOW_POINTS:,} points, where the points are farther apart and neighborhoods wider; "

@@ -3,11 +3,10 @@
 import numpy as np
 
 from sklearn_mcmd.planes._chunks import run
+from sklearn_mcmd.segmentation._graph import CUTOFF
 
 __all__ = ["Claims"]
 
-# Standard deviations of a plane's noise within which it claims a point.
-CUTOFF = 3.0
 MAX_ROUNDS = 50
 # Shares of a limit are equal if they are to so many digits.
 DIGITS = 6
@@ -24,22 +23,21 @@ class Claims:
     Parameters
     ----------
     index : NeighborIndex
-    normals : ndarray of shape (n, d)
-    graph : NeighborLinks
-        For the planes' offsets and radii.
-    noise : ndarray of shape (n,) or float
-        Standard deviations of the planes; a float is the largest distance itself.
-    max_gap : float, default=None
-        Largest distance of a neighbor instead of the planes' radii.
+    planes : PointPlanes
+    rules : GrowthRules
+        A `max_distance` takes the place of the standard deviations, a `max_gap` that of the radii.
     n_jobs : int, default=None
     """
 
-    def __init__(self, index, normals, graph, noise, max_gap=None, n_jobs=None):
+    def __init__(self, index, planes, rules, n_jobs=None):
         n = len(index.points)
-        self.n_jobs = n_jobs
-        self.index, self.normals, self.offset = index, normals, graph.offset
-        self.limit = np.broadcast_to(CUTOFF * noise if np.ndim(noise) else float(noise), n)
-        self.reach = graph.radius if max_gap is None else np.full(n, float(max_gap))
+        self.index, self.n_jobs = index, n_jobs
+        self.normals, self.offset = planes.normals, planes.offset
+        self.limit, self.reach = CUTOFF * planes.noise, planes.radius
+        if rules.max_distance is not None:
+            self.limit = np.full(n, float(rules.max_distance))
+        if rules.max_gap is not None:
+            self.reach = np.full(n, float(rules.max_gap))
 
     def absorb_fragments(self, labels):
         """Give fragments to the region whose planes claim most of their points.

@@ -1,5 +1,7 @@
 """The least squares cylinder of a few points."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 __all__ = ["Cylinder", "fit_cylinder"]
@@ -11,6 +13,14 @@ LEAST_GAIN = 1e-6
 # What keeps the equations of a flat strip, whose radius is infinite, from being singular.
 RIDGE = 1e-12
 N_PARAMETERS = 5
+
+
+class FitLimits(NamedTuple):
+    """When the fit ends, as the kernel takes it, which freezes constants that it imports."""
+
+    n_steps: int
+    least_gain: float
+    ridge: float
 
 
 class Cylinder:
@@ -64,23 +74,23 @@ def fit_cylinder(points, normals, *, compiled=True):
     extents = np.linalg.eigh(local.T @ local)[1]
     starts = np.stack([extents[:, 2], extents[:, 1], np.linalg.eigh(normals.T @ normals)[1][:, 0]])
     fit = (_compiled() if compiled else None) or _fit
-    total, model = fit(local, starts)
+    total, model = fit(local, starts, FitLimits(N_STEPS, LEAST_GAIN, RIDGE))
     return total * scale**2, Cylinder(center + scale * model[:3], model[3:6], scale * model[6])
 
 
-def _fit(points, starts):
+def _fit(points, starts, limits):
     """Least sum of squares and cylinder of centered points; it compiles as it is."""
     n = len(points)
     best = np.inf
     model = np.zeros(7)
-    ridge = RIDGE * n * np.eye(5)
+    ridge = limits.ridge * n * np.eye(5)
     equations = np.empty((n, 5))
     for start in starts:
         axis = start.copy()
         point = np.zeros(3)
         radius = -1.0  # none yet
         last = np.inf
-        for _ in range(N_STEPS + 1):
+        for _ in range(limits.n_steps + 1):
             # Two directions across the axis.
             least = np.argmin(np.abs(axis))
             u = -axis * axis[least]
@@ -105,10 +115,10 @@ def _fit(points, starts):
             if total < best:
                 best = total
                 model[:3], model[3:6], model[6] = point, axis, radius
-            if not total < (1 - LEAST_GAIN) * last:
+            if not total < (1 - limits.least_gain) * last:
                 break
             last = total
-            reach = np.maximum(reach, RIDGE)
+            reach = np.maximum(reach, limits.ridge)
             equations[:, 0], equations[:, 1] = across_u / reach, across_v / reach
             equations[:, 2], equations[:, 3] = along * across_u / reach, along * across_v / reach
             equations[:, 4] = 1.0

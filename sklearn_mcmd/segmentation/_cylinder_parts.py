@@ -14,7 +14,7 @@ __all__ = ["CylinderParts"]
 
 # A region is narrow if its second extent is no more than so many times the radius that growth
 # looks at. Wider ones have normals of their own; where these turn, growth follows them.
-MOST_WIDE = 2.5
+MOST_WIDE = 4.0
 # One model explains points as well as another if it leaves no more than so many times its
 # root mean square, and a region is curved if its plane leaves more than that of its cylinder.
 MOST_MISFIT = 1.5
@@ -74,17 +74,13 @@ class CylinderParts:
     ----------
     index : NeighborIndex
         Of points in three dimensions.
-    normals : ndarray of shape (n, 3)
-    radius : ndarray of shape (n,)
-        Distance to the farthest neighbor that growth looked at.
-    floor : ndarray of shape (n,)
-        What rounding amounts to.
+    planes : PointPlanes
     max_gap : float, default=None
         Largest distance of points that touch, besides being among the nearer half of neighbors.
     """
 
-    def __init__(self, index, normals, radius, floor, max_gap=None):
-        self.index, self.normals, self.radius, self.floor = index, normals, radius, floor
+    def __init__(self, index, planes, max_gap=None):
+        self.index, self.planes = index, planes
         self.max_gap = np.inf if max_gap is None else max_gap
         self.curved = np.empty(0, dtype=np.intp)
         self.wide = None  # by label; regions only gain points, and no wide one becomes narrow
@@ -121,7 +117,7 @@ class CylinderParts:
         rows = np.flatnonzero(~np.append(wide, True)[labels])
         own = labels[rows]
         sizes, *_, values, _ = region_planes(self.index.points[rows], own, n_regions)
-        reach = np.bincount(own, self.radius[rows], n_regions) / np.maximum(sizes, 1)
+        reach = np.bincount(own, self.planes.radius[rows], n_regions) / np.maximum(sizes, 1)
         # Of points spread evenly over a width the standard deviation is its root 12th.
         self.wide = wide | (np.sqrt(12 * values[:, 1]) > MOST_WIDE * reach)
         self.wide[self.curved] = False
@@ -149,13 +145,13 @@ class CylinderParts:
         if n >= LEAST_SIZE:
             curve, cylinder = self._fit(members)
             curve /= n - N_PARAMETERS
-        floor = self.floor[members].max() ** 2
-        ceiling = (self.radius[members].mean() / (2 * CUTOFF)) ** 2
+        floor = self.planes.floor[members].max() ** 2
+        ceiling = (self.planes.radius[members].mean() / (2 * CUTOFF)) ** 2
         return _Part(members, around, floor, ceiling, plane, curve, cylinder)
 
     def _fit(self, rows):
         compiled = len(self.index.points) >= COMPILE_FROM
-        return fit_cylinder(self.index.points[rows], self.normals[rows], compiled=compiled)
+        return fit_cylinder(self.index.points[rows], self.planes.normals[rows], compiled=compiled)
 
     def _join(self, labels, parts, fresh, tried):
         """Join `parts` in place as long as any can be; the names of those that changed."""

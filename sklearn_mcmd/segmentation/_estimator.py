@@ -17,7 +17,7 @@ from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._resolution import coordinate_step
 from sklearn_mcmd.segmentation._claims import Claims
 from sklearn_mcmd.segmentation._cylinder_parts import CylinderParts
-from sklearn_mcmd.segmentation._graph import grow_regions, link_neighbors
+from sklearn_mcmd.segmentation._graph import GrowthRules, grow_regions, link_neighbors
 from sklearn_mcmd.segmentation._joining import join_coplanar, region_planes
 from sklearn_mcmd.segmentation._narrow_faces import RestFaces
 
@@ -45,9 +45,9 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         Largest angle between the normals of neighbors in a region, in degrees, in (0, 90].
 
     max_distance : float, default=None
-        Largest distance of a neighbor from the plane of a point, in units of X. None sets it
-        for each point from its neighborhood: the median of its members' distances and two
-        robust standard deviations, but no more than is usual around (see `core_fraction`).
+        Largest distance of a neighbor from the plane of a point, in units of X. None is three
+        standard deviations of that plane's noise; with ``mutual=False`` the median of the
+        neighbors' distances and two robust standard deviations.
 
     max_gap : float, default=None
         Largest distance of a neighbor, in units of X. None is the median of the
@@ -56,12 +56,11 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
     min_region_size : int, default=10
         Regions of fewer points are dissolved.
 
-    core_fraction : float in [0, 1], default=0.5
-        Share of the nearest 12 neighbors that must fit the point's plane and normal for a
-        region to grow on from it; the point itself must lie on that plane, and an automatic
-        `max_distance` is at most twice the lower quartile of the neighbors'. Where normals are
-        mixed, as next to an edge, a point may be added to a region but leads no further. 0 is
-        the paper, without all of this.
+    mutual : bool, default=True
+        Whether neighbors are in one region only where their planes explain each other: each
+        point lies within `max_distance` of the other one's plane, and neither plane is noisier
+        than is usual around. A plane that runs across an edge is: where points are sparse such
+        planes would lead from the road over the kerb onto the footpath. False is the paper.
 
     regrow_rest : bool, default=True
         Whether points that no region larger than a neighborhood reached, and that lie off all of
@@ -72,9 +71,9 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         on them best. False is the paper.
 
     join_coplanar : bool, default=True
-        Whether regions that lie in one plane are joined where the gap between them is shorter
-        than the smaller one: parts of a wall that a shadow cuts, strips of a face whose normals
-        are bad. False is the paper.
+        Whether regions that lie in one plane are joined where the gap between them is at most
+        half as long as the smaller one: parts of a wall that a shadow cuts, strips of a face
+        whose normals are bad. False is the paper.
 
     join_curved : bool, default=True
         Whether regions no wider than the neighborhoods that touch are joined where one cylinder
@@ -145,12 +144,16 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
     The paper leaves the automatic thresholds to a reference that was not at hand. Those here,
     the median and two median absolute deviations of the distances to the plane and the median
     of the distances between points, are remembered from later papers of its authors, and
-    unverified. ``core_fraction=0, regrow_rest=False, join_coplanar=False, join_curved=False,
+    unverified. ``mutual=False, regrow_rest=False, join_coplanar=False, join_curved=False,
     assign_rest=False`` is nearest to the paper. Departures: the plane of a point lies at the
     median height of its neighbors, since the columns of a transformer hold no centroid;
     deviations are scaled to standard deviations by 1.4826; thresholds have a floor where
-    coordinates are rounded; and `core_fraction`, without which single bad normals next to an edge
-    join two faces.
+    coordinates are rounded; and `mutual`.
+
+    With `mutual`, the noise that is usual around is the lower quartile of the neighbors'. A plane
+    may be noisier by three standard errors, a factor of ``1 + 3 / sqrt(2 * n_neighbors)``, and by
+    the deviation of a surface whose normals turn by `max_angle` over the distance of the
+    farthest neighbor. So no threshold depends on the unit or on how dense the points are.
 
     A region is what can be reached from its seed, so labels depend on neither the order of
     rows, up to exact ties, nor on `n_jobs`. Copies of a point count once in neighborhoods and
@@ -199,7 +202,7 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         "max_distance": [Interval(Real, 0, None, closed="neither"), None],
         "max_gap": [Interval(Real, 0, None, closed="neither"), None],
         "min_region_size": [Interval(Integral, 1, None, closed="left")],
-        "core_fraction": [Interval(Real, 0, 1, closed="both")],
+        "mutual": ["boolean"],
         "regrow_rest": ["boolean"],
         "join_coplanar": ["boolean"],
         "join_curved": ["boolean"],
@@ -218,7 +221,7 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         max_distance=None,
         max_gap=None,
         min_region_size=10,
-        core_fraction=0.5,
+        mutual=True,
         regrow_rest=True,
         join_coplanar=True,
         join_curved=True,
@@ -233,7 +236,7 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         self.max_distance = max_distance
         self.max_gap = max_gap
         self.min_region_size = min_region_size
-        self.core_fraction = core_fraction
+        self.mutual = mutual
         self.regrow_rest = regrow_rest
         self.join_coplanar = join_coplanar
         self.join_curved = join_curved
@@ -274,33 +277,28 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         index = NeighborIndex(X, self.n_neighbors)
         points, rows = index.points, index.rows
         normals, floor = np.ascontiguousarray(normals[rows], dtype=np.float64), floor[rows]
-        rules = {
-            "min_cosine": np.cos(np.radians(self.max_angle)),
-            "max_distance": self.max_distance,
-            "max_gap": self.max_gap,
-            "core_fraction": self.core_fraction,
-        }
+        noise = np.sqrt(eigenvalues[rows, 0])
+        cosine = np.cos(np.radians(self.max_angle))
+        rules = GrowthRules(cosine, self.max_distance, self.max_gap, self.mutual)
         with progress_part(0.35, 0.5, "links of neighbors"):
-            graph = link_neighbors(index, normals, floor, n_jobs=self.n_jobs, **rules)
+            links, planes = link_neighbors(index, normals, noise, floor, rules, self.n_jobs)
         with progress_part(0.5, 0.55, "growing regions"):
-            labels = grow_regions(graph.links, _seeds(variation[rows], graph.offset))
+            labels = grow_regions(links, _seeds(variation[rows], planes.offset))
         owners = _owners(X, index, self.n_jobs)
         copies = np.bincount(owners, minlength=len(points))
         labels = _renumber(labels, copies, self.min_region_size)
-        noise = np.maximum(np.sqrt(eigenvalues[rows, 0]), floor)
         if self.regrow_rest:
             with progress_part(0.55, 0.75, "narrow faces"):
-                faces = RestFaces(index, normals, graph, noise, floor, self.n_jobs, **rules)
-                labels = _renumber(faces.grow(labels), copies, self.min_region_size)
-        limits = noise if self.max_distance is None else self.max_distance
-        claims = Claims(index, normals, graph, limits, self.max_gap, self.n_jobs)
+                labels, planes = RestFaces(index, rules, self.n_jobs).grow(labels, planes)
+                labels = _renumber(labels, copies, self.min_region_size)
+        claims = Claims(index, planes, rules, self.n_jobs)
         with progress_part(0.75, 0.85, "joining regions"):
             if self.assign_rest:
                 labels = _renumber(claims.absorb_fragments(labels), copies)
             if self.join_coplanar:
-                labels = join_coplanar(points, labels, noise)
+                labels = join_coplanar(points, labels, planes.noise)
         curved = self.join_curved and points.shape[1] == 3
-        cylinders = CylinderParts(index, normals, graph.radius, floor, self.max_gap)
+        cylinders = CylinderParts(index, planes, self.max_gap)
         with progress_part(0.85, 1.0, "cylinders and the rest"):
             if self.assign_rest:
                 labels = cylinders.grow(labels) if curved else labels

@@ -1,116 +1,168 @@
 """From points with normals to a graph: which neighbors a region may grow to."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from sklearn_mcmd.planes._around import quantile_around
 from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 
-__all__ = ["NeighborLinks", "grow_regions", "link_neighbors", "majority_of", "n_within_median"]
+__all__ = ["GrowthRules", "PointPlanes", "grow_regions", "link_neighbors", "n_within_median"]
 
 # Smaller clouds take NumPy: loading compiled code would take longer than the work.
 COMPILE_FROM = 2_000
 # Neighbors a task: what bounds the memory.
 CHUNK = 200_000
-# A point's nearest neighbors that decide whether growth may pass through it.
-NEAREST = 12
-# A plane that is so many times farther from its neighbors than is usual runs across an edge.
-MOST_UNUSUAL = 2.0
-# Rule A: neighbors within the median and so many standard deviations of the distances.
+# A plane explains a point that is within so many of its standard deviations.
+CUTOFF = 3.0
+# What is usual around is this quantile of the neighbors' noise: next to an edge less than half
+# of them have planes of their own face. A plane may be noisier by so many standard errors ...
+USUAL = 0.25
+N_ERRORS = 3.0
+# ... and by what curvature explains. Points of a disk of radius r on a cylinder whose normals
+# turn by an angle over r deviate from their plane by this share of angle * r (root mean square).
+BENT = 1 / 8
+# The paper's rule A: neighbors within the median and so many standard deviations.
 N_DEVIATIONS = 2.0
 
 
-@dataclass
-class NeighborLinks:
-    """The graph that regions grow on; arrays of the length of the points.
+class GrowthRules(NamedTuple):
+    """What makes neighbors parts of one surface; the parameters of `RegionGrowing`.
 
-    links : ndarray of int32 of shape (n, width)
-        Neighbors that may be added from each point, then -1.
-    offset : the plane's signed distance from its point, along the point's normal
+    min_cosine : least cosine of the angle between their normals
+    max_distance, max_gap : lengths in units of the points, or None
+    mutual : whether planes must explain each other
+    """
+
+    min_cosine: float
+    max_distance: float | None = None
+    max_gap: float | None = None
+    mutual: bool = True
+
+
+class PointPlanes(NamedTuple):
+    """The planes that regions grow by: arrays of the length of the points.
+
+    normals : ndarray of shape (n, d)
+    noise : standard deviation along the normal, at least what rounding amounts to
+    floor : what rounding amounts to
+    offset : signed distance of the plane from its point, along the point's normal
     radius : distance to the farthest neighbor looked at
     """
 
-    links: np.ndarray
+    normals: np.ndarray
+    noise: np.ndarray
+    floor: np.ndarray
     offset: np.ndarray
     radius: np.ndarray
 
+    def replaced(self, rows, normals, offset, noise):
+        """A copy in which rows have other planes."""
+        copies = {name: getattr(self, name).copy() for name in ("normals", "offset", "noise")}
+        copies["normals"][rows], copies["offset"][rows] = normals, offset
+        copies["noise"][rows] = noise
+        return self._replace(**copies)
 
-def link_neighbors(
-    index,
-    normals,
-    floor,
-    *,
-    min_cosine,
-    max_distance=None,
-    max_gap=None,
-    core_fraction=0.5,
-    n_jobs=None,
-):
+
+class LinkLimits(NamedTuple):
+    """Limits as kernels take them, which freeze constants that they import."""
+
+    min_cosine: float
+    max_gap: float
+    mutual: bool
+
+
+class RuleA(NamedTuple):
+    """The paper's automatic distance: the median and `n_deviations` of `mad_to_sd` each."""
+
+    n_deviations: float
+    mad_to_sd: float
+
+
+class LinkPlanes(NamedTuple):
+    """What kernels need of all planes; `quiet` ones are not noisier than is usual around."""
+
+    normals: np.ndarray
+    offset: np.ndarray
+    limit: np.ndarray
+    quiet: np.ndarray
+
+
+def link_neighbors(index, normals, noise, floor, rules, n_jobs=None):
     """Link each point to the neighbors that may join its region (section 5.2.3).
 
     The plane of a point has the point's normal and lies at the median height of its
     neighbors, so that the noise of the point itself doesn't matter. A neighbor is linked if
 
-    1. its distance to that plane is at most `max_distance`; by default the median of the
-       neighbors' distances and two robust standard deviations,
+    1. its distance to that plane is at most `max_distance`; by default three standard deviations
+       of the plane,
     2. it is not farther than `max_gap`; by default the median of the neighbors' distances,
-       which leaves the nearer half, and 1. is then of these alone,
+       which leaves the nearer half,
     3. its normal is within the angle,
 
-    and if 1. and 3. hold for `core_fraction` of the nearest neighbors, and the point itself is
-    within that distance of its plane. Automatic distances are limited then to twice the
-    lower quartile of the neighbors': next to a kerb the plane of the road has the footpath's
-    points among its neighbors, but must not lead to them.
+    and, if `mutual`, also the point is within such a distance of the neighbor's plane, and both
+    planes are quiet: no noisier than is usual around and than surfaces are whose normals
+    turn by the angle over a neighborhood. A plane that runs across an edge is noisier. Without
+    `mutual` the distance is by default the paper's: the median of the neighbors' distances and
+    two robust standard deviations.
 
     Parameters
     ----------
     index : NeighborIndex
     normals : ndarray of shape (n, d)
         Unit normals of ``index.points``.
+    noise : ndarray of shape (n,)
+        Standard deviations along them.
     floor : ndarray of shape (n,)
-        Least `max_distance`: what rounding amounts to.
-    min_cosine : float
-    max_distance, max_gap : float, default=None
-    core_fraction : float, default=0.5
+        What rounding amounts to.
+    rules : GrowthRules
     n_jobs : int, default=None
 
     Returns
     -------
-    links : NeighborLinks
+    links : ndarray of int32 of shape (n, width)
+        Neighbors that may be added from each point, nearest first, then -1.
+    planes : PointPlanes
     """
-    points = index.points
-    n, d = points.shape
+    n, d = index.points.shape
+    max_gap = rules.max_gap
     # Neighbors beyond the median distance are never linked, and need not be found.
     k = index.n_neighbors if max_gap is not None else n_within_median(index.n_neighbors) + 1
-    graph = NeighborLinks(np.empty((n, k - 1), np.int32), np.empty(n), np.empty(n))
-    limit = np.empty(n)
+    planes = PointPlanes(normals, np.maximum(noise, floor), floor, np.empty(n), np.empty(n))
+    links, limit, quiet = np.empty((n, k - 1), np.int32), np.empty(n), np.ones(n, dtype=bool)
     measure, link = _measure_numpy, _link_numpy
-    if d == 3 and n >= COMPILE_FROM:
+    compiled = d == 3 and n >= COMPILE_FROM
+    if compiled:
         measure = _compiled("measure_neighbors_3d") or measure
         link = _compiled("link_neighbors_3d") or link
-    # The paper, without core points, takes its thresholds as they are.
-    most = MOST_UNUSUAL if core_fraction > 0 and max_distance is None else np.inf
-    longest = np.inf if max_gap is None else float(max_gap)
+        compiled = measure is not _measure_numpy
+    rule_a = RuleA(N_DEVIATIONS, MAD_TO_SD)
 
     def measured(rows):
-        distances, indices = index.tree.query(points[rows], k=k)
-        indices = indices.reshape(-1, k)
-        measure(points, normals, indices, rows.start, graph.offset[rows], limit[rows])
-        limit[rows] = np.maximum(limit[rows], floor[rows])
-        if max_distance is not None:
-            limit[rows] = max_distance
-        graph.links[rows] = indices[:, 1:]
-        graph.radius[rows] = distances.reshape(-1, k)[:, -1]
+        distances, near = index.tree.query(index.points[rows], k=k)
+        distances, near = distances.reshape(-1, k), near.reshape(-1, k)
+        links[rows], planes.radius[rows] = near[:, 1:], distances[:, -1]
+        own = planes.offset[rows], limit[rows]
+        measure(index.points, normals, near, rows.start, rule_a, *own)
+        if rules.mutual:
+            quiet[rows] = _is_quiet(planes, rows, near, index.n_neighbors, rules, compiled)
+
+    each_slice(n, max(1, CHUNK // k), measured, n_jobs)
+    if rules.max_distance is not None:
+        limit[:] = rules.max_distance
+    else:
+        limit = CUTOFF * planes.noise if rules.mutual else np.maximum(limit, floor)
+    limits = LinkLimits(
+        float(rules.min_cosine), np.inf if max_gap is None else float(max_gap), bool(rules.mutual)
+    )
+    own = LinkPlanes(normals, planes.offset, limit, quiet)
 
     def linked(rows):
-        thresholds = min_cosine, longest, most, majority_of(core_fraction, k)
-        link(points, normals, rows.start, graph.offset, limit, *thresholds, graph.links[rows])
+        link(index.points, own, rows.start, limits, links[rows])
 
-    chunk = max(1, CHUNK // k)
-    each_slice(n, chunk, measured, n_jobs)
-    each_slice(n, chunk, linked, n_jobs)
-    return graph
+    each_slice(n, max(1, CHUNK // k), linked, n_jobs)
+    return links, planes
 
 
 def grow_regions(links, seeds):
@@ -141,43 +193,41 @@ def n_within_median(k):
     return k // 2
 
 
-def majority_of(core_fraction, k):
-    """How many of the nearest neighbors must fit, and of how many."""
-    nearest = min(NEAREST, k - 1)
-    return int(np.ceil(core_fraction * nearest)), nearest
+def _is_quiet(planes, rows, near, n_neighbors, rules, compiled):
+    """Whether planes are no noisier than is usual around, and than curvature makes them."""
+    sizes = np.full(len(near), near.shape[1])
+    usual = quantile_around(planes.noise, near, sizes, USUAL, compiled)
+    bent = BENT * np.arccos(min(rules.min_cosine, 1.0)) * planes.radius[rows]
+    # The standard error of a standard deviation that so many neighbors tell.
+    most = 1 + N_ERRORS / np.sqrt(2 * n_neighbors)
+    return planes.noise[rows] <= most * np.hypot(usual, bent)
 
 
-def _measure_numpy(points, normals, indices, start, offset, limit):
-    """Any dimension, one chunk; fills `offset` and the largest distance to the plane."""
+def _measure_numpy(points, normals, indices, start, rule, offset, limit):
+    """Any dimension, one chunk; fills `offset` and the paper's distance to the plane."""
     rows = np.arange(start, start + len(indices))
     gaps = points[indices] - points[rows][:, None]
     heights = (gaps * normals[rows][:, None]).sum(axis=-1)
     offset[:] = np.median(heights, axis=1)
     away = np.abs(heights - offset[:, None])
     middle = np.median(away, axis=1)
-    spread = MAD_TO_SD * np.median(np.abs(away - middle[:, None]), axis=1)
-    limit[:] = middle + N_DEVIATIONS * spread
+    spread = rule.mad_to_sd * np.median(np.abs(away - middle[:, None]), axis=1)
+    limit[:] = middle + rule.n_deviations * spread
 
 
-def _link_numpy(
-    points, normals, start, offset, limit, min_cosine, max_gap, most, majority, links
-):  # fmt: skip
+def _link_numpy(points, planes, start, limits, links):
     """Any dimension, one chunk; leaves in `links` the neighbors that may be added."""
     rows = np.arange(start, start + len(links))
-    own = normals[rows][:, None]
+    own, other = planes.normals[rows][:, None], planes.normals[links]
     gaps = points[links] - points[rows][:, None]
-    away = np.abs((gaps * own).sum(axis=-1) - offset[rows, None])
-    largest = limit[rows]
-    if most < np.inf:
-        around = np.sort(np.column_stack([largest, limit[links]]), axis=1)
-        largest = np.minimum(largest, most * around[:, around.shape[1] // 4])
-    fits = away <= largest[:, None]
-    fits &= np.abs((normals[links] * own).sum(axis=-1)) >= min_cosine
-    n_fitting, nearest = majority
-    core = np.count_nonzero(fits[:, :nearest], axis=1) >= n_fitting
-    if n_fitting > 0:
-        core &= np.abs(offset[rows]) <= largest
-    fits &= core[:, None] & (np.sqrt(np.square(gaps).sum(axis=-1)) <= max_gap)
+    away = np.abs((gaps * own).sum(axis=-1) - planes.offset[rows, None])
+    fits = away <= planes.limit[rows][:, None]
+    fits &= np.abs((other * own).sum(axis=-1)) >= limits.min_cosine
+    fits &= np.sqrt(np.square(gaps).sum(axis=-1)) <= limits.max_gap
+    if limits.mutual:
+        back = np.abs((gaps * other).sum(axis=-1) + planes.offset[links])
+        fits &= back <= planes.limit[links]
+        fits &= planes.quiet[rows][:, None] & planes.quiet[links]
     found = np.where(fits, links, -1)
     links[:] = np.take_along_axis(found, np.argsort(~fits, axis=1, kind="stable"), axis=1)
 

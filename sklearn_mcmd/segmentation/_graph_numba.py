@@ -3,8 +3,7 @@
 import numpy as np
 from numba import njit
 
-from sklearn_mcmd.planes._plane_numba import kth_smallest
-from sklearn_mcmd.segmentation._graph import MAD_TO_SD, N_DEVIATIONS, _grow
+from sklearn_mcmd.segmentation._graph import _grow
 
 __all__ = ["grow", "link_neighbors_3d", "measure_neighbors_3d"]
 
@@ -12,13 +11,14 @@ grow = njit(cache=True, nogil=True)(_grow)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def measure_neighbors_3d(points, normals, indices, start, offset, limit):
+def measure_neighbors_3d(points, normals, indices, start, rule, offset, limit):
     """`_measure_numpy` of `_graph`, one point at a time.
 
     Parameters
     ----------
     points, normals : float64 (n, 3)
     indices : (m, k) of the points from row `start` on, themselves first
+    rule : RuleA
     offset, limit : float64 (m,), filled
     """
     k = indices.shape[1]
@@ -33,53 +33,41 @@ def measure_neighbors_3d(points, normals, indices, start, offset, limit):
         _sort_deviations(heights, offset[row], away)
         middle = _middle(away)
         _sort_deviations(away, middle, deviations)
-        limit[row] = middle + N_DEVIATIONS * (MAD_TO_SD * _middle(deviations))
+        limit[row] = middle + rule.n_deviations * (rule.mad_to_sd * _middle(deviations))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def link_neighbors_3d(
-    points, normals, start, offset, limit, min_cosine, max_gap, most, majority, links
-):  # fmt: skip
+def link_neighbors_3d(points, planes, start, limits, links):
     """`_link_numpy` of `_graph`, one point at a time.
 
     Parameters
     ----------
-    points, normals : float64 (n, 3)
+    points : float64 (n, 3)
+    planes : LinkPlanes
     start : row of the first of the points
-    offset, limit : float64 (n,)
-    min_cosine, max_gap, most : float
-    majority : tuple of 2 int, from `majority_of`
+    limits : LinkLimits
     links : int32 (m, width), the neighbors, nearest first; those that may be added are left
     """
-    width = links.shape[1]
-    n_fitting, nearest = majority
-    around = np.empty(width + 1)
-    keys = around.view(np.int64)  # limits are not negative: their bits are in their order
+    normals, offset, limit, quiet = planes.normals, planes.offset, planes.limit, planes.quiet
     for row in range(len(links)):
         i = start + row
         x, y, z = points[i]
         nx, ny, nz = normals[i]
-        largest = limit[i]
-        if most < np.inf:
-            around[0] = limit[i]
-            for a in range(width):
-                around[a + 1] = limit[links[row, a]]
-            keys[0] = kth_smallest(keys, width + 1, (width + 1) // 4 + 1)
-            largest = min(largest, most * around[0])
-        n_agreeing = n_links = 0
-        if n_fitting == 0 or abs(offset[i]) <= largest:
-            for a in range(width):
-                j = links[row, a]
-                gx, gy, gz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
-                n = normals[j]
-                away = abs(gx * nx + gy * ny + gz * nz - offset[i])
-                if away <= largest and abs(n[0] * nx + n[1] * ny + n[2] * nz) >= min_cosine:
-                    n_agreeing += 1 if a < nearest else 0
-                    if np.sqrt(gx * gx + gy * gy + gz * gz) <= max_gap:
-                        links[row, n_links] = j
-                        n_links += 1
-        if n_agreeing < n_fitting:
-            n_links = 0
+        n_links = 0
+        for a in range(links.shape[1]):
+            j = links[row, a]
+            gx, gy, gz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
+            n = normals[j]
+            away = abs(gx * nx + gy * ny + gz * nz - offset[i])
+            fits = away <= limit[i]
+            fits &= abs(n[0] * nx + n[1] * ny + n[2] * nz) >= limits.min_cosine
+            fits &= np.sqrt(gx * gx + gy * gy + gz * gz) <= limits.max_gap
+            if limits.mutual:
+                back = abs(gx * n[0] + gy * n[1] + gz * n[2] + offset[j])
+                fits &= back <= limit[j] and quiet[i] and quiet[j]
+            if fits:
+                links[row, n_links] = j
+                n_links += 1
         links[row, n_links:] = -1
 
 

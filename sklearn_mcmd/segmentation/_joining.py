@@ -10,6 +10,8 @@ __all__ = ["join_coplanar", "median_by_region", "region_planes"]
 # A region is flat, and another lies in its plane, if the root mean square distance is no more
 # than so many times what the noise of single neighborhoods explains.
 MOST_NOISE = 1.5
+# Parts are joined over a gap of at most this share of the smaller one's length.
+MOST_GAP = 0.5
 # What rounding adds to a least eigenvalue, as a share of the largest one.
 ROUNDING = 16 * np.finfo(np.float64).eps
 MAX_ROUNDS = 10
@@ -87,7 +89,8 @@ def join_coplanar(points, labels, noise):
 
     A shadow, or a few bad normals, part a wall. Of two regions the smaller one lies in the
     plane of the larger, flat one if its root mean square distance to that plane is what the
-    noise explains; they are joined if the smaller one is longer than the gap between them.
+    noise explains; they are joined if the gap between them is at most half as long as the smaller
+    one.
 
     Parameters
     ----------
@@ -111,10 +114,10 @@ def join_coplanar(points, labels, noise):
     members = inside[_grouping(labels[inside], n_regions).indices]
     whole = np.arange(n_regions)  # the joined region that each region is part of
     for _ in range(MAX_ROUNDS):
-        pairs, length = _pairs_in_a_plane(*planes, scale)
+        pairs, most = _pairs_in_a_plane(*planes, scale)
         if len(pairs) > 0:
             ends = np.searchsorted(whole[labels[members]], np.arange(len(scale) + 1))
-            pairs = pairs[_near(points, members, ends, pairs, length)]
+            pairs = pairs[_near(points, members, ends, pairs, most)]
         if len(pairs) == 0:
             break
         graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(scale), len(scale)))
@@ -144,7 +147,7 @@ def _pool(sizes, centroids, covariances, scale, part):
 
 
 def _pairs_in_a_plane(sizes, centroids, covariances, scale):
-    """Pairs (smaller, larger) of regions that may be joined, and the regions' lengths."""
+    """Pairs (smaller, larger) of regions that may be joined, and the gap that each allows."""
     eigenvalues, axes = np.linalg.eigh(covariances)
     eigenvalues, normals = np.maximum(eigenvalues, 0.0), axes[..., 0]
     # Of points spread evenly over a length the standard deviation is its root 12th.
@@ -171,13 +174,13 @@ def _pairs_in_a_plane(sizes, centroids, covariances, scale):
         r, s = np.nonzero(candidate)
         # The gap is at least this: no point is farther from its centroid than the length.
         beyond = np.linalg.norm(apart[r, s], axis=-1) - reach[rows][r] - reach[s]
-        near = beyond <= reach[s]
+        near = beyond <= MOST_GAP * reach[s]
         found.append(np.column_stack([flat[s[near]], flat[rows][r[near]]]))
-    return np.concatenate(found), length
+    return np.concatenate(found), MOST_GAP * length
 
 
-def _near(points, members, ends, pairs, length):
-    """Whether the gap between the regions of each pair is shorter than the first of them."""
+def _near(points, members, ends, pairs, most):
+    """Whether the gap between the regions of each pair is what the first of them allows."""
 
     def part(region):
         return points[members[ends[region] : ends[region + 1]]]
@@ -187,7 +190,7 @@ def _near(points, members, ends, pairs, length):
     for row, (small, large) in enumerate(pairs):
         if large not in trees:
             trees[large] = cKDTree(part(large), balanced_tree=False)
-        gaps, _ = trees[large].query(part(small), distance_upper_bound=length[small])
+        gaps, _ = trees[large].query(part(small), distance_upper_bound=most[small])
         near[row] = np.isfinite(gaps).any()
     return near
 

@@ -6,13 +6,16 @@ from scipy.spatial import cKDTree
 from sklearn_mcmd.planes._chunks import run
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._plane import fit_planes
-from sklearn_mcmd.segmentation._graph import grow_regions, link_neighbors, n_within_median
+from sklearn_mcmd.segmentation._graph import (
+    CUTOFF,
+    grow_regions,
+    link_neighbors,
+    n_within_median,
+)
 from sklearn_mcmd.segmentation._joining import join_coplanar, median_by_region
 
 __all__ = ["RestFaces"]
 
-# A point is off a surface if the planes around put it farther than so many of its deviations.
-CUTOFF = 3.0
 # Planes noisier than so many times what is usual in their region run across an edge, and a face
 # is as flat as the flattest region beside it if its planes leave no more than so many times that.
 MOST_NOISE = 1.5
@@ -43,74 +46,68 @@ class RestFaces:
     Parameters
     ----------
     index : NeighborIndex
-    normals : ndarray of shape (n, d)
-        Those of the points of faces found are replaced, and their offsets and noise too.
-    graph : NeighborLinks
-    noise : ndarray of shape (n,)
-        Standard deviations of the planes.
-    floor : ndarray of shape (n,)
-        What rounding amounts to, in units of the points.
+    rules : GrowthRules
     n_jobs : int, default=None
-    **rules
-        Thresholds of growth, as of `link_neighbors`.
     """
 
-    def __init__(self, index, normals, graph, noise, floor, n_jobs=None, **rules):
-        self.index, self.normals, self.offset, self.noise = index, normals, graph.offset, noise
-        self.k = index.n_neighbors
-        self.reach, self.floor = REACH * graph.radius, floor
-        self.n_jobs, self.rules = n_jobs, rules
+    def __init__(self, index, rules, n_jobs=None):
+        self.index, self.k = index, index.n_neighbors
+        self.rules, self.n_jobs = rules, n_jobs
 
-    def grow(self, labels):
+    def grow(self, labels, planes):
         """Find faces, and let them take in the points around that lie on them best.
 
         Parameters
         ----------
         labels : ndarray of int of shape (n,)
             From 0 on without gaps, -1 for none.
+        planes : PointPlanes
 
         Returns
         -------
         labels : ndarray of int of shape (n,)
             Faces come last. They are larger than a neighborhood, as are the regions that count
             as surfaces; the smaller ones are part of what growth left over.
+        planes : PointPlanes
+            The points of faces have planes of their own, a copy; the others' are as they were.
         """
         sizes = np.bincount(labels[labels >= 0])
         surface = np.append(sizes > self.k, False)  # the last is -1
         rest = np.flatnonzero(~surface[labels])
         if len(rest) <= self.k or not surface.any():
-            return labels
-        usual = median_by_region(self.noise, labels, len(sizes))
+            return labels, planes
+        usual = median_by_region(planes.noise, labels, len(sizes))
         outer = np.where(surface, np.append(np.maximum(usual, LEAST_NOISE), np.inf), np.inf)
         # Many points, of which most are in the tails of the noise: the nearer half tells.
-        _, share, flattest = self._nearest(rest, n_within_median(self.k) + 1, labels, outer)
+        surfaces = labels, planes, outer
+        _, share, flattest = self._nearest(rest, n_within_median(self.k) + 1, *surfaces)
         off = (share > CUTOFF) & np.isfinite(share)
-        rows, face = self._faces(rest[off], flattest[off])
+        rows, face = self._faces(rest[off], flattest[off], planes)
         if len(rows) == 0:
-            return labels
+            return labels, planes
         first = len(sizes)
         labels = labels.copy()
         labels[rows] = first + face
-        self._refit(labels, rows)  # points of other faces were among those asked first
-        own = median_by_region(self.noise[rows], face, int(face.max()) + 1)
+        planes = self._refit(labels, rows, planes)  # points of other faces were among those asked
+        own = median_by_region(planes.noise[rows], face, int(face.max()) + 1)
         own = np.maximum(own, LEAST_NOISE)
         usual = np.concatenate([outer[:-1], own, [np.inf]])
         members = fresh = rows
         for _ in range(MAX_ROUNDS):
             around = np.unique(self.index.tree.query(self.index.points[fresh], self.k)[1])
             around = around[labels[around] < first]
-            owner, share, _ = self._nearest(around, self.k, labels, usual)
+            owner, share, _ = self._nearest(around, self.k, labels, planes, usual)
             won = (owner >= first) & (share <= CUTOFF)
             fresh = around[won]
             if len(fresh) == 0:
                 break
             labels[fresh] = owner[won]
             # Handed on as it is, a plane leads off no face; one fitted to an edge's points would.
-            self._lend(labels, members, fresh)
+            planes = self._lend(labels, members, fresh, planes)
             members = np.union1d(members, fresh)
-        return labels
+        return labels, planes
 
-    def _nearest(self, rows, k, labels, usual):
+    def _nearest(self, rows, k, labels, planes, usual):
         """The region on whose surface each row lies best, and how well.
 
         Parameters
@@ -119,6 +116,7 @@ class RestFaces:
         k : int
             Neighbors asked.
         labels : ndarray of int of shape (n,)
+        planes : PointPlanes
         usual : ndarray of shape (n_regions + 1,)
             Noise that is usual in each region; inf for those that count for none, the last.
 
@@ -135,7 +133,7 @@ class RestFaces:
         owner, share, flattest = np.full(m, -1), np.full(m, np.inf), np.full(m, np.inf)
 
         def task(part):
-            row, region, height = self._heights(rows[part], k, labels, usual)
+            row, region, height = self._heights(rows[part], k, labels, planes, usual)
             height /= usual[region]
             np.minimum.at(flattest[part], row, usual[region])
             order = np.lexsort((region, height, row))
@@ -145,16 +143,16 @@ class RestFaces:
         self._each_part(m, task)
         return owner, share, flattest
 
-    def _heights(self, rows, k, labels, usual):
+    def _heights(self, rows, k, labels, planes, usual):
         """Distances of rows from the regions around: places in `rows`, regions, distances."""
         points = self.index.points
         near = self.index.tree.query(points[rows], k=k)[1].reshape(-1, k)
         region = labels[near]
-        known = np.isfinite(usual)[region] & (self.noise[near] <= MOST_NOISE * usual[region])
-        heights = -self.offset[near]
+        known = np.isfinite(usual)[region] & (planes.noise[near] <= MOST_NOISE * usual[region])
+        heights = -planes.offset[near]
         for axis in range(points.shape[1]):
             gaps = points[rows, axis][:, None] - points[near, axis]
-            heights += gaps * self.normals[near, axis]
+            heights += gaps * planes.normals[near, axis]
         heights = np.where(known, np.abs(heights), np.inf)
         # Mostly there is one region around.
         first = np.where(known, region, -1).max(axis=1)
@@ -175,22 +173,24 @@ class RestFaces:
             np.concatenate([of_single, height[middle]]),
         )
 
-    def _faces(self, rows, flattest):
+    def _faces(self, rows, flattest, planes):
         """Regions of rows by planes among themselves: rows, and the face of each, from 0 on."""
         if len(rows) <= self.k:
             return rows[:0], rows[:0]
-        normals, _, noise = self._planes(rows, np.zeros(len(rows), dtype=np.intp))
+        reach = REACH * planes.radius[rows]
+        normals, _, noise = self._planes(rows, np.zeros(len(rows), dtype=np.intp), reach)
         flat = noise <= MOST_NOISE * flattest
         rows, normals, noise = rows[flat], normals[flat], noise[flat]
         if len(rows) <= self.k:
             return rows[:0], rows[:0]
         index = NeighborIndex(self.index.points[rows], self.k)
         rows, normals, noise = rows[index.rows], normals[index.rows], noise[index.rows]
-        graph = link_neighbors(index, normals, self.floor[rows], n_jobs=self.n_jobs, **self.rules)
-        gaps = index.points[:, None] - index.points[graph.links]
-        far = np.square(gaps).sum(axis=-1) > np.square(self.reach[rows])[:, None]
-        far |= graph.links < 0
-        links = np.where(far, -1, graph.links)
+        floor = planes.floor[rows]
+        links, _ = link_neighbors(index, normals, noise, floor, self.rules, self.n_jobs)
+        gaps = index.points[:, None] - index.points[links]
+        far = np.square(gaps).sum(axis=-1) > np.square(REACH * planes.radius[rows])[:, None]
+        far |= links < 0
+        links = np.where(far, -1, links)
         links = np.take_along_axis(links, np.argsort(far, axis=1, kind="stable"), axis=1)
         face = grow_regions(links, np.argsort(noise, kind="stable"))
         face = join_coplanar(index.points, face, noise)
@@ -199,27 +199,27 @@ class RestFaces:
         inside = large[face]
         return rows[inside], number[face[inside]]
 
-    def _refit(self, labels, rows):
-        """Give rows the planes of their own regions' points, in place."""
-        normals, offset, noise = self._planes(rows, labels[rows])
+    def _refit(self, labels, rows, planes):
+        """Planes of which rows have those of their own regions' points."""
+        normals, offset, noise = self._planes(rows, labels[rows], REACH * planes.radius[rows])
         fitted = np.isfinite(noise)
-        rows = rows[fitted]
-        self.normals[rows], self.offset[rows] = normals[fitted], offset[fitted]
-        self.noise[rows] = np.maximum(noise[fitted], self.floor[rows])
+        rows, noise = rows[fitted], np.maximum(noise[fitted], planes.floor[rows[fitted]])
+        return planes.replaced(rows, normals[fitted], offset[fitted], noise)
 
-    def _lend(self, labels, members, rows):
-        """Give rows the plane of the nearest member of their face, in place."""
+    def _lend(self, labels, members, rows, planes):
+        """Planes of which rows have that of the nearest member of their face."""
         points = self.index.points
+        lenders = np.empty_like(rows)
         for face in np.unique(labels[rows]).tolist():
-            own, lenders = rows[labels[rows] == face], members[labels[members] == face]
-            lenders = lenders[cKDTree(points[lenders]).query(points[own])[1]]
-            self.normals[own], self.noise[own] = self.normals[lenders], self.noise[lenders]
-            gaps = points[lenders] - points[own]
-            heights = np.einsum("nd,nd->n", gaps, self.normals[lenders])
-            self.offset[own] = self.offset[lenders] + heights
+            own, others = labels[rows] == face, members[labels[members] == face]
+            lenders[own] = others[cKDTree(points[others]).query(points[rows[own]])[1]]
+        gaps = points[lenders] - points[rows]
+        heights = np.einsum("nd,nd->n", gaps, planes.normals[lenders])
+        offset = planes.offset[lenders] + heights
+        return planes.replaced(rows, planes.normals[lenders], offset, planes.noise[lenders])
 
-    def _planes(self, rows, group):
-        """Planes of the rows of the same group near each: normals, offsets and noise, (m,).
+    def _planes(self, rows, group, reach):
+        """Planes of the rows of the same group within reach: normals, offsets and noise, (m,).
 
         The noise is inf where these are too few.
         """
@@ -231,7 +231,7 @@ class RestFaces:
         def task(part):
             distances, near = tree.query(points[part], k=k)
             distances, near = distances.reshape(-1, k), near.reshape(-1, k)
-            valid = distances <= self.reach[rows[part], None]
+            valid = distances <= reach[part, None]
             valid &= group[near] == group[part][:, None]
             gaps = points[near] - points[part][:, None]
             centroids, eigenvalues, axes = fit_planes(gaps, valid)

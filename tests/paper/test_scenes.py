@@ -127,7 +127,7 @@ def test_table_6_is_what_the_estimators_give(segmented):
     growing = RegionGrowing(
         50,
         max_angle=5,
-        core_fraction=0,
+        mutual=False,
         regrow_rest=False,
         join_coplanar=False,
         join_curved=False,

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.segmentation._graph import grow_regions, link_neighbors
+from sklearn_mcmd.segmentation._graph import GrowthRules, grow_regions, link_neighbors
 
 
 def adversarial_clouds():
@@ -24,21 +24,59 @@ def adversarial_clouds():
     }
 
 
+@pytest.mark.parametrize("mutual", [True, False])
 @pytest.mark.parametrize("name", adversarial_clouds())
-def test_compiled_and_numpy_links_agree_on_adversarial_clouds(name, monkeypatch):
+def test_compiled_and_numpy_links_agree_on_adversarial_clouds(name, mutual, monkeypatch):
     X = adversarial_clouds()[name]
     fitted = RobustNormalEstimator(20, random_state=0).fit(X)
     answers = []
+    rules = GrowthRules(0.96, mutual=mutual)
     for compile_from in (1, len(X) + 1):
         monkeypatch.setattr("sklearn_mcmd.segmentation._graph.COMPILE_FROM", compile_from)
         index = NeighborIndex(X, 16)
         normals = np.ascontiguousarray(fitted.normals_[index.rows])
         # The floor that the estimator gives keeps apart what rounding alone would decide.
         floor = 1e-13 * np.abs(index.points).max(axis=1) + 1e-9
-        graph = link_neighbors(index, normals, floor, min_cosine=0.96)
+        noise = np.sqrt(np.maximum(fitted.eigenvalues_[index.rows, 0], 0))
+        links, planes = link_neighbors(index, normals, noise, floor, rules)
         seeds = np.argsort(fitted.surface_variation_[index.rows], kind="stable")
-        answers.append((graph.links, graph.offset, grow_regions(graph.links, seeds)))
+        answers.append((links, planes.offset, grow_regions(links, seeds)))
     (links, offset, labels), (links_numpy, offset_numpy, labels_numpy) = answers
     assert_allclose(offset, offset_numpy, atol=1e-12)
     assert_array_equal(links, links_numpy)
     assert_array_equal(labels, labels_numpy)
+
+
+@pytest.mark.parametrize(("name", "mutual"), [("CUTOFF", True), ("N_DEVIATIONS", False)])
+def test_compiled_links_notice_an_edited_constant(name, mutual, monkeypatch):
+    # Constants that a kernel imports are frozen when it is compiled, and by Numba's cache for good.
+    X = adversarial_clouds()["a national grid"]
+    normals = RobustNormalEstimator(20, random_state=0).fit(X).normals_
+    index = NeighborIndex(X, 16)
+    noise = np.full(len(X), 1e-3)
+    rules = GrowthRules(0.96, mutual=mutual)
+
+    def links(compile_from):
+        monkeypatch.setattr("sklearn_mcmd.segmentation._graph.COMPILE_FROM", compile_from)
+        own = np.ascontiguousarray(normals[index.rows])
+        return link_neighbors(index, own, noise, 1e-9 * noise, rules)[0]
+
+    before = links(1)
+    monkeypatch.setattr(f"sklearn_mcmd.segmentation._graph.{name}", 0.5)
+    after = links(1)
+    assert np.count_nonzero(after >= 0) < 0.9 * np.count_nonzero(before >= 0)
+    assert_array_equal(after, links(len(X) + 1))
+
+
+def test_a_link_with_mutual_planes_goes_both_ways():
+    X = adversarial_clouds()["a national grid"]
+    fitted = RobustNormalEstimator(20, random_state=0).fit(X)
+    index = NeighborIndex(X, 16)
+    normals = np.ascontiguousarray(fitted.normals_[index.rows])
+    noise = np.sqrt(fitted.eigenvalues_[index.rows, 0])
+    links, _ = link_neighbors(index, normals, noise, 1e-9 * noise, GrowthRules(0.999))
+    width = links.shape[1]
+    near = [set(index.tree.query(point, k=width + 1)[1][1:]) for point in index.points]
+    linked = [set(row[row >= 0]) for row in links]
+    assert sum(map(len, linked)) > 1000
+    assert all(i in linked[j] for i in range(len(X)) for j in linked[i] if i in near[j])

@@ -8,6 +8,9 @@ from scipy.spatial.transform import Rotation
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_bus_stop
 from sklearn_mcmd.metrics import segmentation_scores
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+from sklearn_mcmd.segmentation._graph import GrowthRules, grow_regions, link_neighbors
+from sklearn_mcmd.segmentation._narrow_faces import RestFaces
 
 NOISE = 0.005
 ROAD, KERB, PATH = range(3)
@@ -90,3 +93,24 @@ def test_an_edge_of_two_walls_hides_no_face():
     )
     X = columns(walls + rng.normal(0, NOISE, walls.shape))
     assert_array_equal(grown(X), grown(X, regrow_rest=False))
+
+
+def test_faces_come_with_planes_of_their_own_and_overwrite_none():
+    X, _ = kerb()
+    X = columns(X)
+    index = NeighborIndex(X[:, :3].copy(), 30)
+    own = X[index.rows]
+    rules = GrowthRules(np.cos(np.radians(5)))
+    noise, normals = np.sqrt(own[:, 7]), own[:, 3:6].copy()
+    links, planes = link_neighbors(index, normals, noise, np.zeros(len(X)), rules)
+    before = [array.copy() for array in planes]
+    regions = grow_regions(links, np.argsort(own[:, 6]))
+    first = regions.max() + 1
+    labels, found = RestFaces(index, rules).grow(regions, planes)
+    for array, kept in zip(planes, before, strict=True):
+        assert_array_equal(array, kept)
+    face = labels >= first
+    assert face.sum() > 30
+    # The kerb is upright; planes of all points around it lie across it.
+    assert np.median(np.abs(found.normals[face, 1])) > 0.99
+    assert_array_equal(found.normals[~face], planes.normals[~face])
