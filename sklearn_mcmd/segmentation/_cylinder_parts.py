@@ -7,20 +7,14 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd.segmentation._cylinder import N_PARAMETERS, Cylinder, fit_cylinder
-from sklearn_mcmd.segmentation._graph import COMPILE_FROM, n_within_median
-from sklearn_mcmd.segmentation._joining import region_planes
+from sklearn_mcmd.segmentation._graph import COMPILE_FROM, CUTOFF, n_within_median
+from sklearn_mcmd.segmentation._joining import MOST_NOISE, region_planes
 
 __all__ = ["CylinderParts"]
 
 # A region is narrow if its second extent is no more than so many times the radius that growth
 # looks at. Wider ones have normals of their own; where these turn, growth follows them.
 MOST_WIDE = 4.0
-# One model explains points as well as another if it leaves no more than so many times its
-# root mean square, and a region is curved if its plane leaves more than that of its cylinder.
-MOST_MISFIT = 1.5
-# Points within so many root mean squares of a region's cylinder are its own. What these leave of
-# the neighborhoods' radius, to both sides, tells a surface from a volume, such as foliage.
-CUTOFF = 3.0
 # Cylinders are fitted again, and pairs tried, once a region has grown so many times: the time
 # for all fits is then that of the last one or two.
 GROWTH = 2.0
@@ -39,6 +33,10 @@ class _Part:
     ceiling : mean square above which they are those of a volume
     plane, curve : mean squares about the plane and about the cylinder, by degrees of freedom
     cylinder : None where there are too few points
+
+    It is curved if its plane leaves more than `MOST_NOISE` times the root mean square that its
+    cylinder leaves, and if `CUTOFF` of these to both sides fit into the neighborhoods' radius: that
+    tells a surface from a volume, such as foliage.
     """
 
     members: np.ndarray
@@ -52,7 +50,7 @@ class _Part:
     @property
     def curved(self):
         left = max(self.curve, self.floor)
-        return left <= self.ceiling and self.plane > MOST_MISFIT**2 * left
+        return left <= self.ceiling and self.plane > MOST_NOISE**2 * left
 
     def shares(self, points):
         """Distances of points from the cylinder, as shares of the largest of its own."""
@@ -67,7 +65,7 @@ class CylinderParts:
     or two, and growth leaves strips. Where the points lie still says what it is. Two parts are
     one if a cylinder leaves less of both than a plane of each does, with fewer parameters; and if
     what it leaves of each part is what the best model of that part alone leaves, up to
-    `MOST_MISFIT`. The noise is thus measured on the parts themselves, and two narrow faces that
+    `MOST_NOISE`. The noise is thus measured on the parts themselves, and two narrow faces that
     meet in an edge stay two: no cylinder follows both to within their noise.
 
     Parameters
@@ -205,7 +203,7 @@ class CylinderParts:
             return False
         for part in (first, second):
             left = np.square(cylinder.distances(self.index.points[part.members])).mean()
-            if left > MOST_MISFIT**2 * max(min(part.plane, part.curve), floor):
+            if left > MOST_NOISE**2 * max(min(part.plane, part.curve), floor):
                 return False
         return True
 

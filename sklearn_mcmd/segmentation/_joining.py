@@ -5,10 +5,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-__all__ = ["join_coplanar", "median_by_region", "region_planes"]
+__all__ = ["MOST_NOISE", "join_coplanar", "median_by_region", "region_planes"]
 
-# A region is flat, and another lies in its plane, if the root mean square distance is no more
-# than so many times what the noise of single neighborhoods explains.
+# One thing explains points as well as another if it leaves no more than so many times its root
+# mean square: a region is flat, and another lies in its plane, if the distances are no more than
+# that of the noise of single neighborhoods.
 MOST_NOISE = 1.5
 # Parts are joined over a gap of at most this share of the smaller one's length.
 MOST_GAP = 0.5

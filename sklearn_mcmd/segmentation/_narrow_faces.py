@@ -12,13 +12,10 @@ from sklearn_mcmd.segmentation._graph import (
     link_neighbors,
     n_within_median,
 )
-from sklearn_mcmd.segmentation._joining import join_coplanar, median_by_region
+from sklearn_mcmd.segmentation._joining import MOST_NOISE, join_coplanar, median_by_region
 
 __all__ = ["RestFaces"]
 
-# Planes noisier than so many times what is usual in their region run across an edge, and a face
-# is as flat as the flattest region beside it if its planes leave no more than so many times that.
-MOST_NOISE = 1.5
 # Points that have a plane together are no farther from each other than so many times the radius
 # that growth looks at: a strip has fewer points within it than a face on all sides.
 REACH = 2.0
@@ -41,7 +38,8 @@ class RestFaces:
     A region's surface is told by its planes that are no noisier than is usual in it, the median of
     those around a point: single planes that run across the edge, or were lent to a point of
     the wrong face, count for nothing. Its deviation is the region's usual noise, so nothing
-    depends on the unit.
+    depends on the unit. Planes of a face are, by the same measure, no noisier than those of the
+    flattest region beside it.
 
     Parameters
     ----------
