@@ -126,7 +126,6 @@ PARTS = {
             Constant("segmentation._claims", "CUTOFF", np.inf),
             Constant("segmentation._joining", "MOST_NOISE", np.inf),
             Constant("segmentation._joining", "MOST_GAP", 1e9),
-            Constant("segmentation._joining", "MAX_ROUNDS", 1),
             Constant("segmentation._narrow_faces", "CUTOFF"),
             Constant("segmentation._narrow_faces", "MOST_NOISE", np.inf),
             Constant("segmentation._narrow_faces", "REACH", np.inf),

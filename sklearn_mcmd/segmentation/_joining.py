@@ -15,7 +15,6 @@ MOST_NOISE = 1.5
 MOST_GAP = 0.5
 # What rounding adds to a least eigenvalue, as a share of the largest one.
 ROUNDING = 16 * np.finfo(np.float64).eps
-MAX_ROUNDS = 10
 # Regions whose pairs are tried at once: what bounds the memory.
 CHUNK = 256
 
@@ -114,7 +113,7 @@ def join_coplanar(points, labels, noise):
     inside = np.flatnonzero(labels >= 0)
     members = inside[_grouping(labels[inside], n_regions).indices]
     whole = np.arange(n_regions)  # the joined region that each region is part of
-    for _ in range(MAX_ROUNDS):
+    while True:  # each round joins two parts at least
         pairs, most = _pairs_in_a_plane(*planes, scale)
         if len(pairs) > 0:
             ends = np.searchsorted(whole[labels[members]], np.arange(len(scale) + 1))
