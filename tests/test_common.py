@@ -51,7 +51,7 @@ QUICK = RobustNormalEstimator(outlier_rate=0.2, random_state=0)
         RegionGrowing(
             15, mutual=False, join_coplanar=False, join_curved=False, normal_estimator=QUICK
         ),
-        RegionGrowing(15, min_region_size=3, assign_rest=False, normal_estimator=QUICK),
+        RegionGrowing(15, min_region_size=12, assign_rest=False, normal_estimator=QUICK),
         SharpFeatureDetector(
             20,
             outlier_detector=MCMDOutlierDetector(20, outlier_rate=0.2),
