@@ -9,8 +9,8 @@ from sklearn.base import BaseEstimator, ClusterMixin, clone
 from sklearn.utils.validation import validate_data
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
-from sklearn_mcmd._validation import check_extent
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
+from sklearn_mcmd.planes._columns import split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._progress import progress_part
@@ -22,9 +22,6 @@ from sklearn_mcmd.segmentation._joining import join_coplanar, region_planes
 from sklearn_mcmd.segmentation._narrow_faces import RestFaces
 
 __all__ = ["RegionGrowing"]
-
-# What float32 columns of a transformer leave of a normal's length.
-UNIT_TOLERANCE = 1e-3
 
 
 class RegionGrowing(ClusterMixin, BaseEstimator):
@@ -321,37 +318,12 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         precomputed = self.normals == "precomputed"
         X = validate_data(self, X, dtype=[np.float64, np.float32], ensure_min_features=2)
         if precomputed:
-            return _split_columns(X)
+            return split_columns(X)
         estimator = self.normal_estimator
         if estimator is None:
             estimator = RobustNormalEstimator(random_state=self.random_state, n_jobs=self.n_jobs)
         fitted = self.normal_estimator_ = clone(estimator).fit(X)
         return X, fitted.normals_, fitted.surface_variation_, fitted.eigenvalues_
-
-
-def _split_columns(X):
-    """Coordinates, normals, surface variation and eigenvalues from a transformer's columns.
-
-    How many dimensions there are is told by the columns themselves: normals have length one,
-    eigenvalues ascend and surface variation is a share of them.
-    """
-    tolerance = UNIT_TOLERANCE
-    for d in range((X.shape[1] - 1) // 3, 1, -1):
-        normals, variation, eigenvalues = X[:, d : 2 * d], X[:, 2 * d], X[:, 2 * d + 1 : 3 * d + 1]
-        total = eigenvalues.sum(axis=1)
-        if (
-            (np.abs(np.sqrt(np.einsum("nd,nd->n", normals, normals)) - 1) <= tolerance).all()
-            and (np.diff(eigenvalues, axis=1) >= -tolerance * total[:, None]).all()
-            and (np.abs(variation * total - eigenvalues[:, 0]) <= tolerance * total).all()
-        ):
-            coordinates = X[:, :d].copy()  # of its own memory, which is faster from here on
-            check_extent(coordinates)
-            return coordinates, normals, variation, np.maximum(eigenvalues, 0)
-    raise ValueError(
-        f'normals="precomputed" but the {X.shape[1]} columns of X are not those of '
-        "RobustNormalEstimator.transform: coordinates, unit normals, surface variation and "
-        'eigenvalues (10 in 3D). Do not scale them; or give coordinates with normals="estimate".'
-    )
 
 
 def _seeds(variation, offset):

@@ -6,6 +6,7 @@ import numpy as np
 
 from sklearn_mcmd.planes._around import quantile_around
 from sklearn_mcmd.planes._chunks import each_slice
+from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 
 __all__ = ["GrowthRules", "PointPlanes", "grow_regions", "link_neighbors", "n_within_median"]
@@ -195,8 +196,8 @@ def n_within_median(k):
 
 def _is_quiet(planes, rows, near, n_neighbors, rules, compiled):
     """Whether planes are no noisier than is usual around, and than curvature makes them."""
-    sizes = np.full(len(near), near.shape[1])
-    usual = quantile_around(planes.noise, near, sizes, USUAL, compiled)
+    around = Neighborhoods(near.astype(np.int32), np.full(len(near), near.shape[1]))
+    usual = quantile_around(planes.noise, around, USUAL, compiled)
     bent = BENT * np.arccos(min(rules.min_cosine, 1.0)) * planes.radius[rows]
     # The standard error of a standard deviation that so many neighbors tell.
     most = 1 + N_ERRORS / np.sqrt(2 * n_neighbors)
