@@ -5,6 +5,7 @@ rules, and the scenes and real clouds that they are tried on. Printed are the po
 each change gains on each scene, or loses (-), and how many regions real clouds have then.
 
     python benchmarks/ablation.py growing --size 20000 --seeds 2 --data ../shared/data
+    python benchmarks/ablation.py normals --size 20000 --seeds 1 --data ../shared/data
 
 ``--cache`` names a folder where prepared clouds (normals) are kept. A constant is replaced in
 the module that reads it. A compiled kernel would not notice that of a constant that it imports:
@@ -66,8 +67,11 @@ class Part:
     """What is tried: constants and parameters, on clouds, by what measures.
 
     prepare : (X) -> what `run` takes; slow steps before the part, done once a cloud
+    truth : (scene) -> what `measure` compares with
+    outlier_share : of the simulated scenes
+    true_clouds : real clouds with a truth, which count as scenes
     run : (prepared, **parameters) -> result
-    measure : (scene, result) -> dict of numbers, 100 being perfect
+    measure : (truth, result) -> dict of numbers, 100 being perfect
     count : (result) -> number to print for real clouds
     """
 
@@ -78,6 +82,9 @@ class Part:
     run: Callable
     measure: Callable
     count: Callable
+    truth: Callable
+    outlier_share: float = 0.0
+    true_clouds: tuple = ()
 
 
 @contextmanager
@@ -116,6 +123,26 @@ def region_scores(surface, labels):
     return {"Rand": 100 * scores.adjusted_rand, "IoU": 100 * scores.mean_iou}
 
 
+def normals_of(X, **parameters):
+    from sklearn_mcmd import RobustNormalEstimator
+
+    return RobustNormalEstimator(random_state=0, n_jobs=-1, **parameters).fit(X).normals_
+
+
+def normal_scores(truth, normals):
+    """Shares within 10 degrees of the true normal: of all regular points, and near edges."""
+    true, near, regular = truth
+    cosines = np.minimum(np.abs(np.einsum("nd,nd->n", normals, true)), 1.0)
+    right = np.degrees(np.arccos(cosines)) <= 10
+    near = near & regular
+    return {"all": 100 * right[regular].mean(), "near": 100 * right[near].mean()}
+
+
+def true_normals(scene):
+    """Normals, which points are within four spacings of an edge, and which are regular."""
+    return scene.normals, scene.edge_distance < 4 * scene.spacing, scene.outlier_kind == 0
+
+
 PARTS = {
     "growing": Part(
         tried=(
@@ -149,6 +176,35 @@ PARTS = {
         run=regions_of,
         measure=region_scores,
         count=lambda labels: int(labels.max()) + 1,
+        truth=lambda scene: scene.surface,
+    ),
+    "normals": Part(
+        tried=(
+            Constant("normals._surface_planes", "REMOVED", 1.0),
+            Constant("normals._surface_planes", "NOISY", np.inf),
+            Constant("normals._surface_planes", "BEST"),
+            Constant("normals._surface_planes", "LEAST_NOISE", 0.0),
+            Constant("normals._surface_planes", "SIGNIFICANT", 0.0),
+            Constant("normals._surface_planes", "EXPLAINED", np.inf),
+            Constant("normals._smoothness", "CURVED", 0.0),
+            Constant("normals._smoothness", "N_ERRORS", 0.0),
+            Constant("normals._smoothness", "LEAST_WIDTH", 0.0),
+            Constant("normals._smoothness", "PIVOT", 0.0),
+            Constant("normals._smoothness", "PERFECT", 0.0),
+            Constant("planes._rules", "REWEIGHT_CUTOFF"),
+            Parameter("refine", (None,)),
+            Parameter("borrow", (False,)),
+            Parameter("n_neighbors", (20, 30, 80)),
+        ),
+        scenes=("traffic_furniture", "bus_stop", "street", "box", "crown_roof"),
+        clouds=(),
+        prepare=lambda X: X,
+        run=normals_of,
+        measure=normal_scores,
+        count=len,
+        truth=true_normals,
+        outlier_share=0.1,
+        true_clouds=("cad_angle_block", "cad_featuretype", "cad_plate_holes"),
     ),
 }
 
@@ -160,9 +216,24 @@ def scenes_of(part, options):
     for name in part.scenes:
         for seed in range(options.seeds):
             make = getattr(datasets, f"make_{name}")
-            scene = make(options.size, outlier_share=0.0, random_state=seed)
+            scene = make(options.size, outlier_share=part.outlier_share, random_state=seed)
             key = f"{options.part}_{name}_{options.size}_{seed}"
-            yield name, kept(options.cache, key, part, scene.data), scene.surface
+            yield name, kept(options.cache, key, part, scene.data), part.truth(scene)
+    for name in part.true_clouds:
+        path = Path(options.data) / name / "cloud.npz"
+        if path.is_file():
+            with np.load(path) as arrays:
+                X, normals = arrays["xyz"].astype(np.float64), arrays["normals"]
+                near = arrays["edge_dist"] < 4 * spacing_of(X)
+            yield name, part.prepare(X), (normals, near, np.ones(len(X), dtype=bool))
+
+
+def spacing_of(X):
+    """Side of the square that a point has for itself."""
+    from scipy.spatial import cKDTree
+
+    distances, _ = cKDTree(X).query(X[::17], k=20)
+    return float(np.sqrt(np.median(np.pi * distances[:, -1] ** 2 / 20)))
 
 
 def clouds_of(part, options):
@@ -206,7 +277,7 @@ def main():
     part = PARTS[options.part]
     scenes, clouds = list(scenes_of(part, options)), list(clouds_of(part, options))
     default, counts = evaluate(part, scenes, clouds, {})
-    names = list(part.scenes)
+    names = list(dict.fromkeys(name for name, _, _ in scenes))
     for (measure, name), value in default.items():
         print(f"default: {name:20} {measure:6} {value:7.2f}")
     measures = list(dict.fromkeys(measure for measure, _ in default))

@@ -7,7 +7,6 @@ explains it as well as the robust plane explains its own part. An edge is not ex
 The NumPy form, for any dimension; ``_smoothness_numba`` repeats it in three.
 """
 
-from functools import cache
 from math import pi, sqrt
 from typing import NamedTuple
 
@@ -59,7 +58,6 @@ class SmoothnessLimits(NamedTuple):
     perfect: float
 
     @classmethod
-    @cache
     def of(cls, k, d):
         """The limits for neighborhoods of up to k members in d dimensions."""
         n = np.maximum(np.arange(k + 1), least_members(d)).astype(float)

@@ -32,8 +32,8 @@ BEST, NOISY = 0.1, 3.0
 # A plane that leans by no more than so many of its standard errors is not borrowed: the least noisy
 # of many is so by chance, and no better.
 SIGNIFICANT = 3.0
-# A point is explained within three standard deviations.
-LIKELIEST = ExplainLimits(likely=True, explained=3.0)
+# A plane explains points within so many of its standard deviations.
+EXPLAINED = 3.0
 
 
 class SurfacePlanes:
@@ -204,8 +204,9 @@ class SurfacePlanes:
         least = LEAST_NOISE * own.radius
         most = self._most(self.members.scale, own.radius, around)
         asking = np.flatnonzero((1 - own.kept > REMOVED) | (np.hypot(own.scale, least) > most))
+        likeliest = ExplainLimits(likely=True, explained=EXPLAINED)
         best, _ = explain(
-            queries[asking], around.take(asking), self.members, LIKELIEST, self.usable,
+            queries[asking], around.take(asking), self.members, likeliest, self.usable,
             least[asking], most[asking], self.compiled,
         )  # fmt: skip
         asking, best = asking[best >= 0], best[best >= 0]
