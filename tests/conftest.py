@@ -3,8 +3,13 @@
 import os
 from pathlib import Path
 
-# Before SciPy is imported: without it scikit-learn skips its array API checks.
+# Before NumPy and SciPy are imported. Without the first scikit-learn skips its array API checks.
 os.environ.setdefault("SCIPY_ARRAY_API", "1")
+# pytest-xdist starts a worker for each core. Threads of BLAS and OpenMP on top of these wait for
+# each other: a scene of 4,000 points then takes five times the processor time.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("MKL_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
@@ -14,7 +19,14 @@ from sklearn_mcmd.io import PointCloud, write_points
 # Failing assertions of helpers show their values, as those of tests do.
 pytest.register_assert_rewrite("commands")
 
+
 N_ROOM, N_STRAY = 900, 30  # few enough for the form that needs no compilation
+
+
+def pytest_configure(config):
+    """Hand neighboring tests to the same worker: they share the fixtures of their module."""
+    if getattr(config.option, "dist", None) == "load":  # what -n asks for by itself
+        config.option.dist = "worksteal"
 
 
 @pytest.fixture(scope="session")

@@ -6,8 +6,20 @@ import pytest
 from scenes import REAL_CLOUDS
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
 
+# One of each kind: a city from the air, a part, a street, an indoor scan, a turn of a lidar.
+QUICK = {
+    "ahn3_amsterdam_2397",
+    "cad_featuretype",
+    "fast_gicp_velodyne",
+    "jakarto_street_thinned",
+    "open3d_redwood_fragment",
+}
+CLOUDS = [
+    name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in REAL_CLOUDS
+]
 
-@pytest.fixture(scope="module", params=REAL_CLOUDS)
+
+@pytest.fixture(scope="module", params=CLOUDS)
 def cloud(request, shared_data):
     with np.load(shared_data / request.param / "cloud.npz") as arrays:
         return arrays["xyz"][:20_000] + arrays["offset"]
@@ -27,6 +39,7 @@ def test_every_point_gets_a_unit_normal(cloud):
     assert ((estimator.removed_fraction_ >= 0) & (estimator.removed_fraction_ < 0.7)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "least"),
     [("cad_angle_block", 0.85), ("cad_featuretype", 0.78), ("cad_cube_pointfilter", 0.97)],

@@ -6,12 +6,12 @@ from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
 
 CONFIGURATIONS = [
     BaardaPlaneDetector(),
-    BaardaPlaneDetector(0.15, elimination="all", correction="none", surface="orthogonal"),
-    BaardaPlaneDetector(test="t", correction="none", loss="tukey"),
-    BaardaPlaneDetector(sigma0="auto", robust_start=True, contamination=0.1),
+    BaardaPlaneDetector(test="t", elimination="all", correction="none", loss="tukey"),
+    BaardaPlaneDetector(
+        sigma0="auto", surface="orthogonal", robust_start=True, contamination=0.1, random_state=0
+    ),
     FuzzyPlaneDetector(),
-    FuzzyPlaneDetector(0.15, width=1.25, weighting="cut", surface="orthogonal"),
-    FuzzyPlaneDetector(test="tau", width=0.3),
+    FuzzyPlaneDetector(0.15, test="tau", width=0.3, weighting="cut", surface="orthogonal"),
     FuzzyPlaneDetector(sigma0="auto", loss="huber", contamination=0.1),
 ]
 

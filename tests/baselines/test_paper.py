@@ -19,6 +19,7 @@ from sklearn_mcmd.baselines import fit_neighborhoods
 from sklearn_mcmd.datasets import make_contaminated_plane
 from sklearn_mcmd.metrics import bias_angle
 
+pytestmark = pytest.mark.slow
 RUNS = 800
 THEIRS = 1000
 ERROR = 4 * np.sqrt(1 / RUNS + 1 / THEIRS)

@@ -70,13 +70,13 @@ def test_samples_lie_within_the_bounds_and_reach_them(part):
 @each_part
 def test_the_distance_to_a_part_is_that_to_a_dense_sample_of_it(part):
     rng = np.random.default_rng(1)
-    sample = part.sample(400_000, rng)
-    queries = rng.uniform(part.bounds[0] - 1, part.bounds[1] + 1, (500, 3))
+    sample = part.sample(200_000, rng)
+    queries = rng.uniform(part.bounds[0] - 1, part.bounds[1] + 1, (300, 3))
     brute = cKDTree(sample).query(queries)[0]
     exact = part.distance(queries)
     assert (brute >= exact - 1e-9).all()
-    # 400 000 points on 7 m^2 or less leave holes of up to 2 cm (corners are the worst).
-    assert_allclose(exact, brute, atol=0.02)
+    # 200 000 points on 7 m^2 or less leave holes of up to 3 cm (corners are the worst).
+    assert_allclose(exact, brute, atol=0.03)
 
 
 @each_part

@@ -156,7 +156,7 @@ def test_points_that_span_no_plane_have_no_outliers(n, kind):
 def test_thousands_of_points_in_one_place_do_not_slow_the_search():
     """A scanner's missing returns at the origin; quadratic work would take minutes."""
     rng = np.random.default_rng(0)
-    X = np.vstack([np.zeros((100_000, 3)), rng.uniform(1, 2, (2_000, 3)) * [1, 1, 0]])
+    X = np.vstack([np.zeros((50_000, 3)), rng.uniform(1, 2, (2_000, 3)) * [1, 1, 0]])
     detector = MCMDOutlierDetector(20, random_state=0).fit(X)
     assert (detector.predict(X[-2000:]) == 1).all()
     # As one location far from the others, however often it was returned.
@@ -174,8 +174,9 @@ def test_collinear_clouds_do_not_slow_the_work(n, n_neighbors, d):
     assert (detector.fit(X).predict(X[:200]) == 1).all()
 
 
-@pytest.mark.parametrize("copies", [2, 10, 20])
+@pytest.mark.parametrize("copies", [2, 20])
 def test_repeated_points_change_nothing(street, copies):
+    street = street[:3000]
     expected = MCMDOutlierDetector(random_state=0).fit(street).score_samples(street)
     detector = MCMDOutlierDetector(random_state=0).fit(np.tile(street, (copies, 1)))
     assert_allclose(detector.score_samples(street), expected, rtol=1e-9)
