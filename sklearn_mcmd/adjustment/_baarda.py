@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.exceptions import ConvergenceWarning
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
-from sklearn_mcmd.adjustment._detector import PlaneDetector
+from sklearn_mcmd.adjustment._base import PlaneDetector
 from sklearn_mcmd.adjustment._determinacy import check_rank
 from sklearn_mcmd.adjustment._elimination import (
     Elimination,

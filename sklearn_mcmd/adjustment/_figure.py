@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtri, stdtrit
 
 from sklearn_mcmd._extras import import_extra
-from sklearn_mcmd.adjustment._detector import PlaneDetector
+from sklearn_mcmd.adjustment._base import PlaneDetector
 from sklearn_mcmd.adjustment._report import check_points, describe, share, sigma0_origin, tilt
 from sklearn_mcmd.adjustment._tests import t_to_tau
 

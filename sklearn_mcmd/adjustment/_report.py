@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.utils.validation import check_array, check_is_fitted
 
-from sklearn_mcmd.adjustment._detector import PlaneDetector
+from sklearn_mcmd.adjustment._base import PlaneDetector
 from sklearn_mcmd.adjustment._tests import local_level
 
 __all__ = ["check_points", "describe", "share", "sigma0_origin", "text_report", "tilt"]

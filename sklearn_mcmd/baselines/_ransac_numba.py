@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 
 from sklearn_mcmd.baselines._ransac import scale_factor
-from sklearn_mcmd.planes._plane_numba import FASTMATH
+from sklearn_mcmd.planes._moments_numba import FASTMATH
 
 __all__ = ["best_planes_3d", "least_median_scales_3d"]
 

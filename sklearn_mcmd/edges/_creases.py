@@ -91,6 +91,7 @@ class CreaseModel:
         self.points = self.index.points - self.origin
         self.planes = Planes.empty(*self.points.shape)
         self.planes.normals[:] = normals[self.index.rows]
+        self.planes.eigenvalues[:] = self.planes.normal_error[:] = np.nan  # not asked for
         self._in_chunks(self.points, self._fit_planes)
         self.usable = np.ones(len(self.points), dtype=bool)
         flatness = self.planes.scale / np.maximum(self.planes.radius, np.finfo(float).tiny)

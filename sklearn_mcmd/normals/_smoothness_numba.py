@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from sklearn_mcmd.planes._plane_numba import FASTMATH, eigh_3d, weighted_covariance
+from sklearn_mcmd.planes._moments_numba import FASTMATH, eigh_3d, weighted_covariance
 
 __all__ = ["whole_planes_3d"]
 

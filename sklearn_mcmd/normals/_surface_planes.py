@@ -51,19 +51,19 @@ class SurfacePlanes:
         self.model = model
         self.borrow = borrow
         self.n_jobs = n_jobs
-        self.compiled = model.ready()
 
     def fit(self, X):
         """Planes of the fitted points X (n, d), and whose they are: rows of X, (n,)."""
         n = len(X)
-        rows = self.model.index.rows
+        index = self.model.index
+        rows = index.rows
         # In spatial order every stage is faster; it is undone at the end.
-        order = rows if len(rows) == n else spatial_order(X)
+        order = rows if index.n_distinct == n else spatial_order(X)
         X = X[order]
         planes = Planes.empty(*X.shape)
         smooth, noise = np.empty(n, dtype=bool), np.empty(n)
         members = np.arange(n)  # rows of X; without copies among the points all of them, in order
-        if len(rows) < n:
+        if index.n_distinct < n:
             members = np.argsort(order)[rows]
         neighborhoods = {}  # of all points: a search more would take longer than all that follows
 
@@ -91,7 +91,7 @@ class SurfacePlanes:
         with progress_part(0.8, 0.9, "normals next to edges"):
             run(starts, unfold, self.n_jobs, told=True)
         # The planes as they are before any is lent.
-        self.members = planes if len(rows) == n else planes.take(members)
+        self.members = planes if index.n_distinct == n else planes.take(members)
         self.usable = np.ones(len(members), dtype=bool)
         lenders = np.full(n, -1)
         if self.borrow:
@@ -128,6 +128,11 @@ class SurfacePlanes:
 
         each_chunk(queries, self._chunk(), task, self.n_jobs)
         return planes
+
+    @property
+    def compiled(self):
+        """Whether compiled code does the work, here and now: a pickle may come elsewhere."""
+        return self.model.ready()
 
     def _chunk(self):
         return max(1, CHUNK[self.compiled] // self.model.index.n_neighbors)

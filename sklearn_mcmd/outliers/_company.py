@@ -145,7 +145,7 @@ def group_sizes(points, rows, neighbors, compiled):
     """
     n_links = min(LINKS, neighbors.shape[1] - 1)
     if compiled:
-        from sklearn_mcmd.outliers._company_numba import label_groups
+        from sklearn_mcmd.outliers._groups_numba import label_groups
 
         labels = np.zeros(len(points), dtype=np.int64)
         label_groups(points, rows, neighbors, n_links, labels)

@@ -99,7 +99,6 @@ class IteratedPlanes:
         n = len(X)
         order = spatial_order(X) if n >= ORDER_FROM else np.arange(n)
         X = X[order]
-        self.compiled = self.model.ready()
         retained = np.ones(n, dtype=bool)
         n_removals = np.zeros(n, dtype=np.int8)
         self._start(X)
@@ -147,6 +146,11 @@ class IteratedPlanes:
         # What new points are judged by stays; these take as much memory.
         del self.neighbors, self.distinct, self.copied, self.left, self.joined, self.tied
         return self
+
+    @property
+    def compiled(self):
+        """Whether compiled code does the work, here and now: a pickle may come elsewhere."""
+        return self.model.ready()
 
     def score(self, queries):
         """Robust distances of queries (m, d), those that stand apart raised accordingly."""

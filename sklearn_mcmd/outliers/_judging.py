@@ -80,7 +80,7 @@ def judge(options, queries, own, distance, least, neighborhoods, fitted, credibl
     scores, owners = distance, np.full(m, -1)
     if options.ruler != OWN:
         height = np.einsum("md,md->m", queries - own.centroids, own.normals)
-        scores = ratio(np.abs(height), np.maximum(ruler, least))
+        scores = ratio(np.abs(height), np.hypot(ruler, least))
     if options.borrow:
         scores = scores.copy()
         far = np.flatnonzero(scores > options.cutoff)

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from sklearn_mcmd.planes._plane_numba import kth_smallest
+from sklearn_mcmd.planes._moments_numba import kth_smallest
 
 __all__ = ["extents_of_neighborhoods", "quantile", "quantile_of_neighbors"]
 

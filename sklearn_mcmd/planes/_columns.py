@@ -42,7 +42,10 @@ def split_columns(X, d=None):
     ValueError
         If X has other columns.
     """
-    for dimensions in range((X.shape[1] - 1) // 3, 1, -1) if d is None else (d,):
+    most = (X.shape[1] - 1) // 3
+    # Features behind the columns of 3D may pass for those of more dimensions.
+    possible = sorted(range(2, most + 1), key=lambda n: (n != 3, -n)) if d is None else (d,)
+    for dimensions in possible:
         columns = _cut(X, dimensions)
         if _are_planes(columns):
             check_extent(columns.coordinates)

@@ -9,7 +9,7 @@ set is the one that float64 alone would find, at the price of float32.
 import numpy as np
 from numba import njit
 
-from sklearn_mcmd.planes._plane_numba import (
+from sklearn_mcmd.planes._moments_numba import (
     FASTMATH,
     eigh_3d,
     kth_smallest,

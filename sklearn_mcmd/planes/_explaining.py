@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["CREDIBLE", "Credibility", "ExplainLimits", "credible_planes", "explain"]
+__all__ = ["Credibility", "ExplainLimits", "credible_planes", "explain"]
 
 
 class Credibility(NamedTuple):
@@ -18,9 +18,6 @@ class Credibility(NamedTuple):
     most_rough: float
     least_kept: float = 0.5
     most_sparse: float = 1.15
-
-
-CREDIBLE = Credibility(np.inf)
 
 
 class ExplainLimits(NamedTuple):

@@ -1,7 +1,5 @@
 """From neighborhoods to planes: Algorithm 4 in chunks and threads, compiled or in NumPy."""
 
-import os
-import tempfile
 from copy import copy
 from dataclasses import dataclass
 
@@ -10,10 +8,10 @@ import numpy as np
 from sklearn_mcmd.planes._adaptive_trials import StopRule, adaptive_consistent_sets
 from sklearn_mcmd.planes._around import extents
 from sklearn_mcmd.planes._chunks import each_chunk
+from sklearn_mcmd.planes._compiling import compiled_function
 from sklearn_mcmd.planes._consistent_set import Trials, localize, n_support_points
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._plane import RANK_TOLERANCE, fit_planes, flat_normals, normal_errors
-from sklearn_mcmd.planes._progress import watch_compilation
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import METHODS, RuleLimits, robust_distances
 
@@ -186,6 +184,7 @@ class LocalPlaneModel:
         floor = np.maximum(floor, self.least_scale)
         null = eigenvalues <= RANK_TOLERANCE * eigenvalues[:, -1:]
         thin = np.maximum(floor, 10 * np.sqrt(RANK_TOLERANCE) * largest)
+        thin = np.maximum(thin, np.finfo(float).tiny)  # of copies of the origin
         deviations = np.where(null, thin, np.inf)
         spread = ~null.any(axis=1)
         deviations[spread, :1] = np.maximum(np.sqrt(eigenvalues[spread, :1]), floor[spread])
@@ -254,20 +253,4 @@ class LocalPlaneModel:
 
 
 def _compiled_driver():
-    """The compiled form, imported on first use; None where Numba cannot be."""
-    try:
-        return _import_driver()
-    except ImportError:
-        return None
-    except RuntimeError:  # Numba found no folder to keep compiled code in
-        import numba
-
-        numba.config.CACHE_DIR = os.path.join(tempfile.gettempdir(), "sklearn_mcmd")
-        return _import_driver()
-
-
-def _import_driver():
-    from sklearn_mcmd.planes._rules_numba import fit_neighborhoods_3d
-
-    watch_compilation()
-    return fit_neighborhoods_3d
+    return compiled_function("planes._local_planes_numba", "fit_neighborhoods_3d")

@@ -42,7 +42,7 @@ def listen_to_progress(listener):
     try:
         yield
     finally:
-        _listeners.pop()
+        _listeners.remove(listener)
         _span.reset(token)
 
 

@@ -4,8 +4,6 @@ import warnings
 
 import numpy as np
 
-from sklearn_mcmd.planes._around import extents
-
 __all__ = ["CoarseCoordinatesWarning", "coordinate_step", "warn_if_coarse"]
 
 # A gap counts as so many steps if it is within this much of a whole number of them.
@@ -116,7 +114,9 @@ def warn_if_coarse(index, stacklevel):
     if index.n_neighbors is None:
         radius = np.linalg.norm(sample - points[0], axis=1)
     else:
-        _, radius = extents(points, sample, index.query(sample), compiled=False)
+        indices, sizes = index.query(sample)
+        last = points[indices[np.arange(len(sample)), sizes - 1]]
+        radius = np.linalg.norm(last - sample, axis=1)
     # Medians, which a few far points do not move.
     radius, largest = float(np.median(radius)), float(np.median(np.abs(sample).max(axis=1)))
     rounding = float(np.spacing(np.float32(largest)))

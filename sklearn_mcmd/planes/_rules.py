@@ -3,7 +3,7 @@
 A rule turns a neighborhood and its consistent set into a robust distance: a center and a
 whitening matrix. The distance of a point is the length of its whitened deviation from the
 center, and members farther than the cutoff are outliers. `METHODS` lists the rules; this
-NumPy form holds in any dimension, ``_rules_numba`` repeats it in three.
+NumPy form holds in any dimension, ``_local_planes_numba`` repeats it in three.
 """
 
 from collections.abc import Callable

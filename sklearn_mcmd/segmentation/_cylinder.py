@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sklearn_mcmd.planes._compiling import compiled_function
+
 __all__ = ["Cylinder", "fit_cylinder"]
 
 # Steps from each start at most, and the share of the sum of squares below which a step gains
@@ -73,7 +75,7 @@ def fit_cylinder(points, normals, *, compiled=True):
     local /= scale
     extents = np.linalg.eigh(local.T @ local)[1]
     starts = np.stack([extents[:, 2], extents[:, 1], np.linalg.eigh(normals.T @ normals)[1][:, 0]])
-    fit = (_compiled() if compiled else None) or _fit
+    fit = (compiled_function("segmentation._cylinder_numba", "fit") if compiled else None) or _fit
     total, model = fit(local, starts, FitLimits(N_STEPS, LEAST_GAIN, RIDGE))
     return total * scale**2, Cylinder(center + scale * model[:3], model[3:6], scale * model[6])
 
@@ -130,12 +132,3 @@ def _fit(points, starts, limits):
             point = point - (point * axis).sum() * axis
             radius = abs(radius + step[4])
     return best, model
-
-
-def _compiled():
-    """The compiled form of `_fit`, imported on first use; None where Numba cannot be."""
-    try:
-        from sklearn_mcmd.segmentation._cylinder_numba import fit
-    except ImportError:
-        return None
-    return fit

@@ -6,6 +6,7 @@ import numpy as np
 
 from sklearn_mcmd.planes._around import quantile_around
 from sklearn_mcmd.planes._chunks import each_slice
+from sklearn_mcmd.planes._compiling import compiled_function
 from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 
@@ -261,9 +262,4 @@ def _grow(links, seeds):
 
 
 def _compiled(name):
-    """The compiled form of a function, imported on first use; None where Numba cannot be."""
-    try:
-        from sklearn_mcmd.segmentation import _graph_numba
-    except ImportError:
-        return None
-    return getattr(_graph_numba, name)
+    return compiled_function("segmentation._graph_numba", name)

@@ -1,5 +1,8 @@
 """Normals next to edges and on smooth surfaces: borrowed planes, whole neighborhoods."""
 
+import pickle
+import sys
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -215,3 +218,27 @@ def test_the_paper_to_the_letter_borrows_nothing():
     X, _, _ = corner(2000)
     literal = RobustNormalEstimator(30, refine=None, random_state=0).fit(X)
     assert_array_equal(literal.plane_index_, np.arange(len(X)))
+
+
+def test_two_locations_of_four_points_are_each_given_a_plane(monkeypatch):
+    X = np.array([[0.0, 0, 0], [1, 0, 0], [0, 0, 0], [1, 0, 0]])
+    empty = np.empty
+
+    def filled(shape, dtype=float, **kwargs):
+        return np.full(shape, np.nan if np.dtype(dtype) == float else 101, dtype)
+
+    monkeypatch.setattr(np, "empty", filled)
+    estimator = RobustNormalEstimator(4, random_state=0).fit(X)
+    monkeypatch.setattr(np, "empty", empty)
+    assert_array_equal(estimator.normals_, np.tile([0, 0, 1.0], (4, 1)))
+    assert set(estimator.plane_index_) <= set(range(4))
+
+
+def test_a_model_that_was_fitted_with_numba_serves_without_it(monkeypatch):
+    X, _, _ = corner(4000)
+    estimator = pickle.loads(pickle.dumps(RobustNormalEstimator(20, random_state=0).fit(X)))
+    expected = estimator.transform(X[:50])
+    monkeypatch.setattr("sklearn_mcmd.planes._local_planes.compiled_function", lambda *_: None)
+    for name in ("planes._explaining_numba", "normals._smoothness_numba"):
+        monkeypatch.setitem(sys.modules, f"sklearn_mcmd.{name}", None)
+    assert_allclose(estimator.transform(X[:50]), expected, rtol=1e-6, atol=1e-9)

@@ -318,3 +318,22 @@ def test_neighborhoods_are_those_of_sorting_all_distances(street):
             np.linalg.norm(index.points[row] - query, axis=1),
             np.linalg.norm(expected - query, axis=1),
         )
+
+
+def test_a_borrowed_plane_is_no_wider_than_the_own_one():
+    """A point is its own first neighbor: by its own plane, borrowed, it must score the same."""
+    from sklearn_mcmd.outliers._judging import COMMON, Judge, judge
+    from sklearn_mcmd.planes._explaining import Credibility
+    from sklearn_mcmd.planes._record import Neighborhoods, Planes
+
+    plane = Planes.empty(1, 3)
+    for values, value in zip(plane, [0, [0, 0, 1.0], [0, 1, 1], 0.01, 1, 1, 0.5, 1], strict=True):
+        values[:] = value
+    around = Neighborhoods(np.zeros((1, 1), dtype=np.int32), np.array([1]))
+    judge_ = Judge(COMMON, 0.01, 2.0, True, Credibility(1.0))
+    for compiled in (False, True):
+        scores, _, _ = judge(
+            judge_, np.array([[0.1, 0, 0.035]]), plane, np.array([9.0]), np.array([0.01]),
+            around, plane, np.array([True]), compiled,
+        )  # fmt: skip
+        np.testing.assert_allclose(scores, 0.035 / np.hypot(0.01, 0.01), rtol=1e-12)

@@ -87,7 +87,7 @@ from sklearn_mcmd.planes._consistent_set_numba import (  # noqa: E402, used in t
     consistent_set_3d,
     work_arrays,
 )
-from sklearn_mcmd.planes._plane_numba import eigh_3d, kth_smallest  # noqa: E402, after Numba is known
+from sklearn_mcmd.planes._moments_numba import eigh_3d, kth_smallest  # noqa: E402, after Numba is known
 
 
 @pytest.mark.parametrize("k", [50, 21])

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from sklearn_mcmd.planes._consistent_set_numba import consistent_set_3d, work_arrays
-from sklearn_mcmd.planes._plane_numba import (
+from sklearn_mcmd.planes._moments_numba import (
     FASTMATH,
     eigh_3d,
     kth_smallest,
