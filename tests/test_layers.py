@@ -98,10 +98,6 @@ def test_private_scikit_learn_is_touched_in_one_file_only():
             assert not any(statement in text for statement in private), path.name
 
 
-# Files that still do: the list may only shrink.
-FREEZING = {"segmentation/_graph_numba.py"}
-
-
 @pytest.mark.parametrize("path", sorted(ROOT.rglob("*_numba.py")), ids=lambda path: path.stem)
 def test_constants_reach_kernels_as_arguments(path):
     """Compiled code keeps the value that a constant had. Numba's cache looks at the kernel's own
@@ -115,10 +111,4 @@ def test_constants_reach_kernels_as_arguments(path):
         for alias in node.names
     }
     constants = {name for name in imported if name.isupper()} - {"FASTMATH"}
-    known = path.relative_to(ROOT).as_posix() in FREEZING
-    assert not constants or known, f"{path.name} imports {sorted(constants)}: pass it as argument"
-    assert constants or not known, f"{path.name} is mended: take it from FREEZING"
-
-
-def test_the_files_that_freeze_constants_exist():
-    assert all((ROOT / name).is_file() for name in FREEZING)
+    assert not constants, f"{path.name} imports {sorted(constants)}: pass it as argument"

@@ -1,8 +1,8 @@
 """The smoothness of ``_smoothness`` in three dimensions, compiled."""
 
 import numpy as np
-from numba import njit
 
+from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.planes._moments_numba import FASTMATH, eigh_3d, weighted_covariance
 
 __all__ = ["whole_planes_3d"]
@@ -10,7 +10,7 @@ __all__ = ["whole_planes_3d"]
 TERMS = 6
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(cache=True, error_model="numpy")
 def whole_planes_3d(points, around, limits, planes, directions, deviation, left, ordinary):
     """Fill what `whole_planes` returns, of the axes the first and the last.
 
@@ -62,7 +62,7 @@ def whole_planes_3d(points, around, limits, planes, directions, deviation, left,
             )
 
 
-@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+@kernel(cache=True, fastmath=FASTMATH, error_model="numpy")
 def _tails(height, size):
     """The largest absolute height, and sums of the first and third powers."""
     farthest = first = third = 0.0
@@ -74,7 +74,7 @@ def _tails(height, size):
     return farthest, first, third
 
 
-@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+@kernel(cache=True, fastmath=FASTMATH, error_model="numpy")
 def _moments(local, size, mean, axes, extent, moments, right, heights):
     """Normal equations of the quadric (lower triangle) and the sum of squared heights.
 
@@ -127,7 +127,7 @@ def _moments(local, size, mean, axes, extent, moments, right, heights):
     return shh
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(cache=True, error_model="numpy")
 def _residual(moments, right, forward, total, least_pivot):
     """Squares left, and whether the members determine the quadric; overwrites the moments."""
     for i in range(TERMS):

@@ -1,12 +1,13 @@
 """Groups of points linked by being near neighbors mutually, compiled."""
 
 import numpy as np
-from numba import njit
+
+from sklearn_mcmd.planes._kernels import kernel
 
 __all__ = ["label_groups"]
 
 
-@njit(cache=True, nogil=True)
+@kernel(cache=True)
 def label_groups(points, rows, neighbors, n_links, roots):
     """Fill `roots` with a representative of the group of each of `rows`, by union and find.
 
@@ -37,7 +38,7 @@ def label_groups(points, rows, neighbors, n_links, roots):
         roots[row] = _root(roots, row)
 
 
-@njit(cache=True, nogil=True)
+@kernel(cache=True)
 def _square(points, i, j):
     total = 0.0
     for axis in range(points.shape[1]):
@@ -46,7 +47,7 @@ def _square(points, i, j):
     return total
 
 
-@njit(cache=True, nogil=True)
+@kernel(cache=True)
 def _root(roots, row):
     while roots[row] != row:
         roots[row] = roots[roots[row]]

@@ -1,14 +1,14 @@
 """The rulers of ``_judging``, compiled: one neighborhood after another, any dimension."""
 
 import numpy as np
-from numba import njit
 
 from sklearn_mcmd.planes._around_numba import quantile
+from sklearn_mcmd.planes._kernels import kernel
 
 __all__ = ["rule_neighborhoods"]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(cache=True, error_model="numpy")
 def rule_neighborhoods(options, own, neighborhoods, fitted, credible, ruler, usual_spacing):
     """Fill the rulers of queries and the spacing that is usual around; see `judge`."""
     values = np.empty(neighborhoods.indices.shape[1])

@@ -16,6 +16,7 @@ from sklearn_mcmd.paper._methods import METHODS, Method, mcmd
 from sklearn_mcmd.paper._printed import SECONDS, SIZES, TIMED_SHARES
 from sklearn_mcmd.paper._report import Report, Table, paired_rows
 from sklearn_mcmd.paper._runs import Steps, bootstrap_error, stream
+from sklearn_mcmd.paper._scene_methods import quietly
 
 __all__ = ["cost", "table3"]
 
@@ -186,7 +187,7 @@ def cost(runs=5, *, seed=0, sizes=COST_SIZES):
             for name, parameters in COST_METHODS.items():
                 estimator = RobustNormalEstimator(None, random_state=run, **parameters)
                 start = process_time()
-                estimator.fit(X)
+                quietly(estimator.fit, X)
                 seconds[name][i, run] = process_time() - start
             steps.advance(1)
     results = {("seconds", name): taken for name, taken in seconds.items()}

@@ -1,14 +1,14 @@
 """Quantiles and extents of neighborhoods, compiled; any dimension."""
 
 import numpy as np
-from numba import njit
 
+from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.planes._moments_numba import kth_smallest
 
 __all__ = ["extents_of_neighborhoods", "quantile", "quantile_of_neighbors"]
 
 
-@njit(cache=True, nogil=True)
+@kernel(cache=True)
 def quantile_of_neighbors(all_values, neighborhoods, q, out):
     """Fill `out` with the q-quantile of the neighbors' values."""
     indices, sizes = neighborhoods.indices, neighborhoods.sizes
@@ -18,7 +18,7 @@ def quantile_of_neighbors(all_values, neighborhoods, q, out):
         out[i] = quantile(all_values, indices[i], sizes[i], q, values, keys)
 
 
-@njit(cache=True, nogil=True)
+@kernel(cache=True)
 def extents_of_neighborhoods(points, queries, neighborhoods, spacing, radius):
     """Fill the mean distance of the neighbors and that of the last."""
     indices, sizes = neighborhoods.indices, neighborhoods.sizes
@@ -34,7 +34,7 @@ def extents_of_neighborhoods(points, queries, neighborhoods, spacing, radius):
         spacing[i], radius[i] = total / sizes[i], np.sqrt(last)
 
 
-@njit(nogil=True)
+@kernel
 def quantile(all_values, neighbors, size, q, values, keys):
     """The value at the rank int(q * size), from 0, of numbers that are not negative.
 

@@ -7,8 +7,8 @@ set is the one that float64 alone would find, at the price of float32.
 """
 
 import numpy as np
-from numba import njit
 
+from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.planes._moments_numba import (
     FASTMATH,
     eigh_3d,
@@ -46,7 +46,7 @@ SCREEN_RTOL = np.float32(1e-3)
 SCREEN_STEP = np.float32(1e-6)
 
 
-@njit(nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def consistent_set_3d(size, trials, arrays):
     """Maximum consistent set of one neighborhood (Algorithm 1).
 
@@ -109,14 +109,14 @@ def consistent_set_3d(size, trials, arrays):
     return best
 
 
-@njit(nogil=True)
+@kernel
 def first_members(size, n_support, member):
     for j in range(size):
         member[j] = 1.0 if j < n_support else 0.0
     return -1.0
 
 
-@njit(nogil=True)
+@kernel
 def work_arrays(n_trials, k):
     """Arrays that one thread needs for neighborhoods of k members, reused for each.
 
@@ -135,7 +135,7 @@ def work_arrays(n_trials, k):
     return local, local32, lanes, lanes32, least, keys, member
 
 
-@njit(nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def trial_planes(local, size, trials, lanes):
     """Planes of all trials (steps 1 and 2) into lanes; an infinite offset where there is none.
 
@@ -182,7 +182,7 @@ def trial_planes(local, size, trials, lanes):
     return first_plane
 
 
-@njit(nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _complete_trial(local, size, trials, t, p, lanes):
     """Read row t on after position p until the subset spans a plane (step 1)."""
     row = trials.positions[t]
@@ -210,7 +210,7 @@ def _complete_trial(local, size, trials, t, p, lanes):
     return False
 
 
-@njit(nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _refined_normal(local, size, member, mean, axes):
     """Decompose once more in the axes found, which gives a thin subset its lost digits back."""
     rotated = np.empty((3, size))
@@ -229,7 +229,7 @@ def _refined_normal(local, size, member, mean, axes):
     )
 
 
-@njit(nogil=True, fastmath=FASTMATH, error_model="numpy")
+@kernel(fastmath=FASTMATH, error_model="numpy")
 def screen(local32, size, n_support, lanes, work):
     """Lower bounds of the trials' least eigenvalues (steps 2 and 3), in float32, to work[20].
 
@@ -342,7 +342,7 @@ def screen(local32, size, n_support, lanes, work):
         bound[t] = (root * (F1 - SCREEN_RTOL) - error) * (s[t] / wanted)
 
 
-@njit(nogil=True, fastmath=FASTMATH, error_model="numpy")
+@kernel(fastmath=FASTMATH, error_model="numpy")
 def select_members(local, size, trials, lanes, t, keys, member):
     """Mark the h members nearest to plane t (step 2); ties go to the first."""
     x, y, z = local[0], local[1], local[2]
@@ -365,7 +365,7 @@ def select_members(local, size, trials, lanes, t, keys, member):
             left -= 1
 
 
-@njit(nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def least_eigenvalue(local, size, member, rank_tolerance):
     """Least eigenvalue of the covariance of the members (step 3).
 

@@ -1,12 +1,13 @@
 """``explain`` of ``_explaining``, compiled; any dimension."""
 
 import numpy as np
-from numba import njit
+
+from sklearn_mcmd.planes._kernels import kernel
 
 __all__ = ["explain_queries"]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(cache=True, error_model="numpy")
 def explain_queries(queries, candidates, planes, limits, usable, scales, owners, distances):
     """Fill owners and distances; `scales` are the least and the most of `explain`."""
     d = queries.shape[1]

@@ -5,9 +5,9 @@ ever held.
 """
 
 import numpy as np
-from numba import njit
 
 from sklearn_mcmd.planes._consistent_set_numba import consistent_set_3d, work_arrays
+from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.planes._moments_numba import (
     FASTMATH,
     eigh_3d,
@@ -21,7 +21,7 @@ __all__ = ["fit_neighborhoods_3d"]
 MAGNITUDE = np.int64(2**63 - 1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(cache=True, error_model="numpy")
 def fit_neighborhoods_3d(points, around, queries, trials, rule, planes, directions, distance):
     """Apply a rule to each neighborhood (Algorithm 4), one row at a time.
 
@@ -86,7 +86,7 @@ def fit_neighborhoods_3d(points, around, queries, trials, rule, planes, directio
             directions[i, axis] = axes[2][axis]
 
 
-@njit(nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _localize(points, row, size, local, work, keys):
     """Shift a neighborhood to its first point and scale its median radius to one."""
     extent = 0.0
@@ -115,7 +115,7 @@ def _localize(points, row, size, local, work, keys):
     return radius
 
 
-@njit(nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _pca(local, size, member, query, floor):
     mean, covariance = weighted_covariance(local, size, member)
     _, axes = eigh_3d(covariance)
@@ -124,7 +124,7 @@ def _pca(local, size, member, query, floor):
     return abs(_project(query, mean, axes[0])) / scale, scale
 
 
-@njit(nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _mcmd_z(local, size, member, query, rule, floor, work, keys):
     center = 0.0
     if rule.reweight:
@@ -145,7 +145,7 @@ def _mcmd_z(local, size, member, query, rule, floor, work, keys):
     return abs(_project(query, mean, axes[0]) - center) / scale, scale
 
 
-@njit(nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _mcmd_md(local, size, member, query, rule, floor, work, keys):
     if rule.reweight:
         mean, values, axes, scale, n_used = _reweighted_plane(
@@ -173,7 +173,7 @@ def _mcmd_md(local, size, member, query, rule, floor, work, keys):
     return np.sqrt(own), scale
 
 
-@njit(nogil=True, fastmath=FASTMATH, error_model="numpy")
+@kernel(fastmath=FASTMATH, error_model="numpy")
 def _add_squared(local, size, mean, axis, deviation, out):
     x, y, z = local[0], local[1], local[2]
     ax, ay, az = axis
@@ -184,7 +184,7 @@ def _add_squared(local, size, mean, axis, deviation, out):
         out[j] += projection * projection
 
 
-@njit(nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _reweighted_plane(local, size, member, rule, floor, work, keys):
     """As in ``_rules``; `member` then holds the members that were kept."""
     mean, covariance = weighted_covariance(local, size, member)
@@ -210,7 +210,7 @@ def _reweighted_plane(local, size, member, rule, floor, work, keys):
     return mean, values, axes, scale, n_kept
 
 
-@njit(nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _project(query, mean, axis):
     return (
         axis[0] * (query[0] - mean[0])
@@ -219,7 +219,7 @@ def _project(query, mean, axis):
     )
 
 
-@njit(nogil=True, fastmath=FASTMATH, error_model="numpy")
+@kernel(fastmath=FASTMATH, error_model="numpy")
 def _signed_distances(local, size, mean, normal, out):
     x, y, z = local[0], local[1], local[2]
     nx, ny, nz = normal[0], normal[1], normal[2]
@@ -228,7 +228,7 @@ def _signed_distances(local, size, mean, normal, out):
         out[j] = nx * (x[j] - mx) + ny * (y[j] - my) + nz * (z[j] - mz)
 
 
-@njit(nogil=True)
+@kernel
 def _median(values, size, keys):
     _order_keys(values, size, keys)
     lower = kth_smallest(keys, size, (size + 1) // 2)
@@ -236,7 +236,7 @@ def _median(values, size, keys):
     return 0.5 * (_decode(lower) + _decode(upper))
 
 
-@njit(nogil=True)
+@kernel
 def _order_keys(values, size, keys):
     """Integers in the order of the numbers: their bits, negated below zero."""
     bits = values.view(np.int64)
@@ -244,7 +244,7 @@ def _order_keys(values, size, keys):
         keys[j] = bits[j] if bits[j] >= 0 else -(bits[j] & MAGNITUDE)
 
 
-@njit(nogil=True)
+@kernel
 def _decode(key):
     value = np.array([abs(key)]).view(np.float64)[0]
     return value if key >= 0 else -value

@@ -1,7 +1,8 @@
 """Arithmetic of planes in three dimensions, compiled: moments, decomposition, selection."""
 
 import numpy as np
-from numba import njit
+
+from sklearn_mcmd.planes._kernels import kernel
 
 __all__ = [
     "FASTMATH",
@@ -15,7 +16,7 @@ __all__ = [
 FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
 
 
-@njit(nogil=True, fastmath=FASTMATH, error_model="numpy")
+@kernel(fastmath=FASTMATH, error_model="numpy")
 def weighted_covariance(local, size, weight):
     """Mean and covariance (divisor: sum of weights) of the weighted members."""
     x, y, z = local[0], local[1], local[2]
@@ -42,7 +43,7 @@ def weighted_covariance(local, size, weight):
     return (mx, my, mz), covariance
 
 
-@njit(nogil=True, fastmath=FASTMATH, error_model="numpy")
+@kernel(fastmath=FASTMATH, error_model="numpy")
 def variance_along(local, size, weight, mean, axis):
     """Variance of the weighted members along an axis."""
     x, y, z = local[0], local[1], local[2]
@@ -56,7 +57,7 @@ def variance_along(local, size, weight, mean, axis):
     return variance / max(total, 1.0)
 
 
-@njit(nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def eigh_3d(covariance):
     """Eigenvalues, ascending, and unit eigenvectors of a covariance matrix of order 3.
 
@@ -111,7 +112,7 @@ def eigh_3d(covariance):
     return values, (first[1], second[1], third[1])
 
 
-@njit(nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _rotation(p, q, off):
     """Cosine, sine and change of the diagonal that annul the entry `off` between p and q."""
     if off == 0.0:
@@ -124,7 +125,7 @@ def _rotation(p, q, off):
     return cosine, tangent * cosine, tangent * off
 
 
-@njit(nogil=True)
+@kernel
 def kth_smallest(keys, size, rank):
     """The rank-th smallest (from 1) of the first `size` integers, by counting.
 

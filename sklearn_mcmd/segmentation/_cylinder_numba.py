@@ -1,9 +1,8 @@
 """The least squares cylinder, compiled."""
 
-from numba import njit
-
+from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.segmentation._cylinder import _fit
 
 __all__ = ["fit"]
 
-fit = njit(cache=True, nogil=True, error_model="numpy")(_fit)
+fit = kernel(_fit, cache=True, error_model="numpy")

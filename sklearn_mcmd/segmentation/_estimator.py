@@ -343,7 +343,7 @@ def _seeds(variation, offset):
 def _owners(X, index, n_jobs):
     """Row of ``index.points`` that each row of X is, or is a copy of."""
     owners = np.empty(len(X), dtype=np.intp)
-    if index.n_distinct == len(X):
+    if index.n_distinct == len(index.points) == len(X):
         owners[index.rows] = np.arange(len(X))
         return owners
     return index.nearest(X, effective_n_jobs(n_jobs))

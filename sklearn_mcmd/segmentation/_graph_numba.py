@@ -1,16 +1,16 @@
 """Links between neighbors in three dimensions and the growth of regions, compiled."""
 
 import numpy as np
-from numba import njit
 
+from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.segmentation._graph import _grow
 
 __all__ = ["grow", "link_neighbors_3d", "measure_neighbors_3d"]
 
-grow = njit(cache=True, nogil=True)(_grow)
+grow = kernel(_grow, cache=True)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(cache=True, error_model="numpy")
 def measure_neighbors_3d(points, normals, indices, start, rule, offset, limit):
     """`_measure_numpy` of `_graph`, one point at a time.
 
@@ -36,7 +36,7 @@ def measure_neighbors_3d(points, normals, indices, start, rule, offset, limit):
         limit[row] = middle + rule.n_deviations * (rule.mad_to_sd * _middle(deviations))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(cache=True, error_model="numpy")
 def link_neighbors_3d(points, planes, start, limits, links):
     """`_link_numpy` of `_graph`, one point at a time.
 
@@ -71,7 +71,7 @@ def link_neighbors_3d(points, planes, start, limits, links):
         links[row, n_links:] = -1
 
 
-@njit(cache=True, nogil=True)
+@kernel(cache=True)
 def _insert(ordered, size, value):
     """Put a value among the first `size` of an array, which ascend."""
     while size > 0 and ordered[size - 1] > value:
@@ -80,7 +80,7 @@ def _insert(ordered, size, value):
     ordered[size] = value
 
 
-@njit(cache=True, nogil=True)
+@kernel(cache=True)
 def _middle(ordered):
     """Median of ascending values."""
     half = len(ordered) // 2
@@ -89,7 +89,7 @@ def _middle(ordered):
     return 0.5 * (ordered[half - 1] + ordered[half])
 
 
-@njit(cache=True, nogil=True)
+@kernel(cache=True)
 def _sort_deviations(ordered, middle, deviations):
     """Ascending absolute differences of ascending values from a number in their range."""
     size = len(ordered)

@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from sklearn_mcmd.planes._explaining import (
-    CREDIBLE,
-    Credibility,
-    ExplainLimits,
-    credible_planes,
-    explain,
-)
+from sklearn_mcmd.planes._explaining import Credibility, ExplainLimits, credible_planes, explain
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 pytest.importorskip("numba")
@@ -124,8 +118,9 @@ def test_no_queries_have_no_owners(compiled):
     assert owners.shape == distances.shape == (0,)
 
 
-def credible(limits=CREDIBLE, **changes):
+def credible(limits=None, **changes):
     """Whether a plane of scale 0.1, radius 1 and share 1 is credible where radii are 1."""
+    limits = Credibility(np.inf) if limits is None else limits
     planes = Planes.empty(1, 3)
     planes.scale[0], planes.radius[0], planes.kept[0] = 0.1, 1.0, 1.0
     for name, value in changes.items():
