@@ -1,4 +1,4 @@
-"""The README's figures about the demo's street, from one command.
+"""The figures of README.md and docs/limits.rst about the demo's street, from one command.
 
 mcmd demo && python benchmarks/readme_figures.py mcmd-demo/street.laz
 """
