@@ -34,58 +34,59 @@ __all__ = ["BaardaPlaneDetector"]
 class BaardaPlaneDetector(PlaneDetector):
     """Outliers of a plane by data snooping: test, remove the worst, adjust again.
 
-    Fits ``z = a x + b y + c`` by least squares (any number of regressors; the last column of
-    X is the dependent one), divides every residual by its own standard deviation, removes the
-    point with the largest quotient if it exceeds the critical value, and repeats. Single
-    outliers among thousands of good points are found surely, because the critical value
-    knows how many points are tested.
+    The detector fits ``z = a x + b y + c`` by least squares (any number of regressors; the last
+    column of X is the dependent one). It divides every residual by its own standard deviation.
+    It removes the point with the largest quotient if this exceeds the critical value, and
+    repeats. It finds single outliers among thousands of good points, because the critical value
+    allows for the number of tested points.
 
     Parameters
     ----------
     alpha : float in (0, 1), default=0.05
         Level of the test of the whole cloud, or of each point with ``correction="none"``.
     test : {"w", "tau", "t"}, default="w"
-        "w" compares with a known `sigma0` (Baarda), "tau" with the scale estimated from all
-        residuals (Pope), "t" with that estimated without the tested point. The last two
-        decide alike. They are unable to find more than some 5 % of outliers: these enlarge
-        the scale they are compared with.
+        "w" compares with a known `sigma0` (Baarda). "tau" compares with the scale estimated from
+        all residuals (Pope), "t" with the scale estimated without the tested point. The last two
+        decide alike. They fail where more than some 5 % of the points are outliers, because
+        outliers enlarge the scale.
     sigma0 : float > 0 or "auto", default=1.0
         Standard deviation of an observation of weight 1, in the units of the dependent
         column (along the normal, for an orthogonal surface). It is the noise that
         `MCMDOutlierDetector` calls `noise_scale`: give a scanner's deviation to either.
-        **Set it**: residuals of
-        millimeters in a cloud in meters are nothing to the default of 1 m, and the test finds
-        no outlier. "auto" takes a robust scale of the residuals about a Huber plane: within
-        a few percent of the truth in clean data, a factor of 1.3 too large with 20 % of
-        one-sided outliers, of 2 with 40 %, and no use where most points aren't on the plane.
-        With `robust_start` it is the deviation of the points near the start's plane, which
-        separate outliers don't enlarge. Used by ``test="w"`` only.
+        **Set it**. In a cloud in meters the default of 1 m finds no outlier among residuals of
+        millimeters. "auto" takes a robust scale of the residuals about a Huber plane. It is
+        within a few percent of the truth in clean data. It is a factor of 1.3 too large with 20 %
+        of one-sided outliers, of 2 with 40 %, and no use where most points are not on the
+        plane. With `robust_start` it
+        is the deviation of the points near the start's plane, which separate outliers do not
+        enlarge. Used by ``test="w"`` only.
     correction : {"sidak", "bonferroni", "none"}, default="sidak"
         Local level: ``1 - (1 - alpha)^(1/n)`` (Eq. 1), ``alpha / n`` or alpha itself.
     elimination : {"single", "all"}, default="single"
-        Remove the worst point of each round, or every rejected one. "all" is what reproduces
-        the paper's tables; many good points go with the outliers, and come back in `labels_`.
+        "single" removes the worst point of each round, "all" every rejected point. "all"
+        reproduces the paper's tables. It removes many good points with the outliers; they come
+        back in `labels_`.
     max_iter : int, default=None
-        Most rounds of removal; no limit when None.
+        Largest number of rounds of removal. None means no limit.
     contamination : "auto" or float in (0, 0.5], default="auto"
         Share of training points to call outliers; by the critical value when "auto".
     surface : {"vertical", "orthogonal"}, default="vertical"
-        Residuals along the last axis, or along the normal (total least squares). Take
-        "orthogonal" for walls: of a plane tilted by 80 degrees with equal noise in all
-        directions, "vertical" rejects half of the good points.
+        "vertical" takes residuals along the last axis, "orthogonal" along the normal (total
+        least squares). Take "orthogonal" for walls: of a plane tilted by 80 degrees with equal
+        noise in all directions, "vertical" rejects half of the good points.
     loss : {"squared_error", "huber", "tukey"}, default="squared_error"
-        What the adjustment minimizes: squared residuals (least squares), or a robust loss
-        by M-estimation (Eqs 2-7), whose weights are
-        then in `robust_weights_`. With ``elimination="single"`` each removal costs an
-        M-estimate of the whole cloud.
+        What the adjustment minimizes: squared residuals (least squares), or a robust loss by
+        M-estimation (Eqs 2-7). The weights of M-estimation are then in `robust_weights_`. With
+        ``elimination="single"`` each removal costs an M-estimate of the whole cloud.
     robust_start : bool, default=False
-        Start from the plane of the most coplanar half of the points (the maximum consistent
-        set), improved by concentration and reweighting, in place of all points: points that
-        fail its test are left out in round 1. Least squares follows outliers gathered at one
-        edge and fails there from a share of 20 to 30 %; with this start 45 % of 10 sigma
-        are found, and up to 40 % without knowing sigma or with an orthogonal surface.
+        Whether round 1 starts from the plane of the most coplanar half of the points (the
+        maximum consistent set), improved by concentration and reweighting, in place of all
+        points. Points that fail its test are left out in round 1. Least squares follows outliers
+        gathered at one edge and fails there from a share of 20 to 30 %. With this start a share
+        of 45 % of outliers of 10 sigma is found, and of up to 40 % without knowing sigma or with
+        an orthogonal surface.
     random_state : int, RandomState instance or None, default=None
-        Of the trials of the robust start; an int makes results repeatable.
+        Seed of the trials of the robust start. An int makes results repeatable.
 
     Attributes
     ----------

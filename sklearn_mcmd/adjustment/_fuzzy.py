@@ -37,12 +37,12 @@ __all__ = ["FuzzyPlaneDetector"]
 class FuzzyPlaneDetector(PlaneDetector):
     """Outliers of a plane by fuzzy memberships of residuals and of errors (Eqs 9-21).
 
-    Fits ``z = a x + b y + c`` once (any number of regressors; the last column of X is the
-    dependent one). A residual's test statistic makes it more or less *abnormal*; the
-    redundancy matrix tells which observation's error acts on which residuals; a weighted
-    mean of the resulting memberships is the limit. Where outliers and good points form two
-    groups, the limit falls between them, so that one adjustment sweeps away far fewer good
-    points than a test that removes all rejected points at once.
+    The detector fits ``z = a x + b y + c`` once (any number of regressors; the last column of X
+    is the dependent one). The test statistic of a residual makes it more or less *abnormal*. The
+    redundancy matrix tells which observation's error acts on which residuals. A weighted mean of
+    the resulting memberships is the limit. If outliers and good points form two groups, the limit
+    falls between them. So one adjustment rejects far fewer good points than a test that removes
+    all rejected points at once.
 
     Parameters
     ----------
@@ -59,17 +59,17 @@ class FuzzyPlaneDetector(PlaneDetector):
     width : float > 0, default=1.0
         Distance beyond the critical value, over the root of the redundancy number, at which
         a residual is half abnormal: the "alpha" of Eq. 11. The paper's tables need 1 to 1.5
-        and are exact at 1.25; with the significance level they aren't.
+        and are exact at 1.25. They are not exact with the significance level.
     weighting : {"ratio", "cut"}, default="ratio"
-        Weights of the limit: the paper's Eq. 20, ``1 / m_N - r~n``, or ``1 - r~n``. The first
-        has no bound, and one huge outlier can take the limit for itself and mask the others;
-        take "cut" where sizes differ by more than a factor of 5.
+        Weights of the limit. "ratio" is the paper's Eq. 20, ``1 / m_N - r~n``. "cut" is
+        ``1 - r~n``. "ratio" has no bound: one huge outlier can take the limit for itself and mask
+        the others. Take "cut" if sizes differ by more than a factor of 5.
     contamination : "auto" or float in (0, 0.5], default="auto"
         Share of training points to call outliers; by Eq. 21 when "auto".
     surface : {"vertical", "orthogonal"}, default="vertical"
-        Residuals along the last axis, or along the normal (for walls).
+        "vertical" takes residuals along the last axis, "orthogonal" along the normal (for walls).
     loss : {"squared_error", "huber", "tukey"}, default="squared_error"
-        Least squares, or M-estimation (Eqs 2-7), whose weights are then in
+        Least squares, or M-estimation (Eqs 2-7). The weights of M-estimation are then in
         `robust_weights_` and enter the redundancy matrix.
 
     Attributes

@@ -27,18 +27,19 @@ ROBUST_STD, PAPER_STD = 3.0, 1.0
 class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
     """Edges and corners: points next to a line in which two faces meet (Eq. 25 and better).
 
-    The cloud is cleaned first, as outliers look like edges. Then each point and its neighbors
-    are given the planes that explain them best; where two of these planes meet in a crease,
-    the distance to it is known to a fraction of the spacing of the points. That there is an
-    edge and not a curved surface is decided by which of the two explains the neighborhoods
-    better. With other criteria a point is of an edge if its neighborhood is not flat, as in the
-    paper.
+    The detector cleans the cloud first, because outliers look like edges. It gives each point
+    and its neighbors the planes that explain them best. Where two of these planes meet in a
+    crease, it knows the distance to the crease to a fraction of the spacing of the points. An
+    edge and a curved surface are told apart by which of the two explains the neighborhoods
+    better. With the other criteria a point is on an edge if its neighborhood is not flat, as in
+    the paper.
 
     Parameters
     ----------
     n_neighbors : int, default=40
-        Size of a neighborhood, at least ``n_features + 1``, a point of the fitted cloud itself
-        included. Fewer tell apart edges that are close to each other, more withstand noise.
+        Size of a neighborhood, at least ``n_features + 1``. A point of the fitted cloud is its
+        own first neighbor. Fewer neighbors tell apart edges that are close to each other, more
+        neighbors withstand noise.
 
     criterion : {"crease", "eigenvalue", "surface_variation", "removed_fraction"}, \
             default="crease"
@@ -53,39 +54,40 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
         - "removed_fraction": the share of the neighborhood that is not of its plane.
 
     threshold : float or "mean", default=None
-        Where an edge begins. A number: largest distance for "crease", in spacings, at most 10;
-        otherwise the least value of the criterion. None means 2 spacings for "crease" and the
-        median plus `n_std` robust standard deviations of the cloud for the others; "mean" the
-        mean plus `n_std` standard deviations (Eq. 25), not for "crease".
+        The limit of an edge. A number is the largest distance in spacings for "crease", at most
+        10, and the least value of the criterion for the others. None means 2 spacings for
+        "crease", and the median plus `n_std` robust standard deviations of the cloud for the
+        others. "mean" means the mean plus `n_std` standard deviations (Eq. 25), and is not for
+        "crease".
 
     n_std : float, default=None
         Standard deviations above the median or the mean (a in Eq. 25). None means 3 from the
         median and 1, as in the paper, from the mean.
 
     min_angle : float, default=20
-        Least angle between two faces that makes an edge, in degrees; for "crease" only.
+        Least angle between two faces of an edge, in degrees. For "crease" only.
 
     outlier_detector : estimator or "passthrough", default=None
-        What cleans the cloud first: an estimator with `fit_predict`, +1 for inliers. None means
-        :class:`MCMDOutlierDetector`; "passthrough" nothing.
+        The detector that cleans the cloud first: an estimator with `fit_predict`, +1 for
+        inliers. None means :class:`MCMDOutlierDetector`. "passthrough" cleans nothing.
 
     normal_estimator : estimator, default=None
-        Planes of the cleaned cloud, as of :class:`RobustNormalEstimator`. None means that, with
-        `n_neighbors`, and with ``method="pca"`` for "eigenvalue" and "surface_variation": where
-        a robust fit removes one of two faces, its own eigenvalues do not tell that there was an
-        edge.
+        The estimator of the planes of the cleaned cloud, such as :class:`RobustNormalEstimator`.
+        None means that one, with `n_neighbors`, and with ``method="pca"`` for "eigenvalue" and
+        "surface_variation". A robust fit removes one of two faces, and its own eigenvalues then
+        do not show the edge.
 
     normals : {"estimate", "precomputed"}, default="estimate"
-        "estimate": X are coordinates, and `normal_estimator` fits the planes. "precomputed": X are
-        the columns of ``RobustNormalEstimator.transform``, as in a Pipeline behind it, in which
-        nothing scales them.
+        "estimate": X are coordinates, and `normal_estimator` fits the planes. "precomputed": X
+        are the columns of :meth:`RobustNormalEstimator.transform`, as in a Pipeline behind it.
+        No step between them may scale columns.
 
     random_state : int, RandomState instance or None, default=None
         Seed of `outlier_detector` and `normal_estimator` where these have none of their own.
 
     n_jobs : int, default=None
-        Number of threads; None means 1 unless in a :obj:`joblib.parallel_config` context and
-        -1 all processors. Results do not depend on it.
+        Number of threads. None means 1 unless in a :obj:`joblib.parallel_config` context, and
+        -1 means all processors. Results do not depend on it.
 
     Attributes
     ----------

@@ -27,39 +27,43 @@ TREE_NEIGHBORS = 12
 class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     """Normals and curvature of a point cloud, robust to outliers and edges (Algorithm 4).
 
-    Outliers are removed from the neighborhood of each point as in
-    :class:`MCMDOutlierDetector`; a plane is fitted to the rest by principal components. Its
-    normal does not tilt toward a few wrong points, and next to an edge it is that of one
-    face and not the mean of two.
+    The estimator removes outliers from the neighborhood of each point, as
+    :class:`MCMDOutlierDetector` does. It fits a plane to the rest by principal components. A few
+    wrong points do not tilt its normal. Next to an edge the normal is that of one face, and not
+    the mean of two.
 
     Parameters
     ----------
     n_neighbors : int or None, default=50
-        Size of a neighborhood (k), at least ``n_features + 1``, a point of the fitted cloud
-        itself included. None means one neighborhood of all points.
+        Size of a neighborhood (k), at least ``n_features + 1``. A point of the fitted cloud
+        is its own first neighbor. None means one neighborhood of all points.
 
     method : {"mcmd_z", "mcmd_md", "pca", "ransac", "msac", "robpca", "ulsif", "qsp"}, \
             default="mcmd_z"
-        How outliers of a neighborhood are found: by robust z-scores (Algorithm 2), robust
-        Mahalanobis distances (Algorithm 3), or not at all: "pca" is the common, not robust
-        estimate. The others are the methods the paper compares with.
+        How outliers of a neighborhood are found. "mcmd_z" takes robust z-scores (Algorithm 2),
+        "mcmd_md" robust Mahalanobis distances (Algorithm 3). "pca" removes none: it is the
+        common estimate, which is not robust. The others are the methods that the paper compares
+        with.
 
     method_params : dict, default=None
         Parameters of the last five methods, see :class:`~sklearn_mcmd.baselines.Ransac` and
-        its like; those from `support_fraction` to `refine` are of the first two. "ulsif" and
-        "qsp" need a ``"contamination"``.
+        the other classes there. "ulsif" and "qsp" need a ``"contamination"``. The parameters
+        from `support_fraction` to `refine` belong to "mcmd_z" and "mcmd_md".
 
     support_fraction : float in (0, 1] or "auto", default=0.5
         Share of a neighborhood that forms the consistent set. "auto" is
         ``1 - outlier_rate``.
 
     outlier_rate : float in [0, 1) or "auto", default=0.5
-        Assumed share of outliers in a neighborhood (epsilon in Eq. 13). "auto" prepares for
-        0.5. In three dimensions it makes all trials, since compiled code screens them at once;
-        from four dimensions on fewer, where the neighborhood itself shows that they suffice.
+        The largest share of outliers that a neighborhood must survive (epsilon in Eq. 13). It
+        sets the number of trials, not how many points are removed. Too small a rate risks
+        planes through outliers. "auto" withstands 0.5. In three dimensions it makes all trials,
+        since compiled code screens them at once. From four dimensions on it makes fewer where
+        the neighborhood itself shows that they suffice.
 
     success_probability : float in (0, 1), default=0.9999
-        Probability that at least one minimal subset is free of outliers (P_r).
+        Probability that at least one minimal subset has no outlier (P_r). It sets the number of
+        trials, together with `outlier_rate`.
 
     cutoff : float, default=None
         Robust distance beyond which a neighbor is removed. None means 2.5 for "mcmd_z" and
@@ -67,25 +71,28 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         for "mcmd_md".
 
     refine : {"reweight"} or None, default="reweight"
-        "reweight" refits plane and scale twice before outliers are removed, and removes none
-        where a plane and noise, or one smooth curved surface, explain all neighbors; None is
-        the paper to the letter.
+        "reweight" refits plane and scale twice before outliers are removed. It removes none if
+        a plane and noise, or one smooth curved surface, explain all neighbors. None is the
+        paper's form.
 
     borrow : bool, default=True
-        Whether a point next to an edge, whose own neighborhood may be ruled by the other face or
-        explained by a plane across both, is given the plane of the neighbor that explains it best;
-        only with ``refine="reweight"``.
+        Whether a point next to an edge is given the plane of the neighbor that explains it best.
+        Most of its own neighborhood may lie on the other face, or its own plane may run across
+        both. Only with ``refine="reweight"``.
 
     radius : float, default=None
-        Largest distance of a neighbor, in units of X: a fixed-distance neighborhood, of
-        `n_neighbors` points at most. Points with fewer than ``n_features + 1`` neighbors in
-        it use their nearest ``n_features + 1``.
+        Largest distance of a neighbor, in units of X. A neighborhood then has this radius and
+        `n_neighbors` points at most. A point with fewer than ``n_features + 1`` neighbors in it
+        uses its nearest ``n_features + 1``.
 
     orientation : {"viewpoint", "mst"} or array-like of shape (n_features,), default=None
-        Which of the two normals is taken. None: the one whose last coordinate (z) is
-        positive. "viewpoint": toward `viewpoint`. "mst": neighbors agree, along a minimum
-        spanning tree from the highest point of each connected part, where the normal points
-        up. An array: the one on the side of that direction.
+        Which of the two normals is taken:
+
+        - None: the one whose last coordinate (z) is positive;
+        - "viewpoint": the one toward `viewpoint`;
+        - "mst": the one that agrees with the neighbors, along a minimum spanning tree from the
+          highest point of each connected part, where the normal points up;
+        - an array: the one on the side of that direction.
 
     viewpoint : array-like of shape (n_features,), default=None
         Position of the scanner for ``orientation="viewpoint"``, in units of X.
@@ -107,8 +114,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Seed of the one table of trials that all neighborhoods use.
 
     n_jobs : int, default=None
-        Number of threads; None means 1 unless in a :obj:`joblib.parallel_config` context and
-        -1 all processors. Results do not depend on it.
+        Number of threads. None means 1 unless in a :obj:`joblib.parallel_config` context, and
+        -1 means all processors. Results do not depend on it.
 
     Attributes
     ----------

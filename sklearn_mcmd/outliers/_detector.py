@@ -21,94 +21,96 @@ JOINT_CUTOFF = 3.0
 class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
     """Outliers by maximum consistency with minimum distance (MCMD).
 
-    Around each point the plane is sought that the majority of its neighbors agree on: of the
-    ``h`` neighbors nearest to the planes of random minimal subsets, the set with the smallest
-    least eigenvalue, the *maximum consistent set*. A point is an outlier if it is farther
-    from that plane than the plane's own robust scale explains. Unlike least squares, the
-    plane does not follow the outliers, as long as fewer than half of the neighbors are.
+    The detector finds the plane that most neighbors of a point agree on. It draws planes through
+    random minimal subsets of the neighbors, and takes the ``h`` neighbors nearest to each. The
+    set with the smallest least eigenvalue is the *maximum consistent set*. A point is an outlier
+    if it is farther from that plane than the plane's own robust scale explains. Unlike a plane
+    of least squares, this plane does not follow outliers while they are fewer than half of the
+    neighbors.
 
     Parameters
     ----------
     n_neighbors : int or None, default=50
         Size of a neighborhood (k), at least ``n_features + 1``. A point of the fitted cloud
         is its own first neighbor. None means one neighborhood of all points (section 5.1 of
-        the paper), for data that are one plane.
+        the paper). Take None for data that are one plane.
 
     method : {"mcmd_z", "mcmd_md"}, default="mcmd_z"
-        "mcmd_z" measures the orthogonal distance to the plane by a robust z-score
-        (Algorithm 2); "mcmd_md" the robust Mahalanobis distance (Algorithm 3), which also
-        flags points far from the center within the plane.
+        How the distance of a point is measured. "mcmd_z" takes the robust z-score of its
+        orthogonal distance to the plane (Algorithm 2). "mcmd_md" takes the robust Mahalanobis
+        distance (Algorithm 3), which also flags points far from the center within the plane.
 
     support_fraction : float in (0, 1] or "auto", default=0.5
         Share of a neighborhood that forms the consistent set, ``h = ceil(support_fraction *
-        k)``. "auto" is ``1 - outlier_rate``. Less than 0.5 withstands more than half of
+        k)``. "auto" is ``1 - outlier_rate``. A value below 0.5 withstands more than half of
         outliers if these are not consistent with a plane themselves.
 
     outlier_rate : float in [0, 1) or "auto", default=0.5
-        Assumed share of outliers in a neighborhood (epsilon). It sets the number of trials
-        (Eq. 13); too small a rate risks masking. It is not the share that is flagged.
-        "auto" prepares for 0.5. In three dimensions it makes all trials, since compiled code
-        screens them at once; from four dimensions on fewer, where the neighborhood itself
-        shows that they suffice.
+        The largest share of outliers that a neighborhood must survive (epsilon in Eq. 13). It
+        sets the number of trials, not how many points are removed. Too small a rate risks
+        planes through outliers. "auto" withstands 0.5. In three dimensions it makes all trials,
+        since compiled code screens them at once. From four dimensions on it makes fewer where
+        the neighborhood itself shows that they suffice.
 
     success_probability : float in (0, 1), default=0.9999
-        Probability that at least one minimal subset is free of outliers (P_r).
+        Probability that at least one minimal subset has no outlier (P_r). It sets the number of
+        trials, together with `outlier_rate`.
 
     cutoff : float, default=None
-        Robust distance beyond which a point is an outlier. None means 2.5 for "mcmd_z" and
-        the root of the 0.975 quantile of chi-squared with ``n_features`` degrees of freedom
-        for "mcmd_md" (3.0575 in 3D), and 3 for all `noise_scale` but "own".
+        Robust distance beyond which a point is an outlier. None means 3, or with
+        ``noise_scale="own"`` 2.5 for "mcmd_z" and the root of the 0.975 quantile of chi-squared
+        with ``n_features`` degrees of freedom for "mcmd_md" (3.0575 in 3D).
 
     false_positive_rate : float in (0, 0.5), default=None
         Share of the points of a clean plane with Gaussian noise that may be flagged, at least
-        1e-4 in 3D and 1e-3 else. The cutoff is then found by simulation with these very
-        settings and about the noise of X, and `cutoff` must be None. The rate holds far from
-        edges, and for no other deviation than noise.
+        1e-4 in 3D and 1e-3 otherwise. A simulation with the same settings and about the noise
+        of X finds the cutoff. `cutoff` must then be None. The rate holds far from edges, and
+        for no deviation but noise.
 
     refine : {"reweight"} or None, default="reweight"
         "reweight" refits plane and scale twice to the neighbors within 2.5 robust standard
-        deviations; it repairs the swamping of "mcmd_md", gives more accurate planes and needs
-        no knowledge of the outlier rate. None is the paper to the letter.
+        deviations. It keeps regular points that "mcmd_md" would lose, gives more accurate
+        planes, and needs no knowledge of the outlier rate. None is the paper's form.
 
     max_iter : int, default=3
-        Most passes over the cloud. The first judges points by the whole cloud and retains the
-        seeds, which are sure to be of a surface; in each later one planes are fitted among the
-        retained points and all points are judged again, so that the retained set grows back
-        along the surfaces. It ends when that set settles. 1 is one pass over all points.
+        Largest number of passes over the cloud. The first pass judges points by the whole cloud
+        and retains the seeds, which are sure to be on a surface. Each later pass fits planes
+        among the retained points and judges all points again, so the retained set grows back
+        along the surfaces. The passes end when that set settles. 1 is one pass over all points.
 
     noise_scale : {"local", "own", "pooled"} or float, default="local"
-        By which standard deviation the distance to a plane is measured:
+        The standard deviation by which the distance to a plane is measured:
 
-        - "local": that of the plane itself where it is credible, and what is usual among the
-          neighbors where it is not. For any cloud, curved, sparse or with foliage;
+        - "local": that of the plane itself if the plane is credible, otherwise the usual one
+          among the neighbors. For any cloud, curved, sparse or with foliage;
         - "own": that of the point's own neighborhood in any case, as in the paper;
-        - "pooled": one for all points, the median of the retained points' planes. The most
-          sensitive, but only for clouds of one noise and flat faces: curvature, foliage and
-          coarse spacing are flagged;
+        - "pooled": one for all points, the median of the retained points' planes. It is the
+          most sensitive, but only for clouds of one noise and flat faces: it flags curvature,
+          foliage and coarse spacing;
         - a number: the scanner's standard deviation, in units of X; otherwise as "pooled". It
           is the same thing as `sigma0` of `BaardaPlaneDetector`, the geodesists' name for it.
 
-        All but "own" also flag points that stand apart, whose neighbors are, on average, more
-        than 2.4 times as far as is usual among these neighbors, and do not retain those that
-        lie sparser than surfaces around them, or in small groups by themselves.
+        All but "own" also flag points that stand apart: their neighbors are, on average, more
+        than 2.4 times as far as is usual among these neighbors. They do not retain points that
+        are sparser than the surfaces around them, or that form small groups.
 
     borrow : bool, default=True
         Whether a point beyond the cutoff of its own plane is measured by the nearest credible
-        plane of its neighbors instead. Next to an edge its own neighborhood may be ruled by
+        plane of its neighbors instead. Next to an edge, most of its own neighborhood may lie on
         the other face.
 
     keep_groups : bool or "auto", default="auto"
-        Whether points that no plane explains are kept where they lie together nearly as densely
-        as the surfaces do, and not in a small group: foliage, thin objects, small faces. Thin and
-        flat groups may be sparser, those far from explained points must be denser. "auto" keeps
-        them with ``noise_scale="local"`` only.
+        Whether groups of points that no plane explains are kept if they are nearly as dense as
+        the surfaces and not small: foliage, thin objects, small faces. Thin and flat groups may
+        be sparser. Groups far from explained points must be denser. "auto" keeps groups with
+        ``noise_scale="local"`` only.
 
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of trials that all neighborhoods use.
 
     n_jobs : int, default=None
-        Number of threads; None means 1 unless in a :obj:`joblib.parallel_config` context and
-        -1 all processors. Results do not depend on it.
+        Number of threads. None means 1 unless in a :obj:`joblib.parallel_config` context, and
+        -1 means all processors. Results do not depend on it.
 
     Attributes
     ----------

@@ -27,11 +27,11 @@ __all__ = ["RegionGrowing"]
 class RegionGrowing(ClusterMixin, BaseEstimator):
     """Surfaces of a point cloud, grown from the flattest points (section 5.2.3).
 
-    A region starts at the point of least curvature and takes in neighbors that lie in the
-    plane of a point it already has, are near to it and have a similar normal; then the next
-    region starts at the flattest point that is left. Normals may turn from point to point,
-    so a pole or a vault is one region, but not jump: with normals that stay those of one face
-    up to the edge, road, kerb and footpath are three.
+    A region starts at the point of least curvature. It takes in neighbors that lie in the plane
+    of one of its points, are near to that point, and have a similar normal. The next region
+    starts at the flattest point that is left. Normals may turn from point to point, so a pole or
+    a vault is one region. Normals may not jump: road, kerb and footpath are three regions, if
+    the normals stay those of one face up to the edge.
 
     Parameters
     ----------
@@ -42,63 +42,66 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         Largest angle between the normals of neighbors in a region, in degrees, in (0, 90].
 
     max_distance : float, default=None
-        Largest distance of a neighbor from the plane of a point, in units of X. None is three
-        standard deviations of that plane's noise; with ``mutual=False`` the median of the
-        neighbors' distances and two robust standard deviations.
+        Largest distance of a neighbor from the plane of a point, in units of X. None means
+        three standard deviations of that plane's noise. With ``mutual=False`` None means the
+        median of the neighbors' distances and two robust standard deviations.
 
     max_gap : float, default=None
-        Largest distance of a neighbor, in units of X. None is the median of the
+        Largest distance of a neighbor, in units of X. None means the median of the
         neighborhood's distances: the nearer half of the neighbors.
 
     min_region_size : int, default=10
         Regions of fewer points are dissolved.
 
     mutual : bool, default=True
-        Whether neighbors are in one region only where their planes explain each other: each
-        point lies within `max_distance` of the other one's plane, and neither plane is noisier
-        than is usual around. A plane that runs across an edge is: where points are sparse such
-        planes would lead from the road over the kerb onto the footpath. False is the paper.
+        Whether neighbors are in one region only if their planes explain each other: each point
+        lies within `max_distance` of the other point's plane, and neither plane is noisier than
+        is usual around. A plane that runs across an edge is noisier. Where points are sparse,
+        such planes would lead a region from the road over the kerb onto the footpath. False is
+        the paper's form.
 
     regrow_rest : bool, default=True
-        Whether points that no region larger than a neighborhood reached, and that lie off all of
-        these around them, grow regions by the same rules with normals from such points alone:
-        a kerb, three points high between road and footpath, whose own normals are theirs. Only
-        faces as flat as what is beside them and larger than a neighborhood are kept; pieces of
-        one are joined whatever `join_coplanar` is, and they take in the points around that lie
-        on them best. False is the paper.
+        Whether the points that growth left over grow regions again, by the same rules and with
+        normals from such points alone. This finds a kerb three points high between road and
+        footpath. The points are those that no region larger than a neighborhood reached and
+        that lie off all such regions around them. A new region is kept if it is as flat as the
+        regions beside it and larger than a neighborhood. Pieces of one face are joined whatever
+        `join_coplanar` is. They take in the points around that lie on them best. False is the
+        paper's form.
 
     join_coplanar : bool, default=True
-        Whether regions that lie in one plane are joined where the gap between them is at most
-        half as long as the smaller one: parts of a wall that a shadow cuts, strips of a face
-        whose normals are bad. False is the paper.
+        Whether regions that lie in one plane are joined if the gap between them is at most half
+        as long as the smaller one. This joins the parts of a wall that a shadow cuts, and the
+        strips of a face whose normals are bad. False is the paper's form.
 
     join_curved : bool, default=True
-        Whether regions no wider than the neighborhoods that touch are joined where one cylinder
-        explains them as well as each is explained by itself, and better than a plane of each:
-        strips of a post, a trunk, a bin. With `assign_rest` such a cylinder also takes in the
-        points on it before planes do. In three dimensions. False is the paper.
+        Whether regions that touch and are no wider than the neighborhoods are joined if they
+        are parts of one cylinder: strips of a post, a trunk, a bin. The cylinder must explain
+        them as well as each is explained by itself, and better than a plane of each. With
+        `assign_rest` such a cylinder also takes in the points on it before planes do. In three
+        dimensions only. False is the paper's form.
 
     assign_rest : bool, default=True
-        Whether points that no region reached, mostly next to edges and in the tails of the
-        noise, go to the region whose local plane is nearest to them, if it is near enough for
-        its noise. Regions no larger than a neighborhood go there as a whole if most of their
-        points do.
+        Whether points that no region reached go to the region whose local plane is nearest to
+        them, if it is near enough for its noise. Most of these points are next to edges or in
+        the tails of the noise. A region no larger than a neighborhood goes there as a whole if
+        most of its points do.
 
     normals : {"estimate", "precomputed"}, default="estimate"
-        "estimate": X are coordinates, normals and curvature are found by `normal_estimator`.
-        "precomputed": X are the columns that :meth:`RobustNormalEstimator.transform` gives,
-        as in a Pipeline behind it.
+        "estimate": X are coordinates, and `normal_estimator` finds normals and curvature.
+        "precomputed": X are the columns of :meth:`RobustNormalEstimator.transform`, as in a
+        Pipeline behind it.
 
     normal_estimator : RobustNormalEstimator, default=None
-        What finds the normals; it is cloned. None is ``RobustNormalEstimator()`` with
-        `random_state` and `n_jobs` of here. Not used with ``normals="precomputed"``.
+        The estimator of the normals. It is cloned. None means ``RobustNormalEstimator()`` with
+        the `random_state` and `n_jobs` given here. Not used with ``normals="precomputed"``.
 
     random_state : int, RandomState instance or None, default=None
         Seed of the default `normal_estimator`; growing itself draws nothing.
 
     n_jobs : int, default=None
-        Number of threads; None means 1 unless in a :obj:`joblib.parallel_config` context and
-        -1 all processors. Results do not depend on it.
+        Number of threads. None means 1 unless in a :obj:`joblib.parallel_config` context, and
+        -1 means all processors. Results do not depend on it.
 
     Attributes
     ----------
