@@ -92,7 +92,7 @@ class BaardaPlaneDetector(PlaneDetector):
     ----------
     labels_ : ndarray of int of shape (n_samples,)
         Verdict on each training point, -1 for outliers: its test against the final plane. A
-        point removed on the way may have come back.
+        point that was removed in an earlier round may have come back.
     elimination_step_ : ndarray of int of shape (n_samples,)
         Round in which a point was removed, 0 for those never removed.
     support_ : ndarray of bool of shape (n_samples,)
@@ -143,11 +143,11 @@ class BaardaPlaneDetector(PlaneDetector):
     Notes
     -----
     `score_samples` is ``-|v| / (s sqrt(1/p + a'N^-1 a))`` with plane, N and s of the
-    support. It is no makeshift: the predicted residual over its deviation is the statistic
-    the point has after it joined them.
+    support. This is exact: the predicted residual over its deviation equals the statistic that
+    the point has after it joined the support.
 
-    Weights are precisions, not repetitions: two observations have two residuals and
-    two tests, one of double weight has one.
+    Weights are precisions, not repetitions. Two observations have two residuals and two tests.
+    One observation of double weight has one.
 
     Removed points cost no pass over the cloud: sums are down-dated and only the candidates
     for the next removal are looked at, with a bound on all others, so that n points with k

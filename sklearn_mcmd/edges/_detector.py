@@ -118,13 +118,14 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
     -----
     Equation 25 to the letter is ``SharpFeatureDetector(30, criterion="eigenvalue",
     threshold="mean", outlier_detector="passthrough",
-    normal_estimator=RobustNormalEstimator(30, refine=None))``. A few outliers with their huge
-    eigenvalues raise its limit above every edge, and a robust fit keeps to one face right up to
-    the edge and has no large eigenvalue there; hence the two stages and the median.
+    normal_estimator=RobustNormalEstimator(30, refine=None))``. A few outliers with huge
+    eigenvalues raise its limit above every edge. A robust fit keeps to one face right up to the
+    edge and has no large eigenvalue there. Therefore the other criteria work in two stages and
+    take the median.
 
-    An edge is where two faces are seen. The free rim of a plate, or where the scan ends or lies
-    in shadow, is none. Faces need a few points each within the neighborhood; rods as thin as
-    a few spacings are told from prisms by chance.
+    An edge needs two visible faces. The free rim of a plate is no edge, nor is the line where the
+    scan ends or a shadow begins. Each face needs a few points within the neighborhood. Rods as
+    thin as a few spacings are told from prisms by chance.
 
     A point that the cleaning removed is scored like a new one, by the points that are left; one
     off all planes counts as far from creases, but not as flat by the other criteria.

@@ -142,8 +142,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         The columns asked for by `features`.
 
     plane_index_ : ndarray of int of shape (n_samples,)
-        Whose plane it is that each point was given: its own row, or that of the neighbor it was
-        borrowed from.
+        The row whose plane each point was given: the point's own row, or that of the neighbor
+        that lent its plane.
 
     n_neighbors_, n_support_, n_trials_ : int
         Size of a neighborhood, of a consistent set, and the number of trials.

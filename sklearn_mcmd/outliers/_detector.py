@@ -134,12 +134,12 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         Passes made.
 
     noise_scale_ : float
-        The one standard deviation of the noise, in units of X: found if `noise_scale` is
-        "pooled", or as given. Absent if each neighborhood has its own.
+        The one standard deviation of the noise, in units of X. It is estimated if `noise_scale`
+        is "pooled", or as given. Absent if each neighborhood has its own.
 
     plane_index_ : ndarray of int of shape (n_samples,)
-        Whose plane it is that each fitted point was measured by: its own row, or that of the
-        neighbor it was borrowed from.
+        The row whose plane measured each fitted point: the point's own row, or that of the
+        neighbor that lent its plane.
 
     n_features_in_ : int
         Number of features seen during `fit`.
@@ -155,25 +155,24 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
 
     Notes
     -----
-    Predicting scores new points against the fitted cloud: the plane is that of the query's
+    `predict` scores new points against the fitted cloud, by the plane of the query's
     `n_neighbors` nearest points of the cloud. So ``fit_predict(X)`` equals
     ``fit(X).predict(X)``.
 
     ``MCMDOutlierDetector(refine=None, max_iter=1, noise_scale="own", borrow=False)`` is the
-    paper to the letter. Its weakness are whole clouds: where neighbors come from far apart, as
-    those of an isolated outlier do, the scale is large and the outlier passes, and outliers that
-    lie together are planes to each other. The default asks more: a point is an inlier if a
-    credible plane explains it, its own or a neighbor's, or if it has the company of many others
-    of its kind. With ``n_neighbors=None`` there is one pass and one plane, whose scale only a
-    number replaces.
+    paper's form. It is weak on whole clouds. The neighbors of an isolated outlier come from far
+    apart, so the scale is large and the outlier passes. Outliers that lie together are planes to
+    each other. The default asks more: a point is an inlier if a credible plane explains it, its
+    own or a neighbor's, or if it lies in a dense group of such points. With ``n_neighbors=None``
+    there is one pass and one plane. Only a number as `noise_scale` replaces the plane's scale.
 
-    A neighborhood of exactly coplanar points has no scale; rounding of the coordinates takes
-    its place, and any point visibly off the plane is an outlier with a very large but finite
-    distance. Where coordinates are found to be rounded to a step, as in a file in centimeters,
-    half of it is the least scale, so that one step is no outlier. Copies of a point count once
-    in a neighborhood. Points of one line or location are inliers among themselves, and a query
-    away from it is an outlier. Where the cloud holds fewer than `n_neighbors` distinct points,
-    all of them are used, with a warning.
+    A neighborhood of exactly coplanar points has no scale. The rounding error of the coordinates
+    is taken instead, and any point visibly off the plane is an outlier with a very large but
+    finite distance. If the coordinates are rounded to a step, as in a file in centimeters, half
+    a step is the least scale, so one step is no outlier. Copies of a point count once in a
+    neighborhood. Points on one line or at one location are inliers among themselves, and a query
+    away from them is an outlier. If the cloud holds fewer than `n_neighbors` distinct points, all
+    of them are used, with a warning.
 
     The time grows as ``n_samples * n_trials_ * n_neighbors`` and as ``n_samples *
     log(n_samples)`` for the search, in each pass for the neighborhoods that have changed. In

@@ -150,14 +150,14 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
     deviations are scaled to standard deviations by 1.4826; thresholds have a floor where
     coordinates are rounded; and `mutual`.
 
-    With `mutual`, the noise that is usual around is the lower quartile of the neighbors'. A plane
-    may be noisier by three standard errors, a factor of ``1 + 3 / sqrt(2 * n_neighbors)``, and by
-    the deviation of a surface whose normals turn by `max_angle` over the distance of the
-    farthest neighbor. So no threshold depends on the unit or on how dense the points are.
+    With `mutual`, the usual noise around a point is the lower quartile of the neighbors' noise. A
+    plane may be noisier by three standard errors, a factor of ``1 + 3 / sqrt(2 * n_neighbors)``,
+    and by the deviation of a surface whose normals turn by `max_angle` over the distance of the
+    farthest neighbor. So no threshold depends on the unit or on the density of the points.
 
-    A region is what can be reached from its seed, so labels depend on neither the order of
-    rows, up to exact ties, nor on `n_jobs`. Copies of a point count once in neighborhoods and
-    get the same label.
+    A region holds all points that can be reached from its seed. So labels depend neither on the
+    order of rows, up to exact ties, nor on `n_jobs`. Copies of a point count once in
+    neighborhoods and get the same label.
 
     Time and memory grow in proportion to ``n_samples * n_neighbors``, but for the search of
     neighbors, which adds a logarithm. In 3D and from 2,000 points on the work is done by
