@@ -1,4 +1,4 @@
-"""README's two commands stand behind their markers, as .ci/run extracts them."""
+"""README's two commands stand behind their markers, and its Python prints what it shows."""
 
 import re
 import shlex
@@ -64,3 +64,10 @@ def test_pictures_that_readme_shows_are_there_and_small():
     assert paths
     for path in paths:
         assert (ROOT / path).stat().st_size <= 400_000
+
+
+def test_the_lines_of_python_print_what_stands_under_them(capsys):
+    readme = (ROOT / "README.md").read_text()
+    code, output = re.search(r"```python\n(.*?)```\n\n```\n(.*?)```", readme, re.DOTALL).groups()
+    exec(compile(code, "README.md", "exec"), {})
+    assert capsys.readouterr().out == output

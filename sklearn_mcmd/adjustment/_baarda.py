@@ -57,9 +57,8 @@ class BaardaPlaneDetector(PlaneDetector):
         millimeters. "auto" takes a robust scale of the residuals about a Huber plane. It is
         within a few percent of the truth in clean data. It is a factor of 1.3 too large with 20 %
         of one-sided outliers, of 2 with 40 %, and no use where most points are not on the
-        plane. With `robust_start` it
-        is the deviation of the points near the start's plane, which separate outliers do not
-        enlarge. Used by ``test="w"`` only.
+        plane. With `robust_start` it is the deviation of the points near the start's plane, which
+        separate outliers do not enlarge. Used by ``test="w"`` only.
     correction : {"sidak", "bonferroni", "none"}, default="sidak"
         Local level: ``1 - (1 - alpha)^(1/n)`` (Eq. 1), ``alpha / n`` or alpha itself.
     elimination : {"single", "all"}, default="single"
