@@ -34,6 +34,7 @@ html_show_sphinx = False
 
 toc_object_entries_show_parents = "hide"  # fit(), not RobustNormalEstimator.fit()
 autosummary_generate = True
+autodoc_typehints = "none"  # docstrings say the types, and link them
 # The first sentence of a docstring does not end at "(Eq. 13)".
 autosummary.WELL_KNOWN_ABBREVIATIONS += ("Eq.",)
 numpydoc_show_class_members = False  # The template of a class shows them, with their docstrings.
