@@ -21,6 +21,9 @@ __all__ = ["SmoothnessLimits", "is_smooth", "least_members", "whole_planes"]
 # sharp crease it leaves far more: the scale there is the noise. A blunt one may get past this; that
 # the quadric leaves more there than next to it shows later, see `SurfacePlanes`.
 CURVED = 1.2
+# What deviates more from its plane, as a share of its width (standard deviations), is a post or a
+# sharp edge, whatever a quadric leaves.
+MOST_BENT = 0.5
 # A quadric that the members don't determine, as on two scan lines, explains nothing.
 PIVOT = 1e-6
 # A neighborhood is ordinary, and no robust plane need be sought, if no test of normality sees more
@@ -82,12 +85,14 @@ def least_members(d):
     return 2 * (1 + (d - 1) + d * (d - 1) // 2)
 
 
-def is_smooth(deviation, left, scale):
+def is_smooth(deviation, left, eigenvalues, scale):
     """Whether neighborhoods with robust planes of a scale keep all members: bool (B,).
 
-    `deviation` and `left` are as by `whole_planes`.
+    `deviation`, `left` and `eigenvalues` are as by `whole_planes`.
     """
-    return (left <= CURVED * scale) & np.isfinite(deviation) & (scale > 0)
+    width = np.sqrt(eigenvalues[:, min(1, eigenvalues.shape[1] - 1)])
+    smooth = (left <= CURVED * scale) & (deviation <= MOST_BENT * width)
+    return smooth & np.isfinite(deviation) & (scale > 0)
 
 
 def whole_planes(neighborhoods, sizes):

@@ -22,7 +22,7 @@ __all__ = ["SurfacePlanes"]
 
 # A point asks its neighbors where so much of its own neighborhood was removed, or where its plane
 # is noisier than is usual around.
-REMOVED = 0.2
+REMOVED = 0.1
 # Share of a neighborhood's radius that counts as noise: no surface is flatter.
 LEAST_NOISE = 0.01
 # What is usual is what the best tenth of the neighbors have and so many standard errors of a
@@ -152,7 +152,7 @@ class SurfacePlanes:
         rest = np.flatnonzero(~smooth)
         if len(rest):
             robust = self._robust(points[rest], around.take(rest))
-            whole = is_smooth(deviation[rest], left[rest], robust.scale)
+            whole = is_smooth(deviation[rest], left[rest], planes.eigenvalues[rest], robust.scale)
             smooth[rest] = whole
             planes.put(rest[~whole], robust.take(~whole))
         return smooth, np.where(smooth, np.minimum(deviation, left), planes.scale)

@@ -24,8 +24,9 @@ class ExplainLimits(NamedTuple):
     """By what a plane is said to explain a point.
 
     likely : bool
-        Whether the owner is the plane under which the point is most likely: a flat plane that the
-        point lies on beats a rough one that it lies on as well. Otherwise it is the nearest plane,
+        Whether the owner is the most likely plane, by Bayes' rule: a flat plane that the point lies
+        on beats a rough one that it lies on as well, and the share of its neighborhood that a
+        plane keeps is its probability before. Otherwise it is the nearest plane,
         in standard deviations.
     explained : float
         A plane explains points within so many of its standard deviations. Planes that explain
@@ -81,6 +82,7 @@ def explain(queries, candidates, planes, limits, usable, least, most, compiled):
         cost = distances
         if limits.likely:
             cost = 0.5 * (np.log(variance) + np.square(distances))
+            cost = cost - np.log(planes.kept[indices])
     reached = candidates.valid & usable[indices] & (reach <= planes.radius[indices])
     if limits.likely:
         reached &= planes.scale[indices] > 0

@@ -31,6 +31,7 @@ def explain_queries(queries, candidates, planes, limits, usable, scales, owners,
             cost = distance
             if limits.likely:
                 cost = 0.5 * (np.log(variance) + distance * distance)
+                cost -= np.log(planes.kept[row])
             if not cost < np.inf:
                 continue
             first = variance <= most[i] * most[i] and distance <= limits.explained

@@ -105,15 +105,16 @@ def test_smoothness_is_decided_by_the_residual_of_a_quadric():
     """Against least squares by NumPy, on 300 neighborhoods of three kinds."""
     neighborhoods, scale = neighborhoods_of_three_kinds(300, 40)
     found = whole_planes(neighborhoods, np.full(300, 40))
-    centroids, _, axes, deviation, left, ordinary = found
-    smooth = is_smooth(deviation, left, scale)
+    centroids, eigenvalues, axes, deviation, left, ordinary = found
+    smooth = is_smooth(deviation, left, eigenvalues, scale)
     for i in range(300):
         local = (neighborhoods[i] - centroids[i]) @ axes[i]
         z, u, v = local.T
         design = np.column_stack([np.ones(40), u, v, u * u, u * v, v * v])
         rest = z - design @ np.linalg.lstsq(design, z)[0]
         plane, quadric = (z @ z) / 37, (rest @ rest) / 34
-        assert smooth[i] == (quadric <= 1.2**2 * scale[i] ** 2)
+        bent = plane <= 0.25 * np.linalg.eigvalsh(np.cov(local.T, bias=True))[1]
+        assert smooth[i] == (quadric <= 1.2**2 * scale[i] ** 2 and bent)
         assert_allclose([deviation[i] ** 2, left[i] ** 2], [plane, quadric], rtol=1e-9)
         # Four tests of normality, of which each allows 1.5 standard errors of its statistic.
         chance = norm.sf(1.5)
@@ -130,6 +131,15 @@ def test_smoothness_is_decided_by_the_residual_of_a_quadric():
     assert not ordinary[0::3].any()
     assert not ordinary[1::3].any()
     assert ordinary[2::3].mean() > 0.4
+
+
+def test_a_post_within_a_neighborhood_is_no_smooth_surface():
+    rng = np.random.default_rng(0)
+    angle = rng.uniform(0, 2 * np.pi, (50, 50))
+    posts = np.stack([np.cos(angle), np.sin(angle), rng.uniform(-2, 2, (50, 50))], axis=2)
+    posts += rng.normal(0, 0.1, posts.shape)
+    _, eigenvalues, _, deviation, left, _ = whole_planes(posts, np.full(50, 50))
+    assert not is_smooth(deviation, left, eigenvalues, np.full(50, np.inf)).any()
 
 
 def test_the_compiled_whole_planes_are_those_of_numpy():
@@ -156,9 +166,9 @@ def test_the_compiled_whole_planes_are_those_of_numpy():
 def test_neighborhoods_on_two_scan_lines_determine_no_quadric():
     t = np.linspace(0, 1, 20)
     lines = np.vstack([np.column_stack([t, np.full(20, y), t**2]) for y in (0.0, 0.1)])
-    _, _, _, deviation, left, ordinary = whole_planes(lines[None], np.array([40]))
+    _, eigenvalues, _, deviation, left, ordinary = whole_planes(lines[None], np.array([40]))
     assert left[0] == np.inf
-    assert not is_smooth(deviation, left, np.array([1e-3]))[0]
+    assert not is_smooth(deviation, left, eigenvalues, np.array([1e-3]))[0]
     assert not ordinary[0]
 
 

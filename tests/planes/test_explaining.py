@@ -74,7 +74,7 @@ def literally(queries, candidates, planes, limits, usable, least, most):
             distance = abs(gap @ planes.normals[i]) / deviation
             cost = distance
             if limits.likely:  # minus the logarithm of a normal density, and of the share kept
-                cost = np.log(deviation) + distance**2 / 2
+                cost = np.log(deviation) + distance**2 / 2 - np.log(planes.kept[i])
             last = not (deviation <= limit and distance <= limits.explained)
             if best[1] < 0 or (last, cost) < best[0]:
                 best = (last, cost), i, distance
