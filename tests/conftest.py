@@ -1,6 +1,8 @@
 """Settings and fixtures that several test modules share."""
 
 import os
+import signal
+import threading
 from pathlib import Path
 
 # Before NumPy and SciPy are imported. Without the first scikit-learn skips its array API checks.
@@ -24,7 +26,16 @@ N_ROOM, N_STRAY = 900, 30  # few enough for the form that needs no compilation
 
 
 def pytest_configure(config):
-    """Hand neighboring tests to the same worker: they share the fixtures of their module."""
+    """Hand neighboring tests to the same worker: they share the fixtures of their module.
+
+    Programs that tests start inherit ignored signals. A run in the background (`&`, nohup) ignores
+    some, which are tests' subject: they are put back.
+    """
+    if threading.current_thread() is threading.main_thread():
+        for name, handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
+            number = getattr(signal, name, None)  # Windows has no SIGHUP
+            if number is not None and signal.getsignal(number) is signal.SIG_IGN:
+                signal.signal(number, handler)
     if getattr(config.option, "dist", None) == "load":  # what -n asks for by itself
         config.option.dist = "worksteal"
 
