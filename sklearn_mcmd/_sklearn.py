@@ -6,20 +6,14 @@ them; if they move, only this file changes.
 
 from sklearn.base import _fit_context as fit_context
 from sklearn.utils._param_validation import (
-    Hidden,
     Interval,
-    InvalidParameterError,
-    Options,
     StrOptions,
     validate_params,
 )
 from sklearn.utils.validation import _check_feature_names_in as check_feature_names_in
 
 __all__ = [
-    "Hidden",
     "Interval",
-    "InvalidParameterError",
-    "Options",
     "StrOptions",
     "check_feature_names_in",
     "fit_context",

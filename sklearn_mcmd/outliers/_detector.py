@@ -176,7 +176,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
 
     The time grows as ``n_samples * n_trials_ * n_neighbors`` and as ``n_samples *
     log(n_samples)`` for the search, in each pass for the neighborhoods that have changed. In
-    `fit` the memory beyond the cloud is about ``250 + 4 * n_neighbors`` bytes a point, 450 MB
+    `fit` the memory beyond the cloud is about ``290 + 4 * n_neighbors`` bytes a point, 490 MB
     for a million; with ``noise_scale="own"`` in one pass it is bounded. In 3D and from
     1,000 points on the work is done by compiled code.
 

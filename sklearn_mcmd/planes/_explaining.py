@@ -1,4 +1,4 @@
-"""Whose plane explains a point? One question, asked by every stage of its neighbors' planes."""
+"""Whose plane explains a point? The detector, normals and edges ask its neighbors' planes here."""
 
 from typing import NamedTuple
 
@@ -26,8 +26,8 @@ class ExplainLimits(NamedTuple):
     likely : bool
         Whether the owner is the most likely plane, by Bayes' rule: a flat plane that the point lies
         on beats a rough one that it lies on as well, and the share of its neighborhood that a
-        plane keeps is its probability before. Otherwise it is the nearest plane,
-        in standard deviations.
+        plane keeps is its probability before. Otherwise it is the nearest plane, in standard
+        deviations.
     explained : float
         A plane explains points within so many of its standard deviations. Planes that explain
         the point come first, others only where there is none.
