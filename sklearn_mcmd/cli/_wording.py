@@ -17,6 +17,13 @@ PHRASES = (
         r"n_samples=(\d+) is too few for planes in 3D: at least (\d+) are needed\.",
         r"too few points for a plane: \1, and at least \2 are needed.",
     ),
+    (r"n_samples=(\d+) is too few to test a plane in 3D", r"too few points to test a plane (\1)"),
+    (
+        r"X has (\d+) distinct point\(s\) in n_samples=(\d+), which is too few to test a plane "
+        r"in 3D",
+        r"too few distinct points to test a plane (\1 of \2)",
+    ),
+    (r"The (\d+) points of X\b", r"the \1 points"),
     (
         r"n_neighbors=(\d+) is more than the number of distinct points, (\d+) of n_samples=\d+: "
         r"neighborhoods of all of them are used\.",

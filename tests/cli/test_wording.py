@@ -14,6 +14,15 @@ from sklearn_mcmd.cli._wording import in_words_of_options
         ("use surface='orthogonal'.", "use --surface orthogonal."),
         ("Check sigma0=0.5 against", "Check --sigma0 0.5 against"),
         ("raise n_neighbors.", "raise --n-neighbors."),
+        (
+            "n_samples=1 is too few to test a plane in 3D: at least 4",
+            "too few points to test a plane (1): at least 4",
+        ),
+        (
+            "X has 3 distinct point(s) in n_samples=9, which is too few to test a plane in 3D: at",
+            "too few distinct points to test a plane (3 of 9): at",
+        ),
+        ("The 500 points of X lie on one line", "the 500 points lie on one line"),
         ("--n-neighbors 5 of a file", "--n-neighbors 5 of a file"),
         ("/data/n_neighbors=5/in.laz: no such file", "/data/n_neighbors=5/in.laz: no such file"),
     ],
