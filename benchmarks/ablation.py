@@ -187,6 +187,7 @@ PARTS = {
             Constant("normals._surface_planes", "SIGNIFICANT", 0.0),
             Constant("normals._surface_planes", "EXPLAINED", np.inf),
             Constant("normals._smoothness", "CURVED", 0.0),
+            Constant("normals._smoothness", "MOST_BENT", np.inf),
             Constant("normals._smoothness", "N_ERRORS", 0.0),
             Constant("normals._smoothness", "LEAST_WIDTH", 0.0),
             Constant("normals._smoothness", "PIVOT", 0.0),
