@@ -63,6 +63,13 @@ class Planes(NamedTuple):
         """The planes of some of the queries; of a slice these are views, which can be filled."""
         return Planes(*(values[rows] for values in self))
 
+    def replaced(self, rows, **values):
+        """A copy in which some of the planes have other values."""
+        copies = {name: getattr(self, name).copy() for name in values}
+        for name, some in values.items():
+            copies[name][rows] = some
+        return self._replace(**copies)
+
     def put(self, rows, part):
         """Overwrite the planes of some of the queries."""
         for values, some in zip(self, part, strict=True):

@@ -23,7 +23,7 @@ class Claims:
     Parameters
     ----------
     index : NeighborIndex
-    planes : PointPlanes
+    planes : Planes
     rules : GrowthRules
         A `max_distance` takes the place of the standard deviations, a `max_gap` that of the radii.
     n_jobs : int, default=None
@@ -32,8 +32,8 @@ class Claims:
     def __init__(self, index, planes, rules, n_jobs=None):
         n = len(index.points)
         self.index, self.n_jobs = index, n_jobs
-        self.normals, self.offset = planes.normals, planes.offset
-        self.limit, self.reach = CUTOFF * planes.noise, planes.radius
+        self.normals, self.centroids = planes.normals, planes.centroids
+        self.limit, self.reach = CUTOFF * planes.scale, planes.radius
         if rules.max_distance is not None:
             self.limit = np.full(n, float(rules.max_distance))
         if rules.max_gap is not None:
@@ -121,9 +121,9 @@ class Claims:
         points, k = self.index.points, self.index.n_neighbors
         distances, neighbors = self.index.tree.query(points[rows], k=k)
         distances, neighbors = distances.reshape(-1, k), neighbors.reshape(-1, k)
-        heights = -self.offset[neighbors]
+        heights = np.zeros(distances.shape)
         for axis in range(points.shape[1]):
-            gaps = points[rows, axis][:, None] - points[neighbors, axis]
+            gaps = points[rows, axis][:, None] - self.centroids[neighbors, axis]
             heights += gaps * self.normals[neighbors, axis]
         limit = self.limit[neighbors]
         heights = np.abs(heights, out=heights)

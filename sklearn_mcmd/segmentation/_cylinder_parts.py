@@ -72,13 +72,15 @@ class CylinderParts:
     ----------
     index : NeighborIndex
         Of points in three dimensions.
-    planes : PointPlanes
+    planes : Planes
+    floor : ndarray of shape (n,)
+        Least standard deviation of a plane at each point: what rounding amounts to.
     max_gap : float, default=None
         Largest distance of points that touch, besides being among the nearer half of neighbors.
     """
 
-    def __init__(self, index, planes, max_gap=None):
-        self.index, self.planes = index, planes
+    def __init__(self, index, planes, floor, max_gap=None):
+        self.index, self.planes, self.floor = index, planes, floor
         self.max_gap = np.inf if max_gap is None else max_gap
         self.curved = np.empty(0, dtype=np.intp)
         self.wide = None  # by label; regions only gain points, and no wide one becomes narrow
@@ -143,7 +145,7 @@ class CylinderParts:
         if n >= LEAST_SIZE:
             curve, cylinder = self._fit(members)
             curve /= n - N_PARAMETERS
-        floor = self.planes.floor[members].max() ** 2
+        floor = self.floor[members].max() ** 2
         ceiling = (self.planes.radius[members].mean() / (2 * CUTOFF)) ** 2
         return _Part(members, around, floor, ceiling, plane, curve, cylinder)
 

@@ -283,22 +283,22 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         with progress_part(0.35, 0.5, "links of neighbors"):
             links, planes = link_neighbors(index, normals, noise, floor, rules, self.n_jobs)
         with progress_part(0.5, 0.55, "growing regions"):
-            labels = grow_regions(links, _seeds(variation[rows], planes.offset))
+            labels = grow_regions(links, _seeds(variation[rows], points, planes))
         owners = _owners(X, index, self.n_jobs)
         copies = np.bincount(owners, minlength=len(points))
         labels = _renumber(labels, copies, self.min_region_size)
         if self.regrow_rest:
             with progress_part(0.55, 0.75, "narrow faces"):
-                labels, planes = RestFaces(index, rules, self.n_jobs).grow(labels, planes)
+                labels, planes = RestFaces(index, floor, rules, self.n_jobs).grow(labels, planes)
                 labels = _renumber(labels, copies, self.min_region_size)
         claims = Claims(index, planes, rules, self.n_jobs)
         with progress_part(0.75, 0.85, "joining regions"):
             if self.assign_rest:
                 labels = _renumber(claims.absorb_fragments(labels), copies)
             if self.join_coplanar:
-                labels = join_coplanar(points, labels, planes.noise)
+                labels = join_coplanar(points, labels, planes.scale)
         curved = self.join_curved and points.shape[1] == 3
-        cylinders = CylinderParts(index, planes, self.max_gap)
+        cylinders = CylinderParts(index, planes, floor, self.max_gap)
         with progress_part(0.85, 1.0, "cylinders and the rest"):
             if self.assign_rest:
                 labels = cylinders.grow(labels) if curved else labels
@@ -329,7 +329,7 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         return X, fitted.normals_, fitted.surface_variation_, fitted.eigenvalues_
 
 
-def _seeds(variation, offset):
+def _seeds(variation, points, planes):
     """Rows in the order in which regions start at them: that of least curvature first.
 
     Points that were lent the same plane have the same curvature: those on it come first, so that
@@ -339,7 +339,9 @@ def _seeds(variation, offset):
     same = np.diff(variation[seeds]) == 0
     tied = np.flatnonzero(np.append(same, False) | np.append(False, same))
     equal = seeds[tied]
-    seeds[tied] = equal[np.lexsort((np.abs(offset[equal]), variation[equal]))]
+    gaps = points[equal] - planes.centroids[equal]
+    heights = np.abs(np.einsum("nd,nd->n", gaps, planes.normals[equal]))
+    seeds[tied] = equal[np.lexsort((heights, variation[equal]))]
     return seeds
 
 

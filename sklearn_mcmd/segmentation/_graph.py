@@ -7,10 +7,11 @@ import numpy as np
 from sklearn_mcmd.planes._around import quantile_around
 from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._compiling import compiled_function
-from sklearn_mcmd.planes._record import Neighborhoods
+from sklearn_mcmd.planes._linking import LinkLimits, link_planes
+from sklearn_mcmd.planes._record import Neighborhoods, Planes
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 
-__all__ = ["GrowthRules", "PointPlanes", "grow_regions", "link_neighbors", "n_within_median"]
+__all__ = ["GrowthRules", "grow_regions", "link_neighbors", "n_within_median"]
 
 # Smaller clouds take NumPy: loading compiled code would take longer than the work.
 COMPILE_FROM = 2_000
@@ -43,52 +44,11 @@ class GrowthRules(NamedTuple):
     mutual: bool = True
 
 
-class PointPlanes(NamedTuple):
-    """The planes that regions grow by: arrays of the length of the points.
-
-    normals : ndarray of shape (n, d)
-    noise : standard deviation along the normal, at least what rounding amounts to
-    floor : what rounding amounts to
-    offset : signed distance of the plane from its point, along the point's normal
-    radius : distance to the farthest neighbor looked at
-    """
-
-    normals: np.ndarray
-    noise: np.ndarray
-    floor: np.ndarray
-    offset: np.ndarray
-    radius: np.ndarray
-
-    def replaced(self, rows, normals, offset, noise):
-        """A copy in which rows have other planes."""
-        copies = {name: getattr(self, name).copy() for name in ("normals", "offset", "noise")}
-        copies["normals"][rows], copies["offset"][rows] = normals, offset
-        copies["noise"][rows] = noise
-        return self._replace(**copies)
-
-
-class LinkLimits(NamedTuple):
-    """Limits as kernels take them, which freeze constants that they import."""
-
-    min_cosine: float
-    max_gap: float
-    mutual: bool
-
-
 class RuleA(NamedTuple):
     """The paper's automatic distance: the median and `n_deviations` of `mad_to_sd` each."""
 
     n_deviations: float
     mad_to_sd: float
-
-
-class LinkPlanes(NamedTuple):
-    """What kernels need of all planes; `quiet` ones are not noisier than is usual around."""
-
-    normals: np.ndarray
-    offset: np.ndarray
-    limit: np.ndarray
-    quiet: np.ndarray
 
 
 def link_neighbors(index, normals, noise, floor, rules, n_jobs=None):
@@ -125,45 +85,52 @@ def link_neighbors(index, normals, noise, floor, rules, n_jobs=None):
     -------
     links : ndarray of int32 of shape (n, width)
         Neighbors that may be added from each point, nearest first, then -1.
-    planes : PointPlanes
+    planes : Planes
+        The centroid is the point's projection on its plane, the scale is at least `floor`, and the
+        radius is the distance to the farthest neighbor looked at. What growth does not ask for is
+        not a number.
     """
     n, d = index.points.shape
     max_gap = rules.max_gap
     # Neighbors beyond the median distance are never linked, and need not be found.
     k = index.n_neighbors if max_gap is not None else n_within_median(index.n_neighbors) + 1
-    planes = PointPlanes(normals, np.maximum(noise, floor), floor, np.empty(n), np.empty(n))
-    links, limit, quiet = np.empty((n, k - 1), np.int32), np.empty(n), np.ones(n, dtype=bool)
-    measure, link = _measure_numpy, _link_numpy
-    compiled = d == 3 and n >= COMPILE_FROM
-    if compiled:
+    unknown = np.full(n, np.nan)
+    planes = Planes(
+        np.empty((n, d)), normals, np.full((n, d), np.nan), np.maximum(noise, floor), unknown,
+        np.empty(n), unknown, unknown,
+    )  # fmt: skip
+    others, limit, usable = np.empty((n, k - 1), np.int32), np.empty(n), np.ones(n, dtype=bool)
+    measure = _measure_numpy
+    compiled = n >= COMPILE_FROM
+    if compiled and d == 3:
         measure = _compiled("measure_neighbors_3d") or measure
-        link = _compiled("link_neighbors_3d") or link
-        compiled = measure is not _measure_numpy
     rule_a = RuleA(N_DEVIATIONS, MAD_TO_SD)
 
     def measured(rows):
         distances, near = index.tree.query(index.points[rows], k=k)
         distances, near = distances.reshape(-1, k), near.reshape(-1, k)
-        links[rows], planes.radius[rows] = near[:, 1:], distances[:, -1]
-        own = planes.offset[rows], limit[rows]
-        measure(index.points, normals, near, rows.start, rule_a, *own)
+        others[rows], planes.radius[rows] = near[:, 1:], distances[:, -1]
+        offset = np.empty(len(near))
+        measure(index.points, normals, near, rows.start, rule_a, offset, limit[rows])
+        planes.centroids[rows] = index.points[rows] + offset[:, None] * normals[rows]
         if rules.mutual:
-            quiet[rows] = _is_quiet(planes, rows, near, index.n_neighbors, rules, compiled)
+            around = Neighborhoods(near.astype(np.int32), np.full(len(near), k))
+            quick = measure is not _measure_numpy
+            usable[rows] = _is_quiet(planes, rows, around, index.n_neighbors, rules, quick)
 
     each_slice(n, max(1, CHUNK // k), measured, n_jobs)
+    explained, scale = CUTOFF, planes.scale
     if rules.max_distance is not None:
-        limit[:] = rules.max_distance
-    else:
-        limit = CUTOFF * planes.noise if rules.mutual else np.maximum(limit, floor)
+        explained, scale = 1.0, np.full(n, float(rules.max_distance))
+    elif not rules.mutual:
+        explained, scale = 1.0, np.maximum(limit, floor)
     limits = LinkLimits(
-        float(rules.min_cosine), np.inf if max_gap is None else float(max_gap), bool(rules.mutual)
+        rules.min_cosine, explained, np.inf if max_gap is None else max_gap, rules.mutual
     )
-    own = LinkPlanes(normals, planes.offset, limit, quiet)
-
-    def linked(rows):
-        link(index.points, own, rows.start, limits, links[rows])
-
-    each_slice(n, max(1, CHUNK // k), linked, n_jobs)
+    neighbors = Neighborhoods(others, np.full(n, k - 1))
+    links = link_planes(
+        index.points, neighbors, planes._replace(scale=scale), limits, usable, compiled, n_jobs
+    )
     return links, planes
 
 
@@ -195,14 +162,13 @@ def n_within_median(k):
     return k // 2
 
 
-def _is_quiet(planes, rows, near, n_neighbors, rules, compiled):
+def _is_quiet(planes, rows, around, n_neighbors, rules, compiled):
     """Whether planes are no noisier than is usual around, and than curvature makes them."""
-    around = Neighborhoods(near.astype(np.int32), np.full(len(near), near.shape[1]))
-    usual = quantile_around(planes.noise, around, USUAL, compiled)
+    usual = quantile_around(planes.scale, around, USUAL, compiled)
     bent = BENT * np.arccos(min(rules.min_cosine, 1.0)) * planes.radius[rows]
     # The standard error of a standard deviation that so many neighbors tell.
     most = 1 + N_ERRORS / np.sqrt(2 * n_neighbors)
-    return planes.noise[rows] <= most * np.hypot(usual, bent)
+    return planes.scale[rows] <= most * np.hypot(usual, bent)
 
 
 def _measure_numpy(points, normals, indices, start, rule, offset, limit):
@@ -215,23 +181,6 @@ def _measure_numpy(points, normals, indices, start, rule, offset, limit):
     middle = np.median(away, axis=1)
     spread = rule.mad_to_sd * np.median(np.abs(away - middle[:, None]), axis=1)
     limit[:] = middle + rule.n_deviations * spread
-
-
-def _link_numpy(points, planes, start, limits, links):
-    """Any dimension, one chunk; leaves in `links` the neighbors that may be added."""
-    rows = np.arange(start, start + len(links))
-    own, other = planes.normals[rows][:, None], planes.normals[links]
-    gaps = points[links] - points[rows][:, None]
-    away = np.abs((gaps * own).sum(axis=-1) - planes.offset[rows, None])
-    fits = away <= planes.limit[rows][:, None]
-    fits &= np.abs((other * own).sum(axis=-1)) >= limits.min_cosine
-    fits &= np.sqrt(np.square(gaps).sum(axis=-1)) <= limits.max_gap
-    if limits.mutual:
-        back = np.abs((gaps * other).sum(axis=-1) + planes.offset[links])
-        fits &= back <= planes.limit[links]
-        fits &= planes.quiet[rows][:, None] & planes.quiet[links]
-    found = np.where(fits, links, -1)
-    links[:] = np.take_along_axis(found, np.argsort(~fits, axis=1, kind="stable"), axis=1)
 
 
 def _grow(links, seeds):

@@ -1,11 +1,11 @@
-"""Links between neighbors in three dimensions and the growth of regions, compiled."""
+"""Heights of neighbors above planes in three dimensions and the growth of regions, compiled."""
 
 import numpy as np
 
 from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.segmentation._graph import _grow
 
-__all__ = ["grow", "link_neighbors_3d", "measure_neighbors_3d"]
+__all__ = ["grow", "measure_neighbors_3d"]
 
 grow = kernel(_grow, cache=True)
 
@@ -34,41 +34,6 @@ def measure_neighbors_3d(points, normals, indices, start, rule, offset, limit):
         middle = _middle(away)
         _sort_deviations(away, middle, deviations)
         limit[row] = middle + rule.n_deviations * (rule.mad_to_sd * _middle(deviations))
-
-
-@kernel(cache=True, error_model="numpy")
-def link_neighbors_3d(points, planes, start, limits, links):
-    """`_link_numpy` of `_graph`, one point at a time.
-
-    Parameters
-    ----------
-    points : float64 (n, 3)
-    planes : LinkPlanes
-    start : row of the first of the points
-    limits : LinkLimits
-    links : int32 (m, width), the neighbors, nearest first; those that may be added are left
-    """
-    normals, offset, limit, quiet = planes.normals, planes.offset, planes.limit, planes.quiet
-    for row in range(len(links)):
-        i = start + row
-        x, y, z = points[i]
-        nx, ny, nz = normals[i]
-        n_links = 0
-        for a in range(links.shape[1]):
-            j = links[row, a]
-            gx, gy, gz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
-            n = normals[j]
-            away = abs(gx * nx + gy * ny + gz * nz - offset[i])
-            fits = away <= limit[i]
-            fits &= abs(n[0] * nx + n[1] * ny + n[2] * nz) >= limits.min_cosine
-            fits &= np.sqrt(gx * gx + gy * gy + gz * gz) <= limits.max_gap
-            if limits.mutual:
-                back = abs(gx * n[0] + gy * n[1] + gz * n[2] + offset[j])
-                fits &= back <= limit[j] and quiet[i] and quiet[j]
-            if fits:
-                links[row, n_links] = j
-                n_links += 1
-        links[row, n_links:] = -1
 
 
 @kernel(cache=True)

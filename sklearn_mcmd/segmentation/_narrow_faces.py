@@ -44,12 +44,14 @@ class RestFaces:
     Parameters
     ----------
     index : NeighborIndex
+    floor : ndarray of shape (n,)
+        Least standard deviation of a plane at each point: what rounding amounts to.
     rules : GrowthRules
     n_jobs : int, default=None
     """
 
-    def __init__(self, index, rules, n_jobs=None):
-        self.index, self.k = index, index.n_neighbors
+    def __init__(self, index, floor, rules, n_jobs=None):
+        self.index, self.k, self.floor = index, index.n_neighbors, floor
         self.rules, self.n_jobs = rules, n_jobs
 
     def grow(self, labels, planes):
@@ -59,14 +61,14 @@ class RestFaces:
         ----------
         labels : ndarray of int of shape (n,)
             From 0 on without gaps, -1 for none.
-        planes : PointPlanes
+        planes : Planes
 
         Returns
         -------
         labels : ndarray of int of shape (n,)
             Faces come last. They are larger than a neighborhood, as are the regions that count
             as surfaces; the smaller ones are part of what growth left over.
-        planes : PointPlanes
+        planes : Planes
             The points of faces have planes of their own, a copy; the others' are as they were.
         """
         sizes = np.bincount(labels[labels >= 0])
@@ -74,7 +76,7 @@ class RestFaces:
         rest = np.flatnonzero(~surface[labels])
         if len(rest) <= self.k or not surface.any():
             return labels, planes
-        usual = median_by_region(planes.noise, labels, len(sizes))
+        usual = median_by_region(planes.scale, labels, len(sizes))
         outer = np.where(surface, np.append(np.maximum(usual, LEAST_NOISE), np.inf), np.inf)
         # Many points, of which most are in the tails of the noise: the nearer half tells.
         surfaces = labels, planes, outer
@@ -87,7 +89,7 @@ class RestFaces:
         labels = labels.copy()
         labels[rows] = first + face
         planes = self._refit(labels, rows, planes)  # points of other faces were among those asked
-        own = median_by_region(planes.noise[rows], face, int(face.max()) + 1)
+        own = median_by_region(planes.scale[rows], face, int(face.max()) + 1)
         own = np.maximum(own, LEAST_NOISE)
         usual = np.concatenate([outer[:-1], own, [np.inf]])
         members = fresh = rows
@@ -114,7 +116,7 @@ class RestFaces:
         k : int
             Neighbors asked.
         labels : ndarray of int of shape (n,)
-        planes : PointPlanes
+        planes : Planes
         usual : ndarray of shape (n_regions + 1,)
             Noise that is usual in each region; inf for those that count for none, the last.
 
@@ -146,10 +148,10 @@ class RestFaces:
         points = self.index.points
         near = self.index.tree.query(points[rows], k=k)[1].reshape(-1, k)
         region = labels[near]
-        known = np.isfinite(usual)[region] & (planes.noise[near] <= MOST_NOISE * usual[region])
-        heights = -planes.offset[near]
+        known = np.isfinite(usual)[region] & (planes.scale[near] <= MOST_NOISE * usual[region])
+        heights = np.zeros(near.shape)
         for axis in range(points.shape[1]):
-            gaps = points[rows, axis][:, None] - points[near, axis]
+            gaps = points[rows, axis][:, None] - planes.centroids[near, axis]
             heights += gaps * planes.normals[near, axis]
         heights = np.where(known, np.abs(heights), np.inf)
         # Mostly there is one region around.
@@ -176,15 +178,14 @@ class RestFaces:
         if len(rows) <= self.k:
             return rows[:0], rows[:0]
         reach = REACH * planes.radius[rows]
-        normals, _, noise = self._planes(rows, np.zeros(len(rows), dtype=np.intp), reach)
+        _, normals, noise = self._planes(rows, np.zeros(len(rows), dtype=np.intp), reach)
         flat = noise <= MOST_NOISE * flattest
         rows, normals, noise = rows[flat], normals[flat], noise[flat]
         if len(rows) <= self.k:
             return rows[:0], rows[:0]
         index = NeighborIndex(self.index.points[rows], self.k)
         rows, normals, noise = rows[index.rows], normals[index.rows], noise[index.rows]
-        floor = planes.floor[rows]
-        links, _ = link_neighbors(index, normals, noise, floor, self.rules, self.n_jobs)
+        links, _ = link_neighbors(index, normals, noise, self.floor[rows], self.rules, self.n_jobs)
         gaps = index.points[:, None] - index.points[links]
         far = np.square(gaps).sum(axis=-1) > np.square(REACH * planes.radius[rows])[:, None]
         far |= links < 0
@@ -199,10 +200,12 @@ class RestFaces:
 
     def _refit(self, labels, rows, planes):
         """Planes of which rows have those of their own regions' points."""
-        normals, offset, noise = self._planes(rows, labels[rows], REACH * planes.radius[rows])
+        centroids, normals, noise = self._planes(rows, labels[rows], REACH * planes.radius[rows])
         fitted = np.isfinite(noise)
-        rows, noise = rows[fitted], np.maximum(noise[fitted], planes.floor[rows[fitted]])
-        return planes.replaced(rows, normals[fitted], offset[fitted], noise)
+        rows, noise = rows[fitted], np.maximum(noise[fitted], self.floor[rows[fitted]])
+        return planes.replaced(
+            rows, centroids=centroids[fitted], normals=normals[fitted], scale=noise
+        )
 
     def _lend(self, labels, members, rows, planes):
         """Planes of which rows have that of the nearest member of their face."""
@@ -211,19 +214,19 @@ class RestFaces:
         for face in np.unique(labels[rows]).tolist():
             own, others = labels[rows] == face, members[labels[members] == face]
             lenders[own] = others[cKDTree(points[others]).query(points[rows[own]])[1]]
-        gaps = points[lenders] - points[rows]
-        heights = np.einsum("nd,nd->n", gaps, planes.normals[lenders])
-        offset = planes.offset[lenders] + heights
-        return planes.replaced(rows, planes.normals[lenders], offset, planes.noise[lenders])
+        lent = planes.take(lenders)
+        return planes.replaced(
+            rows, centroids=lent.centroids, normals=lent.normals, scale=lent.scale
+        )
 
     def _planes(self, rows, group, reach):
-        """Planes of the rows of the same group within reach: normals, offsets and noise, (m,).
+        """Planes of the rows of the same group within reach: centroids, normals and noise.
 
         The noise is inf where these are too few.
         """
         points = self.index.points[rows]
         (m, d), k = points.shape, min(self.k, len(rows))
-        normals, offset, noise = np.empty((m, d)), np.empty(m), np.empty(m)
+        centroids, normals, noise = np.empty((m, d)), np.empty((m, d)), np.empty(m)
         tree = cKDTree(points, balanced_tree=False)
 
         def task(part):
@@ -232,15 +235,14 @@ class RestFaces:
             valid = distances <= reach[part, None]
             valid &= group[near] == group[part][:, None]
             gaps = points[near] - points[part][:, None]
-            centroids, eigenvalues, axes = fit_planes(gaps, valid)
+            means, eigenvalues, axes = fit_planes(gaps, valid)
             size = valid.sum(axis=1)
-            normals[part] = axes[..., 0]
-            offset[part] = np.einsum("md,md->m", centroids, axes[..., 0])
+            centroids[part], normals[part] = points[part] + means, axes[..., 0]
             variance = np.maximum(eigenvalues[:, 0], 0.0) * size / np.maximum(size - d, 1)
             noise[part] = np.where(size >= 2 * d, np.sqrt(variance), np.inf)
 
         self._each_part(m, task)
-        return normals, offset, noise
+        return centroids, normals, noise
 
     def _each_part(self, m, task):
         step = max(1, CHUNK // self.k)

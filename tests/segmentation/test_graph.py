@@ -40,9 +40,9 @@ def test_compiled_and_numpy_links_agree_on_adversarial_clouds(name, mutual, monk
         noise = np.sqrt(np.maximum(fitted.eigenvalues_[index.rows, 0], 0))
         links, planes = link_neighbors(index, normals, noise, floor, rules)
         seeds = np.argsort(fitted.surface_variation_[index.rows], kind="stable")
-        answers.append((links, planes.offset, grow_regions(links, seeds)))
-    (links, offset, labels), (links_numpy, offset_numpy, labels_numpy) = answers
-    assert_allclose(offset, offset_numpy, atol=1e-12)
+        answers.append((links, planes.centroids, grow_regions(links, seeds)))
+    (links, centroids, labels), (links_numpy, centroids_numpy, labels_numpy) = answers
+    assert_allclose(centroids, centroids_numpy, rtol=1e-15, atol=1e-12)
     assert_array_equal(links, links_numpy)
     assert_array_equal(labels, labels_numpy)
 

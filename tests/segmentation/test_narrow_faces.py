@@ -102,11 +102,12 @@ def test_faces_come_with_planes_of_their_own_and_overwrite_none():
     own = X[index.rows]
     rules = GrowthRules(np.cos(np.radians(5)))
     noise, normals = np.sqrt(own[:, 7]), own[:, 3:6].copy()
-    links, planes = link_neighbors(index, normals, noise, np.zeros(len(X)), rules)
+    floor = np.zeros(len(X))
+    links, planes = link_neighbors(index, normals, noise, floor, rules)
     before = [array.copy() for array in planes]
     regions = grow_regions(links, np.argsort(own[:, 6]))
     first = regions.max() + 1
-    labels, found = RestFaces(index, rules).grow(regions, planes)
+    labels, found = RestFaces(index, floor, rules).grow(regions, planes)
     for array, kept in zip(planes, before, strict=True):
         assert_array_equal(array, kept)
     face = labels >= first
