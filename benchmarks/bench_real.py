@@ -1,0 +1,241 @@
+"""What does each outlier detector take from, and find in, every real cloud?
+
+Two parts for each cloud, in percent. "clean" is the cloud as it is: the real points that a method
+flags, of all and by the publishers' classes, and how much of the noise that publishers label it
+finds. "injected" is the cloud without that noise, with 10 % of outliers put in, whose truth is
+known. Peers marked "told" know the share of outliers, where it is known, and take scikit-learn's
+default elsewhere. "time" is the processor time as a ratio to that of "SOR 20".
+
+    python benchmarks/bench_real.py --csv real.csv --table real.md
+    python benchmarks/bench_real.py --clouds ign_village snow_spinning_lidar --limit 50000
+
+SOR is statistical outlier removal: a point goes whose mean distance to its k nearest others is
+more than 2 standard deviations above the mean of all. Radius outlier removal takes points with
+fewer than 5 others within 3 times the cloud's median spacing. A new setting of the detector is one
+line in `METHODS`. Classes and kinds of outliers not in the tables are in the CSV file.
+"""
+
+import argparse
+import csv
+import io
+import os
+import sys
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from _real_clouds import N_SPACING, evaluate, inject, load_clouds
+from scipy.spatial import cKDTree
+
+N_JOBS = 2
+YARDSTICK = "SOR 20"
+
+
+class Row(NamedTuple):
+    """One number: `subset` is "all", a class or a kind of outliers; `value` is in percent."""
+
+    cloud: str
+    part: str
+    method: str
+    points: int
+    measure: str
+    subset: str
+    value: float
+
+
+def detector(**parameters):
+    """A setting of the detector as a method."""
+
+    def method(points, share):
+        from sklearn_mcmd import MCMDOutlierDetector
+
+        own = MCMDOutlierDetector(random_state=0, n_jobs=N_JOBS, **parameters)
+        return own.fit_predict(points), -own.scores_
+
+    return method
+
+
+def judged(outlyingness, cutoff, share=None):
+    """Labels by a cutoff, or as many as the share says, and the outlyingness."""
+    if share is not None:
+        cutoff = np.quantile(outlyingness, 1 - share)
+    return np.where(outlyingness > cutoff, -1, 1), outlyingness
+
+
+def neighbor_distances(points, n_neighbors):
+    """Distances to the nearest other points, in rising order."""
+    distances, _ = cKDTree(points).query(points, n_neighbors + 1, workers=N_JOBS)
+    return distances[:, 1:]
+
+
+def sor(n_neighbors):
+    """Statistical outlier removal."""
+
+    def method(points, share):
+        distance = neighbor_distances(points, n_neighbors).mean(axis=1)
+        return judged(distance, distance.mean() + 2 * distance.std())
+
+    return method
+
+
+def radius_removal(points, share):
+    distances = neighbor_distances(points, N_SPACING)
+    return judged(distances[:, 4], 3 * np.median(distances.mean(axis=1)))
+
+
+def mean_distance(points, share):
+    if share is None:
+        return None  # it has no cutoff of its own
+    return judged(neighbor_distances(points, 20).mean(axis=1), None, share)
+
+
+def lof(points, share):
+    from sklearn.neighbors import LocalOutlierFactor
+
+    peer = LocalOutlierFactor(20, n_jobs=N_JOBS).fit(points)
+    return judged(-peer.negative_outlier_factor_, -peer.offset_, share)
+
+
+def isolation_forest(points, share):
+    from sklearn.ensemble import IsolationForest
+
+    peer = IsolationForest(random_state=0, n_jobs=N_JOBS).fit(points)
+    return judged(-peer.score_samples(points), -peer.offset_, share)
+
+
+# (points, share of outliers or None) -> labels and outlyingness, or None if it needs the share.
+METHODS = {
+    "default": detector(),
+    "SOR 8": sor(8),
+    "SOR 20": sor(20),
+    "SOR 50": sor(50),
+    "radius": radius_removal,
+    "LOF, told": lof,
+    "mean distance, told": mean_distance,
+    "IsolationForest, told": isolation_forest,
+}
+
+
+def parts_of(cloud, seed):
+    """Name, points, kind and classes of both parts of a cloud."""
+    real = np.ones(len(cloud.points), dtype=bool) if cloud.noise is None else ~cloud.noise
+    yield "clean", cloud.points, np.where(real, "real", "noise"), cloud.classes
+    points, kind = inject(cloud.points[real], np.random.default_rng(seed))
+    classes = cloud.classes
+    if classes is not None:
+        classes = np.concatenate([classes[real], kind[kind != "real"]])
+    yield "injected", points, kind, classes
+
+
+def timed(method, points, share):
+    start = time.process_time()
+    result = method(points, share)
+    return result, time.process_time() - start
+
+
+def measured(cloud, methods, seed):
+    """Rows of a cloud."""
+    for part, points, kind, classes in parts_of(cloud, seed):
+        outliers = kind != "real"
+        share = outliers.mean() if outliers.any() else None
+        _, yardstick = timed(METHODS[YARDSTICK], points, share)
+        for name in methods:
+            result, seconds = timed(METHODS[name], points, share)
+            if result is None:
+                continue
+            labels, outlyingness = result
+            found = evaluate(labels, outlyingness, kind, classes)
+            found["seconds", "all"] = seconds
+            found["time", "all"] = seconds / yardstick
+            for (measure, subset), value in found.items():
+                yield Row(cloud.name, part, name, len(points), measure, subset, value)
+
+
+TABLES = [
+    ("clean", "flagged", None, "Real points flagged, by class"),
+    ("clean", "TPR", "all", "Labelled noise found"),
+    ("clean", "precision", "all", "Labelled noise: share of it among all that is flagged"),
+    ("clean", "average precision", "all", "Labelled noise: average precision of the score"),
+    ("injected", "TPR", "all", "Injected outliers found"),
+    ("injected", "TPR", "uniform", "Injected outliers found: uniform in the box"),
+    ("injected", "TPR", "group", "Injected outliers found: groups of 20 to 60"),
+    ("injected", "TPR", "near", "Injected outliers found: 5 to 20 spacings off real points"),
+    ("injected", "TNR", "all", "Real points kept beside injected outliers"),
+    ("injected", "accuracy", "all", "Right labels with injected outliers"),
+    ("injected", "average precision", "all", "Average precision with injected outliers"),
+    ("injected", "time", "all", f"Processor time with injected outliers, {YARDSTICK} being 1"),
+]
+
+
+def tables(rows, methods):
+    """Markdown: one table for each measure, with a line a cloud and a column a method."""
+    lines = []
+    for part, measure, subset, title in TABLES:
+        chosen = [r for r in rows if (r.part, r.measure) == (part, measure)]
+        values = {(r.cloud, r.method): r.value for r in chosen if r.subset == (subset or "all")}
+        if not values:
+            continue
+        columns = [m for m in methods if any(m == method for _, method in values)]
+        clouds = list(dict.fromkeys(cloud for cloud, _ in values))
+        of_method = {m: [v for (_, method), v in values.items() if method == m] for m in columns}
+        worst = max if measure in ("flagged", "time") else min
+        values |= {("**median**", m): float(np.median(v)) for m, v in of_method.items()}
+        values |= {("**worst**", m): worst(v) for m, v in of_method.items()}
+        if subset is None:
+            classes = [r for r in chosen if r.subset not in ("all", "surface")]
+            values |= {(f"{r.cloud}: {r.subset}", r.method): r.value for r in classes}
+            clouds = sorted({cloud for cloud, _ in values if "**" not in cloud})
+        lines += [f"## {title}", "", "| | " + " | ".join(columns) + " |"]
+        lines += ["|---|" + "---:|" * len(columns)]
+        for cloud in [*clouds, "**median**", "**worst**"]:
+            cells = [f"{values[cloud, m]:.2f}" if (cloud, m) in values else "" for m in columns]
+            lines.append(f"| {cloud} | " + " | ".join(cells) + " |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def write(path, text):
+    """The file appears only when it is whole."""
+    temporary = Path(f"{path}.tmp")
+    temporary.write_text(text, encoding="utf-8")
+    os.replace(temporary, path)
+
+
+def as_csv(rows):
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(Row._fields)
+    writer.writerows(row._replace(value=f"{row.value:.6g}") for row in rows)
+    return text.getvalue()
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", default="../shared/data", help="folder of real clouds")
+    parser.add_argument("--clouds", nargs="+", metavar="NAME", help="folders, or folder/file")
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
+    parser.add_argument("--limit", type=int, help="crop clouds to so many points, at least 1,000")
+    parser.add_argument("--seed", type=int, default=0, help="of crops and injected outliers")
+    parser.add_argument("--csv", help="file for all numbers")
+    parser.add_argument("--table", help="Markdown file for the tables, instead of printing them")
+    options = parser.parse_args()
+    if options.limit is not None and options.limit < 1_000:
+        parser.error(f"--limit is {options.limit}; take at least 1,000 points")
+    warm_up = np.random.default_rng(0).random((2_000, 3))
+    for name in options.methods:
+        METHODS[name](warm_up, 0.1)  # compiles, and imports, outside of what is timed
+    rows = []
+    for cloud in load_clouds(options.data, options.clouds, options.limit, options.seed):
+        print(f"{cloud.name}, {len(cloud.points):,} points", file=sys.stderr, flush=True)
+        rows += measured(cloud, options.methods, options.seed)
+    if options.csv:
+        write(options.csv, as_csv(rows))
+    if options.table:
+        write(options.table, tables(rows, options.methods))
+    else:
+        print(tables(rows, options.methods))
+
+
+if __name__ == "__main__":
+    main()
