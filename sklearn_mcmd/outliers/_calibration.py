@@ -10,9 +10,7 @@ from math import gamma, pi
 import numpy as np
 from scipy.special import ndtri
 
-from sklearn_mcmd.outliers._company import sample_rows
-from sklearn_mcmd.outliers._iteration import IteratedPlanes
-from sklearn_mcmd.outliers._judging import OWN
+from sklearn_mcmd.outliers._cloud import JudgedCloud
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
@@ -30,8 +28,6 @@ MARGIN = 2.0  # in radii of a neighborhood
 # Noise in spacings, found from the planes of so many points in so many steps.
 LEAST_NOISE, MOST_NOISE = 0.01, 2.0
 MATCHED, MATCHING_STEPS = 1_000, 4
-# Search for the cutoff: steps of the share rejected, and halvings of the last.
-STEP, HALVINGS = 1.15, 8
 BATCH = 20_000  # points a batch of planes of their own
 
 
@@ -44,7 +40,7 @@ def calibrated_cutoff(model, settings, rate):
         Of the whole cloud. Its planes also tell how large the noise is against the spacing,
         which matters where it reaches the size of a neighborhood.
     settings : dict
-        Of `IteratedPlanes`.
+        Of `JudgedCloud`.
     rate : float
         Share of points.
 
@@ -55,7 +51,7 @@ def calibrated_cutoff(model, settings, rate):
     Raises
     ------
     ValueError
-        If the rate is less than the simulation resolves, or no cutoff has it.
+        If the rate is less than the simulation resolves.
     """
     d = model.index.points.shape[1]
     compiled = d == 3 and model.index.n_neighbors is not None
@@ -69,70 +65,10 @@ def calibrated_cutoff(model, settings, rate):
         return float(np.quantile(_one_plane(model, settings, n_counted), 1 - rate))
     noise = _matching_noise(model, settings["n_jobs"])
     X, counted = _clean_plane(n_counted, model.index.n_neighbors, d, noise)
-    if not isinstance(settings["noise_scale"], str):
+    if settings["noise_scale"] is not None:
         settings = {**settings, "noise_scale": noise}
-    rehearsal = _Rehearsal(_model_over(model, X), **settings).fit(X)
-    if rehearsal.own_planes_only:
-        return float(np.quantile(rehearsal.scores[counted], 1 - rate))
-    return rehearsal.cutoff_of(rate, counted)
-
-
-class _Rehearsal(IteratedPlanes):
-    """A fitted clean plane whose last verdict can be repeated with any cutoff.
-
-    Planes of neighbors are asked only by points beyond the cutoff. A point is beyond it after
-    that if both its own plane's distance and the least of its neighbors' are, so the least of
-    all, asked by every point, is compared with any cutoff without asking again.
-    """
-
-    def _settle(self, X, order, scores, owners, usual, gaps):
-        self.cutoff = 0.0
-        self.judged = X, order, owners, usual, gaps
-        self.least, _, _ = self._judge_all(X, self.borrow)
-        self.apart = np.zeros(len(X))
-        if self.ruler != OWN:
-            self.apart = self._apart(X, self.fitted.spacing, usual)
-
-    def cutoff_of(self, rate, counted):
-        """Cutoff that flags the share `rate` of the points `counted`, a mask."""
-        least = self.least[counted[self.judged[1]]]
-
-        def flagged(cutoff):
-            X, order, owners, usual, gaps = self.judged
-            self.cutoff = cutoff
-            # As in a verdict: what stands apart does so whatever the cutoff is.
-            scores = np.maximum(self.least, cutoff * self.apart)
-            super(_Rehearsal, self)._settle(X, order, scores, owners, usual, gaps)
-            return np.mean(self.scores[counted] > cutoff)
-
-        apart = flagged(least.max())
-        if apart > rate:
-            raise ValueError(
-                f"false_positive_rate={rate} is out of reach: {apart:.2g} of the points of a clean "
-                "plane stand apart from so few neighbors. Ask for more, or raise n_neighbors."
-            )
-        # Groups that are spared make fewer flagged than rejected, and none if many are: the
-        # share of rejected grows until enough are flagged.
-        share, most = rate / 2, 0.0
-        while share < 1:
-            reached = flagged(np.quantile(least, 1 - share))
-            if reached >= rate:
-                break
-            most, share = max(most, reached), share * STEP
-        else:
-            raise ValueError(
-                f"false_positive_rate={rate} is out of reach: at most {most:.2g} of the points of "
-                "a clean plane are flagged, more keep each other company. Ask for less, or pass "
-                "keep_groups=False."
-            )
-        low, high = share / STEP, share
-        for _ in range(HALVINGS):
-            middle = (low + high) / 2
-            if flagged(np.quantile(least, 1 - middle)) >= rate:
-                high = middle
-            else:
-                low = middle
-        return float(np.quantile(least, 1 - high))
+    rehearsal = JudgedCloud(_model_over(model, X), **settings).fit(X)
+    return float(np.quantile(rehearsal.scores[counted], 1 - rate))
 
 
 def _clean_plane(n_counted, n_neighbors, d, noise):
@@ -176,7 +112,9 @@ def _matching_noise(model, n_jobs):
     """
     n, d = model.index.points.shape
     k = model.index.n_neighbors
-    wanted = _roughness(model, sample_rows(model.index.points, max(1, n // MATCHED)), n_jobs)
+    # Evenly along the first axis, so that neither the order of rows nor the unit matters.
+    sample = np.argsort(model.index.points[:, 0], kind="stable")[:: max(1, n // MATCHED)]
+    wanted = _roughness(model, sample, n_jobs)
     noise = wanted * _radius(k, d)
     for _ in range(MATCHING_STEPS):
         noise = float(np.clip(noise, LEAST_NOISE, MOST_NOISE))
@@ -225,7 +163,7 @@ def _one_plane(model, settings, n_counted):
         sizes = np.full(len(X), n)
         found = _model_over(model, X[0]).fit_rule(X, sizes, model.rounding)
         distances = found.score(X)
-        if not isinstance(settings["noise_scale"], str):
+        if settings["noise_scale"] is not None:
             distances *= found.scale[:, None] / LEAST_NOISE
         scores.append(distances.ravel())
     return np.concatenate(scores)

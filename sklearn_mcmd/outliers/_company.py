@@ -1,176 +1,198 @@
-"""Density: where points lie sparser than the surfaces around, and what keeps company there."""
+"""Company: how far a point that no surface explains stands off from everything real."""
+
+from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-__all__ = ["Company", "DenseSpacing", "group_sizes", "sample_rows"]
+from sklearn_mcmd.planes._around import quantile, ratio
+from sklearn_mcmd.planes._chunks import each_slice
+from sklearn_mcmd.planes._linking import connected
 
-# The surroundings of a point: so many points, or a share of small clouds, thinned to SAMPLE.
-WINDOW, WINDOW_SHARE = 2048, 1 / 16
-SAMPLE = 64
-DENSE = 0.1  # quantile of the spacing that stands for the dense part of the surroundings
-LINKS = 12
-COMPANIONS = 8
-# Rejected points whose own spacing is below so many times that of surfaces are an object's, if
-# they fill a ball, next to what is explained; ...
-COMPANY = 2.5
-# ... at most below so many times if they are thin or flat, ...
-COMPANY_OF_THIN = 4.0
-# ... but not within so many spacings of explained points: there the tails of noise are as flat.
-BESIDE = 1.5
-# Product of the axes over the longest one, of some 100 points in a ball (in three dimensions); and
-# the least to be told from that of a face, which noise and chance give some depth.
-BALL, FLAT = 0.77, 0.1
-# Members of groups looked at at once: what bounds the memory.
-CHUNK = 200_000
-MANTISSA, MIXER = np.uint64(2**52 - 1), np.uint64(0x9E3779B97F4A7C15)
+__all__ = ["Company", "CompanyLimits"]
+
+# Points that ask a tree at once: what bounds the memory.
+CHUNK = 4096
 
 
-class DenseSpacing:
-    """Spacing of the dense part of the surroundings, far wider than a neighborhood.
+class CompanyLimits(NamedTuple):
+    """What keeps company.
 
-    The sheets that mixed pixels make, and uniform outliers where they are among themselves,
-    are as dense as their neighbors: what is sparse shows only against the surfaces around.
+    n_near : int
+        Spacing is the mean distance to this many neighbors.
+    n_usual, usual : int, float
+        What is usual is this quantile of the spacing of the nearest points on surfaces, of this
+        many.
+    reach : float
+        Points of the rest that are within this many usual spacings form a group.
+    n_links : int
+        Neighbors of the rest that are asked for this.
+    """
+
+    n_near: int = 8
+    n_usual: int = 128
+    usual: float = 0.75
+    reach: float = 3.0
+    n_links: int = 16
+
+
+class Company:
+    """The points that no surface explains, the rest: things such as foliage and wires, or errors.
+
+    No plane can tell these apart. What tells is how far a point, or the small group that it
+    belongs to, stands off from everything else, in units of its own size. The size of a point is
+    the usual spacing of the surfaces around. The size of a group is its standard deviation along
+    its longest axis.
 
     Parameters
     ----------
     points : ndarray of float64 of shape (n, d)
         Distinct.
     spacing : ndarray of shape (n,)
-    """
+        Mean distance of each point to its neighbors.
+    explained : ndarray of bool of shape (n,)
+        Points that a surface explains. All others are the rest.
+    least : float
+        A group of this many points is a thing, however far it stands off.
+    limits : CompanyLimits
+    n_jobs : int or None
 
-    def __init__(self, points, spacing):
-        window = min(WINDOW, int(WINDOW_SHARE * len(points)))
-        stride = max(1, window // SAMPLE)
-        rows = sample_rows(points, stride)
-        sample, values = points[rows], spacing[rows]
-        self.tree = cKDTree(sample)
-        n_near = min(SAMPLE, len(sample))
-        _, near = self.tree.query(sample, n_near)
-        position = int(DENSE * n_near)
-        near = values[near.reshape(len(sample), n_near)]
-        self.values = np.partition(near, position, axis=1)[:, position]
-
-    def around(self, queries):
-        """Dense spacing around queries (m, d)."""
-        return self.values[self.tree.query(queries)[1]]
-
-
-class Company:
-    """Rejected points among themselves: what is dense and many is an object, not outliers.
-
-    Foliage, thin objects, strips of surface and what stands out of one have no plane that explains
-    them, but they lie together nearly as densely as surfaces do. Outliers don't, or in small
-    groups; only where they are many, as in the sheets of mixed pixels behind edges, chance brings
-    them as close. But they scatter to all sides, away from what is explained. So the rounder the
-    group is, and the farther from explained points, the closer its points have to be.
-
-    Parameters
+    Attributes
     ----------
-    points : ndarray of shape (n, d)
-        The rejected.
-    n_neighbors : int
-        Of the neighborhoods whose spacing company is compared with.
-    n_group : int
-        Size of the group whose shape is seen, the least that may be an object.
-    alone : ndarray of bool of shape (n,)
-        Who belongs to a small group, which is no company.
+    isolation, separation : ndarray of shape (n,)
+        See `measure`; 0 for points that a surface explains.
     """
 
-    def __init__(self, points, n_neighbors, n_group, alone):
-        n, d = points.shape
-        self.points, self.alone = points, alone
-        self.n_near = COMPANIONS + 1
-        self.n_group = min(max(n_group, self.n_near), n)
-        self.tree = cKDTree(points) if n > self.n_near else None
-        # From the mean distance of k points of a surface to that of a few.
-        self.per_neighborhood = (COMPANIONS / n_neighbors) ** (1 / (d - 1))
+    def __init__(self, points, spacing, explained, least, limits, n_jobs):
+        self.limits = limits
+        self.extent = float(np.linalg.norm(np.ptp(points, axis=0)))
+        reference = explained if explained.any() else np.ones(len(points), dtype=bool)
+        self.reference_spacing = spacing[reference]
+        self.reference_tree = cKDTree(points[reference])
+        self.isolation, self.separation = np.zeros(len(points)), np.zeros(len(points))
+        rest = np.flatnonzero(~explained)
+        self.points = points[rest]
+        if len(rest) == 0:
+            return
+        self.tree = cKDTree(self.points)
+        n_links = max(limits.n_links, limits.n_near)
+        distances, near = _nearest(self.tree, self.points, n_links + 1, n_jobs)
+        self.usual = self._usual(self.points, n_jobs)
+        self.spacing = self._mean_distance(distances[:, 1:])
+        self.isolation[rest] = self._isolated(self.spacing, spacing[rest], self.usual)
+        steps = self._steps(self.spacing, self.usual, distances[:, 1:], near[:, 1:])
+        linked = np.where(steps <= limits.reach, near[:, 1:], np.arange(len(rest))[:, None])
+        groups, sizes = connected(linked.astype(np.int32), compiled=len(rest) >= CHUNK)
+        small = sizes < least
+        if not explained.any():
+            small &= sizes < sizes.max()
+        real = np.vstack([points[explained], self.points[~small[groups]]])
+        self.real_tree = cKDTree(real)
+        self.group_separation = self._separated(groups, small, n_jobs)
+        self.separation[rest] = self.group_separation
 
-    def isolation(self, queries, usual_spacing, gaps):
-        """How far queries (m, d) are from having company, up to 1 they have: (m,).
+    def measure(self, queries, spacing, n_jobs=None):
+        """How far new points stand off, each as if it were alone added to the cloud.
 
         Parameters
         ----------
-        queries : ndarray of shape (m, d)
-        usual_spacing : ndarray of shape (m,)
-            Of the surfaces around.
-        gaps : ndarray of shape (m,)
-            Distance of the nearest retained point.
+        queries : ndarray of float64 of shape (m, d)
+        spacing : ndarray of shape (m,)
+            Mean distance to their nearest neighbors of all points.
+        n_jobs : int, default=None
+
+        Returns
+        -------
+        isolation : ndarray of shape (m,)
+            Spacing among the rest and among all points, over the usual one; what keeps company
+            has about 1.
+        separation : ndarray of shape (m,)
+            Gap between the query, with the small group that it belongs to, and what is real, over
+            their size. 0 for what belongs to a large group.
         """
-        if self.tree is None:
-            return np.full(len(queries), np.inf)
-        distances, near = self.tree.query(queries, self.n_near)
-        step = self.per_neighborhood * usual_spacing
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            spacing, gaps = distances[:, 1:].mean(axis=1) / step, gaps / step
-            limit = np.where(gaps <= BESIDE, COMPANY, COMPANY_OF_THIN)
-            isolation = spacing / limit
-        isolation[self.alone[near[:, 0]] | np.isnan(isolation)] = np.inf
-        rows = np.flatnonzero(isolation <= 1)
-        at_once = max(1, CHUNK // self.n_group)
-        for part in (rows[i : i + at_once] for i in range(0, len(rows), at_once)):
-            _, group = self.tree.query(queries[part], self.n_group)
-            fullness = _fullness(self.points[group])
-            stricter = np.sqrt(fullness * np.sqrt(np.maximum(gaps[part], 1.0)))
-            # A root, so that what no plane explains ranks above most of what one does, kept or not.
-            isolation[part] = (spacing[part] * stricter / COMPANY) ** 0.25
-        return isolation
+        usual = self._usual(queries, n_jobs)
+        if len(self.points) == 0:
+            among_rest = np.full(len(queries), self.extent)
+            gaps = _nearest(self.reference_tree, queries, 1, n_jobs)[0][:, 0]
+            return self._isolated(among_rest, spacing, usual), ratio(gaps, usual)
+        distances, near = _nearest(self.tree, queries, self.limits.n_near, n_jobs)
+        among_rest = self._mean_distance(distances)
+        steps = self._steps(among_rest, usual, distances[:, :1], near[:, :1])[:, 0]
+        gaps = _nearest(self.real_tree, queries, 1, n_jobs)[0][:, 0]
+        joins = steps <= self.limits.reach
+        separation = np.where(joins, self.group_separation[near[:, 0]], ratio(gaps, usual))
+        return self._isolated(among_rest, spacing, usual), separation
+
+    def _usual(self, queries, n_jobs):
+        """Spacing that is usual on the surfaces around queries."""
+        n_usual = min(self.limits.n_usual, len(self.reference_spacing))
+        usual = np.empty(len(queries))
+
+        def task(rows):
+            _, near = self.reference_tree.query(queries[rows], k=n_usual)
+            values = self.reference_spacing[near.reshape(-1, n_usual)]
+            usual[rows] = quantile(values, np.ones_like(values, dtype=bool), self.limits.usual)
+
+        each_slice(len(queries), CHUNK, task, n_jobs)
+        return usual
+
+    def _mean_distance(self, distances):
+        """Mean distance to the nearest of the rest; where there are none, the cloud's extent."""
+        near = distances[:, : self.limits.n_near]
+        return np.minimum(near, max(self.extent, np.finfo(float).tiny)).mean(axis=1)
+
+    @staticmethod
+    def _isolated(among_rest, among_all, usual):
+        """Twice as much weight on the rest: surfaces are poor company for what lies off them."""
+        return ratio(np.cbrt(among_rest * among_rest * among_all), usual)
+
+    def _steps(self, among_rest, usual, distances, near):
+        """Distances to neighbors of the rest in usual spacings, at least both's own spacings."""
+        known = near < len(self.points)  # a tree answers with its size where it has no more
+        near = np.where(known, near, 0)
+        own = ratio(among_rest, usual)[:, None]
+        other = ratio(self.spacing, self.usual)[near]
+        steps = ratio(distances, np.minimum(usual[:, None], self.usual[near]))
+        return np.where(known, np.maximum(steps, np.maximum(own, other)), np.inf)
+
+    def _separated(self, groups, small, n_jobs):
+        """Gap of each point's group over the size of the group, 0 if that is large."""
+        rows = np.flatnonzero(small[groups])
+        separation = np.zeros(len(groups))
+        if len(rows) == 0:
+            return separation
+        _, group, sizes = np.unique(groups[rows], return_inverse=True, return_counts=True)
+        gaps = np.full(len(sizes), np.inf)
+        np.minimum.at(gaps, group, _nearest(self.real_tree, self.points[rows], 1, n_jobs)[0][:, 0])
+        size = np.bincount(group, self.usual[rows]) / sizes
+        several = sizes[group] > 1
+        size = np.maximum(size, _longest_deviation(self.points[rows], group, sizes, several))
+        separation[rows] = ratio(gaps, size)[group]
+        return separation
 
 
-def _fullness(groups):
-    """How much of a ball around them groups of points (m, k, d) fill: a ball 1, thin ones less."""
-    deviations = groups - groups.mean(axis=1, keepdims=True)
-    squares = np.linalg.eigvalsh(deviations.swapaxes(1, 2) @ deviations)
-    axes = np.sqrt(np.maximum(squares, 0.0) / squares[:, -1:])
-    return np.maximum(axes.prod(axis=1), FLAT) / BALL
+def _longest_deviation(points, group, sizes, several):
+    """Standard deviation of each group along its longest axis."""
+    d = points.shape[1]
+    covariance = np.zeros((len(sizes), d, d))
+    centers = np.stack([np.bincount(group, points[:, i]) / sizes for i in range(d)], axis=1)
+    away = points - centers[group]
+    for i in range(d):
+        for j in range(i + 1):
+            covariance[:, i, j] = np.bincount(group, away[:, i] * away[:, j]) / sizes
+    longest = np.zeros(len(sizes))
+    rows = np.unique(group[several])
+    longest[rows] = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance[rows])[:, -1], 0.0))
+    return longest
 
 
-def group_sizes(points, rows, neighbors, compiled):
-    """Size of the group of each of some points, of those that are near neighbors mutually.
+def _nearest(tree, queries, k, n_jobs):
+    """Distances and rows (m, k) of the nearest points; inf and the tree's size beyond its last."""
+    distances, near = np.empty((len(queries), k)), np.empty((len(queries), k), dtype=np.int64)
 
-    Parameters
-    ----------
-    points : ndarray of float64 of shape (n, d)
-    rows : ndarray of int of shape (m,)
-        The points that are neighbors of each other.
-    neighbors : ndarray of int of shape (n, k)
-        Rows, nearest first, the point itself before the others.
-    compiled : bool
+    def task(rows):
+        found = tree.query(queries[rows], k=k)
+        distances[rows], near[rows] = (part.reshape(-1, k) for part in found)
 
-    Returns
-    -------
-    sizes : ndarray of int of shape (m,)
-    """
-    n_links = min(LINKS, neighbors.shape[1] - 1)
-    if compiled:
-        from sklearn_mcmd.outliers._groups_numba import label_groups
-
-        labels = np.zeros(len(points), dtype=np.int64)
-        label_groups(points, rows, neighbors, n_links, labels)
-    else:
-        others = neighbors[rows, 1 : n_links + 1]
-        distances = np.linalg.norm(points[others] - points[rows][:, None], axis=2)
-        reach = np.zeros(len(points))
-        reach[rows] = distances[:, -1]
-        mutual = distances <= reach[others]
-        links = np.repeat(rows, mutual.sum(axis=1)), others[mutual]
-        ones = np.ones(len(links[0]), dtype=np.int8)
-        graph = coo_array((ones, links), shape=(len(points), len(points)))
-        labels = connected_components(graph, directed=False)[1]
-    return np.bincount(labels[rows], minlength=1)[labels[rows]]
-
-
-def sample_rows(points, stride):
-    """About one in `stride` points, by a hash of the coordinates.
-
-    So the sample depends neither on the order of rows nor on a unit that is a power of two.
-    """
-    mixed = np.zeros(len(points), dtype=np.uint64)
-    for column in points.T:
-        mantissa = np.ascontiguousarray(column).view(np.uint64) & MANTISSA
-        mixed = (mixed ^ mantissa) * MIXER
-        mixed ^= mixed >> np.uint64(29)
-    rows = np.flatnonzero((mixed * MIXER >> np.uint64(33)) % np.uint64(stride) == 0)
-    return rows if len(rows) >= SAMPLE else np.arange(len(points))
+    each_slice(len(queries), CHUNK, task, n_jobs)
+    return distances, near

@@ -8,14 +8,14 @@ import numpy as np
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd._validation import FittedScoresMixin
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff
-from sklearn_mcmd.outliers._iteration import IteratedPlanes
+from sklearn_mcmd.outliers._cloud import JudgedCloud
 from sklearn_mcmd.planes._base import BasePlaneOutliers
 from sklearn_mcmd.planes._progress import listen_to_progress, progress_part
 
 __all__ = ["MCMDOutlierDetector"]
 
-# Of the least of several distances and the greatest of two criteria.
-JOINT_CUTOFF = 3.0
+# Standard deviations off the surfaces, and own sizes away from everything real.
+CUTOFF = 3.0
 
 
 class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
@@ -28,6 +28,23 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
     of least squares, this plane does not follow outliers while they are fewer than half of the
     neighbors.
 
+    The paper judges each point by that plane alone. On whole clouds this is weak: what lies in
+    foliage, on a wire or next to an edge has no good plane of its own, and outliers that lie
+    together have one. The default therefore asks three questions:
+
+    1. **Is the point on a surface?** A surface is a large connected set of points whose flat
+       planes explain each other. Its density plays no part. The distance to the nearest such
+       plane is measured in standard deviations of its noise.
+    2. **Is the point isolated?** The points that no surface explains are the rest: foliage,
+       wires, small things, and errors. A point of the rest is isolated by its distance to
+       its neighbors, in usual spacings of the surfaces around.
+    3. **Does its group stand off?** Points of the rest near each other form groups. A small group
+       stands off by its gap to everything real, in sizes of its own. Its size is the standard
+       deviation along its longest axis.
+
+    The score is the least of the answers that excuses the point, so 3 means: three standard
+    deviations off the surfaces, and three of its own sizes away from anything that is real.
+
     Parameters
     ----------
     n_neighbors : int or None, default=50
@@ -36,9 +53,23 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         the paper). Take None for data that are one plane.
 
     method : {"mcmd_z", "mcmd_md"}, default="mcmd_z"
-        How the distance of a point is measured. "mcmd_z" takes the robust z-score of its
+        How a plane leaves out its outliers. "mcmd_z" takes the robust z-score of the
         orthogonal distance to the plane (Algorithm 2). "mcmd_md" takes the robust Mahalanobis
-        distance (Algorithm 3), which also flags points far from the center within the plane.
+        distance (Algorithm 3), which also leaves out points far from the center within the
+        plane. With ``strictness=None`` that is the verdict, too.
+
+    strictness : {"isolated", "groups", "surfaces"} or None, default="groups"
+        What is taken for an outlier:
+
+        - "isolated": single points and pairs that stand off from everything;
+        - "groups": small groups that stand off as well, such as ghosts of a few dozen points,
+          birds or dust. Foliage, wires and small things that touch others are kept;
+        - "surfaces": everything that lies on no surface. For streets, facades and rooms of which
+          only the faces are wanted. Foliage, wires and thin posts go;
+        - None: as in the paper, every point by the plane of its own neighborhood alone.
+
+        Each is stricter than the one before. With ``n_neighbors=None`` there is one plane, and
+        no such question.
 
     support_fraction : float in (0, 1] or "auto", default=0.5
         Share of a neighborhood that forms the consistent set, ``h = ceil(support_fraction *
@@ -57,53 +88,30 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         trials, together with `outlier_rate`.
 
     cutoff : float, default=None
-        Robust distance beyond which a point is an outlier. None means 3, or with
-        ``noise_scale="own"`` 2.5 for "mcmd_z" and the root of the 0.975 quantile of chi-squared
-        with ``n_features`` degrees of freedom for "mcmd_md" (3.0575 in 3D).
+        Score beyond which a point is an outlier. None means 3, or with ``strictness=None`` 2.5
+        for "mcmd_z" and the root of the 0.975 quantile of chi-squared with ``n_features``
+        degrees of freedom for "mcmd_md" (3.0575 in 3D). 10 asks for gross errors only: ten
+        standard deviations off the surfaces, and ten usual spacings from any company.
 
     false_positive_rate : float in (0, 0.5), default=None
         Share of the points of a clean plane with Gaussian noise that may be flagged, at least
         1e-4 in 3D and 1e-3 otherwise. A simulation with the same settings and about the noise
-        of X finds the cutoff. `cutoff` must then be None. The rate holds far from edges, and
-        for no deviation but noise.
+        of X finds the cutoff. The rate holds far from edges, and for no deviation but noise.
+
+    contamination : float in (0, 0.5], default=None
+        Share of the fitted points to flag: those of the worst scores. At most one of `cutoff`,
+        `false_positive_rate` and `contamination` may be given.
 
     refine : {"reweight"} or None, default="reweight"
         "reweight" refits plane and scale twice to the neighbors within 2.5 robust standard
         deviations. It keeps regular points that "mcmd_md" would lose, gives more accurate
         planes, and needs no knowledge of the outlier rate. None is the paper's form.
 
-    max_iter : int, default=3
-        Largest number of passes over the cloud. The first pass judges points by the whole cloud
-        and retains the seeds, which are sure to be on a surface. Each later pass fits planes
-        among the retained points and judges all points again, so the retained set grows back
-        along the surfaces. The passes end when that set settles. 1 is one pass over all points.
-
-    noise_scale : {"local", "own", "pooled"} or float, default="local"
-        The standard deviation by which the distance to a plane is measured:
-
-        - "local": that of the plane itself if the plane is credible, otherwise the usual one
-          among the neighbors. For any cloud, curved, sparse or with foliage;
-        - "own": that of the point's own neighborhood in any case, as in the paper;
-        - "pooled": one for all points, the median of the retained points' planes. It is the
-          most sensitive, but only for clouds of one noise and flat faces: it flags curvature,
-          foliage and coarse spacing;
-        - a number: the scanner's standard deviation, in units of X; otherwise as "pooled". It
-          is the same thing as `sigma0` of `BaardaPlaneDetector`, the geodesists' name for it.
-
-        All but "own" also flag points that stand apart: their neighbors are, on average, more
-        than 2.4 times as far as is usual among these neighbors. They do not retain points that
-        are sparser than the surfaces around them, or that form small groups.
-
-    borrow : bool, default=True
-        Whether a point beyond the cutoff of its own plane is measured by the nearest credible
-        plane of its neighbors instead. Next to an edge, most of its own neighborhood may lie on
-        the other face.
-
-    keep_groups : bool or "auto", default="auto"
-        Whether groups of points that no plane explains are kept if they are nearly as dense as
-        the surfaces and not small: foliage, thin objects, small faces. Thin and flat groups may
-        be sparser. Groups far from explained points must be denser. "auto" keeps groups with
-        ``noise_scale="local"`` only.
+    noise_scale : float, default=None
+        The scanner's standard deviation, in units of X, by which distances to planes are then
+        measured. It is the same thing as `sigma0` of `BaardaPlaneDetector`, the geodesists' name
+        for it. None measures each plane by the noise of its own neighborhood. That also
+        holds where noise grows with the range, and on curved surfaces.
 
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of trials that all neighborhoods use.
@@ -120,6 +128,14 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
     scores_ : ndarray of shape (n_samples,)
         ``score_samples`` of the fitted points.
 
+    on_surface_ : ndarray of bool of shape (n_samples,)
+        Whether a surface explains each fitted point, at 3 standard deviations. The others are
+        the rest, which is judged by its company.
+
+    plane_index_ : ndarray of int of shape (n_samples,)
+        The row whose plane measured each fitted point: the point's own row, or that of the
+        neighbor on a surface that lent its plane.
+
     n_neighbors_ : int
         Size of a neighborhood: `n_neighbors`, or the number of samples if that is smaller.
 
@@ -129,17 +145,6 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
     n_trials_ : int
         Minimal subsets tried in each neighborhood (I_t), 69 with the defaults in 3D. The
         number doubles with each dimension; beyond 3D it is limited to 300, with a warning.
-
-    n_iter_ : int
-        Passes made.
-
-    noise_scale_ : float
-        The one standard deviation of the noise, in units of X. It is estimated if `noise_scale`
-        is "pooled", or as given. Absent if each neighborhood has its own.
-
-    plane_index_ : ndarray of int of shape (n_samples,)
-        The row whose plane measured each fitted point: the point's own row, or that of the
-        neighbor that lent its plane.
 
     n_features_in_ : int
         Number of features seen during `fit`.
@@ -155,30 +160,31 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
 
     Notes
     -----
-    `predict` scores new points against the fitted cloud, by the plane of the query's
-    `n_neighbors` nearest points of the cloud. So ``fit_predict(X)`` equals
+    ``MCMDOutlierDetector(refine=None, strictness=None)`` is the paper's form. It is weak on whole
+    clouds: an isolated outlier has neighbors far apart, so the scale is large and it passes.
+
+    There is one pass over the cloud, and no threshold depends on the verdict. The score is a
+    continuous function of the coordinates almost everywhere: moving, turning or scaling the cloud
+    changes it by rounding errors only.
+
+    `predict` scores new points by the surfaces and the rest of the fitted cloud, each as if it
+    alone were added. A point of the fitted cloud keeps its score, so ``fit_predict(X)`` equals
     ``fit(X).predict(X)``.
 
-    ``MCMDOutlierDetector(refine=None, max_iter=1, noise_scale="own", borrow=False)`` is the
-    paper's form. It is weak on whole clouds. The neighbors of an isolated outlier come from far
-    apart, so the scale is large and the outlier passes. Outliers that lie together are planes to
-    each other. The default asks more: a point is an inlier if a credible plane explains it, its
-    own or a neighbor's, or if it lies in a dense group of such points. With ``n_neighbors=None``
-    there is one pass and one plane. Only a number as `noise_scale` replaces the plane's scale.
+    A surface has at least as many points as a neighborhood, and a group of twice as many is a
+    thing, however far it stands off. In clouds of fewer than ``10 * n_neighbors`` points
+    a fifth of the cloud will do. Where there is no surface at all, every point is judged by its
+    company, also with ``strictness="surfaces"``.
 
     A neighborhood of exactly coplanar points has no scale. The rounding error of the coordinates
     is taken instead, and any point visibly off the plane is an outlier with a very large but
     finite distance. If the coordinates are rounded to a step, as in a file in centimeters, half
-    a step is the least scale, so one step is no outlier. Copies of a point count once in a
-    neighborhood. Points on one line or at one location are inliers among themselves, and a query
-    away from them is an outlier. If the cloud holds fewer than `n_neighbors` distinct points, all
-    of them are used, with a warning.
+    a step is the least scale, so one step is no outlier. Copies of a point count once. If the
+    cloud holds fewer than `n_neighbors` distinct points, all of them are used, with a warning.
 
     The time grows as ``n_samples * n_trials_ * n_neighbors`` and as ``n_samples *
-    log(n_samples)`` for the search, in each pass for the neighborhoods that have changed. In
-    `fit` the memory beyond the cloud is about ``290 + 4 * n_neighbors`` bytes a point, 490 MB
-    for a million; with ``noise_scale="own"`` in one pass it is bounded. In 3D and from
-    1,000 points on the work is done by compiled code.
+    log(n_samples)`` for the search. In `fit` the memory beyond the cloud is about ``MEMORY + 4 *
+    n_neighbors`` bytes a point. In 3D and from 1,000 points on the work is done by compiled code.
 
     References
     ----------
@@ -205,14 +211,10 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
     _parameter_constraints: ClassVar[dict] = {
         **BasePlaneOutliers._parameter_constraints,
         "method": [StrOptions({"mcmd_z", "mcmd_md"})],
-        "max_iter": [Interval(Integral, 1, None, closed="left")],
-        "noise_scale": [
-            StrOptions({"own", "local", "pooled"}),
-            Interval(Real, 0, None, closed="neither"),
-        ],
-        "borrow": ["boolean"],
+        "strictness": [StrOptions({"isolated", "groups", "surfaces"}), None],
+        "noise_scale": [Interval(Real, 0, None, closed="neither"), None],
         "false_positive_rate": [Interval(Real, 0, 0.5, closed="neither"), None],
-        "keep_groups": ["boolean", StrOptions({"auto"})],
+        "contamination": [Interval(Real, 0, 0.5, closed="right"), None],
     }
 
     def __init__(
@@ -220,31 +222,29 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         n_neighbors=50,
         *,
         method="mcmd_z",
+        strictness="groups",
         support_fraction=0.5,
         outlier_rate=0.5,
         success_probability=0.9999,
         cutoff=None,
         false_positive_rate=None,
+        contamination=None,
         refine="reweight",
-        max_iter=3,
-        noise_scale="local",
-        borrow=True,
-        keep_groups="auto",
+        noise_scale=None,
         random_state=None,
         n_jobs=None,
     ):
         self.n_neighbors = n_neighbors
         self.method = method
+        self.strictness = strictness
         self.support_fraction = support_fraction
         self.outlier_rate = outlier_rate
         self.success_probability = success_probability
         self.cutoff = cutoff
         self.false_positive_rate = false_positive_rate
+        self.contamination = contamination
         self.refine = refine
-        self.max_iter = max_iter
         self.noise_scale = noise_scale
-        self.borrow = borrow
-        self.keep_groups = keep_groups
         self.random_state = random_state
         self.n_jobs = n_jobs
 
@@ -266,50 +266,47 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         Raises
         ------
         ValueError
-            If X has NaN, infinite or too few values, or `n_neighbors` is too small; if
-            `cutoff` and `false_positive_rate` are both given, or the rate is out of reach.
+            If X has NaN, infinite or too few values, or `n_neighbors` is too small; if more
+            than one of `cutoff`, `false_positive_rate` and `contamination` is given, or the
+            rate is out of reach.
         """
-        if self.cutoff is not None and self.false_positive_rate is not None:
+        given = {
+            name: getattr(self, name)
+            for name in ("cutoff", "false_positive_rate", "contamination")
+            if getattr(self, name) is not None
+        }
+        if len(given) > 1:
             raise ValueError(
-                f"cutoff={self.cutoff} and false_positive_rate={self.false_positive_rate} exclude "
-                "each other: leave one of them None."
+                " and ".join(f"{name}={value}" for name, value in given.items())
+                + " exclude each other: leave all but one of them None."
             )
         X = self._fit_planes(X)
-        cutoff = self._cutoff
-        own_ruler = self.noise_scale == "own" or (
-            self.n_neighbors is None and self.noise_scale == "local"
-        )
-        if self.cutoff is None and not own_ruler:
-            cutoff = JOINT_CUTOFF
-        keep_groups = self.keep_groups
-        if keep_groups == "auto":
-            keep_groups = self.noise_scale == "local"
         settings = {
+            "strictness": self.strictness,
             "noise_scale": self.noise_scale,
-            "borrow": self.borrow,
-            "keep_groups": keep_groups,
-            "cutoff": cutoff,
-            "max_iter": self.max_iter,
             "n_jobs": self.n_jobs,
         }
         begin = 0.0
+        cutoff = self._cutoff
+        if self.cutoff is None and self.strictness is not None and self.n_neighbors is not None:
+            cutoff = CUTOFF
         if self.false_positive_rate is not None:
             begin = 0.5  # for the display of progress
             with progress_part(0.0, begin, "cutoff by simulation"), listen_to_progress(None):
                 cutoff = calibrated_cutoff(self._model, settings, self.false_positive_rate)
-        self._cloud = IteratedPlanes(self._model, verdict=cutoff, **settings)
+        self._cloud = JudgedCloud(self._model, **settings)
         with progress_part(begin, 1.0, "outliers"):
             self._cloud.fit(X.astype(np.float64, copy=False))
-        self.n_iter_ = self._cloud.n_iter
-        if self._cloud.noise_scale_found is not None:
-            self.noise_scale_ = self._cloud.noise_scale_found
         self.plane_index_ = self._cloud.plane_index
+        self.on_surface_ = self._cloud.on_surface
         self.scores_ = -self._cloud.scores
         self.offset_ = -cutoff
+        if self.contamination is not None:
+            self.offset_ = float(np.percentile(self.scores_, 100 * self.contamination))
         return self
 
     def score_samples(self, X):
-        """Opposite of the robust distance of each point to the plane of its neighborhood.
+        """Opposite of how far each point is off the surfaces and stands off from all else.
 
         Parameters
         ----------
@@ -318,8 +315,11 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         Returns
         -------
         scores : ndarray of shape (n_samples,)
-            In standard deviations of the plane's noise; at most 0, the lower, the more
-            abnormal. Robust z-score (Eq. 17) or Mahalanobis distance (Eq. 18), negative.
+            At most 0; the lower, the more abnormal. Down to -3 the point is on a surface, or
+            keeps company. -10 means ten standard deviations off the surfaces and ten usual
+            spacings, or sizes of its group, away from what is real; -100 is a gross error.
+            With ``strictness=None`` the robust z-score (Eq. 17) or Mahalanobis distance
+            (Eq. 18), negative.
         """
         return super().score_samples(X)
 

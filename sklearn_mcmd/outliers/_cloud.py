@@ -1,0 +1,195 @@
+"""A fitted cloud that scores its own points and new ones: planes, then surfaces, then the rest."""
+
+import numpy as np
+
+from sklearn_mcmd.outliers._company import Company, CompanyLimits
+from sklearn_mcmd.outliers._surfaces import (
+    SurfaceLimits,
+    distances_to_surfaces,
+    find_surfaces,
+    own_distances,
+)
+from sklearn_mcmd.planes._around import extents, ratio
+from sklearn_mcmd.planes._chunks import each_chunk, each_slice
+from sklearn_mcmd.planes._progress import progress_part
+from sklearn_mcmd.planes._record import Neighborhoods, Planes
+
+__all__ = ["JudgedCloud"]
+
+CHUNK = {True: 4096, False: 256}  # rows a task, compiled or not
+# A surface has as many points as a neighborhood, a thing as many as two; or this share of a
+# small cloud.
+SURFACE, THING, LEAST_SHARE = 1, 2, 1 / 5
+FITTING = 0.85  # share of the time that planes take, for the display of progress
+
+
+class JudgedCloud:
+    """A cloud whose points are scored by its surfaces and by the company that they keep.
+
+    Parameters
+    ----------
+    model : LocalPlaneModel
+    strictness : {"isolated", "groups", "surfaces"} or None
+        None scores each point by the plane of its own neighborhood.
+    noise_scale : float or None
+        Standard deviation of the noise, in the place of each plane's own.
+    n_jobs : int or None
+
+    Attributes
+    ----------
+    scores : ndarray of shape (n,)
+        Of the fitted cloud; the larger, the more abnormal.
+    plane_index : ndarray of int of shape (n,)
+        The row whose plane explains the point best, its own if none does.
+    on_surface : ndarray of bool of shape (n,)
+    """
+
+    def __init__(self, model, *, strictness, noise_scale, n_jobs):
+        self.model = model
+        self.own_planes_only = strictness is None or model.index.n_neighbors is None
+        self.strictness = strictness
+        self.noise_scale = noise_scale
+        self.n_jobs = n_jobs
+        self.surface_limits = SurfaceLimits()
+        self.company_limits = CompanyLimits()
+
+    def fit(self, X):
+        """Score the points X (n, d), those that the model has indexed."""
+        if self.own_planes_only:
+            self.scores, self.plane_index = self._score_by_own_planes(X), np.arange(len(X))
+            self.on_surface = self.scores <= self.surface_limits.explained
+            return self
+        index = self.model.index
+        with progress_part(0.0, FITTING):
+            neighbors, planes, spacing = self._fit_planes()
+        with progress_part(FITTING, 1.0):
+            self._find_surfaces(neighbors, planes)
+            n, k = neighbors.indices.shape
+            self.company = Company(
+                index.points, spacing, self.explained, min(THING * k, LEAST_SHARE * n),
+                self.company_limits, self.n_jobs,
+            )  # fmt: skip
+        self.point_scores = self._joined(
+            self.distances, self.company.isolation, self.company.separation, index.points
+        )
+        first = np.empty(len(X), dtype=np.intp)
+        if n == len(X):
+            first[index.rows] = np.arange(n)
+        else:
+            first = index.nearest(X)
+        self.scores = self.point_scores[first]
+        self.on_surface = self.explained[first]
+        self.plane_index = index.rows[self.owners[first]]
+        del self.owners, self.distances
+        return self
+
+    def score(self, queries):
+        """Scores of queries (m, d), each as if it alone were added to the cloud.
+
+        A query that is a point of the cloud has the score of that point.
+        """
+        if self.own_planes_only:
+            return self._score_by_own_planes(queries)
+        index, precision = self.model.index, np.finfo(queries.dtype).eps
+        queries = np.ascontiguousarray(queries, dtype=np.float64)
+        scores = np.empty(len(queries))
+
+        def task(rows):
+            part = queries[rows]
+            around = index.query(part)
+            first = around.indices[:, 0]
+            scores[rows] = self.point_scores[first]
+            new = np.flatnonzero((part != index.points[first]).any(axis=1))
+            if len(new):
+                scores[rows[new]] = self._score_new(part[new], around.take(new), precision)
+
+        each_chunk(queries, CHUNK[self.model.ready()], task, self.n_jobs)
+        return scores
+
+    def _score_new(self, queries, around, precision):
+        floor = self._floor(queries, precision)
+        _, distances = distances_to_surfaces(
+            queries, around, self.planes, self.explaining, floor, self.model.ready(), None
+        )
+        n_near = min(self.company_limits.n_near, around.indices.shape[1])
+        spacing = self._spacing(queries, around.indices[:, :n_near])
+        isolation, separation = np.zeros(len(queries)), np.zeros(len(queries))
+        rest = np.flatnonzero(distances > self.surface_limits.explained)
+        if len(rest):
+            isolation[rest], separation[rest] = self.company.measure(queries[rest], spacing[rest])
+        return self._joined(distances, isolation, separation, queries)
+
+    def _score_by_own_planes(self, X):
+        planes, distances = self.model.evaluate(X, n_jobs=self.n_jobs)
+        if self.noise_scale is not None:
+            distances = ratio(distances * planes.scale, self.noise_scale)
+        return distances
+
+    def _fit_planes(self):
+        """Neighborhoods, planes and spacing of all points of the index."""
+        index = self.model.index
+        n, d = index.points.shape
+        neighbors = np.empty((n, index.n_neighbors), dtype=np.int32)
+        planes, spacing = Planes.empty(n, d), np.empty(n)
+        n_near = min(self.company_limits.n_near + 1, index.n_neighbors)
+
+        def task(rows):
+            part = index.points[rows]
+            around = index.query(part)
+            planes.put(rows, self.model.evaluate_neighborhoods(part, around)[0])
+            neighbors[rows] = around.indices
+            # The point itself, at no distance, is no neighbor.
+            mean = self._spacing(part, around.indices[:, :n_near])
+            spacing[rows] = mean * (n_near / (n_near - 1))
+
+        each_slice(n, CHUNK[self.model.ready()], task, self.n_jobs)
+        return Neighborhoods(neighbors, np.full(n, index.n_neighbors)), planes, spacing
+
+    def _find_surfaces(self, neighbors, planes):
+        """What explains points, which points it explains, and how far from it they are."""
+        points, compiled = self.model.index.points, self.model.ready()
+        n, k = neighbors.indices.shape
+        floor, limits = self._floor(points, 0.0), self.surface_limits
+        own = own_distances(points, self._measured(planes), floor)
+        least = min(SURFACE * k, LEAST_SHARE * n)
+        self.explaining = find_surfaces(points, neighbors, planes, own, least, limits, compiled)
+        self.planes = self._measured(planes)
+        self.owners, self.distances = np.arange(n), own
+        others = np.flatnonzero(~self.explaining)
+        owners, distances = distances_to_surfaces(
+            points[others], neighbors.take(others), self.planes, self.explaining, floor[others],
+            compiled, self.n_jobs,
+        )  # fmt: skip
+        self.distances[others] = distances
+        self.owners[others] = np.where(owners < 0, others, owners)
+        self.explained = self.distances <= limits.explained
+
+    def _measured(self, planes):
+        """The planes, with the noise that is known for certain in the place of their own."""
+        if self.noise_scale is None:
+            return planes
+        return planes._replace(scale=np.full(len(planes.scale), self.noise_scale))
+
+    def _floor(self, queries, precision):
+        return max(self.model.rounding, 8 * precision) * np.abs(queries).max(axis=1)
+
+    def _spacing(self, queries, near):
+        around = Neighborhoods(np.ascontiguousarray(near), np.full(len(near), near.shape[1]))
+        return extents(self.model.index.points, queries, around, self.model.ready())[0]
+
+    def _joined(self, distances, isolation, separation, points):
+        """One score: a point is as wrong as the best of its excuses leaves it."""
+        apart = isolation
+        if self.strictness != "isolated":
+            apart = np.maximum(isolation, separation)
+        if self.strictness != "surfaces" or not self.explained.any():
+            rest = distances > self.surface_limits.explained
+            return np.where(rest, np.minimum(distances, apart), distances)
+        scores = distances.copy()
+        lost = np.flatnonzero(np.isinf(distances))  # which no plane of a surface reaches
+        if len(lost):
+            rows = np.flatnonzero(self.explained)
+            gaps, near = self.company.reference_tree.query(points[lost])
+            beside = ratio(gaps, self.planes.scale[rows[near]])
+            scores[lost] = np.maximum(beside, apart[lost])
+        return scores

@@ -1,0 +1,118 @@
+"""Surfaces: large connected parts of flat planes that explain each other, of any density."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sklearn_mcmd.planes._chunks import each_slice
+from sklearn_mcmd.planes._explaining import ExplainLimits, explain
+from sklearn_mcmd.planes._linking import LinkLimits, connected, link_planes
+from sklearn_mcmd.planes._record import Neighborhoods
+
+__all__ = ["SurfaceLimits", "distances_to_surfaces", "find_surfaces", "own_distances"]
+
+# Points whose neighbors' planes are asked at once: what bounds the memory.
+CHUNK = {True: 4096, False: 256}
+NEAREST = ExplainLimits(likely=False)
+
+
+class SurfaceLimits(NamedTuple):
+    """What a surface is.
+
+    explained : float
+        A plane explains points within this many of its standard deviations.
+    flat : float
+        Largest ratio of a plane's standard deviation to the radius of its neighborhood. A filled
+        ball has 0.45: a third of that.
+    kept : float
+        Least share of its neighborhood that a plane keeps: more members agree than do not.
+    angle : float
+        Largest angle between the normals of linked points, in degrees.
+    n_links : int
+        Linked points are among each other's nearest, this many.
+    """
+
+    explained: float = 3.0
+    flat: float = 0.15
+    kept: float = 0.5
+    angle: float = 25.0
+    n_links: int = 16
+
+
+def find_surfaces(points, neighbors, planes, distances, least, limits, compiled):
+    """Which points form surfaces: bool (n,).
+
+    A point may be part of a surface if its plane is flat, keeps its share of the neighborhood
+    and explains the point itself. Two such points are linked if they are near each other, their
+    planes explain each other's point and their normals agree. A surface is a connected part of
+    at least `least` points.
+
+    Parameters
+    ----------
+    points : ndarray of float64 of shape (n, d)
+    neighbors : Neighborhoods
+        Of the points, each its own first neighbor.
+    planes : Planes
+    distances : ndarray of shape (n,)
+        Of the points from their own planes, in standard deviations.
+    least : float
+    limits : SurfaceLimits
+    compiled : bool
+    """
+    flat = (planes.scale > 0) & (planes.scale <= limits.flat * planes.radius)
+    # One minus both: a share such as 0.6 of 50 has no exact form.
+    usable = flat & (1 - planes.kept <= 1 - limits.kept) & (distances <= limits.explained)
+    width = min(limits.n_links, neighbors.indices.shape[1])
+    near = Neighborhoods(
+        np.ascontiguousarray(neighbors.indices[:, :width]), np.minimum(neighbors.sizes, width)
+    )
+    cosine = float(np.cos(np.radians(limits.angle)))
+    links = link_planes(
+        points, near, planes, LinkLimits(cosine, limits.explained, both_near=True), usable, compiled
+    )
+    labels, sizes = connected(links, compiled)
+    return usable & (sizes[labels] >= least)
+
+
+def own_distances(queries, planes, floor):
+    """Distances of queries (m, d) from the plane of the same row, in standard deviations."""
+    heights = np.einsum("md,md->m", queries - planes.centroids, planes.normals)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return np.nan_to_num(np.abs(heights) / np.hypot(planes.scale, floor), nan=0.0)
+
+
+def distances_to_surfaces(queries, neighbors, planes, on_surface, floor, compiled, n_jobs):
+    """The nearest of the surfaces' planes among each query's neighbors.
+
+    Parameters
+    ----------
+    queries : ndarray of float64 of shape (m, d)
+    neighbors : Neighborhoods
+        Rows of `planes`.
+    planes : Planes
+    on_surface : ndarray of bool
+        Which of the planes are of a surface.
+    floor : ndarray of shape (m,)
+        Rounding error of the coordinates, a standard deviation that is added.
+    compiled : bool
+    n_jobs : int or None
+
+    Returns
+    -------
+    owners : ndarray of int of shape (m,)
+        Rows of `planes`, -1 where none reaches the query.
+    distances : ndarray of shape (m,)
+        In standard deviations; inf where none reaches.
+    """
+    m = len(queries)
+    owners, distances = np.full(m, -1), np.full(m, np.inf)
+
+    def task(rows):
+        part = queries[rows]
+        most = np.full(len(part), np.inf)
+        owners[rows], distances[rows] = explain(
+            part, neighbors.take(rows), planes, NEAREST, on_surface, floor[rows], most, compiled
+        )
+
+    each_slice(m, CHUNK[compiled], task, n_jobs)
+    return owners, distances
