@@ -107,6 +107,8 @@ def isolation_forest(points, share):
 # (points, share of outliers or None) -> labels and outlyingness, or None if it needs the share.
 METHODS = {
     "default": detector(),
+    "isolated": detector(strictness="isolated"),
+    "surfaces": detector(strictness="surfaces"),
     "SOR 8": sor(8),
     "SOR 20": sor(20),
     "SOR 50": sor(50),

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from sklearn_mcmd.outliers._company import Company, CompanyLimits
+from sklearn_mcmd.outliers._company import Company, CompanyLimits, mean_distance
 from sklearn_mcmd.outliers._surfaces import (
     SurfaceLimits,
     distances_to_surfaces,
     find_surfaces,
     own_distances,
 )
-from sklearn_mcmd.planes._around import extents, ratio
+from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._chunks import each_chunk, each_slice
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
@@ -60,23 +60,25 @@ class JudgedCloud:
             self.on_surface = self.scores <= self.surface_limits.explained
             return self
         index = self.model.index
-        with progress_part(0.0, FITTING):
-            neighbors, planes, spacing = self._fit_planes()
-        with progress_part(FITTING, 1.0):
-            self._find_surfaces(neighbors, planes)
-            n, k = neighbors.indices.shape
-            self.company = Company(
-                index.points, spacing, self.explained, min(THING * k, LEAST_SHARE * n),
-                self.company_limits, self.n_jobs,
-            )  # fmt: skip
-        self.point_scores = self._joined(
-            self.distances, self.company.isolation, self.company.separation, index.points
-        )
+        n = len(index.points)
         first = np.empty(len(X), dtype=np.intp)
         if n == len(X):
             first[index.rows] = np.arange(n)
         else:
             first = index.nearest(X)
+        self.counts = np.maximum(np.bincount(first, minlength=n), 1)
+        with progress_part(0.0, FITTING):
+            neighbors, planes, spacing = self._fit_planes()
+        with progress_part(FITTING, 1.0):
+            self._find_surfaces(neighbors, planes)
+            least = min(THING * index.n_neighbors, LEAST_SHARE * len(X))
+            self.company = Company(
+                index.points, self.counts, spacing, self.explained, least, self.company_limits,
+                self.n_jobs,
+            )  # fmt: skip
+        self.point_scores = self._joined(
+            self.distances, self.company.isolation, self.company.separation, index.points
+        )
         self.scores = self.point_scores[first]
         self.on_surface = self.explained[first]
         self.plane_index = index.rows[self.owners[first]]
@@ -111,8 +113,7 @@ class JudgedCloud:
         _, distances = distances_to_surfaces(
             queries, around, self.planes, self.explaining, floor, self.model.ready(), None
         )
-        n_near = min(self.company_limits.n_near, around.indices.shape[1])
-        spacing = self._spacing(queries, around.indices[:, :n_near])
+        spacing = self._spacing(queries, around.indices, itself=False)
         isolation, separation = np.zeros(len(queries)), np.zeros(len(queries))
         rest = np.flatnonzero(distances > self.surface_limits.explained)
         if len(rest):
@@ -131,16 +132,13 @@ class JudgedCloud:
         n, d = index.points.shape
         neighbors = np.empty((n, index.n_neighbors), dtype=np.int32)
         planes, spacing = Planes.empty(n, d), np.empty(n)
-        n_near = min(self.company_limits.n_near + 1, index.n_neighbors)
 
         def task(rows):
             part = index.points[rows]
             around = index.query(part)
             planes.put(rows, self.model.evaluate_neighborhoods(part, around)[0])
             neighbors[rows] = around.indices
-            # The point itself, at no distance, is no neighbor.
-            mean = self._spacing(part, around.indices[:, :n_near])
-            spacing[rows] = mean * (n_near / (n_near - 1))
+            spacing[rows] = self._spacing(part, around.indices, itself=True)
 
         each_slice(n, CHUNK[self.model.ready()], task, self.n_jobs)
         return Neighborhoods(neighbors, np.full(n, index.n_neighbors)), planes, spacing
@@ -173,9 +171,14 @@ class JudgedCloud:
     def _floor(self, queries, precision):
         return max(self.model.rounding, 8 * precision) * np.abs(queries).max(axis=1)
 
-    def _spacing(self, queries, near):
-        around = Neighborhoods(np.ascontiguousarray(near), np.full(len(near), near.shape[1]))
-        return extents(self.model.index.points, queries, around, self.model.ready())[0]
+    def _spacing(self, queries, near, itself):
+        """Mean distance to the nearest measurements, without the query itself."""
+        n_near = self.company_limits.n_near
+        near = near[:, : n_near + 1]
+        gaps = self.model.index.points[near] - queries[:, None]
+        counts = self.counts[near]
+        counts[:, 0] -= itself
+        return mean_distance(np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps)), counts, n_near)
 
     def _joined(self, distances, isolation, separation, points):
         """One score: a point is as wrong as the best of its excuses leaves it."""

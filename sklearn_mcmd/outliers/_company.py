@@ -9,7 +9,7 @@ from sklearn_mcmd.planes._around import quantile, ratio
 from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._linking import connected
 
-__all__ = ["Company", "CompanyLimits"]
+__all__ = ["Company", "CompanyLimits", "mean_distance"]
 
 # Points that ask a tree at once: what bounds the memory.
 CHUNK = 4096
@@ -32,7 +32,7 @@ class CompanyLimits(NamedTuple):
     n_near: int = 8
     n_usual: int = 128
     usual: float = 0.75
-    reach: float = 3.0
+    reach: float = 2.5
     n_links: int = 16
 
 
@@ -48,8 +48,10 @@ class Company:
     ----------
     points : ndarray of float64 of shape (n, d)
         Distinct.
+    counts : ndarray of int of shape (n,)
+        Measurements at each: a place that was measured often keeps company with itself.
     spacing : ndarray of shape (n,)
-        Mean distance of each point to its neighbors.
+        Mean distance of each point to its neighbors, by `mean_distance`.
     explained : ndarray of bool of shape (n,)
         Points that a surface explains. All others are the rest.
     least : float
@@ -63,7 +65,7 @@ class Company:
         See `measure`; 0 for points that a surface explains.
     """
 
-    def __init__(self, points, spacing, explained, least, limits, n_jobs):
+    def __init__(self, points, counts, spacing, explained, least, limits, n_jobs):
         self.limits = limits
         self.extent = float(np.linalg.norm(np.ptp(points, axis=0)))
         reference = explained if explained.any() else np.ones(len(points), dtype=bool)
@@ -71,18 +73,19 @@ class Company:
         self.reference_tree = cKDTree(points[reference])
         self.isolation, self.separation = np.zeros(len(points)), np.zeros(len(points))
         rest = np.flatnonzero(~explained)
-        self.points = points[rest]
+        self.points, self.counts = points[rest], counts[rest]
         if len(rest) == 0:
             return
         self.tree = cKDTree(self.points)
         n_links = max(limits.n_links, limits.n_near)
         distances, near = _nearest(self.tree, self.points, n_links + 1, n_jobs)
         self.usual = self._usual(self.points, n_jobs)
-        self.spacing = self._mean_distance(distances[:, 1:])
-        self.isolation[rest] = self._isolated(self.spacing, spacing[rest], self.usual)
-        steps = self._steps(self.spacing, self.usual, distances[:, 1:], near[:, 1:])
+        among_rest = self._among_rest(distances, near, itself=True)
+        self.isolation[rest] = self._isolated(among_rest, spacing[rest], self.usual)
+        steps = self._steps(self.usual, distances[:, 1:], near[:, 1:])
         linked = np.where(steps <= limits.reach, near[:, 1:], np.arange(len(rest))[:, None])
-        groups, sizes = connected(linked.astype(np.int32), compiled=len(rest) >= CHUNK)
+        groups, _ = connected(linked.astype(np.int32), compiled=len(rest) >= CHUNK)
+        sizes = np.bincount(groups, self.counts)
         small = sizes < least
         if not explained.any():
             small &= sizes < sizes.max()
@@ -116,8 +119,8 @@ class Company:
             gaps = _nearest(self.reference_tree, queries, 1, n_jobs)[0][:, 0]
             return self._isolated(among_rest, spacing, usual), ratio(gaps, usual)
         distances, near = _nearest(self.tree, queries, self.limits.n_near, n_jobs)
-        among_rest = self._mean_distance(distances)
-        steps = self._steps(among_rest, usual, distances[:, :1], near[:, :1])[:, 0]
+        among_rest = self._among_rest(distances, near, itself=False)
+        steps = self._steps(usual, distances[:, :1], near[:, :1])[:, 0]
         gaps = _nearest(self.real_tree, queries, 1, n_jobs)[0][:, 0]
         joins = steps <= self.limits.reach
         separation = np.where(joins, self.group_separation[near[:, 0]], ratio(gaps, usual))
@@ -136,24 +139,24 @@ class Company:
         each_slice(len(queries), CHUNK, task, n_jobs)
         return usual
 
-    def _mean_distance(self, distances):
-        """Mean distance to the nearest of the rest; where there are none, the cloud's extent."""
-        near = distances[:, : self.limits.n_near]
-        return np.minimum(near, max(self.extent, np.finfo(float).tiny)).mean(axis=1)
+    def _among_rest(self, distances, near, itself):
+        """Mean distance to the nearest of the rest; where these are few, the cloud's extent."""
+        counts = np.append(self.counts, self.limits.n_near)[near]  # a tree without more says inf
+        counts[:, 0] -= itself
+        distances = np.minimum(distances, max(self.extent, np.finfo(float).tiny))
+        return mean_distance(distances, counts, self.limits.n_near)
 
     @staticmethod
     def _isolated(among_rest, among_all, usual):
         """Twice as much weight on the rest: surfaces are poor company for what lies off them."""
         return ratio(np.cbrt(among_rest * among_rest * among_all), usual)
 
-    def _steps(self, among_rest, usual, distances, near):
-        """Distances to neighbors of the rest in usual spacings, at least both's own spacings."""
+    def _steps(self, usual, distances, near):
+        """Distances to neighbors of the rest in usual spacings, the lesser of both's."""
         known = near < len(self.points)  # a tree answers with its size where it has no more
         near = np.where(known, near, 0)
-        own = ratio(among_rest, usual)[:, None]
-        other = ratio(self.spacing, self.usual)[near]
         steps = ratio(distances, np.minimum(usual[:, None], self.usual[near]))
-        return np.where(known, np.maximum(steps, np.maximum(own, other)), np.inf)
+        return np.where(known, steps, np.inf)
 
     def _separated(self, groups, small, n_jobs):
         """Gap of each point's group over the size of the group, 0 if that is large."""
@@ -169,6 +172,23 @@ class Company:
         size = np.maximum(size, _longest_deviation(self.points[rows], group, sizes, several))
         separation[rows] = ratio(gaps, size)[group]
         return separation
+
+
+def mean_distance(distances, counts, n_near):
+    """Mean distance to the nearest measurements.
+
+    Parameters
+    ----------
+    distances : ndarray of shape (m, w)
+        To neighbors, ascending.
+    counts : ndarray of int of shape (m, w)
+        Measurements at each of them.
+    n_near : int
+        Measurements that are taken, or all that there are.
+    """
+    reached = np.minimum(np.cumsum(counts, axis=1), n_near)
+    taken = np.diff(reached, axis=1, prepend=0)
+    return (taken * distances).sum(axis=1) / np.maximum(reached[:, -1], 1)
 
 
 def _longest_deviation(points, group, sizes, several):

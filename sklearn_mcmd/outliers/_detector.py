@@ -1,6 +1,6 @@
 """MCMDOutlierDetector: outliers of the planes of local neighborhoods."""
 
-from numbers import Integral, Real
+from numbers import Real
 from typing import ClassVar
 
 import numpy as np
