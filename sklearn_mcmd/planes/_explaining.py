@@ -4,20 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["Credibility", "ExplainLimits", "credible_planes", "explain"]
-
-
-class Credibility(NamedTuple):
-    """What a plane must be to explain other points.
-
-    most_rough : largest ratio of scale to radius
-    least_kept : least share of its neighborhood that it keeps
-    most_sparse : largest ratio of its radius to what is usual among the neighbors
-    """
-
-    most_rough: float
-    least_kept: float = 0.5
-    most_sparse: float = 1.15
+__all__ = ["ExplainLimits", "explain"]
 
 
 class ExplainLimits(NamedTuple):
@@ -95,21 +82,3 @@ def explain(queries, candidates, planes, limits, usable, least, most, compiled):
     found = np.isfinite(cost[each, best])
     owners = np.where(found, indices[each, best], -1)
     return owners, np.where(found, distances[each, best], np.inf)
-
-
-def credible_planes(planes, radius_around, limits):
-    """Which planes may explain points, their own or others: bool (m,).
-
-    A plane is credible if it is flat for its size, keeps its share of its neighborhood and is not
-    sparser than what is usual around.
-
-    Parameters
-    ----------
-    planes : Planes
-    radius_around : ndarray of shape (m,)
-        Radius that is usual among the neighbors.
-    limits : Credibility
-    """
-    flat = planes.scale <= limits.most_rough * planes.radius
-    dense = planes.radius <= limits.most_sparse * radius_around
-    return flat & dense & (1 - planes.kept <= 1 - limits.least_kept)

@@ -1,6 +1,5 @@
 """From neighborhoods to planes: Algorithm 4 in chunks and threads, compiled or in NumPy."""
 
-from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,12 +88,6 @@ class LocalPlaneModel:
         # Decided by the fitted cloud, so that predicting one row is the same arithmetic.
         self.compiled = index.n_neighbors is not None and d == 3 and n >= COMPILE_FROM
         self.whole = self._fit_whole() if index.n_neighbors is None else None
-
-    def over(self, points):
-        """The same model over other points (m, d), m at least `n_neighbors`."""
-        other = copy(self)
-        other.index = NeighborIndex(points, self.index.n_neighbors, self.index.radius)
-        return other
 
     def evaluate(self, queries, n_jobs=None):
         """Planes of the neighborhoods of queries (m, d), and robust distances (m,) to them."""

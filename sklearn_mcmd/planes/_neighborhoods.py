@@ -86,21 +86,6 @@ class NeighborIndex:
         indices = np.where(np.arange(k) < sizes[:, None], indices, indices[:, :1])
         return Neighborhoods(indices.astype(np.int32), sizes)
 
-    def query_ties(self, queries):
-        """The neighborhoods of `query`, and in which of them distances are equal, bool (m,).
-
-        Which of equally distant points come first, or which one is the last, is up to the tree.
-        """
-        k = self.n_neighbors
-        most = min(k + 1, len(self.points))
-        distances, indices = self.tree.query(queries, k=most)
-        distances = distances.reshape(len(queries), most)
-        tied = (distances[:, 1:] == distances[:, :-1]).any(axis=1)
-        indices = indices.reshape(len(queries), most)[:, :k].astype(np.int32)
-        if tied.any():
-            indices[tied] = self.query(queries[tied]).indices
-        return Neighborhoods(indices, np.full(len(queries), k)), tied
-
     def nearest(self, queries, n_workers=1):
         """Row of `points` nearest to each query; the one neighborhood has but one row."""
         if self.n_neighbors is None:

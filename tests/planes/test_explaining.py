@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from sklearn_mcmd.planes._explaining import Credibility, ExplainLimits, credible_planes, explain
+from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 pytest.importorskip("numba")
@@ -116,26 +116,3 @@ def test_no_queries_have_no_owners(compiled):
         none, none, compiled,
     )  # fmt: skip
     assert owners.shape == distances.shape == (0,)
-
-
-def credible(limits=None, **changes):
-    """Whether a plane of scale 0.1, radius 1 and share 1 is credible where radii are 1."""
-    limits = Credibility(np.inf) if limits is None else limits
-    planes = Planes.empty(1, 3)
-    planes.scale[0], planes.radius[0], planes.kept[0] = 0.1, 1.0, 1.0
-    for name, value in changes.items():
-        getattr(planes, name)[0] = value
-    return credible_planes(planes, np.ones(1), limits)[0]
-
-
-@pytest.mark.parametrize(
-    ("name", "good", "bad"), [("scale", 0.2, 0.21), ("kept", 0.5, 0.49), ("radius", 1.15, 1.16)]
-)
-def test_a_credible_plane_is_flat_keeps_its_share_and_is_not_sparse(name, good, bad):
-    limits = Credibility(most_rough=0.2)
-    assert credible(limits, **{name: good})
-    assert not credible(limits, **{name: bad})
-
-
-def test_without_a_limit_roughness_does_not_matter():
-    assert credible(scale=50.0)
