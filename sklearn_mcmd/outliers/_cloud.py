@@ -62,7 +62,7 @@ class JudgedCloud:
         index = self.model.index
         n = len(index.points)
         first = np.empty(len(X), dtype=np.intp)
-        if n == len(X):
+        if index.n_distinct == len(X):
             first[index.rows] = np.arange(n)
         else:
             first = index.nearest(X)

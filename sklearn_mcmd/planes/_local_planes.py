@@ -9,7 +9,6 @@ from sklearn_mcmd.planes._around import extents
 from sklearn_mcmd.planes._chunks import each_chunk
 from sklearn_mcmd.planes._compiling import compiled_function
 from sklearn_mcmd.planes._consistent_set import Trials, localize, n_support_points
-from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._plane import RANK_TOLERANCE, fit_planes, flat_normals, normal_errors
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import METHODS, RuleLimits, robust_distances
