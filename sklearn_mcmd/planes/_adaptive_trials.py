@@ -1,12 +1,12 @@
 """Trials until the outlier share seen in a neighborhood needs no more (Eq. 13).
 
-``outlier_rate="auto"`` makes the first 32 trials of the table and the others only where the
-plane found so far does not *settle* its neighborhood: see `settled`. A plane across a mixture
-must not count as one, or half of the points as outliers would be withstood no longer; three
-tests together keep it out.
+``outlier_rate="auto"`` makes the first 32 trials of the table. It makes the others only where the
+plane found so far does not *settle* its neighborhood: see `settled`. A plane across two surfaces
+must not settle one, or a neighborhood with half outliers would get a wrong plane. Three tests
+together prevent this.
 
 Estimators use it from four dimensions on. In three dimensions they make all trials, since compiled
-code screens them at once: with fewer they took 0.94 to 1.09 of the time.
+code screens them at once: with fewer trials the fit took 0.94 to 1.09 of the time.
 """
 
 from dataclasses import dataclass
@@ -28,19 +28,19 @@ __all__ = ["StopRule", "adaptive_consistent_sets", "settled"]
 # At a success probability of 0.9999, 32 trials suffice for 37 % of outliers in 3D. One check
 # after 16 saves no more time, since 16 trials do not fill the processor, and costs the others.
 CHECKPOINTS = (32,)
-# Smaller neighborhoods tell too little about their outlier share; in larger ones the pairs
-# of the third test take as long as the trials.
+# Members of a neighborhood that may stop early. Smaller ones tell too little about their outlier
+# share. In larger ones the pairs of the third test take as long as the trials.
 SMALLEST, LARGEST = 20, 200
-CONFIDENCE = 0.95  # one-sided, of the bound on the outlier share
+CONFIDENCE = 0.95  # of the one-sided bound on the outlier share
 INLIER_CUTOFF = 2.5
-# Thickest plane that may settle a neighborhood: standard deviation along the normal over
-# that along the shorter axis within the plane.
+# Thickness of the thickest plane that may settle a neighborhood: the standard deviation along the
+# normal over that along the shorter axis within the plane.
 FLATNESS = 0.15
-# Residuals of points nearer to each other than this share of the mean variance within the
-# plane, under a root, are expected to be independent.
+# The third test looks at pairs of points whose squared distance is below this share of the mean
+# variance within the plane. Noise alone leaves their residuals independent.
 REACH = 0.5
 COHERENCE = 0.5
-# Planes thinner than this, in median radii, are perfect: their residuals are rounding.
+# Planes thinner than this, in median radii, are perfect: their residuals are rounding errors.
 PERFECT = 16 * DISTANCE_STEP
 
 
@@ -51,10 +51,10 @@ class StopRule:
     checkpoints : ndarray of int of shape (C,)
         Numbers of trials, ascending, at most half of the length of the table.
     least_inliers : ndarray of int of shape (C, k + 1)
-        Inliers that a neighborhood of each size needs for its outlier share to be covered
-        by that many trials; more than it has where it must not stop.
+        Inliers that a neighborhood of each size needs, so that this number of trials covers
+        its outlier share. The count is larger than the size where it must not stop.
     scale_factor : ndarray of shape (k + 1,)
-        What makes the deviation of a consistent set that of the noise, by size.
+        Factor from the deviation of a consistent set to that of the noise, by size.
     """
 
     checkpoints: np.ndarray
@@ -89,7 +89,7 @@ def _least_inliers(n_trials, size, success_probability, d):
 
 
 def _lower_bound(count, size):
-    """Wilson's lower bound of a share seen as `count` of `size`."""
+    """Wilson's lower bound of a share that was observed as `count` of `size`."""
     z = float(ndtri(CONFIDENCE))
     share, correction = count / size, z * z / size
     spread = z * sqrt(share * (1 - share) / size + correction / size / 4)
@@ -97,8 +97,8 @@ def _lower_bound(count, size):
 
 
 def _scale_factor(h, size, d):
-    """For the middle part of a normal sample, with least median of squares' small-sample
-    factor (Rousseeuw and Leroy, 1987, chapter 5)."""
+    """Noise over the deviation of the middle part of a normal sample, with the small-sample
+    factor of least median of squares (Rousseeuw and Leroy, 1987, chapter 5)."""
     share = h / size
     if share >= 1.0:
         variance = 1.0
@@ -109,7 +109,7 @@ def _scale_factor(h, size, d):
 
 
 def adaptive_consistent_sets(neighborhoods, trials, n_support, rule, sizes=None):
-    """Find the maximum consistent set of each neighborhood in as few trials as it needs.
+    """Find the maximum consistent set of each neighborhood with no more trials than it needs.
 
     Parameters
     ----------
@@ -120,9 +120,9 @@ def adaptive_consistent_sets(neighborhoods, trials, n_support, rule, sizes=None)
     Returns
     -------
     support, least_eigenvalue, degenerate
-        What `maximum_consistent_sets` finds in the first trials of the table ...
+        What `maximum_consistent_sets` finds in the first `n_used` trials of the table.
     n_used : ndarray of int of shape (B,)
-        ... and how many these were.
+        Number of trials made.
     """
     n_sets, k, _ = neighborhoods.shape
     sizes = np.full(n_sets, k) if sizes is None else np.asarray(sizes)
@@ -162,7 +162,7 @@ def adaptive_consistent_sets(neighborhoods, trials, n_support, rule, sizes=None)
 
 
 def settled(local, sizes, support, scale_factor, least_inliers):
-    """Whether the planes of consistent sets leave no need for further trials.
+    """Whether the planes of consistent sets make further trials unnecessary.
 
     Parameters
     ----------
@@ -181,16 +181,16 @@ def settled(local, sizes, support, scale_factor, least_inliers):
     -----
     A plane settles its neighborhood if
 
-    1. it has so many inliers, within 2.5 times the scale of its set, that even the upper
+    1. it has enough inliers, within 2.5 times the scale of its set. Enough means that the upper
        bound of the outlier share (Wilson, 95 %) needs no more trials by Eq. 13;
     2. it is flat: the inliers' deviation along the normal is at most 0.15 of the lesser one
-       within the plane. A plane through most of two surfaces is thick, unless both are
-       nearly one;
-    3. residuals of inliers next to each other have nothing in common. On a ramp over a step
-       or across an edge they have the same sign over whole regions. With w_ij falling
-       linearly in the squared distance to zero at the reach, sum w_ij r_i r_j over all pairs
-       may be at most half of the root of sum (w_ij r_i r_j)^2, its standard deviation were
-       all signs random.
+       within the plane. A plane through most of two surfaces is thick, unless the two surfaces
+       are nearly one;
+    3. the residuals of inliers next to each other are independent. On a ramp over a step
+       or across an edge they have the same sign over whole regions. The weight w_ij falls
+       linearly in the squared distance and is zero at the reach. The sum of w_ij r_i r_j over
+       all pairs may be at most half of the root of the sum of (w_ij r_i r_j)^2, which would be
+       its standard deviation if all signs were random.
     """
     valid = np.arange(local.shape[1]) < sizes[:, None]
     centers, _, axes = fit_planes(local, support)
@@ -220,7 +220,7 @@ def settled(local, sizes, support, scale_factor, least_inliers):
 def _incoherent(local, centers, normals, residuals, reach):
     """The third test; `reach` is a squared distance, residuals of outliers are zero."""
     projected = local - centers[:, None] - residuals[..., None] * normals[:, None]
-    projected[residuals == 0] = 0.0  # far outliers would cost the others' distances digits
+    projected[residuals == 0] = 0.0  # far outliers would make the others' distances less accurate
     squares = np.square(projected).sum(axis=-1)
     squared = squares[:, :, None] + squares[:, None] - 2 * projected @ projected.swapaxes(1, 2)
     products = np.maximum(1.0 - squared / reach[:, None, None], 0.0)

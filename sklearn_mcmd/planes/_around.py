@@ -17,7 +17,7 @@ def quantile_around(values, neighborhoods, q, compiled):
 
 
 def extents(points, queries, neighborhoods, compiled):
-    """Mean distance (m,) of the neighbors from queries (m, d), and that of the last."""
+    """Mean distance (m,) of the neighbors from queries (m, d), and distance of the last one."""
     if compiled:
         from sklearn_mcmd.planes._around_numba import extents_of_neighborhoods
 
@@ -31,7 +31,7 @@ def extents(points, queries, neighborhoods, compiled):
 
 
 def ratio(numerator, denominator):
-    """Quotients, 0 / 0 being 0, limited to finite numbers."""
+    """Quotients, limited to finite numbers; 0 / 0 is 0."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         quotient = numerator / denominator
     return np.nan_to_num(quotient, nan=0.0, posinf=np.finfo(float).max)

@@ -20,7 +20,7 @@ def quantile_of_neighbors(all_values, neighborhoods, q, out):
 
 @kernel(cache=True)
 def extents_of_neighborhoods(points, queries, neighborhoods, spacing, radius):
-    """Fill the mean distance of the neighbors and that of the last."""
+    """Fill the mean distance of the neighbors and the distance of the last one."""
     indices, sizes = neighborhoods.indices, neighborhoods.sizes
     for i in range(len(queries)):
         total = last = 0.0
@@ -38,7 +38,7 @@ def extents_of_neighborhoods(points, queries, neighborhoods, spacing, radius):
 def quantile(all_values, neighbors, size, q, values, keys):
     """The value at the rank int(q * size), from 0, of numbers that are not negative.
 
-    Their bits, which `keys` shares with `values`, are in their order.
+    `keys` are the bits of `values` as integers. These sort like the numbers.
     """
     for j in range(size):
         values[j] = all_values[neighbors[j]]

@@ -20,8 +20,8 @@ from sklearn_mcmd.planes._rules import METHODS
 
 __all__ = ["BaseLocalPlanes", "BasePlaneOutliers"]
 
-LARGEST_RATE = 0.5  # what the table of outlier_rate="auto" is prepared for
-# Eq. 13 doubles with every dimension: 69 trials in 3D are 10 million in 20D.
+LARGEST_RATE = 0.5  # outlier share that the table of outlier_rate="auto" covers
+# Each further dimension doubles the trials of Eq. 13: 69 in 3D become 10 million in 20D.
 MAX_TRIALS = 10_000
 # Positions that a trial of one neighborhood of all points may read.
 LONGEST_TRIAL = 4096
@@ -29,7 +29,7 @@ MAX_TRIALS_BEYOND_SPACE = 300
 
 
 class BaseLocalPlanes(BaseEstimator):
-    """Parameters and fitting of everything that fits a plane to each neighborhood.
+    """Parameters and fitting of all estimators that fit a plane to each neighborhood.
 
     Subclasses store the parameters named in `_parameter_constraints` and call `_fit_planes`.
     """
@@ -47,7 +47,7 @@ class BaseLocalPlanes(BaseEstimator):
     }
 
     def _fit_planes(self, X, radius=None):
-        """Validate X, settle what depends on it and fit the model of its local planes."""
+        """Validate X, settle the parameters that depend on it, and fit its local planes."""
         comparator = self._settle_comparator()
         X, index = self._index_cloud(X, radius)
         d = X.shape[1]
@@ -89,7 +89,7 @@ class BaseLocalPlanes(BaseEstimator):
         return 1.0 - self.outlier_rate
 
     def _settle_stop_rule(self, fraction, d):
-        # In 3D compiled code screens all trials at once: fewer save no time.
+        # In 3D compiled code screens all trials at once, so fewer trials save no time.
         if self.outlier_rate != "auto" or not METHODS[self.method].needs_consistent_set or d <= 3:
             return None
         n_support = n_support_points(fraction, np.arange(self.n_neighbors_ + 1), d)
@@ -119,7 +119,7 @@ class BaseLocalPlanes(BaseEstimator):
         return None
 
     def _fit_comparator(self, comparator, X, index):
-        """Let a registered method be what judges neighborhoods."""
+        """Let a registered method judge the neighborhoods."""
         self.n_trials_, _ = comparator.table_shape(self.n_neighbors_, X.shape[1])
         self._model = LocalPlaneModel(
             index,
@@ -149,7 +149,7 @@ class BaseLocalPlanes(BaseEstimator):
         return X, index
 
     def _check_queries(self, X):
-        """Points to evaluate, of the fitted dimension and within what squares can hold."""
+        """Validate points to evaluate: of the fitted dimension, their squares finite."""
         X = validate_data(self, X, dtype=[np.float64, np.float32], reset=False)
         check_extent(X)
         return X
@@ -170,7 +170,7 @@ class BaseLocalPlanes(BaseEstimator):
 class BasePlaneOutliers(OffsetOutlierMixin, BaseLocalPlanes):
     """Outliers by a score and an offset: subclasses have `fit` and `_score`.
 
-    `_score` returns how abnormal points are, the larger, the more; `fit` sets ``offset_``.
+    `_score` returns how abnormal points are: larger is more abnormal. `fit` sets ``offset_``.
     """
 
     def score_samples(self, X):
@@ -183,7 +183,7 @@ class BasePlaneOutliers(OffsetOutlierMixin, BaseLocalPlanes):
         Returns
         -------
         scores : ndarray of shape (n_samples,)
-            The lower, the more abnormal.
+            Lower is more abnormal.
         """
         check_is_fitted(self)
         return -self._score(self._check_queries(X))

@@ -1,4 +1,4 @@
-"""Work on rows in chunks and threads, with progress for whoever listens."""
+"""Work on rows in chunks and threads; listeners are told of the progress."""
 
 from threading import Lock
 
@@ -12,14 +12,14 @@ __all__ = ["each_chunk", "each_slice", "run"]
 
 
 def each_chunk(queries, size, work, n_jobs):
-    """Call ``work(rows)`` with chunks of the rows of queries (m, d), near ones together."""
+    """Call ``work(rows)`` with chunks of the rows of queries (m, d); a chunk is near in space."""
     n = len(queries)
     order = spatial_order(queries) if n >= ORDER_FROM else np.arange(n)
     _watched([(order[i : i + size], min(size, n - i)) for i in range(0, n, size)], work, n, n_jobs)
 
 
 def each_slice(n, size, work, n_jobs):
-    """Call ``work(rows)`` with slices of n rows that are in spatial order already."""
+    """Call ``work(rows)`` with slices of n rows, which are already in spatial order."""
     parts = [(slice(i, min(i + size, n)), min(size, n - i)) for i in range(0, n, size)]
     _watched(parts, work, n, n_jobs)
 
@@ -27,7 +27,7 @@ def each_slice(n, size, work, n_jobs):
 def run(tasks, work, n_jobs, *, told=False):
     """Call ``work(*task)`` for each task, in threads if there is more than one.
 
-    `told` tells whoever listens how many are done.
+    With `told`, listeners are told how many are done.
     """
     span, n_done, lock = current_span() if told else None, 0, Lock()
 

@@ -1,4 +1,4 @@
-"""The columns of ``RobustNormalEstimator.transform``, read back by stages that stand behind it."""
+"""The columns of ``RobustNormalEstimator.transform``, read back by the stages that follow it."""
 
 from typing import NamedTuple
 
@@ -8,12 +8,12 @@ from sklearn_mcmd._validation import check_extent
 
 __all__ = ["Columns", "split_columns"]
 
-# How far the length of a normal may be from 1, after a file has stored it in few digits.
+# How far the length of a normal may be from 1. A file may have stored it with few digits.
 TOLERANCE = 1e-3
 
 
 class Columns(NamedTuple):
-    """What stands in the first 3 d + 1 columns, (n, d) each but `surface_variation`, (n,)."""
+    """The first 3 d + 1 columns: `surface_variation` has shape (n,), the others (n, d)."""
 
     coordinates: np.ndarray
     normals: np.ndarray
@@ -24,14 +24,14 @@ class Columns(NamedTuple):
 def split_columns(X, d=None):
     """Coordinates, normals, surface variation and eigenvalues of points.
 
-    The columns themselves tell how many dimensions there are: normals have length one,
-    eigenvalues ascend, and surface variation is a share of them.
+    The number of dimensions follows from the columns: normals have length one, eigenvalues
+    ascend, and surface variation is the share of the least in their sum.
 
     Parameters
     ----------
     X : ndarray of shape (n, n_columns)
     d : int, default=None
-        Dimensions of the coordinates, where they are known.
+        Dimensions of the coordinates, if known.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def split_columns(X, d=None):
         If X has other columns.
     """
     most = (X.shape[1] - 1) // 3
-    # Features behind the columns of 3D may pass for those of more dimensions.
+    # With features behind them, the columns of 3D may look like those of more dimensions.
     possible = sorted(range(2, most + 1), key=lambda n: (n != 3, -n)) if d is None else (d,)
     for dimensions in possible:
         columns = _cut(X, dimensions)
@@ -58,7 +58,7 @@ def split_columns(X, d=None):
 
 
 def _cut(X, d):
-    # Coordinates get memory of their own, which is faster from here on.
+    # Coordinates are copied to memory of their own, which makes all later work faster.
     return Columns(
         X[:, :d].copy(), X[:, d : 2 * d], X[:, 2 * d], np.maximum(X[:, 2 * d + 1 : 3 * d + 1], 0)
     )

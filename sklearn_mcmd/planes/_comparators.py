@@ -1,4 +1,4 @@
-"""Methods of other packages that judge neighborhoods in the place of a rule, by name."""
+"""Registered methods, which judge neighborhoods in place of a rule, by name."""
 
 from dataclasses import fields
 
@@ -8,15 +8,15 @@ _COMPARATORS = {}
 
 
 def register_comparator(name, kind):
-    """Let estimators know a method by a name.
+    """Register a method under a name that estimators accept.
 
     Parameters
     ----------
     name : str
     kind : type
         A dataclass whose fields are the method's parameters. It has ``fit_sizes``, ``tables``,
-        ``table_shape`` and ``usual_cutoff`` as ``sklearn_mcmd.baselines`` defines them, and says
-        by ``has_cutoff`` whether it decides by itself who is an outlier.
+        ``table_shape`` and ``usual_cutoff`` as ``sklearn_mcmd.baselines`` defines them. Its
+        ``has_cutoff`` says whether it decides by itself which points are outliers.
     """
     _COMPARATORS[name] = kind
 
@@ -27,7 +27,7 @@ def comparator_names():
 
 
 def settle_comparator(method, method_params=None):
-    """The method of a name with its parameters; errors name what is unknown or wrong."""
+    """The method with this name and its parameters; errors name what is unknown or wrong."""
     if method not in _COMPARATORS:
         raise ValueError(f"method={method!r} is none of {', '.join(comparator_names())}.")
     kind, params = _COMPARATORS[method], dict(method_params or {})

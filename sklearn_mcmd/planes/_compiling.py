@@ -1,4 +1,4 @@
-"""Compiled functions, imported on first use and only where Numba can be."""
+"""Compiled functions, imported on first use and only where Numba can be imported."""
 
 import os
 import tempfile
@@ -10,7 +10,7 @@ __all__ = ["compiled_function"]
 
 
 def compiled_function(module, name):
-    """A function of a module of this package that Numba compiles; None where Numba cannot be.
+    """A function of this package that Numba compiles; None where Numba cannot be imported.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ def compiled_function(module, name):
         return _load(module, name)
     except ImportError:
         return None
-    except RuntimeError:  # Numba found no folder to keep compiled code in
+    except RuntimeError:  # Numba found no folder to write compiled code to
         import numba
 
         numba.config.CACHE_DIR = os.path.join(tempfile.gettempdir(), "sklearn_mcmd")

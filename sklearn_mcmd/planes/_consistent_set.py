@@ -1,8 +1,8 @@
 """Algorithm 1: the maximum consistent set of a neighborhood, in any dimension.
 
 The batched NumPy form of this module is the reference for the compiled one in
-``_consistent_set_numba`` and serves wherever that one does not: other dimensions than
-three, a handful of neighborhoods (no pause for compiling), machines without Numba.
+``_consistent_set_numba``. It is used where that one is not: in other dimensions than three,
+for a few neighborhoods (no pause for compiling), and on machines without Numba.
 """
 
 from math import ceil, log1p
@@ -22,14 +22,14 @@ __all__ = [
     "n_trials_needed",
 ]
 
-# Distances to a trial plane closer than this share of the neighborhood's median radius are
-# tied (the nearer neighbor goes first), so that ties do not hang on rounding.
+# Distances to a trial plane that differ by less than this share of the neighborhood's median
+# radius are tied (the nearer neighbor goes first), so that rounding does not decide.
 DISTANCE_STEP = 2.0**-29
-# Least eigenvalues closer than this share of the squared median radius are tied (the earlier
-# trial wins): below it eigenvalues are rounding errors, as on perfect planes.
+# Least eigenvalues that differ by less than this share of the squared median radius are tied (the
+# earlier trial wins). Smaller eigenvalues are rounding errors, as on perfect planes.
 EIGENVALUE_STEP = 1e-14
 # A subset spans no plane when its second-least singular value is below this share of the
-# largest: such a plane would be at the mercy of rounding.
+# largest: rounding would decide how such a plane lies.
 RANK_TOLERANCE = 1e-6
 MOST_TRIALS = 2**62
 # Entries of the largest temporary array of maximum_consistent_sets.
@@ -37,7 +37,7 @@ CHUNK_ENTRIES = 2_000_000
 
 
 class Trials(NamedTuple):
-    """What the compiled Algorithm 1 is told: constants reach it as arguments, see `RuleLimits`."""
+    """Arguments of the compiled Algorithm 1, with its constants; `RuleLimits` says why."""
 
     positions: np.ndarray  # int32 (T, k), the table of `draw_trials`
     n_support: np.ndarray  # int64 (k + 1,), the paper's h of each size
@@ -47,7 +47,7 @@ class Trials(NamedTuple):
 
 
 def n_trials_needed(outlier_rate, success_probability, n_features):
-    """Trials for one outlier-free minimal subset to be likely (Eq. 13).
+    """Number of trials after which one minimal subset is probably free of outliers (Eq. 13).
 
     Parameters
     ----------
@@ -77,23 +77,23 @@ def n_trials_needed(outlier_rate, success_probability, n_features):
 
 
 def draw_trials(n_trials, n_neighbors, random_state=None, *, length=None):
-    """Draw the one table of trials that every neighborhood uses.
+    """Draw the table of trials that all neighborhoods share.
 
     Parameters
     ----------
     n_trials, n_neighbors : int
     random_state : int, RandomState instance or None, default=None
     length : int, default=None
-        Positions kept of each row, all by default. Fewer bound the memory for one
-        neighborhood of a million points, whose first thousands tell as much.
+        Positions kept of each row, all by default. A smaller number limits the memory for one
+        neighborhood of a million points; the first thousands of a row are enough.
 
     Returns
     -------
     ndarray of int32 of shape (n_trials, n_neighbors or length)
         Each row is a random order of the positions 0..k-1. A minimal subset is the start of
-        a row; where it spans no plane, the row is read on, by half as many points again each
-        time ("randomly add more points", Algorithm 1, step 1); positions beyond a smaller
-        neighborhood are passed over.
+        a row. Where it spans no plane, more of the row is read, by half as many points again
+        each time ("randomly add more points", Algorithm 1, step 1). Positions beyond a smaller
+        neighborhood are skipped.
     """
     rng = check_random_state(random_state)
     length = n_neighbors if length is None else min(length, n_neighbors)
@@ -106,10 +106,10 @@ def draw_trials(n_trials, n_neighbors, random_state=None, *, length=None):
 def n_support_points(support_fraction, sizes, n_features):
     """Points in the consistent set, h = ceil(support_fraction * k) (section 4).
 
-    Never less than n_features + 1 (fewer fit some plane exactly and tell nothing), never
-    more than the neighborhood has.
+    At least n_features + 1, since fewer points fit some plane exactly; at most all points of
+    the neighborhood.
     """
-    # 0.8 * 50 is 40.000000000000004 to no one but a computer.
+    # In floating point 0.8 * 50 is 40.000000000000004, whose ceiling would be 41.
     wanted = np.ceil(np.round(support_fraction * np.asarray(sizes), 9)).astype(np.int64)
     return np.minimum(np.maximum(wanted, n_features + 1), sizes)
 
@@ -117,22 +117,22 @@ def n_support_points(support_fraction, sizes, n_features):
 def localize(neighborhoods, sizes=None):
     """Shift each neighborhood to its first point and scale its median radius to one.
 
-    The median, since one gross outlier must not make the others' distances vanish.
+    It is the median, because one gross outlier would make all other distances vanish.
 
     Returns
     -------
     local : ndarray of shape (B, k, d)
         Members beyond `sizes` are at the origin.
     radius : ndarray of shape (B,)
-        Median distance from the first point; the largest one where half of the points
-        coincide with the first, and one where all do.
+        Median distance from the first point; where half of the points coincide with the first
+        the largest distance, and 1 where all do.
     """
     local = neighborhoods - neighborhoods[:, :1]
     n_sets, k, _ = local.shape
     sizes = np.full(n_sets, k) if sizes is None else sizes
     inside = np.arange(k) < sizes[:, None]
     local[~inside] = 0.0
-    # The largest coordinate goes out first: squares of 1e-200 would vanish.
+    # Divide by the largest coordinate first: squares of 1e-200 would vanish.
     extent = np.abs(local).max(axis=(1, 2))
     extent[extent == 0] = 1.0
     local /= extent[:, None, None]
@@ -150,13 +150,13 @@ def localize(neighborhoods, sizes=None):
 def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None):
     """Find the maximum consistent set of each neighborhood (Algorithm 1).
 
-    Among the h points nearest to the planes of random minimal subsets, the set is kept whose
-    own plane fits best, that is with the smallest least eigenvalue.
+    Each random minimal subset gives a plane, and the h points nearest to it are a candidate. The
+    candidate whose own plane fits best, by the smallest least eigenvalue, is the set.
 
     Parameters
     ----------
     neighborhoods : ndarray of shape (B, k, d)
-        Members sorted so that ties go to the first.
+        Members in the order that breaks ties: the first wins.
     trials : ndarray of int of shape (T, k)
         From `draw_trials`.
     n_support : int or ndarray of int of shape (B,)
@@ -167,7 +167,7 @@ def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None):
     Returns
     -------
     support : ndarray of bool of shape (B, k)
-        Where no set spans a plane (collinear, coincident points) the first h members.
+        The first h members where no set spans a plane (collinear or coincident points).
     least_eigenvalue : ndarray of shape (B,)
         Of the set's covariance (divisor h), in squared units of the points.
     degenerate : ndarray of bool of shape (B,)
@@ -175,9 +175,9 @@ def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None):
 
     Notes
     -----
-    Distances within 2e-9 of the neighborhood's median radius are tied and go to the earlier
-    member; eigenvalues within 1e-14 of the squared radius are tied and go to the earlier trial. The
-    answer then does not hang on rounding, not on a perfect plane either.
+    Distances that differ by less than 2e-9 of the neighborhood's median radius are tied, and the
+    earlier member wins. Eigenvalues that differ by less than 1e-14 of the squared radius are tied,
+    and the earlier trial wins. So rounding does not decide, even on a perfect plane.
     """
     n_sets, k, _ = neighborhoods.shape
     sizes = np.full(n_sets, k) if sizes is None else np.asarray(sizes)
@@ -193,7 +193,7 @@ def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None):
         least = _least_eigenvalues(local, support, n_support)
         eigenvalues[:, block] = np.where(degenerate, np.inf, least)
 
-    # The first trial among the best, so that rounding does not choose.
+    # The first trial among the best, so that rounding does not decide.
     best = eigenvalues.min(axis=1)
     winner = np.argmax(eigenvalues <= best[:, None] + EIGENVALUE_STEP, axis=1)
     normals, offsets, _ = _trial_planes(local, trials, sizes, chosen=winner)
@@ -207,8 +207,8 @@ def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None):
 def _trial_planes(local, trials, sizes, chosen=None):
     """Planes through the minimal subsets, completed where they span none (steps 1 and 2).
 
-    Returns normals (B, T, d), offsets (B, T) and whether even all points span no plane; with
-    `chosen` (B,) only that trial of each neighborhood (T = 1).
+    Returns normals (B, T, d), offsets (B, T) and whether not even all points span a plane. With
+    `chosen` (B,) it takes only that trial of each neighborhood (T = 1).
     """
     n_sets, k, d = local.shape
     rows = np.arange(n_sets)[:, None, None]
@@ -217,13 +217,13 @@ def _trial_planes(local, trials, sizes, chosen=None):
     else:
         order = trials[chosen][:, None]
     if (sizes < trials.shape[1]).any():
-        # Positions beyond the neighborhood go to the end of the row, the others keep order.
+        # Positions beyond the neighborhood go to the end of the row; the others keep their order.
         behind = np.argsort(order >= sizes[:, None, None], axis=-1, kind="stable")
         order = np.take_along_axis(order, behind, axis=-1)
     first = order[..., :d]
     normals, offsets, degenerate = _planes_through(local[rows, first])
     rows, trial = np.nonzero(degenerate)
-    # Where all points together span no plane, no subset will.
+    # Where all points together span no plane, no subset does.
     members = np.arange(k) < sizes[:, None]
     hopeless = np.zeros(n_sets, dtype=bool)
     some = np.unique(rows)
@@ -234,7 +234,7 @@ def _trial_planes(local, trials, sizes, chosen=None):
     n_used = d
     while rows.size and n_used < order.shape[-1]:
         n_used = min(n_used + max(1, n_used // 2), order.shape[-1])
-        # A smaller neighborhood ends with all its points.
+        # In a smaller neighborhood the last subset is all its points.
         for size in np.unique(np.minimum(n_used, sizes[rows])):
             group = np.minimum(n_used, sizes[rows]) == size
             at = rows[group], trial[group]
@@ -253,8 +253,8 @@ def _planes_through(points):
         third = second - first
         normals = np.cross(first, second)
         area2 = np.einsum("...i,...i", normals, normals)
-        # Of three points the squared singular values have the sum `spread` and the product
-        # `area2 / 3`: the cross product keeps its accuracy where a decomposition loses it.
+        # The squared singular values of three points have the sum `spread` and the product
+        # `area2 / 3`. The cross product is accurate where a decomposition is not.
         spread = sum(np.einsum("...i,...i", side, side) for side in (first, second, third)) / 3
         degenerate = area2 / 3 <= (RANK_TOLERANCE * spread) ** 2
         length = np.sqrt(area2)
@@ -273,7 +273,7 @@ def _nearest_members(local, normals, offsets, n_support, sizes):
     """Mask (B, T, k) of the h members nearest to each plane (step 2)."""
     k = local.shape[1]
     distances = np.abs(normals @ np.swapaxes(local, 1, 2) + offsets[..., None])
-    # One integer-valued key holds the distance in steps and, behind it, the position.
+    # One integer-valued key holds the distance in steps and, in its last digits, the position.
     key = np.rint(distances / DISTANCE_STEP) * k + np.arange(k)
     key[np.broadcast_to((np.arange(k) >= sizes[:, None])[:, None], key.shape)] = np.inf
     support = np.empty(key.shape, dtype=bool)
@@ -287,7 +287,7 @@ def _nearest_members(local, normals, offsets, n_support, sizes):
 def _least_eigenvalues(local, support, n_support):
     """Least eigenvalue of the covariance of each subset (step 3), in squared radii.
 
-    Infinite where the subset spans no plane itself: the points of one line have the least
+    It is infinite where the subset itself spans no plane: points of one line have the least
     eigenvalue zero, and no normal.
     """
     d = local.shape[-1]
@@ -301,8 +301,8 @@ def _least_eigenvalues(local, support, n_support):
     covariance[..., upper[1], upper[0]] = second
     covariance -= mean[..., :, None] * mean[..., None, :]
     spread, axes = np.linalg.eigh(covariance)
-    # The variance of the members themselves along the axis, not the eigenvalue: far members
-    # within the plane make the matrix so large that rounding could pass for a perfect plane.
+    # The variance of the members along the axis, not the eigenvalue: far members within the plane
+    # make the matrix so large that rounding could make any plane look perfect.
     along = (
         np.matmul(local[:, None], axes[..., :1])[..., 0]
         - np.matmul(mean[..., None, :], axes[..., :1])[..., 0]
@@ -313,6 +313,6 @@ def _least_eigenvalues(local, support, n_support):
 
 def _spans_no_plane(eigenvalues):
     """Whether points with these eigenvalues (..., d), ascending, span no hyperplane."""
-    if eigenvalues.shape[-1] == 1:  # in one dimension a point is one
+    if eigenvalues.shape[-1] == 1:  # in one dimension a point is a hyperplane
         return np.zeros(eigenvalues.shape[:-1], dtype=bool)
     return eigenvalues[..., 1] <= RANK_TOLERANCE**2 * eigenvalues[..., -1]

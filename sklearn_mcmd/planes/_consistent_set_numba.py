@@ -1,9 +1,9 @@
 """Algorithm 1 in three dimensions, compiled: the same answers as ``_consistent_set``, faster.
 
-All trials of one neighborhood advance together, one trial to a vector lane. A screening in
-float32 gives each trial a lower bound of its least eigenvalue; float64 then decides among
+All trials of one neighborhood advance together, one trial in each vector lane. A screening in
+float32 gives each trial a lower bound of its least eigenvalue. Float64 then decides among
 the few trials whose bound does not exceed the best value found, in ascending order. So the
-set is the one that float64 alone would find, at the price of float32.
+set is the one that float64 alone would find, in the time of float32.
 """
 
 import numpy as np
@@ -30,18 +30,18 @@ __all__ = [
 VECTOR = 8  # float32 lanes of the vectors that compilers prefer
 LINE = 16  # float32 numbers of a cache line
 COUNTING_PASSES = 7
-ROWS = 4  # members taken together in the counting loop
+ROWS = 4  # members that the counting loop takes at once
 F0, F1, F2, HALF = np.float32(0), np.float32(1), np.float32(2), np.float32(0.5)
 TINY = np.float32(1e-30)
 F01, F09 = np.float32(0.1), np.float32(0.9)
 # The median of half-normal distances is 0.845 of their mean; outliers raise the mean.
 FIRST_GUESS = np.float32(0.7)
-# Beyond so many median radii float32 rounds too coarsely for a bound: all trials are decided
-# in float64.
+# Beyond this number of median radii float32 rounds too coarsely for a bound. Then float64 decides
+# all trials.
 FAR = 100.0
-MOST_STEPS = 2.0**60  # what an integer key holds
-# How far the screening's least eigenvalue may be off: rounding of the moments, a few float32
-# steps of the trace, and of the determinant, which flat and long neighborhoods magnify.
+MOST_STEPS = 2.0**60  # largest number that an integer key holds
+# Errors that the screening's least eigenvalue may have: rounding of the moments, a few float32
+# steps of the trace, and rounding of the determinant, larger in flat and long neighborhoods.
 SCREEN_RTOL = np.float32(1e-3)
 SCREEN_STEP = np.float32(1e-6)
 
@@ -73,7 +73,7 @@ def consistent_set_3d(size, trials, arrays):
     first_plane = trial_planes(local, size, trials, lanes)
     if first_plane < 0:
         return first_members(size, n_support, member)
-    # Lanes without a plane, and those that fill up the vectors, repeat the first plane.
+    # Lanes without a plane, and lanes that pad the vectors, repeat the first plane.
     for t in range(lanes.shape[1]):
         if t >= n_trials or lanes[3, t] == np.inf:
             for axis in range(4):
@@ -88,7 +88,7 @@ def consistent_set_3d(size, trials, arrays):
     for t in range(n_trials):
         least[t] = np.inf
     for _ in range(n_trials):
-        t, lowest = np.int64(0), bound[0]  # a plain 0 would have `select_members` compiled twice
+        t, lowest = np.int64(0), bound[0]  # with a plain 0, `select_members` is compiled twice
         for s in range(1, n_trials):
             if bound[s] < lowest:
                 t, lowest = s, bound[s]
@@ -118,10 +118,10 @@ def first_members(size, n_support, member):
 
 @kernel
 def work_arrays(n_trials, k):
-    """Arrays that one thread needs for neighborhoods of k members, reused for each.
+    """Arrays that one thread needs for neighborhoods of k members; all neighborhoods share them.
 
-    The float32 ones begin on a cache line (vector loads across two cost half the speed) and
-    have room for the rows that fill up unrolled loops.
+    The float32 arrays begin on a cache line, because vector loads across two lines take twice as
+    long. They have room for the rows that pad unrolled loops.
     """
     n_lanes = (n_trials + VECTOR - 1) // VECTOR * VECTOR
     local = np.zeros((3, k))
@@ -172,7 +172,7 @@ def trial_planes(local, size, trials, lanes):
             lanes[3, t] = -(nx * x[a] + ny * y[a] + nz * z[a]) * scale
             found = True
         else:
-            # A neighborhood without a plane need not be read to its end 69 times.
+            # Three failures are enough: a neighborhood without a plane is not read 69 times.
             found = n_failures < 3 and _complete_trial(local, size, trials, t, p, lanes)
             n_failures += not found
         if not found:
@@ -184,7 +184,7 @@ def trial_planes(local, size, trials, lanes):
 
 @kernel(error_model="numpy")
 def _complete_trial(local, size, trials, t, p, lanes):
-    """Read row t on after position p until the subset spans a plane (step 1)."""
+    """Read row t beyond position p until the subset spans a plane (step 1)."""
     row = trials.positions[t]
     member = np.zeros(size)
     for q in range(p + 1):
@@ -212,7 +212,7 @@ def _complete_trial(local, size, trials, t, p, lanes):
 
 @kernel(error_model="numpy")
 def _refined_normal(local, size, member, mean, axes):
-    """Decompose once more in the axes found, which gives a thin subset its lost digits back."""
+    """Decompose once more in the axes found; this restores the digits lost in a thin subset."""
     rotated = np.empty((3, size))
     for j in range(size):
         dx, dy, dz = local[0, j] - mean[0], local[1, j] - mean[1], local[2, j] - mean[2]
@@ -233,10 +233,10 @@ def _refined_normal(local, size, member, mean, axes):
 def screen(local32, size, n_support, lanes, work):
     """Lower bounds of the trials' least eigenvalues (steps 2 and 3), in float32, to work[20].
 
-    The distance that h members do not exceed is found by counting: a comparison and a sum,
-    which run at full vector width, where sorting would not. Where the count is not exactly h
-    after a few passes, a distance is used that fewer members keep: dropping points can only
-    lower the least eigenvalue of the scatter matrix, so the bound holds.
+    Counting finds the distance that h members do not exceed. It is a comparison and a sum, which
+    run at full vector width; sorting would not. If the count is not exactly h after a few passes,
+    a distance with fewer members is taken. Leaving points out can only lower the least eigenvalue
+    of the scatter matrix, so the bound holds.
     """
     n_lanes = lanes.shape[1]
     nx, ny, nz, offset = work[0], work[1], work[2], work[3]
@@ -256,7 +256,7 @@ def screen(local32, size, n_support, lanes, work):
             distance = abs(nx[t] * xj + ny[t] * yj + nz[t] * zj + offset[t])
             row[t] = distance
             limit[t] += distance
-    # Rows that fill up the unrolled loops are never counted.
+    # Rows that pad the unrolled loops are never counted.
     for j in range(size, (size + ROWS - 1) // ROWS * ROWS):
         for t in range(n_lanes):
             distances[j, t] = np.inf
@@ -278,7 +278,7 @@ def screen(local32, size, n_support, lanes, work):
                 n01 = (F1 if row0[t] <= most else F0) + (F1 if row1[t] <= most else F0)
                 n23 = (F1 if row2[t] <= most else F0) + (F1 if row3[t] <= most else F0)
                 count[t] += n01 + n23
-        # Every third pass halves the bracket; the others interpolate in it.
+        # Every third pass halves the bracket; the other passes interpolate in it.
         nearest, farthest = (HALF, HALF) if i % 3 == 2 else (F01, F09)
         for t in range(n_lanes):
             guess, n = limit[t], count[t]
@@ -329,13 +329,13 @@ def screen(local32, size, n_support, lanes, work):
         minors = cxx * cyy - cxy * cxy + cxx * czz - cxz * cxz + cyy * czz - cyz * cyz
         determinant = cxx * (cyy * czz - cyz * cyz)
         determinant += -cxy * (cxy * czz - cyz * cxz) + cxz * (cxy * cyz - cyy * cxz)
-        # Newton from zero climbs to the least root of the characteristic polynomial.
+        # Newton's method from zero climbs to the least root of the characteristic polynomial.
         root = F0
         for _ in range(5):
             value = ((root - trace) * root + minors) * root - determinant
             slope = (np.float32(3) * root - F2 * trace) * root + minors
             root = root - value / (slope if slope > TINY else TINY)
-        # Rounding of the mean's square counts with the second moments, not with the trace.
+        # Rounding of the mean's square is a share of the second moments, not of the trace.
         size2 = (sxx[t] + syy[t] + szz[t]) * scale
         minors = minors if minors > TINY else TINY
         error = SCREEN_STEP * (size2 + size2 * trace * trace / minors)
@@ -369,8 +369,8 @@ def select_members(local, size, trials, lanes, t, keys, member):
 def least_eigenvalue(local, size, member, rank_tolerance):
     """Least eigenvalue of the covariance of the members (step 3).
 
-    Taken as the variance of the members along the axis, which errs to the large side only,
-    and infinite where they span no plane: see the NumPy form.
+    It is the variance of the members along the axis, which can only be too large, and infinite
+    where they span no plane: see the NumPy form.
     """
     mean, covariance = weighted_covariance(local, size, member)
     values, axes = eigh_3d(covariance)

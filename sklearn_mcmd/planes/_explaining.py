@@ -1,4 +1,4 @@
-"""Whose plane explains a point? The detector, normals and edges ask its neighbors' planes here."""
+"""Whose plane explains a point? The detector, normals and edges search the neighbors' planes."""
 
 from typing import NamedTuple
 
@@ -8,15 +8,15 @@ __all__ = ["ExplainLimits", "explain"]
 
 
 class ExplainLimits(NamedTuple):
-    """By what a plane is said to explain a point.
+    """Conditions under which a plane explains a point.
 
     likely : bool
-        Whether the owner is the most likely plane, by Bayes' rule: a flat plane that the point lies
-        on beats a rough one that it lies on as well, and the share of its neighborhood that a
-        plane keeps is its probability before. Otherwise it is the nearest plane, in standard
+        Whether the owner is the most likely plane, by Bayes' rule. If a point lies on a flat and on
+        a rough plane, the flat one wins. The prior probability of a plane is the share of its
+        neighborhood that it keeps. Otherwise the owner is the nearest plane, in standard
         deviations.
     explained : float
-        A plane explains points within so many of its standard deviations. Planes that explain
+        Number of its standard deviations within which a plane explains points. Planes that explain
         the point come first, others only where there is none.
     """
 

@@ -1,8 +1,8 @@
-"""The decorator of compiled functions, whose cache knows of all of them.
+"""The decorator of compiled functions, whose cache depends on all their files.
 
-Numba keeps compiled code beside the file of a function and looks at that file alone. A function or
-a constant of another file that is compiled into it could change, or be renamed by an upgrade, and
-the old code would still be taken, or fail to load.
+Numba keeps compiled code for a function and checks that function's file alone. The code also
+holds functions and constants of other files. If these change, or an upgrade renames them, Numba
+would still take the old code, or fail to load it.
 """
 
 from functools import cache
@@ -31,6 +31,6 @@ def kernel(function=None, **options):
 
 @cache
 def _stamp():
-    """What tells one version of all compiled functions from another."""
+    """A hash of the sources of all compiled functions."""
     sources = sorted(ROOT.rglob("*_numba.py"))
     return sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()

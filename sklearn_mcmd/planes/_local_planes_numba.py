@@ -1,7 +1,7 @@
 """The rules of ``_rules`` and Algorithm 4 around them in three dimensions, compiled.
 
-One neighborhood after another goes from indices to its plane; nothing of size (n, k, 3) is
-ever held.
+The plane of one neighborhood is finished before the next begins, so no array of shape (n, k, 3)
+is needed.
 """
 
 import numpy as np
@@ -33,14 +33,14 @@ def fit_neighborhoods_3d(points, around, queries, trials, rule, planes, directio
     trials : Trials
     rule : RuleLimits
     planes : Planes
-        Filled, but for extents and errors.
+        Filled, except for extents and errors.
     directions : float64 (m, 3)
         Filled with the axes of the largest eigenvalues.
     distance : float64 (m,)
         Filled with robust distances of the queries.
 
-    Numba drops the branches of fields that are None before it compiles: what the default does
-    not need, a third of all, is compiled when it is first asked for.
+    Numba drops the branches of fields that are None before it compiles. The default does not need
+    a third of the code; that third is compiled when it is first used.
     """
     k = around.indices.shape[1]
     arrays = work_arrays(trials.positions.shape[0], k)
@@ -66,7 +66,7 @@ def fit_neighborhoods_3d(points, around, queries, trials, rule, planes, directio
                 member[j] = 1.0
             distance[i], scale = _pca(local, size, member, query, floor)
             if degenerate:
-                distance[i], scale = 0.0, -1.0  # left to the caller
+                distance[i], scale = 0.0, -1.0  # the caller decides
         elif rule.within is None:
             distance[i], scale = _mcmd_z(local, size, member, query, rule, floor, work, keys)
         else:
@@ -238,7 +238,7 @@ def _median(values, size, keys):
 
 @kernel
 def _order_keys(values, size, keys):
-    """Integers in the order of the numbers: their bits, negated below zero."""
+    """Integers that sort like the numbers: their bits, negated below zero."""
     bits = values.view(np.int64)
     for j in range(size):
         keys[j] = bits[j] if bits[j] >= 0 else -(bits[j] & MAGNITUDE)

@@ -12,7 +12,7 @@ __all__ = [
     "weighted_covariance",
 ]
 
-# No "nnan" or "ninf": a lane without a plane may hold them.
+# No "nnan" or "ninf": a lane without a plane may hold NaN or infinity.
 FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
 
 
@@ -61,8 +61,8 @@ def variance_along(local, size, weight, mean, axis):
 def eigh_3d(covariance):
     """Eigenvalues, ascending, and unit eigenvectors of a covariance matrix of order 3.
 
-    Jacobi's rotations, on numbers and not on arrays: accurate for the least eigenvalue of a
-    nearly flat neighborhood, where closed formulas lose digits.
+    It makes Jacobi's rotations, on numbers and not on arrays. They are accurate for the least
+    eigenvalue of a nearly flat neighborhood, where closed formulas lose digits.
 
     Returns
     -------
@@ -76,7 +76,7 @@ def eigh_3d(covariance):
     trace = xx + yy + zz
     inverse = 1.0 / trace if trace > 0.0 else 0.0
     for _ in range(30):
-        # As shares, whose squares neither overflow nor vanish in any unit.
+        # As shares of the trace, whose squares neither overflow nor vanish in any unit.
         p, q, r = xy * inverse, xz * inverse, yz * inverse
         u, v, w = xx * inverse, yy * inverse, zz * inverse
         if p * p + q * q + r * r <= 1e-34 * (u * u + v * v + w * w):
@@ -114,7 +114,7 @@ def eigh_3d(covariance):
 
 @kernel(error_model="numpy")
 def _rotation(p, q, off):
-    """Cosine, sine and change of the diagonal that annul the entry `off` between p and q."""
+    """Cosine, sine and change of the diagonal that make the entry `off` between p and q zero."""
     if off == 0.0:
         return 1.0, 0.0, 0.0
     theta = (q - p) / (2.0 * off)
@@ -129,8 +129,8 @@ def _rotation(p, q, off):
 def kth_smallest(keys, size, rank):
     """The rank-th smallest (from 1) of the first `size` integers, by counting.
 
-    Each pass counts the keys up to a guess and takes the ends of the bracket from the keys
-    themselves, so it ends in any case, ties included.
+    Each pass counts the keys up to a guess. The ends of the bracket are keys, so the loop always
+    ends, also with ties.
     """
     low = high = keys[0]
     for j in range(size):

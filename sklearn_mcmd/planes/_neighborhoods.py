@@ -16,44 +16,44 @@ LEAF = 32
 class NeighborIndex:
     """Neighborhoods of any query among fixed points.
 
-    The points are kept in the order of a k-d tree's leaves: neighbors in space are then
-    neighbors in memory, which makes the search and all that follows two to three times as
-    fast on clouds whose rows come in random order.
+    The points are kept in the order of a k-d tree's leaves. Neighbors in space are then
+    neighbors in memory. On clouds whose rows come in random order this makes the search and all
+    later work two to three times as fast.
 
     Parameters
     ----------
     X : ndarray of float64 of shape (n, d)
     n_neighbors : int or None
-        Members of a neighborhood, all distinct points if these are fewer; all points in one
-        neighborhood when None.
+        Members of a neighborhood, or all distinct points if there are fewer. None means one
+        neighborhood of all points.
     radius : float, default=None
-        Members are not farther from the query than this, except where fewer than d + 1 are:
-        there the nearest d + 1 are taken.
+        Largest distance of a member from the query. If it holds fewer than d + 1 points, the
+        nearest d + 1 are taken.
 
     Attributes
     ----------
     points : ndarray of shape (m, d)
-        Distinct points in spatial order: copies of a neighbor tell nothing about the plane,
-        and a scanner's thousands of points at the origin would make the search quadratic. One
-        neighborhood of all points keeps its copies.
+        Distinct points in spatial order. Copies of a neighbor tell nothing about the plane, and
+        the thousands of points that some scanners put at the origin would make the search
+        quadratic. One neighborhood of all points keeps its copies.
     n_distinct : int
-        Distinct points, fewer than `points` where these are too few for any plane.
+        Number of distinct points. If they are too few for any plane, `points` repeats some.
     rows : ndarray of int of shape (m,)
-        The row of X that each of `points` is.
+        Row of X of each of `points`.
     """
 
     def __init__(self, X, n_neighbors, radius=None):
         self.n_neighbors = n_neighbors
         self.radius = radius
         if n_neighbors is None:
-            # Nearest to the mean first: an order that does not depend on that of the rows.
+            # Nearest to the mean first: this order does not depend on the order of the rows.
             distance = np.linalg.norm(X - X.mean(axis=0), axis=1)
             self.rows = np.argsort(distance, kind="stable")
             self.points = np.ascontiguousarray(X[self.rows])
             return
         self.rows = distinct_rows(X)
         self.n_distinct = len(self.rows)
-        if len(self.rows) <= X.shape[1]:  # too few locations for any plane; copies keep the form
+        if len(self.rows) <= X.shape[1]:  # too few locations for any plane: copies fill up
             self.rows = np.resize(self.rows, X.shape[1] + 1)
         self.n_neighbors = min(n_neighbors, len(self.rows))
         if len(self.rows) >= ORDER_FROM:
@@ -87,19 +87,19 @@ class NeighborIndex:
         return Neighborhoods(indices.astype(np.int32), sizes)
 
     def nearest(self, queries, n_workers=1):
-        """Row of `points` nearest to each query; the one neighborhood has but one row."""
+        """Row of `points` nearest to each query; 0 with one neighborhood of all points."""
         if self.n_neighbors is None:
             return np.zeros(len(queries), dtype=np.intp)
         return self.tree.query(queries, workers=n_workers)[1]
 
 
 def spatial_order(X):
-    """Row order in which near points are near in memory: that of a coarse tree's leaves."""
+    """The row order of a coarse tree's leaves: points near in space are near in memory."""
     return cKDTree(X, leafsize=COARSE_LEAF, balanced_tree=False, compact_nodes=False).indices
 
 
 def distinct_rows(X):
-    """Rows of X that are no copies of others."""
+    """Rows of X without copies: the first row of each location."""
     first = np.sort(X[:, 0])
     if (first[1:] != first[:-1]).all():
         return np.arange(len(X))

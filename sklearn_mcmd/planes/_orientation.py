@@ -37,9 +37,9 @@ def orient_toward(normals, directions):
 def orient_by_spanning_tree(normals, points, indices):
     """Make normals of neighbors agree (Hoppe et al., 1992), in place.
 
-    The sign travels along the minimum spanning tree of the neighborhood graph, whose edges
-    are the cheaper the more parallel the normals are. In each connected part the normal of
-    the highest point is made to point up.
+    The sign travels along the minimum spanning tree of the neighborhood graph. An edge costs less
+    the more parallel its normals are. In each connected part the normal of the highest point is
+    made to point up.
 
     Parameters
     ----------
@@ -52,15 +52,15 @@ def orient_by_spanning_tree(normals, points, indices):
     cost = np.empty((n, k))
     for column, neighbors in zip(cost.T, indices.T, strict=True):
         agreement = np.abs(np.einsum("ij,ij->i", normals, normals[neighbors]))
-        # SciPy takes a zero for no edge at all.
+        # SciPy takes a zero as no edge at all.
         column[:] = 1.0 + 1e-9 - np.minimum(agreement, 1.0)
-    # The spanning tree of SciPy before 1.17.1 takes indices of 32 bits only.
+    # Before SciPy 1.17.1 the spanning tree takes indices of 32 bits only.
     ends = np.arange(0, n * k + 1, k, dtype=np.int32 if n * k < 2**31 else np.int64)
     graph = csr_array((cost.ravel(), indices.ravel(), ends), shape=(n, n))
     tree = minimum_spanning_tree(graph, overwrite=True)
     n_parts, part = connected_components(tree, directed=False)
 
-    # One root above all parts, tied to the highest point of each: one walk serves all.
+    # One root is tied to the highest point of each part, so that one walk visits all parts.
     order = np.lexsort((points[:, -1], part))
     roots = order[np.r_[np.flatnonzero(np.diff(part[order])), n - 1]]
     point_up_at = normals[roots]

@@ -1,4 +1,4 @@
-"""Planes by principal components: the arithmetic every method shares."""
+"""Planes by principal components: arithmetic that all methods share."""
 
 import numpy as np
 from scipy.special import chdtri, fdtri
@@ -11,10 +11,10 @@ __all__ = [
     "surface_variation",
 ]
 
-# Eigenvalues below this share of the largest one count as zero: squared, a spread of 1e-6 of
-# the neighborhood's extent.
+# Eigenvalues below this share of the largest one count as zero. It is the square of a spread of
+# 1e-6 of the neighborhood's extent.
 RANK_TOLERANCE = 1e-12
-CONFIDENCE = 0.95  # where few points' errors are made to agree with many points'
+CONFIDENCE = 0.95  # at which errors from few points agree with errors from many points
 
 
 def fit_planes(neighborhoods, inliers=None):
@@ -23,8 +23,8 @@ def fit_planes(neighborhoods, inliers=None):
     Parameters
     ----------
     neighborhoods : ndarray of shape (..., k, d)
-        Points of each neighborhood. They are centered before any product is formed, so
-        large coordinates cost no accuracy.
+        Points of each neighborhood. They are centered before products are formed, so large
+        coordinates cost no accuracy.
     inliers : ndarray of bool of shape (..., k), default=None
         Members that take part; all of them when None.
 
@@ -34,8 +34,7 @@ def fit_planes(neighborhoods, inliers=None):
     eigenvalues : ndarray of shape (..., d)
         Of the covariance matrix with divisor k, ascending, never negative.
     axes : ndarray of shape (..., d, d)
-        Unit eigenvectors as columns; ``axes[..., 0]`` is the plane's normal, its sign
-        undecided.
+        Unit eigenvectors as columns; ``axes[..., 0]`` is the plane's normal, of either sign.
 
     References
     ----------
@@ -51,7 +50,7 @@ def fit_planes(neighborhoods, inliers=None):
     else:
         weight = inliers[..., None].astype(local.dtype)
         total = np.maximum(weight.sum(axis=-2, keepdims=True), 1.0)
-        # Rows outside may be padding of any value, infinities included.
+        # Rows that are no inliers may be padding of any value, also infinite.
         local = np.where(inliers[..., None], local, 0.0)
         mean = local.sum(axis=-2, keepdims=True) / total
         local = (local - mean) * weight
@@ -66,10 +65,9 @@ def orthogonal_distances(points, centroids, normals):
 
 
 def surface_variation(eigenvalues):
-    """Share of the least eigenvalue, "curvature" in the papers (Eq. 3).
+    """Share of the least eigenvalue in the sum, "curvature" in the papers (Eq. 3).
 
-    Zero for a perfect plane and 1/d for an isotropic cluster; zero, too, where all points
-    coincide.
+    It is 0 for a perfect plane and 1/d for an isotropic cluster, and 0 where all points coincide.
     """
     total = eigenvalues.sum(axis=-1)
     return np.divide(eigenvalues[..., 0], total, out=np.zeros_like(total), where=total > 0)
@@ -78,15 +76,15 @@ def surface_variation(eigenvalues):
 def normal_errors(scale, eigenvalues, n_points, inflation=1.0):
     """Root mean square tilt of the normals of fitted planes, in degrees.
 
-    A principal axis is tilted by noise along the normal toward each in-plane axis ``i`` with
-    variance ``scale**2 * l_i / (m * (l_i - l_0)**2)`` (Anderson 1963), in most clouds
-    ``scale**2 / (m * l_i)`` as of a regression line's slope. The error is the root of their
-    sum over the d - 1 axes. The true normal is within ``sqrt(q / (d - 1))`` errors with 95 %
-    confidence, where q is the 0.95 quantile of chi-squared with d - 1 degrees of freedom:
+    Noise along the normal tilts it toward each in-plane axis ``i`` with variance
+    ``scale**2 * l_i / (m * (l_i - l_0)**2)`` (Anderson 1963). In most clouds this is nearly
+    ``scale**2 / (m * l_i)``, the variance of a regression line's slope. The error is the root of
+    the sum over the d - 1 axes. The true normal is within ``sqrt(q / (d - 1))`` errors with 95 %
+    confidence, where q is the 0.95 quantile of chi-squared with d - 1 degrees of freedom. This is
     1.73 in 3D, if the neighborhood is about as long as wide.
 
-    That factor holds for any number of points, since the scale's own uncertainty, with
-    m - d degrees of freedom, is in the error: it is raised by the root of the ratio of the
+    That factor holds for any number of points, since the error includes the scale's own
+    uncertainty, with m - d degrees of freedom: it is raised by the root of the ratio of the
     quantiles of F(d - 1, m - d) and F(d - 1, infinity), 1.09 for 20 points and 1.02 for 100.
 
     Parameters
@@ -97,12 +95,12 @@ def normal_errors(scale, eigenvalues, n_points, inflation=1.0):
     n_points : ndarray of shape (n,)
         Points that each plane was fitted to (m).
     inflation : float or ndarray of shape (n,), default=1
-        What errors are multiplied by where the points were chosen by their distances.
+        Factor on the errors, for points that were chosen by their distances.
 
     Returns
     -------
     errors : ndarray of shape (n,)
-        At most 90, which is given where nothing determines the plane.
+        At most 90; 90 where the points do not determine a plane.
 
     References
     ----------
@@ -111,7 +109,7 @@ def normal_errors(scale, eigenvalues, n_points, inflation=1.0):
     """
     d = eigenvalues.shape[1]
     freedom = n_points - d
-    # A table by the number of points: quantiles of F are dear.
+    # A table by the number of points, because quantiles of F take long.
     row = np.maximum(freedom, 1).astype(np.intp)
     counts = np.flatnonzero(np.bincount(row))
     student = np.ones(row.max(initial=0) + 1)
@@ -121,7 +119,7 @@ def normal_errors(scale, eigenvalues, n_points, inflation=1.0):
     gap = in_plane - least
     known = (freedom > 0) & (gap[:, 0] > RANK_TOLERANCE * eigenvalues[:, -1])
     gap[~known] = np.inf
-    # Quotients of squares alone: fourth powers would leave the range of numbers in some units.
+    # Quotients of squares only: fourth powers would overflow or vanish in some units.
     variance = (in_plane / gap * (scale**2)[:, None] / gap).sum(axis=1) * student[row]
     errors = inflation * np.degrees(np.sqrt(variance / np.maximum(n_points, 1)))
     return np.where(known, np.minimum(errors, 90.0), 90.0)
@@ -130,9 +128,9 @@ def normal_errors(scale, eigenvalues, n_points, inflation=1.0):
 def flat_normals(normals, eigenvalues, directions):
     """Give neighborhoods without a plane a defined normal.
 
-    Collinear points fit every plane through their line. Of its perpendiculars the one
-    nearest to the last axis is taken (the horizontal plane through a horizontal line); where
-    all points coincide, the last axis itself.
+    Collinear points fit every plane through their line. The normal is then the perpendicular of
+    the line that is nearest to the last axis (a horizontal line gets a horizontal plane). Where
+    all points coincide, it is the last axis itself.
 
     Parameters
     ----------
@@ -150,7 +148,7 @@ def flat_normals(normals, eigenvalues, directions):
         candidate = -line[:, axis, None] * line
         candidate[:, axis] += 1.0
         length = np.linalg.norm(candidate, axis=1)
-        good = length > 0.5  # the line is within 30 degrees of this axis otherwise
+        good = length > 0.5  # otherwise the line is within 30 degrees of this axis
         normals[flat[good]] = candidate[good] / length[good, None]
         flat = flat[~good]
     return normals

@@ -1,6 +1,6 @@
-"""Progress of long fits, for whoever shows it.
+"""Progress of long fits, for programs that show it.
 
-Estimators have no parameter for it, so that what is fitted stays apart from what is shown.
+Estimators have no parameter for it: fitting does not depend on what is shown.
 """
 
 from contextlib import contextmanager
@@ -13,12 +13,12 @@ __all__ = ["COMPILING", "current_span", "listen_to_progress", "progress_part", "
 COMPILING = "compiling for this computer (once; then kept on disk)"
 
 _span = ContextVar("sklearn_mcmd_progress", default=None)
-_listeners = []  # in force, for compilation, which may come in any thread
+_listeners = []  # those in force; any thread may compile and tell them
 
 
 @dataclass(frozen=True)
 class Span:
-    """A part of the whole work, from `low` to `high` of it, and the stage that it is of."""
+    """A part of the whole work, from share `low` to share `high`, and the name of its stage."""
 
     listener: object
     low: float
@@ -26,16 +26,17 @@ class Span:
     stage: str
 
     def tell(self, share):
-        """That so much of this part is done, from 0 to 1; from any thread."""
+        """Say that this share of the part is done, from 0 to 1; any thread may call it."""
         self.listener(self.stage, self.low + share * (self.high - self.low))
 
 
 @contextmanager
 def listen_to_progress(listener):
-    """Have ``listener(stage, share)`` called, from any thread, as the work within is done.
+    """Call ``listener(stage, share)``, from any thread, while the work within proceeds.
 
-    `share` is of the whole, from 0 to 1. It is None where only the stage is news: `COMPILING`
-    while that lasts, and None once what was going on goes on. A listener None hears nothing.
+    `share` is the share of the whole work, from 0 to 1. It is None where only the stage changes:
+    to `COMPILING` when compilation begins, and to None when it ends and the work goes on. A
+    listener of None is not called.
     """
     token = _span.set(None if listener is None else Span(listener, 0.0, 1.0, ""))
     _listeners.append(listener)
@@ -48,7 +49,7 @@ def listen_to_progress(listener):
 
 @contextmanager
 def progress_part(low, high, stage=None):
-    """Let what is within be this part of what is around, of a stage of its own if that is named."""
+    """Count the work within as this part of the work around it; `stage` names it, if given."""
     whole = _span.get()
     if whole is None:
         yield
@@ -70,20 +71,20 @@ def progress_part(low, high, stage=None):
 
 
 def current_span():
-    """The part of the work that this context does, or None if nobody listens."""
+    """The part of the work that this context does, or None without a listener."""
     return _span.get()
 
 
 @cache
 def watch_compilation():
-    """Tell listeners when Numba compiles; to be called once it is imported."""
+    """Tell listeners when Numba compiles. Call this after Numba is imported."""
     try:
         from numba.core import event
-    except ImportError:  # that place is documented, but not for ever
+    except ImportError:  # this place is documented, but may change
         return
 
     class Compilation(event.Listener):
-        depth = 0  # functions compile those that they call
+        depth = 0  # compiling a function compiles those that it calls
 
         def on_start(self, event):
             self.depth += 1

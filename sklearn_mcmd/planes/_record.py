@@ -1,4 +1,4 @@
-"""The record of planes that every stage reads, and compiled code takes as one argument."""
+"""The record of planes, which every stage reads and compiled code takes as one argument."""
 
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ __all__ = ["Neighborhoods", "Planes"]
 
 
 class Neighborhoods(NamedTuple):
-    """Rows of an index's points that are neighbors of m queries, the nearest first.
+    """The neighbors of m queries as rows of an index's points, the nearest first.
 
     indices : ndarray of int32 of shape (m, k)
         Members beyond the size repeat the first.
@@ -24,7 +24,7 @@ class Neighborhoods(NamedTuple):
 
     @property
     def valid(self):
-        """Which members are no padding: bool (m, k)."""
+        """Which members are neighbors and not padding: bool (m, k)."""
         return np.arange(self.indices.shape[1]) < self.sizes[:, None]
 
 
@@ -33,11 +33,11 @@ class Planes(NamedTuple):
 
     centroids, normals : ndarray of shape (m, d)
     eigenvalues : ndarray of shape (m, d)
-        Of the covariance of the members left, ascending.
+        Of the covariance of the kept members, ascending.
     scale : ndarray of shape (m,)
         Standard deviation of the noise along the normal; negative where there is no plane.
     kept : ndarray of shape (m,)
-        Share of the neighborhood that is left after outliers are removed.
+        Share of the neighborhood that is kept after outliers are removed.
     radius, spacing : ndarray of shape (m,)
         Distance of the last neighbor from the query, and the mean distance of all of them.
     normal_error : ndarray of shape (m,)
@@ -60,7 +60,7 @@ class Planes(NamedTuple):
         return cls(*vectors, *(np.empty(m) for _ in range(5)))
 
     def take(self, rows):
-        """The planes of some of the queries; of a slice these are views, which can be filled."""
+        """The planes of some of the queries. Of a slice these are views, which can be filled."""
         return Planes(*(values[rows] for values in self))
 
     def replaced(self, rows, **values):

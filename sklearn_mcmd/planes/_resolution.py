@@ -1,4 +1,4 @@
-"""The step to which a file's coordinates were rounded, found from the coordinates."""
+"""The step to which a file rounded its coordinates, found from the coordinates."""
 
 import warnings
 
@@ -6,29 +6,30 @@ import numpy as np
 
 __all__ = ["CoarseCoordinatesWarning", "coordinate_step", "warn_if_coarse"]
 
-# A gap counts as so many steps if it is within this much of a whole number of them.
+# A gap is a whole number of steps if it differs from one by this share of a step at most.
 TOLERANCE = 0.02
-# Longer gaps say nothing: the error of the step, times so many, is no longer small.
+# Gaps of more steps are not used: the error of the step, times 100, is no longer small.
 LONGEST = 100
 FEWEST_GAPS = 3
-# Shares of gaps: shorter than the step (points that were not rounded), and on the lattice.
+# Largest share of gaps shorter than the step (from points that were not rounded), and least share
+# of gaps on the lattice.
 SHORTER, ON_LATTICE = 0.02, 0.95
-# Values this much rarer than that of a typical point were not rounded, and where there are
-# but a few, those held by less than this share of all points are no evidence.
+# A value that occurs less often than this share of what is typical was not rounded. On an axis
+# with few values, those of less than LEAST_LEVEL of all points are not used.
 RARE = 0.1
 LEAST_LEVEL = 0.02
-# float32 coordinates are too coarse once their rounding exceeds this share of the radius of a
-# typical neighborhood.
+# float32 coordinates are too coarse if their rounding exceeds this share of a typical
+# neighborhood's radius.
 COARSE_ROUNDING = 0.01
 
 
 class CoarseCoordinatesWarning(UserWarning):
-    """float32 rounds coordinates to a visible share of a typical neighborhood.
+    """float32 rounds coordinates by a visible share of a typical neighborhood.
 
     Parameters
     ----------
     largest, rounding, radius : float
-        Coordinate of a typical point, step at it, and radius of a typical neighborhood.
+        Coordinate of a typical point, step of float32 there, and radius of a typical neighborhood.
     """
 
     def __init__(self, largest, rounding, radius):
@@ -46,9 +47,9 @@ class CoarseCoordinatesWarning(UserWarning):
 def coordinate_step(X):
     """Step of the lattice that the coordinates lie on, 0 where there is none.
 
-    Files hold coordinates rounded to, say, a centimeter. Where that is coarser than the
-    noise, most of a flat neighborhood lies on exactly one level, and a robust scale is zero:
-    every other level would be an outlier.
+    Files hold coordinates rounded to, for example, a centimeter. If that is coarser than the
+    noise, most of a flat neighborhood lies on exactly one level. The robust scale is then zero,
+    and all points on other levels would be outliers.
 
     Parameters
     ----------
@@ -57,9 +58,9 @@ def coordinate_step(X):
     Returns
     -------
     float
-        The smallest step among the axes. Zero unless every axis is on a lattice: a raster of
-        heights is no rounded cloud, and a rounded cloud that was rotated is not found. A few
-        points that were not rounded do not matter.
+        The smallest step among the axes; zero unless every axis is on a lattice. A raster of
+        heights is no rounded cloud. A rounded cloud that was rotated is not found. A few points
+        that were not rounded do no harm.
     """
     steps, flat = [], []
     for axis in X.T:
@@ -77,7 +78,7 @@ def coordinate_step(X):
     if not steps:
         return 0.0
     step = min(steps)
-    # An axis with few levels, as of a level floor, shares the step of the others or has none.
+    # An axis with few levels, as on a level floor, shares the step of the others or has none.
     if any(gaps.size == 0 or not _whole(gaps / step).all() for gaps in flat):
         return 0.0
     return step
@@ -91,10 +92,10 @@ def _typical(counts):
 
 def _lattice_step(gaps, rounding):
     gaps = np.sort(gaps)
-    # Of a lattice with more points than values, or not many fewer, the short gaps are one step.
+    # If a lattice has at least about as many points as values, its short gaps are one step.
     step = gaps[int(SHORTER * gaps.size)]
     near = gaps[(gaps >= 0.5 * step) & (gaps <= LONGEST * step)] / step
-    # Of continuous coordinates few gaps are so short, and one in 25 is a whole number of them.
+    # Of continuous coordinates few gaps are this short, and one in 25 is a whole number of steps.
     if near.size < max(FEWEST_GAPS, 0.5 * gaps.size):
         return 0.0
     whole = _whole(near, rounding / step)
@@ -108,7 +109,7 @@ def _whole(multiples, error=0.0):
 
 
 def warn_if_coarse(index, stacklevel):
-    """Warn where float32 coordinates, in a `NeighborIndex` by now, are too coarse."""
+    """Warn if the float32 coordinates behind this `NeighborIndex` are too coarse."""
     points = index.points
     sample = points[:: max(1, len(points) // 1000)]
     if index.n_neighbors is None:

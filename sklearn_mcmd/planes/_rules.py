@@ -1,9 +1,9 @@
-"""Rules: what makes a member of a neighborhood an outlier, by the name of the method.
+"""Rules: they decide which members of a neighborhood are outliers, by the name of the method.
 
 A rule turns a neighborhood and its consistent set into a robust distance: a center and a
 whitening matrix. The distance of a point is the length of its whitened deviation from the
-center, and members farther than the cutoff are outliers. `METHODS` lists the rules; this
-NumPy form holds in any dimension, ``_local_planes_numba`` repeats it in three.
+center, and members farther than the cutoff are outliers. `METHODS` lists the rules. This NumPy
+form works in any dimension; ``_local_planes_numba`` repeats it in three.
 """
 
 from collections.abc import Callable
@@ -27,18 +27,18 @@ __all__ = [
     "robust_distances",
 ]
 
-MAD_TO_SD = 1.4826  # section 4.2: makes the MAD consistent at the normal distribution
+MAD_TO_SD = 1.4826  # section 4.2: makes the MAD consistent for the normal distribution
 REWEIGHT_CUTOFF = 2.5
-# The median of the first scale reaches into the outliers' side: with 40 % of them it is half
-# as large again, and the first cut leaves nothing out. The second one cuts at 2.5 indeed.
+# Outliers raise the median of the first scale: 40 % of them make it half as large again, and the
+# first cut removes too little. The second cut has the right scale.
 REWEIGHT_STEPS = 2
-# For odd and even neighborhoods. Settled by simulation between planes without outliers and
-# with 10 %, for 20 to 100 neighbors in 2D to 4D, see `_small_sample_inflation`.
+# For odd and even neighborhoods. They are a compromise, by simulation, between planes without
+# outliers and with 10 %, for 20 to 100 neighbors in 2D to 4D, see `_small_sample_inflation`.
 SMALL_SAMPLE_EXCESS = 4.7, 3.2
 
 
 def truncated_normal(cutoff):
-    """Share within +-cutoff of a standard normal variable, and the variance of that part."""
+    """Share of a standard normal variable within +-cutoff, and the variance of that part."""
     share = erf(cutoff / sqrt(2))
     return share, 1.0 - 2.0 * cutoff * exp(-(cutoff**2) / 2) / (sqrt(2 * pi) * share)
 
@@ -51,23 +51,23 @@ class Rule:
     """A method by name."""
 
     apply: Callable  # see `mcmd_z`
-    default_cutoff: Callable  # of the number of features
+    default_cutoff: Callable  # takes the number of features
     needs_consistent_set: bool
-    inflation: Callable  # of standard errors: of cutoff, d, members left and members
+    inflation: Callable  # factor on standard errors; takes cutoff, d, members kept and members
 
 
 class RuleLimits(NamedTuple):
-    """What the compiled form of a rule is told: constants reach it as arguments.
+    """Arguments of the compiled form of a rule, with its constants.
 
-    Code that is compiled and kept would not notice that a constant of another file has changed.
+    Compiled code that is kept on disk would not notice a changed constant of another file.
     """
 
     needs_consistent_set: bool
-    within: object  # True for distances within the plane as well, those of "mcmd_md"; else None
+    within: object  # True if distances within the plane count too, as for "mcmd_md"; else None
     cutoff: float
     reweight: bool
     rounding: float  # relative rounding error of the coordinates
-    least_scale: float  # what the step of rounded coordinates amounts to, in units of the points
+    least_scale: float  # error from the step of rounded coordinates, in units of the points
     mad_to_sd: float
     reweight_cutoff: float
     reweight_steps: int
@@ -108,9 +108,9 @@ def mcmd_z(local, valid, support, reweight, floor):
         The maximum consistent set.
     reweight : bool
         Whether plane and scale are refitted to the members within 2.5 robust standard
-        deviations of the set's plane, and once more. The paper does not.
+        deviations of the set's plane, and then once more. The paper does not do this.
     floor : ndarray of shape (B,)
-        Least scale: what rounding of the coordinates alone amounts to. It answers for a
+        Least scale: the error from rounding of the coordinates alone. It is the scale of a
         perfect plane, where the MAD is zero.
 
     Returns
@@ -160,9 +160,9 @@ def pca(local, valid, support, reweight, floor):
 def cut_inflation(cutoff):
     """Standard error of a plane fitted within a cutoff, over that of as many uncut points.
 
-    A cut around a plane that is off by e keeps points whose own plane is off by
-    ``(1 - variance of the cut normal) * e``: what is fitted inherits part of the error of
-    what was fitted before. The plane that is cut around is taken as settled at 2.5; at that
+    If a plane is off by e, the points within a cutoff around it have a plane that is off by
+    ``(1 - variance of the cut normal) * e``. So the next plane inherits part of the error of the
+    plane before. The plane before is assumed to have converged at a cutoff of 2.5. For this
     cutoff the result is one over the root of the cut normal's variance, 1.05.
     """
     share, variance = truncated_normal(cutoff)
@@ -175,9 +175,9 @@ def cut_inflation(cutoff):
 def _small_sample_inflation(d, n_inliers, n_members):
     """Factor on the errors of planes of few points, from simulation.
 
-    The consistent set is the best of many, so the first scale is too small where there are
-    few members, and the cuts at 2.5 times it keep too little. An odd median is that of the
-    set itself, and even smaller.
+    The consistent set is the best of many. So the first scale is too small where there are few
+    members, and the cuts at 2.5 times it keep too few. With an odd number of members the median is
+    the set's own largest distance, and the scale is even smaller.
     """
     excess = np.where(n_members % 2 == 1, *SMALL_SAMPLE_EXCESS)
     return 1.0 + excess * d**2 / np.maximum(n_inliers - d, 1.0) ** 1.5
@@ -186,9 +186,9 @@ def _small_sample_inflation(d, n_inliers, n_members):
 def _reweighted_planes(local, valid, support, floor):
     """Planes of the members within 2.5 robust standard deviations of the set's plane.
 
-    The scale before is that of least median of squares, with its small-sample factor
-    (Rousseeuw and Leroy, 1987, chapter 5); the one after is the standard deviation of the
-    kept, with the degrees of freedom that the plane took, corrected for the cut at 2.5.
+    The first scale is that of least median of squares, with its small-sample factor
+    (Rousseeuw and Leroy, 1987, chapter 5). Later scales are the standard deviation of the kept
+    members, less the degrees of freedom of the plane, corrected for the cut at 2.5.
     """
     d = local.shape[-1]
     size = valid.sum(axis=1)
@@ -209,8 +209,8 @@ def _reweighted_planes(local, valid, support, floor):
 def _variance_along(distances, members):
     """Mean square of the members' distances to their plane.
 
-    Not the least eigenvalue, whose rounding error is that of the largest: below 1e-8 of the
-    neighborhood's radius its root is no scale any more.
+    The least eigenvalue would not do: it has the rounding error of the largest one. Its root is
+    useless as a scale below 1e-8 of the neighborhood's radius.
     """
     return np.square(distances * members).sum(axis=1) / np.maximum(members.sum(axis=1), 1)
 
@@ -230,7 +230,7 @@ def _inflation_z(cutoff, d, n_inliers, n_members):
 
 
 def _inflation_md(cutoff, d, n_inliers, n_members):
-    """As if the in-plane part of each distance were its mean, d - 1."""
+    """Approximation: the in-plane part of each squared distance is set to its mean, d - 1."""
     along = sqrt(max(cutoff**2 - (d - 1), 1.0))
     return _inflation_z(along, d, n_inliers, n_members)
 
