@@ -1,4 +1,4 @@
-"""The methods that the first paper compares with, as arrays and as one outlier detector."""
+"""The methods that the first paper compares with, for arrays and as one outlier detector."""
 
 from sklearn_mcmd.baselines._detector import PlaneOutlierDetector
 from sklearn_mcmd.baselines._fits import NeighborhoodFit

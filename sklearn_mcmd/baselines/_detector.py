@@ -16,8 +16,8 @@ __all__ = ["PlaneOutlierDetector"]
 class PlaneOutlierDetector(BasePlaneOutliers):
     """Outliers of local neighborhoods by the methods that MCMD is compared with.
 
-    Each point is judged in the neighborhood of its nearest points: by its distance to the
-    neighborhood's plane ("pca", "ransac", "msac"), by its robust Mahalanobis or orthogonal
+    The detector judges each point in the neighborhood of its nearest points: by its distance to
+    the neighborhood's plane ("pca", "ransac", "msac"), by its robust Mahalanobis or orthogonal
     distance ("robpca"), by the ratio of the densities of regular and of all points ("ulsif"),
     or by its distance to a small random sample ("qsp").
 
@@ -34,18 +34,19 @@ class PlaneOutlierDetector(BasePlaneOutliers):
         Parameters of the method, see :class:`~sklearn_mcmd.baselines.Ransac`,
         :class:`~sklearn_mcmd.baselines.Msac`, :class:`~sklearn_mcmd.baselines.Pca`,
         :class:`~sklearn_mcmd.baselines.Robpca`, :class:`~sklearn_mcmd.baselines.Ulsif` and
-        :class:`~sklearn_mcmd.baselines.Qsp`; `contamination` of the last two is this class's.
+        :class:`~sklearn_mcmd.baselines.Qsp`. Give the `contamination` of the last two to this
+        class.
 
     contamination : "auto" or float in (0, 0.5], default="auto"
-        Share of the fitted points that is flagged. "auto" takes the method's own cut-off;
+        Share of the fitted points that is flagged. "auto" means the method's own cut-off;
         "ulsif" and "qsp" have none and need a share.
 
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of random positions that all neighborhoods use.
 
     n_jobs : int, default=None
-        Number of threads; None means 1 unless in a :obj:`joblib.parallel_config` context and
-        -1 all processors. Results do not depend on it.
+        Number of threads. None means 1 unless in a :obj:`joblib.parallel_config` context, and
+        -1 means all processors. Results do not depend on it.
 
     Attributes
     ----------
@@ -74,8 +75,8 @@ class PlaneOutlierDetector(BasePlaneOutliers):
     New points are scored against the fitted cloud, by their own neighborhoods in it, so
     ``fit_predict(X)`` equals ``fit(X).predict(X)``.
 
-    "ransac" and "msac" take about as long as MCMD; "robpca" and "ulsif" a hundred times as
-    long, see the page on comparators.
+    "ransac" and "msac" take about as long as MCMD. "robpca" and "ulsif" take about a hundred times
+    as long, see the page on comparators.
 
     Examples
     --------

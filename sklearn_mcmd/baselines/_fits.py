@@ -1,4 +1,4 @@
-"""What every method takes and returns: neighborhoods in, verdicts in one form out."""
+"""The interface of all methods: they take neighborhoods and return `NeighborhoodFit`."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
@@ -21,35 +21,36 @@ __all__ = [
     "plane_scale",
 ]
 
-# Up to this size whole rows are shuffled at once; beyond, row by row.
+# Up to this size all rows are shuffled at once; above it, one row after another.
 SHUFFLE_AT_ONCE = 1024
 LARGEST_SEED = 2**31 - 1
 
 
 @dataclass(frozen=True)
 class NeighborhoodFit:
-    """What a method found in each of B neighborhoods of n members.
+    """The result of a method for B neighborhoods of n members.
 
     Attributes
     ----------
     scores : ndarray of shape (B, n)
-        Abnormality of each member, the larger, the more abnormal; 0 where not valid.
+        Abnormality of each member: larger is more abnormal. 0 where not valid.
     cutoff : ndarray of shape (B,)
-        Scores below it are inliers; NaN for a method that has none.
+        Members with smaller scores are inliers; NaN for a method without a cut-off.
     inliers : ndarray of bool of shape (B, n)
-        Members judged regular. All valid ones for scores without a contamination.
+        Members judged regular: all valid ones if the method has no cut-off and got no
+        contamination.
     support : ndarray of bool of shape (B, n)
-        Members that the plane is fitted to by principal components: the inliers, but all
-        members for PCA, and for ROBPCA those that its components are of.
+        Members that the plane is fitted to by principal components. These are the inliers, but
+        all members for PCA, and the members behind its components for ROBPCA.
     centers, normals : ndarray of shape (B, d)
-        Of that plane.
+        Center and unit normal of that plane.
     scale : ndarray of shape (B,)
-        Standard deviation of the noise along the normal, in units of the points; negative
-        where no plane was found and nothing is judged.
+        Standard deviation of the noise along the normal, in units of the points. It is negative
+        where no plane was found; there no member is judged.
     origin : ndarray of shape (B, d)
-        What `model` counts coordinates from.
+        Origin of the coordinates that `model` takes.
     model : object
-        Its ``score(points)`` gives the scores of any points (B, m, d) less the origin.
+        Its ``score(points)`` gives the scores of any points (B, m, d), with the origin subtracted.
     """
 
     scores: np.ndarray
@@ -70,15 +71,15 @@ class NeighborhoodFit:
 class Group(NamedTuple):
     """Neighborhoods of one size, as `Method._fit` takes them."""
 
-    points: np.ndarray  # (B, n, d), less the origin
-    table: np.ndarray  # of random positions
+    points: np.ndarray  # (B, n, d), with the origin subtracted
+    table: np.ndarray  # random positions
     floor: np.ndarray  # (B,), the least scale
     origin: np.ndarray  # (B, d)
     compiled: bool | None
 
 
 class Found(NamedTuple):
-    """What `Method._fit` returns; the names are those of `NeighborhoodFit`."""
+    """The result of `Method._fit`, with the names of `NeighborhoodFit`."""
 
     model: object
     scores: np.ndarray
@@ -101,13 +102,13 @@ class WhitenedModel:
 
 
 class Method(ABC):
-    """A method with its parameters: subclasses are frozen dataclasses of these.
+    """A method with its parameters: subclasses are frozen dataclasses of the parameters.
 
-    A subclass settles one group of neighborhoods of equal size in `_fit`; this class does
-    what is common: sizes, the origin, the tables of random positions, the final plane.
+    `_fit` of a subclass judges a group of neighborhoods of equal size. This class does the rest:
+    sizes, the origin, the tables of random positions, the final plane.
     """
 
-    has_cutoff: ClassVar[bool] = True  # decides by itself which members are outliers
+    has_cutoff: ClassVar[bool] = True  # whether it decides by itself which members are outliers
 
     def fit(self, points, valid=None, *, random_state=None):
         """Judge the members of neighborhoods.
@@ -115,10 +116,10 @@ class Method(ABC):
         Parameters
         ----------
         points : ndarray of shape (B, n, d)
-            Coordinates in any unit; centered at each neighborhood's first member before any
-            arithmetic.
+            Coordinates in any unit. They are centered at each neighborhood's first member before
+            any arithmetic.
         valid : ndarray of bool of shape (B, n), default=None
-            Members in use, at least d + 1 in each neighborhood; all when None.
+            Members in use, at least d + 1 in each neighborhood. None means all.
         random_state : int, RandomState instance or None, default=None
             Seed of the one table of random positions that all neighborhoods of a size use.
 
@@ -155,11 +156,11 @@ class Method(ABC):
     def fit_sizes(
         self, points, sizes, tables, rounding=8 * 2.0**-52, least_scale=0.0, compiled=None
     ):
-        """As `fit`, of neighborhoods whose first `sizes` members are in use.
+        """As `fit`, for neighborhoods whose first `sizes` members are in use.
 
-        `rounding` is the relative rounding error of the coordinates, `least_scale` what
-        their step amounts to: scales are not less. `compiled` says which form of the
-        arithmetic is used where there are two; None leaves it to the method.
+        `rounding` is the relative rounding error of the coordinates, and `least_scale` the error
+        from their step. No scale is smaller than these. `compiled` chooses between the two forms
+        of the arithmetic where there are two; with None the method chooses.
         """
         n_sets, n, d = points.shape
         origin = points[:, 0].copy()
@@ -182,7 +183,7 @@ class Method(ABC):
             support[rows, :size] = found.inliers if found.support is None else found.support
             cutoff[rows], scale[rows] = found.cutoff, found.scale
             models.append((rows, found.model))
-        # Algorithm 4: the plane of what is left.
+        # Algorithm 4: the plane of the members left.
         centers, _, axes = fit_planes(local, support)
         unknown = scale == 0
         if unknown.any():
@@ -198,7 +199,7 @@ class Method(ABC):
         return Tables(self, check_random_state(random_state).randint(LARGEST_SEED))
 
     def usual_cutoff(self, n, d):
-        """Score beyond which a member of n is an outlier; None for a method that has none."""
+        """Score above which one of n members is an outlier; None for a method without a cut-off."""
         return None
 
     @abstractmethod
@@ -211,7 +212,7 @@ class Method(ABC):
 
 
 class Tables:
-    """One table of random positions for all neighborhoods of a size, drawn when first used."""
+    """One table of random positions for all neighborhoods of a size, drawn on first use."""
 
     def __init__(self, method, seed):
         self.method = method
@@ -226,9 +227,9 @@ class Tables:
 
 
 def flag_share(scores, contamination):
-    """Inliers (B, n) and cutoff (B,) where that share of the highest scores is flagged.
+    """Inliers (B, n) and cutoff (B,) if this share of the members, the highest scores, is flagged.
 
-    The number is rounded to the nearest integer; of equal scores the first are flagged.
+    The number is rounded to the nearest integer. Among equal scores the first are flagged.
     """
     n_sets, n = scores.shape
     if contamination is None:
@@ -242,14 +243,14 @@ def flag_share(scores, contamination):
 
 
 def plane_scale(points, members, centers, normals):
-    """Standard deviation of the members along the normal, the plane's freedom taken off."""
+    """Standard deviation of the members along the normal, less the plane's degrees of freedom."""
     distances = np.where(members, orthogonal_distances(points, centers, normals), 0.0)
     freedom = np.maximum(members.sum(axis=1) - points.shape[-1], 1)
     return np.sqrt(np.square(distances).sum(axis=1) / freedom)
 
 
 def check(method, name, low, high, *, closed="neither", none=False, integer=False):
-    """Raise where a parameter is not a number of an interval."""
+    """Raise if a parameter is not a number in an interval."""
     value = getattr(method, name)
     if none and value is None:
         return
@@ -280,7 +281,7 @@ def _draw_positions(n_rows, n_columns, size, seed):
 
 
 def _merge(models, n_sets):
-    """One model of all neighborhoods out of those of each size; what is missing is zero."""
+    """One model of all neighborhoods from the models of each size; missing entries are zero."""
     first = models[0][1]
     arrays = []
     for field in fields(first):

@@ -11,8 +11,8 @@ __all__ = ["CONSISTENCIES", "NESTED_FROM", "Mcd", "fit_mcd", "mcd_support_size",
 FIRST_STEPS = 2
 N_BEST = 10
 MOST_STEPS = 100
-# From this size on scikit-learn's FAST-MCD takes one neighborhood after another: its nested
-# subsets pay there.
+# From this size on scikit-learn's FAST-MCD fits one neighborhood after another: there its nested
+# subsets save time.
 NESTED_FROM = 1000
 # Deviations below this share of the neighborhood's extent count as none.
 FLATNESS = 1e-6
@@ -45,10 +45,10 @@ THREE_AND_MORE = {
 
 @dataclass(frozen=True)
 class Mcd:
-    """Location and scatter of B neighborhoods, consistent at the normal distribution.
+    """Location and scatter of B neighborhoods, consistent for the normal distribution.
 
-    support (B, n) is the raw subset, raw_squares (B, n) the squared raw distances; kept (B, n)
-    are those that the reweighted locations (B, d) and covariances (B, d, d) are of.
+    support (B, n) is the raw subset, and raw_squares (B, n) are the squared raw distances. kept
+    (B, n) are the members behind the reweighted locations (B, d) and covariances (B, d, d).
     """
 
     support: np.ndarray
@@ -59,7 +59,7 @@ class Mcd:
 
 
 def mcd_support_size(support_fraction, n, d):
-    """Size of the subset: (n + d + 1) // 2 at a fraction of 0.5, all at 1, linear between."""
+    """Size of the subset: (n + d + 1) // 2 for a fraction of 0.5, n for 1, linear between them."""
     least = (n + d + 1) // 2
     return min(n, int(np.floor(2 * least - n + 2 * (n - least) * support_fraction)))
 
@@ -73,17 +73,17 @@ def fit_mcd(
     ----------
     points : ndarray of shape (B, n, d)
     table : ndarray of int of shape (T, d + 1)
-        Positions of the initial subsets. Each takes two concentration steps; the ten best
-        take them until they settle.
+        Positions of the initial subsets. Each takes two concentration steps. The ten best
+        take steps until they no longer change.
     support_fraction : float in [0.5, 1]
     floor : ndarray of shape (B,)
         Least deviation along any axis.
     small_sample : bool, default=True
         Whether to apply the factors of Pison, Van Aelst and Willems (2002).
     consistency : {"kept", "quantile"}, default="kept"
-        Which share the reweighted covariance is corrected for.
+        Share that the reweighted covariance is corrected for.
     seed : int, default=0
-        For scikit-learn's FAST-MCD, which serves from 1,000 members on.
+        For scikit-learn's FAST-MCD, which is used from 1,000 members on.
 
     Returns
     -------
@@ -113,7 +113,7 @@ def fit_mcd(
         covariances *= _small_sample("raw", n, d, support_fraction)
     raw = _squared_distances(local, locations, covariances, ridge)
     kept = raw <= chdtri(d, 1.0 - REWEIGHT_QUANTILE)
-    # Never fewer than the subset itself.
+    # At least the subset itself is kept.
     kept = np.where((kept.sum(axis=1) >= h)[:, None], kept, kept | support)
     locations, covariances = _moments(local, kept, 1)
     share = kept.mean(axis=1) if consistency == "kept" else np.full(n_sets, REWEIGHT_QUANTILE)
@@ -127,9 +127,10 @@ def fit_mcd(
 
 
 def univariate_mcd(values, h):
-    """Location and standard deviation of the shortest-variance h of n values, along the last axis.
+    """Location and standard deviation of the h of n values with the least variance (last axis).
 
-    Consistent at the normal distribution; exact, since such a subset is a run of sorted values.
+    They are consistent for the normal distribution, and exact: the subset is a run of the sorted
+    values.
     """
     n = values.shape[-1]
     middle = np.median(values, axis=-1, keepdims=True)
@@ -146,7 +147,7 @@ def univariate_mcd(values, h):
 
 
 def _best_support(local, table, h, ridge):
-    """Mask (B, n) of the subset of least determinant that the starts lead to."""
+    """Mask (B, n) of the subset with the least determinant among those that the starts lead to."""
     n_sets, n, d = local.shape
     upper = np.triu_indices(d)
     products = local[..., upper[0]] * local[..., upper[1]]
@@ -167,7 +168,7 @@ def _best_support(local, table, h, ridge):
         if moving.size == 0:
             break
     volumes = _volumes(features, support, ridge)
-    # Starts that end in one subset differ by rounding: the first of them.
+    # Starts that end in one subset differ by rounding: take the first.
     limit = volumes.min(axis=1, keepdims=True)
     best = np.argmax(volumes <= limit + 1e-9 * np.abs(limit), axis=1)
     return support[np.arange(n_sets), best]
@@ -237,7 +238,7 @@ def _consistency(share, d):
 
 
 def _small_sample(kind, n, d, support_fraction):
-    """Factor on the covariance for few points, 1 from simulation to infinity."""
+    """Factor on the covariance for few points, from simulation; it tends to 1 for many points."""
     if d <= 2:
         half, most = (1.0 - np.exp(a) / n**b for a, b in ONE_OR_TWO[kind][d])
     else:
@@ -246,7 +247,7 @@ def _small_sample(kind, n, d, support_fraction):
         share = half + (most - half) * (support_fraction - 0.5) / 0.375
     else:
         share = most + (1.0 - most) * (support_fraction - 0.875) / 0.125
-    # Fitted to more than a few points; of 2 d or less the formula is no factor any more.
+    # The formula was fitted to larger samples; for 2 d points or fewer it gives no useful factor.
     return 1.0 / share if share > 0.1 else 1.0
 
 

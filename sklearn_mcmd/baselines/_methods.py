@@ -23,7 +23,7 @@ for _name, _kind in METHODS.items():
 
 
 def fit_neighborhoods(method, points, valid=None, *, random_state=None, **method_params):
-    """Judge the members of many neighborhoods by a method of its name.
+    """Judge the members of many neighborhoods by the method with this name.
 
     Parameters
     ----------
@@ -31,11 +31,11 @@ def fit_neighborhoods(method, points, valid=None, *, random_state=None, **method
     points : ndarray of shape (B, n, d)
         Neighborhoods; one cloud X is ``X[None]``.
     valid : ndarray of bool of shape (B, n), default=None
-        Members in use, at least d + 1 of each neighborhood; all when None.
+        Members in use, at least d + 1 in each neighborhood. None means all.
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of random positions that all neighborhoods of a size use.
     **method_params
-        The method's own, see `Msac`, `Pca`, `Qsp`, `Ransac`, `Robpca`, `Ulsif`.
+        Parameters of the method, see `Msac`, `Pca`, `Qsp`, `Ransac`, `Robpca`, `Ulsif`.
 
     Returns
     -------
@@ -46,8 +46,8 @@ def fit_neighborhoods(method, points, valid=None, *, random_state=None, **method
     Raises
     ------
     ValueError
-        If the method or a parameter is unknown or out of its range, or neighborhoods are too
-        small.
+        If the method or a parameter is unknown, a parameter is out of its range, or
+        neighborhoods are too small.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""PCA: the plane of least squares, which every outlier pulls."""
+"""PCA: the plane of least squares. Every outlier pulls it."""
 
 from dataclasses import dataclass
 
@@ -17,8 +17,8 @@ class Pca(Method):
     Parameters
     ----------
     cutoff : float, default=2.5
-        Score from which a member counts as an outlier. The plane is that of all members
-        whatever their scores.
+        Score from which on a member counts as an outlier. The plane is fitted to all members,
+        whatever their scores are.
     """
 
     cutoff: float = 2.5

@@ -1,4 +1,4 @@
-"""qSp: the distance to the nearest of one small random sample."""
+"""qSp: the distance to the nearest point of one small random sample."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -12,18 +12,18 @@ __all__ = ["Qsp"]
 
 @dataclass(frozen=True)
 class Qsp(Method):
-    """Distance to the nearest of one random sample (Eq. 12; Sugiyama and Borgwardt).
+    """Distance to the nearest point of one random sample (Eq. 12; Sugiyama and Borgwardt).
 
     Parameters
     ----------
     contamination : float in [0, 0.5], default=None
-        Share of each neighborhood that is removed, its highest scores; the method has no
-        cut-off of its own. None removes nothing.
+        Share of each neighborhood that is removed: the members with the highest scores. The
+        method has no cut-off of its own. None removes nothing.
     sample_size : int, default=20
-        Members of the sample, the authors' default; all but one in smaller neighborhoods.
+        Members of the sample. 20 is the authors' default. A smaller neighborhood takes all but one.
     exclude_self : bool, default=True
-        Whether a member of the sample is measured by the others. Otherwise its score is
-        zero and it never is an outlier.
+        Whether the score of a member of the sample is its distance to the others. If not, the
+        score is zero, and the member is never an outlier.
 
     References
     ----------
@@ -45,7 +45,7 @@ class Qsp(Method):
 
     def _fit(self, group):
         points = group.points
-        # Smaller neighborhoods repeat members of their sample.
+        # In smaller neighborhoods the sample repeats members.
         chosen = np.resize(group.table[0], self.sample_size)
         n_sets = len(points)
         model = SampleModel(points[:, chosen], np.full(n_sets, float(self.exclude_self)))
@@ -56,7 +56,7 @@ class Qsp(Method):
 
 @dataclass(frozen=True)
 class SampleModel:
-    """Distance to the nearest of a sample (B, s, d), or to the nearest not at the same place."""
+    """Distance to the nearest of a sample (B, s, d), or to the nearest one at another place."""
 
     sample: np.ndarray
     exclude_self: np.ndarray
@@ -69,5 +69,5 @@ class SampleModel:
             distances = np.sqrt(np.einsum("bmd,bmd->bm", gaps, gaps))
             distances[(distances == 0) & (self.exclude_self[:, None] > 0)] = np.inf
             nearest = np.minimum(nearest, distances)
-        # A query at the place of all the sample is nowhere apart.
+        # If all the sample is at the place of the query, the distance is zero.
         return np.where(np.isfinite(nearest), nearest, 0.0)

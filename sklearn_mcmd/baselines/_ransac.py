@@ -1,4 +1,4 @@
-"""RANSAC and MSAC: the plane of a minimal subset that most members agree with."""
+"""RANSAC and MSAC: the plane of the minimal subset that most members agree with."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -13,12 +13,12 @@ from sklearn_mcmd.planes._rules import MAD_TO_SD
 
 __all__ = ["Msac", "Ransac"]
 
-# Three points closer to a line than this share of their spread give no plane.
+# Three points give no plane if they are closer to a line than this share of their spread.
 RANK_TOLERANCE = 1e-6
 # Entries of the largest temporary array.
 CHUNK_ENTRIES = 1_000_000
 TRIALS_AT_ONCE = 16
-# Fewer members take NumPy: loading compiled code would take longer than the work.
+# For fewer members NumPy is used: loading compiled code would take longer than the work.
 COMPILE_FROM = 50_000
 
 
@@ -33,19 +33,20 @@ class Ransac(Method):
         estimates it in each neighborhood by least median of squares, which needs a majority
         of regular members.
     quantile : float in (0, 1), default=0.99
-        Share of regular members that is to be within the threshold ``noise_scale *
-        sqrt(q)``, q the quantile of chi-squared.
+        Share of the regular members that should lie within the threshold. The threshold is
+        ``noise_scale * sqrt(q)``, where q is this quantile of chi-squared.
     degrees_of_freedom : int, default=1
-        Of chi-squared. Distances to a plane have one; the first paper used three.
+        Degrees of freedom of chi-squared. Distances to a plane have one; the first paper used
+        three.
     max_trials : int, default=1000
-        Most minimal subsets tried in a neighborhood.
+        Largest number of minimal subsets tried in a neighborhood.
     stop_probability : float in (0, 1), default=0.9999
-        Trials end when, by the largest consensus so far, one of them was free of outliers
-        with this probability.
+        Trials end when one of them was free of outliers with this probability. The share of
+        outliers is taken from the largest consensus so far.
     n_refits : int, default=1
-        How often the plane is fitted anew to its consensus before the members are judged by
-        it. 0 judges them by the plane of the best minimal subset. The final plane is that
-        of the inliers in any case.
+        Number of times that the plane is fitted again to its consensus before it judges the
+        members. With 0 the plane of the best minimal subset judges them. The final plane is
+        always that of the inliers.
 
     References
     ----------
@@ -64,7 +65,7 @@ class Ransac(Method):
     stop_probability: float = 0.9999
     n_refits: int = 1
 
-    truncated_loss = False  # of squares, instead of a count
+    truncated_loss = False  # whether the loss is a sum of truncated squares, not a count
 
     def __post_init__(self):
         check(self, "noise_scale", 0, np.inf, none=True)
@@ -118,17 +119,17 @@ class Ransac(Method):
 
 @dataclass(frozen=True)
 class Msac(Ransac):
-    """M-estimator sample consensus: as RANSAC, by squares up to the threshold's (Eq. 5).
+    """M-estimator sample consensus: RANSAC by squared distances, cut at the threshold (Eq. 5).
 
-    Of two planes with equally many members the nearer one wins. Parameters and references
-    are those of `Ransac`.
+    Of two planes with equally many members, the one nearer to its members wins. Parameters and
+    references are those of `Ransac`.
     """
 
     truncated_loss = True
 
 
 def trials_to_stop(n, d, probability):
-    """Trials needed for one outlier-free subset to be likely, by the size 0..n of the consensus.
+    """Trials after which one subset is probably free of outliers, by consensus size 0..n.
 
     Subsets are drawn without replacement, so their probability is a ratio of binomials.
     """
@@ -140,7 +141,7 @@ def trials_to_stop(n, d, probability):
 
 
 def best_planes(points, table, threshold, stops, truncated_loss):
-    """Centers and normals (B, d) of the best trial of each neighborhood; NaN where none.
+    """Centers and normals (B, d) of the best trial of each neighborhood; NaN without a plane.
 
     Parameters
     ----------
@@ -167,7 +168,7 @@ def best_planes(points, table, threshold, stops, truncated_loss):
         if truncated_loss:
             loss = np.where(inside, ratio**2, 1.0).sum(axis=-1)
         loss = np.where(spans, loss, np.inf)
-        # As one trial after another: who has stopped before sees no more trials.
+        # As with one trial after another: a neighborhood that has stopped sees no more trials.
         for t in range(len(part)):
             better = loss[:, t] < best[rows]
             better &= start + t < stops[consensus[rows]]
@@ -180,9 +181,10 @@ def best_planes(points, table, threshold, stops, truncated_loss):
 
 
 def least_median_scales(points, table):
-    """Least median of absolute distances to trial planes, as standard deviation (B,).
+    """Least median of absolute distances to trial planes, as a standard deviation (B,).
 
-    With the small-sample factor of Rousseeuw and Leroy; infinite where no trial spans a plane.
+    It has the small-sample factor of Rousseeuw and Leroy. It is infinite where no trial spans a
+    plane.
     """
     n_sets, n, d = points.shape
     least = np.full(n_sets, np.inf)
@@ -211,7 +213,7 @@ def _trial_planes(points, table):
         spans = area2 / 3 > (RANK_TOLERANCE * spread) ** 2
         normals = normals / np.sqrt(np.where(spans, area2, 1.0))[..., None]
         return anchors, normals, spans
-    # The column of Q that no column of R needs; much faster than singular values.
+    # The last column of Q, at right angles to all sides; this is much faster than singular values.
     sides = np.swapaxes(subsets[..., 1:, :] - anchors[..., None, :], -1, -2)
     basis, triangle = np.linalg.qr(sides, mode="complete")
     lengths = np.abs(np.diagonal(triangle, axis1=-2, axis2=-1))
@@ -226,7 +228,7 @@ def _trial_distances(points, anchors, normals):
 
 
 def _compiled():
-    """The compiled forms, imported on first use; None where Numba cannot be."""
+    """The compiled forms, imported on first use; None where Numba cannot be imported."""
     try:
         from sklearn_mcmd.baselines._ransac_numba import best_planes_3d, least_median_scales_3d
     except (ImportError, RuntimeError):

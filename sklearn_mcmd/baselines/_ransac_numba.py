@@ -1,4 +1,4 @@
-"""RANSAC in three dimensions, compiled: the answers of ``_ransac``, one trial after another."""
+"""RANSAC in three dimensions, compiled: the same answers as ``_ransac``, trial by trial."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ __all__ = ["best_planes_3d", "least_median_scales_3d"]
 
 
 def best_planes_3d(points, table, threshold, stops, truncated_loss, *, rank_tolerance):
-    """As `_ransac.best_planes`, of points (B, n, 3)."""
+    """As `_ransac.best_planes`, for points (B, n, 3)."""
     centers, normals = np.full((2, len(points), 3), np.nan)
     columns = np.ascontiguousarray(np.swapaxes(points, 1, 2))
     _best_planes(columns, table, rank_tolerance, threshold, stops, truncated_loss, centers, normals)
@@ -18,7 +18,7 @@ def best_planes_3d(points, table, threshold, stops, truncated_loss, *, rank_tole
 
 
 def least_median_scales_3d(points, table, *, rank_tolerance):
-    """As `_ransac.least_median_scales`, of points (B, n, 3)."""
+    """As `_ransac.least_median_scales`, for points (B, n, 3)."""
     least = np.full(len(points), np.inf)
     columns = np.ascontiguousarray(np.swapaxes(points, 1, 2))
     _least_medians(columns, table, rank_tolerance, least)
@@ -60,7 +60,7 @@ def _least_medians(columns, table, rank_tolerance, least):
         best = np.inf
         for t in range(table.shape[0]):
             spans, anchor, normal = _trial_plane(local, table[t], rank_tolerance)
-            # A lower median needs the lower half of the members below the best.
+            # For a lower median, half of the members must be nearer than the best median.
             if not spans or _count(local, normal, anchor, best) < (n_members + 1) // 2:
                 continue
             _distances(local, normal, anchor, distances)

@@ -11,56 +11,57 @@ from sklearn_mcmd.planes._rules import MAD_TO_SD
 
 __all__ = ["Robpca"]
 
-# Without projection pursuit from this many members a dimension on, as rrcov and LIBRA.
+# From this number of members for each dimension on there is no projection pursuit, as in rrcov
+# and LIBRA.
 MEMBERS_A_DIMENSION = 5
 CHUNK_ENTRIES = 1_000_000  # of the largest temporary array
-MOST_DETERMINISTIC = 20  # members, of which all pairs are taken as directions
+MOST_DETERMINISTIC = 20  # up to this number of members all pairs are directions
 
 
 @dataclass(frozen=True)
 class Robpca(Method):
     """Robust principal components of Hubert, Rousseeuw and Vanden Branden.
 
-    With projection pursuit: the members of least Stahel-Donoho outlyingness (over directions
-    through pairs of members) span a subspace of `n_components`; the subspace of all members
-    whose orthogonal distance to it is not outlying replaces it; the reweighted MCD of the
-    scores within gives center and axes.
+    With projection pursuit it has three parts. First, the members of least Stahel-Donoho
+    outlyingness (over directions through pairs of members) span a subspace of `n_components`.
+    Second, the members near this subspace give a better one. Third, the reweighted MCD of the
+    scores in that subspace gives center and axes.
 
-    In few dimensions, as for points in space, there is nothing to reduce, and rrcov's
-    PcaHubert and LIBRA's robpca skip the first two parts: components are those of the MCD of
-    the points, FAST-MCD. `projection` says which. With all components (``n_components`` =
-    d), scores are robust Mahalanobis distances and nothing else of the method is left.
+    In few dimensions, as for points in space, rrcov's PcaHubert and LIBRA's robpca skip the first
+    two parts: the components are those of FAST-MCD of the points. `projection` chooses. With all
+    components (``n_components`` = d) the scores are robust Mahalanobis distances.
 
-    Scores are the larger of score distance and orthogonal distance, each over its cut-off,
-    times the former's cut-off.
+    A member has a score distance and an orthogonal distance. Its score is the larger of the two,
+    each divided by its cut-off, times the cut-off of the score distance.
 
     Parameters
     ----------
     n_components : int, default=None
         Dimensions of the subspace, 1 to d. None means d - 1, a plane with orthogonal
-        distances, where `projection` is on, and else d.
+        distances, if `projection` is on, and d if it is off.
     support_fraction : float in [0.5, 1], default=0.5
-        Share of the members that is surely regular: ``h = (n + d + 1) // 2`` at 0.5 (the MCD),
-        ``max(fraction * n, (n + n_components + 1) // 2)`` (projection pursuit).
+        Share of the members that is certainly regular. The MCD takes ``h = (n + d + 1) // 2``
+        members at 0.5, projection pursuit ``max(fraction * n, (n + n_components + 1) // 2)``.
     projection : bool, default=None
-        Whether to begin with projection pursuit. None: if fewer than five members a dimension.
+        Whether to begin with projection pursuit. None means only with fewer than five members
+        for each dimension.
     quantile : float in (0, 1), default=0.975
-        Of chi-squared for score distances, of the normal distribution for orthogonal
-        distances to the power 2/3 (Wilson and Hilferty).
+        Quantile of chi-squared for score distances, and of the normal distribution for
+        orthogonal distances to the power 2/3 (Wilson and Hilferty).
     orthogonal_scale : {"mcd", "mad"}, default="mcd"
-        How mean and deviation of those powers are estimated: by their univariate MCD, as the
-        authors do, or by median and MAD, as rrcov does.
+        Estimate of mean and deviation of those powers: the univariate MCD, as the authors take,
+        or median and MAD, as rrcov takes.
     small_sample : bool, default=True
         Whether the MCD's small-sample factors are applied.
     consistency : {"kept", "quantile"}, default="kept"
-        Share that the covariance of the members kept by the MCD's reweighting is corrected
-        for: the share kept, as robustbase and LIBRA do, or 0.975, the share of regular members
-        that should be. The former errs to large covariances where there are outliers, the
-        latter reproduces the first paper.
+        The covariance of the members that the MCD's reweighting keeps is corrected for their
+        share. "kept" takes the share kept, as robustbase and LIBRA do; with outliers it makes
+        covariances too large. "quantile" takes 0.975, the expected share of regular members,
+        and reproduces the first paper.
     n_trials : int, default=500
-        Initial subsets of the MCD.
+        Number of initial subsets of the MCD.
     n_directions : int, default=250
-        Directions of projection pursuit, through pairs of members.
+        Number of directions of projection pursuit, each through a pair of members.
 
     References
     ----------
@@ -131,7 +132,7 @@ class Robpca(Method):
         if k < d:
             orthogonal = self._orthogonal_cutoff(model.orthogonal_distances(points), floor)
             model = ComponentModel(centers, loadings, 1.0 / deviations, cutoff, orthogonal)
-        # With all components the least deviation is that along the normal, consistent.
+        # With all components the least deviation is the consistent one along the normal.
         scale = deviations[:, -1] if k == d else 0.0
         scores = model.score(points)
         return Found(model, scores, scores <= cutoff[:, None], cutoff, scale, support)
@@ -182,8 +183,8 @@ class Robpca(Method):
 class ComponentModel:
     """Score and orthogonal distances to principal components.
 
-    centers (B, d), loadings (B, d, k), precisions (B, k) or one over the deviations, cut-offs of
-    both distances (B,); orthogonal distances do not count where theirs is zero.
+    centers (B, d), loadings (B, d, k), precisions (B, k), which are one over the deviations, and
+    cut-offs of both distances (B,). Where its cut-off is zero, the orthogonal distance is ignored.
     """
 
     centers: np.ndarray
@@ -221,8 +222,8 @@ class ComponentModel:
 def stahel_donoho(points, pairs, h, floor):
     """Outlyingness (B, n): the largest distance from the univariate MCD over directions (Eq. 4).
 
-    Directions are those through the pairs (T, 2) of members. Directions on which h members
-    coincide have no scale; members off it are infinitely outlying, which finds exact planes.
+    The directions go through the pairs (T, 2) of members. If h members coincide on a direction, it
+    has no scale, and all other members are infinitely outlying. This finds exact planes.
     """
     n_sets, n, _ = points.shape
     worst = np.zeros((n_sets, n))

@@ -12,9 +12,9 @@ __all__ = ["Ulsif", "leave_one_out_score", "ratio_weights", "second_moments"]
 
 N_STARTS = 50
 POINTS_AT_ONCE = 20_000
-# Pairs, a mean over which tells widths apart in any case.
+# Number of pairs that the leave-one-out score is a mean of; it suffices to compare widths.
 MOST_LEFT_OUT = 1000
-# Times the median distance of the training members.
+# Multiples of the median distance of the training members.
 RELATIVE_WIDTHS = tuple(10.0 ** np.linspace(-1, 1, 9))
 REGULARIZATIONS = tuple(10.0 ** np.linspace(-3, 1, 9))
 
@@ -23,30 +23,29 @@ REGULARIZATIONS = tuple(10.0 ** np.linspace(-3, 1, 9))
 class Ulsif(Method):
     """Density ratio of training and test points by least squares (Eqs 6-8).
 
-    The ratio is a sum of Gaussian kernels at training points with weights in closed form;
-    width and regularization are those of the best leave-one-out score, in closed form, too.
-    Where the ratio is small there are points among all that training points don't explain.
-    Scores are the ratio, negative.
+    The ratio is a sum of Gaussian kernels at training points, with weights in closed form. Width
+    and regularization have the best leave-one-out score, also in closed form. The ratio is small
+    at points that the training points do not explain. The score is minus the ratio.
 
-    The test points are the members of a neighborhood. Regular training points must be given;
-    in their place stand the members central by the minimum covariance determinant.
+    The test points are the members of a neighborhood. The training points must be regular. If
+    none are given, the central members by the minimum covariance determinant are taken.
 
     Parameters
     ----------
     contamination : float in [0, 0.5], default=None
-        Share of each neighborhood that is removed, its highest scores; the method has no
-        cut-off of its own. None removes nothing.
+        Share of each neighborhood that is removed: the members with the highest scores. The
+        method has no cut-off of its own. None removes nothing.
     training : array-like of shape (m, d), default=None
         Regular points, for one neighborhood of all points. None takes `training_fraction`.
     training_fraction : float in (0, 1), default=0.5
-        Share of the members that is taken for regular, those of least robust distance.
+        Share of the members that is taken as regular: those with the least robust distances.
     widths : sequence of float, default=None
-        Candidates for the standard deviation of the kernels, in units of the points; None
+        Candidates for the standard deviation of the kernels, in units of the points. None
         means 0.1 to 10 times the median distance of training points from their center.
     regularizations : sequence of float, default=None
-        Candidates for lambda; None means 0.001 to 10.
+        Candidates for lambda. None means 0.001 to 10.
     max_basis : int, default=100
-        Most kernels.
+        Largest number of kernels.
 
     References
     ----------
@@ -87,7 +86,7 @@ class Ulsif(Method):
                 )
 
     def table_shape(self, size, d):
-        # The last row is the random order of the members, the others are the MCD's starts.
+        # The last row is the random order of the members; the other rows are the MCD's starts.
         return (1 if size >= NESTED_FROM else N_STARTS + 1), size
 
     def _fit(self, group):
@@ -119,7 +118,7 @@ class Ulsif(Method):
         return Found(model, scores, inliers, cutoff)
 
     def _training(self, group, shuffled):
-        """Training points (B, m, d) less the origin, in random order."""
+        """Training points (B, m, d), with the origin subtracted, in random order."""
         n_sets, n, d = group.points.shape
         if self.training is None:
             starts = group.table[:-1, : d + 1]
@@ -153,7 +152,7 @@ class Ulsif(Method):
 
 @dataclass(frozen=True)
 class RatioModel:
-    """Minus the sum of Gaussian kernels (width (B,), basis (B, b, d)) by weights (B, b)."""
+    """Minus the weighted sum of Gaussian kernels: width (B,), basis (B, b, d), weights (B, b)."""
 
     basis: np.ndarray
     width: np.ndarray
@@ -183,7 +182,7 @@ def second_moments(kernels):
 def ratio_weights(moments, training_kernels, regularization):
     """Weights (B, b) of the ratio, ``max(0, (H + lambda I)^-1 h)``.
 
-    H are the second moments of the test kernels, h the mean of the training ones (B, b, m).
+    H are the second moments of the test kernels, h is the mean of the training kernels (B, b, m).
     """
     matrix = moments + regularization * np.eye(moments.shape[1])
     return np.maximum(
@@ -196,8 +195,8 @@ def leave_one_out_score(
 ):
     """Mean loss (B,) of leaving out one test and one training point at a time, in closed form.
 
-    The i-th of both are left out together, for i up to the smaller number or `most`, the
-    weights found without them, and the loss ``w(test)^2 / 2 - w(training)`` taken at them
+    The i-th of both are left out together, for i up to the smaller number or `most`. The weights
+    are found without them, and the loss ``w(test)^2 / 2 - w(training)`` is taken at them
     (Kanamori, Hido and Sugiyama, 2009, section 2.4).
     """
     n, m = test_kernels.shape[2], training_kernels.shape[2]
@@ -208,7 +207,7 @@ def leave_one_out_score(
     mean = training_kernels.mean(axis=2)[..., None]
     solved = np.linalg.solve(matrix, np.concatenate([mean, test, training], axis=2))
     from_mean, from_test, from_training = np.split(solved, [1, both + 1], axis=2)
-    # Sherman and Morrison: what a test point's own part in the matrix amounts to.
+    # Sherman and Morrison's formula takes a test point's own part out of the matrix.
     denominator = n - (test * from_test).sum(axis=1)
     by_mean = from_mean + from_test * ((mean * from_test).sum(axis=1) / denominator)[:, None]
     by_own = from_training + from_test * ((training * from_test).sum(axis=1) / denominator)[:, None]
