@@ -148,12 +148,12 @@ class BaardaPlaneDetector(PlaneDetector):
     Weights are precisions, not repetitions. Two observations have two residuals and two tests.
     One observation of double weight has one.
 
-    Removed points cost no pass over the cloud: sums are down-dated and only the candidates
-    for the next removal are looked at, with a bound on all others, so that n points with k
-    removals cost about ``n + k (512 + n / 256)``.
+    A removed point costs no pass over the cloud. Sums are down-dated, only the candidates for the
+    next removal are computed again, and a bound covers all others. So n points with k removals
+    cost about ``n + k (512 + n / 256)``.
 
-    Outliers' share p is bounded by ``1 / (1 + c^2)`` for tau and t (7 % at c = 3.66),
-    however large they are: set sigma0, or let it be "auto".
+    tau and t find outliers only up to a share of ``1 / (1 + c^2)`` (7 % at c = 3.66), no matter
+    how large they are. Set sigma0, or take "auto".
 
     References
     ----------
@@ -225,8 +225,8 @@ class BaardaPlaneDetector(PlaneDetector):
         y : Ignored
             Present for API consistency.
         weights : array-like of shape (n_samples,), default=None
-            Precisions ``p_i = sigma0^2 / sigma_i^2``, which is another thing than
-            scikit-learn's `sample_weight`, a repetition. A point of weight 0 takes no part and
+            Precisions ``p_i = sigma0^2 / sigma_i^2``. They differ from scikit-learn's
+            `sample_weight`, which means repetition. A point of weight 0 takes no part and
             is never an outlier: nothing is known about its precision. In a Pipeline, pass
             ``name__weights=``, or request them by ``set_fit_request(weights=True)``.
 
@@ -239,16 +239,16 @@ class BaardaPlaneDetector(PlaneDetector):
         ------
         ValueError
             If the points of positive weight leave no redundancy (no more distinct points than
-            columns), or lie on one line or at one place (for a vertical surface by their
-            regressors), so that many planes contain them.
+            columns), or lie on one line or at one place, so that many planes contain them. For a
+            vertical surface the regressors alone count.
 
         Warns
         -----
         UserWarning
-            If so many points are rejected that no plane with redundancy would be left, if
-            vertical residuals reject points of a steep plane, if the points of an orthogonal
-            surface are as thick as they are wide, if half of the points are on one line,
-            which is no robust start, or if `sigma0` is less than the rounding of float64.
+            If the tests would leave too few points for a plane with redundancy; if vertical
+            residuals reject points of a steep plane; if the points of an orthogonal surface are
+            as thick as they are wide; if half of the points are on one line, which is no robust
+            start; or if `sigma0` is less than the rounding of float64.
         ConvergenceWarning
             If `max_iter` rounds were not enough.
         """
@@ -298,7 +298,7 @@ class BaardaPlaneDetector(PlaneDetector):
             state.plane.sum_of_squares, self.sigma0_, self.dof_
         )
         scores = self._test_training(X, weights, state)
-        # A new point is tested against a scale it has no part in, tau as the equivalent t.
+        # The scale does not include a new point, so its test is t, also for tau.
         limit = critical_value("w" if self.test == "w" else "t", level, self.dof_ + 1)
         self.offset_ = self._choose_offset(scores, used, -limit)
         self.labels_ = np.where(scores - self.offset_ < 0, -1, 1)
@@ -307,7 +307,7 @@ class BaardaPlaneDetector(PlaneDetector):
         return self
 
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
-        """Minus the statistic of each point, were it added to the support with weight 1.
+        """Minus the statistic that each point would have if it joined the support with weight 1.
 
         Parameters
         ----------
@@ -316,7 +316,7 @@ class BaardaPlaneDetector(PlaneDetector):
         Returns
         -------
         ndarray of shape (n_samples,)
-            0 on the plane; the lower, the more abnormal. For tau the equivalent t.
+            0 on the plane; lower is more abnormal. For tau it is the equivalent t.
         """
         X = self._check_query(X)
         residuals, _, spread = self._plane.evaluate(X)
@@ -324,7 +324,7 @@ class BaardaPlaneDetector(PlaneDetector):
 
     @property
     def _test_scale(self):
-        """What the statistic divides by, besides the root of the cofactor."""
+        """Divisor of the statistic, beside the root of the cofactor."""
         return self.sigma0_ if self.test == "w" else self._scale
 
     def _limit(self, n_retained, dof, variance_factor, direction):
@@ -340,7 +340,7 @@ class BaardaPlaneDetector(PlaneDetector):
         residuals, _, spread = start.evaluate(X)
         passing = used & (_added_scores(residuals, spread, weights, sigma) >= -limit)
         if np.count_nonzero(passing) <= start.rank:
-            return  # sigma0 is far too small; let the rounds say so
+            return  # sigma0 is far too small, which the rounds will report
         state.support[:] = passing
         left_out = used & ~passing
         if left_out.any():
@@ -348,11 +348,11 @@ class BaardaPlaneDetector(PlaneDetector):
             state.step[left_out] = 1
 
     def _test_training(self, X, weights, state):
-        """Attributes of each training point; returns their scores."""
+        """Set the attributes of the training points and return their scores."""
         plane, support = state.plane, state.support
         residuals, cofactors, spread = plane.evaluate(X)
         scores = _added_scores(residuals, spread, weights, self._test_scale)
-        outside = -scores  # those that aren't members are tested as points to be added
+        outside = -scores  # points outside the support are tested as if they joined it
         if self.test == "tau":
             outside = t_to_tau(outside, self.dof_ + 1)
         redundancy = own_redundancy(cofactors, spread, weights, state.robust_weights)

@@ -1,4 +1,4 @@
-"""What both plane tests share: input, scale, predictions."""
+"""Base class of both plane tests: input, scale, predictions."""
 
 import warnings
 from numbers import Real
@@ -23,11 +23,11 @@ from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 
 __all__ = ["PlaneDetector"]
 
-# From 60 degrees on vertical residuals of equal noise in all directions are twice as long as
-# sigma0. The share tells such a mistake from a test that does its work.
+# From this tilt on vertical residuals are at least twice as long as sigma0, if the noise is equal
+# in all directions. A test that rejects a larger share is then taken for such a mistake.
 STEEP_TILT = 60.0
 STEEP_SHARE = 0.05
-# Thickness over width of what is taken for a sheet.
+# Largest thickness over width of a sheet of points.
 FLATNESS = 0.1
 
 
@@ -55,8 +55,8 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
             Points; the last column depends on the others.
         y : Ignored
         weights : array-like of shape (n_samples,), default=None
-            Precisions, not repetitions; see `fit`. They count in the labels, too, which
-            `predict` can't know.
+            Precisions, not repetitions; see `fit`. The labels depend on them too, and `predict`
+            does not know them.
 
         Returns
         -------
@@ -75,7 +75,7 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
         Returns
         -------
         ndarray of shape (n_samples,)
-            In units of X. Of an orthogonal surface positive on the side of `normal_`.
+            In units of X. For an orthogonal surface they are positive on the side of `normal_`.
         """
         return self._plane.evaluate(self._check_query(X))[0]
 
@@ -115,7 +115,7 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
         return validate_data(self, X, dtype=np.float64, reset=False)
 
     def _known_sigma(self):
-        """sigma0 where the user knows it and the test uses it, else None."""
+        """sigma0 if the user knows it and the test uses it, else None."""
         known = self.test == "w" and self.sigma0 != "auto"
         return float(self.sigma0) if known else None
 
@@ -128,7 +128,7 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
         self._set_sigma0(sigma, plane)
 
     def _set_sigma0(self, sigma, plane):
-        """Keep sigma0, no less than what float64 may add to a residual from this plane."""
+        """Set `sigma0_` to sigma, or to the rounding of a residual from this plane if larger."""
         rounding = self._rounding_of(plane.direction)
         self.sigma0_ = max(sigma, rounding)
         self._sigma0_is_rounding = sigma <= rounding
@@ -142,7 +142,7 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
             )
 
     def _rounding_of(self, direction):
-        """What float64 may add to a residual of this direction."""
+        """Largest rounding error of float64 in a residual of this direction."""
         return residual_rounding(self._rounding_errors, direction)
 
     def _adjust(self, X, weights):
@@ -155,7 +155,7 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
         return plane, robust_weights
 
     def _robust_weights_at(self, residuals, weights=None):
-        """W of given residuals, the same for training points and new ones."""
+        """W of given residuals, by the same rule for training points and new ones."""
         floor = self._rounding_of(self._plane.direction)
         standardized = residuals / max(self._loss_scale, floor)
         if weights is not None:
@@ -163,7 +163,7 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
         return WEIGHT_FUNCTIONS[self.loss](standardized)
 
     def _set_plane(self, X, plane, initial):
-        """Attributes of the final plane, and of the one before any test."""
+        """Set the attributes of the final plane, and of the plane before any test."""
         check_rank(plane, X.shape[1], "X that the tests leave")
         self._plane = plane
         self.coef_, self.intercept_ = plane.coef, plane.intercept
@@ -182,11 +182,11 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
             )
 
     def _warn_if_steep(self, X, weights, vertical):
-        """Say so where vertical residuals of a wall reject good points, or miss the wall.
+        """Warn if vertical residuals of a wall reject good points, or miss the wall.
 
-        Whether columns are coordinates or anything else can't be known; a wall is guessed where
-        the points are a thin and steep sheet that either many points fail, or which is much
-        nearer to them than the `vertical` plane is.
+        Columns may be other things than coordinates, so a wall can only be guessed. The points
+        are a wall if they are a thin and steep sheet, and if many of them fail the test or the
+        sheet is much nearer to them than the `vertical` plane.
         """
         if self.surface == "orthogonal":
             return
@@ -210,7 +210,7 @@ class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
             )
 
     def _choose_offset(self, scores, used, auto):
-        """Limit of the scores: of the test, or the percentile the user wants."""
+        """Limit of the scores: by the test, or the percentile that the user asked for."""
         if self.contamination == "auto":
             return auto
         return float(np.percentile(scores[used], 100.0 * self.contamination))

@@ -1,17 +1,17 @@
-"""Do the points determine a plane, with something left over to test it?"""
+"""Do the points determine a plane, and is at least one left to test it?"""
 
 import numpy as np
 
 __all__ = ["AS_THICK_AS_WIDE", "check_distinct", "check_rank", "normal_pvalue"]
 
-# So many points nearly always hold enough distinct ones, and are looked at in no time.
+# The first points, which are checked quickly, nearly always hold enough distinct ones.
 N_FIRST = 1024
-# How the message starts for points whose `normal_pvalue` is large.
+# Begin of the message for points with a large `normal_pvalue`.
 AS_THICK_AS_WIDE = "The points that pass are as thick as they are wide, as those about a line are"
 
 
 def check_distinct(X, n_samples):
-    """Raise where X, the points of positive weight, has no more distinct points than columns.
+    """Raise if X, the points of positive weight, has no more distinct points than columns.
 
     A plane in d dimensions goes through any d points: a test needs one more.
     """
@@ -34,7 +34,7 @@ def check_distinct(X, n_samples):
 
 
 def check_rank(plane, d, which="X"):
-    """Raise where the points of a plane lie on one line or at one place.
+    """Raise if the points of a plane lie on one line or at one place.
 
     Parameters
     ----------
@@ -42,13 +42,13 @@ def check_rank(plane, d, which="X"):
     d : int
         Number of columns.
     which : str, default="X"
-        Whose points they are, for the message.
+        Name of the points in the message.
 
     Notes
     -----
-    For points in space that is every plane that isn't determined. With more columns one may
-    depend on others, as a sum does on its parts. Residuals and tests are then what they are
-    without it, and slopes are those of minimum norm: that is no error.
+    For points in space these are all planes that are not determined. With more columns, one may
+    depend on others, as a sum depends on its parts. That is no error: residuals and tests are
+    the same as without that column, and slopes are those of minimum norm.
     """
     if plane.rank >= min(d, 3):
         return
@@ -71,28 +71,28 @@ def check_rank(plane, d, which="X"):
 
 
 def normal_pvalue(plane, rounding=0.0):
-    """Probability that points about a line are at least as flat as those of the plane.
+    """Probability that points around a line are at least as flat as the points of the plane.
 
     Parameters
     ----------
     plane : PlaneAdjustment
-        Of an orthogonal surface.
+        Plane of an orthogonal surface.
     rounding : float, default=0.0
-        How far a point may have been moved before the plane was adjusted: points are at least
-        as thick as that.
+        Largest distance by which a point may have been moved before the plane was adjusted.
+        It is the least thickness of the points.
 
     Returns
     -------
     float
-        Near 0 where the points are wider than thick, so that they determine a normal. It is
-        uniform in (0, 1) where they lie about a line, with equal normal noise across it: their
-        normal then points anywhere across.
+        Near 0 if the points are wider than thick, so that they determine a normal. It is
+        uniform in (0, 1) if they lie around a line, with equal normal noise across it. Their
+        normal is then an arbitrary direction across the line.
 
     Notes
     -----
-    Mauchly's test of sphericity, of the least two principal variances. For two variables with
-    f degrees of freedom the ratio L of their geometric to their arithmetic mean has the
-    distribution ``P(L <= x) = x^(f - 1)``; the plane's other directions cost d - 2 of the
+    This is Mauchly's test of sphericity of the two least principal variances. For two variables
+    with f degrees of freedom the ratio L of their geometric to their arithmetic mean has the
+    distribution ``P(L <= x) = x^(f - 1)``. The plane's other directions take d - 2 of the
     n - 1 degrees of freedom.
     """
     narrow = 1 / np.linalg.norm(plane.axes, 2)
@@ -103,7 +103,7 @@ def normal_pvalue(plane, rounding=0.0):
 
 
 def _count_distinct(X, enough):
-    """Number of distinct rows, or `enough` if there are no fewer."""
+    """Number of distinct rows, counted up to `enough`."""
     n_distinct = 0
     while len(X) and n_distinct < enough:
         n_distinct += 1

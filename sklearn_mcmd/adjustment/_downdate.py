@@ -7,12 +7,12 @@ from sklearn_mcmd.adjustment._tests import UNCONTROLLED, first_of_largest, stand
 
 __all__ = ["DowndatedPlane"]
 
-# Sums that were down-dated to less than this share of what they began with have lost
-# digits: adjust anew. 1e-4 leaves twelve.
+# Down-dated sums lose digits. Below this share of their first value, where twelve digits are left,
+# the plane is adjusted anew.
 CANCELLATION = 1e-4
 
-# Candidates for the next removals: so few that looking at them costs no more than the calls
-# do, and a share of the cloud, so that adjusting anew stays rare.
+# Candidates for the next removals: this number, whose arithmetic takes no longer than the function
+# calls, and a share of the cloud, so that a new adjustment is rarely needed.
 MIN_CANDIDATES = 512
 
 
@@ -20,11 +20,11 @@ class DowndatedPlane:
     """The plane of the retained points, and the largest of their standardized residuals.
 
     When a point leaves, only the few sums of the normal equations change (down-dating), and
-    with them the residuals and redundancy numbers of all points, a little. Only the
-    *candidates*, the points with the largest statistics at the last full adjustment, are
-    computed again each time. For all others a bound tells how large a statistic can have
-    become; as soon as the largest candidate doesn't exceed it, the whole cloud is adjusted
-    anew. The point found is therefore always the one a full computation finds.
+    the residuals and redundancy numbers of all points change a little. Only the *candidates*,
+    the points with the largest statistics at the last full adjustment, are computed again each
+    time. A bound limits the statistics of all other points. If the largest candidate does not
+    exceed the bound, the whole cloud is adjusted anew. So the point found is always the one
+    that a full computation finds.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class DowndatedPlane:
     sum_of_squares : float
         v'Pv of the retained points.
     direction : ndarray of shape (d,)
-        That of the residuals at the last full adjustment.
+        Direction of the residuals at the last full adjustment.
     n_adjustments : int
         Full adjustments made so far.
 
@@ -48,7 +48,7 @@ class DowndatedPlane:
     -----
     With whitened regressors g (``|g|^2`` is a cofactor) and the residual e at the last
     adjustment, the present residual is ``shrink e + g'shift`` and the present whitened
-    regressors are ``L g + turn e``. By Cauchy's and the triangle inequality, then::
+    regressors are ``L g + turn e``. Cauchy's inequality and the triangle inequality then give::
 
         sqrt(p) |v| <= shrink sqrt(p) |e| + sqrt(h) |shift|
         sqrt(h_now) <= |L| sqrt(h)        + |turn| sqrt(p) |e|
@@ -69,7 +69,7 @@ class DowndatedPlane:
         return self.sum_of_squares / self.dof if self.dof else 0.0
 
     def largest(self):
-        """Index and value of the largest standardized residual; the lowest index of equals."""
+        """Index and value of the largest standardized residual; of equal ones the lowest index."""
         if self._removed and self._standardized.max() <= self._bound_elsewhere():
             self._adjust()
         at = first_of_largest(self._standardized)
@@ -84,7 +84,7 @@ class DowndatedPlane:
         self._alive[at] = False
         self.n_retained -= 1
         self._removed += 1
-        # What the retained points' sums lack since the last adjustment.
+        # Parts of the sums that removed points took away since the last adjustment.
         self._lost_normal += p * np.outer(g, g)
         self._lost_cross += p * e * g
         self._lost_squares += p * e * e
@@ -110,7 +110,7 @@ class DowndatedPlane:
         chosen = np.zeros(n, dtype=bool)
         for values, share in ((standardized, size), (leverage, max(size // 8, 1))):
             chosen[np.argpartition(values, n - share)[n - share :]] = True
-        # argpartition breaks ties anyhow: the first of the largest must be in.
+        # argpartition breaks ties arbitrarily, but the first of the largest must be chosen.
         chosen[first_of_largest(standardized)] = True
         chosen &= self.support
         others = self.support & ~chosen
@@ -154,18 +154,18 @@ class DowndatedPlane:
         return None
 
     def _bound_elsewhere(self):
-        """No point outside the candidates can have a larger statistic than this."""
+        """Upper bound of the statistics of all points that are no candidates."""
         rest, leverage = self._rest_standardized, np.sqrt(self._rest_leverage)
         turn = 0.0 if self._turn is None else np.linalg.norm(self._turn)
         redundancy = 1 - (self._stretch * leverage + turn * rest) ** 2
         if redundancy <= UNCONTROLLED:
             return np.inf
         residual = abs(self._shrink) * rest + leverage * np.linalg.norm(self._shift)
-        return residual / np.sqrt(redundancy) * (1 + 1e-9)  # more than equals may differ
+        return residual / np.sqrt(redundancy) * (1 + 1e-9)  # equal values differ by less
 
 
 def _tilted(plane, lost_normal, lost_cross, lost_squares):
-    """Vertical surface: what the removed points' sums change."""
+    """Vertical surface: the changes by the removed points' sums."""
     root = np.linalg.cholesky(np.eye(plane.rank) - lost_normal)
     half = np.linalg.solve(root, lost_cross)
     shift = np.linalg.solve(root.T, half)
@@ -175,7 +175,7 @@ def _tilted(plane, lost_normal, lost_cross, lost_squares):
 
 def _turned(plane, lost_normal, lost_cross, lost_squares):
     """Orthogonal surface: the same, with the plane's axes turned into the new principal ones."""
-    # Back from whitened regressors to lengths within the plane: y = (u, e).
+    # From whitened regressors back to lengths within the plane: y = (u, e).
     lengths = np.append(1 / np.linalg.norm(plane.axes, axis=0), 1.0)
     root_total = np.sqrt(plane.sum_weights)
     first = -root_total * np.append(lost_normal[0, 1:], lost_cross[0]) * lengths
@@ -193,7 +193,7 @@ def _turned(plane, lost_normal, lost_cross, lost_squares):
     normal = normal * (np.sign(normal[-1]) or 1.0)
     if total <= 0 or np.any(spread <= 0):
         raise np.linalg.LinAlgError
-    # eigh is exact relative to the largest eigenvalue; the quotient is so to the least.
+    # eigh is accurate relative to the largest eigenvalue, this quotient relative to the least.
     squares = normal @ scatter @ normal
     shift = np.append(-root_total * (normal @ mean), normal[:-1] * lengths[:-1])
     white = axes / np.sqrt(spread)

@@ -9,10 +9,10 @@ __all__ = ["bounding_points", "effects_of", "largest_effects", "largest_effects_
 
 
 def bounding_points(plane, X, cofactors, members, alone):
-    """Rows among which effects on the members are largest, whichever one row is left out.
+    """Rows that hold the largest effect on each member, even if one row is left out.
 
-    Points with a leverage over 1/2 act most on themselves, which doesn't count. They are
-    kept beside the hull of the others, so that leaving one out uncovers nothing.
+    Points with a leverage over 1/2 act most on themselves, which does not count. They are
+    kept beside the hull of the others, so leaving one of them out does not change that hull.
     """
     apart = members[alone[members]] if alone.any() else members[:0]
     if len(apart):
@@ -39,7 +39,7 @@ def largest_effects(plane, X, vertices, rows=None):
     if len(vertices) == 0:
         return effect
     design = plane.design(plane.whiten(vertices)[0])
-    # Without a hull (many regressors) there are as many vertices as points.
+    # With many regressors there is no hull, and all points are vertices.
     step = max(CHUNK * 32 // (32 + len(vertices)), 1)
     for start in range(0, n, step):
         part = slice(start, start + step)

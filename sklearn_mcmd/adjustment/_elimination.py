@@ -13,7 +13,7 @@ __all__ = ["Elimination", "eliminate", "eliminate_one_by_one", "own_redundancy"]
 
 @dataclass
 class Elimination:
-    """How data snooping went.
+    """State of data snooping.
 
     Attributes
     ----------
@@ -28,10 +28,10 @@ class Elimination:
     robust_weights : ndarray of shape (n,) or None
         W of the last M-estimate.
     ran_out_of_rounds : bool
-        The limit of rounds was reached with something left to remove.
+        Whether the limit of rounds was reached with rejected points left.
     ran_out_of_points : bool
-        What should have gone would have left too few points for a plane with redundancy, or
-        points on a line: they are marked in `step`, and the plane before that stands.
+        Whether removing the rejected points would have left too few for a plane with
+        redundancy, or points on a line. They are marked in `step`; the plane before is kept.
     """
 
     step: np.ndarray
@@ -51,14 +51,15 @@ def eliminate(X, weights, adjust, limit, state, *, single, max_rounds=None):
     X : ndarray of shape (n, d)
     weights : ndarray of shape (n,) or None
     adjust : callable
-        ``adjust(retained) -> (plane, robust_weights)``; robust weights None for least squares.
+        ``adjust(retained) -> (plane, robust_weights)``. The robust weights are None for least
+        squares.
     limit : callable
-        ``limit(n_retained, dof, variance_factor, direction)``: the largest standardized
+        ``limit(n_retained, dof, variance_factor, direction)`` gives the largest standardized
         residual that passes.
     state : Elimination
-        Where to start; changed in place.
+        Starting state; changed in place.
     single : bool
-        Only the worst of the rejected points goes in a round.
+        Whether a round removes only the worst of the rejected points.
     max_rounds : int, default=None
     """
     before = state.support
@@ -119,7 +120,7 @@ def eliminate_one_by_one(X, weights, surface, limit, state, *, max_rounds=None):
 
 
 def own_redundancy(cofactors, spread, weights, robust_weights=None):
-    """Redundancy numbers ``r_i = p_i q_i`` of observations that made the plane.
+    """Redundancy numbers ``r_i = p_i q_i`` of the observations behind the plane.
 
     With weights W of an M-estimate the cofactor is that of ``v = (I - A N^-1 A'PW) l`` with W
     taken as fixed: ``r = 1 - 2 w h + p g'Cg``, which is 1 - h for W = 1.

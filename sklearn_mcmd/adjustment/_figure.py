@@ -1,4 +1,4 @@
-"""A report of a fitted plane test that a surveyor can file, as a figure."""
+"""A report of a fitted plane test for a surveyor's files, as a figure."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 __all__ = ["plot_report"]
 
-# A figure of more points shows no more, and takes minutes.
+# More points take minutes to draw, and show no more.
 MAX_DRAWN = 50_000
-# Width of the histogram, in deviations of the inliers.
+# Half width of the histogram, in standard deviations of the inliers.
 MAX_DEVIATIONS = 15
 BLUE, RED, GRAY = "#1f77b4", "#d62728", "#7f7f7f"
 
@@ -45,12 +45,12 @@ def plot_report(
     unit : str, default=""
         Unit of X, for example "m"; only printed.
     figure : matplotlib.figure.Figure, default=None
-        Where to draw; a new figure that belongs to no window when None.
+        Figure to draw on. None means a new figure without a window.
 
     Returns
     -------
     matplotlib.figure.Figure
-        ``figure.savefig("report.png")`` files it.
+        ``figure.savefig("report.png")`` saves it.
 
     Raises
     ------
@@ -98,16 +98,16 @@ def _key_figures(detector, outliers, unit):
 
 
 def _thinned(rows):
-    """At most `MAX_DRAWN` of the rows, evenly picked."""
+    """At most `MAX_DRAWN` of the rows, at even steps."""
     return rows[:: len(rows) // MAX_DRAWN + 1]
 
 
 def _draw_map(axes, view, names, residuals, outliers, suffix):
-    """Where the residuals are."""
+    """A map of the residuals."""
     good, bad = (_thinned(np.flatnonzero(mask)) for mask in (~outliers, outliers))
     marks = {"s": 9, "marker": "x", "c": "k", "linewidths": 0.6, "label": "outlier"}
     if view.shape[1] >= 2:
-        # Not the largest residual: one point would take the colors from all others.
+        # Not the largest residual: one point would make all others pale.
         reach = np.percentile(np.abs(residuals[good]), 99) if len(good) else 1.0
         shown = axes.scatter(
             *view[good, :2].T, c=residuals[good], s=4, cmap="coolwarm", vmin=-(reach or 1.0),
@@ -133,8 +133,8 @@ def _draw_map(axes, view, names, residuals, outliers, suffix):
 def _view(detector, X):
     """Map coordinates of the points and their names.
 
-    A plane in space that is steeper than 45 degrees is seen from the side its normal points
-    to, level line to the right and height up; all others from above.
+    A plane in space that is steeper than 45 degrees is seen from the side to which its normal
+    points, with the level line to the right and height up. All others are seen from above.
     """
     normal = detector.normal_
     if X.shape[1] == 3 and detector.surface == "orthogonal" and abs(normal[2]) < np.sqrt(0.5):
@@ -149,7 +149,7 @@ def _view(detector, X):
 
 
 def _without_offset(values):
-    """Values that fit on an axis, and what was taken off them, for its name."""
+    """Values that fit on an axis, and the offset subtracted from them, for the axis name."""
     low, high = values.min(), values.max()
     if max(abs(low), abs(high)) < 1000 * (high - low) or low == high:
         return values, ""
@@ -167,7 +167,7 @@ def _draw_histogram(axes, residuals, outliers, suffix):
     largest = np.abs(residuals).max() / scale
     reach = np.clip(np.ceil(largest), 4, MAX_DEVIATIONS)
     bins = scale * np.linspace(-reach, reach, int(10 * reach) + 1)
-    # What lies beyond is counted in the last bins, so that nothing goes unseen.
+    # The last bins count all points beyond them, so that all points are seen.
     highest = 1.0
     for values, color, name in (
         (inliers, BLUE, "inliers"),
@@ -190,7 +190,7 @@ def _draw_histogram(axes, residuals, outliers, suffix):
 
 
 def _draw_memberships(axes, detector):
-    """m_M and the verdict over the test statistic."""
+    """m_M and the verdict by test statistic."""
     outliers = detector.labels_ == -1
     for mask, color, name in ((~outliers, BLUE, "inlier"), (outliers, RED, "outlier")):
         rows = _thinned(np.flatnonzero(mask))
@@ -210,7 +210,7 @@ def _draw_memberships(axes, detector):
 
 
 def _draw_statistics(axes, detector, outliers):
-    """Test statistics in ascending order, and those to be expected of the inliers."""
+    """Test statistics in ascending order, and the values expected of the inliers."""
     order = np.argsort(detector.test_statistic_, kind="stable")
     statistic = detector.test_statistic_[order]
     rank = np.arange(1, len(order) + 1)
@@ -226,7 +226,7 @@ def _draw_statistics(axes, detector, outliers):
     limit = detector.critical_value_
     if np.isfinite(limit):
         axes.axhline(limit, color="k", linestyle="--", label="critical value")
-        # Linear up to the critical value, logarithmic beyond.
+        # Linear up to the critical value, logarithmic above it.
         axes.set_yscale("symlog", linthresh=limit, linscale=2.5, subs=range(2, 10))
         ticks = np.arange(0, np.floor(limit) + 1, max(np.floor(limit / 4), 1))
         tens = 10.0 ** np.arange(np.ceil(np.log10(limit)), 20)

@@ -237,7 +237,7 @@ class FuzzyPlaneDetector(PlaneDetector):
 
         residuals, cofactors, spread = plane.evaluate(X)
         if robust_weights is not None:
-            # Those of the final residuals, as `score_samples` finds them for new points.
+            # The weights of the final residuals, as `score_samples` computes them for new points.
             robust_weights = self._robust_weights_at(residuals, weights) * used
             self.robust_weights_ = robust_weights
         self.redundancy_ = own_redundancy(cofactors, spread, weights, robust_weights)
@@ -276,13 +276,13 @@ class FuzzyPlaneDetector(PlaneDetector):
         Returns
         -------
         ndarray of shape (n_samples,)
-            The lower, the more abnormal.
+            Lower is more abnormal.
 
         Notes
         -----
-        A point within the training points' leverage is looked at as one of the adjusted
-        observations, one beyond as an added one: its residual has the larger deviation
-        ``sqrt(1 + h)`` and the redundancy number ``1 / (1 + h)``.
+        A point with no more leverage than the training points counts as one of the adjusted
+        observations. A point with more leverage counts as an added one: its residual has the
+        larger deviation ``sqrt(1 + h)`` and the redundancy number ``1 / (1 + h)``.
         """
         X = self._check_query(X)
         plane = self._plane
@@ -329,8 +329,8 @@ class FuzzyPlaneDetector(PlaneDetector):
         """r~n of every observation (Eqs 13, 17), without the redundancy matrix.
 
         With equal weights a normal point with ``h <= 1/2`` acts most on itself, because
-        ``|r_ki| <= sqrt(r_ii h_i) <= r_ii``; only abnormal points need a search. So does the
-        largest element of the matrix: it is the largest r_ii as soon as n >= 2u.
+        ``|r_ki| <= sqrt(r_ii h_i) <= r_ii``. So only abnormal points need a search. The largest
+        element of the matrix needs none if n >= 2u: it is then the largest r_ii.
         """
         plane, n = self._plane, len(X)
         leverage = cofactors if weights is None else cofactors * weights
@@ -358,10 +358,10 @@ class FuzzyPlaneDetector(PlaneDetector):
         return effect
 
     def _find_limit(self, complement, effect, normal, abnormal, used):
-        """Score below which a point is an outlier: Eq. 21, or what guards it."""
+        """Score below which a point is an outlier: Eq. 21, or its guard."""
         if not abnormal.any():
-            # A normal point's G is at least (1 - h) / 2 over the largest effect, that of an
-            # abnormal one at most h / 2 over it.
+            # The largest effect times G is at least (1 - h) / 2 for a normal point, and at most
+            # h / 2 for an abnormal one.
             self.defuzzification_limit_ = self.defuzzification_complement_ = np.nan
             return float(min(0.25 / self._largest_effect, complement[used].min()))
         rows = slice(None) if used.all() else used
@@ -374,7 +374,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         return float(np.nextafter(limit, np.inf))
 
     def _set_variance_after(self, X, weights):
-        """Variance factor and global test of the points that are left."""
+        """Set the variance factor and global test of the points that are left."""
         left = (self.labels_ == 1) & self.support_
         plane = self._plane
         if not left.all() and np.count_nonzero(left) > plane.rank:

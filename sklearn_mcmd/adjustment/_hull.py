@@ -1,4 +1,4 @@
-"""The few points that bound all others: vertices of a convex hull."""
+"""The few points that enclose all others: vertices of a convex hull."""
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -7,22 +7,22 @@ from sklearn_mcmd.adjustment._plane import row_chunks
 
 __all__ = ["hull_vertices"]
 
-# Beyond this many dimensions hulls have more vertices than help; all points serve then.
+# In more dimensions a hull has too many vertices to save time; then all points are taken.
 MAX_DIMENSIONS = 5
-# A hull of so many points, evenly picked, rules out nearly all others.
+# Number of points, at even steps, whose hull contains nearly all others, by dimension.
 N_PICKED = {2: 4096, 3: 1024, 4: 512, 5: 256}
 
 
 def hull_vertices(plane, X, cofactors, members):
-    """Members among which any affine function of the regressors has its largest size.
+    """Members at which every affine function of the regressors reaches its largest size.
 
     Parameters
     ----------
     plane : PlaneAdjustment
-        Whose whitened regressors are the coordinates.
+        Its whitened regressors are the coordinates.
     X : ndarray of shape (n, d)
     cofactors : ndarray of shape (n,)
-        Of the plane at X: squared distances from the center, but for a constant.
+        Cofactors of the plane at X: squared distances from the center plus a constant.
     members : ndarray of int
         Rows of X to consider, ascending.
 
@@ -30,7 +30,7 @@ def hull_vertices(plane, X, cofactors, members):
     -------
     ndarray of int
         Rows of X, ascending: the vertices of the members' convex hull, or all members where
-        a hull is of no use.
+        a hull saves no time.
     """
     q = plane.rank - 1
     if q == 0:
@@ -43,7 +43,7 @@ def hull_vertices(plane, X, cofactors, members):
 
 
 def _outside_picked_hull(plane, X, cofactors, members):
-    """Members not inside the hull of a few of them: all vertices are among these."""
+    """Members outside the hull of a few of them. All vertices are among these."""
     picked = members[:: len(members) // N_PICKED[plane.rank - 1] + 1]
     if len(picked) == len(members):
         return members
@@ -52,7 +52,7 @@ def _outside_picked_hull(plane, X, cofactors, members):
     except QhullError:
         return members
     normals, offsets = equations[:, :-1], equations[:, -1]
-    # Whatever is nearer to the center than the nearest facet is inside, without a product.
+    # Points nearer to the center than the nearest facet are inside and need no product.
     reach = max(-offsets.max(), 0.0)
     distant = cofactors[members] >= 0.999 * reach**2 + 1 / plane.sum_weights
     members = members[distant]
@@ -65,7 +65,7 @@ def _outside_picked_hull(plane, X, cofactors, members):
 
 
 def _vertices(U):
-    """Positions of the vertices of the convex hull of U, whatever its affine rank."""
+    """Positions of the vertices of the convex hull of U, for any affine rank."""
     U = U - U.mean(axis=0)
     _, spread, axes = np.linalg.svd(U, full_matrices=False)
     U = U @ axes[spread > 1e-13 * max(spread[0], np.finfo(float).tiny)].T
@@ -75,5 +75,5 @@ def _vertices(U):
         return np.unique([U[:, 0].argmin(), U[:, 0].argmax()])
     try:
         return np.sort(ConvexHull(U).vertices)
-    except QhullError:  # flat but for rounding
+    except QhullError:  # flat except for rounding
         return np.arange(len(U))

@@ -1,7 +1,7 @@
-"""Memberships of the fuzzy approach, one function an equation (Eqs 11-21).
+"""Memberships of the fuzzy approach, one function for each equation (Eqs 11-21).
 
 Decisions are made in complement form, ``1 - m_H`` against ``1 - C_H``: in a large cloud both
-m_H and C_H differ from 1 by 1e-3 to 1e-11, and a difference from 1 is what rounding takes first.
+m_H and C_H differ from 1 by 1e-3 to 1e-11, and numbers so close to 1 would lose their digits.
 """
 
 import numpy as np
@@ -32,19 +32,20 @@ def abnormal_residual_membership(statistic, redundancy, critical, width):
     critical : float
         ``N_{1 - alpha/2}``.
     width : float
-        Printed as alpha. It is a distance on the axis of the statistic, not a probability.
+        The paper prints it as alpha. It is a distance on the axis of the statistic, not a
+        probability.
     """
     with np.errstate(divide="ignore"):
         return 1 / (1 + 1 / _squared_excess(statistic, redundancy, critical, width))
 
 
 def normal_residual_membership(statistic, redundancy, critical, width):
-    """m_N = 1 - m_M, with all its digits where m_M is about 1 (Eq. 12)."""
+    """m_N = 1 - m_M, accurate also where m_M is about 1 (Eq. 12)."""
     return 1 / (1 + _squared_excess(statistic, redundancy, critical, width))
 
 
 def relative_redundancy(redundancy_matrix):
-    """Redundancy matrix over its largest element, all without sign (Eq. 13)."""
+    """Absolute redundancy matrix over its largest element (Eq. 13)."""
     size = np.abs(redundancy_matrix)
     return size / size.max()
 
@@ -55,16 +56,16 @@ def largest_relative_effect(relative, members):
     Parameters
     ----------
     relative : ndarray of shape (n, n)
-        Eq. 13. For small n; `FuzzyPlaneDetector` finds the same without the matrix.
+        Result of Eq. 13. For small n; `FuzzyPlaneDetector` finds the same without the matrix.
     members : ndarray of bool of shape (n,)
-        M.5 (``m_M >= 1/2``; the text's "<=" would put every good point into it) for Eq. 14,
-        N.5, the others, for Eq. 17. An empty set has effect 0.
+        For Eq. 14 the set M.5, ``m_M >= 1/2`` (the text's "<=" would put every good point into
+        it). For Eq. 17 the set N.5 of the others. An empty set has effect 0.
     """
     return relative[members].max(axis=0, initial=0.0)
 
 
 def abnormal_error_membership(effect_on_abnormal, abnormal_residual):
-    """m_A: error that acts on abnormal residuals (Eq. 15). Never above m_B."""
+    """m_A: error that acts on abnormal residuals (Eq. 15). It is at most m_B."""
     return effect_on_abnormal * abnormal_residual
 
 
@@ -85,7 +86,7 @@ def outlier_membership(abnormal_error, normal_error_complement):
 def defuzzification_complement(complement, effect_on_normal, normal_residual, weighting):
     """1 - C_H: weighted mean of 1 - m_H (Eq. 19)."""
     weights = defuzzification_weights(effect_on_normal, normal_residual, weighting)
-    # For "ratio" P (1 - m_H) with the division by m_N carried out: it may be one by 0.
+    # For "ratio" the products P (1 - m_H) are simplified, because m_N may be 0.
     ratio = weighting == "ratio"
     products = effect_on_normal * (1 - complement) if ratio else weights * complement
     total = weights.sum()
@@ -96,7 +97,7 @@ def defuzzification_weights(effect_on_normal, normal_residual, weighting):
     """Weights P of the limit (Eq. 20, second line; the first never applies, see Eq. 18).
 
     "ratio" is the paper's ``m_B / m_N = 1 / m_N - r~n``. It has no bound: one huge outlier
-    takes the limit for itself and masks the others. "cut", ``1 - r~n``, has one.
+    decides the limit alone and masks the others. "cut", ``1 - r~n``, is bounded.
     """
     if weighting == "cut":
         return 1 - effect_on_normal

@@ -12,23 +12,23 @@ from sklearn_mcmd._sklearn import StrOptions, validate_params
 
 __all__ = ["PlaneAdjustment", "adjust_plane", "row_chunks"]
 
-# Rows that are looked at together: their centered copy stays in the processor's cache, and
-# no pass needs more than this many rows of working memory.
+# Rows that are processed together. Their centered copy stays in the processor's cache, and it is
+# the most working memory that a pass needs.
 CHUNK = 1 << 15
 
-# Directions whose spread is below 3e-7 of the largest one (after every column was scaled to
-# unit spread) count as collinear: far above what rounding makes of exactly collinear
-# columns (1e-16, squared), far below the narrowest strip worth an adjustment.
+# Columns are collinear if the spread of a direction is below 3e-7 of the largest one, after every
+# column is scaled to unit spread. Rounding of exactly collinear columns is far smaller (1e-16,
+# squared), and the narrowest strip worth an adjustment is far wider.
 RANK_TOLERANCE = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
 class PlaneAdjustment:
-    """A least-squares plane with all that its tests need (Eqs 9-10).
+    """A least-squares plane with the numbers that its tests need (Eqs 9-10).
 
     The design matrix is never formed. Regressors are centered and whitened, so that
-    ``a_i' N^-1 a_i = 1 / sum(p) + |U_i|^2`` with ``U = (X - center) @ axes``; nothing else of
-    the cofactor matrix is needed, and nothing is lost with coordinates of 10^7.
+    ``a_i' N^-1 a_i = 1 / sum(p) + |U_i|^2`` with ``U = (X - center) @ axes``. Nothing else of
+    the cofactor matrix is needed, and coordinates of 10^7 cost no accuracy.
 
     Attributes
     ----------
@@ -37,9 +37,9 @@ class PlaneAdjustment:
     axes : ndarray of shape (d, rank - 1)
         Maps centered points to whitened regressors U.
     direction : ndarray of shape (d,)
-        Residuals are ``(X - center) @ direction``: ``(-slopes, 1)`` for a vertical surface,
-        the unit normal for an orthogonal one. Observed minus adjusted, the sign surveyors
-        read off a map; the paper's v has the other.
+        Residuals are ``(X - center) @ direction``. It is ``(-slopes, 1)`` for a vertical
+        surface and the unit normal for an orthogonal one. Residuals are observed minus
+        adjusted, the sign that surveyors use on maps; the paper's v has the opposite sign.
     sum_weights : float
         Sum of the weights.
     sum_of_squares : float
@@ -49,8 +49,8 @@ class PlaneAdjustment:
     surface : {"vertical", "orthogonal"}
         Which distance was minimized.
     kernel : ndarray of shape (rank, rank) or None
-        ``A'PW^2A`` in whitened coordinates, where the plane comes from equivalent weights
-        PW (M-estimation); None stands for the identity of plain least squares.
+        ``A'PW^2A`` in whitened coordinates if the plane comes from equivalent weights PW
+        (M-estimation). None means the identity, for plain least squares.
     """
 
     center: NDArray[np.float64]
@@ -79,7 +79,7 @@ class PlaneAdjustment:
 
     @property
     def normal(self) -> NDArray[np.float64]:
-        """Unit normal, its last component of non-negligible size positive."""
+        """Unit normal; its last component that is not negligible is positive."""
         normal = self.direction / np.linalg.norm(self.direction)
         return _oriented(normal)
 
@@ -109,9 +109,9 @@ class PlaneAdjustment:
         residuals : ndarray of shape (n,)
             Observed minus adjusted, in units of X.
         cofactors : ndarray of shape (n,)
-            ``a_i' N^-1 a_i``; times the point's weight its leverage h_i.
+            ``a_i' N^-1 a_i``. Times the point's weight it is its leverage h_i.
         spread : ndarray of shape (n,)
-            Variance of the adjusted value over sigma0^2: the cofactors themselves for least
+            Variance of the adjusted value over sigma0^2: equal to the cofactors for least
             squares, ``g' C g`` with the kernel C otherwise.
         """
         n = X.shape[0]
@@ -131,7 +131,7 @@ class PlaneAdjustment:
         return local[:, :-1], local[:, -1]
 
     def design(self, U: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Rows g of the whitened design matrix, the constant first: ``g'g`` is a cofactor."""
+        """Rows g of the whitened design matrix, with the constant first; ``g'g`` is a cofactor."""
         return np.column_stack([np.full(len(U), self.sum_weights**-0.5), U])
 
     def with_robust_weights(
@@ -140,7 +140,7 @@ class PlaneAdjustment:
         weights: NDArray[np.float64] | None,
         robust_weights: NDArray[np.float64],
     ) -> Self:
-        """Same plane with the kernel that belongs to equivalent weights PW."""
+        """The same plane with the kernel of equivalent weights PW."""
         kernel = np.zeros((self.rank, self.rank))
         for rows in row_chunks(len(X)):
             G = self.design(self.whiten(X[rows])[0])
@@ -184,16 +184,16 @@ def adjust_plane(
     Raises
     ------
     ValueError
-        If X has no two columns, is not finite, or if its squares overflow; if there is no
-        weight.
+        If X has fewer than two columns, is not finite, or its squares overflow; or if all weights
+        are zero.
 
     Notes
     -----
     Rank-deficient designs (collinear or constant regressors, one location) get the slopes of
-    minimum norm; residuals and redundancy numbers don't depend on that choice.
+    minimum norm. Residuals and redundancy numbers do not depend on that choice.
 
-    The whitening is done twice, like a second Gram-Schmidt step: the first pass squares the
-    condition number, the second repairs what that cost.
+    The whitening is done twice, like a second Gram-Schmidt step. The first pass squares the
+    condition number, and the second restores the accuracy lost by that.
 
     Examples
     --------
@@ -217,7 +217,7 @@ def adjust_plane(
     used = np.arange(X.shape[0]) if weights is None else np.flatnonzero(weights)
     if len(used) == 0:
         raise ValueError("X has no point of positive weight: there is nothing to adjust.")
-    # Any point inside the cloud will do as a first origin: the mean of a thinned cloud.
+    # Any point inside the cloud can be the first origin: take the mean of a thinned cloud.
     origin = X[used[:: len(used) // 1024 + 1]].mean(axis=0)
     with np.errstate(over="ignore", invalid="ignore"):
         total, first, second = _moments(X, origin, None, weights)
@@ -229,12 +229,12 @@ def adjust_plane(
     mean = first / total
     scatter = second - np.outer(mean, first)
     center = origin + mean
-    # A constant column isn't exactly zero after centering: this is its rounding.
+    # A constant column is not exactly zero after centering; this is its rounding.
     rounding = total * (64 * np.finfo(float).eps * np.abs(center)) ** 2
     solve = _solve_orthogonal if surface == "orthogonal" else _solve_vertical
     axes, direction = solve(scatter, rounding)
 
-    # Second pass, in coordinates that are nearly white already.
+    # Second pass, in coordinates that are already nearly white.
     basis = np.column_stack([axes, direction])
     total, first, second = _moments(X, center, basis, weights)
     mean = first / total
@@ -249,7 +249,7 @@ def adjust_plane(
     n_observations = X.shape[0] if weights is None else np.count_nonzero(weights)
     return PlaneAdjustment(
         center=center,
-        # The symmetric root turns the axes as little as possible.
+        # The symmetric root rotates the axes as little as possible.
         axes=axes @ (vectors / np.sqrt(values)) @ vectors.T,
         direction=direction,
         sum_weights=float(total),
@@ -279,7 +279,7 @@ def _moments(X, origin, basis, weights):
         else:
             weighted = local * weights[rows, None]
             total += weights[rows].sum()
-        first += np.ones(len(local)) @ weighted  # thrice as fast as a sum of short rows
+        first += np.ones(len(local)) @ weighted  # three times as fast as a sum of short rows
         second += weighted.T @ local
     return total, first, second
 
@@ -296,7 +296,7 @@ def _solve_vertical(scatter, rounding):
     axes[:-1] = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
     slopes = axes[:-1] @ (axes[:-1].T @ scatter[:-1, -1])
     if 0 < axes.shape[1] < d - 1:
-        # Slopes across the points' own span are arbitrary: take none (minimum norm).
+        # Slopes across the points' own span are arbitrary: set them to zero (minimum norm).
         span = orth(scatter[:-1, :-1] @ axes[:-1])
         slopes = span @ (span.T @ slopes)
     return axes, np.append(-slopes, 1.0)
@@ -311,6 +311,6 @@ def _solve_orthogonal(scatter, rounding):
 
 
 def _oriented(normal):
-    """Normal with its last component positive, or the last that isn't rounding."""
+    """Normal whose last component that is larger than rounding is positive."""
     significant = np.flatnonzero(np.abs(normal) > 1e-12)
     return normal * np.sign(normal[significant[-1]])

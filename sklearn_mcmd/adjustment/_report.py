@@ -1,4 +1,4 @@
-"""A report of a fitted plane test that a surveyor can file, as text."""
+"""A report of a fitted plane test for a surveyor's files, as text."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,7 +30,7 @@ def text_report(
     unit : str, default=""
         Unit of X, for example "m"; only printed.
     n_worst : int, default=10
-        Points to list, in the order of their test statistics.
+        Number of points to list, those with the largest test statistics.
 
     Returns
     -------
@@ -39,7 +39,7 @@ def text_report(
     Raises
     ------
     ValueError
-        If X isn't what the detector was fitted to.
+        If the detector was fitted to other points than X.
 
     Examples
     --------
@@ -70,7 +70,7 @@ def text_report(
         "",
         "Plane",
         "-----",
-        # Nine digits: at coordinates of 1e7 six would be off by meters.
+        # Nine digits: with six, points at coordinates of 1e7 would be wrong by meters.
         f"normal                {_row(detector.normal_, 9)}",
         f"distance from origin  {detector.distance_:.6f}{suffix}",
         f"point of the plane    {_row(detector._plane.center)}",
@@ -141,21 +141,21 @@ def describe(detector):
 
 
 def sigma0_origin(detector):
-    """Where sigma0 comes from, in words."""
+    """The origin of sigma0, in words."""
     if detector._sigma0_is_rounding:
         return "float64's rounding"
     return "robust estimate" if detector.sigma0 == "auto" else "given"
 
 
 def _notes(detector, suffix):
-    """What is to be known where there is no noise to test against."""
+    """Lines that say that there is no noise to test against, if so."""
     if not detector._sigma0_is_rounding:
         return []
     if detector.sigma0 == "auto":
         reason = "Half of the points or more lie on the plane to the rounding of float64,"
     else:
         reason = f"sigma0 = {detector.sigma0:g}{suffix} is less than the rounding of float64,"
-    # tau and t have a scale of their own.
+    # tau and t use their own scale.
     meaning = ["what is farther from the plane is an outlier."] if detector.test == "w" else []
     return [
         "",
@@ -177,7 +177,7 @@ def _details(detector):
 
 
 def _decimals(residuals):
-    """Decimals that show three digits of a usual residual."""
+    """Number of decimals that shows three digits of a typical residual."""
     rms = np.sqrt(np.mean(residuals**2)) if len(residuals) else 0.0
     return int(np.clip(2 - np.floor(np.log10(rms)), 0, 9)) if rms > 0 else 6
 
@@ -195,7 +195,7 @@ def share(part, total):
 
 
 def tilt(detector):
-    """Angle between the plane and the horizontal one, degrees."""
+    """Angle between the plane and the horizontal plane, in degrees."""
     return np.rad2deg(np.arccos(min(abs(detector.normal_[-1]), 1.0)))
 
 

@@ -15,7 +15,7 @@ from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 __all__ = ["WEIGHT_FUNCTIONS", "huber", "m_estimate", "robust_scale", "tukey"]
 
 MAX_ITERATIONS = 200
-# Change of a residual, in units of the scale, below which the plane stands still.
+# Largest change of a residual, in units of the scale, at which the iteration ends.
 TOLERANCE = 1e-6
 # The median of |v| is this share of a normal standard deviation.
 NORMAL_QUARTILE = 0.6744897501960817
@@ -39,7 +39,7 @@ def m_estimate(
     sigma0: float | None = None,
     surface: Literal["vertical", "orthogonal"] = "vertical",
 ) -> tuple[PlaneAdjustment, NDArray[np.float64], float]:
-    """Plane by M-estimation: repeat the adjustment with P W until it rests (Eqs 3-7).
+    """Plane by M-estimation: repeat the adjustment with P W until it converges (Eqs 3-7).
 
     Parameters
     ----------
@@ -51,29 +51,29 @@ def m_estimate(
         Rule that turns standardized residuals into W. "tukey" starts from Huber's plane,
         because its own solution depends on the start.
     sigma0 : float, default=None
-        Standard deviation of unit weight; `robust_scale` of the residuals when None.
+        Standard deviation of unit weight. None means `robust_scale` of the residuals.
     surface : {"vertical", "orthogonal"}, default="vertical"
 
     Returns
     -------
     plane : PlaneAdjustment
-        With the kernel that propagates the equivalent weights into cofactors.
+        The plane, with the kernel that propagates the equivalent weights into cofactors.
     robust_weights : ndarray of shape (n,)
-        W, 1 for normal observations, near 0 for outliers.
+        W: 1 for normal observations, near 0 for outliers.
     scale : float
-        sigma0, or its robust estimate, which is never less than what float64 may add to a
+        sigma0, or its robust estimate, which is at least the rounding error of float64 in a
         residual at these coordinates.
 
     Warns
     -----
     ConvergenceWarning
-        If the plane still moves after 200 adjustments.
+        If the plane still changes after 200 adjustments.
 
     Notes
     -----
-    Eq. 5 takes the weights of iteration i - 1 times P, never times the product of all
-    earlier ones. Eq. 8's limit ``s0 sqrt(q_i p_i) t`` is short of its dimension; here
-    ``sqrt(p_i) |v_i|`` is compared, which is the same thing for unit weights.
+    Eq. 5 multiplies P by the weights of iteration i - 1, not by the product of all earlier
+    weights. Eq. 8's limit ``s0 sqrt(q_i p_i) t`` has a wrong dimension. Here
+    ``sqrt(p_i) |v_i|`` is compared, which is the same for unit weights.
 
     Examples
     --------
@@ -98,8 +98,8 @@ def m_estimate(
     residuals = plane.evaluate(X)[0]
     for _ in range(MAX_ITERATIONS):
         floor = residual_rounding(errors, plane.direction)
-        # Tukey's weights fall to 0: a scale that followed them could collapse (S-estimation
-        # is another method), so it stays the one Huber's plane gave.
+        # Tukey's weights reach 0, and a scale that followed them could collapse (S-estimation
+        # is another method). So the scale of Huber's plane is kept.
         if sigma0 is None and loss != "tukey":
             scale = max(robust_scale(residuals, weights, plane.rank), floor)
         standardized = residuals / max(scale, floor)
@@ -108,10 +108,10 @@ def m_estimate(
         robust_weights = weigh(standardized)
         equivalent = robust_weights if weights is None else robust_weights * weights
         if np.count_nonzero(equivalent) <= plane.rank:
-            break  # too few observations left to carry a plane: keep the last one
+            break  # too few observations left for a plane: keep the last plane
         plane = adjust_plane(X, equivalent, surface=surface)
         previous, residuals = residuals, plane.evaluate(X)[0]
-        # Two residuals that differ by rounding alone do so by that of both.
+        # By rounding alone, two residuals differ by the rounding of both.
         if np.abs(residuals - previous).max() <= max(TOLERANCE * scale, 2 * floor):
             break
     else:
@@ -145,10 +145,10 @@ WEIGHT_FUNCTIONS = {"huber": huber, "tukey": tukey}
 def robust_scale(residuals, weights, rank):
     """Standard deviation of unit weight from the median of ``sqrt(p) |v|``.
 
-    Up to half of the observations may be off the plane without making it useless, but they
-    do enlarge it: one-sided outliers on a share p of a cloud move the median to the
-    ``0.5 / (1 - p)`` quantile of the clean residuals, a factor of 1.3 at 20 % and 2.1 at 40 %.
-    ``sqrt(n / (n - u))`` makes up for the shrinkage of residuals by the adjustment.
+    It survives up to half of the observations off the plane, but these enlarge it. A share p of
+    one-sided outliers moves the median to the ``0.5 / (1 - p)`` quantile of the clean residuals,
+    a factor of 1.3 at 20 % and 2.1 at 40 %. The adjustment makes residuals smaller;
+    ``sqrt(n / (n - u))`` corrects for this.
     """
     size = np.abs(residuals)
     if weights is not None:

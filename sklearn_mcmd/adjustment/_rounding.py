@@ -1,4 +1,4 @@
-"""How far float64 can put a point of an exact plane off it."""
+"""Largest distance from an exact plane that rounding to float64 can give its points."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ __all__ = ["residual_rounding", "rounding_errors"]
 
 
 def rounding_errors(X):
-    """What float64 may add to each coordinate of a plane that is exact otherwise.
+    """Largest rounding error of float64 in each coordinate of the points of an exact plane.
 
     Parameters
     ----------
@@ -19,12 +19,12 @@ def rounding_errors(X):
 
     Notes
     -----
-    In steps of float64 at the largest coordinate of a column (9.3e-10 at 5e6, 1.8e-15 at 10),
-    a coordinate is rounded by 1/2 when it is stored. If it was computed from the others, its
-    d terms were rounded by up to ``d / 2`` more. The center that is taken off it is rounded
-    by up to 1. Then a residual is computed from centered coordinates, which are no larger than
-    the extent of the cloud, by d products and d - 1 sums along a direction that is itself
-    rounded: ``(d + 1) eps`` of the extent.
+    The unit is a step of float64 at the largest coordinate of a column (9.3e-10 at 5e6, 1.8e-15
+    at 10). A coordinate is rounded by 1/2 when it is stored. If it was computed from the others,
+    its d terms were rounded by up to ``d / 2`` more. The center that is subtracted is rounded by
+    up to 1. Then a residual is computed from centered coordinates, which are no larger than the
+    extent of the cloud. It takes d products and d - 1 sums along a direction that is itself
+    rounded, which adds ``(d + 1) eps`` of the extent.
     """
     d = X.shape[1]
     low, high = X.min(axis=0), X.max(axis=0)
@@ -35,13 +35,13 @@ def rounding_errors(X):
 
 
 def residual_rounding(errors, direction):
-    """Length below which a residual is rounding, from `rounding_errors` of its coordinates.
+    """Length below which a residual is only rounding, from `rounding_errors` of its coordinates.
 
     Parameters
     ----------
     errors : ndarray of shape (d,)
     direction : ndarray of shape (d,)
-        Of the residuals, `PlaneAdjustment.direction`: a steep vertical surface carries the
-        rounding of the regressors into its residuals.
+        Direction of the residuals, `PlaneAdjustment.direction`. On a steep vertical surface the
+        rounding of the regressors enters the residuals.
     """
     return max(float(np.abs(direction) @ errors), np.finfo(float).tiny)

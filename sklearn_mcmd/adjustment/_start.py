@@ -1,4 +1,4 @@
-"""A robust first plane for data snooping: both papers joined."""
+"""A robust first plane for data snooping. It combines the methods of both papers."""
 
 import numpy as np
 from sklearn.utils import check_random_state
@@ -17,16 +17,16 @@ from sklearn_mcmd.planes._plane import fit_planes
 
 __all__ = ["robust_start"]
 
-# Points within so many deviations make the start's plane, a usual choice of least trimmed
-# squares; normal residuals cut there have this share of their standard deviation.
+# Standard deviations within which points belong to the start's plane, a usual choice of least
+# trimmed squares. Normal residuals cut there have CUT_DEVIATION of their standard deviation.
 CUT = 2.5
 CUT_DEVIATION = 0.9546
-# Either settles within a few rounds, or flickers at its margin.
+# Both iterations converge within a few rounds, or alternate between nearly equal sets.
 MAX_ROUNDS = 20
 
 SUPPORT_FRACTION = 0.5
 SUCCESS_PROBABILITY = 0.9999
-# A start needs no more points than this to choose the best of its trial planes.
+# Number of points that suffices to choose the best of the trial planes.
 MAX_POINTS = 20_000
 MAX_TRIALS = 2_000
 
@@ -41,26 +41,26 @@ def robust_start(X, weights, used, *, rank, surface, sigma0, random_state):
     used : ndarray of bool of shape (n,)
         Points of positive weight.
     rank : int
-        Of the plane of all points.
+        Rank of the plane of all points.
     surface : {"vertical", "orthogonal"}
     sigma0 : float or None
-        Standard deviation of unit weight; estimated when None.
+        Standard deviation of unit weight. None means that it is estimated.
     random_state : int, RandomState instance or None
 
     Returns
     -------
     plane : PlaneAdjustment or None
-        Of all points within 2.5 deviations of it. None where these are on one line, or all but
-        one of them are: half of the points or more lie on it, and any plane goes through.
+        Plane of all points within 2.5 deviations of it. It is None if these points, or all but
+        one of them, are on one line: then many planes fit half of the points or more.
     sigma : float
-        sigma0, or the deviation of these points. Unlike a median's it isn't enlarged by
-        outliers that are separate from them. Never less than what float64 may add to a
-        residual at these coordinates.
+        sigma0, or the standard deviation of these points. Outliers that are separate from them
+        do not enlarge it, as they would enlarge a median. It is at least the rounding error of
+        float64 in a residual at these coordinates.
 
     Notes
     -----
-    The consistent set is the start of two well-known iterations: concentration on the half of
-    the points with the least residuals (least trimmed squares), then reweighting.
+    Two well-known iterations start from the consistent set: concentration on the half of the
+    points with the least residuals (least trimmed squares), then reweighting.
     """
     members = np.zeros(len(X), dtype=bool)
     points = X[used] if surface == "orthogonal" else _stretched(X[used])
@@ -94,7 +94,7 @@ def robust_start(X, weights, used, *, rank, surface, sigma0, random_state):
             floor = residual_rounding(errors, plane.direction)
             sigma = max(np.sqrt(plane.variance_factor) / CUT_DEVIATION, floor)
     leverage = plane.evaluate(X[made_of])[1] * (1 if weights is None else weights[made_of])
-    # As many points as parameters have leverages of 1 each, wherever they are.
+    # If there are only as many points as parameters, all have leverage 1, wherever they are.
     one_apart = len(leverage) > rank and leverage.max() > 1 - UNCONTROLLED
     if plane.rank < rank or one_apart:
         plane = None
@@ -102,10 +102,10 @@ def robust_start(X, weights, used, *, rank, surface, sigma0, random_state):
 
 
 def _stretched(X):
-    """Points with regressors so long that distances from planes are as good as vertical.
+    """Points with regressors stretched until distances from planes are practically vertical.
 
-    Otherwise the most coplanar half might be one of a steep plane. Regressors are whitened
-    first: with a constant or collinear column every half would be perfectly coplanar.
+    Otherwise the most coplanar half might lie on a steep plane. Regressors are whitened first,
+    because with a constant or collinear column every half would be perfectly coplanar.
     """
     U, residuals = adjust_plane(X).whiten(X)
     typical = np.median(np.abs(residuals - np.median(residuals))) or np.ptp(residuals) or 1.0
@@ -134,7 +134,7 @@ def _robust_start_plane(X, random_state=None):
         return np.ones(n, dtype=bool)
     sample = X if n <= MAX_POINTS else X[rng.choice(n, MAX_POINTS, replace=False)]
     n_trials = min(n_trials_needed(1 - SUPPORT_FRACTION, SUCCESS_PROBABILITY, d), MAX_TRIALS)
-    # Nearest to the median first: an order that does not depend on that of the rows.
+    # Nearest to the median first: this order does not depend on the order of the rows.
     distance = np.linalg.norm(sample - np.median(sample, axis=0), axis=1)
     sample = sample[np.argsort(distance, kind="stable")]
     trials = draw_trials(n_trials, len(sample), rng)

@@ -20,7 +20,7 @@ __all__ = [
     "tau_to_t",
 ]
 
-# An observation with a smaller redundancy number controls nothing: its residual is rounding.
+# An observation with a smaller redundancy number is uncontrolled: its residual is only rounding.
 UNCONTROLLED = 1e-10
 
 
@@ -35,12 +35,12 @@ UNCONTROLLED = 1e-10
 def local_level(
     alpha: float, n: int, correction: Literal["sidak", "bonferroni", "none"] = "sidak"
 ) -> float:
-    """Level of one test of n, so that all together keep alpha (Eq. 1).
+    """Level of one of n tests that gives all together the level alpha (Eq. 1).
 
     Parameters
     ----------
     alpha : float in (0, 1)
-        Probability of rejecting anything in clean data.
+        Probability of rejecting any observation in clean data.
     n : int
         Number of tests.
     correction : {"sidak", "bonferroni", "none"}, default="sidak"
@@ -79,7 +79,7 @@ def critical_value(test: Literal["w", "tau", "t"], level: float, dof: int) -> fl
     ----------
     test : {"w", "tau", "t"}
         Baarda's normal test with known sigma0, Pope's tau, or the t of a residual against
-        the scale without it.
+        the scale estimated without it.
     level : float in (0, 1)
         Level of this one test.
     dof : int
@@ -88,12 +88,11 @@ def critical_value(test: Literal["w", "tau", "t"], level: float, dof: int) -> fl
     Returns
     -------
     float
-        ``inf`` where nothing can be rejected: tau and t with f < 1, t with f = 1.
+        ``inf`` where no residual can be rejected: tau and t with f < 1, t with f = 1.
 
     Notes
     -----
-    tau never exceeds ``sqrt(f)``; with f = 1 it is 1 whatever the data, and so is its
-    critical value.
+    tau is at most ``sqrt(f)``. With f = 1 tau and its critical value are 1 for any data.
 
     Examples
     --------
@@ -112,21 +111,21 @@ def critical_value(test: Literal["w", "tau", "t"], level: float, dof: int) -> fl
 
 
 def residual_limit(test, level, dof, sigma0, scale):
-    """What a standardized residual may be before the test rejects it.
+    """Largest standardized residual that passes the test.
 
     tau and t rank residuals alike and decide alike, so both compare with ``scale * tau``.
     """
     if test == "w":
         return sigma0 * critical_value("w", level, dof)
-    # With f = 1 tau is 1 and so is its limit: rounding would decide.
+    # With f = 1 tau and its limit are both 1, and rounding would decide.
     return scale * critical_value("tau", level, dof) if dof > 1 else np.inf
 
 
 def first_of_largest(values):
-    """Position of the largest value, the first of equals.
+    """Position of the largest value; of equal values the first.
 
-    Equal means to ten digits: with one degree of freedom, or in a regular grid, statistics
-    that are equal on paper differ by rounding, and the order of removal mustn't hang on it.
+    Values are equal if they agree to ten digits. With one degree of freedom, or on a regular
+    grid, exactly equal statistics differ by rounding, which must not decide the order of removal.
     """
     return int(np.argmax(values >= values.max() * (1 - 1e-10)))
 
@@ -134,7 +133,7 @@ def first_of_largest(values):
 def standardized_residuals(residuals, weights, redundancy):
     """Residual over the root of its cofactor, ``|v_i| / sqrt(q_i)`` with ``q_i = r_i / p_i``.
 
-    Zero where the point is uncontrolled (r_i about 0) or has no weight.
+    It is zero where the point is uncontrolled (r_i about 0) or has no weight.
     """
     size = np.abs(residuals)
     if weights is not None:
@@ -158,9 +157,10 @@ def statistic(standardized, test, sigma0, scale, dof):
     sigma0 : float
         Known standard deviation of unit weight, for w.
     scale : float
-        Estimated one, root of the variance factor, for tau and t.
+        Estimated standard deviation of unit weight, the root of the variance factor, for tau
+        and t.
     dof : int
-        Degrees of freedom the scale was estimated with, the tested points among them.
+        Degrees of freedom of the estimated scale, which includes the tested points.
     """
     if test == "w":
         return standardized / sigma0
@@ -171,8 +171,8 @@ def statistic(standardized, test, sigma0, scale, dof):
 def tau_to_t(tau, dof):
     """t of a residual whose tau is known: ``tau sqrt((f - 1) / (f - tau^2))``.
 
-    It is the statistic with the tested point left out of the scale, without a second
-    adjustment. 0 where f < 2 leaves nothing to estimate that scale from.
+    The scale of t leaves the tested point out; this formula needs no second adjustment. t is 0
+    if f < 2, because that scale then has no degree of freedom.
     """
     if dof < 2:
         return np.zeros_like(tau)
@@ -182,7 +182,7 @@ def tau_to_t(tau, dof):
 
 
 def t_to_tau(t, dof):
-    """Inverse of `tau_to_t`, ``sqrt(f t^2 / (f - 1 + t^2))``, Table 1's critical value."""
+    """Inverse of `tau_to_t`, ``sqrt(f t^2 / (f - 1 + t^2))``, as in Table 1's critical value."""
     with np.errstate(over="ignore", divide="ignore"):
         return np.sqrt(dof / ((dof - 1) / np.square(t) + 1)) if dof > 1 else 1.0
 
@@ -190,7 +190,8 @@ def t_to_tau(t, dof):
 def global_test_pvalue(sum_of_squares, sigma0, dof):
     """Probability of a larger v'Pv / sigma0^2 in clean data; nan without redundancy.
 
-    Near 0: sigma0 is too small, or outliers are left. Near 1: sigma0 is too large.
+    If it is near 0, sigma0 is too small or outliers are left. If it is near 1, sigma0 is too
+    large.
     """
     if dof < 1:
         return np.nan
