@@ -1,4 +1,4 @@
-"""The two roadside scenes of the paper's Section 5.2.3, made up anew."""
+"""Simulated counterparts of the two roadside scenes in the paper's Section 5.2.3."""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -28,17 +28,17 @@ def make_traffic_furniture(
 ) -> Bunch:
     """Make a scan of traffic furniture: the counterpart of the paper's Fig. 14.
 
-    21 surfaces as in the paper's data set: ten flat ones (road, kerb, footpath, five sign
-    plates, two lids of litter bins) and eleven round ones (six sign posts, two light poles, two
-    litter bins, an advertising column), along 10 m of a road and scanned from 2.2 m above it.
+    The scene has 21 surfaces, like the paper's data set. Ten are flat (road, kerb, footpath, five
+    sign plates, two lids of litter bins) and eleven are round (six sign posts, two light poles, two
+    litter bins, an advertising column). It is 10 m of a road, scanned from 2.2 m above it.
 
     Parameters
     ----------
     n_samples : int, default=127_898
-        Number of points, outliers included; by default that of the paper's data set, which makes
+        Number of points, outliers included. The default is that of the paper's data set and gives
         a spacing of 2.2 cm.
     sampling : {"uniform", "scan_lines"}, default="uniform"
-        How the seen surface is sampled, as in :func:`make_street`.
+        Sampling of the surface that the scanner sees, as in :func:`make_street`.
     spacing_growth : float, default=1.0
         Spacing at the far end of the scene over that at its near end, at least 1.
     noise : float, default=0.005
@@ -56,7 +56,7 @@ def make_traffic_furniture(
     Returns
     -------
     scene : :class:`~sklearn.utils.Bunch`
-        With the arrays of :func:`make_street`, in metres; every flat or round part is a surface
+        With the arrays of :func:`make_street`, in meters. Every flat or round part is a surface
         of its own in ``surface``.
 
     Raises
@@ -71,8 +71,8 @@ def make_traffic_furniture(
 
     Notes
     -----
-    Sharp edges are where surfaces meet at an angle and the free ends of things, as in
-    :func:`make_street`; where only the scene ends there is none.
+    Sharp edges are the lines where surfaces meet at an angle, and the free ends of things, as in
+    :func:`make_street`. There is none where only the scene ends.
 
     Examples
     --------
@@ -108,19 +108,18 @@ def make_bus_stop(
 ) -> Bunch:
     """Make a scan of a bus stop: the counterpart of the paper's Fig. 15.
 
-    31 surfaces as in the paper's data set: road, kerb, footpath; a shelter (three panels, roof
-    and its fascia, four posts) with a bench (front, seat, back); two umbrellas, of whose six
-    panels the scanner sees three, on poles; a light pole; a bus sign and a timetable on a post;
-    a litter bin with its lid; a tree of trunk and foliage. 9 m of a road, scanned from 2.2 m
-    above it.
+    The scanner sees 31 surfaces, like the paper's data set: road, kerb, footpath; a shelter (three
+    panels, roof and its fascia, four posts) with a bench (front, seat, back); two umbrellas on
+    poles, three panels each; a light pole; a bus sign and a timetable on a post; a litter bin with
+    its lid; a tree of trunk and foliage. It is 9 m of a road, scanned from 2.2 m above it.
 
     Parameters
     ----------
     n_samples : int, default=33_719
-        Number of points, outliers included; by default that of the paper's data set, which makes
+        Number of points, outliers included. The default is that of the paper's data set and gives
         a spacing of about 4 cm.
     sampling : {"uniform", "scan_lines"}, default="uniform"
-        How the seen surface is sampled, as in :func:`make_street`.
+        Sampling of the surface that the scanner sees, as in :func:`make_street`.
     spacing_growth : float, default=1.0
         Spacing at the far end of the scene over that at its near end, at least 1.
     noise : float, default=0.005
@@ -138,8 +137,8 @@ def make_bus_stop(
     Returns
     -------
     scene : :class:`~sklearn.utils.Bunch`
-        With the arrays of :func:`make_street`, in metres. The back panels of the umbrellas are in
-        ``surface_names`` too, without points: they are out of the scanner's sight.
+        With the arrays of :func:`make_street`, in meters. The back panels of the umbrellas are in
+        ``surface_names`` too, but have no points: the scanner does not see them.
 
     Raises
     ------
@@ -153,8 +152,8 @@ def make_bus_stop(
 
     Notes
     -----
-    Sharp edges are where surfaces meet at an angle and the free ends of things, as in
-    :func:`make_street`; where only the scene ends there is none.
+    Sharp edges are the lines where surfaces meet at an angle, and the free ends of things, as in
+    :func:`make_street`. There is none where only the scene ends.
 
     Examples
     --------
@@ -267,7 +266,7 @@ def _bin(name, foot, radius, top):
 
 
 def _rectangular_sign(name, foot, turn, width, height, bottom, n_posts, before=0.07):
-    """A plate, 7 cm before the axes of one post or two."""
+    """A plate, 7 cm in front of the axes of one or two posts."""
     along, toward = facing(turn)
     middle = np.array([*foot, bottom]) + before * toward
     plate = Patch(name, middle - 0.5 * width * along, width * along, (0, 0, height))
@@ -303,7 +302,7 @@ def _timetable(foot, turn):
 
 
 def _umbrella(name, foot, rim=0.9, rim_z=1.85, apex_z=2.35):
-    """A pyramid of six panels on a pole; a flat side towards the road."""
+    """A pyramid of six panels on a pole, with a flat side towards the road."""
     angles = np.radians(np.arange(0, 361, 60) - 120)
     ring = np.column_stack([foot[0] + rim * np.cos(angles), foot[1] + rim * np.sin(angles)])
     ring = np.column_stack([ring, np.full(len(ring), rim_z)])

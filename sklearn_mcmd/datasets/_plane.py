@@ -42,11 +42,10 @@ def make_contaminated_plane(
 ) -> Bunch | tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Make a noisy plane with clustered or uniform outliers (Section 5.1).
 
-    Regular points are Gaussian with one small variance, across the plane. The last
-    ``round(outlier_share * n_samples)`` of them are then replaced by outliers: a second Gaussian
-    off the plane (Fig. 3a) or a uniform cube around it (Fig. 3d). The cloud before the
-    replacement, the *clean twin*, is what Table 1 compares with: its bias angle lies between the
-    planes that one method fits to both.
+    Regular points are Gaussian with one small variance, across the plane. Outliers then replace
+    the last ``round(outlier_share * n_samples)`` of them: a second Gaussian off the plane (Fig. 3a)
+    or a uniform cube around it (Fig. 3d). The cloud before the replacement is the *clean twin*.
+    Table 1 compares with it: its bias angle lies between the planes that one method fits to both.
 
     Parameters
     ----------
@@ -55,7 +54,7 @@ def make_contaminated_plane(
     outlier_share : float, default=0.2
         Share of outliers in [0, 1]; the number is rounded to the nearest integer.
     outliers : {"clustered", "uniform"}, default="clustered"
-        Law of the outliers.
+        Distribution of the outliers.
     regular_mean : array-like of shape (n_features,), default=(2, 2, 2)
         Mean of the regular points. Its length sets the number of dimensions.
     regular_variances : array-like of shape (n_features,), default=(6, 6, 0.01)
@@ -70,17 +69,17 @@ def make_contaminated_plane(
     return_X_y : bool, default=True
         If False, return a Bunch that also holds the clean twin and the plane's normal.
     random_state : int, RandomState instance or None, default=None
-        Seed; the same seed gives the same regular points for every `outlier_share`.
+        Seed. The same seed gives the same regular points for every `outlier_share`.
 
     Returns
     -------
     (X, y) : tuple if ``return_X_y=True``
-        `X` is float64 of shape (n_samples, n_features); `y` is int64 of shape (n_samples,), +1
-        for regular points and -1 for outliers, scikit-learn's convention for outlier detectors.
+        `X` is float64 of shape (n_samples, n_features). `y` is int64 of shape (n_samples,), +1
+        for regular points and -1 for outliers, as scikit-learn's outlier detectors have it.
     dataset : :class:`~sklearn.utils.Bunch` if ``return_X_y=False``
-        ``data`` and ``target`` (`X` and `y`); ``clean``, of the shape of `X`: the clean twin, row
-        for row equal to `X` where ``target == 1``; ``normal``, of shape (n_features,): the
-        true plane's unit normal; ``feature_names``, list of str.
+        ``data`` and ``target`` are `X` and `y`. ``clean``, of the shape of `X`, is the clean twin;
+        its rows equal those of `X` where ``target == 1``. ``normal``, of shape (n_features,), is
+        the true plane's unit normal. ``feature_names`` is a list of str.
 
     Raises
     ------
@@ -95,9 +94,9 @@ def make_contaminated_plane(
 
     Notes
     -----
-    Section 5.1 calls (6, 6, 0.01) variances, and they are: read as standard deviations they
-    leave PCA a bias angle of 12 degrees where Table 1 prints 34. Table 2 varies the first two
-    variances of both laws, Fig. 7c the third regular one.
+    Section 5.1 calls (6, 6, 0.01) variances, and they are. Read as standard deviations, they give
+    PCA a bias angle of 12 degrees, where Table 1 prints 34. Table 2 varies the first two variances
+    of both distributions, Fig. 7c the third variance of the regular points.
 
     References
     ----------
@@ -147,7 +146,7 @@ def make_contaminated_plane(
 
 
 def _gaussian(mean, variances, kind):
-    """Mean and standard deviations of one of the two Gaussian laws."""
+    """Mean and standard deviations of one of the two Gaussian distributions."""
     mean, variances = np.asarray(mean, float), np.asarray(variances, float)
     if mean.ndim != 1 or mean.shape != variances.shape or mean.size < 2:
         raise ValueError(

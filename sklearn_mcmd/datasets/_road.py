@@ -1,6 +1,6 @@
-"""What all made-up roadsides share: the road, its kerb, poles on the footpath, turned plates.
+"""Parts of all simulated roadsides: the road, its kerb, poles on the footpath, turned plates.
 
-Metres; x along the road, y across it, z up.
+Lengths are in meters; x runs along the road, y across it, z up.
 """
 
 import numpy as np
@@ -39,7 +39,7 @@ def pole(name, foot, radius, top):
 
 
 def feet(things):
-    """The edges that poles make on the footpath."""
+    """The edges of poles on the footpath."""
     return [
         Circle(part.base, UP, part.radius)
         for part in things
@@ -48,5 +48,5 @@ def feet(things):
 
 
 def facing(turn):
-    """A plate's direction along it, rightward as the road sees it, and toward the road."""
+    """Two directions of a plate: along it, to the right as seen from the road, and to the road."""
     return np.array([np.cos(turn), np.sin(turn), 0]), np.array([np.sin(turn), -np.cos(turn), 0])

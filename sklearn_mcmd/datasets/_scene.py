@@ -1,16 +1,16 @@
-"""A scene: equal bays in a row, each with the same parts and its own scanner."""
+"""A scene: a row of equal bays. Each has the same parts and its own scanner."""
 
 import numpy as np
 
-#: Points of the fixed-seed sums over a bay's visible surface; error about 0.3 %.
+#: Points of the sums over a bay's visible surface, with a fixed seed; the error is about 0.3 %.
 _N_QUADRATURE = 1 << 16
 
 
 class Scene:
-    """Bays in a row along x, every one a copy of the first.
+    """A row of bays along x, all copies of the first.
 
-    Because the bays are equal, and each is scanned from within, everything is worked out in one
-    bay's coordinates: the cost per point does not grow with the length of the scene.
+    The bays are equal, and each is scanned from within. So all arithmetic is done in one bay's
+    coordinates, and the cost per point does not grow with the length of the scene.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ class Scene:
     scanner : array-like of shape (3,)
         The first bay's scanner position, within the bay.
     displacement : float, default=0.2
-        Standard deviation, on each axis, by which "gaussian" outliers are displaced.
+        Standard deviation of the displacement of "gaussian" outliers on each axis.
     """
 
     def __init__(self, parts, bay_length, n_bays, scanner, *, displacement=0.2):
@@ -60,7 +60,7 @@ class Scene:
         return local + shift
 
     def to_bay(self, points):
-        """Points in their own bay's coordinates, and the bay; the end bays reach to infinity."""
+        """Points in the coordinates of their bay, and the bay. The end bays have no outer limit."""
         bay = np.clip((points[:, 0] // self.bay_length).astype(int), 0, self.n_bays - 1)
         return self.to_scene(points, -bay), bay
 
@@ -75,8 +75,8 @@ class Scene:
     def over_bays(self, distance, local, bay):
         """The least distance over all bays, from a function of one bay's coordinates.
 
-        Only the next bay on each side can come nearer than the own one: any bay beyond is a copy
-        shifted farther off. And it can only where its border is nearer than what was found.
+        Besides the own bay, only the next one on each side can be the nearest, since all bays are
+        copies. It is tried only if its border is nearer than the distance found so far.
         """
         nearest = distance(local)
         for step, gap in ((-1, local[:, 0]), (1, self.bay_length - local[:, 0])):
@@ -106,10 +106,10 @@ class Scene:
         return (1.0 - self.first_hit(local)) * ranges <= tolerance
 
     def sample(self, n, spacing_growth, rng):
-        """n points that the scanners see, bay coordinates, with the number of their part.
+        """n points that the scanners see, in bay coordinates, with the number of their part.
 
-        The density falls with the square of the spacing. Rejection: points uniform over all
-        surfaces are kept with the probability of the density, then if they are seen.
+        The density falls with the square of the spacing. The method is rejection: points are
+        uniform over all surfaces, kept with a probability that is the density, then kept if seen.
         """
         kept, labels, missing = [], [], n
         acceptance = self.effective_area(spacing_growth) / self.areas.sum()
@@ -120,7 +120,7 @@ class Scene:
             points, label = np.concatenate(points), np.repeat(np.arange(len(counts)), counts)
             seen = rng.random(m) * self.growth(points, spacing_growth) ** 2 < 1.0
             seen[seen] = self.visible(points[seen])
-            # The parts come in order: a plain cut would starve the last ones.
+            # The points come in the order of the parts, so a plain cut would leave out the last.
             chosen = rng.permutation(np.flatnonzero(seen))[:missing]
             kept.append(points[chosen])
             labels.append(label[chosen])
@@ -128,9 +128,9 @@ class Scene:
         return np.concatenate(kept), np.concatenate(labels)
 
     def effective_area(self, spacing_growth):
-        """A bay's seen surface, each bit over the square of its relative spacing, in m^2.
+        """Area of a bay's seen surface in m^2, weighted by one over the squared relative spacing.
 
-        Points per bay = effective area / spacing^2. Summed at points of a fixed seed, so that it
+        Points per bay = effective area / spacing^2. It is a sum over points of a fixed seed, so it
         depends on the scene alone.
         """
         rng = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""Two shapes with sharp edges: the paper's box-like and crown data sets, made up anew."""
+"""Two shapes with sharp edges: simulated counterparts of the paper's box-like and crown data."""
 
 from collections.abc import Sequence
 from numbers import Real
@@ -13,7 +13,7 @@ from sklearn_mcmd.datasets._scan import SCAN_PARAMETERS, scan
 from sklearn_mcmd.datasets._scene import Scene
 from sklearn_mcmd.datasets._surfaces import Patch
 
-#: No mixed pixels: nothing lies behind the outlines.
+#: There are no mixed pixels, because nothing lies behind the outlines.
 _KINDS = ("gaussian", "uniform", "ghost")
 
 _SHAPE_PARAMETERS = {
@@ -36,18 +36,18 @@ def make_box(
 ) -> Bunch:
     """Make the corner of a box: three faces, three edges, one corner (Fig. 11).
 
-    The faces are squares of 1 m at right angles, seen from outside. Where they end there is no
-    edge: only the cloud ends.
+    The faces are squares of 1 m at right angles, seen from outside. Their outer sides are no edges:
+    only the cloud ends there.
 
     Parameters
     ----------
     n_samples : int, default=3339
-        Number of points, outliers included; by default that of the paper's data set.
+        Number of points, outliers included. The default is that of the paper's data set.
     sampling : {"uniform", "scan_lines"}, default="uniform"
-        Independent draws over the faces, or where the rays of a scanner end as in
+        Independent draws over the faces, or the ends of a scanner's rays, as in
         :func:`make_street`.
     noise : float, default=0.002
-        Standard deviation of the noise where the scanner is nearest, in metres: on each axis or,
+        Standard deviation of the noise where the scanner is nearest, in meters: on each axis or,
         on scan lines, along the ray.
     noise_growth : float, default=1.0
         Noise at the far end over that at the near end, at least 1.
@@ -56,14 +56,14 @@ def make_box(
     outlier_kinds : list or tuple of {"gaussian", "uniform", "ghost"}, default=("gaussian",)
         Kinds of outliers, in (nearly) equal shares, as in :func:`make_street`.
     outlier_scale : float, default=0.1
-        Standard deviation of the displacement of "gaussian" outliers on each axis, in metres.
+        Standard deviation of the displacement of "gaussian" outliers on each axis, in meters.
     random_state : int, RandomState instance or None, default=None
         Seed. The same seed gives the same cloud.
 
     Returns
     -------
     box : :class:`~sklearn.utils.Bunch`
-        With the arrays of :func:`make_street`, in metres; ``edge_distance`` is that to the
+        With the arrays of :func:`make_street`, in meters. ``edge_distance`` is the distance to the
         nearest of the three edges.
 
     Raises
@@ -110,19 +110,20 @@ def make_crown_roof(
 ) -> Bunch:
     """Make a roof of four bilinear surfaces: edges whose angle varies (Fig. 13).
 
-    Over a square of 2 m, the corners at the bottom, the middles of the sides 0.6 m higher and the
-    center 0.9 m higher. Four ridges lead from the center to the middles of the sides; along each
-    the angle between the surfaces' normals goes from 32 degrees at the center to 60 at the gable.
+    The roof covers a square of 2 m. Its corners are lowest; the middles of the sides are 0.6 m
+    higher and the center is 0.9 m higher. Four ridges lead from the center to the middles of the
+    sides. Along each ridge the angle between the surfaces' normals grows from 32 degrees at the
+    center to 60 at the gable.
 
     Parameters
     ----------
     n_samples : int, default=3017
-        Number of points, outliers included; by default that of the paper's data set.
+        Number of points, outliers included. The default is that of the paper's data set.
     sampling : {"uniform", "scan_lines"}, default="uniform"
-        Independent draws over the surfaces, or where the rays of a scanner end as in
+        Independent draws over the surfaces, or the ends of a scanner's rays, as in
         :func:`make_street`.
     noise : float, default=0.002
-        Standard deviation of the noise where the scanner is nearest, in metres: on each axis or,
+        Standard deviation of the noise where the scanner is nearest, in meters: on each axis or,
         on scan lines, along the ray.
     noise_growth : float, default=1.0
         Noise at the far end over that at the near end, at least 1.
@@ -131,14 +132,14 @@ def make_crown_roof(
     outlier_kinds : list or tuple of {"gaussian", "uniform", "ghost"}, default=("gaussian",)
         Kinds of outliers, in (nearly) equal shares, as in :func:`make_street`.
     outlier_scale : float, default=0.1
-        Standard deviation of the displacement of "gaussian" outliers on each axis, in metres.
+        Standard deviation of the displacement of "gaussian" outliers on each axis, in meters.
     random_state : int, RandomState instance or None, default=None
         Seed. The same seed gives the same cloud.
 
     Returns
     -------
     roof : :class:`~sklearn.utils.Bunch`
-        With the arrays of :func:`make_street`, in metres; ``edge_distance`` is that to the
+        With the arrays of :func:`make_street`, in meters. ``edge_distance`` is the distance to the
         nearest ridge. The eaves are no edges: only the cloud ends there.
 
     Raises
@@ -148,7 +149,7 @@ def make_crown_roof(
 
     See Also
     --------
-    make_box : Flat faces.
+    make_box : Edges between flat faces.
 
     Examples
     --------
@@ -186,7 +187,7 @@ def _crown_roof(displacement, gable=0.6, crown=0.9):
     eaves = [np.array([x, y, 0.0]) for x, y in ((0, 0), (2, 0), (2, 2), (0, 2))]
     gables = [np.array([x, y, gable]) for x, y in ((1, 0), (2, 1), (1, 2), (0, 1))]
     parts = [
-        # From the eaves' corner to the gable, the center and the other gable.
+        # Corners: at the eaves, a gable, the center and the other gable.
         Bilinear(name, [eaves[i], gables[i], center, gables[i - 1]], smooth=(0, 3))
         for i, name in enumerate(("south_west", "south_east", "north_east", "north_west"))
     ]

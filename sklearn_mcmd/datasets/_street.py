@@ -1,4 +1,4 @@
-"""A street as a laser scanner sees it, with the truth of every point."""
+"""A simulated scan of a street, with the truth of every point."""
 
 from collections.abc import Sequence
 from numbers import Real
@@ -13,7 +13,7 @@ from sklearn_mcmd.datasets._scan import SCAN_PARAMETERS, points_per_bay, scan
 from sklearn_mcmd.datasets._scene import Scene
 from sklearn_mcmd.datasets._surfaces import Foliage, Patch
 
-# Metres.
+# Meters.
 _BAY = 5.0
 _BAY_MIN, _BAY_MAX = 4.2, 7.5
 _WALL_Y, _WALL_TOP = 4.5, 2.7
@@ -46,29 +46,29 @@ def make_street(
 ) -> Bunch:
     """Make a laser scan of a street whose truth is known at every point.
 
-    A cambered road, a 13 cm kerb, a footpath, a facade with a recessed window and door, a sign
-    on a post, a lamp pole and, if asked, a tree; x runs along the street, y across it, z up. The
-    street is a row of equal bays of about 5 m, each scanned from 2 m above its road, so what lies
-    behind the sign or the pole is in shadow. Surfaces, noise and outliers are known exactly:
-    what a method says about outliers, normals and edges can be checked point by point.
+    The street has a cambered road, a 13 cm kerb, a footpath, a facade with a recessed window and
+    door, a sign on a post, a lamp pole and, if asked for, a tree. x runs along the street, y across
+    it, z up. It is a row of equal bays of about 5 m. Each is scanned from 2 m above its road, so
+    the sign and the pole throw shadows. Surfaces, noise and outliers are known exactly. So the
+    outliers, normals and edges that a method finds can be checked point by point.
 
     Parameters
     ----------
     n_samples : int, default=100_000
         Number of points, outliers included.
     spacing : float, default=None
-        Mean point spacing in metres where the scanner is nearest: a square of that side holds
-        one point on average. The street gets as many bays as `n_samples` points fill, and the
-        bays between 4.2 and 7.5 m of length. With None it is one bay of 5 m, and the spacing is
-        what `n_samples` gives: 2 cm for 100 000 points.
+        Mean point spacing in meters where the scanner is nearest: a square of that side holds
+        one point on average. The street gets as many bays as `n_samples` points fill, each
+        between 4.2 and 7.5 m long. None means one bay of 5 m, whose spacing follows from
+        `n_samples`: 2 cm for 100,000 points.
     spacing_growth : float, default=1.0
         Spacing at the far end of a bay over that at its near end, at least 1. Between them the
-        spacing grows linearly with the range from the scanner; 1 is uniform, 3.4 is about
-        a constant angle between rays.
+        spacing grows linearly with the range from the scanner. 1 is uniform; 3.4 is about a
+        constant angle between rays.
     noise : float, default=0.005
-        Standard deviation of the noise, in metres on each axis, where the scanner is nearest.
+        Standard deviation of the noise, in meters on each axis, where the scanner is nearest.
     noise_growth : float, default=1.0
-        Noise at the far end of a bay over that at its near end, at least 1; linear in between.
+        Noise at the far end of a bay over that at its near end, at least 1. It grows linearly.
     outlier_share : float, default=0.1
         Share of outliers in [0, 1), rounded to a whole number of points.
     outlier_kinds : list or tuple of str
@@ -76,19 +76,19 @@ def make_street(
 
         - ``"gaussian"``: points of the surfaces, displaced by 0.2 m (one standard deviation) on
           each axis, the noise of the paper's Section 5.2.1;
-        - ``"uniform"``: anywhere in the bounding box;
-        - ``"mixed_pixel"``: on rays that pass an outline (sign, post, pole, window or door),
-          between it and the background;
+        - ``"uniform"``: points anywhere in the bounding box;
+        - ``"mixed_pixel"``: points on rays that pass an outline (sign, post, pole, window or
+          door), between it and the background;
         - ``"ghost"``: dense balls of 10 to 60 points, 5 to 10 cm in radius, off the surfaces.
     tree : bool, default=False
         Whether each bay has a tree: a trunk and a ball of foliage. Foliage is regular, but has
         no normal and no edge.
     sampling : {"uniform", "scan_lines"}, default="uniform"
-        How the seen surface is sampled:
+        Sampling of the surface that the scanner sees:
 
-        - ``"uniform"``: independent draws at the density that `spacing_growth` says, with the
+        - ``"uniform"``: independent draws at the density that `spacing_growth` sets, with the
           same noise on each axis;
-        - ``"scan_lines"``: where rays end that leave each scanner at equal steps of azimuth and
+        - ``"scan_lines"``: the ends of rays that leave each scanner at equal steps of azimuth and
           elevation, down to 60 degrees below the horizon, in vertical lines. The spacing grows
           with the range and with the angle of incidence; `spacing` is that between rays at the
           nearest surface. Noise is along the ray, and some rays pass through foliage.
@@ -98,25 +98,25 @@ def make_street(
     Returns
     -------
     street : :class:`~sklearn.utils.Bunch`
-        In metres, rows shuffled:
+        In meters, rows shuffled:
 
         - ``data``, float64 (n_samples, 3);
         - ``target``, int64 (n_samples,): +1 regular, -1 outlier;
         - ``true_points``, float64 (n_samples, 3): `data` without noise; NaN for outliers;
-        - ``normals``, float64 (n_samples, 3): true unit normals, to the seen side of the
+        - ``normals``, float64 (n_samples, 3): true unit normals, toward the seen side of the
           surface; NaN for foliage and outliers;
-        - ``surface``, int64 (n_samples,): number of the surface in ``surface_names``, every flat
-          or round part its own; -1 for outliers;
-        - ``bay``, int64 (n_samples,): number of the bay; (bay, surface) tells the sign of one bay
+        - ``surface``, int64 (n_samples,): number of the surface in ``surface_names``, where every
+          flat or round part has its own; -1 for outliers;
+        - ``bay``, int64 (n_samples,): number of the bay, which distinguishes the sign of one bay
           from that of the next; -1 for outliers;
         - ``edge_distance``, float64 (n_samples,): distance of the true point to the nearest sharp
           edge of its surface; NaN for foliage and outliers;
         - ``outlier_kind``, int8 (n_samples,): number of the kind in ``outlier_kind_names``; 0,
           "regular", for no outlier;
         - ``noise_scale``, float64 (n_samples,): standard deviation, on each axis or along the ray,
-          of the noise at that range; for outliers what a true point there would have;
+          of the noise at that range, for outliers that of a regular point there;
         - ``surface_names``, ``outlier_kind_names``, ``feature_names``: lists of str;
-        - ``scanners``, float64 (n_bays, 3): the scanners' positions, one a bay;
+        - ``scanners``, float64 (n_bays, 3): the scanners' positions, one for each bay;
         - ``spacing``, ``length``: floats, the true spacing at the near end and the length of the
           street.
 
@@ -124,26 +124,26 @@ def make_street(
     ------
     ValueError
         If a kind of outlier is unknown or given twice, if no regular point is left, if
-        `spacing_growth` is given for scan lines, if
-        `n_samples` points at that `spacing` cannot fill the shortest street, or if the noise is
-        so large that nothing in the bounding box is an outlier.
+        `spacing_growth` is given for scan lines, if `n_samples` points at that `spacing` cannot
+        fill the shortest street, or if the noise is so large that no point in the bounding box is
+        an outlier.
 
     See Also
     --------
     make_contaminated_plane : The single plane of the paper's Section 5.1.
-    sklearn_mcmd.metrics.outlier_scores : Compares a verdict with ``target``.
+    sklearn_mcmd.metrics.outlier_scores : Compares labels with ``target``.
     sklearn_mcmd.metrics.bias_angle : Compares normals with ``normals``.
 
     Notes
     -----
     Sharp edges are the lines where surfaces meet at an angle (the kerb's foot and top, the wall's
     foot, all sides of the reveals, the feet of pole, post and trunk) and the free ends of things
-    (the sign's rim, the tops of pole, post and trunk). Where only the scene ends there is no
-    edge: the crown of the road, the top of the wall, both ends of the street; nor between bays.
+    (the sign's rim, the tops of pole, post and trunk). There is no edge where only the scene ends
+    (the crown of the road, the top of the wall, both ends of the street), and none between bays.
 
     An outlier that falls within four noise standard deviations of a surface, or into foliage, is
-    no outlier and is drawn anew, so the labels have no such error. The points are independent
-    draws unless ``sampling="scan_lines"``.
+    drawn anew, so no label is wrong. The points are independent draws unless
+    ``sampling="scan_lines"``.
 
     Time is linear in `n_samples`, a few seconds for a million points.
 
@@ -179,13 +179,13 @@ def make_street(
 
 
 def _fit_street(n_regular, spacing, sampling, spacing_growth, tree):
-    """The street that n_regular points fill at the asked spacing."""
+    """The street that n_regular points fill at this spacing."""
     scene = _street(_BAY, 1, tree)
     if spacing is None:
         return scene
     per_bay = points_per_bay(scene, spacing, sampling, spacing_growth)
     n_bays = max(1, round(n_regular / per_bay))
-    # A bay's surface grows nearly in proportion to its length: three steps settle it.
+    # A bay's surface grows nearly in proportion to its length, so three steps suffice.
     bay_length = _BAY
     for _ in range(3):
         bay_length *= n_regular / (n_bays * per_bay)
@@ -251,7 +251,7 @@ def _recess(name, x0, x1, z0, z1, depth, sill):
 
 
 def _sign(foot):
-    """A plate of 0.5 m by 0.6 m, turned 30 degrees, before its post."""
+    """A plate of 0.5 m by 0.6 m, turned by 30 degrees, in front of its post."""
     along, toward = facing(np.radians(30))
     side = 0.5 * along
     corner = np.array([*foot, 1.9]) + 0.05 * toward - 0.5 * side
