@@ -26,8 +26,8 @@ def bias_angle(normals_a: ArrayLike, normals_b: ArrayLike) -> float | NDArray[np
     Parameters
     ----------
     normals_a, normals_b : array-like of shape (n_features,) or (..., n_features)
-        Normals, of any length but zero; the leading axes are broadcast. A row that holds
-        NaN (the normal of a point that has none) gives NaN.
+        Normals of any length except zero. The leading axes are broadcast. A row with NaN, as for
+        a point without a normal, gives NaN.
 
     Returns
     -------
@@ -41,10 +41,9 @@ def bias_angle(normals_a: ArrayLike, normals_b: ArrayLike) -> float | NDArray[np
 
     Notes
     -----
-    Eq. 19 is ``arccos|n1 . n2|``. Near 0 the cosine is flat: rounding alone turns parallel
-    normals into angles of up to 1e-6 degrees, or into NaN where the product exceeds one. Here
-    the angle is twice the arctangent of chord over opposite chord, which is right to the last
-    digits everywhere.
+    Eq. 19 is ``arccos|n1 . n2|``. Near 0 the cosine is flat: by rounding alone parallel normals
+    get angles of up to 1e-6 degrees, or NaN where the product exceeds one. Here the angle is twice
+    the arctangent of chord over opposite chord, which is accurate for all angles.
 
     References
     ----------
@@ -80,14 +79,15 @@ def bias_angle(normals_a: ArrayLike, normals_b: ArrayLike) -> float | NDArray[np
 def true_positive_rate(y_true: ArrayLike, y_pred: ArrayLike) -> float:
     """Correct outlier identification rate, COIR (Eq. 20).
 
-    The share of the true outliers (-1) that are called outliers. The paper prints it times 100.
+    It is the share of the true outliers (-1) that are called outliers. The paper prints it times
+    100.
 
     Parameters
     ----------
     y_true : array-like of shape (n_samples,)
         The truth: -1 for outliers, +1 for inliers.
     y_pred : array-like of shape (n_samples,)
-        The verdict, as any scikit-learn outlier detector's ``predict`` gives it.
+        The labels that any outlier detector's ``predict`` returns.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def true_positive_rate(y_true: ArrayLike, y_pred: ArrayLike) -> float:
 def true_negative_rate(y_true: ArrayLike, y_pred: ArrayLike) -> float:
     """Correct inlier identification rate, CIIR (Eq. 21).
 
-    The share of the true inliers (+1) that are called inliers. The paper prints it times 100.
+    It is the share of the true inliers (+1) that are called inliers. The paper prints it times 100.
 
     Parameters
     ----------
@@ -152,7 +152,8 @@ def true_negative_rate(y_true: ArrayLike, y_pred: ArrayLike) -> float:
 def swamping_rate(y_true: ArrayLike, y_pred: ArrayLike) -> float:
     """Swamping rate or false positive rate, FPR (Eq. 22).
 
-    The share of the true inliers (+1) that are called outliers. The paper prints it times 100.
+    It is the share of the true inliers (+1) that are called outliers. The paper prints it times
+    100.
 
     Parameters
     ----------
@@ -186,7 +187,8 @@ def swamping_rate(y_true: ArrayLike, y_pred: ArrayLike) -> float:
 def masking_rate(y_true: ArrayLike, y_pred: ArrayLike) -> float:
     """Masking rate or false negative rate, FNR (Eq. 23).
 
-    The share of the true outliers (-1) that are called inliers. The paper prints it times 100.
+    It is the share of the true outliers (-1) that are called inliers. The paper prints it times
+    100.
 
     Parameters
     ----------
@@ -282,7 +284,7 @@ def _unit(normals, name):
 
 
 def _counts(y_true, y_pred):
-    """((found, missed), (swamped, kept)): outliers' row, inliers' row."""
+    """((found, missed), (swamped, kept)): the row of outliers, then the row of inliers."""
     y_true, y_pred = _labels(y_true, "y_true"), _labels(y_pred, "y_pred")
     check_consistent_length(y_true, y_pred)
     return confusion_matrix(y_true, y_pred, labels=[-1, 1])

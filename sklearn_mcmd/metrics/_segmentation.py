@@ -16,17 +16,17 @@ def segmentation_scores(y_true: ArrayLike, y_pred: ArrayLike, *, min_overlap: fl
     """Proper, over and under segmentation, recall, precision and F (Eqs. 26-28).
 
     Each true surface has one of four outcomes. Its *main segment* is the one that holds most
-    of its points, of several the one that fits best (largest intersection over union), of
-    these the one of the smallest label. The surface is, by the first rule that holds,
+    of its points. Among equals it is the one that fits best (largest intersection over union),
+    then the one with the smallest label. The first rule that holds decides:
 
-    1. missed, if no more than 1 - `min_overlap` of its points are in any segment,
-    2. under-segmented (US), if its main segment also holds `min_overlap` of another surface,
-       or if less than `min_overlap` of the main segment is of this surface,
-    3. over-segmented (OS), if the main segment holds less than `min_overlap` of it: it is broken
-       or incomplete,
-    4. properly segmented (PS).
+    1. The surface is missed if no more than 1 - `min_overlap` of its points are in any segment.
+    2. It is under-segmented (US) if its main segment also holds `min_overlap` of another surface,
+       or if less than `min_overlap` of the main segment belongs to this surface.
+    3. It is over-segmented (OS) if the main segment holds less than `min_overlap` of it: it is
+       broken or incomplete.
+    4. It is properly segmented (PS).
 
-    So of a road and a kerb in one segment both are under-segmented, however large the road.
+    So if a road and a kerb are in one segment, both are under-segmented, even if the road is large.
 
     Parameters
     ----------
@@ -35,13 +35,13 @@ def segmentation_scores(y_true: ArrayLike, y_pred: ArrayLike, *, min_overlap: fl
     y_pred : array-like of int of shape (n_samples,)
         The segment of each point; -1 for none.
     min_overlap : float in (0.5, 1], default=0.8
-        Share that counts as "the" surface or segment. Above one half no point counts twice.
+        Share that counts as the whole surface or segment. Above one half no point counts twice.
 
     Returns
     -------
     scores : :class:`~sklearn.utils.Bunch`
         - ``proper``, ``over``, ``under``, ``missed``: int, numbers of surfaces; they add up to
-          that of all surfaces;
+          the number of all surfaces;
         - ``recall``, PS / (PS + US), ``precision``, PS / (PS + OS), and ``f_score``, their
           harmonic mean 2 PS / (2 PS + OS + US): float in [0, 1], NaN, with an
           ``UndefinedMetricWarning``, where the divisor is zero. The paper prints them times 100;
@@ -67,10 +67,10 @@ def segmentation_scores(y_true: ArrayLike, y_pred: ArrayLike, *, min_overlap: fl
     Notes
     -----
     The paper does not say when a surface counts as properly segmented; its authors judged by
-    eye. The rules here are like those of Hoover et al. [2]_, whose usual overlap is 0.8, but a
-    surface that swallows another is never proper. In Table 6, too, the three counts fall short
-    of the number of surfaces where some were missed. Missed surfaces lower neither recall nor
-    precision: look at ``missed``, or at ``mean_iou``, in which they do.
+    eye. The rules here are like those of Hoover et al. [2]_, whose usual overlap is 0.8. But here
+    a surface whose segment holds another one is never proper. Missed surfaces lower neither recall
+    nor precision: look at ``missed``, or at ``mean_iou``, which they lower. In Table 6 the three
+    counts also add up to less than the number of surfaces where some were missed.
 
     References
     ----------
@@ -142,12 +142,12 @@ def segmentation_scores(y_true: ArrayLike, y_pred: ArrayLike, *, min_overlap: fl
 
 
 def _overlaps(surface, y_pred):
-    """Surfaces and segments that have points in common, how many, and the segments' sizes."""
+    """Surfaces and segments with points in common, these points' numbers, and segment sizes."""
     inside = np.flatnonzero(y_pred != -1)
     names, segment = np.unique(y_pred[inside], return_inverse=True)
     shape = (int(surface.max()) + 1, len(names))
     table = coo_array((np.ones(len(inside), np.int64), (surface[inside], segment)), shape=shape)
-    table = table.tocsr().tocoo()  # which adds up entries of the same place
+    table = table.tocsr().tocoo()  # adds up entries at the same place
     rows, columns = table.coords
     return rows, columns, table.data, np.bincount(segment, minlength=len(names))
 

@@ -1,4 +1,4 @@
-"""Cross-validation on clouds: without tearing neighborhoods apart, or by whole scenes."""
+"""Cross-validation on clouds: by blocks that keep their neighbors, or by whole scenes."""
 
 from sklearn_mcmd.model_selection._blocks import SpatialBlockSplit, spatial_blocks
 from sklearn_mcmd.model_selection._scenes import WholeSceneSplit, score_segments

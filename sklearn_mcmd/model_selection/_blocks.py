@@ -1,4 +1,4 @@
-"""Cross-validation on one cloud, without tearing neighborhoods apart."""
+"""Cross-validation on one cloud, by blocks that keep their neighbors."""
 
 from collections.abc import Iterator
 from numbers import Integral
@@ -13,7 +13,7 @@ from sklearn_mcmd._sklearn import Interval, validate_params
 
 __all__ = ["SpatialBlockSplit", "spatial_blocks"]
 
-# Extents are measured between these percentiles, so that a stray point does not decide an axis.
+# Extents are measured between these percentiles, so that a single far point changes no cut.
 BULK = 5, 95
 
 
@@ -24,7 +24,8 @@ BULK = 5, 95
 def spatial_blocks(X: ArrayLike, n_blocks: int) -> NDArray[np.intp]:
     """Cut a cloud into boxes of nearly equal numbers of points.
 
-    The cloud is halved across its longest side, the halves likewise, and so on.
+    The cloud is halved across its longest side. Then each half is halved in the same way, and so
+    on.
 
     Parameters
     ----------
@@ -36,8 +37,7 @@ def spatial_blocks(X: ArrayLike, n_blocks: int) -> NDArray[np.intp]:
     Returns
     -------
     blocks : ndarray of int of shape (n_samples,)
-        Block of each point, 0 to ``n_blocks - 1``, fit to be ``groups`` of scikit-learn's
-        splitters.
+        Block of each point, 0 to ``n_blocks - 1``. Scikit-learn's splitters take it as ``groups``.
 
     Raises
     ------
@@ -80,32 +80,32 @@ def spatial_blocks(X: ArrayLike, n_blocks: int) -> NDArray[np.intp]:
 class SpatialBlockSplit(BaseCrossValidator):
     """Folds of spatial blocks, each with the neighbors that its points are judged by.
 
-    A detector of local outliers judges a point by its neighbors. Splitters that fit on one
-    part of a cloud and score another leave the points of a held-out block without neighbors
-    (blocks as groups), or thin everyone's neighborhood (random folds): either scores another
-    task. Here the test points of a fold are whole blocks, and its training points are the same
-    blocks together with the nearest neighbors of their points. What is fitted is the cloud as
-    far as the block's verdicts depend on it: these are exactly those of the whole cloud where a
-    detector looks no farther, and nearly so for detectors that go over a cloud in passes.
+    A detector of local outliers judges a point by its neighbors. Other splitters fit on one part
+    of a cloud and score another. Then the points of a held-out block have no neighbors (blocks as
+    groups), or all neighborhoods are thinner (random folds), and the score is that of another
+    task. Here the test points of a fold are whole blocks. Its training points are the same blocks
+    and the nearest neighbors of their points. So the labels of a block are the same as in the
+    whole cloud if the detector looks no farther. They are nearly the same for detectors that go
+    over a cloud in passes.
 
     Parameters
     ----------
     n_splits : int, default=5
         Number of folds, at least 2.
     n_blocks : int, default=None
-        Number of blocks, dealt to the folds at random; at least `n_splits`. None means four a
-        fold: a fold then mixes places of the cloud.
+        Number of blocks, at least `n_splits`. They are dealt to the folds at random. None means
+        four for each fold, so that a fold mixes places of the cloud.
     n_neighbors : int, default=50
-        Largest neighborhood of the search. Every test point finds so many nearest neighbors,
-        itself included, among the training points.
+        Size of the largest neighborhood in the search. Every test point finds this number of
+        nearest neighbors, itself included, among the training points.
     n_rings : int, default=1
-        How often neighbors are added. 1 suffices for a detector that looks at the neighbors
-        of a point, as the paper's form does; each ring more for one that looks at their
-        neighbors, too: 2 for planes that are borrowed or compared among neighbors, 3 for
+        Number of times that neighbors are added. 1 suffices for a detector that looks at the
+        neighbors of a point, as the paper's form does. A detector that also looks at their
+        neighbors needs more: 2 if planes are borrowed or compared among neighbors, 3 for
         :class:`~sklearn.neighbors.LocalOutlierFactor` and for `MCMDOutlierDetector` in passes,
         whose scores then still differ a little from those in the whole cloud.
     random_state : int, RandomState instance or None, default=None
-        Seed of the dealing of blocks.
+        Seed of the order in which blocks are dealt.
 
     See Also
     --------
@@ -114,17 +114,17 @@ class SpatialBlockSplit(BaseCrossValidator):
 
     Notes
     -----
-    *Training and test points overlap on purpose*. That is sound for detectors that are fitted
-    without labels: labels only score, each point's once, in the fold of its block. It is a
-    leak for anything that learns from y; take ``GroupKFold`` with `spatial_blocks` there.
+    *Training and test points overlap on purpose*. That is correct for detectors that are fitted
+    without labels: labels only score, once for each point, in the fold of its block. It is a
+    leak for estimators that learn from y. For these take ``GroupKFold`` with `spatial_blocks`.
 
-    The mean score of one candidate is an unbiased estimate for the cloud; that of the best of
-    many is optimistic, as in every search. Judge the winner on a cloud that the search has
+    The mean score of one candidate is an unbiased estimate for the cloud. The score of the best
+    of many is optimistic, as in every search. Judge the winner on a cloud that the search has
     not seen.
 
-    ``LocalOutlierFactor(novelty=True)`` takes a test point of its own training cloud for its
-    own nearest neighbor: one of `n_neighbors` says nothing, which shifts its scores a
-    little. With ``MCMDOutlierDetector`` a point belongs to its neighborhood by definition.
+    ``LocalOutlierFactor(novelty=True)`` takes a test point of its own training cloud as its own
+    nearest neighbor. That one of `n_neighbors` tells nothing, which shifts its scores a little.
+    With ``MCMDOutlierDetector`` a point belongs to its neighborhood by definition.
 
     A fold without any outlier has no ROC-AUC: take fewer or larger blocks.
 

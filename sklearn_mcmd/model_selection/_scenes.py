@@ -16,10 +16,9 @@ __all__ = ["WholeSceneSplit", "score_segments"]
 class WholeSceneSplit(BaseCrossValidator):
     """Folds that each are one whole scene, to fit and to score.
 
-    Segments are found in a cloud as a whole: there is nothing that could be learned from one scene
-    for another, and a part of a scene is another task. So each fold's training points and its
-    test points are the points of one scene, and the score of a candidate is the mean over
-    scenes.
+    A clusterer finds segments in a whole cloud. It learns nothing from one scene for another, and
+    a part of a scene would be another task. So the training points and the test points of each
+    fold are both the points of one scene. The score of a candidate is the mean over scenes.
 
     See Also
     --------
@@ -30,12 +29,12 @@ class WholeSceneSplit(BaseCrossValidator):
     Notes
     -----
     *Training and test points are the same on purpose*. Clusterers are fitted without labels, and
-    labels only score, so nothing leaks; it would for anything that learns from y. The score of the
-    best of many candidates is optimistic, as in every search: judge it on a scene that the
-    search has not seen.
+    labels only score, so nothing leaks. With an estimator that learns from y, labels would leak.
+    The score of the best of many candidates is optimistic, as in every search. Judge the winner on
+    a scene that the search has not seen.
 
-    Give ``refit=False`` to the search: scenes stacked in one array lie on top of each other, and
-    to segment them together makes no sense.
+    Give ``refit=False`` to the search: scenes in one array lie on top of each other, and to segment
+    them together makes no sense.
 
     Examples
     --------
@@ -104,18 +103,17 @@ def _check_groups(groups):
 
 
 def score_segments(estimator, X, y):
-    """Scores of a clusterer, or a pipeline that ends in one, as a segmentation of X.
+    """Scores of the segmentation of X by a clusterer, or by a pipeline that ends in one.
 
-    A scorer for scikit-learn's searches: ``GridSearchCV(pipeline, grid,
-    scoring=score_segments, cv=WholeSceneSplit(), refit=False)``. X is segmented anew by a clone,
-    as clusterers have no `predict`; with ``memory`` the pipeline's earlier steps are not
-    repeated.
+    It is a scorer for scikit-learn's searches: ``GridSearchCV(pipeline, grid,
+    scoring=score_segments, cv=WholeSceneSplit(), refit=False)``. A clone segments X anew, because
+    clusterers have no `predict`. With ``memory`` the pipeline's earlier steps are not repeated.
 
     Parameters
     ----------
     estimator : clusterer or Pipeline
-        With `fit_predict`; fitted or not. Points that a sampler of the pipeline dropped, such
-        as :class:`~sklearn_mcmd.resampling.DenoisingSampler`, count as of no segment.
+        An estimator with `fit_predict`, fitted or not. Points that a sampler of the pipeline
+        dropped, such as :class:`~sklearn_mcmd.resampling.DenoisingSampler`, belong to no segment.
     X : array-like of shape (n_samples, n_features)
         One scene.
     y : array-like of int of shape (n_samples,)
@@ -126,15 +124,15 @@ def score_segments(estimator, X, y):
     scores : dict of str to float
         ``f_score``, ``recall``, ``precision``, ``mean_iou`` and ``adjusted_rand`` of
         :func:`~sklearn_mcmd.metrics.segmentation_scores`. The first three are 0 where they
-        are undefined, since a search ranks numbers.
+        are undefined, because a search cannot rank NaN.
 
     Raises
     ------
     TypeError
         If the estimator has no `fit_predict`.
     ValueError
-        If the estimator gives fewer or more labels than X has rows and no sampler says why, or
-        the labels are not integers.
+        If the estimator gives fewer or more labels than X has rows, and no sampler tells which
+        rows it kept, or if the labels are not integers.
 
     See Also
     --------
@@ -185,7 +183,7 @@ def score_segments(estimator, X, y):
 
 
 def _rows_kept(estimator, n_samples):
-    """Rows of X that reach the last step: samplers before it may have dropped some."""
+    """Rows of X that reach the last step; samplers before it may have dropped others."""
     rows = np.arange(n_samples)
     for _, step in getattr(estimator, "steps", ()):
         rows = rows[getattr(step, "sample_indices_", slice(None))]
