@@ -1,4 +1,4 @@
-"""Point clouds from and to files, the format chosen by the extension.
+"""Reading and writing of point clouds; the extension of a file chooses the format.
 
 ======================  ==============  ====================================================
 extension               extra           what is kept

@@ -60,7 +60,7 @@ def write_npy(path, cloud):
 
 
 def _save(path, array):
-    """Save through Python's own write: NumPy's reports a full disk without naming it."""
+    """Save through Python's own write, because NumPy's does not name a full disk as the reason."""
     with open(path, "wb") as file:
         np.save(SimpleNamespace(write=file.write), array, allow_pickle=False)
 
@@ -77,7 +77,7 @@ def write_npz(path, cloud):
 
 
 def _check_start(path, magic, format_name):
-    """NumPy would take any other file for a pickle, and advise to load it unsafely."""
+    """Check the first bytes. NumPy would take any other file as a pickle and advise to load it."""
     with open(path, "rb") as file:
         if file.read(len(magic)) != magic:
             raise PointFileError(f"is not a file in NumPy's format {format_name}")
@@ -95,6 +95,6 @@ def cloud_from_records(records, **kwargs):
     xyz = np.empty((len(records), 3))
     for i, axis in enumerate(axes):
         xyz[:, i] = records[axis]
-    # Copies, so that neither the records nor a memory map of the file stay alive.
+    # Copies, so that the records and a memory map of the file can be freed.
     attributes = {name: records[name].copy() for name in names if name not in axes}
     return PointCloud(xyz, attributes, **kwargs)

@@ -40,7 +40,7 @@ _ENCODINGS = {".ply": ("ascii", "binary"), ".pcd": ("ascii", "binary", "binary_c
 
 
 def read_points(path):
-    """Read a point cloud; the format is chosen by the extension, in any case.
+    """Read a point cloud. The extension, in upper or lower case, chooses the format.
 
     Parameters
     ----------
@@ -50,19 +50,19 @@ def read_points(path):
     Returns
     -------
     PointCloud
-        Coordinates as float64 of shape (n, 3), attributes under the names of the file,
+        Coordinates as float64 of shape (n, 3), attributes under their names in the file,
         and the metadata that :func:`write_points` needs for a faithful copy.
 
     Raises
     ------
     PointFileError
-        In one line: the file is missing, a folder, empty, truncated or not what its
-        extension says; it holds no points; a column is not numeric; or an optional
-        library is not installed.
+        With a message of one line, if the file is missing, a folder, empty, truncated or not of
+        the format of its extension; if it holds no points; if a column is not numeric; or if an
+        optional library is not installed.
 
     See Also
     --------
-    write_points : The way back.
+    write_points : Writes a point cloud.
     numpy.loadtxt : For tables of numbers of other shapes.
 
     Notes
@@ -70,20 +70,20 @@ def read_points(path):
     Points with a coordinate that is not finite (common in organized PCD), or that E57
     marks invalid, are dropped and counted in ``PointCloud.n_dropped``.
 
-    Text may be separated by whitespace, commas or semicolons. Coordinates are the columns
-    named x, y, z in any case, else the first three; columns without a name are called
-    ``column_4`` and so on. NPY holds a table (n, >= 3) or a structured array; NPZ an array
-    ``xyz``, or ``x``, ``y``, ``z``, or else its first array of shape (n, 3). Arrays of NPZ of
-    another length (an ``offset`` of length 3, say) are not applied to the coordinates:
+    Whitespace, commas or semicolons may separate text. Coordinates are the columns named x, y, z
+    in upper or lower case, else the first three columns. Columns without a name are called
+    ``column_4`` and so on. NPY holds a table (n, >= 3) or a structured array. NPZ holds an array
+    ``xyz``, or ``x``, ``y``, ``z``; else its first array of shape (n, 3) is taken. Arrays of NPZ
+    of another length (for example an ``offset`` of length 3) are not applied to the coordinates:
     they stay in ``metadata["npz_arrays"]``.
 
     PLY's ``nx, ny, nz`` are called ``normal_x, normal_y, normal_z``, and PCD's packed
     ``rgb`` becomes ``red, green, blue``, so that attributes have one name in all formats.
-    Several E57 scans are merged, with ``scan_index`` telling them apart.
+    Several E57 scans are merged, and ``scan_index`` numbers them.
 
-    What a LAZ says of its chunks and layers is checked before it is decompressed: lazrs would
-    end the process where a damaged size asks for more memory than there is. Nothing in LAZ
-    tells a changed bit of a compressed point, if it still decompresses.
+    The sizes of a LAZ's chunks and layers are checked before it is decompressed, because lazrs
+    would end the process if a damaged size asked for more memory than there is. A changed bit of
+    a compressed point is not noticed if the point still decompresses: LAZ has no checksums.
 
     Examples
     --------
@@ -121,57 +121,55 @@ def read_points(path):
 
 
 def write_points(path, cloud, *, noise=None, encoding=None):
-    """Write a point cloud; an existing file is replaced only by a whole new one.
+    """Write a point cloud. An existing file is replaced only by a complete new one.
 
     Parameters
     ----------
     path : str or os.PathLike
-        Where to; the extension chooses the format. May be the file that was read.
+        File to write; its extension chooses the format. It may be the file that was read.
     cloud : PointCloud or array-like of shape (n, 3)
-        What to write: all points with all attributes.
+        The cloud to write, with all points and all attributes.
     noise : array-like of bool of shape (n,), default=None
-        Points to mark as outliers the way the format knows: classification 7 (noise) in
-        LAS and LAZ, where other points keep their class; elsewhere a column ``outlier``.
+        Points to mark as outliers: by classification 7 (noise) in LAS and LAZ, where other
+        points keep their class; elsewhere by a column ``outlier``.
     encoding : {"ascii", "binary", "binary_compressed"}, default=None
         For PLY (the first two) and PCD; None means "binary".
 
     Raises
     ------
     PointFileError
-        In one line: the folder is missing or not writable, the name is a folder's, an
-        attribute has a name or dtype the format cannot hold, LAZ would change wave packets,
-        an optional library is not installed, or writing failed. An existing file is then as
-        it was.
+        With a message of one line, if the folder is missing or not writable, the name is that
+        of a folder, an attribute has a name or dtype that the format cannot hold, LAZ would
+        change wave packets, an optional library is not installed, or writing failed. An existing
+        file is then unchanged.
     ValueError
         If ``cloud``, ``noise`` or ``encoding`` is not of the stated form.
 
     Warns
     -----
     UserWarning
-        If something cannot be kept: E57 holds intensity and colors only; a value that
-        does not fit the LAS dimension of its name goes to an extra dimension
-        ``<name>_value``.
+        If an attribute cannot be kept. E57 holds intensity and colors only. In LAS, a value that
+        does not fit the dimension of its name goes to an extra dimension ``<name>_value``.
 
     See Also
     --------
-    read_points : The way back.
+    read_points : Reads a point cloud.
 
     Notes
     -----
-    The data goes to a temporary file in the same folder, which takes the final name only
-    when it is complete; whatever interrupts the writing, nothing half-written remains.
+    The data goes to a temporary file in the same folder, which takes the final name only when it
+    is complete. If the writing is interrupted, no incomplete file remains.
 
-    *LAS, LAZ.* A cloud read from LAS keeps its header, and every coordinate that did not
-    change keeps its integers. Coordinates that did change are rounded to the header's
-    scale (an error of at most half a step); if they do not fit 32-bit integers there, the
-    offset, and if need be the scale of that axis, is chosen anew. Other clouds become
-    LAS 1.4, point format 6 (7 with colors; 8-bit colors times 256), with the coarsest
-    scale of 1, 0.1 ... 1e-6 that holds all coordinates exactly, else the finest power of
-    ten that fits: better than 1e-8 of the largest extent. Attributes without a standard
-    dimension become extra dimensions, replacing any of the same name. LAZ is compressed in
-    memory. Wave packets that lazrs would change (point formats 9 and 10 with several scanner
-    channels) are refused. Samples of waveforms inside a file are copied from LAS 1.4, not
-    from LAS 1.3.
+    *LAS, LAZ.* A cloud read from LAS keeps its header, and every unchanged coordinate keeps its
+    integers. Changed coordinates are rounded to the header's scale (an error of at most half a
+    step). If they do not fit 32-bit integers there, a new offset is chosen for that axis, and a
+    new scale if needed. Other clouds become LAS 1.4, point format 6 (7 with colors; 8-bit colors
+    are multiplied by 256). Their scale is the coarsest of 1, 0.1 ... 1e-6 that holds all
+    coordinates exactly, else the finest power of ten that fits: better than 1e-8 of the largest
+    extent. Attributes without a standard dimension become extra dimensions and replace any of the
+    same name. LAZ is compressed in memory. Wave packets that lazrs would change (point formats 9
+    and 10 with several scanner channels) are refused. Samples of waveforms inside a file are
+    copied from LAS 1.4, but not from LAS 1.3.
 
     *PLY, PCD.* Coordinates are float32 where that is exact, as viewers expect, else float64.
 
@@ -261,8 +259,8 @@ def _mask(noise, n_points):
 
 @contextmanager
 def replacing(path):
-    """A temporary name beside ``path`` that takes its place when the block has succeeded."""
-    target = Path(os.path.realpath(path))  # a link keeps pointing to the file it names
+    """A temporary name beside ``path``; its file replaces ``path`` when the block succeeds."""
+    target = Path(os.path.realpath(path))  # a link stays a link: the file behind it is replaced
     with _one_clear_line(path, "written"):
         if not target.parent.is_dir():
             raise PointFileError(f"the folder {target.parent} does not exist")
@@ -281,19 +279,19 @@ def replacing(path):
         except OSError as err:
             raise system_error(path, "written", err) from err
         with _one_clear_line(path, "written"):
-            with open(temporary, "rb+") as file:  # whole on the disk before it takes the name
+            with open(temporary, "rb+") as file:  # completely on disk before it takes the name
                 os.fsync(file.fileno())
             if target.exists():
                 shutil.copymode(target, temporary)
             os.replace(temporary, target)
     finally:
-        with suppress(OSError):  # a disk that cannot be written to has said so above
+        with suppress(OSError):  # a disk that cannot be written to was reported above
             temporary.unlink()
 
 
 @contextmanager
 def _one_clear_line(path, action):
-    """Turn whatever goes wrong into a PointFileError that begins with the file's name."""
+    """Turn any error into a PointFileError that begins with the file's name."""
     try:
         yield
     except PointFileError as err:
@@ -307,13 +305,13 @@ def _one_clear_line(path, action):
     except BaseException as err:
         is_panic = type(err).__name__ == "PanicException"  # of Rust, in lazrs: no Exception
         if not (is_panic or isinstance(err, Exception)):
-            raise  # Ctrl-C and the like are no matter of the file
+            raise  # Ctrl-C and the like have nothing to do with the file
         hint = "" if action == "written" else "; it seems damaged or is of another format"
         raise PointFileError(f"{path}: cannot be {action}{hint}: {_first_line(err)}") from err
 
 
 def system_error(path, action, err):
-    """The PointFileError that names the user's file for what the operating system refused."""
+    """The PointFileError for an error of the operating system; it names the user's file."""
     reason = (err.strerror or _first_line(err)).lower()
     if err.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
         reason += f"; check the permissions of {path.parent if action != 'read' else path}"

@@ -1,4 +1,4 @@
-"""LAS and LAZ: attributes, coordinate system and integer coordinates survive."""
+"""LAS and LAZ: attributes, coordinate system and integer coordinates are kept."""
 
 import copy
 import warnings
@@ -15,12 +15,12 @@ __all__ = ["read_las", "write_las"]
 NOISE_CLASS = 7  # ASPRS "low point (noise)", the same number in every point format
 LARGEST = 2**31 - 1
 COLORS = ("red", "green", "blue")
-COLORED_FORMAT = {0: 2, 1: 3, 4: 5, 6: 7, 9: 10}  # the point format that has them, beside
+COLORED_FORMAT = {0: 2, 1: 3, 4: 5, 6: 7, 9: 10}  # from point format to the same with colors
 EXTRA_DTYPES = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"}
 
 
 def read_las(path):
-    """Read LAS, LAZ or COPC in one pass; plain attributes are views of the raw records."""
+    """Read LAS, LAZ or COPC in one pass. Plain attributes are views of the raw records."""
     compressed = path.name.lower().endswith(".laz")
     laspy = _import_laspy(compressed)
     check_structure(path)
@@ -40,7 +40,7 @@ def read_las(path):
 
 
 def write_las(path, cloud, noise=None):
-    """Write LAS or LAZ; whatever did not change since it was read is written bit for bit."""
+    """Write LAS or LAZ. Values that did not change since reading are written bit for bit."""
     compressed = path.name.lower().endswith(".laz")
     laspy = _import_laspy(compressed)
     if "las_points" in cloud.metadata:
@@ -69,7 +69,7 @@ def write_las(path, cloud, noise=None):
 
 
 def _read(laspy, path):
-    """What laspy.read gives, by a safer way where points are compressed."""
+    """As laspy.read, but safer where points are compressed."""
     with laspy.open(path) as reader:
         if not (reader.header.are_points_compressed and reader.header.point_count):
             return reader.read()
@@ -84,7 +84,7 @@ def _read(laspy, path):
 
 
 def _with_colors(laspy, las, attributes):
-    """A point format that has a place for colors, and 8-bit ones times 256 (LAS 1.4)."""
+    """A point format with colors, and 8-bit colors times 256 (LAS 1.4)."""
     if not set(COLORS) <= attributes.keys():
         return las, attributes
     names = set(las.point_format.dimension_names)
@@ -105,7 +105,7 @@ def _import_laspy(compressed):
 
 
 def _forget_copc(header):
-    """The octree of a COPC file no longer describes the points: leave its records out."""
+    """Remove the records of a COPC file's octree, which no longer describes the points."""
     for records in (header.vlrs, header.evlrs or []):
         for record in [r for r in records if r.user_id == "copc"]:
             records.remove(record)
@@ -120,7 +120,7 @@ def _coordinates(records, header):
 
 
 def _store_coordinates(las, xyz):
-    """Integers stay as they are where the coordinate is unchanged."""
+    """Store coordinates as integers; an axis without changes keeps its own."""
     header, records = las.header, las.points.array
     moved = ~(_coordinates(records, header) == xyz).all(axis=0)
     if not moved.any():
@@ -142,7 +142,7 @@ def _store_coordinates(las, xyz):
 
 
 def _new_header(laspy, cloud):
-    """LAS 1.4, with colors if there are any, on a grid that suits the coordinates."""
+    """A LAS 1.4 header, with colors if there are any, on a grid that fits the coordinates."""
     attributes = dict(cloud.attributes)
     colored = set(COLORS) <= attributes.keys()
     header = laspy.LasHeader(version="1.4", point_format=7 if colored else 6)
@@ -160,7 +160,7 @@ def _finest_scale(extent):
 
 
 def _offset(low, high):
-    """A round number at or just below the minimum, by less than the extent."""
+    """A round number at or below the minimum; it is lower by less than the extent."""
     if high <= low:
         return low
     unit = 10.0 ** np.floor(np.log10(high - low))
@@ -174,7 +174,7 @@ def _decimal_scale(xyz, finest):
         scale = 10.0**-exponent
         if scale < finest:
             break
-        for part in (xyz[:1000], xyz):  # most grids are refused by the first points
+        for part in (xyz[:1000], xyz):  # the first points already exclude most grids
             steps = np.rint(part * 10.0**exponent)
             if not (np.abs(steps / 10.0**exponent - part) <= tolerance).all():
                 break
@@ -184,7 +184,7 @@ def _decimal_scale(xyz, finest):
 
 
 def _store_attributes(laspy, las, attributes):
-    """Fill the dimensions that hold the values exactly; all others become extra dimensions."""
+    """Fill the dimensions that hold the values exactly; all other values get extra dimensions."""
     standard = set(las.point_format.standard_dimension_names)
     extra = set(las.point_format.extra_dimension_names)
     new, stale = {}, set()
@@ -210,10 +210,10 @@ def _store_attributes(laspy, las, attributes):
 
 
 def _assigned(las, name, values):
-    """Put values into an existing dimension if it holds them exactly, else leave it alone."""
+    """Put values into an existing dimension if it holds them exactly, else leave it unchanged."""
     stored = np.array(las[name])
     if _same(stored, values):
-        return True  # not even touched: a scaled dimension keeps its integers
+        return True  # nothing is written, so a scaled dimension keeps its integers
     if values.shape != stored.shape or values.dtype.kind not in "biuf":
         return False
     try:
@@ -222,7 +222,7 @@ def _assigned(las, name, values):
             if _same(np.asarray(las[name]).astype(values.dtype), values):
                 return True
     except (OverflowError, ValueError):
-        pass  # laspy refuses what a bit field cannot hold
+        pass  # laspy refuses values that a bit field cannot hold
     las[name] = stored
     return False
 

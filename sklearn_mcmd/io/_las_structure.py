@@ -1,4 +1,4 @@
-"""Counts and positions of a LAS header, held against the size of the file."""
+"""Checks of a LAS header's counts and positions against the size of the file."""
 
 import os
 import struct
@@ -12,7 +12,7 @@ VLR_HEADER, EVLR_HEADER = 54, 60
 
 
 def check_structure(path):
-    """Refuse what cannot be true: laspy would loop over it for hours, or ask for the memory."""
+    """Refuse impossible counts: laspy would loop over them for hours, or request their memory."""
     size = os.path.getsize(path)
     with open(path, "rb") as file:
         start = file.read(LAS_14_HEADER)

@@ -1,12 +1,12 @@
-"""The compressed points of LAZ: checked first, then handed to lazrs.
+"""The compressed points of LAZ: checked first, then passed to lazrs.
 
-lazrs ends the whole process (SIGABRT) where it cannot get the memory that a damaged file makes
-it ask for. So everything that it takes a size from is checked before: the items of a point, the
-chunk table, and in layered chunks (point formats 6 to 10) the sizes of the layers. What remains
-are the compressed bytes themselves, which lazrs reads through without asking for memory.
+A damaged file can make lazrs request more memory than there is, and lazrs then ends the whole
+process (SIGABRT). So all sizes that it reads are checked before: the items of a point, the chunk
+table, and in layered chunks (point formats 6 to 10) the sizes of the layers. The compressed bytes
+remain unchecked. lazrs reads them without requesting memory.
 
-lazrs turns whatever happens in Python code that it calls into an error of its own, a
-KeyboardInterrupt as well. So it is given bytes in memory, never a file.
+lazrs turns every error in Python code that it calls into its own error, even a KeyboardInterrupt.
+So it gets bytes in memory, never a file.
 """
 
 import io
@@ -19,7 +19,7 @@ from sklearn_mcmd.io._point_cloud import PointFileError, import_extra
 
 __all__ = ["read_compressed_points", "write_compressed"]
 
-# LASzip's items: number -> (bytes, layers). Of "extra bytes", 0 and 14, each byte is a layer.
+# LASzip's items: number -> (bytes, layers). Each "extra byte", items 0 and 14, is one layer.
 ITEMS = {
     **{6: (20, 0), 7: (8, 0), 8: (6, 0), 9: (29, 0)},
     **{10: (30, 9), 11: (6, 1), 12: (8, 2), 13: (29, 1)},
@@ -31,9 +31,9 @@ ITEMS_OF_FORMAT = {
 EXTRA_BYTES, LAYERED_EXTRA_BYTES = 0, 14
 ONE_CHUNK, CHUNKED, LAYERED = 1, 2, 3  # compressors
 ITEM_VERSIONS = {ONE_CHUNK: (1, 2), CHUNKED: (1, 2), LAYERED: (3, 4)}
-VARIABLE = 2**32 - 1  # the chunk size that says: see the table
+VARIABLE = 2**32 - 1  # this chunk size means that the table holds the sizes
 BYTES_PER_ENTRY = 16  # of the table, at most: two integers with their probabilities
-CHUNKS_A_TIME = 64  # enough for all processors, few enough for Ctrl-C to be heard
+CHUNKS_A_TIME = 64  # enough for all processors, and few enough for Ctrl-C to end soon
 POINTS_A_TIME = 2_000_000
 WAVE_PACKET_FORMATS = (4, 5, 9, 10)
 
@@ -46,7 +46,7 @@ def read_compressed_points(file, header):
     file : binary file
         Opened for reading, at any position.
     header : laspy.LasHeader
-        Its LASzip record is taken out, as laspy does.
+        Its LASzip record is removed, as laspy does.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def read_compressed_points(file, header):
 
 
 def write_compressed(laspy, path, las):
-    """Write LAZ by way of memory; refuse wave packets that would not come back."""
+    """Compress LAZ in memory and write it; refuse wave packets that would change."""
     buffer = io.BytesIO()
     with laspy.open(
         buffer, "w", header=las.header, laz_backend=laspy.LazBackend.LazrsParallel, closefd=False
@@ -90,7 +90,7 @@ def write_compressed(laspy, path, las):
 
 
 def _refuse_changed(laspy, buffer, las):
-    """lazrs 0.8 mixes up the wave packets of several scanner channels when it compresses."""
+    """Raise if points changed: lazrs 0.8 mixes up wave packets of several scanner channels."""
     buffer.seek(0)
     with laspy.open(buffer, closefd=False) as reader:
         header = reader.header
@@ -109,7 +109,7 @@ def _refuse_changed(laspy, buffer, las):
 
 
 class _Layout:
-    """How a point is laid out and compressed, by the LASzip record of the header."""
+    """The layout and compression of a point, from the LASzip record of the header."""
 
     def __init__(self, record, point_format):
         n_items = struct.unpack_from("<H", record, 32)[0] if len(record) >= 34 else 0
@@ -145,13 +145,13 @@ class _Layout:
 
     @property
     def smallest_chunk(self):
-        """Bytes of the first point, which is not compressed, and of the sizes behind it."""
+        """Bytes of the first point, which is not compressed, and of the sizes that follow it."""
         return self.n_bytes + (4 + 4 * self.n_layers if self.compressor == LAYERED else 0)
 
     def check_chunks(self, data, chunks, first):
         """Refuse chunks that end too early, or layers that do not fit into their chunk.
 
-        Of an empty chunk (lazrs may end a file of variable chunks with one) nothing is read.
+        Nothing is read of an empty chunk; lazrs may end a file of variable chunks with one.
         """
         if len(data) < sum(n_bytes for _, n_bytes in chunks):
             raise PointFileError("truncated: the compressed points end too early")
@@ -175,9 +175,9 @@ class _Layout:
 
 
 def _chunks(lazrs, file, header, record, layout):
-    """Points and bytes of each chunk; leaves the file at the first one.
+    """Points and bytes of each chunk. The file is then at the first chunk.
 
-    The table is read by lazrs, which believes its count: that is checked before.
+    lazrs reads the table and does not check its count, so the count is checked before.
     """
     size = file.seek(0, os.SEEK_END)
     points_at, n_points = header.offset_to_point_data, header.point_count
@@ -215,7 +215,7 @@ def _chunks(lazrs, file, header, record, layout):
 
 
 def _table_position(file, points_at, size):
-    """Where the chunk table begins; what was written to a stream says so at the very end."""
+    """Position of the chunk table. Files written to a stream hold it in their last bytes."""
     for position in (points_at, size - 8):
         file.seek(position)
         (table_at,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))

@@ -1,4 +1,4 @@
-"""The point cloud that the readers give and the writers take, and its one error."""
+"""The point cloud that readers return and writers take, and the one error of both."""
 
 from dataclasses import dataclass, field
 
@@ -14,28 +14,27 @@ RESERVED = {"x", "y", "z", "xyz"}
 class PointFileError(ValueError):
     """A point file cannot be read or written; the message is one line that says why.
 
-    Errors of the underlying libraries never come through bare: they are the ``__cause__``.
+    An error of an underlying library is its ``__cause__``.
     """
 
 
 @dataclass(eq=False, repr=False)
 class PointCloud:
-    """Coordinates, one value (or row of values) a point, and what the file said besides.
+    """Coordinates, attributes of each point, and metadata of the file.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Coordinates in the units of the file, kept as float64.
     attributes : dict of str to ndarray of shape (n,) or (n, m), default={}
-        Whatever else is known about each point: ``intensity``, ``classification``,
-        ``normal_x``, results to be written. The names ``x``, ``y``, ``z`` and ``xyz`` are
-        taken by the coordinates.
+        Other values of each point: ``intensity``, ``classification``, ``normal_x``, results to
+        be written. The names ``x``, ``y``, ``z`` and ``xyz`` are reserved for the coordinates.
     metadata : dict, default={}
-        What a faithful copy of the source file needs: ``las_header`` and ``las_points``
-        (the raw records, so that integer coordinates survive), ``ply_comments``,
+        Data for a faithful copy of the source file: ``las_header`` and ``las_points``
+        (the raw records, so that integer coordinates are kept), ``ply_comments``,
         ``ply_obj_info``, ``pcd_viewpoint``, ``npz_arrays`` (arrays of another length).
     n_dropped : int, default=0
-        How many points of the file were left out because a coordinate was not finite
+        Number of points of the file that were left out, because a coordinate was not finite
         or was marked invalid.
 
     Raises
@@ -137,7 +136,7 @@ class PointCloud:
 
 
 def flat_columns(attributes):
-    """Attributes as one-dimensional columns, for formats that know nothing else."""
+    """Attributes as one-dimensional columns, for formats that hold no others."""
     columns = {}
     for name, values in attributes.items():
         if values.ndim == 1:
@@ -154,7 +153,7 @@ def flat_columns(attributes):
 
 
 def fit_dtype(name, values, allowed, format_name):
-    """``values`` in the first dtype that the format has and that loses nothing."""
+    """``values`` in the first dtype of the format that holds them exactly."""
     kind = values.dtype.kind
     whole = ["i4", "u4", "f8", "f4", "u2", "u1"]
     wider = {"b": ["u1"], "i": whole, "u": whole, "f": ["f4", "f8"]}

@@ -1,4 +1,4 @@
-"""PLY, PCD and E57, each through the library that keeps that format."""
+"""PLY, PCD and E57, each by a library for that format."""
 
 import re
 import warnings
@@ -19,7 +19,7 @@ __all__ = ["read_e57", "read_pcd", "read_ply", "write_e57", "write_pcd", "write_
 
 PLY_DTYPES = {"i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"}
 PCD_DTYPES = PLY_DTYPES | {"i8", "u8"}
-# Viewers know normals in PLY by these names, everywhere else by ours.
+# Viewers expect normals in PLY under these names; in all other formats they have ours.
 PLY_NORMALS = {"nx": "normal_x", "ny": "normal_y", "nz": "normal_z"}
 COLORS = ("red", "green", "blue")
 E57_FIELDS = {
@@ -77,7 +77,7 @@ def read_pcd(path):
             raise PointFileError(f"broken PCD header: {' '.join(str(err).split())[:200]}") from err
         try:
             records = _pcd_records(pypcd4, path, file, header)
-        except Exception as err:  # whatever the parsers stumble over
+        except Exception as err:  # parsers raise errors of many kinds
             reason = str(err).partition(";")[0]
             raise PointFileError(f"the point data is truncated or damaged: {reason}") from err
     if len(records) != header.points:
@@ -120,7 +120,7 @@ def write_pcd(path, cloud, encoding="binary"):
     if encoding != "ascii":
         pcd.save(str(path), pypcd4.Encoding(encoding))
         return
-    # pypcd4 writes ten decimals, which is too few for small and for packed numbers.
+    # pypcd4 writes ten decimals, which are too few for small and for packed numbers.
     with open(path, "w", encoding="ascii", newline="\n") as file:
         pcd.metadata.data = pypcd4.Encoding.ASCII
         file.write(pcd.metadata.compose_header())
@@ -174,7 +174,7 @@ def write_e57(path, cloud):
     pye57 = import_extra("pye57", "formats", "E57")
     low, high = cloud.xyz.min(axis=0), cloud.xyz.max(axis=0)
     center = np.round(low / 2 + high / 2)
-    # pye57 stores single precision and refuses what rounding takes beyond its own bounds.
+    # pye57 stores single precision, and refuses coordinates that rounding moves out of bounds.
     local = (cloud.xyz - center).astype(np.float32).astype(np.float64)
     data = {f"cartesian{axis}": np.ascontiguousarray(local[:, i]) for i, axis in enumerate("XYZ")}
     columns = flat_columns(cloud.attributes)
@@ -206,7 +206,7 @@ def write_e57(path, cloud):
         file.close()
     except Exception as err:
         if hasattr(file, "image_file"):
-            del file.image_file  # else pye57 closes it once more, and prints how that failed
+            del file.image_file  # else pye57 closes it again, and prints an error
         if "ErrorWriteFailed" in str(err):
             raise PointFileError("cannot be written: the disk may be full") from err
         raise
@@ -233,13 +233,13 @@ def _pcd_header(file):
 def _pcd_records(pypcd4, path, file, header):
     if header.data != "ascii":
         return pypcd4.PointCloud.from_path(path).pc_data
-    # pypcd4 splits at single spaces; columns in the wild are padded to a width.
+    # pypcd4 splits at single spaces, but many files pad columns to a width.
     dtype = header.build_dtype()
     return np.atleast_1d(np.loadtxt(file, dtype)) if header.points else np.empty(0, dtype)
 
 
 def _axes(xyz):
-    """Columns x, y, z: float32 where that loses nothing, as PCL and viewers expect it."""
+    """Columns x, y, z: float32 where that is exact, as PCL and viewers expect, else float64."""
     with np.errstate(over="ignore"):
         single = xyz.astype(np.float32)
     kept = single if np.array_equal(single, xyz) else xyz
@@ -255,7 +255,7 @@ def _records(xyz, columns):
 
 
 def _renamed(attributes, names):
-    """Rename, unless the new name is in use already."""
+    """Rename attributes, except where the new name is already in use."""
     return {
         names[name] if name in names and names[name] not in attributes else name: values
         for name, values in attributes.items()

@@ -15,7 +15,7 @@ ROWS_A_TIME = 100_000
 
 
 def read_text(path):
-    """Read a table of numbers; integer columns become int64, all others float64."""
+    """Read a table of numbers. Integer columns become int64, all others float64."""
     try:
         skip, names, first, delimiter = _inspect(path)
     except UnicodeDecodeError as err:
@@ -36,7 +36,7 @@ def read_text(path):
     cloud = split_table(table, names)
     written_as = dict(zip(names or _column_names(len(first)), first, strict=True))
     for name, values in cloud.attributes.items():
-        # Class numbers and labels stay integers; beyond 2**53 a float64 no longer knows them.
+        # Class numbers and labels stay integers; above 2**53 a float64 does not hold all integers.
         is_integer = written_as[name].strip().lstrip("+-").isdigit()
         if is_integer and (np.abs(values) <= 2**53).all() and (values == np.rint(values)).all():
             cloud.attributes[name] = values.astype(np.int64)
@@ -44,7 +44,7 @@ def read_text(path):
 
 
 def write_text(path, cloud):
-    """Write a table in the shortest digits that read back to the same numbers."""
+    """Write a table with the fewest digits that give the same numbers when read."""
     columns = {
         name: fit_dtype(name, values, NUMBERS, "a text file")
         for name, values in flat_columns(cloud.attributes).items()
@@ -52,7 +52,7 @@ def write_text(path, cloud):
     is_csv = path.suffix == ".csv"
     with open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, delimiter="," if is_csv else " ", lineterminator="\n")
-        if is_csv or columns:  # bare coordinates in .xyz are what every program reads
+        if is_csv or columns:  # every program reads .xyz with coordinates alone and no header
             writer.writerow(["x", "y", "z", *columns])
         for rows in text_rows([*cloud.xyz.T, *columns.values()]):
             writer.writerows(rows)
@@ -80,7 +80,7 @@ def split_table(table, names=None):
 
 
 def xyz_positions(names):
-    """Where x, y and z stand among the names (case does not matter), or None if nowhere."""
+    """Positions of x, y and z among the names, in upper or lower case, or None without them."""
     exact = [name if name in "xyz" else name.lower() for name in names]
     found = [axis for axis in "xyz" if axis in exact]
     if found and len(found) < 3:
@@ -108,7 +108,7 @@ def _inspect(path):
             if text.startswith(COMMENTS) and header is None:
                 comment = text.lstrip("#/").strip()
                 continue
-            bare = re.sub(r'"[^"]*"', "", text)  # what stands in quotes delimits nothing
+            bare = re.sub(r'"[^"]*"', "", text)  # delimiters within quotes do not count
             delimiter = ";" if ";" in bare else "," if "," in bare else None
             fields = _fields(text, delimiter)
             if not _is_row(fields) and _is_row([field.replace(",", ".") for field in fields]):
@@ -137,7 +137,7 @@ def _inspect(path):
 
 
 def _what_is_wrong(path, skip, n_columns, delimiter):
-    """The first line that is no row of the table, counted as an editor counts."""
+    """The first line that is no row of the table, numbered as in an editor."""
     with open(path, encoding="utf-8-sig", errors="replace") as file:
         for number, line in enumerate(file, start=1):
             text = line.partition("#")[0].strip()
@@ -153,13 +153,13 @@ def _what_is_wrong(path, skip, n_columns, delimiter):
 
 
 def _names(header, delimiter):
-    """Names of columns; one without a name, as pandas and R leave that of the rows, gets one."""
+    """Names of columns. A column without a name, as pandas and R write row names, gets one."""
     fields = _fields(header, delimiter)
     return [name or f"column_{i}" for i, name in enumerate(fields, start=1)]
 
 
 def _fields(line, delimiter):
-    """The fields of a line, without the quotes that some stand in."""
+    """The fields of a line, without quotes around them."""
     if delimiter is None:
         line = " ".join(line.split())
     row = next(csv.reader([line], delimiter=delimiter or " ", skipinitialspace=True))

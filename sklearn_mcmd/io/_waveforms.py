@@ -1,4 +1,4 @@
-"""Where a LAS file keeps the samples that its wave packets point to."""
+"""The position of the waveform samples in a LAS file, to which its wave packets point."""
 
 import struct
 import warnings
@@ -10,10 +10,10 @@ WAVEFORM_RECORD = 65535
 
 
 def place_waveforms(path, header):
-    """Let a written file say where its waveforms are now; laspy repeats where they were.
+    """Write the new position of the waveforms into a file; laspy repeats the old position.
 
-    The extended record that holds them travels along in LAS 1.4. LAS 1.3 has it behind the
-    points, where laspy reads nothing: then the file says that there is none.
+    In LAS 1.4 the extended record that holds them is copied. In LAS 1.3 it is behind the points,
+    where laspy reads nothing. Then position 0 says that there is none.
     """
     if header.version.minor < 3 or not header.start_of_waveform_data_packet_record:
         return
@@ -30,7 +30,7 @@ def place_waveforms(path, header):
 
 
 def _find(file):
-    """The position of the record of waveforms, 0 where there is none."""
+    """The position of the record of waveforms, or 0 if there is none."""
     file.seek(235)
     position, n_records = struct.unpack("<QI", file.read(12))
     for _ in range(n_records):
