@@ -1,4 +1,4 @@
-"""RobustNormalEstimator: normals, curvature and features without the outliers' pull."""
+"""RobustNormalEstimator: normals, curvature and features, robust to outliers and edges."""
 
 from numbers import Real
 from typing import ClassVar
@@ -20,7 +20,7 @@ from sklearn_mcmd.planes._rules import METHODS
 
 __all__ = ["RobustNormalEstimator"]
 
-# Neighbors whose normals are asked to agree by orientation="mst".
+# Number of neighbors whose normals orientation="mst" makes agree.
 TREE_NEIGHBORS = 12
 
 
@@ -162,24 +162,24 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
 
     Notes
     -----
-    Points of a neighborhood that is collinear have no normal; of the perpendiculars of the
-    line the one nearest to the last axis is given, and where all neighbors coincide that axis
-    itself. ``eigenvalues_[:, 1]`` is zero there.
+    A collinear neighborhood has no normal. Its point gets the perpendicular of the line that is
+    nearest to the last axis, or that axis itself if all neighbors coincide. There
+    ``eigenvalues_[:, 1]`` is zero.
 
-    The error of a normal is that of a plane: where a neighborhood is curved or holds an edge
-    the plane itself is the wrong model, and the angle to the surface's normal can be larger.
-    It supposes that noise is independent from point to point. In simulations of planes in
-    3D with 20 to 100 neighbors, with and without 10 % outliers, 92 to 97 % of the normals are
-    within 1.73 errors (by "pca" with outliers 97 to 98 %); the few that are borrowed by chance,
-    being the least noisy of many, are farther off. With ``refine=None`` the scale is too
-    small and so is the error. In a long, narrow neighborhood 1.96 errors hold 95 %.
+    The error of a normal is that of a plane. If a neighborhood is curved or holds an edge, the
+    plane is the wrong model, and the angle to the surface's normal can be larger. The error
+    assumes that noise is independent from point to point. In simulations of planes in 3D with 20
+    to 100 neighbors, with and without 10 % outliers, 92 to 97 % of the normals are within 1.73
+    errors (by "pca" with outliers 97 to 98 %). A few normals are borrowed by chance, from the
+    least noisy of many planes, and are farther off. With ``refine=None`` the scale and the error
+    are too small. In a long, narrow neighborhood 95 % of the normals are within 1.96 errors.
 
-    Features follow [3]_; jakteristics does not divide by the sum of the eigenvalues in
+    Features follow [3]_. jakteristics does not divide by the sum of the eigenvalues in
     "omnivariance" and "eigenentropy", which then depend on the unit.
 
-    Coordinates are centered in each neighborhood before any arithmetic, so a cloud in
-    national grid coordinates has the same normals as in local ones. float32 cannot hold such
-    coordinates: a warning says where it is too coarse.
+    Coordinates are centered in each neighborhood before any arithmetic. So a cloud has the same
+    normals in national grid coordinates as in local ones. float32 cannot hold such coordinates: a
+    warning says if it is too coarse.
 
     References
     ----------
@@ -282,8 +282,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Raises
         ------
         ValueError
-            If X has NaN, infinite or too few values, `n_neighbors` is too small, or
-            `orientation` and `viewpoint` do not fit together or to X, or `features` has an
+            If X has NaN, infinite or too few values, if `n_neighbors` is too small, if
+            `orientation` and `viewpoint` do not fit each other or X, or if `features` has an
             unknown name or one that is defined in 3D only.
         """
         self._fit_columns(X)
@@ -291,7 +291,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit_transform(self, X, y=None):
-        """Estimate the normals of a cloud and return them beside the coordinates, in one go.
+        """Estimate the normals of a cloud and return them beside the coordinates.
 
         Parameters
         ----------
@@ -345,8 +345,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Returns
         -------
         names : ndarray of str objects
-            The coordinates' names, the same behind ``normal_``, ``surface_variation``, and
-            ``eigenvalue_0`` (the least) and on, and the names of `features`.
+            The coordinates' names, the same names after ``normal_``, ``surface_variation``,
+            ``eigenvalue_0`` (the least) and so on, and the names of `features`.
         """
         check_is_fitted(self, "n_features_in_")
         names = check_feature_names_in(self, input_features)
@@ -396,7 +396,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         return X
 
     def _mends_planes(self):
-        """Whether more than the planes of Algorithm 4 is asked for."""
+        """Whether the planes of Algorithm 4 are corrected by `SurfacePlanes`."""
         robust = self.method in METHODS and METHODS[self.method].needs_consistent_set
         return robust and self.refine == "reweight" and self.n_neighbors is not None
 

@@ -1,12 +1,12 @@
-"""Features of cleaned neighborhoods by name: shape, attitude, and how well they are known.
+"""Features of cleaned neighborhoods by name: shape, direction and accuracy.
 
 Names and formulas are those of M. Weinmann, B. Jutzi, S. Hinz, C. Mallet, "Semantic point
 cloud interpretation based on optimal neighborhoods, relevant features and efficient
-classifiers", ISPRS Journal 105 (2015) 286-304, on the eigenvalues themselves, l_0 <= l_1 <=
-l_2, which are variances; e_i are their shares of the sum. Roughness is CloudCompare's, but of
-the plane without outliers. jakteristics agrees but for units: its "omnivariance" and
-"eigenentropy" are not divided by the eigenvalues' sum. pgeof takes the roots of the
-eigenvalues, standard deviations, for all but "Eigentropy" and "Verticality".
+classifiers", ISPRS Journal 105 (2015) 286-304. They use the eigenvalues l_0 <= l_1 <= l_2, which
+are variances, and their shares e_i of the sum. Roughness is CloudCompare's, but for the plane
+without outliers. jakteristics agrees except for units: its "omnivariance" and "eigenentropy" are
+not divided by the eigenvalues' sum. pgeof takes the roots of the eigenvalues, standard deviations,
+for all features but "Eigentropy" and "Verticality".
 """
 
 import numpy as np
@@ -32,7 +32,7 @@ def sphericity(planes, points):
 
 def omnivariance(planes, points):
     """Geometric mean of the shares e_i: 1/3 in a ball."""
-    # The root of each first: the product of three small shares could underflow.
+    # Take roots before the product, because the product of three small shares could underflow.
     shares = _shares(planes)
     return np.prod(shares ** (1.0 / shares.shape[1]), axis=1)
 
@@ -67,7 +67,7 @@ def removed_fraction(planes, points):
     return 1.0 - planes.kept
 
 
-# Functions of Planes and the points (m, d) they belong to, in the order of "all".
+# Functions of Planes and their points (m, d), in the order of "all".
 FEATURES = {
     function.__name__: function
     for function in (
@@ -83,7 +83,7 @@ FEATURES = {
         removed_fraction,
     )
 }
-SPATIAL = ("linearity", "planarity")  # a share of three, which add up to one
+SPATIAL = ("linearity", "planarity")  # with sphericity they add up to one, in 3D only
 
 
 def settle_features(names, d=3):
@@ -97,7 +97,7 @@ def settle_features(names, d=3):
     Returns
     -------
     names : tuple of str
-        "all" is all those that d dimensions have.
+        "all" gives all features that exist in d dimensions.
 
     Raises
     ------

@@ -1,10 +1,10 @@
-"""Smooth neighborhoods, which keep all their members: their curvature is no contamination.
+"""Smooth neighborhoods keep all their members: curvature is no contamination.
 
-On a curved surface that is measured better than it bends within a neighborhood, the points away
-from the majority's plane look like outliers, and a plane fitted to the rest leans. So a
-neighborhood is first asked whether one smooth surface, a quadric over the plane of all members,
-explains it as well as the robust plane explains its own part. An edge is not explained so.
-The NumPy form, for any dimension; ``_smoothness_numba`` repeats it in three.
+On a curved surface the noise can be smaller than the bend within a neighborhood. Then the points
+off the majority's plane look like outliers, and a plane fitted to the rest leans. So a test comes
+first: does one smooth surface, a quadric over the plane of all members, explain the neighborhood as
+well as the robust plane explains the members that it keeps? It does not at an edge.
+This NumPy form works in any dimension; ``_smoothness_numba`` repeats it in three.
 """
 
 from math import pi, sqrt
@@ -17,38 +17,40 @@ from sklearn_mcmd.planes._plane import fit_planes
 
 __all__ = ["SmoothnessLimits", "is_smooth", "least_members", "whole_planes"]
 
-# A quadric leaves hardly more than the robust plane's scale, which curvature has inflated. At a
-# sharp crease it leaves far more: the scale there is the noise. A blunt one may get past this; that
-# the quadric leaves more there than next to it shows later, see `SurfacePlanes`.
+# Largest ratio of the quadric's standard deviation to the robust plane's scale. Curvature enlarges
+# that scale, so on a smooth surface the ratio is about 1. At a sharp crease the scale is the noise,
+# and the quadric leaves far more. A blunt crease may pass; `SurfacePlanes` finds it later, because
+# the quadric leaves more at the crease than next to it.
 CURVED = 1.2
-# What deviates more from its plane, as a share of its width (standard deviations), is a post or a
-# sharp edge, whatever a quadric leaves.
+# Largest standard deviation from the plane, as a share of the neighborhood's width (also a standard
+# deviation). Posts and sharp edges have more, even if a quadric leaves little.
 MOST_BENT = 0.5
-# A quadric that the members don't determine, as on two scan lines, explains nothing.
+# Least pivot of the quadric's equations. With less, as on two scan lines, the members do not
+# determine the quadric.
 PIVOT = 1e-6
-# A neighborhood is ordinary, and no robust plane need be sought, if no test of normality sees more
-# than noise about the plane of all members. Each test allows so many standard errors.
+# A neighborhood is ordinary if no test of normality finds more than noise about the plane of all
+# members. Then no robust plane is sought. Each test allows this number of standard errors.
 N_ERRORS = 1.5
-# Narrower strips tell nothing about their plane, in standard deviations of width to length.
+# Least ratio of width to length. Narrower strips do not determine their plane.
 LEAST_WIDTH = 0.05
-# Deviation from the plane to length that is rounding.
+# Ratio of the deviation from the plane to the length below which the deviation is rounding.
 PERFECT = 1e-9
-# Mean absolute value of a standard normal variable, and the standard deviation of that of a sample
-# in its own standard deviations, times the root of its size.
+# Mean absolute value of a standard normal variable. The mean absolute value of a sample, in its own
+# standard deviations, has the standard deviation GEARY_DEVIATION over the root of the sample size.
 GEARY, GEARY_DEVIATION = sqrt(2 / pi), sqrt(1 - 3 / pi)
 
 
 class SmoothnessLimits(NamedTuple):
-    """What `whole_planes` allows, by the size of a neighborhood, 0 ... k.
+    """Limits of `whole_planes`, by the size of a neighborhood, 0 ... k.
 
     Heights above the plane of all members, in their standard deviations, are like those of a normal
     sample if
 
-    - a quadric takes no more off their squares than chance does (`most_ratio`, by the F test),
-    - none is farther off than `farthest`,
-    - the mean of their cubes is at most `most_skew`: members of another face make them skew,
-    - their mean differs from a normal sample's, 0.798, by no more than `geary` (Geary's ratio):
-      outliers make it less, two planes or one that runs across both make it more.
+    - a quadric reduces their squares by no more than chance does (`most_ratio`, by the F test),
+    - no absolute height is larger than `farthest`,
+    - the mean of their cubes is at most `most_skew` (members of another face make them skew),
+    - their mean absolute value differs from a normal sample's, 0.798, by at most `geary` (Geary's
+      ratio). Outliers make it smaller. Two planes, or one plane across both, make it larger.
     """
 
     most_ratio: np.ndarray  # ratio of the plane's standard deviation to the quadric's
@@ -64,7 +66,7 @@ class SmoothnessLimits(NamedTuple):
     def of(cls, k, d):
         """The limits for neighborhoods of up to k members in d dimensions."""
         n = np.maximum(np.arange(k + 1), least_members(d)).astype(float)
-        chance = ndtr(-N_ERRORS)  # that a normal sample fails one of the tests
+        chance = ndtr(-N_ERRORS)  # probability that a normal sample fails one of the tests
         n_terms = least_members(d) // 2
         left = n - n_terms
         gained = fdtri(n_terms - d, left, 1 - chance)
@@ -81,14 +83,14 @@ class SmoothnessLimits(NamedTuple):
 
 
 def least_members(d):
-    """Fewest members for a quadric to have left something to explain."""
+    """Least number of members at which a quadric leaves as many degrees of freedom as it takes."""
     return 2 * (1 + (d - 1) + d * (d - 1) // 2)
 
 
 def is_smooth(deviation, left, eigenvalues, scale):
-    """Whether neighborhoods with robust planes of a scale keep all members: bool (B,).
+    """Whether neighborhoods keep all members, given the scale of their robust planes: bool (B,).
 
-    `deviation`, `left` and `eigenvalues` are as by `whole_planes`.
+    `deviation`, `left` and `eigenvalues` are those of `whole_planes`.
     """
     width = np.sqrt(eigenvalues[:, min(1, eigenvalues.shape[1] - 1)])
     smooth = (left <= CURVED * scale) & (deviation <= MOST_BENT * width)
@@ -96,7 +98,7 @@ def is_smooth(deviation, left, eigenvalues, scale):
 
 
 def whole_planes(neighborhoods, sizes):
-    """Planes of all members, and what a quadric over them leaves.
+    """Planes of all members, and the residuals of a quadric over them.
 
     Parameters
     ----------
@@ -105,13 +107,13 @@ def whole_planes(neighborhoods, sizes):
 
     Returns
     -------
-    centroids, eigenvalues, axes : as by `fit_planes`
+    centroids, eigenvalues, axes : as from `fit_planes`
     deviation : ndarray of shape (B,)
-        Standard deviation of the members from the plane; inf where these are too few.
+        Standard deviation of the members from the plane; inf if they are too few.
     left : ndarray of shape (B,)
-        From the quadric; inf where the members do not determine it.
+        Their standard deviation from the quadric; inf if they do not determine it.
     ordinary : ndarray of bool of shape (B,)
-        Whether noise about the plane is all there is.
+        Whether the members deviate from the plane by noise alone.
     """
     _, k, d = neighborhoods.shape
     valid = np.arange(k) < sizes[:, None]
@@ -147,7 +149,7 @@ def whole_planes(neighborhoods, sizes):
 
 
 def _residual(design, height, total):
-    """Squares that least squares leaves, by Cholesky's decomposition of all rows at once."""
+    """Sum of squares that the quadric leaves, by Cholesky's decomposition of all rows at once."""
     matrix = np.swapaxes(design, -1, -2) @ design
     right = np.einsum("bki,bk->bi", design, height)
     size = matrix.shape[-1]

@@ -12,9 +12,9 @@ TERMS = 6
 
 @kernel(cache=True, error_model="numpy")
 def whole_planes_3d(points, around, limits, planes, directions, deviation, left, ordinary):
-    """Fill what `whole_planes` returns, of the axes the first and the last.
+    """Fill the results of `whole_planes`; of the axes only the first and the last.
 
-    `around` are Neighborhoods; of Planes centroids, eigenvalues and normals are filled.
+    `around` are Neighborhoods. Of `planes`, centroids, eigenvalues and normals are filled.
     """
     indices, sizes = around.indices, around.sizes
     k = indices.shape[1]
@@ -78,7 +78,8 @@ def _tails(height, size):
 def _moments(local, size, mean, axes, extent, moments, right, heights):
     """Normal equations of the quadric (lower triangle) and the sum of squared heights.
 
-    The terms are 1, u, v, uu, uv and vv. Sums in numbers, not in arrays, are vectorized.
+    The terms are 1, u, v, uu, uv and vv. The sums are numbers and not arrays, because compilers
+    vectorize these.
     """
     x, y, z = local[0], local[1], local[2]
     mx, my, mz = mean

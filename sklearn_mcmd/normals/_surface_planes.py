@@ -1,9 +1,9 @@
 """The plane of the surface that a point lies on: its own, or near an edge that of a neighbor.
 
-Two things are mended in the planes of Algorithm 4. Where a neighborhood is smooth, nothing is
-removed from it. Where it is not, next to an edge, the majority may be the other face, or one plane
-may run across both: of the planes of all its neighbors the point is given the one that explains
-it best, and planes that are noisier than is usual around come last.
+Two corrections improve the planes of Algorithm 4. A smooth neighborhood keeps all its members. In
+other neighborhoods, next to an edge, the majority may lie on the other face, or one plane may run
+across both faces. There the point is given the plane of a neighbor that explains it best. Planes
+noisier than is usual around come last.
 """
 
 import numpy as np
@@ -20,19 +20,19 @@ from sklearn_mcmd.planes._record import Planes
 
 __all__ = ["SurfacePlanes"]
 
-# A point asks its neighbors where so much of its own neighborhood was removed, or where its plane
+# A point asks its neighbors if a larger share of its own neighborhood was removed, or if its plane
 # is noisier than is usual around.
 REMOVED = 0.1
-# Share of a neighborhood's radius that counts as noise: no surface is flatter.
+# Least noise of a plane, as a share of its neighborhood's radius.
 LEAST_NOISE = 0.01
-# What is usual is what the best tenth of the neighbors have and so many standard errors of a
-# deviation that so few members tell. A curved surface is as curved next to a point as at it; what
-# is not is no smooth surface, though a quadric fits it.
+# The usual noise around a point is the noise of the best tenth of its neighbors. A plane may exceed
+# it by NOISY standard errors of a deviation. A quadric that leaves more is no smooth surface,
+# because a curved surface is as curved next to a point as at the point.
 BEST, NOISY = 0.1, 3.0
-# A plane that leans by no more than so many of its standard errors is not borrowed: the least noisy
-# of many is so by chance, and no better.
+# A plane is borrowed only if it leans by more than this number of its standard errors. With less,
+# it is the least noisy of many planes by chance, and no better.
 SIGNIFICANT = 3.0
-# A plane explains points within so many of its standard deviations.
+# Number of its standard deviations within which a plane explains points.
 EXPLAINED = 3.0
 
 
@@ -42,7 +42,7 @@ class SurfacePlanes:
     Parameters
     ----------
     model : LocalPlaneModel
-        With neighborhoods.
+        A model with neighborhoods.
     borrow : bool
     n_jobs : int or None
     """
@@ -53,23 +53,23 @@ class SurfacePlanes:
         self.n_jobs = n_jobs
 
     def fit(self, X):
-        """Planes of the fitted points X (n, d), and whose they are: rows of X, (n,)."""
+        """Planes of the fitted points X (n, d), and the rows of X (n,) whose planes they are."""
         n = len(X)
         index = self.model.index
         rows = index.rows
-        # In spatial order every stage is faster; it is undone at the end.
+        # Every stage is faster in spatial order, which is undone at the end.
         order = rows if index.n_distinct == n else spatial_order(X)
         X = X[order]
         planes = Planes.empty(*X.shape)
         smooth, noise = np.empty(n, dtype=bool), np.empty(n)
-        members = np.arange(n)  # rows of X; without copies among the points all of them, in order
+        members = np.arange(n)  # rows of X of the distinct points
         if index.n_distinct < n:
             members = np.argsort(order)[rows]
-        neighborhoods = {}  # of all points: a search more would take longer than all that follows
+        neighborhoods = {}  # kept, because another search would take longer than all that follows
 
         def sweep(part):
             around = self._query(X[part])
-            own = planes.take(part)  # of a slice: views, which are filled
+            own = planes.take(part)  # views, because part is a slice; they are filled
             smooth[part], noise[part] = self._own(X[part], own, around)
             neighborhoods[part.start] = part, around
 
@@ -77,7 +77,7 @@ class SurfacePlanes:
             part, around = neighborhoods.pop(start)
             own = planes.take(part)
             self._unfold(X[part], own, smooth[part], noise[part], around)
-            rough = _rough(own, smooth[part])  # smooth ones are done, and their neighbors let go
+            rough = _rough(own, smooth[part])  # smooth ones are done; their neighbors are freed
             neighborhoods[start] = part, rough, around.take(rough)
 
         def ask(start):
@@ -90,7 +90,7 @@ class SurfacePlanes:
         starts = [(start,) for start in neighborhoods]
         with progress_part(0.8, 0.9, "normals next to edges"):
             run(starts, unfold, self.n_jobs, told=True)
-        # The planes as they are before any is lent.
+        # The planes before any is lent.
         self.members = planes if index.n_distinct == n else planes.take(members)
         self.usable = np.ones(len(members), dtype=bool)
         lenders = np.full(n, -1)
@@ -131,7 +131,7 @@ class SurfacePlanes:
 
     @property
     def compiled(self):
-        """Whether compiled code does the work, here and now: a pickle may come elsewhere."""
+        """Whether compiled code can do the work on this machine; a pickle may reach another."""
         return self.model.ready()
 
     def _chunk(self):
@@ -146,8 +146,8 @@ class SurfacePlanes:
         return self.model.evaluate_neighborhoods(points, around, precision)[0]
 
     def _own(self, points, planes, around):
-        """Fill the planes of neighborhoods, of all members where these are smooth; bool (m,), which
-        are; and the noise (m,) of the surface, curved or not."""
+        """Fill the planes of neighborhoods; smooth ones get the plane of all members. Returns which
+        are smooth, bool (m,), and the noise (m,) of the surface, flat or curved."""
         deviation, left, smooth = self._fit_whole(points, planes, around)
         rest = np.flatnonzero(~smooth)
         if len(rest):
@@ -158,9 +158,9 @@ class SurfacePlanes:
         return smooth, np.where(smooth, np.minimum(deviation, left), planes.scale)
 
     def _fit_whole(self, points, planes, around):
-        """Fill planes of all members; `deviation`, `left` and `ordinary` of `whole_planes`.
+        """Fill planes of all members; return `deviation`, `left` and `ordinary` of `whole_planes`.
 
-        Where there are too few members to tell a deviation, the plane is to be overwritten.
+        If there are too few members for a deviation, the caller must overwrite the plane.
         """
         members, directions = self.model.index.points, np.empty_like(planes.normals)
         if self.compiled:
@@ -186,7 +186,7 @@ class SurfacePlanes:
         return found
 
     def _unfold(self, points, planes, smooth, noise, around):
-        """Give neighborhoods their robust planes back, in place, that lie across a crease."""
+        """Give neighborhoods that lie across a crease their robust planes back, in place."""
         rows = np.flatnonzero(smooth)
         around, radius = around.take(rows), planes.radius[rows]
         creased = np.hypot(noise[rows], LEAST_NOISE * radius) > self._most(
@@ -198,10 +198,9 @@ class SurfacePlanes:
             smooth[rows] = False
 
     def _lenders(self, points, planes, rough, around):
-        """Whose planes those of the rows `rough` are given that ask their neighbors.
+        """The members whose planes the rows `rough` borrow; -1 for rows that borrow none.
 
-        Returns rows of the members for each of `rough`, -1 for none; its neighborhoods are
-        `around`.
+        `around` are the neighborhoods of `rough`.
         """
         lenders = np.full(len(rough), -1)
         queries = np.ascontiguousarray(points[rough], dtype=np.float64)
@@ -222,7 +221,7 @@ class SurfacePlanes:
         return lenders
 
     def _lend(self, planes, rows, lenders):
-        """Give rows of planes, in place, those of members; their own extents stay."""
+        """Replace rows of planes, in place, by planes of members; extents stay the rows' own."""
         lent = self.members.take(lenders)
         own = planes.take(rows)
         planes.put(rows, lent._replace(kept=own.kept, radius=own.radius, spacing=own.spacing))
