@@ -18,9 +18,10 @@ from sklearn_mcmd.planes._rules import MAD_TO_SD
 
 __all__ = ["SharpFeatureDetector"]
 
-# Spacings within which a point is of the edge.
+# Number of spacings within which a point belongs to the edge.
 EDGE_WIDTH = 2.0
-# Standard deviations of a least eigenvalue above which there is an edge: robust, and Eq. 25.
+# Number of standard deviations above the center from which on there is an edge: by the robust
+# limit, and by Eq. 25.
 ROBUST_STD, PAPER_STD = 3.0, 1.0
 
 
@@ -194,7 +195,7 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
 
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X, y=None):
-        """Find the planes of a cloud, cleaned, and where an edge begins.
+        """Clean a cloud, find its planes, and settle the limit of an edge.
 
         Parameters
         ----------
@@ -219,12 +220,12 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
                 "normals='precomputed' does not tell criterion='removed_fraction': take "
                 "normals='estimate', with coordinates as X."
             )
-        self._n_dimensions = None  # of precomputed columns, which tell it
+        self._n_dimensions = None  # precomputed columns determine it
         columns = self._columns(X)
         xyz = columns.coordinates
         self._n_dimensions = xyz.shape[1]
         self._check_parameters(xyz)
-        # One seed for both, drawn once: a RandomState must not give them different ones.
+        # Both steps get one seed, drawn once, because a RandomState would give them two.
         seed = check_random_state(self.random_state).randint(np.iinfo(np.int32).max)
         with progress_part(0.0, 0.6):
             self.inlier_mask_ = self._clean(xyz, seed)
@@ -261,10 +262,10 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
         Returns
         -------
         scores : ndarray of shape (n_samples,)
-            The lower, the more of an edge. For "crease" the distance in spacings of the points;
-            it grows where a smooth surface explains the neighbors better than a crease does,
-            and off all planes. Where there is no crease it is 10 to 20, the more, the flatter
-            the neighborhood. For the others the value, negative.
+            Lower means nearer to an edge. For "crease" it is the distance in spacings of the
+            points. It is larger where a smooth surface explains the neighbors better than a crease
+            does, and off all planes. Without a crease it is 10 to 20, and larger for flatter
+            neighborhoods. For the other criteria it is minus the value.
         """
         check_is_fitted(self)
         X = validate_data(self, X, dtype=[np.float64, np.float32], reset=False)
@@ -274,7 +275,7 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
         return -self._values(columns)
 
     def _columns(self, X):
-        """Coordinates, and what else X tells."""
+        """Coordinates, and the precomputed columns if X has them."""
         if self.normals == "precomputed":
             return split_columns(X, self._n_dimensions)
         check_extent(X)
@@ -295,7 +296,7 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
             )
 
     def _clean(self, xyz, seed):
-        """Which points to keep; all if too few would be left for a plane."""
+        """Mask of the points to keep; all points if too few would be left for a plane."""
         detector = self.outlier_detector
         if isinstance(detector, str) and detector == "passthrough":
             return np.ones(len(xyz), dtype=bool)
@@ -320,7 +321,7 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
         )
 
     def _values(self, columns):
-        """The criterion, not the crease, at points."""
+        """The value of the criterion at points, if it is not "crease"."""
         if self.normals == "precomputed":
             values = columns.surface_variation
             if self.criterion == "eigenvalue":
@@ -337,7 +338,7 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
         return np.asarray(transformed)[:, names.index(name)].astype(np.float64)
 
     def _settle_threshold(self, values):
-        """Value of the criterion above which a point is of an edge."""
+        """Value of the criterion above which a point belongs to an edge."""
         if isinstance(self.threshold, Real):
             return float(self.threshold)
         if self.threshold == "mean":  # Eq. 25
@@ -349,7 +350,7 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
 
 
 def _seeded(estimator, seed):
-    """A copy, with this seed if it takes one and has none."""
+    """A copy of the estimator, with this seed if it takes one and has none."""
     estimator = clone(estimator)
     if estimator.get_params().get("random_state", seed) is None:
         estimator.set_params(random_state=seed)

@@ -1,4 +1,4 @@
-"""Surfaces as regions that grow from point to point."""
+"""Surfaces, as regions that grow from point to point."""
 
 from sklearn_mcmd.segmentation._estimator import RegionGrowing
 

@@ -8,17 +8,17 @@ from sklearn_mcmd.planes._compiling import compiled_function
 
 __all__ = ["Cylinder", "fit_cylinder"]
 
-# Steps from each start at most, and the share of the sum of squares below which a step gains
-# nothing; from a fair start two or three reach that.
+# Largest number of steps from each start, and least share of the sum of squares that a step must
+# gain. From a good start two or three steps suffice.
 N_STEPS = 8
 LEAST_GAIN = 1e-6
-# What keeps the equations of a flat strip, whose radius is infinite, from being singular.
+# Ridge that keeps the equations of a flat strip, whose radius is infinite, from being singular.
 RIDGE = 1e-12
 N_PARAMETERS = 5
 
 
 class FitLimits(NamedTuple):
-    """When the fit ends, as the kernel takes it, which freezes constants that it imports."""
+    """Limits of the fit. They reach the kernel as arguments: it would freeze imported constants."""
 
     n_steps: int
     least_gain: float
@@ -31,9 +31,9 @@ class Cylinder:
     Parameters
     ----------
     point : ndarray of shape (3,)
-        Of the axis.
+        A point of the axis.
     axis : ndarray of shape (3,)
-        Unit vector.
+        Unit vector along the axis.
     radius : float
     """
 
@@ -50,17 +50,17 @@ class Cylinder:
 def fit_cylinder(points, normals, *, compiled=True):
     """Fit a cylinder to points by least squares of their distances (Gauss-Newton).
 
-    The axis is looked for from three directions: the longest and the second extent of the points,
-    of a pole and of a wide strip of a column, and the one most nearly perpendicular to all
-    normals, which is right where the others are not: on pieces as high as wide. Points of one
-    plane exactly have no best cylinder, and get a poor one: compare with their plane.
+    The search for the axis starts from three directions. The longest extent of the points is right
+    for a pole, and the second extent for a wide strip of a column. The direction most nearly
+    perpendicular to all normals is right for pieces as high as wide. Points of an exact plane have
+    no best cylinder and get a poor one: compare it with their plane.
 
     Parameters
     ----------
     points, normals : ndarray of shape (n, 3)
-        Six points at least; normals of either sign.
+        At least six points; normals of either sign.
     compiled : bool, default=True
-        Whether Numba compiles the loop, where it can be imported.
+        Whether Numba compiles the loop, if it can be imported.
 
     Returns
     -------
@@ -81,7 +81,7 @@ def fit_cylinder(points, normals, *, compiled=True):
 
 
 def _fit(points, starts, limits):
-    """Least sum of squares and cylinder of centered points; it compiles as it is."""
+    """Least sum of squares and cylinder of centered points; Numba compiles it unchanged."""
     n = len(points)
     best = np.inf
     model = np.zeros(7)
@@ -128,7 +128,7 @@ def _fit(points, starts, limits):
             point = point + step[0] * u + step[1] * v
             axis = axis + step[2] * u + step[3] * v
             axis /= np.sqrt((axis * axis).sum())
-            # The point moves back to the height of the points: it may lie anywhere on the axis.
+            # Move the axis point back to the height of the points; any point of the axis will do.
             point = point - (point * axis).sum() * axis
             radius = abs(radius + step[4])
     return best, model

@@ -1,4 +1,4 @@
-"""Narrow regions that are parts of one cylinder: posts, trunks, bins that came in strips."""
+"""Narrow regions that are parts of one cylinder, such as strips of posts, trunks and bins."""
 
 from dataclasses import dataclass
 
@@ -12,14 +12,14 @@ from sklearn_mcmd.segmentation._joining import MOST_NOISE, region_planes
 
 __all__ = ["CylinderParts"]
 
-# A region is narrow if its second extent is no more than so many times the radius that growth
-# looks at. Wider ones have normals of their own; where these turn, growth follows them.
+# A region is narrow if its second extent is at most 4 times the radius of growth's neighborhoods.
+# Wider regions have good normals, and growth follows them where they turn.
 MOST_WIDE = 4.0
-# Cylinders are fitted again, and pairs tried, once a region has grown so many times: the time
-# for all fits is then that of the last one or two.
+# A cylinder is fitted again, and pairs are tried again, when a region has grown by this factor. All
+# fits together then take only about as long as the last one or two.
 GROWTH = 2.0
 MAX_ROUNDS = 50
-# Fewer points fit cylinders of any kind.
+# With fewer points any cylinder fits.
 LEAST_SIZE = 2 * N_PARAMETERS
 
 
@@ -34,9 +34,9 @@ class _Part:
     plane, curve : mean squares about the plane and about the cylinder, by degrees of freedom
     cylinder : None where there are too few points
 
-    It is curved if its plane leaves more than `MOST_NOISE` times the root mean square that its
-    cylinder leaves, and if `CUTOFF` of these to both sides fit into the neighborhoods' radius: that
-    tells a surface from a volume, such as foliage.
+    It is curved if two conditions hold. Its plane leaves more than `MOST_NOISE` times the root mean
+    square that its cylinder leaves. And `CUTOFF` times the latter, on both sides, fits into the
+    neighborhoods' radius: this distinguishes a surface from a volume, such as foliage.
     """
 
     members: np.ndarray
@@ -61,12 +61,12 @@ class _Part:
 class CylinderParts:
     """Joins narrow regions that touch if one cylinder explains them.
 
-    On a thing no wider than the neighborhoods, normals say little: they turn within a spacing
-    or two, and growth leaves strips. Where the points lie still says what it is. Two parts are
-    one if a cylinder leaves less of both than a plane of each does, with fewer parameters; and if
-    what it leaves of each part is what the best model of that part alone leaves, up to
-    `MOST_NOISE`. The noise is thus measured on the parts themselves, and two narrow faces that
-    meet in an edge stay two: no cylinder follows both to within their noise.
+    On a thing no wider than the neighborhoods, normals turn within one or two spacings, and growth
+    leaves strips. The positions of the points still show its shape. Two parts are joined if two
+    conditions hold. One cylinder leaves less of both than two planes do, with fewer parameters. And
+    of each part it leaves at most `MOST_NOISE` times what the best model of that part alone leaves.
+    So the noise is measured on the parts themselves. Two narrow faces that meet in an edge stay
+    apart, because no cylinder follows both to within their noise.
 
     Parameters
     ----------
@@ -83,21 +83,21 @@ class CylinderParts:
         self.index, self.planes, self.floor = index, planes, floor
         self.max_gap = np.inf if max_gap is None else max_gap
         self.curved = np.empty(0, dtype=np.intp)
-        self.wide = None  # by label; regions only gain points, and no wide one becomes narrow
+        self.wide = None  # by label; regions only gain points, so a wide one stays wide
 
     def join(self, labels):
-        """Labels (n,), -1 for none, where parts of one cylinder have the smallest of theirs."""
+        """Labels (n,), -1 for none, in which parts of one cylinder share their smallest label."""
         labels = labels.copy()
         parts = self._narrow_parts(labels)
         self._join(labels, parts, set(parts), {})
         return labels
 
     def grow(self, labels):
-        """As `join`, and curved regions take in the points without region on their cylinders.
+        """As `join`, but curved regions also take in points without region on their cylinders.
 
-        Points of a post have planes that run off it, onto the ground or into a tree's foliage; the
-        cylinder doesn't. Parts that meet thereby are joined, and so on. Labels of regions that are
-        curved then are kept in the attribute `curved`.
+        The planes of a post's points run off it, onto the ground or into a tree's foliage. The
+        cylinder does not. If parts then touch, they are joined, and so on. The attribute `curved`
+        holds the labels of the regions that are curved at the end.
         """
         labels = labels.copy()
         parts = self._narrow_parts(labels)
@@ -111,14 +111,14 @@ class CylinderParts:
         return labels
 
     def _narrow_parts(self, labels):
-        """The parts that may be joined, by label: narrow regions, and those curved before."""
+        """The parts that may be joined, by label: narrow regions, and regions found curved."""
         n_regions = int(labels.max(initial=-1)) + 1
         wide = np.zeros(n_regions, dtype=bool) if self.wide is None else self.wide[:n_regions]
         rows = np.flatnonzero(~np.append(wide, True)[labels])
         own = labels[rows]
         sizes, *_, values, _ = region_planes(self.index.points[rows], own, n_regions)
         reach = np.bincount(own, self.planes.radius[rows], n_regions) / np.maximum(sizes, 1)
-        # Of points spread evenly over a width the standard deviation is its root 12th.
+        # Points spread evenly over a width have its root 12th as standard deviation.
         self.wide = wide | (np.sqrt(12 * values[:, 1]) > MOST_WIDE * reach)
         self.wide[self.curved] = False
         rows = rows[(~self.wide & (sizes >= 4))[own]]
@@ -131,7 +131,7 @@ class CylinderParts:
         }
 
     def _around(self, rows):
-        """The nearer half of the neighbors of rows; themselves in place of those beyond the gap."""
+        """The nearer half of the neighbors of rows; a row replaces neighbors beyond the gap."""
         k = n_within_median(self.index.n_neighbors) + 1
         distances, around = self.index.tree.query(self.index.points[rows], k=k)
         distances, around = distances.reshape(-1, k), around.reshape(-1, k)
@@ -154,7 +154,7 @@ class CylinderParts:
         return fit_cylinder(self.index.points[rows], self.planes.normals[rows], compiled=compiled)
 
     def _join(self, labels, parts, fresh, tried):
-        """Join `parts` in place as long as any can be; the names of those that changed."""
+        """Join `parts`, in place, until no more can be joined; the names of changed ones."""
         changed = set()
         for _ in range(MAX_ROUNDS):
             pairs = []
@@ -171,7 +171,7 @@ class CylinderParts:
         return changed
 
     def _touching(self, labels, parts, fresh):
-        """Pairs of parts of which a fresh one has a neighbor in the other, in order."""
+        """Pairs of a fresh part and another part in which it has a neighbor, in order."""
         names = sorted(fresh & set(parts))
         if not names:
             return []
@@ -181,7 +181,7 @@ class CylinderParts:
         row, column = np.nonzero((other != own[:, None]) & (other >= 0))
         first, second = own[row].astype(np.int64), other[row, column].astype(np.int64)
         n = int(labels.max()) + 1
-        # Sorted as one number each, which is much faster than as rows.
+        # Pairs are sorted as single numbers, which is much faster than as rows.
         pairs = np.unique(np.minimum(first, second) * n + np.maximum(first, second))
         pairs = zip((pairs // n).tolist(), (pairs % n).tolist(), strict=True)
         return [(a, b) for a, b in pairs if a in parts and b in parts]
@@ -193,8 +193,8 @@ class CylinderParts:
             return False
         small, large = sorted((first, second), key=lambda part: len(part.members))
         if large.curved and len(large.members) >= GROWTH * len(small.members):
-            # A small part hardly moves the cylinder of a large one: where most of it lies off that,
-            # no fit is needed, and none of all the large one's points is made for each neighbor.
+            # A small part hardly moves the cylinder of a large one. If most of it lies off that
+            # cylinder, no fit is needed. This saves a fit of the large part for each neighbor.
             near = large.shares(self.index.points[small.members]) <= 1
             if 2 * np.count_nonzero(near) <= len(near):
                 return False
@@ -210,7 +210,7 @@ class CylinderParts:
         return True
 
     def _pool(self, labels, parts, pairs):
-        """Join the parts of `pairs`, and of chains of them; the names of the joined ones."""
+        """Join the parts of `pairs`, also along chains of pairs; the names of the joined ones."""
         names, ends = np.unique(pairs, return_inverse=True)
         ends = ends.reshape(-1, 2)
         graph = coo_array((np.ones(len(ends)), ends.T), shape=(len(names), len(names)))
@@ -226,10 +226,10 @@ class CylinderParts:
         return pooled
 
     def _claim(self, labels, parts, fresh):
-        """Give points without region to the cylinder they touch and lie on best, in place.
+        """Give points without region to the cylinder that they touch and lie on best, in place.
 
-        Points claimed lead to others, until a part has grown by `GROWTH`. Returns the names of
-        those that grew.
+        Claimed points lead to others, until a part has grown by the factor `GROWTH`. Returns the
+        names of the parts that grew.
         """
         edges = {name: parts[name].around for name in sorted(fresh) if parts[name].curved}
         gained = {name: [] for name in edges}
@@ -254,7 +254,7 @@ class CylinderParts:
         return grown
 
     def _claims_of(self, labels, parts, edges):
-        """Rows without region among `edges`, name -> rows, and the part each lies on best."""
+        """Rows without region among `edges`, name -> rows, and the part that each lies on best."""
         rows, names, shares = [np.empty(0, np.intp)], [np.empty(0, np.intp)], [np.empty(0)]
         for name, edge in edges.items():
             free = np.unique(edge)

@@ -330,10 +330,10 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
 
 
 def _seeds(variation, points, planes):
-    """Rows in the order in which regions start at them: that of least curvature first.
+    """Rows in the order in which regions start at them: least curvature first.
 
-    Points that were lent the same plane have the same curvature: those on it come first, so that
-    no order of rows decides.
+    Points that borrowed the same plane have the same curvature. Among them those nearest to the
+    plane come first, so that the order of rows does not decide.
     """
     seeds = np.argsort(variation, kind="stable")
     same = np.diff(variation[seeds]) == 0
@@ -346,7 +346,7 @@ def _seeds(variation, points, planes):
 
 
 def _owners(X, index, n_jobs):
-    """Row of ``index.points`` that each row of X is, or is a copy of."""
+    """Row of ``index.points`` at the place of each row of X."""
     owners = np.empty(len(X), dtype=np.intp)
     if index.n_distinct == len(index.points) == len(X):
         owners[index.rows] = np.arange(len(X))
@@ -355,7 +355,7 @@ def _owners(X, index, n_jobs):
 
 
 def _renumber(labels, copies, min_size=1):
-    """Labels from 0 for the largest region on, those of fewer points than `min_size` -1."""
+    """Labels in order of size, 0 for the largest region; -1 for regions below `min_size`."""
     inside = labels >= 0
     sizes = np.bincount(labels[inside], copies[inside])
     order = np.argsort(-sizes, kind="stable")

@@ -1,4 +1,4 @@
-"""Planes of regions, and which regions are parts of one plane."""
+"""Planes of regions, and the joining of regions that are parts of one plane."""
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -7,15 +7,14 @@ from scipy.spatial import cKDTree
 
 __all__ = ["MOST_NOISE", "join_coplanar", "median_by_region", "region_planes"]
 
-# One thing explains points as well as another if it leaves no more than so many times its root
-# mean square: a region is flat, and another lies in its plane, if the distances are no more than
-# that of the noise of single neighborhoods.
+# Largest ratio of two root mean squares that count as equal. A region is flat, and another region
+# lies in its plane, if the distances are at most this many times the noise of neighborhoods.
 MOST_NOISE = 1.5
 # Parts are joined over a gap of at most this share of the smaller one's length.
 MOST_GAP = 0.5
-# What rounding adds to a least eigenvalue, as a share of the largest one.
+# Rounding error of a least eigenvalue, as a share of the largest one.
 ROUNDING = 16 * np.finfo(np.float64).eps
-# Regions whose pairs are tried at once: what bounds the memory.
+# Number of regions whose pairs are tried at once; it limits the memory.
 CHUNK = 256
 
 
@@ -47,7 +46,7 @@ def region_planes(points, labels, n_regions, weights=None):
     share = _grouping(labels, n_regions, weights)
     sizes = share.sum(axis=1)
     divisor = np.maximum(sizes, 1.0)
-    # Centered twice: the first mean of large coordinates is rounded.
+    # Center twice, because the first mean of large coordinates is rounded.
     centroids = np.zeros((d, n_regions))
     for _ in range(2):
         for i in range(d):
@@ -64,13 +63,13 @@ def region_planes(points, labels, n_regions, weights=None):
 
 
 def median_by_region(values, labels, n_regions):
-    """Median of the values of each region, of an even number the upper one.
+    """Median of the values of each region; for an even number the upper one.
 
     Parameters
     ----------
     values : ndarray of shape (n,)
     labels : ndarray of int of shape (n,)
-        Points of label -1 belong to none; each region has one at least.
+        Points of label -1 belong to none; each region has at least one point.
     n_regions : int
 
     Returns
@@ -87,10 +86,9 @@ def median_by_region(values, labels, n_regions):
 def join_coplanar(points, labels, noise):
     """Give one label to regions that are parts of one plane.
 
-    A shadow, or a few bad normals, part a wall. Of two regions the smaller one lies in the
-    plane of the larger, flat one if its root mean square distance to that plane is what the
-    noise explains; they are joined if the gap between them is at most half as long as the smaller
-    one.
+    A shadow, or a few bad normals, cut a wall into parts. A smaller region lies in the plane of a
+    larger, flat one if the noise explains its root mean square distance to that plane. The two are
+    joined if the gap between them is at most half as long as the smaller one.
 
     Parameters
     ----------
@@ -103,7 +101,7 @@ def join_coplanar(points, labels, noise):
     Returns
     -------
     labels : ndarray of int of shape (n,)
-        With the numbers of the joined regions' first.
+        A joined region has the number of its first part.
     """
     n_regions = int(labels.max(initial=-1)) + 1
     if n_regions < 2:
@@ -112,8 +110,8 @@ def join_coplanar(points, labels, noise):
     scale = median_by_region(noise, labels, n_regions)
     inside = np.flatnonzero(labels >= 0)
     members = inside[_grouping(labels[inside], n_regions).indices]
-    whole = np.arange(n_regions)  # the joined region that each region is part of
-    while True:  # each round joins two parts at least
+    whole = np.arange(n_regions)  # the joined region to which each region belongs
+    while True:  # each round joins at least two parts
         pairs, most = _pairs_in_a_plane(*planes, scale)
         if len(pairs) > 0:
             ends = np.searchsorted(whole[labels[members]], np.arange(len(scale) + 1))
@@ -121,7 +119,7 @@ def join_coplanar(points, labels, noise):
         if len(pairs) == 0:
             break
         graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(scale), len(scale)))
-        # Parts are numbered by their first region, so the order of regions stays.
+        # Parts are numbered by their first region, which keeps the order of regions.
         _, part = connected_components(graph, directed=False)
         planes, scale = _pool(*planes, scale, part)
         whole = part[whole]
@@ -150,12 +148,12 @@ def _pairs_in_a_plane(sizes, centroids, covariances, scale):
     """Pairs (smaller, larger) of regions that may be joined, and the gap that each allows."""
     eigenvalues, axes = np.linalg.eigh(covariances)
     eigenvalues, normals = np.maximum(eigenvalues, 0.0), axes[..., 0]
-    # Of points spread evenly over a length the standard deviation is its root 12th.
+    # Points spread evenly over a length have its root 12th as standard deviation.
     length = np.sqrt(12 * eigenvalues[:, -1])
     rounding = ROUNDING * eigenvalues[:, -1]
     flat = eigenvalues[:, 0] <= (MOST_NOISE * scale) ** 2 + rounding
     flat &= sizes > centroids.shape[1]
-    # Others are in no pair; a cloud of noise has very many of them.
+    # Regions that are not flat are in no pair; a cloud of noise has very many of them.
     flat = np.flatnonzero(flat)
     rank = np.argsort(np.argsort(sizes[flat], kind="stable"), kind="stable")
     centroids, covariances, normals = centroids[flat], covariances[flat], normals[flat]
@@ -172,7 +170,7 @@ def _pairs_in_a_plane(sizes, centroids, covariances, scale):
         candidate = heights**2 + tilted <= limit
         candidate &= rank[None] < rank[rows][:, None]
         r, s = np.nonzero(candidate)
-        # The gap is at least this: no point is farther from its centroid than the length.
+        # This is a lower bound of the gap: no point is farther from its centroid than the length.
         beyond = np.linalg.norm(apart[r, s], axis=-1) - reach[rows][r] - reach[s]
         near = beyond <= MOST_GAP * reach[s]
         found.append(np.column_stack([flat[s[near]], flat[rows][r[near]]]))
@@ -180,7 +178,7 @@ def _pairs_in_a_plane(sizes, centroids, covariances, scale):
 
 
 def _near(points, members, ends, pairs, most):
-    """Whether the gap between the regions of each pair is what the first of them allows."""
+    """Whether the gap between the regions of each pair is small enough for the first region."""
 
     def part(region):
         return points[members[ends[region] : ends[region + 1]]]
@@ -196,9 +194,9 @@ def _near(points, members, ends, pairs, most):
 
 
 def _grouping(labels, n_regions, weights=None):
-    """Sparse (n_regions, n) of weights, 1 by default; its `indices` are the rows by region.
+    """Sparse matrix (n_regions, n) of weights, 1 by default; `indices` are the rows by region.
 
-    Sorted by counting, rows of a region in their order.
+    It sorts by counting; the rows of a region keep their order.
     """
     n = len(labels)
     weights = np.ones(n) if weights is None else weights
