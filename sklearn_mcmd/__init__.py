@@ -1,6 +1,6 @@
 """Robust planes in point clouds: outliers, normals and curvature as scikit-learn estimators."""
 
-TYPE_CHECKING = False  # type checkers take it for True, as typing's, which takes time to import
+TYPE_CHECKING = False  # True for type checkers, like typing's, whose import takes time
 if TYPE_CHECKING:
     from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
     from sklearn_mcmd.edges import SharpFeatureDetector
@@ -20,8 +20,8 @@ __all__ = [
     "__version__",
 ]
 
-# Imported when first asked for (PEP 562): estimators need scikit-learn, which takes two seconds to
-# import, and `mcmd --help` does not need them.
+# Imported on first use (PEP 562): estimators need scikit-learn, whose import takes two seconds, and
+# `mcmd --help` needs no estimator.
 _HOMES = {
     "BaardaPlaneDetector": "adjustment",
     "FuzzyPlaneDetector": "adjustment",

@@ -11,7 +11,7 @@ def main():
     SystemExit
         Always, with the exit code: 0 done, 1 failed, 2 wrong usage, 130 interrupted.
     """
-    try:  # imports above would come before anyone sees to Ctrl-C
+    try:  # imports above this line would run before Ctrl-C is handled
         from sklearn_mcmd._extras import run_app
 
         run_app("sklearn_mcmd.cli", "mcmd", prog_name="mcmd")

@@ -1,4 +1,4 @@
-"""What is not installed with the package: optional libraries, and how to get them."""
+"""Optional libraries, which are not installed with the package, and how to install them."""
 
 import importlib
 import os
@@ -19,7 +19,7 @@ def import_extra(module, extra, purpose):
     extra : str
         The extra of this package that asks for the library.
     purpose : str
-        What needs it, as the error begins.
+        What needs the library; the error begins with it.
     """
     try:
         return importlib.import_module(module)
@@ -31,16 +31,17 @@ def import_extra(module, extra, purpose):
 
 
 def how_to_install(library, extra):
-    """The command that installs what an extra asks for, wherever this package came from.
+    """The command that installs the libraries of an extra.
 
-    A checkout, a wheel and an index call the package differently, the library is the same.
+    It names the libraries and not this package, which may come from a checkout, a wheel or an
+    index.
 
     Parameters
     ----------
     library : str
-        As it is imported.
+        The name under which it is imported.
     extra : str
-        The extra of this package that asks for it, itself or through another library.
+        The extra of this package that needs it, directly or through another library.
 
     Returns
     -------
@@ -53,17 +54,17 @@ def how_to_install(library, extra):
 
 
 def run_app(module, name, arguments=None, *, prog_name):
-    """Run a module's `app`; without the command line's libraries, say how to get them.
+    """Run a module's `app`; without the command line's libraries, say how to install them.
 
     Parameters
     ----------
     module : str
     name : str
-        Of the command, as its errors begin.
+        Name of the command, with which its errors begin.
     arguments : list of str, default=None
-        None are those of the process, which is then ours: Ctrl-C ends it with one line.
+        None means those of the process. The process is then ours, and Ctrl-C ends it with one line.
     prog_name : str
-        As help shows it.
+        The name that help shows.
 
     Raises
     ------
@@ -82,18 +83,18 @@ def run_app(module, name, arguments=None, *, prog_name):
         importlib.import_module(module).app(arguments, prog_name=prog_name)
     except SystemExit as end:
         if arguments is None and end.code == INTERRUPTED:
-            # Threads may still compile or compute; waiting for them would be no interruption.
+            # Threads may still compile or compute; do not wait for them.
             os._exit(INTERRUPTED)
         raise
 
 
 def _requirements(extra):
-    """What an extra asks for, by the metadata of the installed package."""
+    """The libraries of an extra, from the metadata of the installed package."""
     from importlib import metadata
 
     try:
         lines = metadata.requires("sklearn-mcmd") or []
-    except metadata.PackageNotFoundError:  # run from a folder, never installed
+    except metadata.PackageNotFoundError:  # run from a folder without installation
         return []
     parts = [line.partition(";") for line in lines]
     return [

@@ -1,4 +1,4 @@
-"""Ctrl-C in a program: one line and exit code 130, at whatever moment it comes."""
+"""Ctrl-C in a program: one line and exit code 130, at any moment."""
 
 import os
 import signal
@@ -12,38 +12,39 @@ INTERRUPTED = 130  # the shells' 128 + SIGINT
 AGAIN_AFTER = 0.05  # seconds
 
 _seen = threading.Event()
-_exit = None  # what ends the program; None in a process that is not ours
+_exit = None  # the handler that ends the program; None in a process that is not ours
 
 
 def exit_at_once(name):
-    """Let Ctrl-C end this process with one line, as long as there is nothing to clean up.
+    """Let Ctrl-C end this process with one line, while there is nothing to clean up.
 
-    While modules are imported an exception would not do: some turn it into another, and one that
-    comes in a callback of the garbage collector is printed and forgotten.
+    While modules are imported an exception may get lost. Some modules turn it into another one, and
+    Python only prints an exception that is raised in a callback of the garbage collector.
 
     Parameters
     ----------
     name : str
-        Of the program, as its line begins.
+        Name of the program, with which its line begins.
     """
     global _exit
 
     def end(*_):
-        # Of the system, not of `sys.stderr`, which may be in use this very moment.
+        # The system's write, because `sys.stderr` may be in use at this moment.
         os.write(2, f"{name}: interrupted\n".encode())
         os._exit(INTERRUPTED)
 
     _exit = end
-    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as behind nohup
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # nohup ignores it
         signal.signal(signal.SIGINT, end)
 
 
 @contextmanager
 def raise_interrupts():
-    """Let Ctrl-C raise KeyboardInterrupt within, so that files begun are removed.
+    """Let Ctrl-C raise KeyboardInterrupt within, so that unfinished files are removed.
 
-    Then `was_interrupted` is True, whatever exception a library made of it; where one forgot it,
-    it is raised again. Does nothing in processes and threads where `exit_at_once` is not in force.
+    Then `was_interrupted` is True, even if a library turned the interrupt into another exception.
+    If Python ignored it in a callback, it is raised again. This does nothing in processes and
+    threads where `exit_at_once` is not in force.
     """
     ours = _exit is not None and signal.getsignal(signal.SIGINT) is _exit
     if not ours or threading.current_thread() is not threading.main_thread():

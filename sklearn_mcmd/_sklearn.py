@@ -1,7 +1,7 @@
-"""The one place that touches scikit-learn's private API.
+"""The only file that uses scikit-learn's private API.
 
-``_fit_context`` and ``_param_validation`` are private though every mature satellite package uses
-them; if they move, only this file changes.
+``_fit_context`` and ``_param_validation`` are private, but most packages built on scikit-learn use
+them. If they move, only this file changes.
 """
 
 from sklearn.base import _fit_context as fit_context

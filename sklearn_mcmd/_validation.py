@@ -1,12 +1,12 @@
-"""Labels from scores, and checks of clouds: what estimators of every kind share."""
+"""Labels from scores, and checks of clouds, for all estimators."""
 
 import numpy as np
 from sklearn.base import OutlierMixin
 
 __all__ = ["FittedScoresMixin", "OffsetOutlierMixin", "check_extent", "check_sizes"]
 
-# Coordinates whose squares, and squares of whose differences, float64 can hold; float32 has
-# none beyond.
+# Float64 holds the squares of coordinates up to LARGEST, and of differences down to SMALLEST. All
+# finite float32 coordinates are smaller than LARGEST.
 LARGEST, SMALLEST = 1e100, 1e-100
 
 
@@ -28,7 +28,7 @@ class OffsetOutlierMixin(OutlierMixin):
         return self.score_samples(X) - self.offset_
 
     def predict(self, X):
-        """Label points by the fitted cloud, each as if it alone were added to it.
+        """Label points by the fitted cloud; each is judged as if it alone were added.
 
         Parameters
         ----------
@@ -37,13 +37,13 @@ class OffsetOutlierMixin(OutlierMixin):
         Returns
         -------
         labels : ndarray of int of shape (n_samples,)
-            1 for inliers, of a surface, and -1 for outliers, or edges.
+            1 for inliers (points of a surface) and -1 for outliers (or edges).
         """
         return np.where(self.decision_function(X) >= 0, 1, -1)
 
 
 class FittedScoresMixin(OffsetOutlierMixin):
-    """Labels of the fitted cloud from ``scores_``, its ``score_samples`` that `fit` keeps."""
+    """Labels of the fitted cloud from ``scores_``, the ``score_samples`` that `fit` stores."""
 
     def fit_predict(self, X, y=None):
         """Label the points of a cloud by itself.
@@ -56,14 +56,14 @@ class FittedScoresMixin(OffsetOutlierMixin):
         Returns
         -------
         labels : ndarray of int of shape (n_samples,)
-            1 for inliers, of a surface, and -1 for outliers, or edges: ``fit(X).predict(X)``,
-            without judging twice.
+            1 for inliers (points of a surface) and -1 for outliers (or edges). They equal
+            ``fit(X).predict(X)``, but points are judged only once.
         """
         return np.where(self.fit(X).scores_ >= self.offset_, 1, -1)
 
 
 def check_sizes(n, d, n_neighbors):
-    """Raise where there are too few points or neighbors for planes in d dimensions."""
+    """Raise if there are too few points or neighbors for planes in d dimensions."""
     if n < d + 1:
         raise ValueError(
             f"n_samples={n} is too few for planes in {d}D: at least {d + 1} are needed."
@@ -75,7 +75,7 @@ def check_sizes(n, d, n_neighbors):
 
 
 def check_extent(X):
-    """Raise where squares of coordinates would overflow, or of their differences vanish."""
+    """Raise if squares of coordinates would overflow, or squares of their differences vanish."""
     if X.dtype == np.float32 or len(X) == 0:
         return
     low, high = X.min(axis=0), X.max(axis=0)

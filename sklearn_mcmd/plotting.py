@@ -14,24 +14,24 @@ FAR, NEAR = (0.80, 0.83, 0.87), (0.24, 0.28, 0.34)
 
 
 def plot_cloud(xyz, *, color=None, outliers=None, view=VIEW, size=None, ax=None):
-    """Draw a cloud as it looks from far away, near points over far ones.
+    """Draw a cloud as it looks from far away, with near points over far ones.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Coordinates, z up. All points are drawn; a million take some seconds.
     color : color, or array-like of shape (n,), (n, 3) or (n, 4), default=None
-        One Matplotlib color, a number a point (colored by Matplotlib's color map), or a color a
-        point. None shades by distance, from light (far) to dark (near).
+        One Matplotlib color, a number for each point (colored by Matplotlib's color map), or a
+        color for each point. None shades by distance, from light (far) to dark (near).
     outliers : array-like of bool of shape (n,), default=None
         Points to draw in red, and larger.
     view : tuple of two floats
         Azimuth and elevation of the camera, in degrees. The default looks along +y, a little to
         the left, and from above.
     size : float, default=None
-        Diameter of a point in typographic points. None covers the picture about evenly.
+        Diameter of a point in typographic points. None chooses one that covers the picture.
     ax : matplotlib.axes.Axes, default=None
-        Where to draw; None makes a new figure.
+        Axes to draw on. None makes a new figure.
 
     Returns
     -------
@@ -108,9 +108,9 @@ def plot_before_after(before, outliers, after, missed, normals, *, view=VIEW):
     Parameters
     ----------
     before, after : array-like of shape (n, 3), (m, 3)
-        The cloud and what is left of it.
+        The cloud before and after cleaning.
     outliers, missed : array-like of bool of shape (n,), (m,)
-        Points to draw in red in either.
+        Points to draw in red, before and after.
     normals : array-like of shape (m, 3)
         Normals of `after`; their sign does not matter.
     view : tuple of two floats
@@ -119,7 +119,7 @@ def plot_before_after(before, outliers, after, missed, normals, *, view=VIEW):
     Returns
     -------
     fig : matplotlib.figure.Figure
-        With three axes; in the last a ball shows which color a normal gives.
+        A figure with three axes. In the last, a ball shows the color of each normal.
 
     See Also
     --------
@@ -145,7 +145,7 @@ def plot_before_after(before, outliers, after, missed, normals, *, view=VIEW):
 
 
 def normal_colors(normals, *, view=VIEW):
-    """Colors of a solid lit from the camera's upper left, tinted by where its faces look.
+    """Colors of a solid lit from the camera's upper left, tinted by the direction of its faces.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ def normal_colors(normals, *, view=VIEW):
     seen = np.where((normals @ toward < 0)[:, None], -normals, normals)
     light = 0.8 * toward - 0.5 * right + 0.5 * up
     shade = 0.45 + 0.55 * np.clip(seen @ (light / np.linalg.norm(light)), 0.0, 1.0)
-    # Faces along x, y and z each have a hue of their own; what lies between is mixed.
+    # Faces along x, y and z each have their own hue; other directions mix these.
     hues = np.array([[0.86, 0.42, 0.30], [1.0, 0.88, 0.62], [0.45, 0.66, 0.84]])
     colors = shade[:, None] * (seen**2 @ hues)
     return np.where(np.isnan(colors), 0.6, np.clip(colors, 0.0, 1.0))
@@ -196,7 +196,7 @@ def _draw_ball(ax, view):
 
 
 def region_colors(labels):
-    """Colors that tell regions apart: neighboring numbers differ most.
+    """Colors that distinguish regions: neighboring numbers differ most.
 
     Parameters
     ----------
@@ -241,14 +241,14 @@ def camera(view):
 
 
 def _distance_colors(depth):
-    # Percentiles, as one stray point must not take the contrast from all others.
+    # Percentiles, because a single far point would take the contrast from all others.
     far, near = np.percentile(depth, [1, 99])
     share = np.clip((depth - far) / max(near - far, np.finfo(float).tiny), 0.0, 1.0)[:, None]
     return (1 - share) * np.array(FAR) + share * np.array(NEAR)
 
 
 def _marker_size(ax, extent, n_points):
-    """Diameter at which the points would cover the picture once, within reason."""
+    """Diameter at which the points would cover the picture once, between 0.4 and 6."""
     figure = ax.get_figure()
     figure.draw_without_rendering()  # settles the layout
     box = ax.get_window_extent()

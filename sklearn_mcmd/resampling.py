@@ -1,4 +1,4 @@
-"""Outliers leave X and y together, in imbalanced-learn's pipelines."""
+"""A sampler that drops outliers from X and y together, for imbalanced-learn's pipelines."""
 
 from typing import Any, ClassVar
 
@@ -15,16 +15,16 @@ __all__ = ["DenoisingSampler"]
 class DenoisingSampler(BaseEstimator):
     """Drop outliers from X and y together, by `fit_resample` as in imbalanced-learn.
 
-    Steps of scikit-learn's Pipeline never change the number of rows, those of
-    :class:`imblearn.pipeline.Pipeline` may: with this as its first step, everything behind
-    learns from the cleaned cloud, and a grid search reaches the detector's parameters. Only
+    Steps of scikit-learn's Pipeline never change the number of rows, but steps of
+    :class:`imblearn.pipeline.Pipeline` may. With this as its first step, all later steps
+    learn from the cleaned cloud, and a grid search reaches the detector's parameters. Only
     fitting is affected; rows to predict, transform or score are never dropped.
 
     Parameters
     ----------
     detector : outlier detector, default=None
-        What finds the outliers: an estimator with `fit_predict` that gives -1 for them. It is
-        cloned. None is ``MCMDOutlierDetector(random_state=0)``.
+        The detector of the outliers: an estimator with `fit_predict` that gives -1 for them. It is
+        cloned. None means ``MCMDOutlierDetector(random_state=0)``.
 
     Attributes
     ----------
@@ -47,10 +47,10 @@ class DenoisingSampler(BaseEstimator):
 
     Notes
     -----
-    imbalanced-learn is not needed for the class itself, which has that library's interface
-    without its base class: `y` may be anything with one entry a row, continuous values, several
-    columns or None. A clusterer at the end of such a pipeline gives one label for each row
-    that was kept; ``pipeline[0].sample_indices_`` says which these are.
+    The class itself does not need imbalanced-learn. It has that library's interface without its
+    base class. `y` may hold anything with one entry for each row, such as continuous values or
+    several columns, or be None. A clusterer at the end of such a pipeline gives one label for
+    each row that was kept; ``pipeline[0].sample_indices_`` lists these rows.
 
     Examples
     --------
@@ -84,15 +84,15 @@ class DenoisingSampler(BaseEstimator):
         Returns
         -------
         X_kept, y_kept : of the kinds of X and y
-            The rows of the inliers, in their order; lists become arrays. None if y is None.
+            The rows of the inliers, in their order. Lists become arrays. `y_kept` is None if y is.
 
         Raises
         ------
         TypeError
             If the detector has no `fit_predict`.
         ValueError
-            If the detector refuses X, the lengths of X and y differ, the detector gives other
-            labels than +1 and -1, or it calls every point an outlier.
+            If the detector refuses X, if the lengths of X and y differ, or if the detector gives
+            other labels than +1 and -1 or calls every point an outlier.
         """
         check_consistent_length(X, y)
         detector = self.detector
