@@ -1,4 +1,4 @@
-"""The ``mcmd`` command: verbs that map one to one to estimators.
+"""The ``mcmd`` command. Each of its main verbs runs one estimator.
 
 Exit codes: 0 done; 1 failed, with one line on stderr; 2 wrong usage; 130 interrupted.
 """
@@ -14,16 +14,16 @@ from sklearn_mcmd.cli._normals import normals
 from sklearn_mcmd.cli._plane import plane
 from sklearn_mcmd.cli._segment import segment
 
-# Whatever takes long to import, or is an extra, is imported by the verb that needs it.
+# Libraries that take long to import, or are extras, are imported by the verb that needs them.
 
 __all__ = ["app"]
 
 app = typer.Typer(
     name="mcmd",
-    help="Outliers, normals and curvature of point clouds: LAS, LAZ, PLY, PCD, E57, XYZ, TXT, CSV, "
-    "NPY, NPZ, chosen by the extension.",
+    help="Find outliers, normals, surfaces and edges of point clouds. The extension of a file "
+    "chooses its format: LAS, LAZ, PLY, PCD, E57, XYZ, TXT, CSV, NPY, NPZ.",
     epilog="Exit codes: 0 done, 1 failed (one line on stderr says why), 2 wrong usage, "
-    "130 interrupted. An output file appears only when it is whole; it may be the input.",
+    "130 interrupted. An output file appears only when it is complete. It may be the input file.",
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,

@@ -26,19 +26,21 @@ def info(source: InFile):
 
 def demo(
     folder: Annotated[
-        Path, typer.Argument(metavar="[DIR]", help="Where to; made if need be.")
+        Path, typer.Argument(metavar="[DIR]", help="Folder of the files; it is made if missing.")
     ] = Path("mcmd-demo"),
     force: Annotated[
         bool,
-        typer.Option("--force", help="Replace files of these names that no earlier demo made."),
+        typer.Option(
+            "--force", help="Replace files with these names even if no earlier demo wrote them."
+        ),
     ] = False,
     n_jobs: NJobs = -1,
     quiet: Quiet = False,
 ):
-    """Clean a made-up street scan whose truth is known, and show how well that went.
+    """Clean a simulated street scan whose truth is known, and show how well that went.
 
     Writes street.laz (with outliers, and the truth as attributes), clean.laz, normals.laz and
-    demo.png, and prints the accuracy. Those of an earlier demo in the same folder are replaced.
+    demo.png, and prints the accuracy. Files of an earlier demo in the same folder are replaced.
     """
     with clear_exits():
         from sklearn_mcmd.cli import _demo_run

@@ -1,4 +1,4 @@
-"""The pieces of ``mcmd demo``: a street with known truth, and how near to it the results are."""
+"""The parts of ``mcmd demo``: a street with known truth, and the accuracy of the results."""
 
 import io
 
@@ -16,11 +16,11 @@ __all__ = ["draw", "made_by_demo", "normal_errors", "outlier_rates", "write_stre
 
 N_POINTS = 60_000
 OUTLIER_SHARE = 0.1
-COLORS = 160  # in the picture's palette, which makes the file a third as large
+COLORS = 160  # of the picture's palette, which reduces the file to a third
 
 
 def made_by_demo(path):
-    """Whether a file is the street of an earlier run: the truth that goes with it tells."""
+    """Whether a file is the street of an earlier run: it then holds the truth."""
     try:
         return {"true_outlier", "true_normal_x"} <= read_points(path).attributes.keys()
     except PointFileError:
@@ -47,7 +47,7 @@ def write_street(path):
 
 
 def outlier_rates(street, clean):
-    """How right the removal was, from the two files alone: the truth went along."""
+    """Accuracy of the removal, from the two files alone: both hold the truth."""
     is_outlier = read_points(street).attributes["true_outlier"] == 1
     missed = read_points(clean).attributes["true_outlier"] == 1
     n_outliers, n_regular = np.count_nonzero(is_outlier), np.count_nonzero(~is_outlier)

@@ -31,9 +31,9 @@ from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["denoise"]
 
-# Standard deviations that no measured noise leads to, only the rounding of floats.
+# Score, in standard deviations, that measured noise never reaches, only the rounding of floats.
 EXACT_PLANE_SCORE = 1e6
-# Of false positives: what the simulation resolves in 3D, and what the detector takes.
+# Rates of false positives: the least that the simulation resolves in 3D, and the detector's limit.
 LEAST_RATE, LARGEST_RATE = 1e-4, 0.5
 
 
@@ -53,16 +53,17 @@ def denoise(
     mode: Annotated[
         Mode,
         typer.Option(
-            help="drop: leave outliers out. mark: keep all points, outliers as class 7 (noise) in "
-            "LAS and LAZ, as attribute 'outlier' elsewhere, beside an 'outlier_score'."
+            help="drop: remove outliers. mark: keep all points, add an 'outlier_score' and mark "
+            "outliers, as class 7 (noise) in LAS and LAZ, elsewhere by an attribute 'outlier'."
         ),
     ] = Mode.drop,
     n_neighbors: NNeighbors = 50,
     method: Annotated[
         OutlierMethod,
         typer.Option(
-            help="How a plane leaves out its outliers. mcmd_z: by the distance to it. mcmd_md: by "
-            "the distance within it as well; with --noise-scale own that is the verdict, too."
+            help="How outliers of a plane are removed before it is fitted. mcmd_z: by their "
+            "distance to it. mcmd_md: by their distance within it as well; with --noise-scale own "
+            "it also decides which points are outliers."
         ),
     ] = OutlierMethod.mcmd_z,
     noise_scale: Annotated[
@@ -70,34 +71,35 @@ def denoise(
         typer.Option(
             parser=number_or("local", "own", "pooled"),
             metavar="local|own|pooled|NUMBER",
-            help="What distances to planes are measured by. local: the noise around, for any "
-            "cloud. own: that of the point's own neighborhood, as in the paper. pooled: one noise "
-            "for all, found from the cloud; NUMBER: given, in units of the file. These two find "
-            "most, but take curvature, foliage and what is rougher than the noise for outliers.",
+            help="The noise that distances to planes are divided by. local: the noise around the "
+            "point, for any cloud. own: the noise of the point's own neighborhood, as in the "
+            "paper. pooled: one noise for all points, found from the cloud. NUMBER: one noise for "
+            "all points, in units of the file. The last two find most outliers, but also remove "
+            "curved and rough surfaces and foliage.",
         ),
     ] = "local",
     max_iter: Annotated[
         int,
         typer.Option(
             min=1,
-            help="Most passes over the cloud: each judges all points by the planes of those that "
-            "the last one kept. 1 is fast and misses outliers that hide each other; more than 3 "
-            "change little.",
+            help="Largest number of passes over the cloud. Each pass judges all points by the "
+            "planes of the points that the last pass kept. 1 is fast and misses outliers that hide "
+            "each other. More than 3 change little.",
         ),
     ] = 3,
     borrow: Annotated[
         bool,
         typer.Option(
             "--borrow/--no-borrow",
-            help="Whether the plane of a neighbor may explain a point, as needed next to edges.",
+            help="Whether the plane of a neighbor may explain a point. Next to edges it must.",
         ),
     ] = True,
     keep_groups: Annotated[
         bool | None,
         typer.Option(
             "--keep-groups/--drop-groups",
-            help="Points that no plane explains, but that lie together as densely as surfaces do: "
-            "foliage, wires and other small things, and the mixed pixels of a dense edge.",
+            help="Whether to keep points that no plane explains if they are as dense as a surface: "
+            "foliage, wires and other small things, but also mixed pixels of a dense edge.",
             show_default="keep with --noise-scale local",
         ),
     ] = None,
@@ -106,7 +108,7 @@ def denoise(
         typer.Option(
             parser=positive,
             metavar="NUMBER",
-            help="Distance beyond which a point is an outlier, in standard deviations of the "
+            help="Distance from which on a point is an outlier, in standard deviations of the "
             "noise.",
             show_default="3; with --noise-scale own 2.5, for mcmd_md 3.06",
         ),
@@ -119,9 +121,9 @@ def denoise(
                 fits=lambda rate: LEAST_RATE <= rate < LARGEST_RATE,
             ),
             metavar="RATE",
-            help="Share of the points of a clean plane that may be lost, such as 0.01: the cutoff "
-            "is then found by simulation, so without --cutoff. From 0.0001 to below 0.5; beyond "
-            "some 0.1 only with --drop-groups.",
+            help="Share of the points of a clean plane that may be lost, such as 0.01. A "
+            "simulation then finds the cutoff; do not give --cutoff. From 0.0001 to below 0.5; "
+            "above about 0.1 only with --drop-groups.",
         ),
     ] = None,
     outlier_rate: OutlierRate = 0.5,
@@ -132,9 +134,9 @@ def denoise(
 ):
     """Remove or mark the points that no surface around them explains.
 
-    The default is for any cloud: curved, with foliage, of any spacing and noise. One pass by the
-    planes' own noise, as in the paper: --noise-scale own --no-borrow --max-iter 1. To lose a
-    stated share of good points: --false-positive-rate 0.01.
+    The default is for any cloud: curved, with foliage, of any spacing and noise. The paper's form
+    is --noise-scale own --no-borrow --max-iter 1. To lose a stated share of good points, give
+    --false-positive-rate 0.01.
     """
     if cutoff is not None and false_positive_rate is not None:
         raise typer.BadParameter(
@@ -179,7 +181,7 @@ def _find_outliers(xyz, **params):
 
 
 def _warn_if_without_scale(score):
-    """Say so where exact planes, which have no noise to measure by, made many outliers."""
+    """Warn if many points are outliers only because an exact plane has no noise."""
     share = np.count_nonzero(score > EXACT_PLANE_SCORE) / len(score)
     if share >= 0.01:
         warnings.warn(

@@ -57,8 +57,8 @@ def edges(
     criterion: Annotated[
         Criterion,
         typer.Option(
-            help="crease: distance to the line where two faces meet. The others: how far the "
-            "neighborhood is from flat."
+            help="crease: the distance to the line where two faces meet. The others measure how "
+            "much the neighborhood differs from a plane."
         ),
     ] = Criterion.crease,
     threshold: Annotated[
@@ -66,8 +66,8 @@ def edges(
         typer.Option(
             parser=positive,
             metavar="NUMBER",
-            help="Largest distance to a crease, in spacings of the points; least value of the "
-            "other criteria.",
+            help="Limit of an edge: the largest distance to a crease, in spacings of the points, "
+            "or the least value of another criterion.",
             show_default="2; for the others median + 3 robust standard deviations",
         ),
     ] = None,
@@ -75,10 +75,10 @@ def edges(
         float, typer.Option(min=1.0, max=89.0, help="Least angle of a crease, in degrees.")
     ] = 20.0,
     denoise: Annotated[
-        bool, typer.Option(help="Whether outliers are left out when edges are looked for.")
+        bool, typer.Option(help="Whether outliers are removed before edges are searched.")
     ] = True,
     colors: Annotated[
-        bool | None, colors_option("Whether colors are written: edges red, surfaces gray.")
+        bool | None, colors_option("Whether to write colors: edges red, surfaces gray.")
     ] = None,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
@@ -87,9 +87,9 @@ def edges(
 ):
     """Mark edges and corners: points next to a line where two faces meet.
 
-    All points are kept. New attributes: edge (1 or 0, 8 bit), edge_score (float32: the distance
-    to the nearest crease in spacings, at most 20, or the criterion's value) and, where the input
-    has no colors or with --colors, red, green and blue.
+    All points are kept. New attributes are edge (1 or 0, 8 bits) and edge_score (float32: the
+    distance to the nearest crease in spacings, at most 20, or the criterion's value). If the input
+    has no colors, or with --colors, also red, green and blue.
     """
     with clear_exits(allow_coarse=allow_coarse):
         seconds = stopwatch()
@@ -119,7 +119,7 @@ def edges(
 
 
 def _find_edges(xyz, **params):
-    """Whether each point is of an edge, and its distance or the criterion's value."""
+    """Whether each point belongs to an edge, and its distance or the criterion's value."""
     from sklearn_mcmd import SharpFeatureDetector
 
     with progress_part(*WORKING):
@@ -129,7 +129,7 @@ def _find_edges(xyz, **params):
 
 
 def _results(is_edge, score, brightest):
-    """The columns to write, colors up to `brightest` among them if that is a number."""
+    """The columns to write, with colors up to `brightest` if that is a number."""
     columns = {"edge": is_edge.astype(np.uint8), "edge_score": score.astype(np.float32)}
     if brightest is not None:
         paint = np.where(is_edge[:, None], EDGE_COLOR, SURFACE_COLOR) * (brightest // 255)

@@ -1,12 +1,12 @@
-"""What a point file holds, in the words of ``mcmd info``."""
+"""The contents of a point file, as ``mcmd info`` prints them."""
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 __all__ = ["summarize"]
 
-USER_DEFINED = 32767  # GeoTIFF's code for a system that has none
-SPACING_SAMPLE = 200_000  # points at most that the median spacing is taken from
+USER_DEFINED = 32767  # GeoTIFF's code for a system without a code
+SPACING_SAMPLE = 200_000  # largest number of points that the median spacing is taken from
 
 
 def summarize(source, cloud):
@@ -49,12 +49,12 @@ def summarize(source, cloud):
 
 
 def _bounds(low, high):
-    """Ranges of the axes: six digits of the largest extent, or, of one location, those it has."""
+    """Ranges of the axes, to six digits of the largest extent; one location has all its digits."""
     extent = float((high - low).max())
     if extent == 0.0:
         return {axis: f"{value!r}" for axis, value in zip("xyz", low.tolist(), strict=True)}
     digits = max(0, 5 - int(np.floor(np.log10(extent))))
-    # Of large coordinates float64 has fewer digits than that.
+    # For large coordinates float64 holds fewer digits than that.
     most = max(0, 15 - int(np.floor(np.log10(max(np.abs([low, high]).max(), 1.0)))))
     digits = min(digits, most)
     return {
@@ -71,7 +71,7 @@ def _coordinate_system(header):
         if wkt.count('"') >= 2:  # WKT begins with its kind and its name
             return wkt.split('"')[1]
         for key in getattr(record, "geo_keys", ()):
-            # GeoTIFF: 3072 a projected system, 2048 a geographic one, both as EPSG codes.
+            # GeoTIFF: 3072 is a projected system, 2048 a geographic one, both as EPSG codes.
             if key.id == 3072 or (key.id == 2048 and name is None):
                 code = key.value_offset
                 name = "user-defined" if code == USER_DEFINED else f"EPSG:{code}"

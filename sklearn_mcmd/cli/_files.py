@@ -1,4 +1,4 @@
-"""What the verbs read and write; what must fail does so before the long work."""
+"""Reading and writing by the verbs. Errors of writing appear before the long work."""
 
 import os
 import tempfile
@@ -26,7 +26,7 @@ __all__ = [
 ]
 
 USUAL_NEIGHBORS = 50
-# What is shown of the progress of a verb between reading and writing, begin and end.
+# Begin and end of the work between reading and writing, as shares of a verb's progress.
 WORKING = (0.04, 0.97)
 _COLORS = ("red", "green", "blue")
 
@@ -50,10 +50,10 @@ def with_results(cloud, results):
 
 
 def coordinates(cloud):
-    """Coordinates in the precision they have: float32 where nothing is lost.
+    """Coordinates in their real precision: float32 if that holds them exactly.
 
-    Files hold float32 behind columns that read as float64; the estimators warn where that is
-    too coarse.
+    Many files hold float32 numbers in columns of float64. The estimators warn if float32 is too
+    coarse.
     """
     with np.errstate(over="ignore"):
         single = cloud.xyz.astype(np.float32)
@@ -61,7 +61,7 @@ def coordinates(cloud):
 
 
 def warn_if_coarse(cloud):
-    """Warn as the estimators of neighborhoods do, for a verb whose estimator has none."""
+    """Warn as estimators with neighborhoods do, for a verb whose estimator has none."""
     if coordinates(cloud).dtype == np.float32:
         from sklearn_mcmd.planes._neighborhoods import NeighborIndex
         from sklearn_mcmd.planes._resolution import warn_if_coarse as warn
@@ -71,7 +71,7 @@ def warn_if_coarse(cloud):
 
 @contextmanager
 def naming(path):
-    """Name the file in what the system says of writing it."""
+    """Name the file in the system's errors of writing."""
     from sklearn_mcmd.io._files import system_error
 
     try:
@@ -94,7 +94,7 @@ def color_columns(paint):
 
 
 def read(source, target=None, results=None):
-    """Read a cloud; a `target` that cannot be written, or hold the `results`, is refused before."""
+    """Read a cloud; first refuse a `target` that cannot be written or cannot hold `results`."""
     from sklearn_mcmd.io import PointCloud, read_points
 
     if results is not None and target.suffix.lower() == ".e57":
@@ -124,14 +124,14 @@ def _write(target, cloud, noise):
 
 
 def rehearse(target, cloud, noise=None):
-    """Write one point beside `target`, so that what must fail does so before the long work."""
+    """Write one point beside `target`, so that errors appear before the long work."""
     with standing_in(target) as stand_in:
         _write(stand_in, cloud.subset(slice(0, 1)), None if noise is None else noise[:1])
 
 
 @contextmanager
 def standing_in(target):
-    """A path beside `target` that can be written to on trial; errors name `target` itself."""
+    """A path beside `target` for trial writing; errors name `target` itself."""
     from sklearn_mcmd.io._files import system_error
 
     real = Path(os.path.realpath(target))
@@ -146,7 +146,7 @@ def standing_in(target):
             tempfile.TemporaryDirectory(prefix=".mcmd-", dir=real.parent) as folder,
             warnings.catch_warnings(),
         ):
-            warnings.simplefilter("ignore")  # the performance itself will give them
+            warnings.simplefilter("ignore")  # the real writing will give them
             stand_in = Path(folder) / target.name
             try:
                 yield stand_in

@@ -53,7 +53,8 @@ def normals(
     method: Annotated[
         NormalMethod,
         typer.Option(
-            help="How outliers of a neighborhood are found before its plane is fitted; pca: not "
+            help="How outliers of a neighborhood are found before its plane is fitted. mcmd_z: by "
+            "their distance to the plane. mcmd_md: by their distance within it as well. pca: not "
             "at all."
         ),
     ] = NormalMethod.mcmd_z,
@@ -68,21 +69,21 @@ def normals(
     orientation: Annotated[
         Orientation,
         typer.Option(
-            help="Which of two opposite normals. none, up: the one with positive z. viewpoint: the "
-            "one to the scanner. mst: neighbors agree."
+            help="Which of two opposite normals to take. none, up: the one with positive z. "
+            "viewpoint: the one toward the scanner. mst: the one that agrees with the neighbors."
         ),
     ] = Orientation.none,
     viewpoint: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,Z", help="The scanner, for --orientation viewpoint."),
+        typer.Option(metavar="X,Y,Z", help="Position of the scanner, for --orientation viewpoint."),
     ] = None,
     features: Annotated[
         str | None,
         typer.Option(
             metavar="NAME,...",
-            help="More attributes, or all: linearity, planarity, sphericity, omnivariance, "
-            "anisotropy, eigenentropy, verticality, roughness, normal_error (degrees; the true "
-            "normal is within 1.73 of them with 95 % confidence).",
+            help="Further attributes, or all of them: linearity, planarity, sphericity, "
+            "omnivariance, anisotropy, eigenentropy, verticality, roughness, normal_error. The "
+            "last is in degrees; the true normal is within 1.73 errors with 95 % confidence.",
         ),
     ] = None,
     cutoff: Annotated[
@@ -90,7 +91,7 @@ def normals(
         typer.Option(
             parser=positive,
             metavar="NUMBER",
-            help="Distance beyond which a neighbor is an outlier, in robust standard deviations.",
+            help="Distance from which on a neighbor is an outlier, in robust standard deviations.",
             show_default="2.5, for mcmd_md 3.06",
         ),
     ] = None,
@@ -102,9 +103,10 @@ def normals(
 ):
     """Add normals, curvature and eigenvalues, robust to outliers and edges.
 
-    All points are kept. New attributes, float32: normal_x, normal_y, normal_z, surface_variation
-    (curvature: 0 on a plane, at most 1/3), eigenvalue_0 to eigenvalue_2 (ascending), and
-    removed_fraction, the share of the neighborhood that was left out; and the --features.
+    All points are kept. New attributes, float32, are normal_x, normal_y, normal_z,
+    surface_variation (curvature: 0 on a plane, at most 1/3), eigenvalue_0 to eigenvalue_2
+    (ascending), removed_fraction (the share of the neighborhood that was removed) and the
+    --features.
     """
     viewpoint = _parse_viewpoint(orientation, viewpoint)
     features = _parse_features(features)
@@ -157,7 +159,7 @@ def _find_normals(xyz, **params):
 
 
 def _parse_viewpoint(orientation, text):
-    """Three numbers, or None; whatever is wrong is wrong usage."""
+    """Three numbers, or None; all errors are wrong usage."""
     if (text is not None) != (orientation is Orientation.viewpoint):
         raise typer.BadParameter("--orientation viewpoint and --viewpoint X,Y,Z go together.")
     if text is None:
@@ -175,7 +177,7 @@ def _parse_viewpoint(orientation, text):
 
 
 def _parse_features(text):
-    """Names of features; whatever is wrong is wrong usage."""
+    """Names of features; all errors are wrong usage."""
     from sklearn_mcmd.normals._features import settle_features
 
     names = [part.strip() for part in (text or "").split(",") if part.strip()]

@@ -1,4 +1,4 @@
-"""Arguments and options that several verbs share, and how options are parsed."""
+"""Arguments and options that several verbs share, and parsers of options."""
 
 from math import inf, nan
 from pathlib import Path
@@ -28,7 +28,7 @@ def _is_positive(number):
 def number_or(*words, expected="a number above 0", fits=_is_positive):
     """Parser of an option that is one of some words, or a number that `fits`.
 
-    `expected` says in the error what such a number is; NaN must not fit.
+    `expected` describes such a number in the error. NaN must not fit.
     """
 
     def parse(value):
@@ -50,7 +50,7 @@ positive = number_or()
 
 
 def colors_option(help):
-    """The option of verbs that paint what they find."""
+    """The option of verbs that color their results."""
     return typer.Option("--colors/--no-colors", help=help, show_default="unless IN has colors")
 
 
@@ -77,25 +77,25 @@ OutlierRate = Annotated[
             "auto", expected="a number from 0 to 0.99", fits=lambda rate: 0 <= rate <= 0.99
         ),
         metavar="NUMBER|auto",
-        help="Largest share of outliers in a neighborhood to be prepared for, up to 0.99; sets the "
-        "number of trials, not the share that is removed. auto: as 0.5; in three dimensions it "
-        "makes all trials, since compiled code screens them at once.",
+        help="Largest share of outliers that a neighborhood must survive, up to 0.99. It sets the "
+        "number of trials, not the share that is removed. auto: the same as 0.5.",
     ),
 ]
 RandomState = Annotated[
-    int, typer.Option(min=0, max=2**32 - 1, help="Seed; the same seed gives the same file.")
+    int, typer.Option(min=0, max=2**32 - 1, help="Seed. The same seed gives the same file.")
 ]
 NJobs = Annotated[
-    int, typer.Option(callback=_not_zero, help="Threads; -1 is one a processor, 0 means nothing.")
+    int, typer.Option(callback=_not_zero, help="Number of threads. -1: one for each processor.")
 ]
 AllowCoarse = Annotated[
     bool,
     typer.Option(
         "--allow-coarse",
-        help="Go on where single precision rounds coordinates too coarsely for the spacing of the "
-        "points, as large ones in PLY or PCD; else this is an error.",
+        help="Accept coordinates that single precision rounds too coarsely for the spacing of the "
+        "points, such as large coordinates in PLY or PCD. Without this they are an error.",
     ),
 ]
 Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", help="No progress bar and no summary; warnings stay.")
+    bool,
+    typer.Option("--quiet", "-q", help="Show no progress bar and no summary, only warnings."),
 ]

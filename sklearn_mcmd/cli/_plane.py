@@ -34,7 +34,7 @@ from sklearn_mcmd.planes._progress import progress_part
 __all__ = ["plane"]
 
 FIGURE_EXTENSIONS = (".png", ".pdf", ".svg")
-# So many points show the step of their coordinates.
+# Number of points that suffices to find the step of their coordinates.
 MAX_LOOKED_AT = 20_000
 
 
@@ -71,16 +71,16 @@ def plane(
     method: Annotated[
         Method,
         typer.Option(
-            help="baarda: data snooping, remove the worst point and adjust again. fuzzy: one "
-            "adjustment and a limit between the two groups; at the same critical value the "
-            "weaker test."
+            help="baarda: data snooping, which removes the worst point and adjusts again. fuzzy: "
+            "one adjustment, and a limit between outliers and the rest. fuzzy is the weaker test "
+            "at the same critical value."
         ),
     ] = Method.baarda,
     test: Annotated[
         Test,
         typer.Option(
-            help="w: residuals against sigma0. tau, t: against their own scale, blind beyond "
-            "some 5 % of outliers."
+            help="w: compare residuals with sigma0. tau, t: compare them with their own scale; "
+            "these find nothing above about 5 % of outliers."
         ),
     ] = Test.w,
     alpha: Annotated[
@@ -96,54 +96,59 @@ def plane(
         typer.Option(
             parser=number_or("auto"),
             metavar="NUMBER|auto",
-            help="Standard deviation of a coordinate, in units of the file. Give it where you "
-            "know it. auto: a robust scale of the residuals, by which a rough surface is as "
-            "good as a smooth one.",
+            help="Standard deviation of a coordinate, in units of the file. Give it if you know "
+            "it. auto: a robust scale of the residuals; a rough surface then passes like a smooth "
+            "one.",
         ),
     ] = "auto",
     correction: Annotated[
         Correction | None,
         typer.Option(
-            help="Level of one point: none is alpha itself, which flags that share of good points.",
+            help="How the level of one point follows from alpha. none: it is alpha, and that share "
+            "of the good points is flagged.",
             show_default="sidak, for fuzzy none",
         ),
     ] = None,
     elimination: Annotated[
         Elimination | None,
         typer.Option(
-            help="baarda only: remove the worst point of each round, or all rejected ones.",
+            help="For baarda only. single: remove the worst point of each round. all: remove all "
+            "rejected points.",
             show_default="single",
         ),
     ] = None,
     surface: Annotated[
         Surface,
         typer.Option(
-            help="orthogonal: distances from the plane, right for every tilt. vertical: along z, "
-            "for heights over exact positions; wrong for walls."
+            help="orthogonal: residuals are distances from the plane, for any tilt. vertical: "
+            "residuals are along z, for heights at exact positions; wrong for walls."
         ),
     ] = Surface.orthogonal,
     robust_start: Annotated[
         bool | None,
         typer.Option(
             "--robust-start/--no-robust-start",
-            help="baarda only: start from the plane of the most coplanar half, so that outliers "
-            "at one edge do not tilt it; --no-robust-start is the paper's least squares.",
+            help="For baarda only. Start from the plane of the most coplanar half of the points, "
+            "so that outliers at one edge do not tilt it. --no-robust-start is the paper's least "
+            "squares.",
             show_default="robust-start",
         ),
     ] = None,
     report: Annotated[
         Path | None,
-        typer.Option(help="Text report.", show_default="OUT with _report.txt for its extension"),
+        typer.Option(
+            help="Text report to write.", show_default="OUT, its extension replaced by _report.txt"
+        ),
     ] = None,
     plot: Annotated[
         Path | None,
         typer.Option(
-            help="Figure: .png, .pdf or .svg.",
-            show_default="OUT with _report.png for its extension",
+            help="Figure to write: .png, .pdf or .svg.",
+            show_default="OUT, its extension replaced by _report.png",
         ),
     ] = None,
     unit: Annotated[
-        str, typer.Option(help="Unit of the file, such as m; it is only printed.")
+        str, typer.Option(help="Unit of the file, such as m. It is only printed.")
     ] = "",
     random_state: RandomState = 0,
     allow_coarse: AllowCoarse = False,
@@ -151,10 +156,10 @@ def plane(
 ):
     """Test one plane, such as a wall or a floor: mark its outliers and write a report.
 
-    All points are kept. Outliers are class 7 (noise) in LAS and LAZ, attribute 'outlier'
-    elsewhere, beside 'residual' (in units of the file) and 'test_statistic', float32. The
-    report, text and figure, holds the plane, its quality and the residuals. Points that
-    determine no plane are refused: fewer than four distinct ones, or points along a line.
+    All points are kept. Outliers get class 7 (noise) in LAS and LAZ, elsewhere an attribute
+    'outlier'. All points get a 'residual' (in units of the file) and a 'test_statistic', float32.
+    The report, as text and as figure, shows the plane, its quality and the residuals. Points that
+    determine no plane are refused: fewer than four distinct points, or points along a line.
     """
     params = _detector_params(
         method, alpha, test, sigma0, correction, elimination, surface, robust_start
@@ -179,7 +184,7 @@ def plane(
 
 
 def _detector_params(method, alpha, test, sigma0, correction, elimination, surface, robust_start):
-    """Parameters of the detector; what the method doesn't have is wrong usage."""
+    """Parameters of the detector; options that the method lacks are wrong usage."""
     params = {"alpha": alpha, "test": str(test), "sigma0": sigma0, "surface": str(surface)}
     if correction is not None:
         params["correction"] = str(correction)
@@ -196,8 +201,8 @@ def _detector_params(method, alpha, test, sigma0, correction, elimination, surfa
 
 
 def _choose_sheets(source, target, report, plot):
-    """Where the text and the figure go: never where a point file is."""
-    # Not OUT with .txt: that may well be the name of a point file.
+    """Paths of the text and the figure, which must not be those of the point files."""
+    # Not OUT with .txt, which may be the name of a point file.
     report = report or target.with_name(f"{target.stem}_report.txt")
     plot = plot or target.with_name(f"{target.stem}_report.png")
     if plot.suffix.lower() not in FIGURE_EXTENSIONS:
@@ -213,7 +218,7 @@ def _choose_sheets(source, target, report, plot):
 
 
 def _rehearse_sheets(sheets, plot_wanted):
-    """The paths of text and figure, tried out; None for a figure that cannot be drawn."""
+    """The paths of text and figure after a trial; None for a figure that cannot be drawn."""
     report, plot = sheets
     with standing_in(report):
         pass
@@ -245,14 +250,14 @@ def _test_plane(xyz, method, params):
 
 
 def _check_width(detector, xyz):
-    """Raise where the points that pass are no sheet, but thick about a line or a place."""
+    """Raise if the points that pass are no sheet, but lie around a line or a place."""
     from sklearn_mcmd.adjustment import adjust_plane
     from sklearn_mcmd.adjustment._determinacy import AS_THICK_AS_WIDE, normal_pvalue
     from sklearn_mcmd.planes._resolution import coordinate_step
 
     retained = adjust_plane(xyz[detector.support_], surface="orthogonal")
     thick = np.sqrt(retained.sum_of_squares / retained.n_observations)
-    # A file that rounds a line to, say, millimeters makes a narrow lattice of it.
+    # A file that rounds to millimeters, for example, turns a line into a narrow lattice.
     step = coordinate_step(xyz[:: len(xyz) // MAX_LOOKED_AT + 1])
     pvalue = normal_pvalue(retained, rounding=np.sqrt(xyz.shape[1]) / 2 * step)
     if pvalue > detector.alpha:
@@ -271,7 +276,7 @@ def _tested(cloud, is_outlier, statistic, residuals):
 
 
 def _write_all(source, target, sheets, cloud, detector, residuals, unit):
-    """Write the points and both sheets; nothing is replaced before all of it is on the disk."""
+    """Write the points and both sheets; no file is replaced before all are on the disk."""
     from contextlib import ExitStack
 
     from sklearn_mcmd.adjustment import plot_report, text_report
@@ -294,7 +299,7 @@ def _write_all(source, target, sheets, cloud, detector, residuals, unit):
 
 
 def _record(source, target, plot):
-    """The report's last lines: what it was made of, with what and when."""
+    """The report's last lines: input, output, program and date."""
     from datetime import datetime
 
     from sklearn_mcmd import __version__

@@ -74,47 +74,50 @@ def segment(
         ),
     ] = None,
     min_region_size: Annotated[
-        int, typer.Option(min=1, help="Regions of fewer points are dissolved.")
+        int, typer.Option(min=1, help="Regions with fewer points are dissolved.")
     ] = 10,
     regrow_rest: Annotated[
         bool,
         typer.Option(
             "--regrow-rest/--no-regrow-rest",
-            help="Find faces a few points wide beside larger ones, such as kerbs, in the points "
-            "that no region reached.",
+            help="Whether to grow regions again from the points that no region reached. This finds "
+            "faces a few points wide beside larger ones, such as kerbs.",
         ),
     ] = True,
     join_coplanar: Annotated[
         bool,
         typer.Option(
             "--join-coplanar/--no-join-coplanar",
-            help="Join regions of one plane whose gap is shorter than they are, such as a wall "
-            "that a shadow cuts.",
+            help="Whether to join regions in one plane if the gap between them is at most half as "
+            "long as the smaller one, such as the parts of a wall that a shadow cuts.",
         ),
     ] = True,
     join_curved: Annotated[
         bool,
         typer.Option(
             "--join-curved/--no-join-curved",
-            help="Join narrow regions of one cylinder, such as strips of a post or a trunk.",
+            help="Whether to join narrow regions of one cylinder, such as strips of a post or a "
+            "trunk.",
         ),
     ] = True,
     assign_rest: Annotated[
         bool,
         typer.Option(
             "--assign-rest/--no-assign-rest",
-            help="Give points that no region reached to the region whose plane is near.",
+            help="Whether to give points that no region reached to the region whose plane is "
+            "nearest, if its noise explains the distance.",
         ),
     ] = True,
     colors: Annotated[
         bool | None,
-        colors_option("Whether colors are written: one for each region, gray for none."),
+        colors_option("Whether to write colors: one for each region, gray for points of none."),
     ] = None,
     n_neighbors: NNeighbors = 50,
     growth_neighbors: Annotated[
         int,
         typer.Option(
-            min=4, help="Points in a neighborhood that regions grow in, the nearer half of them."
+            min=4,
+            help="Points in a neighborhood for growth. Regions grow to the nearer half of them.",
         ),
     ] = 30,
     outlier_rate: OutlierRate = 0.5,
@@ -125,8 +128,8 @@ def segment(
 ):
     """Divide a cloud into surfaces: road, kerb and footpath, walls, signs, poles.
 
-    All points are kept. New attributes: region, int32, from 0 for the largest on, -1 for none;
-    and red, green, blue, 8 bits, a color for each region. Denoise first where there are outliers.
+    All points are kept. New attributes are region (int32; 0 is the largest, -1 is none) and red,
+    green and blue (8 bits, one color for each region). Denoise a cloud with outliers first.
     """
     with clear_exits(allow_coarse=allow_coarse):
         seconds = stopwatch()

@@ -1,4 +1,4 @@
-"""How the verbs speak: errors, warnings, progress, summaries."""
+"""Messages of the verbs: errors, warnings and summaries."""
 
 import time
 import warnings
@@ -22,14 +22,14 @@ __all__ = [
 
 @contextmanager
 def clear_exits(*, allow_coarse=False):
-    """One line on stderr and an exit code for whatever a user can run into.
+    """Turn each error that a user can meet into one line on stderr and an exit code.
 
     Coordinates that float32 rounds too coarsely are an error unless `allow_coarse`.
     """
     try:
         with raise_interrupts(), tidy_when_terminated(), _plain_warnings(allow_coarse):
             yield
-    except typer.Exit:  # of a verb within a verb, which has told why
+    except typer.Exit:  # from a verb within a verb, which has said why
         raise
     except BaseException as err:
         if isinstance(err, KeyboardInterrupt) or was_interrupted():
@@ -55,7 +55,7 @@ def _fail(message, code=1):
 
 
 def _in_words(err):
-    """What happened, to what file, without the names of Python."""
+    """The error and its file, without Python's names."""
     if isinstance(err, OSError) and err.strerror:
         about = f"{err.filename}: " if err.filename else ""
         return f"{about}{err.strerror.lower()}"
@@ -67,7 +67,7 @@ def _is_coarse(warning):
 
 
 def _coarse_words(warning):
-    """Not that they are stored in single precision: whole meters look the same."""
+    """The warning in words. It does not claim single precision: whole meters look the same."""
     return (
         f"single precision (float32) rounds coordinates as large as {warning.largest:,.0f} to "
         f"steps of {warning.rounding:.2g}, and those of the file have no more digits: too coarse "
@@ -77,7 +77,7 @@ def _coarse_words(warning):
 
 @contextmanager
 def _plain_warnings(allow_coarse):
-    """Show each warning meant for users once, in one line."""
+    """Show each warning for users once, in one line."""
     shown = set()
 
     def show(message, category, *args, **kwargs):
@@ -92,7 +92,7 @@ def _plain_warnings(allow_coarse):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", UserWarning)
-        # Some libraries' deprecations are both, and are for programmers.
+        # Deprecations are for programmers, though some libraries derive them from UserWarning.
         warnings.simplefilter("ignore", DeprecationWarning)
         warnings.showwarning = show
         yield
@@ -107,12 +107,12 @@ def print_table(title, **rows):
 
 
 def print_summary(source, target, n_points, seconds, **rows):
-    """What a verb made of a cloud: what it found, between what all verbs tell."""
+    """The summary of a verb: files, number of points, its own rows, and seconds."""
     print_table(f"{source} -> {target}", points=f"{n_points:,}", **rows, seconds=f"{seconds:.1f}")
 
 
 def count_and_share(mask):
-    """How many are marked, and the percentage that they are."""
+    """The number of marked points, and their percentage."""
     n = int(np.count_nonzero(mask))
     return f"{n:,} ({100 * n / len(mask):.2f} %)"
 

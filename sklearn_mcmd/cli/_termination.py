@@ -1,4 +1,4 @@
-"""What a command leaves behind when it is told to end: nothing half-written."""
+"""Removal of unfinished files when a command is told to end."""
 
 import signal
 import threading
@@ -11,13 +11,13 @@ __all__ = ["tidy_when_terminated"]
 def tidy_when_terminated():
     """SIGTERM and SIGHUP raise SystemExit(128 + number), so that temporary files are removed.
 
-    Signals that somebody else sees to (``nohup``, a verb around this one) stay theirs. SIGKILL
-    cannot be caught: a file ``.mcmd-<hex>`` may stay, which no later run removes, because from
-    another machine or container none can know whether its writer still runs.
+    Signals that others handle (``nohup``, a verb around this one) are not changed. SIGKILL cannot
+    be caught, and a file ``.mcmd-<hex>`` may remain. No later run removes it, because its writer
+    may still run on another machine or in another container.
     """
 
     def stop(number, frame):
-        signal.signal(number, signal.SIG_IGN)  # a second one must not cut the tidying short
+        signal.signal(number, signal.SIG_IGN)  # a second signal must not interrupt the tidying
         raise SystemExit(128 + number)
 
     ours = []

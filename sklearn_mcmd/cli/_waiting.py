@@ -1,4 +1,4 @@
-"""What the user sees while a verb works: one bar, or where there is no terminal a few lines."""
+"""The progress of a verb: one bar on a terminal, elsewhere a few lines."""
 
 import sys
 import threading
@@ -7,16 +7,16 @@ from contextlib import contextmanager
 
 __all__ = ["progress"]
 
-# Where there is no terminal: a stage is named once it has lasted so many seconds, then how far the
-# work is is told every so often.
+# Without a terminal: a stage is named after PATIENCE seconds, then progress is printed every AGAIN
+# seconds.
 PATIENCE, AGAIN = 5.0, 60.0
 
 
 @contextmanager
 def progress(title, quiet):
-    """Show on stderr how far the work within is: ``progress_part`` and estimators tell.
+    """Show on stderr the progress that ``progress_part`` and estimators report within.
 
-    Yields ``progress_part``, to name the parts of the work.
+    Yields ``progress_part``, which names the parts of the work.
     """
     from rich.console import Console
 
@@ -34,7 +34,7 @@ def progress(title, quiet):
 
 
 class _State:
-    """How far the work is; never less than it was."""
+    """The progress of the work, which never decreases."""
 
     def __init__(self, changed=lambda state: None):
         self.stage, self.compiling, self.share = "", None, 0.0

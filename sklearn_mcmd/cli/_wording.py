@@ -1,4 +1,4 @@
-"""What estimators say of their parameters, said of the command line's options and files."""
+"""Messages of estimators about parameters, rewritten for the command line's options and files."""
 
 import re
 
@@ -11,7 +11,7 @@ OPTIONS = (
     *("n_jobs", "n_neighbors", "noise_scale", "outlier_rate", "radius", "random_state"),
     *("robust_start", "sigma0", "surface", "threshold", "viewpoint"),
 )
-# Whole phrases first; what is left of parameters after them is translated one by one.
+# Whole phrases are replaced first; then remaining parameters are replaced one by one.
 PHRASES = (
     (
         r"n_samples=(\d+) is too few for planes in 3D: at least (\d+) are needed\.",
@@ -45,7 +45,7 @@ _NAMED = re.compile(rf"(?<![-/\w])({'|'.join(o for o in OPTIONS if '_' in o)})\b
 
 
 def in_words_of_options(message):
-    """What an estimator's message says of parameters, said of the options here."""
+    """An estimator's message with options in place of parameters."""
     for phrase, words in PHRASES:
         message = re.sub(phrase, words, message)
     message = _GIVEN.sub(lambda found: f"{_option(found[1])} {found[2] or found[3]}", message)
