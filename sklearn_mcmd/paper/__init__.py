@@ -1,4 +1,4 @@
-"""The first paper's tables and figures, one function each: printed figures beside ours."""
+"""The first paper's tables and figures, one function each: its printed numbers beside ours."""
 
 from sklearn_mcmd.paper._angles import figure3, figure4, table1
 from sklearn_mcmd.paper._classification import figure8, table4

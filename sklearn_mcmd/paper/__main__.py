@@ -6,7 +6,7 @@ __all__ = ["main"]
 
 
 def main(arguments=None):
-    """Run the reproductions; without the command line's libraries, say how to get them.
+    """Run the reproductions; without the command line's libraries, say how to install them.
 
     Raises
     ------

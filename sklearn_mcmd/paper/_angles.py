@@ -13,7 +13,7 @@ from sklearn_mcmd.paper._runs import Steps, affordable, bias_angles, bootstrap_e
 __all__ = ["figure3", "figure4", "table1"]
 
 N_POINTS = 50
-SCENES = {  # panels of Figs. 3 and 4: law of the outliers and their percentage
+SCENES = {  # panels of Figs. 3 and 4: distribution of the outliers and their percentage
     "20 % clustered": ("clustered", 20),
     "70 % clustered": ("clustered", 70),
     "20 % uniform": ("uniform", 20),
@@ -34,12 +34,12 @@ def describe(angles):
 
 
 def table1(runs=1000, *, seed=0):
-    """Table 1: bias angles of all methods, 10 of 50 points being outliers.
+    """Table 1: bias angles of all methods, with 10 outliers among 50 points.
 
     Parameters
     ----------
     runs : int, default=1000
-        Simulated clouds for each law of the outliers; the paper's 1000.
+        Simulated clouds for each distribution of the outliers; the paper has 1000.
     seed : int, default=0
 
     Returns
@@ -61,15 +61,17 @@ def table1(runs=1000, *, seed=0):
         caption = f"{law} outliers, bias angle in degrees"
         tables.append(Table(caption, header, rows, n_labels=2))
     notes = [
-        "± is the Monte-Carlo error of ours, by the bootstrap; an extreme has no useful one. The "
-        "paper's is as large. 'Off by' is the difference of the means in standard errors of it.",
-        "PCA's printed minimum, 3.807, is 7.7 standard deviations below its mean, where nothing "
-        "else is; probably a digit of 23.807 was lost. No reading gives it.",
-        "uLSIF and qSp print scores, no labels, and the paper does not say how many points it "
-        "flags, nor what uLSIF is trained on. No reading tried gives uLSIF's row.",
-        "Three readings of MCMD_Z (signed distances, absolute ones, no center) differ by less than "
-        ".06 degrees; which one the paper used cannot be told.",
-        "Told the right noise, RANSAC has angles as small as the best.",
+        "± is the Monte-Carlo error of our numbers, by the bootstrap; minimum and maximum have "
+        "none. The paper's error is as large. 'Mean off by' is the difference of the means over "
+        "its standard error.",
+        "PCA's printed minimum, 3.807, is 7.7 standard deviations below its mean. Probably a "
+        "digit of 23.807 was lost. No reading gives 3.807.",
+        "uLSIF and qSp give scores and no labels. The paper does not say how many points it "
+        "flags, nor on which points uLSIF is trained. None of the readings tried gives uLSIF's "
+        "row.",
+        "Three readings of MCMD_Z (signed distances, absolute distances, no center) differ by less "
+        "than .06 degrees, so we do not know which one the paper used.",
+        "With the right noise RANSAC has angles as small as the best.",
         *(f"{method.name}: {method.reading}" for method in methods),
     ]
 
@@ -94,7 +96,7 @@ def _table_1_rows(method, law, angles):
     if method.in_paper:
         printed = ANGLES[label][law]
         paper = ("1000", *(f"{value:.3f}" for value in printed), "")
-        # The paper's own 1000 runs scatter by their standard deviation.
+        # The mean of the paper's 1000 runs has an error as well.
         off = (values[0] - printed[0]) / np.hypot(errors[0], printed[4] / np.sqrt(1000))
         off_by = f"{off:+.1f} s.e."
     return [*paired_rows(label, (count, *ours, off_by), paper), ("", "±", "", *spread, "")]
@@ -139,9 +141,10 @@ def figure4(runs=1000, *, seed=0):
     notes = [
         "The paper prints no numbers for this figure. It says that only MCMD_MD withstands 70 % of "
         "clustered outliers (Fig. 4c).",
-        "Its text refers to Fig. 4d for 20 % of uniform outliers, the caption says 80 %; both are "
-        "here.",
-        "RPCA takes h = .5 n here; the paper takes another, unnamed one beyond 50 % of outliers.",
+        "Its text refers to Fig. 4d for 20 % of uniform outliers, but the caption says 80 %. Both "
+        "are here.",
+        "RPCA takes h = .5 n here. Above 50 % of outliers the paper takes another h, which it does "
+        "not state.",
     ]
 
     def draw(figure):
@@ -171,7 +174,7 @@ def figure3(runs=1, *, seed=0):
     Parameters
     ----------
     runs : int, default=1
-        Ignored: a figure of single clouds.
+        Ignored, because the figure shows single clouds.
     seed : int, default=0
 
     Returns
@@ -198,10 +201,10 @@ def figure3(runs=1, *, seed=0):
         for method in methods
     ]
     notes = [
-        "The paper prints no numbers. Its pictures show PCA, qSp and uLSIF tilted at 20 % of "
-        "clustered outliers and the others aligned; at 70 % clustered and 80 % uniform only "
-        "MCMD_MD and uLSIF fit, RANSAC nearly at 80 %.",
-        "One cloud of each kind proves little: see figure4 for many.",
+        "The paper prints no numbers. In its pictures with 20 % of clustered outliers PCA, qSp and "
+        "uLSIF are tilted and the others are not. With 70 % clustered and 80 % uniform only "
+        "MCMD_MD and uLSIF fit, and RANSAC nearly fits at 80 %.",
+        "One cloud of each kind proves little. Figure4 has many clouds.",
     ]
 
     def draw(figure):

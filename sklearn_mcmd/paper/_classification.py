@@ -26,9 +26,9 @@ def rates(counts, n_outliers):
 
 
 def flagged_in_paper(name, percentage):
-    """How many of 100 points a method flagged on average, as its printed rates tell.
+    """The average number of points, of 100, that a method flagged by its printed rates.
 
-    A whole number for uLSIF and qSp alone, which flag a given number.
+    It is a whole number only for uLSIF and qSp, which flag a given number.
     """
     found, kept = _printed(name, percentage)[:2]
     if np.isnan(found):
@@ -38,18 +38,18 @@ def flagged_in_paper(name, percentage):
 
 
 def labeling_methods():
-    """All but PCA, as in the paper: it labels none."""
+    """All methods but PCA, which labels no points, as in the paper."""
     return [method for method in METHODS.values() if method.name != "PCA"]
 
 
 def counts_of(method, clouds, random_state, steps):
-    """Outliers found and regular points kept in each cloud, as many flagged as in the paper."""
+    """Outliers found and regular points kept in each cloud, with the paper's number of flags."""
     n_flagged = flagged_in_paper(method.name, clouds.n_outliers * 100 // N_POINTS)
     return flag_counts(method, clouds, random_state, steps, n_flagged)
 
 
 def table4(runs=1000, *, seed=0):
-    """Table 4: how well outliers and inliers of 100 points are told apart.
+    """Table 4: outliers found and inliers kept among 100 points.
 
     Parameters
     ----------
@@ -77,16 +77,17 @@ def table4(runs=1000, *, seed=0):
         header = ("method", "", "runs", *RATES)
         tables.append(Table(f"{percentage} % of outliers, rates in %", header, rows, n_labels=2))
     notes = [
-        "± is the Monte-Carlo error of ours; the paper's is as large, and it prints TPR to FNR to "
-        "a tenth.",
-        "RANSAC and MSAC are run with sigma = .01, the variance of the noise typed as its standard "
-        "deviation; that alone gives the paper's 33 %. 'RANSAC sigma=.1' has the right one.",
+        "± is the Monte-Carlo error of our numbers. The paper's error is as large, and it prints "
+        "TPR to FNR to a tenth.",
+        "RANSAC and MSAC are run with sigma = .01, the variance of the noise in place of its "
+        "standard deviation. That alone gives the paper's 33 %. 'RANSAC sigma=.1' has the right "
+        "sigma.",
         "uLSIF and qSp flag fixed numbers of points, which follow from the printed rates: 7, 23, "
-        "46 and 8, 30, 40 of 100. What uLSIF was trained on is not stated; here on the regular "
-        "points themselves, and its row cannot be reproduced. Nor can qSp's, whose sample size is "
-        "not stated; here 5.",
-        "At 40 % the paper's rows of RPCA and MCMD_MD are equal in all five figures: one is "
-        "likely a copy.",
+        "46 and 8, 30, 40 of 100. The paper does not say on which points uLSIF was trained. Here "
+        "these are the regular points, which does not reproduce its row. qSp's sample size is not "
+        "stated either. Here it is 5, which does not reproduce its row.",
+        "At 40 % the paper's rows of RPCA and MCMD_MD are equal in all five numbers: one is "
+        "probably a copy.",
         *(f"{method.name}: {method.reading}" for method in methods),
     ]
 
@@ -122,17 +123,17 @@ def _table_4_rows(method, percentage, found):
 
 
 def _printed(name, percentage):
-    """The paper's five rates, NaN where it has no such row."""
+    """The paper's five rates, NaN if it has no such row."""
     return CLASSIFICATION.get(name, {}).get(percentage, (np.nan,) * len(RATES))
 
 
 def figure8(runs=100, *, seed=0):
-    """Figure 8: histograms of the number of inliers identified, 20 of 100 points outliers.
+    """Figure 8: histograms of the number of inliers identified, with 20 outliers among 100 points.
 
     Parameters
     ----------
     runs : int, default=100
-        As in the paper.
+        Simulated clouds; the paper has 100.
     seed : int, default=0
 
     Returns
@@ -165,8 +166,8 @@ def figure8(runs=100, *, seed=0):
     caption = f"regular points identified, of {limit}"
     notes = [
         "The paper's mean is the TNR of its Table 4 times 80. Its text says that RANSAC identifies "
-        "'20 % to 40 % out of the possible 80 %', and fits 'only 34 points (TNR of 33.8)': 33.8 % "
-        "of 80 are 27 points.",
+        "'20 % to 40 % out of the possible 80 %', and fits 'only 34 points (TNR of 33.8)'. But "
+        "33.8 % of 80 are 27 points.",
     ]
 
     def draw(figure):

@@ -1,4 +1,4 @@
-"""``python -m sklearn_mcmd.paper``: one command a table or figure."""
+"""``python -m sklearn_mcmd.paper``: one command for each table or figure."""
 
 from inspect import signature
 from pathlib import Path
@@ -15,8 +15,8 @@ from sklearn_mcmd.paper import EXPERIMENTS
 __all__ = ["app"]
 
 app = typer.Typer(
-    help="The first paper's tables and figures: what it prints beside what this package gives, "
-    "with Monte-Carlo errors.",
+    help="Reproduce the first paper's tables and figures: its printed numbers beside the numbers "
+    "of this package, with Monte-Carlo errors.",
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -30,14 +30,16 @@ Runs = Annotated[
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of clouds and trials.")]
 Out = Annotated[
     Path | None,
-    typer.Option("--out", "-o", metavar="DIR", help="Folder for the plot, NAME.png, and NAME.txt."),
+    typer.Option(
+        "--out", "-o", metavar="DIR", help="Folder to write the plot NAME.png and NAME.txt to."
+    ),
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress bar.")]
 
 
 @app.command("list")
 def show_list():
-    """Show what can be reproduced."""
+    """List the tables and figures."""
     print_table(
         "Tables and figures", **{name: _summary(function) for name, function in EXPERIMENTS.items()}
     )
@@ -45,7 +47,7 @@ def show_list():
 
 @app.command("all")
 def run_all(runs: Runs = None, seed: Seed = 0, out: Out = None, quiet: Quiet = False):
-    """Reproduce everything, one after the other."""
+    """Reproduce all tables and figures, one after the other."""
     for name in EXPERIMENTS:
         _reproduce(name, runs, seed, out, quiet)
         typer.echo()
@@ -82,7 +84,7 @@ def _reproduce(name, runs, seed, out, quiet):
 
 
 def _save(report, folder):
-    """Write the report's text and plot, each whole or not at all; the plot's path."""
+    """Write the report's text and plot, each completely or not at all; the plot's path."""
     figure = report.plot()
     with replacing(folder / f"{report.name}.txt") as temporary:
         temporary.write_text(f"{report}\n", encoding="utf-8")
@@ -96,10 +98,10 @@ def _save(report, folder):
 
 
 def _use_agg():
-    """No windows where plots go to files; and no hours of work if Matplotlib is missing."""
+    """Draw without windows. If Matplotlib is missing, fail before hours of work."""
     import_extra("matplotlib", "plot", "--out").use("agg")
 
 
 def _summary(function):
-    """The first line of a docstring behind its name."""
+    """The first line of a docstring, without the name at its start."""
     return (function.__doc__ or "").splitlines()[0].partition(": ")[2].rstrip(".")

@@ -11,10 +11,10 @@ __all__ = ["Clouds", "contaminated_planes"]
 
 @dataclass(frozen=True)
 class Clouds:
-    """Independent clouds of one law.
+    """Independent clouds of one distribution.
 
     points : (runs, n, 3), rows of each cloud in random order
-    clean : the same, outliers replaced by regular points: the clean twins of Table 1
+    clean : the same with regular points in place of outliers: the clean twins of Table 1
     regular : bool (runs, n)
     n_outliers : int, in each cloud
     """
@@ -34,9 +34,9 @@ class Clouds:
 def contaminated_planes(runs, n, percentage, random_state, **law):
     """Draw `runs` clouds of `n` points of which `percentage` percent are outliers.
 
-    The number of outliers is rounded, but at least one: 1 % of 20 points is. All clouds are one
-    call of `make_contaminated_plane`, cut into pieces; `law` is passed on. Rows are shuffled
-    within each cloud, since a table of trials must meet outliers at random positions.
+    The number of outliers is rounded, but it is at least one, also for 1 % of 20 points. One call
+    of `make_contaminated_plane`, which takes `law`, draws all clouds. Rows are shuffled within
+    each cloud, because a table of trials must meet outliers at random positions.
     """
     n_outliers = max(1, int(n * percentage / 100 + 0.5)) if percentage > 0 else 0
     n_regular = n - n_outliers

@@ -18,7 +18,8 @@ __all__ = ["figure9", "table5"]
 N_REGULAR, N_NOISE = 13_664, 1366
 NOISE_DEVIATION = 0.2
 N_NEIGHBORS = 50
-# Of the scanner in metres, and 3 cm between points. The rate of found noise is ruled by it.
+# The scanner's noise in meters, which determines the rate of found noise, and the number of points
+# scanned, 3 cm apart.
 SCANNER_NOISE, N_SCANNED = 0.003, 60_000
 KEPT_PARTS, CENTER = ("road", "sign_3", "light_pole_2"), 7.0
 RATES = ("TPR", "TNR", "FPR", "FNR", "accuracy")
@@ -34,7 +35,7 @@ class NoisyCloud:
 
 
 def noisy_sign(random_state, n_regular=N_REGULAR):
-    """A road, a sign on two posts and a light pole; 10 % of its points again, displaced."""
+    """A road, a sign on two posts and a light pole, with displaced copies of 10 % of the points."""
     scene = make_traffic_furniture(
         round(N_SCANNED * n_regular / N_REGULAR), noise=SCANNER_NOISE, random_state=random_state
     )
@@ -53,7 +54,7 @@ def noisy_sign(random_state, n_regular=N_REGULAR):
 
 
 def find_noise(name, cloud, seed):
-    """+1 for points that the method keeps, -1 for others."""
+    """+1 for points that the method keeps, -1 for others, (n,)."""
     share = np.mean(cloud.target == -1)
     if name == LOF:
         detector = LocalOutlierFactor(N_NEIGHBORS, contamination=share)
@@ -63,7 +64,7 @@ def find_noise(name, cloud, seed):
 
 
 def table5(runs=5, *, seed=0, n_regular=N_REGULAR):
-    """Table 5: how well added noise is told from the points of a road, a sign and poles.
+    """Table 5: noise found and points kept of a road, a sign and poles with added noise.
 
     Parameters
     ----------
@@ -95,15 +96,15 @@ def table5(runs=5, *, seed=0, n_regular=N_REGULAR):
     caption = f"{n_regular:,} points and {n_noise:,} of noise, rates in %"
     rows = [row for name, found in results.items() for row in _table_5_rows(name, found)]
     notes = [
-        "The paper's cloud is a real scan that is not public: ours is a simulated counterpart, "
-        "and figures can agree in kind only. Noise: copies of a tenth of the points, displaced "
-        f"by {NOISE_DEVIATION} m (one standard deviation) on each axis; the denominators of the "
-        "paper's rates, 13,664 and 1366, prove that its noise was added, too.",
-        "TPR can't be 100 %: some copies land on a surface. It is fixed by the scanner's noise, "
-        f"{1000 * SCANNER_NOISE:g} mm here, which gives the paper's 95 % for MCMD_Z.",
+        "The paper's cloud is a real scan that is not public. Ours is a simulated counterpart, so "
+        "numbers agree only roughly. The noise is copies of a tenth of the points, displaced "
+        f"by {NOISE_DEVIATION} m (one standard deviation) on each axis. The denominators of the "
+        "paper's rates, 13,664 and 1366, show that its noise was added as well.",
+        "TPR cannot be 100 %, because some copies land on a surface. It depends on the scanner's "
+        f"noise. {1000 * SCANNER_NOISE:g} mm gives the paper's 95 % for MCMD_Z.",
         "CIN and CIR are the numbers of noise points found and of regular points kept.",
         *(f"{method.name}: {method.reading}." for method in methods),
-        "LOF: scikit-learn's LocalOutlierFactor of 50 neighbors, told the share of noise.",
+        "LOF: scikit-learn's LocalOutlierFactor with 50 neighbors, given the share of noise.",
     ]
 
     def draw(figure):
@@ -145,12 +146,12 @@ def _table_5_rows(name, found):
 
 
 def figure9(runs=1, *, seed=0, n_regular=N_REGULAR):
-    """Figure 9: the cloud, the cloud with noise, and what denoising leaves.
+    """Figure 9: the cloud, the cloud with noise, and the denoised cloud.
 
     Parameters
     ----------
     runs : int, default=1
-        Ignored: a figure of one cloud.
+        Ignored, because the figure shows one cloud.
     seed : int, default=0
     n_regular : int, default=13664
         Points without noise.
@@ -172,7 +173,7 @@ def figure9(runs=1, *, seed=0, n_regular=N_REGULAR):
         steps.advance(1)
     notes = [
         "The paper's cloud is a real scan that is not public; this is its simulated counterpart. "
-        "Noise is red; what is left of it is mostly within the scanner's noise of a surface. "
+        "Noise is red. Most of the noise left is within the scanner's noise of a surface. "
         "MCMD_Z also leaves points beside the pole, where neighborhoods are no planes.",
     ]
 

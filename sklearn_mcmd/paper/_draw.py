@@ -1,10 +1,10 @@
-"""Box plots, bars, line diagrams, histograms and profiles, with one color a method."""
+"""Box plots, bars, line diagrams, histograms and profiles, with one color for each method."""
 
 import numpy as np
 
 __all__ = ["bars", "boxes", "histogram", "lines", "printed_means", "profile"]
 
-# Okabe and Ito's colors, which all people can tell apart, two grays, and three of Tol's.
+# Okabe and Ito's colors, which color-blind people can distinguish, two grays, and three of Tol's.
 COLORS = {
     "PCA": "#555555",
     "RANSAC": "#E69F00",
@@ -36,7 +36,7 @@ def color(name):
 
 
 def boxes(ax, angles, title):
-    """Box plots of the angles by method, whiskers of 1.5 quartile ranges as in the paper."""
+    """Box plots of the angles by method, with whiskers of 1.5 quartile ranges as in the paper."""
     drawn = ax.boxplot(
         list(angles.values()),
         tick_labels=list(angles),
@@ -59,7 +59,7 @@ def printed_means(ax, means):
 
 
 def bars(ax, ours, printed, title, xlabel):
-    """A bar a method, of percentages; the paper's, where it has one, as black ticks."""
+    """A bar of percentages for each method; the paper's percentages are black ticks."""
     height = np.arange(len(ours))
     ax.barh(height, list(ours.values()), 0.6, color=[color(name) for name in ours])
     ticks = [printed.get(name, np.nan) for name in ours]
@@ -69,7 +69,7 @@ def bars(ax, ours, printed, title, xlabel):
 
 
 def lines(ax, x, curves, title, xlabel, ylabel="mean bias angle, degrees", errors=None):
-    """A line a method; `errors` as bands of two standard errors."""
+    """A line for each method; `errors` are drawn as bands of two standard errors."""
     for name, values in curves.items():
         ax.plot(x, values, STYLES.get(name, "-"), color=color(name), label=name, linewidth=1.6)
         if errors is not None:
@@ -81,13 +81,13 @@ def lines(ax, x, curves, title, xlabel, ylabel="mean bias angle, degrees", error
 
 
 def histogram(ax, counts, name, limit):
-    """Runs against the number of inliers correctly identified."""
+    """A histogram of the number of inliers identified."""
     ax.hist(counts, bins=np.arange(limit + 2) - 0.5, color=color(name))
     ax.set(title=name, xlim=(-1, limit + 1))
 
 
 def profile(ax, points, regular, planes, title):
-    """The cloud seen along the y axis, and where each plane cuts y = mean of the regular."""
+    """The cloud seen along the y axis, and each plane's cut at the regular points' mean y."""
     ax.plot(*points[regular][:, [0, 2]].T, "k.", markersize=4)
     ax.plot(*points[~regular][:, [0, 2]].T, "r*", markersize=5)
     x = np.array([points[:, 0].min(), points[:, 0].max()])

@@ -1,8 +1,8 @@
 """The methods that the paper compares, each in the reading that reproduces its rows.
 
-A method takes clouds as an array and gives, for each, the normal of the plane and the mask of
-the points that the plane was fitted to. Where the paper tells a method something about the
-truth, the method here is told the same.
+A method takes clouds as an array. For each cloud it returns the normal of the plane and the mask
+of the points that the plane was fitted to. If the paper gives a method some of the truth, such as
+the share of outliers, the method here gets the same.
 """
 
 from collections.abc import Callable
@@ -37,10 +37,10 @@ class Method:
 
     name : as in the paper's tables
     in_paper : whether the paper has this row
-    reading : how the row is read, in a line
-    apply : of (points (B, n, 3), regular bool (B, n), n_outliers, n_flagged, RandomState);
-        returns normals (B, 3) and inliers bool (B, n)
-    effort : share of the runs that is affordable
+    reading : the reading of the row, in one line
+    apply : function of (points (B, n, 3), regular bool (B, n), n_outliers, n_flagged,
+        RandomState) that returns normals (B, 3) and inliers bool (B, n)
+    effort : share of the runs that is made, less than 1 for slow methods
     """
 
     name: str
@@ -66,7 +66,7 @@ def _baseline(comparator):
 
 
 def _scores(comparator):
-    """A comparator that only scores: the highest scores are flagged, as many as it is told."""
+    """A comparator that only scores; the given number of highest scores is flagged."""
 
     def apply(points, regular, n_outliers, n_flagged, random_state):
         return _without_highest(
@@ -77,7 +77,7 @@ def _scores(comparator):
 
 
 def _ulsif(points, regular, n_outliers, n_flagged, random_state):
-    """uLSIF, trained on the regular points of the very cloud."""
+    """uLSIF, trained on the regular points of the same cloud."""
     training = points[regular].reshape(len(points), -1, points.shape[2])
     scores = TrainedUlsif(clean=training).fit(points, random_state=random_state).scores
     return _without_highest(points, scores, n_flagged)
@@ -94,7 +94,7 @@ class TrainedUlsif(Ulsif):
 
 
 def _peer(make, score):
-    """A detector of scikit-learn, one cloud at a time, told how many points to flag."""
+    """A detector of scikit-learn, one cloud at a time, with a given number of points to flag."""
 
     def apply(points, regular, n_outliers, n_flagged, random_state):
         seeds = random_state.randint(2**31 - 1, size=len(points))
@@ -108,7 +108,7 @@ def _peer(make, score):
 
 
 def _without_highest(points, scores, n_flagged):
-    """The plane of all but the `n_flagged` points of highest scores."""
+    """The plane of all points but the `n_flagged` with the highest scores."""
     inliers = np.ones(scores.shape, dtype=bool)
     highest = np.argsort(-scores, axis=1, kind="stable")[:, :n_flagged]
     np.put_along_axis(inliers, highest, False, axis=1)
@@ -118,7 +118,7 @@ def _without_highest(points, scores, n_flagged):
 def mcmd(rule, *, told, reweight):
     """MCMD; `told` is whether the method knows the share of outliers.
 
-    Eq. 13 and h then follow that share, where they otherwise take a half.
+    If so, Eq. 13 and h follow from that share. Otherwise both assume a half.
     """
 
     def apply(points, regular, n_outliers, n_flagged, random_state):
@@ -141,10 +141,10 @@ def _refit(points, inliers):
     return fit_planes(points, inliers)[2][..., 0], inliers
 
 
-# Zuliani's toolbox takes the threshold for three degrees of freedom, and the paper gave it the
-# variance of the noise, .01, for its standard deviation; see docs/reproduction.
+# Zuliani's toolbox takes the threshold for three degrees of freedom. The paper gave it the variance
+# of the noise, .01, in place of the standard deviation; see docs/reproduction.
 MISTYPED = {"noise_scale": 0.01, "degrees_of_freedom": 3}
-QSP_SAMPLE = 5  # what gives Table 1's two-peaked row; the authors of qSp take 20
+QSP_SAMPLE = 5  # gives Table 1's row with two peaks; the authors of qSp take 20
 
 METHODS = {
     method.name: method
@@ -167,33 +167,33 @@ METHODS = {
         Method(
             "uLSIF",
             True,
-            "trained on the regular points themselves; flags as many points as are outliers, in "
-            "Table 4 as many as its rates tell",
+            "trained on the regular points; flags as many points as there are outliers, in Table 4 "
+            "the number that follows from its rates",
             _ulsif,
             effort=0.1,
         ),
         Method(
             "qSp",
             True,
-            f"a sample of {QSP_SAMPLE}, itself excluded; flags as uLSIF does",
+            f"a sample of {QSP_SAMPLE}, the point itself excluded; flags as many as uLSIF",
             _scores(Qsp(sample_size=QSP_SAMPLE)),
         ),
         Method(
             "MCMD_Z",
             True,
-            "to the letter: h = .5 n, 69 trials, signed distances, median and MAD of all points",
+            "as in the text: h = .5 n, 69 trials, signed distances, median and MAD of all points",
             mcmd("mcmd_z", told=False, reweight=False),
         ),
         Method(
             "MCMD_MD",
             True,
-            "told the true share e of outliers: h = (1 - e) n and the trials of Eq. 13 for e",
+            "given the true share e of outliers: h = (1 - e) n and the trials of Eq. 13 for e",
             mcmd("mcmd_md", told=True, reweight=False),
         ),
         Method(
             "MCMD_MD h=.5n",
             False,
-            "to the letter: h = .5 n and 69 trials",
+            "as in the text: h = .5 n and 69 trials",
             mcmd("mcmd_md", told=False, reweight=False),
         ),
         Method(
@@ -212,13 +212,13 @@ METHODS = {
         Method(
             "reweighted",
             False,
-            "this package's default: MCMD_Z told nothing, plane and scale reweighted twice",
+            "this package's default: MCMD_Z without given values, plane and scale reweighted twice",
             mcmd("mcmd_z", told=False, reweight=True),
         ),
         Method(
             "LOF",
             False,
-            "scikit-learn's LocalOutlierFactor of 19 neighbors, told the number of outliers",
+            "scikit-learn's LocalOutlierFactor of 19 neighbors, given the number of outliers",
             _peer(
                 lambda seed: LocalOutlierFactor(19),
                 lambda fitted, cloud: fitted.negative_outlier_factor_,
@@ -228,7 +228,7 @@ METHODS = {
         Method(
             "IsolationForest",
             False,
-            "scikit-learn's, of 100 trees, told the number of outliers",
+            "scikit-learn's, of 100 trees, given the number of outliers",
             _peer(
                 lambda seed: IsolationForest(random_state=seed),
                 lambda fitted, cloud: fitted.score_samples(cloud),
@@ -238,7 +238,7 @@ METHODS = {
         Method(
             "EllipticEnvelope",
             False,
-            "scikit-learn's, told the number of outliers",
+            "scikit-learn's, given the number of outliers",
             _peer(
                 lambda seed: EllipticEnvelope(random_state=seed),
                 lambda fitted, cloud: fitted.score_samples(cloud),

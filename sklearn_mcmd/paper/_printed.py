@@ -1,6 +1,6 @@
-"""What the first paper prints: the numbers of Tables 1 to 6 and of the text of Section 5.1.
+"""Numbers that the first paper prints in Tables 1 to 6 and in the text of Section 5.1.
 
-Nothing is computed from these. They stand beside the reproduced figures, misprints included.
+They are shown beside the reproduced numbers, with their misprints.
 """
 
 __all__ = [
@@ -23,7 +23,7 @@ __all__ = [
 OUTLIERS = ("clustered", "uniform")
 STATISTICS = ("mean", "min", "max", "median", "StD", "QR")
 
-# Table 1, bias angles in degrees: method -> law of the outliers -> STATISTICS.
+# Table 1, bias angles in degrees: method -> distribution of the outliers -> STATISTICS.
 ANGLES = {
     "PCA": {
         "clustered": (34.483, 3.807, 52.690, 34.255, 3.973, 4.758),
@@ -70,7 +70,7 @@ VARIANCES = {
 }
 Z_VARIANCES = (0.001, 0.01, 0.02, 0.05, 0.1)  # Section 5.1.4, of the regular points
 
-# Table 3, seconds a plane: by sample size with 20 % outliers, by share with 50 points.
+# Table 3, seconds for a plane: by sample size with 20 % outliers, by share with 50 points.
 SIZES = (20, 50, 100, 1000, 10_000)
 TIMED_SHARES = (5, 10, 20, 40, 50)
 SECONDS = {

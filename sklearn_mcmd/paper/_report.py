@@ -1,4 +1,4 @@
-"""What an experiment gives: tables of text, arrays, notes, and a figure to draw."""
+"""The result of an experiment: tables of text, arrays, notes, and a figure to draw."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ __all__ = ["Report", "Table", "paired_rows"]
 
 @dataclass(frozen=True)
 class Table:
-    """Aligned text: the first `n_labels` columns to the left, figures to the right."""
+    """Aligned text: the first `n_labels` columns to the left, numbers to the right."""
 
     caption: str
     header: tuple
@@ -31,7 +31,7 @@ class Table:
 
 
 def paired_rows(name, ours, paper=None):
-    """The rows of a method: the paper's cells, if it has any, above ours."""
+    """The rows of a method: the paper's cells above ours, or ours alone."""
     if paper is None:
         return [(name, "ours", *ours)]
     return [(name, "paper", *paper), ("", "ours", *ours)]
@@ -47,13 +47,13 @@ class Report:
         "table1" and so on.
     title : str
     tables : list of Table
-        The paper's and the reproduced figures, side by side.
+        The paper's and the reproduced numbers, side by side.
     notes : list of str
-        What cannot be reproduced and why, and how the rows are read.
+        Numbers that cannot be reproduced, with the reason, and readings of the rows.
     results : dict
-        The reproduced figures as arrays, by what `name` documents.
+        The reproduced numbers as arrays; the function `name` documents the keys.
     draw : callable
-        Of an empty :class:`matplotlib.figure.Figure`; None where there is nothing to draw.
+        Function that draws on an empty :class:`matplotlib.figure.Figure`. None without a plot.
     size : (float, float)
         Width and height of that figure, in inches.
     """

@@ -1,4 +1,4 @@
-"""Running methods over many clouds, with the Monte-Carlo errors of what comes out."""
+"""Runs of methods over many clouds, and the Monte-Carlo errors of the results."""
 
 from zlib import crc32
 
@@ -16,25 +16,25 @@ __all__ = [
     "stream",
 ]
 
-# Clouds that a method is given at a time: few enough for the arrays to stay in the cache, and
-# each chunk draws its own table of trials.
+# Number of clouds that a method gets at once. Their arrays stay in the processor's cache. Each
+# chunk draws its own table of trials.
 CHUNK = 50
 RESAMPLES = 200
 
 
 def stream(seed, *labels):
-    """A RandomState of its own for each labeled part of an experiment."""
+    """A separate RandomState for each labeled part of an experiment."""
     words = [crc32(str(label).encode()) for label in labels]
     return np.random.RandomState(np.random.MT19937(np.random.SeedSequence([seed, *words])))
 
 
 def affordable(method, runs):
-    """How many of the runs a method is given, at least four or all."""
+    """Number of runs that a method gets: its share of `runs`, at least four or all."""
     return min(runs, max(4, round(method.effort * runs)))
 
 
 class Steps:
-    """Tells whoever listens (see ``_progress``) how many of the runs are done."""
+    """Tells listeners (see ``_progress``) how many of the runs are done."""
 
     def __init__(self, total):
         self.total, self.done, self.span = total, 0, current_span()

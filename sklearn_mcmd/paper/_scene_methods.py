@@ -12,8 +12,8 @@ from sklearn_mcmd.planes._progress import listen_to_progress
 
 __all__ = ["SCENE_METHODS", "SceneMethod", "quietly", "runs_of", "summary"]
 
-# Share of each neighborhood that uLSIF and qSp remove where normals are wanted. They have no
-# cut-off, and the paper does not say what it took.
+# Share of each neighborhood that uLSIF and qSp remove for normals. They have no cut-off, and the
+# paper does not state its share.
 REMOVED_SHARE = 0.1
 
 
@@ -23,11 +23,11 @@ class SceneMethod:
 
     name : as in the paper's tables
     in_paper : whether the paper has this row
-    reading : how the row is read, in a line
-    method : of RobustNormalEstimator
-    method_params : of the methods compared with
-    mcmd_params : of MCMD's planes, as verdict and as normal
-    verdict_params : of MCMD's verdict alone
+    reading : the reading of the row, in one line
+    method : `method` of RobustNormalEstimator
+    method_params : parameters of the methods compared with
+    mcmd_params : parameters of MCMD's planes, for outliers and for normals
+    verdict_params : parameters of MCMD for outliers alone
     slow : whether a point takes milliseconds
     """
 
@@ -81,7 +81,7 @@ SCENE_METHODS = {
         SceneMethod(
             "RANSAC",
             True,
-            "the noise estimated in each neighborhood; what the paper gave it is not stated",
+            "the noise is estimated in each neighborhood; the paper does not state its noise",
             "ransac",
         ),
         SceneMethod(
@@ -96,22 +96,23 @@ SCENE_METHODS = {
             "uLSIF",
             True,
             "trained on the central members of each neighborhood, since nothing else is known; "
-            f"told the share of noise, and removes {REMOVED_SHARE:.0%} of a neighborhood where "
-            "normals are wanted",
+            f"given the share of noise for outliers; removes {REMOVED_SHARE:.0%} of a neighborhood "
+            "for normals",
             "ulsif",
             slow=True,
         ),
         SceneMethod(
             "qSp",
             True,
-            f"a sample of {QSP_SAMPLE} of each neighborhood, itself excluded; shares as uLSIF",
+            f"a sample of {QSP_SAMPLE} of each neighborhood, the point itself excluded; shares as "
+            "uLSIF",
             "qsp",
             {"sample_size": QSP_SAMPLE},
         ),
         SceneMethod(
             "MCMD_Z",
             True,
-            "to the letter: h = .5 k, 69 trials, median and MAD of all k",
+            "as in the text: h = .5 k, 69 trials, median and MAD of all k",
             "mcmd_z",
             mcmd_params=LITERAL,
             verdict_params=ONE_PASS,
@@ -119,7 +120,7 @@ SCENE_METHODS = {
         SceneMethod(
             "MCMD_MD",
             True,
-            "h = .75 k, which gives its rows of Table 5; .5 k of the text does not",
+            "h = .75 k, which gives its rows of Table 5; the text's .5 k does not",
             "mcmd_md",
             mcmd_params={**LITERAL, "support_fraction": 0.75},
             verdict_params=ONE_PASS,
@@ -127,29 +128,29 @@ SCENE_METHODS = {
         SceneMethod(
             "MCMD_MD h=.5k",
             False,
-            "to the letter: h = .5 k",
+            "as in the text: h = .5 k",
             "mcmd_md",
             mcmd_params=LITERAL,
             verdict_params=ONE_PASS,
         ),
-        SceneMethod("default", False, "this package's defaults, told nothing", "mcmd_z"),
+        SceneMethod("default", False, "this package's defaults, without given values", "mcmd_z"),
     )
 }
 
 
 def runs_of(method, runs):
-    """How often a method is run: once if it is slow."""
+    """Number of runs of a method: one if it is slow."""
     return 1 if method.slow else runs
 
 
 def quietly(function, *arguments):
-    """Call without showing the estimators' own progress, which is not the experiment's."""
+    """Call a function without showing the progress of its estimators."""
     with listen_to_progress(None):
         return function(*arguments)
 
 
 def summary(values, digits):
-    """Mean and, of more than one run, its standard error, as text."""
+    """Mean and, with more than one run, its standard error, as text."""
     values = np.asarray(values, dtype=float)
     mean = f"{values.mean():.{digits}f}"
     if len(values) == 1:

@@ -18,7 +18,7 @@ from sklearn_mcmd.segmentation._estimator import RegionGrowing
 __all__ = ["figure14", "figure15", "table6"]
 
 N_NEIGHBORS, MIN_REGION_SIZE = 50, 10
-SLOW_POINTS = 34_000  # of a scene on which RPCA and uLSIF are run, minutes each
+SLOW_POINTS = 34_000  # points of a scene for RPCA and uLSIF, which take minutes each
 GROWTH_ALONE = {
     "mutual": False,
     "regrow_rest": False,
@@ -32,7 +32,7 @@ COLUMNS = ("TS", "PS", "OS", "US", "missed", "r %", "p %", "F %", "Rand", "IoU")
 
 @dataclass(frozen=True)
 class SceneOf:
-    """One of the paper's scenes: its counterpart, the number of its points, and the angle."""
+    """One of the paper's scenes: its counterpart, its number of points, and the angle."""
 
     make: object
     n_points: int
@@ -68,7 +68,7 @@ def segment(row, X, max_angle, seed):
 
 
 def score(surface, labels):
-    """The figures of `COLUMNS`."""
+    """The numbers of `COLUMNS`."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UndefinedMetricWarning)  # printed as nan
         scores = segmentation_scores(surface, labels)
@@ -95,10 +95,10 @@ def table6(runs=2, *, seed=0, n_points=None, slow_points=SLOW_POINTS):
         Simulated scenes of each kind; the slow methods, RPCA and uLSIF, get one.
     seed : int, default=0
     n_points : int, default=None
-        Points of a scene; None are the paper's 127,898 and 33,719.
+        Points of a scene. None means the paper's 127,898 and 33,719.
     slow_points : int, default=34000
-        Points of a second, smaller scene, on which the slow methods are run besides the others,
-        where a scene has more.
+        If a scene has more points than this, a second scene with this number is made. On it the
+        slow methods are run beside the others.
 
     Returns
     -------
@@ -165,18 +165,18 @@ def _table_6_rows(scene, name, found, printed):
 
 def _notes():
     return [
-        "The paper's scenes are real scans that are not public: ours are simulated counterparts "
-        "with as many surfaces, and figures can agree in kind only.",
-        "The paper's TS is not explained; ours is the number of segments that hold points of a "
-        "surface. It does not say when a surface is properly segmented (judged by eye); ours is "
-        "the rule of segmentation_scores, 80 % overlap.",
+        "The paper's scenes are real scans that are not public. Ours are simulated counterparts "
+        "with as many surfaces, so numbers agree only roughly.",
+        "The paper does not explain TS; ours is the number of segments that hold points of a "
+        "surface. The paper does not say when a surface is properly segmented (its authors judged "
+        "by eye); ours is the rule of segmentation_scores, 80 % overlap.",
         "Regions grow by the paper's three criteria alone; their automatic thresholds are in a "
         "reference that was not at hand. 'default' and 'PCA, default growth' also have this "
         "package's further steps (RegionGrowing's mutual, regrow_rest, join_coplanar, "
         "join_curved, assign_rest).",
-        "RPCA and uLSIF take milliseconds a point and are run on one scene of at most "
-        f"{SLOW_POINTS:,} points, where the points are farther apart and neighborhoods wider; "
-        "compare with the rows beside them.",
+        "RPCA and uLSIF take milliseconds for each point. They are run on one scene of at most "
+        f"{SLOW_POINTS:,} points, whose points are farther apart and whose neighborhoods are "
+        "wider. Compare them with the rows of the same scene.",
         *(f"{method.name}: {method.reading}." for method in SCENE_METHODS.values()),
     ]
 
@@ -187,10 +187,10 @@ def figure14(runs=1, *, seed=0, n_points=SLOW_POINTS):
     Parameters
     ----------
     runs : int, default=1
-        Ignored: a figure of one scene.
+        Ignored, because the figure shows one scene.
     seed : int, default=0
     n_points : int, default=34000
-        Points of the scene, fewer than the paper's 127,898 for the sake of the slow methods.
+        Points of the scene, fewer than the paper's 127,898 because of the slow methods.
 
     Returns
     -------
@@ -206,7 +206,7 @@ def figure15(runs=1, *, seed=0, n_points=SCENES["bus stop"].n_points):
     Parameters
     ----------
     runs : int, default=1
-        Ignored: a figure of one scene.
+        Ignored, because the figure shows one scene.
     seed : int, default=0
     n_points : int, default=33719
         Points of the scene.

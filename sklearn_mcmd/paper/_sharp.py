@@ -12,8 +12,8 @@ from sklearn_mcmd.paper._scene_methods import SCENE_METHODS, quietly, runs_of, s
 __all__ = ["figure10", "figure11", "figure12", "figure13"]
 
 NORMAL_NEIGHBORS, EDGE_NEIGHBORS = 20, 30
-NEAR, FAR = 2.0, 6.0  # spacings from an edge: within the neighborhoods' reach, and beyond it
-ON, AROUND = 1.0, 2.0  # spacings: what is of the edge, and what may be flagged for it
+NEAR, FAR = 2.0, 6.0  # spacings from an edge: inside the neighborhoods' reach, and outside
+ON, AROUND = 1.0, 2.0  # spacings within which points must be flagged, and may be flagged
 BOX_POINTS, ROOF_POINTS = 3339, 3017
 NOISE_SHARE = 0.2  # added to the points of the box
 NOT_PUBLIC = (
@@ -37,8 +37,8 @@ def figure10(runs=5, *, seed=0, n_points=BOX_POINTS):
     -------
     report : Report
         `results` maps (method, "near") and (method, "far") to lists of the angles in degrees
-        between found and true normals, an array a run: of points within 2 and beyond 6 spacings
-        of an edge.
+        between found and true normals, one array for each run. "near" are points within 2
+        spacings of an edge, "far" those beyond 6 spacings.
     """
     methods = list(SCENE_METHODS.values())
     steps = Steps(sum(runs_of(m, runs) for m in methods))
@@ -75,8 +75,8 @@ def figure10(runs=5, *, seed=0, n_points=BOX_POINTS):
     notes = [
         f"{NOT_PUBLIC} It says that PCA, uLSIF and qSp round the edge off, that RPCA's normals "
         "are better than RANSAC's, and that MCMD's are right up to the edge.",
-        "Of a box of 3 faces, 3 cm between points, noise 2 mm. Next to an edge is within 2 "
-        "spacings of it, on the faces beyond 6.",
+        "The box has 3 faces, points 3 cm apart and noise of 2 mm. 'Next to an edge' is within 2 "
+        "spacings of it, 'on the faces' beyond 6 spacings.",
         *(f"{method.name}: {method.reading}." for method in methods),
     ]
 
@@ -93,13 +93,13 @@ def figure10(runs=5, *, seed=0, n_points=BOX_POINTS):
 
 
 def _section(box):
-    """Points about the edge of front and top, away from the corner."""
+    """Points around the edge of front and top, away from the corner."""
     x, y, z = box.data.T
     return np.flatnonzero((np.abs(x - 0.35) < 0.12) & (y > 0.75) & (z > 0.75))
 
 
 def _draw_section(ax, box, normals, section, title):
-    """The edge in profile, each normal a stroke to its outer side; colored by its error."""
+    """The edge in profile. Each normal is an outward stroke, colored by its error."""
     points, found = box.data[section][:, 1:], normals[section]
     truth = box.normals[section]
     found = found * np.where((found * truth).sum(axis=1) < 0, -1, 1)[:, None]
@@ -138,8 +138,8 @@ def figure11(runs=5, *, seed=0, n_points=BOX_POINTS):
     Returns
     -------
     report : Report
-        `results` maps each method to rows of: number of points flagged, precision, recall and
-        share of the noise points flagged, the last three in percent, (runs, 4).
+        `results` maps each method to (runs, 4): number of points flagged, and in percent
+        precision, recall and share of the noise points flagged.
     """
     return _edges(
         "figure11",
@@ -212,7 +212,7 @@ def figure13(runs=5, *, seed=0, n_points=ROOF_POINTS):
 
 
 def edge_detector(name, seed):
-    """Eq. 25 to the letter on the planes of a method, or this package's default."""
+    """Eq. 25 as printed on the planes of a method, or this package's default."""
     if name == "default":
         return SharpFeatureDetector(random_state=seed)
     if name == "denoised PCA":
@@ -253,14 +253,14 @@ def _edges(name, scene, make, view, said, runs, seed):
     header += ("noise flagged",) if noisy else ()
     notes = [
         f"{NOT_PUBLIC} {said}",
-        "By Eq. 25 with a = 1, k = 30: flagged are points whose least eigenvalue is above the "
+        "Eq. 25 with a = 1 and k = 30 flags points whose least eigenvalue is above the "
         "mean plus one standard deviation. 'denoised PCA' cleans the cloud first, then takes PCA's "
-        "eigenvalues and median plus three robust standard deviations; 'default' is "
-        "SharpFeatureDetector(), which looks for the line in which two planes meet.",
-        "Precision in %: of the flagged those within 2 spacings of an edge; noise points count "
-        "as wrong. Recall in %: of the points within 1 spacing those flagged.",
-        "The better a fit keeps to one face, the less its eigenvalue tells of the edge: MCMD's "
-        "edges by Eq. 25 are thin, precise and incomplete, more so with h = .5 k.",
+        "eigenvalues and the median plus three robust standard deviations. 'default' is "
+        "SharpFeatureDetector(), which searches the line in which two planes meet.",
+        "Precision is the percentage of flagged points within 2 spacings of an edge; noise points "
+        "count as wrong. Recall is the percentage of the points within 1 spacing that are flagged.",
+        "If a fit keeps to one face, its eigenvalue does not show the edge. So MCMD's edges by "
+        "Eq. 25 are thin, precise and incomplete, more so with h = .5 k.",
         *(f"{method.name}: {method.reading}." for method in SCENE_METHODS.values()
           if method.name != "default"),
     ]  # fmt: skip

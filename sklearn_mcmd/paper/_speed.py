@@ -1,6 +1,6 @@
 """Table 3 and the cost curve: times of single planes, as ratios within one run.
 
-CPU seconds of the process, which other processes hardly change.
+Times are CPU seconds of the process, which other processes hardly change.
 """
 
 from time import process_time
@@ -20,7 +20,7 @@ from sklearn_mcmd.paper._scene_methods import quietly
 
 __all__ = ["cost", "table3"]
 
-# Seconds after which a method is not timed any further in a column, three times at least.
+# Seconds after which the timing of a method in a column ends, after at least three clouds.
 BUDGET = 1.0
 COST_SIZES = (10, 30, 100, 300, 1000, 3000, 10_000, 30_000, 100_000)
 COST_METHODS = {
@@ -32,7 +32,7 @@ COST_METHODS = {
 
 
 def timed_methods():
-    """The rows of Table 3, with MCMD_Z as it must have been timed: told the share of outliers."""
+    """The rows of Table 3, with MCMD_Z as it must have been timed: given the share of outliers."""
     told = Method("MCMD_Z", True, "told the share", mcmd("mcmd_z", told=True, reweight=False))
     rows = {**METHODS, "MCMD_Z": told}
     return [rows[name] for name in [*SECONDS, "reweighted"] if name in rows]
@@ -44,8 +44,8 @@ def table3(runs=1000, *, seed=0, sizes=SIZES, shares=TIMED_SHARES):
     Parameters
     ----------
     runs : int, default=1000
-        Most clouds that each method is timed on, one at a time, methods in turns; slow ones are
-        stopped after a second a column.
+        Largest number of clouds that each method is timed on, one at a time, methods in turns.
+        Slow methods are stopped after one second in each column.
     seed : int, default=0
     sizes, shares : sequences of int, default=all columns
         Columns of the paper's table that are timed.
@@ -53,8 +53,8 @@ def table3(runs=1000, *, seed=0, sizes=SIZES, shares=TIMED_SHARES):
     Returns
     -------
     report : Report
-        `results` maps ("size", n, method) and ("share", percentage, method) to seconds, one a
-        cloud.
+        `results` maps ("size", n, method) and ("share", percentage, method) to the seconds of
+        each cloud.
     """
     methods = timed_methods()
     columns = [("size", n, n, 20) for n in sizes] + [("share", p, 50, p) for p in shares]
@@ -79,18 +79,19 @@ def table3(runs=1000, *, seed=0, sizes=SIZES, shares=TIMED_SHARES):
         rows.append(("MCMD_Z, ms", "ours", *map("{:.3g}".format, base)))
         tables.append(Table(caption, ("method", "", *map(str, keys)), rows, n_labels=2))
     notes = [
-        "Medians of CPU seconds over clouds that all methods are given in turns, one at a time; ± "
-        "is the bootstrap's error. Absolute times say nothing about the paper's: another machine "
-        "and MATLAB. Up to 100 points PCA and qSp take about .3 ms for the calls alone.",
-        "The paper's times of MCMD are a straight line in the number of trials for the true share "
-        "of outliers (5, 8, 13, 38 and 69 for 5 to 50 %), so MCMD was told that share; here, too. "
-        "'reweighted' is told nothing and takes 69 trials.",
-        "That 'time gaps increase with n' is false of the paper's own RPCA: 98 times MCMD_Z at 50 "
+        "Numbers are medians of CPU seconds over clouds. All methods get one cloud in turn, then "
+        "the next. ± is the bootstrap's error. Absolute times cannot be compared with the paper's, "
+        "which are of another machine and MATLAB. Up to 100 points PCA and qSp take about .3 ms "
+        "for the calls alone.",
+        "The paper's times of MCMD are linear in the number of trials for the true share of "
+        "outliers (5, 8, 13, 38 and 69 for 5 to 50 %), so MCMD was given that share. Here it is "
+        "too. 'reweighted' is not, and takes 69 trials.",
+        "'Time gaps increase with n' is false for the paper's own RPCA: 98 times MCMD_Z at 50 "
         "points, 32 times at 10,000.",
         "The paper has two values for 50 points with 20 %: MCMD_Z .0085 and .0091 s, RPCA .8365 "
         "and .8007 s.",
-        "Ratios among different implementations: a method that is compiled here and was not "
-        "there, or the reverse, changes place.",
+        "The ratios depend on the implementations: a method that is compiled here, but was not "
+        "there, is faster than in the paper.",
     ]
 
     def draw(figure):
@@ -137,7 +138,7 @@ def _time(methods, n, percentage, runs, random_state):
 
 
 def _printed_ratios(name, kind, keys):
-    """The paper's times over MCMD_Z's in these columns, None where it has no such row."""
+    """The paper's times over MCMD_Z's in these columns, None if it has no such row."""
     if name not in SECONDS:
         return None
     own, unit = (SECONDS[method][kind == "share"] for method in (name, "MCMD_Z"))
@@ -161,12 +162,12 @@ def _short(value):
 
 
 def cost(runs=5, *, seed=0, sizes=COST_SIZES):
-    """Cost curve: the time of MCMD against the points of one neighborhood, and its exponent.
+    """Cost curve: the time of MCMD by the number of points in one neighborhood, and its exponent.
 
     Parameters
     ----------
     runs : int, default=5
-        Fits for each size, of `RobustNormalEstimator` with ``n_neighbors=None``.
+        Fits of `RobustNormalEstimator` for each size, with ``n_neighbors=None``.
     seed : int, default=0
     sizes : sequence of int, default=(10, 30, ..., 100000)
 
@@ -179,7 +180,7 @@ def cost(runs=5, *, seed=0, sizes=COST_SIZES):
     sizes = np.array(sizes)
     steps = Steps(len(sizes) * runs)
     seconds = {name: np.empty((len(sizes), runs)) for name in COST_METHODS}
-    for run in range(runs):  # sizes in turns: what else the machine does hits all alike
+    for run in range(runs):  # sizes in turns, so that other work of the machine affects all alike
         for i, n in enumerate(sizes):
             X, _ = make_contaminated_plane(
                 int(n), outlier_share=0.2, random_state=stream(seed, n, run), shuffle=True
@@ -200,11 +201,11 @@ def cost(runs=5, *, seed=0, sizes=COST_SIZES):
         rows.append((name, *cells, f"{1e3 * fixed:.2f}", f"{exponent:.2f} ± {error:.2f}"))
     header = ("method", *map(str, sizes), "a", "exponent c")
     notes = [
-        "a + b n^c is fitted to the logarithms by least squares; a, in milliseconds, is what the "
-        "calls themselves take, and ± the standard error.",
-        "All but PCA take 69 trials, each of which measures all points and selects the h "
-        "nearest without sorting: the algorithm is linear in n, where a sort would be n log n.",
-        "Table 3 of the paper: .0088 s for 20 points, .0400 s for 10,000, of 13 trials.",
+        "a + b n^c is fitted to the logarithms by least squares. a, in milliseconds, is the time "
+        "of the calls themselves; ± is the standard error.",
+        "All but PCA take 69 trials. Each measures all points and selects the h nearest without "
+        "sorting. So the algorithm is linear in n; with a sort it would be n log n.",
+        "Table 3 of the paper has .0088 s for 20 points and .0400 s for 10,000, with 13 trials.",
     ]
 
     def draw(figure):

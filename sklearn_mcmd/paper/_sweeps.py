@@ -13,12 +13,12 @@ from sklearn_mcmd.paper._runs import Steps, affordable, bias_angles, stream
 
 __all__ = ["figure5", "figure6", "figure7", "table2"]
 
-# A run has failed when its plane is off by more than this (degrees); a method has broken down
-# when this share of the runs has failed.
+# A run has failed if its plane is off by more than FAILURE degrees. A method has broken down if
+# BREAKDOWN_SHARE of its runs have failed.
 FAILURE, BREAKDOWN_SHARE = 5.0, 0.05
 NOT_ROBUST = ("PCA", "qSp")
-# As in the paper, sweeps leave MSAC out; scikit-learn's peers would take hours. Of the slow
-# methods' runs these shares are made.
+# Sweeps leave out MSAC, as in the paper, and scikit-learn's detectors, which would take hours. Slow
+# methods get the shares EFFORT of the runs.
 LEFT_OUT = ("MSAC", "RPCA rrcov", *PEERS)
 EFFORT = {"RPCA": 0.2, "uLSIF": 0.05}
 SHOWN = (1, 5, 10, 20, 30, 40, 45, 48, 49, 50, 55, 60, 64, 70, 74, 75, 76, 78, 80)
@@ -76,15 +76,15 @@ def figure5(runs=1000, *, seed=0, percentages=range(1, 81)):
         _mean_table("mean bias angle, degrees", methods, results, percentages, shown, "%")
     )
     notes = [
-        "Ours is the first percentage at which 5 % of the runs are off by more than 5 degrees; "
-        "the paper reads its own off the figure.",
+        "Ours is the first percentage at which 5 % of the runs are off by more than 5 degrees. "
+        "The paper reads its own numbers off the figure.",
         "The paper's abstract says that RANSAC and RPCA break down at 47 and 64 % (swapped) and "
-        "that MCMD_MD tolerates 75 %; its text says 64, 47 and 74.",
-        "MCMD_MD needs h = (1 - e) n for the true share e; with h = .5 n as in the text it breaks "
+        "that MCMD_MD tolerates 75 %. Its text says 64, 47 and 74.",
+        "MCMD_MD needs h = (1 - e) n for the true share e. With the text's h = .5 n it breaks "
         "down at 51 %.",
-        "MCMD_Z breaks down at 50 % whatever h is: the median and the MAD do.",
-        "The text gives uLSIF 3.626 degrees at 1 % of outliers. Which points uLSIF was trained on "
-        "is not stated, and no reading tried gives its curve.",
+        "MCMD_Z breaks down at 50 % for any h, because the median and the MAD do.",
+        "The text gives uLSIF 3.626 degrees at 1 % of outliers. It does not say on which points "
+        "uLSIF was trained, and none of the readings tried gives its curve.",
     ]
 
     def draw(figure):
@@ -141,11 +141,11 @@ def figure6(runs=1000, *, seed=0, percentages=range(1, 46)):
         tables.append(_mean_table(caption, methods, own, percentages, shown, "%"))
     notes = [
         "The paper prints no numbers. It says that MCMD_Z and MCMD_MD are always better than RPCA, "
-        "RANSAC and uLSIF, that MCMD_Z is the best, that RPCA breaks down at 40 % for n = 20 and "
-        "RANSAC is erratic there from 30 % on.",
-        "Confirmed for MCMD_Z against RPCA and RANSAC. MCMD_MD is not better than RPCA for n = 200 "
-        "from 15 % of outliers on, and for n = 50 not from 40 % on.",
-        "With h = .5 n as in the text MCMD_MD is worse than RPCA for n = 50 and 200.",
+        "RANSAC and uLSIF, that MCMD_Z is the best, and that for n = 20 RPCA breaks down at 40 % "
+        "and RANSAC is erratic from 30 % on.",
+        "This is confirmed for MCMD_Z against RPCA and RANSAC. MCMD_MD is not better than RPCA "
+        "from 15 % of outliers on for n = 200, and from 40 % on for n = 50.",
+        "With the text's h = .5 n MCMD_MD is worse than RPCA for n = 50 and 200.",
     ]
 
     def draw(figure):
@@ -189,9 +189,9 @@ def table2(runs=1000, *, seed=0):
         rows.append((name, *cells))
     header = ("data set", "regular: paper", "x", "y", "outliers: paper", "x", "y")
     notes = [
-        "The paper's table is input: the laws that Fig. 7a-b is simulated with. The angles that "
-        "they give are in figure7.",
-        "Read as standard deviations the same numbers give PCA 12 degrees in Table 1, not 34.",
+        "The paper's table is input: the distributions behind Fig. 7a-b. Their angles are in "
+        "figure7.",
+        "Read as standard deviations, the same numbers give PCA 12 degrees in Table 1, not 34.",
     ]
     title = f"Table 2: variances of regular points and outliers, {runs} clouds of 50 points each"
     table = Table("variances along x and y", header, rows)
@@ -220,7 +220,7 @@ def figure7(runs=1000, *, seed=0):
     Returns
     -------
     report : Report
-        `results` has ("mean", sweep, method) and ("error", sweep, method), sweep being
+        `results` has ("mean", sweep, method) and ("error", sweep, method), where sweep is
         "density" or "roughness".
     """
     methods = swept()
@@ -255,8 +255,8 @@ def figure7(runs=1000, *, seed=0):
         own, shown = _of_sweep(results, sweep, names), range(len(settings))
         tables.append(_mean_table(caption, methods, own, list(settings), shown, ""))
     notes = [
-        "The paper prints no numbers. Its order, MCMD_Z < MCMD_MD < RPCA < RANSAC, holds with "
-        "h = (1 - e) n for MCMD_MD; with h = .5 n MCMD_MD comes behind RPCA.",
+        "The paper prints no numbers. Its order, MCMD_Z < MCMD_MD < RPCA < RANSAC, holds if "
+        "MCMD_MD has h = (1 - e) n. With h = .5 n MCMD_MD comes after RPCA.",
     ]
 
     def draw(figure):
@@ -293,7 +293,7 @@ def _densities(runs, name, seed):
 
 
 def _sweep(methods, runs, n, percentages, labels, steps):
-    """`_summary` of each method at each percentage of outliers, (3, percentages) by its name."""
+    """`_summary` of each method at each percentage of outliers: name -> (3, percentages)."""
     summaries = {method.name: [] for method in methods}
     for percentage in percentages:
         clouds = contaminated_planes(runs, n, percentage, stream(*labels, percentage))
@@ -304,14 +304,14 @@ def _sweep(methods, runs, n, percentages, labels, steps):
 
 
 def _of_sweep(results, sweep, names):
-    """The curves (kind, method) of one of several sweeps, from (kind, sweep, method)."""
+    """The curves (kind, method) of one sweep, from (kind, sweep, method)."""
     return {
         (kind, name): results[kind, sweep, name] for kind in ("mean", "error") for name in names
     }
 
 
 def _summary(angles):
-    """Mean, its standard error, share of runs that failed."""
+    """Mean, its standard error, and the share of runs that failed."""
     error = angles.std(ddof=1) / np.sqrt(len(angles)) if len(angles) > 1 else np.nan
     return angles.mean(), error, np.mean(angles > FAILURE)
 
