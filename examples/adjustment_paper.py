@@ -1,7 +1,7 @@
 """The second paper's simulated clouds and its Table 5, for the examples and tests.
 
 Arabsheibani, Abedini, Kanani Sadat, Geodesy and Cartography 41(3), 2015, section 1.3 and
-Table 5. The paper states neither the size of its outliers nor where they are; the counts in
+Table 5. The paper states neither the size of its outliers nor their places. The counts in
 its table determine both (see `plot_adjustment_table5`). Lengths are in units of s0.
 """
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
 
-# Set: grid, noise and placement of the outliers that reproduce the set best.
+# Name of the set -> grid, noise and placement of the outliers that reproduce it best.
 SETS = {
     "A": {"shape": (25, 20), "noise": 0.10, "placement": "uniform"},
     "B": {"shape": (100, 50), "noise": 0.15, "placement": "edges"},
@@ -23,7 +23,7 @@ SLOPES = np.array([0.3, -0.2])
 
 @dataclass(frozen=True)
 class Row:
-    """A row of Table 5; the paper's Fuzzy column is `inserted` throughout."""
+    """A row of Table 5. The paper's Fuzzy column equals `inserted` in all rows."""
 
     set: str
     inserted: int
@@ -68,7 +68,7 @@ TABLE_5 = (
 
 
 def simulate(name, inserted, random_state=None, **changes):
-    """One of the paper's clouds: a grid, a plane, normal noise, outliers above it.
+    """One of the paper's clouds: a grid on a plane, with normal noise and outliers above it.
 
     Returns
     -------
@@ -81,7 +81,7 @@ def simulate(name, inserted, random_state=None, **changes):
 def simulate_cloud(
     inserted, *, shape, noise, placement, size=OUTLIER_SIZE, two_sided=False, random_state=None
 ):
-    """A grid of `shape` with `inserted` outliers of a size, placed in one of five ways."""
+    """A grid of `shape` with `inserted` outliers of one size, placed in one of five ways."""
     rng = np.random.default_rng(random_state)
     x, y = (axis.ravel() for axis in np.meshgrid(*map(np.arange, shape), indexing="ij"))
     xy = np.column_stack([x, y]).astype(float)
@@ -101,7 +101,7 @@ def _place(xy, inserted, placement, rng):
     border = np.abs(relative).max(axis=1)
     if placement == "uniform":
         return rng.choice(len(xy), inserted, replace=False)
-    if placement == "edges":  # denser towards all edges
+    if placement == "edges":  # more outliers near all edges
         density = 0.2 + border**4
         return rng.choice(len(xy), inserted, replace=False, p=density / density.sum())
     distance = {
@@ -113,12 +113,12 @@ def _place(xy, inserted, placement, rng):
 
 
 def batch_baarda(alpha, **parameters):
-    """The protocol that gives the paper's counts: all rejected at once, alpha uncorrected."""
+    """The protocol that gives the paper's counts: remove all rejected points, alpha uncorrected."""
     return BaardaPlaneDetector(alpha, correction="none", elimination="all", **parameters)
 
 
 def detect(X, alpha):
-    """Counts of one cloud by the protocols that Table 5 is compared with."""
+    """Outliers of one cloud by each protocol: name -> bool (n,)."""
     one_by_one = BaardaPlaneDetector(alpha).fit(X)
     batch = batch_baarda(alpha).fit(X)
     found = {

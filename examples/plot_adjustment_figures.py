@@ -2,12 +2,12 @@
 What do both methods mark on a wall and on a simulated plane?
 =============================================================
 
-Counterparts of Figures 2 to 5 of Arabsheibani et al.: outliers found by the paper's Baarda
-(all rejected points at once, uncorrected level) and by the fuzzy approach, first on a wall as a
-scanner sees it, then on a simulated grid. The paper's scan isn't public; the wall here is
-simulated, with a bush before its lower edge and mixed pixels at its right one.
+These are counterparts of Figures 2 to 5 of Arabsheibani et al. They show the outliers that the
+paper's Baarda (all rejected points at once, uncorrected level) and the fuzzy approach find, first
+on a scanned wall, then on a simulated grid. The paper's scan is not public. The wall here is
+simulated, with a bush in front of its lower edge and mixed pixels at its right edge.
 
-A wall stands upright, so its residuals are taken along the normal.
+A wall is upright, so residuals are distances along its normal.
 """
 
 import matplotlib.pyplot as plt
@@ -21,7 +21,7 @@ SIGMA = 0.01  # meters
 
 
 def make_wall(n=1115):
-    """A wall of 8 m by 4 m at 30 degrees to the axes; the paper's set A has 1115 points too."""
+    """A wall of 8 m by 4 m at 30 degrees to the axes, with 1115 points as in the paper's set A."""
     along, up = rng.uniform(0, 8, n), rng.uniform(0, 4, n)
     off = rng.normal(scale=SIGMA, size=n)
     bush = (up < 0.3) & (rng.uniform(size=n) < 0.5)
@@ -33,7 +33,7 @@ def make_wall(n=1115):
 
 
 def draw(ax, X, found, truth, title):
-    """The cloud from the side, outliers red; good points among them have a ring."""
+    """The cloud from the side, with outliers in red and rings around flagged good points."""
     ax.scatter(*X[~found].T, s=2, c="tab:blue")
     ax.scatter(*X[found].T, s=10, c="tab:red")
     swamped = found & ~truth
@@ -43,7 +43,7 @@ def draw(ax, X, found, truth, title):
 
 # %%
 # Figures 2 and 3: the wall. Figures 4 and 5: set A of the simulation, 100 outliers of 500.
-# Real data snooping stands beside them.
+# Real data snooping is shown beside them.
 def detectors(**parameters):
     return {
         "paper's Baarda (batch, alpha)": BaardaPlaneDetector(

@@ -2,22 +2,22 @@
 Which plane test should I use?
 ==============================
 
-Masking (outliers missed) and swamping (good points flagged) of the plane tests over where the
-outliers are, how many, and how large: 200 grid points with unit noise, sigma0 known, alpha
-0.05. All methods see the same clouds.
+The tables show masking (outliers missed) and swamping (good points flagged) of the plane tests, by
+the place, number and size of the outliers. The clouds are 200 grid points with unit noise; sigma0
+is known and alpha is 0.05. All methods get the same clouds.
 
-What it shows, without favor:
+The results:
 
-* **Data snooping** (one at a time, corrected level) is the best of the classical tests nearly
-  everywhere, if sigma0 is known.
-* **Fuzzy**'s merit is that of one adjustment without iteration: where outliers and good points
-  are separate groups it swamps far fewer good points than a test that removes all rejected
-  points at once. It isn't better than data snooping at the same critical value, and one huge
-  outlier can mask the others (``weighting="cut"`` cures that, and swamps more).
-* With an **estimated** scale (tau) both are blind beyond some 5 % of outliers.
-* Outliers gathered **at one edge** tilt the plane. All tests that start from least squares fail
-  there from 20 to 30 %; with ``robust_start=True`` 45 % of 10 sigma are found, and 40 % without
-  knowing sigma. Outliers of 5 sigma at one edge remain hard for every method from 20 %.
+* **Data snooping** (one point at a time, corrected level) is nearly always the best of the
+  classical tests, if sigma0 is known.
+* **Fuzzy** needs only one adjustment. If outliers and good points are separate groups, it swamps
+  far fewer good points than a test that removes all rejected points at once. It is not better than
+  data snooping at the same critical value. One huge outlier can mask the others.
+  ``weighting="cut"`` prevents this, but swamps more.
+* With an **estimated** scale (tau) both find nothing above about 5 % of outliers.
+* Outliers **at one edge** tilt the plane. All tests that start from least squares fail there from
+  20 to 30 % on. With ``robust_start=True`` 45 % of outliers of 10 sigma are found, and 40 % without
+  knowing sigma. Outliers of 5 sigma at one edge are hard for every method from 20 % on.
 
     python plot_adjustment_judgement.py --runs 200
 """
@@ -93,7 +93,7 @@ METHODS = {
 }
 
 # %%
-# Rates of every method in every cell.
+# The rates of every method in every cell.
 warnings.filterwarnings("ignore", message="The tests reject")
 warnings.filterwarnings("ignore", category=ConvergenceWarning)  # Tukey's plane, far from any
 cells = list(itertools.product(PLACEMENTS, SHARES, SIZES))
@@ -121,7 +121,7 @@ for name in METHODS:
     print(line)
 
 # %%
-# The largest share up to which at most 15 % of the outliers are missed and 7 % of the good
+# The largest share of outliers at which at most 15 % of them are missed and at most 7 % of the good
 # points are flagged, for outliers of 5, 10 and 20 sigma.
 print("\nbreakdown [%] at 5/10/20 sigma")
 print(f"{'':<22}" + "".join(f"{place:>15}" for place in PLACEMENTS))
@@ -141,7 +141,7 @@ for name in METHODS:
     print(line)
 
 # %%
-# Outliers of 10 sigma.
+# A picture for outliers of 10 sigma.
 figure, ax = plt.subplots(figsize=(10, 5), layout="constrained")
 table = np.array([[breakdown[name, place, 10.0] for place in PLACEMENTS] for name in METHODS])
 image = ax.imshow(table, cmap="RdYlGn", vmin=0, vmax=45, aspect="auto")
@@ -153,7 +153,7 @@ ax.set_title("Largest share of 10-sigma outliers that is found [%]")
 figure.colorbar(image)
 
 # %%
-# What a robust start buys: a strip of 30 % of outliers at one edge, seen from the side.
+# The effect of a robust start: a strip of 30 % of outliers at one edge, seen from the side.
 X, truth = simulate_cloud(60, shape=SHAPE, noise=1.0, placement="strip", size=10.0, random_state=0)
 figure, axes = plt.subplots(1, 2, figsize=(11, 4), sharey=True, layout="constrained")
 for ax, robust in zip(axes, (False, True), strict=True):

@@ -2,23 +2,23 @@
 Can the removal of outliers raise the variance factor?
 ======================================================
 
-In Table 4 of Arabsheibani et al. the variance factor of set A falls when the outliers go
-(1.1530 to 1.0150 and 1.0079), as it should. Those of sets B and C *rise*: 0.5649 to 0.6644 and
-0.7254, 0.8521 to 0.9068 and 0.9343. No test of residuals can do that.
+In Table 4 of Arabsheibani et al. the variance factor of set A falls when outliers are removed
+(1.1530 to 1.0150 and 1.0079), as it should. The variance factors of sets B and C *rise*: 0.5649 to
+0.6644 and 0.7254, 0.8521 to 0.9068 and 0.9343. No test of residuals can do that.
 
-**Proof.** Let S be the removed points, v_S their residuals, Q_SS the block of their cofactors
-(unit weights, as in the paper). Leaving them out changes the sum of squares to ::
+**Proof.** Let S be the removed points, v_S their residuals and Q_SS the block of their cofactors
+(unit weights, as in the paper). Without these points the sum of squares is ::
 
     v'v - v_S' Q_SS^-1 v_S  <=  v'v - |v_S|^2
 
-because the eigenvalues of Q_SS, a block of a projector, are at most 1. With m of f degrees of
-freedom gone, the variance factor m0^2 = v'v / f becomes at most ::
+because the eigenvalues of Q_SS, a block of a projector, are at most 1. m of the f degrees of
+freedom are lost, so the variance factor m0^2 = v'v / f becomes at most ::
 
-    (f m0^2 - |v_S|^2) / (f - m)  <  m0^2     as soon as     |v_S|^2 / m  >  m0^2.
+    (f m0^2 - |v_S|^2) / (f - m)  <  m0^2     if     |v_S|^2 / m  >  m0^2.
 
 A rejected residual is larger than c s sqrt(r), where c > 1 is the critical value and r is
-1 - O(1/n). With an estimated scale (tau, t) s is m0, and with a known one it is 1, above the
-m0 of sets B and C. So each rejected residual exceeds m0, and the variance factor must fall.
+1 - O(1/n). With an estimated scale (tau, t) s is m0. With a known scale it is 1, which is above
+the m0 of sets B and C. So each rejected residual exceeds m0, and the variance factor must fall.
 
     python plot_adjustment_table4.py --runs 20
 """
@@ -41,8 +41,8 @@ PAPER = {
 }
 
 # %%
-# Clouds of the paper's sizes with four outliers of 4.5 in 500 points, and so much noise that
-# the first variance factor is the paper's. Only set A has a counterpart.
+# The clouds have the paper's sizes and four outliers of 4.5 in 500 points. Their noise gives the
+# paper's first variance factor. Only set A has a counterpart.
 print(f"{'set':>3}{'':>8}{'before':>9}{'Baarda':>9}{'Fuzzy':>9}")
 ours = {}
 for name, (before, *_) in PAPER.items():
@@ -60,7 +60,7 @@ for name, (before, *_) in PAPER.items():
     print(f"{'':>3}{'ours':>8}" + "".join(f"{value:>9.4f}" for value in ours[name]))
 
 # %%
-# The largest ratio of the variance factors after and before in clouds of all kinds: never 1.
+# The largest ratio of the variance factors after and before, in clouds of all kinds. It is below 1.
 largest = 0.0
 rng = np.random.default_rng(0)
 for _ in range(100 * runs):
@@ -69,7 +69,7 @@ for _ in range(100 * runs):
     X[: rng.integers(1, n // 5 + 1), 2] += rng.uniform(2, 10)
     detector = BaardaPlaneDetector(0.2, test=rng.choice(["w", "tau"]), correction="none")
     detector.fit(X)
-    # w with a scale above 1 may reject what is below m0: outside the proof, and not B or C.
+    # If m0 is above 1, w may reject residuals below m0. The proof excludes this, as do B and C.
     if not detector.support_.all() and (
         detector.test == "tau" or detector.variance_factor_initial_ <= 1
     ):

@@ -2,19 +2,20 @@
 Which protocol gives the paper's Table 5?
 =========================================
 
-Arabsheibani et al. insert a known number of outliers into simulated planes and count what
-Baarda's method and the fuzzy approach find. Up to 16 % of outliers both are right; beyond,
-"Baarda" sweeps away up to the whole cloud, while "Fuzzy" returns the inserted number.
+Arabsheibani et al. insert a known number of outliers into simulated planes. They count the
+outliers that Baarda's method and the fuzzy approach find. Up to 16 % of outliers both are right.
+With more, "Baarda" removes up to the whole cloud, but "Fuzzy" returns the inserted number.
 
-The paper doesn't say how large its outliers are, where they lie, or how it removed them. Its
-counts do: outliers of 6 s0, all on one side, in noise of about 0.1 s0, and **every point over
-the uncorrected critical value removed at once**. That isn't data snooping, which removes the
-worst point and adjusts again, at a level that knows the number of tests. Run on the same
-clouds, data snooping returns the inserted number in every row, like the fuzzy approach with a
-width of 1.25. (Over 20 clouds a row, each has one exception: data snooping stops early in one
-cloud of set C at alpha 0.01, where 20 % of outliers pull the plane up until they stand 4.8
-above it, below the critical value of 4.89; fuzzy flags one good point in two clouds with 160
-of 500.)
+The paper does not say how large its outliers are, where they lie, or how it removed them. Its
+counts show it: outliers of 6 s0 on one side, noise of about 0.1 s0, and **every point above the
+uncorrected critical value removed at once**. That is not data snooping, which removes the worst
+point and adjusts again, at a level that depends on the number of tests. On the same clouds data
+snooping returns the inserted number in every row. So does the fuzzy approach with a width of 1.25.
+
+With 20 clouds for each row, each of the two has one exception. Data snooping stops early in one
+cloud of set C at alpha 0.01: 20 % of outliers pull the plane up until they are 4.8 above it, less
+than the critical value of 4.89. Fuzzy flags one good point in two clouds with 160 outliers of 500
+points.
 
     python plot_adjustment_table5.py --runs 20
 """
@@ -31,8 +32,8 @@ parser.add_argument("--runs", type=int, default=2, help="clouds for each row")
 runs = parser.parse_args().runs
 
 # %%
-# Each row of the table, the paper's count beside the mean of ours. The cloud's good points that
-# the batch removed come back when all points are tested on its last plane.
+# Each row of the table has the paper's count beside the mean of ours. Good points that the batch
+# removed come back when all points are tested on its last plane.
 columns = ["batch", "batch, tested again", "data snooping", "fuzzy alpha", "fuzzy 1", "fuzzy 1.25"]
 header = f"{'set':>3}{'alpha':>7}{'inserted':>9}{'paper: Baarda':>15}{'Fuzzy':>7}"
 print(header + "".join(f"{name:>21}" for name in columns))
@@ -50,7 +51,7 @@ for row in TABLE_5:
     print(line)
 
 # %%
-# How far the columns are from the paper's, in percent of the points of a set.
+# The difference of our columns from the paper's, in percent of the points of a set.
 print()
 sizes = {"A": 500, "B": 5000, "C": 10000}
 for name, truth in [("batch", "baarda"), ("data snooping", "inserted"), ("fuzzy 1.25", "inserted")]:
@@ -63,8 +64,8 @@ for name, truth in [("batch", "baarda"), ("data snooping", "inserted"), ("fuzzy 
         )
 
 # %%
-# The share of good points swept away, over the share inserted (alpha 0.15). The paper's counts
-# are crosses.
+# The share of points that are called outliers, by the share inserted (alpha 0.15). The paper's
+# counts are crosses.
 figure, axes = plt.subplots(1, 3, figsize=(14, 4.2), sharey=True, layout="constrained")
 for ax, (key, size) in zip(axes, sizes.items(), strict=True):
     rows = sorted((r for r in counts if r.set == key and r.alpha == 0.15), key=lambda r: r.inserted)

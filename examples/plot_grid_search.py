@@ -2,14 +2,14 @@
 Which parameters find the most outliers, and do other detectors do better?
 ===========================================================================
 
-`GridSearchCV` over ``n_neighbors``, ``outlier_rate`` and ``success_probability`` on a labeled,
-simulated street; `LocalOutlierFactor` and `IsolationForest` are candidates of the same search.
+`GridSearchCV` searches ``n_neighbors``, ``outlier_rate`` and ``success_probability`` on a labeled,
+simulated street. `LocalOutlierFactor` and `IsolationForest` are candidates in the same search.
 
 **The splits.** A local detector judges a point by its neighbors. Random folds fit on a thinned
-cloud; spatial blocks as groups score the points of a block by a cloud that has a hole there. Both
-measure another task, as the first figures below show. `SpatialBlockSplit` fits each block together
-with the neighbors that its points need and scores the block: verdicts are those of the whole cloud.
-No detector sees a label while it is fitted, so that nothing leaks, and each label counts once.
+cloud. Spatial blocks as groups score the points of a block by a cloud with a hole there. Both
+measure another task, as the first numbers below show. `SpatialBlockSplit` fits each block together
+with the neighbors that its points need, and scores the block. So labels are those of the whole
+cloud. No detector sees the truth while it is fitted, so nothing leaks, and each point counts once.
 
     python plot_grid_search.py --points 8000
 """
@@ -40,7 +40,7 @@ street = make_street(n_points, outlier_share=0.1, random_state=0)
 X, y = street.data, street.target
 
 # %%
-# One detector, three ways of splitting. What the whole cloud gives is the truth.
+# One detector and two ways of splitting. The scores should be those of the whole cloud.
 detector = MCMDOutlierDetector(noise_scale="pooled", borrow=True, random_state=0)
 whole = clone(detector).fit(X)
 print("balanced accuracy and ROC-AUC of one detector")
@@ -59,9 +59,9 @@ for name, cv in splits.items():
     print(f"  {name:<28}{means[0]:.3f}  {means[1]:.3f}")
 
 # %%
-# The search. Outlier rate and success probability only set the number of trials; a detector with
-# 6 trials is nearly as good here as one with 69. What matters is the number of neighbors, and
-# whose noise a distance is measured by.
+# The search. Outlier rate and success probability only set the number of trials. A detector with
+# 6 trials is nearly as good here as one with 69. The number of neighbors matters, and so does the
+# noise that distances are divided by.
 neighbors = [10, 20, 30, 50]
 rate = {
     "detector__outlier_rate": [0.2, 0.5],
@@ -97,7 +97,7 @@ with warnings.catch_warnings():
     search.fit(X, y)
 
 # %%
-# The best of each family, and how well it does on a street that the search has not seen.
+# The best of each family, and its scores on a street that the search has not seen.
 results = search.cv_results_
 kinds = np.array([id(params["detector"]) for params in results["params"]])
 unseen = make_street(n_points, outlier_share=0.1, random_state=1)
@@ -109,7 +109,7 @@ for name, (model, _) in families.items():
     params = {k.removeprefix("detector__"): v for k, v in results["params"][row].items()}
     del params["detector"]
     chosen = clone(model).set_params(**params)
-    if isinstance(chosen, LocalOutlierFactor):  # as scikit-learn wants it for its own training data
+    if isinstance(chosen, LocalOutlierFactor):  # scikit-learn requires this for training data
         chosen.set_params(novelty=False)
         labels = chosen.fit_predict(unseen.data)
         scores = chosen.negative_outlier_factor_

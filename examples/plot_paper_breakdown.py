@@ -1,10 +1,11 @@
 """
-How many outliers can each method bear?
-=======================================
+How many outliers can each method withstand?
+============================================
 
-Figure 5 of the first paper: the mean bias angle against the percentage of clustered outliers among
-100 points. The paper's breakdown points are 47 % for RPCA, 49 % for MCMD_Z, 64 % for RANSAC and 74
-% for MCMD_MD, which is told the share. No method that is told nothing can bear half of the points.
+Figure 5 of the first paper shows the mean bias angle by the percentage of clustered outliers among
+100 points. The paper's breakdown points are 47 % for RPCA, 49 % for MCMD_Z, 64 % for RANSAC and
+74 % for MCMD_MD, which is given the share. Without the share or the noise no method withstands
+half of the points.
 
     python plot_paper_breakdown.py --runs 1000
     python -m sklearn_mcmd.paper figure5

@@ -2,11 +2,12 @@
 Whose plane stays in place when a fifth of the points are outliers?
 ===================================================================
 
-Table 1 and Figure 4 of the first paper: the angle between the planes that one method fits to 50
-points, 10 of them outliers, and to the same points with these replaced by regular ones. The
-paper's figures stand beside ours, with their Monte-Carlo errors; what each row is told and what
-cannot be reproduced is printed below. Rows without a line "paper" are this package's additions:
-MCMD_MD as the text has it, RANSAC with the right noise, and the default, `reweighted`.
+One method fits two planes: to 50 points with 10 outliers, and to the same points with regular
+points in place of the outliers. Table 1 and Figure 4 of the first paper have the angle between
+these planes. The paper's numbers are printed beside ours, with Monte-Carlo errors. Notes below
+say which values each method is given, and which numbers cannot be reproduced. Rows without a line
+"paper" are additions: MCMD_MD as in the text, RANSAC with the right noise, and the default,
+`reweighted`.
 
     python plot_paper_table1.py --runs 1000
     python -m sklearn_mcmd.paper table1
@@ -31,8 +32,8 @@ report.plot()
 plt.show()
 
 # %%
-# Figure 4 adds 70 % of clustered and 80 % of uniform outliers, which only a method that is told so
-# can bear.
+# Figure 4 adds 70 % of clustered and 80 % of uniform outliers. Only methods that are given the
+# share withstand these.
 report = figure4(runs)
 print(report)
 report.plot()

@@ -1,10 +1,11 @@
 """
-Which regular points does each method take for outliers?
-========================================================
+How many regular points does each method call outliers?
+=======================================================
 
-Table 4 and Figure 8 of the first paper: outliers found (TPR) and regular points kept (TNR) of 100
-points. MCMD_Z and MCMD_MD are reproduced to a tenth of a percent, and so is RANSAC once its noise
-is mistyped as the paper's was; uLSIF and qSp are not.
+Table 4 and Figure 8 of the first paper have outliers found (TPR) and regular points kept (TNR) of
+100 points. MCMD_Z and MCMD_MD are reproduced to a tenth of a percent. So is RANSAC if it is given
+the variance of the noise in place of its standard deviation, as in the paper. uLSIF and qSp are not
+reproduced.
 
     python plot_paper_table4.py --runs 1000
     python -m sklearn_mcmd.paper table4
@@ -29,7 +30,7 @@ report.plot()
 plt.show()
 
 # %%
-# Figure 8: the same by run, with 20 % of outliers.
+# Figure 8: the regular points kept in each run, with 20 % of outliers.
 report = figure8(runs)
 print(report)
 report.plot()

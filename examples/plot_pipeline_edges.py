@@ -1,10 +1,11 @@
 """
-Where are the edges of a roof, through the noise?
-=================================================
+Where are the edges of a noisy roof?
+====================================
 
-Normals, then edges. ``SharpFeatureDetector(normals="precomputed")`` takes the columns of a
-`RobustNormalEstimator` in front of it in a Pipeline, drops outliers for its own use, and looks for
-lines in which the planes of two faces meet. With coordinates alone it does all of it by itself.
+The Pipeline has two steps, normals and edges. ``SharpFeatureDetector(normals="precomputed")`` takes
+the columns of the `RobustNormalEstimator` before it. It drops outliers for its own use. Then it
+searches lines in which the planes of two faces meet. With coordinates alone it does both steps
+itself.
 
     python plot_pipeline_edges.py --points 3000
 """
@@ -25,7 +26,7 @@ parser.add_argument("--points", type=int, default=3000, help="points of the roof
 n_points = parser.parse_args().points
 
 roof = make_crown_roof(n_points, outlier_share=0.1, random_state=0)
-# The truth: within two spacings of a ridge. Outliers are of no edge.
+# The truth: points within two spacings of a ridge. Outliers belong to no edge.
 on_edge = np.nan_to_num(roof.edge_distance, nan=np.inf) < 2 * roof.spacing
 
 # %%

@@ -2,9 +2,10 @@
 Can denoising be a step of the Pipeline?
 ========================================
 
-In imbalanced-learn's Pipeline it can: its samplers have `fit_resample`, which drops rows of X and y
-together. `DenoisingSampler` is one. Below, denoising, normals and segments are one object; and a
-classifier learns from a cleaned cloud and labels every point of a new, noisy one.
+In imbalanced-learn's Pipeline it can. Its samplers have `fit_resample`, which drops rows of X and y
+together. `DenoisingSampler` is one. The first example is one object for denoising, normals and
+segments. In the second, a classifier learns from a cleaned cloud and labels every point of a new,
+noisy one.
 
     pip install imbalanced-learn
     python plot_pipeline_resampling.py --points 10000
@@ -29,12 +30,12 @@ street, other = (make_street(n_points, outlier_share=0.1, random_state=seed) for
 sampler = DenoisingSampler(MCMDOutlierDetector(random_state=0))
 
 # %%
-# Without imbalanced-learn: a function of X and y.
+# Without imbalanced-learn, the sampler is a function of X and y.
 X, y = sampler.fit_resample(street.data, street.target)
 print(f"outliers: {np.mean(street.target == -1):.1%} before, {np.mean(y == -1):.1%} after")
 
 # %%
-# With it: denoise, normals, segments. One label for each row that was kept.
+# With imbalanced-learn: denoise, normals, segments. Each row that was kept gets a label.
 try:
     from imblearn.pipeline import make_pipeline
 except ImportError:
@@ -50,8 +51,8 @@ rows = segments[0].sample_indices_
 print(f"{labels.max() + 1} segments of {len(rows)} of {n_points} points")
 
 # %%
-# A classifier of surfaces: fitted without the outliers, applied to all points of another street.
-# Only fitting drops rows.
+# A classifier of surfaces is fitted without the outliers, and applied to all points of another
+# street. Only fitting drops rows.
 features = ["planarity", "verticality", "roughness"]
 classifier = make_pipeline(
     sampler,

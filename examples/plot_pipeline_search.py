@@ -2,14 +2,14 @@
 Which angle and how many neighbors segment a street best?
 =========================================================
 
-`GridSearchCV` over ``segment__max_angle`` and ``normals__n_neighbors`` of a Pipeline of normals and
-segments, on simulated streets whose surfaces are known.
+`GridSearchCV` searches ``segment__max_angle`` and ``normals__n_neighbors`` of a Pipeline of normals
+and segments, on simulated streets whose surfaces are known.
 
-**Folds and scorer.** Segments are found in a whole cloud, without labels: a fold is a whole scene,
-fitted and scored (`WholeSceneSplit`). Clusterers cannot `predict`, so that the scorer segments the
-scene itself (`score_segments`); with ``memory`` the normals of a scene are computed once for all
-angles. ``refit=False``, since scenes in one array lie on top of each other. The winner is judged on
-a street that the search has not seen.
+**Folds and scorer.** Segments are found in a whole cloud, without labels. So a fold is a whole
+scene, which is fitted and scored (`WholeSceneSplit`). Clusterers cannot `predict`, so the scorer
+segments the scene itself (`score_segments`). With ``memory`` the normals of a scene are computed
+once for all angles. ``refit=False`` is needed, because scenes in one array lie on top of each
+other. The winner is judged on a street that the search has not seen.
 
     python plot_pipeline_search.py --points 25000
 """
@@ -37,7 +37,7 @@ y = np.hstack([street.surface for street in streets[:2]])
 scene = np.repeat([0, 1], n_points)
 
 # %%
-# The search. Several scores at once; the candidates are ranked by each.
+# The search computes several scores and ranks the candidates by each.
 angles, neighbors = [5.0, 10.0, 15.0, 25.0, 40.0], [15, 30, 50]
 with TemporaryDirectory() as cache:
     pipeline = Pipeline(
@@ -56,7 +56,8 @@ with TemporaryDirectory() as cache:
     ).fit(X, y, groups=scene)
 
 # %%
-# By F (Eq. 28), adjusted Rand index and mean intersection over union. The best is judged anew.
+# The best by F (Eq. 28), by adjusted Rand index and by mean intersection over union, each judged on
+# the unseen street.
 results = search.cv_results_
 unseen = streets[2]
 pipeline.set_params(memory=None)

@@ -2,9 +2,9 @@
 How do I get the surfaces of a noisy street scan, as a table?
 =============================================================
 
-Denoise, normals, segments. Denoising drops rows, which no step of a scikit-learn Pipeline does, so
-it is a mask in front of it; the rest is one Pipeline, and its columns have names in pandas or
-polars. (One object for all three: ``plot_pipeline_resampling.py``.)
+The steps are denoising, normals and segments. Denoising drops rows, and no step of a scikit-learn
+Pipeline may do that. So it is a mask before the Pipeline, which has the other two steps. Columns
+have names in pandas or polars. ``plot_pipeline_resampling.py`` has one object for all three steps.
 
     python plot_pipeline_segments.py --points 30000
 """
@@ -29,15 +29,15 @@ street = make_street(n_points, outlier_share=0.1, random_state=0)
 cloud = pd.DataFrame(street.data, columns=["x", "y", "z"])
 
 # %%
-# Denoise: True for the points that lie on a surface.
+# Denoise. The mask is True for points on a surface.
 inliers = MCMDOutlierDetector(random_state=0).fit_predict(cloud) == 1
 print(
     f"{(~inliers).sum()} of {len(cloud)} points dropped, {np.sum(street.target == -1)} are outliers"
 )
 
 # %%
-# Normals and segments. The Pipeline hands a data frame from step to step: x, y, z, the normal, the
-# surface variation and the eigenvalues.
+# Normals and segments. The Pipeline passes a data frame from step to step, with x, y, z, the
+# normal, the surface variation and the eigenvalues.
 pipeline = Pipeline(
     [
         ("normals", RobustNormalEstimator(n_neighbors=30, random_state=0)),
@@ -48,8 +48,8 @@ labels = pipeline.fit_predict(cloud[inliers])
 print(pipeline["segment"].feature_names_in_)
 
 # %%
-# One row a segment. What the largest are is told by their size and normal: road and footpath lie
-# flat (normal_z near 1), the facade stands (near 0).
+# One row for each segment. Size and normal show what the largest segments are: road and footpath
+# are horizontal (normal_z near 1), the facade is vertical (near 0).
 table = pipeline[:-1].transform(cloud[inliers]).assign(segment=labels)
 segments = (
     table[table["segment"] >= 0]
@@ -60,7 +60,7 @@ segments = (
 print(segments.head(8).round(3).to_string())
 
 # %%
-# The same with polars: ``set_output(transform="polars")``, and a polars frame in. The labels do not
+# The same with ``set_output(transform="polars")`` and a polars frame as input. The labels do not
 # depend on the kind of table.
 try:
     import polars as pl
@@ -72,7 +72,7 @@ else:
     print("polars gives the same segments:", bool((again == labels).all()))
 
 # %%
-# How good they are, by the truth. Points that denoising dropped are of no segment.
+# Scores by the truth. Points that denoising dropped belong to no segment.
 whole = np.full(len(cloud), -1)
 whole[inliers] = labels
 scores = segmentation_scores(street.surface, whole)

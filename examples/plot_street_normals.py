@@ -2,10 +2,10 @@
 How far do outliers tilt the normals of a street?
 =================================================
 
-A simulated vehicle scan of a road, a kerb, a facade and a pole with 10 % of wrong points:
-passers-by, mixed pixels at edges, ghosts. The normals of plain principal components follow
-them, and near an edge they are the mean of two faces. Those of the majority's plane do not and
-are not.
+The cloud is a simulated vehicle scan of a road, a kerb, a facade and a pole. 10 % of its points are
+wrong, such as mixed pixels at edges and ghosts. They tilt the normals of plain principal
+components, which are also a mean of two faces near an edge. The robust normals are those of the
+majority's plane: outliers hardly tilt them, and near an edge they are those of one face.
 """
 
 import matplotlib.pyplot as plt
