@@ -1,15 +1,15 @@
-"""What does each rule and each constant buy? Switched off and scaled, one at a time.
+"""What does each rule and each constant gain? Rules are switched off, constants are scaled.
 
-A part of the package (`growing`; others register theirs in `PARTS`) names its constants, its
-rules, and the scenes and real clouds that they are tried on. Printed are the points of 100 that
-each change gains on each scene, or loses (-), and how many regions real clouds have then.
+`PARTS` holds the parts of the package. Each names its constants, its rules, and the scenes and
+real clouds for the trials. One change is made at a time. The program prints the points of 100 that
+it gains on each scene, or loses (-), and the number of regions in real clouds.
 
     python benchmarks/ablation.py growing --size 20000 --seeds 2 --data ../shared/data
     python benchmarks/ablation.py normals --size 20000 --seeds 1 --data ../shared/data
 
 ``--cache`` names a folder where prepared clouds (normals) are kept. A constant is replaced in
-the module that reads it. A compiled kernel would not notice that of a constant that it imports:
-kernels of a part that is tried here take theirs as arguments.
+the module that reads it. Compiled kernels would not notice a change of an imported constant, so
+the kernels of these parts take constants as arguments.
 """
 
 import argparse

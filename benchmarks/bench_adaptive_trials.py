@@ -1,11 +1,11 @@
-"""What do adaptive trials save, and do they cost accuracy or breakdown?
+"""How much time do adaptive trials save, and do they cost accuracy or breakdown?
 
-`outlier_rate="auto"` against all trials. In three dimensions, where estimators make all 69, the
-NumPy form is asked on the same neighborhoods: trials made; bias angles between twins (Table 1);
-and the share of neighborhoods whose normal tilts by more than 5 degrees from 30 to 49 percent of
-outliers, for five kinds of outliers. "lost" counts neighborhoods that only the adaptive form tilts,
-"gained" those that only the full table tilts; "32 only" is what stopping always at 32 would do. In
-four dimensions the CPU time of a whole estimator is measured.
+`outlier_rate="auto"` is compared with all trials. In three dimensions estimators make all 69
+trials, so the NumPy form is run on the same neighborhoods. The tables have the number of trials,
+the bias angles between twins (Table 1), and the share of neighborhoods whose normal tilts by more
+than 5 degrees, with 30 to 49 % of outliers of five kinds. "lost" counts neighborhoods that only the
+adaptive form tilts, "gained" those that only the full table tilts. "32 only" always stops at 32
+trials. In four dimensions the CPU time of a whole estimator is measured.
 
     python benchmarks/bench_adaptive_trials.py --runs 2000
 """

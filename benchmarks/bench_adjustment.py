@@ -1,9 +1,9 @@
 """How long do plane tests take, and how does that grow?
 
-Fits a plane of n points with a tenth of outliers (fuzzy) or exactly `--removals` of them
-(data snooping, one at a time), and prints seconds, memory a point beyond X itself, and the
-exponent of growth from one size to the next (1 is linear). Each measurement runs in a process
-of its own, because peak memory is a process's.
+The program fits a plane of n points with a tenth of outliers (fuzzy) or exactly `--removals`
+outliers (data snooping, one at a time). It prints seconds, memory for each point besides X itself,
+and the exponent of growth from one size to the next (1 is linear). Each measurement runs in its
+own process, because peak memory is that of a process.
 
     python benchmarks/bench_adjustment.py
     python benchmarks/bench_adjustment.py --sizes 10000 100000 --repeats 1

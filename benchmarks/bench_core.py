@@ -1,10 +1,9 @@
-"""What does a robust normal cost? Search, kernel and whole job against SciPy's search alone.
+"""How long does a robust normal take? Search, kernel and whole job against SciPy's search.
 
-Every measurement runs in a process of its own, in turn with the others, on the same street
-cloud in random row order (`--order spatial` sorts the rows first). Peak memory is that of the
-process above its state with the input loaded. Seconds of wall and CPU time are medians over
-the rounds; ratios are to SciPy's search of the same run, the only figures worth comparing
-between machines.
+Every measurement runs in its own process, in turn with the others, on the same street cloud in
+random row order (`--order spatial` sorts the rows first). Peak memory is that of the process,
+less its memory with the input loaded. Seconds of wall and CPU time are medians over the rounds.
+Ratios are to SciPy's search of the same run. Only ratios can be compared between machines.
 
     python benchmarks/bench_core.py --sizes 10000 100000 1000000 --threads 2
 """

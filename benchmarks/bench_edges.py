@@ -1,10 +1,10 @@
-"""Which points are of edges? Our forms against the paper's, with the truth.
+"""Which points belong to edges? Our forms and the paper's are compared with the truth.
 
-On the box, the crown roof and the street, whose edges are known, and on clouds with a true
-distance to the edge (`edge_dist` in an npz file). A point is of an edge if its true distance is at
-most two spacings. Precision, recall, F1, area under the ROC curve and average precision in
-percent, over the regular points; "P all" is the precision if outliers that are taken for edges
-count as errors as well. No form is told anything about the cloud.
+The clouds are the box, the crown roof and the street, whose edges are known, or clouds with the
+true distance to the edge (`edge_dist` in an npz file). A point belongs to an edge if its true
+distance is at most two spacings. Precision, recall, F1, area under the ROC curve and average
+precision are in percent of the regular points. "P all" is the precision if outliers labelled as
+edges count as errors too. All forms have their default parameters.
 
     python benchmarks/bench_edges.py
     python benchmarks/bench_edges.py --street 100000 --shares 0 0.1 0.2 --forms crease
@@ -60,7 +60,7 @@ def make_forms(options):
 
 
 def spacing_of(X):
-    """Side of the square that one point takes, of the median point, from its 8 neighbors."""
+    """Side of the square that the median point takes, from its 8 neighbors."""
     from scipy.spatial import cKDTree
 
     distances, _ = cKDTree(X).query(X, k=9)

@@ -1,9 +1,9 @@
-"""Is the stated false-positive rate the one that is achieved?
+"""Does the detector achieve the stated false-positive rate?
 
-Fresh clean planes with Gaussian noise, in percent of all their points (edges of the plane
-included) and, in parentheses, of those farther than two neighborhoods from its edge, for which
-the rate is stated. Means over the seeds; the last column is the standard error that so many
-independent points would have, of the asked rate.
+The clouds are new clean planes with Gaussian noise. Rates are in percent of all points, also those
+at the plane's edge. In parentheses they are in percent of the points farther than two
+neighborhoods from the edge, for which the rate is stated. Numbers are means over the seeds. The
+last column is the standard error of the stated rate for the same number of independent points.
 
     python benchmarks/bench_false_positives.py --seeds 3
 """

@@ -1,10 +1,10 @@
-"""How far are normals off, near edges, away from them and on curved surfaces, with the truth?
+"""How large are errors of normals near edges, away from edges and on curved surfaces?
 
-Mean, median and 95 % of the angle to the true normal in degrees, and the share within 10
-degrees, of least squares (what Open3D, PCL and pgeof compute), of the paper's form, of the
-default without borrowed planes and of the default. "Near" is within four spacings of an edge.
-"True planes" knows the plane of every face and gives each point the one that it is nearest to:
-with noise, no method can tell the faces better next to an edge.
+The tables have mean, median and 95 % of the angle to the true normal in degrees, and the share
+within 10 degrees. They compare least squares (as in Open3D, PCL and pgeof), the paper's form, the
+default without borrowed planes, and the default. "Near" is within four spacings of an edge. "True
+planes" knows the plane of every face and gives each point the nearest one. With noise, no method
+can do better next to an edge.
 
     python benchmarks/bench_normals.py streets --seeds 3
     python benchmarks/bench_normals.py curved
@@ -89,7 +89,7 @@ def ring(n, rng):
 
 
 def typical_spacing(X):
-    """Side of the square that a point has for itself."""
+    """Side of the square that one point takes."""
     from scipy.spatial import cKDTree
 
     distances, _ = cKDTree(X).query(X[::17], k=20)
@@ -97,7 +97,7 @@ def typical_spacing(X):
 
 
 def nearest_true_planes(scene, n_neighbors):
-    """Of the true planes around, the one that each point is nearest to."""
+    """Normals of the true planes around that are nearest to each point."""
     from scipy.spatial import cKDTree
 
     rows = np.flatnonzero(scene.regular)

@@ -1,12 +1,13 @@
 """How good and how fast are regions? Scores on scenes with truth, seconds from 10^4 points on.
 
-Scores: a street of 10 % outliers, denoised first as a user would; regions by the paper's rules
-alone and by ours, on normals of several sizes and methods. All true points count, so that what
-denoising removed wrongly is without a region; the second Rand index is of those it kept. DBSCAN,
-a peer, knows nothing of normals.
+Scores: a street with 10 % outliers is denoised first, as a user would do. Regions grow by the
+paper's rules alone and by ours, on normals of several sizes and methods. All true points count, so
+points that denoising wrongly removed have no region. The second Rand index counts only the points
+that denoising kept. DBSCAN, a peer, uses no normals.
 
-Speed: growing alone, after normals, on streets in random row order; each measurement in a
-process of its own, medians over the rounds. Seconds per point that do not grow are linear growth.
+Speed: growing alone is timed, after normals, on streets in random row order. Each measurement runs
+in its own process; numbers are medians over the rounds. If seconds for a point are constant, the
+time is linear.
 
     python benchmarks/bench_segmentation.py scores --size 100000 --seeds 3
     python benchmarks/bench_segmentation.py scenes

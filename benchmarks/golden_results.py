@@ -1,10 +1,10 @@
-"""Results of twelve clouds, kept before a change and compared after it.
+"""Results for twelve clouds, saved before a change of the code and compared after it.
 
     python benchmarks/golden_results.py keep before.npz [--data shared/data]
     python benchmarks/golden_results.py compare before.npz [--data shared/data]
 
-A change that only moves code must leave every result equal to the last bit. ``compare`` prints one
-line for each result: the share of values that are equal, and the largest difference.
+If a change only moves code, every result must be equal to the last bit. ``compare`` prints one
+line for each result: the share of equal values, and the largest difference.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""The figures of README.md and docs/limits.rst about the demo's street, from one command.
+"""The numbers of README.md and docs/limits.rst about the demo's street, from one command.
 
 mcmd demo && python benchmarks/readme_figures.py mcmd-demo/street.laz
 """
