@@ -381,7 +381,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
             planes, self.plane_index_ = self._surfaces.fit(X)
         else:
             with progress_part(0.0, 1.0, "normals"):
-                planes, _ = self._model.evaluate(X, n_jobs=self.n_jobs)
+                planes, _ = self._model.evaluate_fitted(X, n_jobs=self.n_jobs)
             self.plane_index_ = np.arange(len(X))
         self.normals_ = point_up(planes.normals)
         self.eigenvalues_ = planes.eigenvalues
@@ -408,8 +408,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         normals = np.empty_like(index.points)
         normals[index.nearest(X, self._n_workers())] = self.normals_
         k = min(TREE_NEIGHBORS, len(index.points))
-        _, neighbors = index.tree.query(index.points, k=k, workers=self._n_workers())
-        return orient_by_spanning_tree(normals, index.points, neighbors.astype(np.int32))
+        neighbors = index.query_own(slice(None), k).indices
+        return orient_by_spanning_tree(normals, index.points, neighbors)
 
     def _settle_orientation(self, d):
         """The direction, "mst", or ("viewpoint", position) as checked arrays."""

@@ -56,7 +56,8 @@ class JudgedCloud:
     def fit(self, X):
         """Score the points X (n, d), those that the model has indexed."""
         if self.own_planes_only:
-            self.scores, self.plane_index = self._score_by_own_planes(X), np.arange(len(X))
+            fitted = self.model.evaluate_fitted(X, self.n_jobs)
+            self.scores, self.plane_index = self._by_own_planes(*fitted), np.arange(len(X))
             self.on_surface = self.scores <= self.surface_limits.explained
             return self
         index = self.model.index
@@ -91,7 +92,7 @@ class JudgedCloud:
         A query that is a point of the cloud has the score of that point.
         """
         if self.own_planes_only:
-            return self._score_by_own_planes(queries)
+            return self._by_own_planes(*self.model.evaluate(queries, self.n_jobs))
         index, precision = self.model.index, np.finfo(queries.dtype).eps
         queries = np.ascontiguousarray(queries, dtype=np.float64)
         scores = np.empty(len(queries))
@@ -120,8 +121,7 @@ class JudgedCloud:
             isolation[rest], separation[rest] = self.company.measure(queries[rest], spacing[rest])
         return self._joined(distances, isolation, separation, queries)
 
-    def _score_by_own_planes(self, X):
-        planes, distances = self.model.evaluate(X, n_jobs=self.n_jobs)
+    def _by_own_planes(self, planes, distances):
         if self.noise_scale is not None:
             distances = ratio(distances * planes.scale, self.noise_scale)
         return distances
@@ -134,8 +134,7 @@ class JudgedCloud:
         planes, spacing = Planes.empty(n, d), np.empty(n)
 
         def task(rows):
-            part = index.points[rows]
-            around = index.query(part)
+            part, around = index.points[rows], index.query_own(rows)
             planes.put(rows, self.model.evaluate_neighborhoods(part, around)[0])
             neighbors[rows] = around.indices
             spacing[rows] = self._spacing(part, around.indices, itself=True)

@@ -6,7 +6,7 @@ import numpy as np
 
 from sklearn_mcmd.planes._adaptive_trials import StopRule, adaptive_consistent_sets
 from sklearn_mcmd.planes._around import extents
-from sklearn_mcmd.planes._chunks import each_chunk
+from sklearn_mcmd.planes._chunks import each_chunk, each_slice
 from sklearn_mcmd.planes._compiling import compiled_function
 from sklearn_mcmd.planes._consistent_set import Trials, localize, n_support_points
 from sklearn_mcmd.planes._plane import RANK_TOLERANCE, fit_planes, flat_normals, normal_errors
@@ -104,6 +104,22 @@ class LocalPlaneModel:
 
         size = max(1, CHUNK[self.ready()] // self.index.n_neighbors)
         each_chunk(queries, size, task, n_jobs)
+        return planes, distance
+
+    def evaluate_fitted(self, X, n_jobs=None):
+        """The same of the points X (n, d) that the index was made of, with a faster search."""
+        index = self.index
+        if self.whole is not None or index.n_distinct < len(X):
+            return self.evaluate(X, n_jobs)
+        planes, distance = Planes.empty(*X.shape), np.empty(len(X))
+
+        def task(rows):
+            around = index.query_own(rows)
+            found = self._evaluate_chunk(index.points[rows], around, self.rounding)
+            planes.put(index.rows[rows], found[0])
+            distance[index.rows[rows]] = found[1]
+
+        each_slice(len(X), max(1, CHUNK[self.ready()] // index.n_neighbors), task, n_jobs)
         return planes, distance
 
     def evaluate_neighborhoods(self, queries, neighborhoods, precision=0.0):
