@@ -61,7 +61,8 @@ def search_rows(tree, begin, end, capacity, indices):
     columns = np.empty((3, capacity))
     candidates = np.empty(capacity, np.int64)
     squares, within = np.empty(capacity), np.empty(capacity, np.int64)
-    order, bins = np.empty(capacity, np.int64), np.empty(66, np.int64)
+    ordered, found = np.empty(capacity), np.empty(capacity, np.int64)
+    bins = np.empty(66, np.int64)
     radius = np.empty(tree.last[tree.leaves[0]] - tree.first[tree.leaves[0]] + 64)
     center, before = np.empty(3), np.empty(3)
     center_radius = np.inf
@@ -89,7 +90,6 @@ def search_rows(tree, begin, end, capacity, indices):
             for j in range(max(first, begin), i):
                 bound = min(bound, radius[j - first] + _distance(points[i], points[j]))
             bound = _wider(bound)
-            found = indices[i - begin]
             n_within = k
             if n_candidates >= 0:
                 n_within = _screen(
@@ -101,10 +101,10 @@ def search_rows(tree, begin, end, capacity, indices):
                 n_within = k
                 squares[:k], within[:k] = nearest, rows
                 bound = np.sqrt(square)
-            _sort(points, squares, within, n_within, bound * bound, order, bins)
+            _sort(points, squares, within, n_within, bound * bound, k, ordered, found, bins)
             for a in range(k):
-                found[a] = within[order[a]]
-            radius[i - first] = np.sqrt(squares[order[k - 1]])
+                indices[i - begin, a] = found[a]
+            radius[i - first] = np.sqrt(ordered[k - 1])
 
 
 @kernel(cache=True)
@@ -157,7 +157,7 @@ def _find(tree, query, k, bound, nearest, rows, stack):
 
 @kernel(cache=True)
 def _collect(tree, leaf, reach, columns, candidates, stack):
-    """Points of all leaves within a reach, squared, of a leaf's box; -1 if they are too many."""
+    """How many points are within a reach, squared, of a leaf's box; -1 if too many to hold."""
     n_found, n_waiting = 0, 1
     stack[0] = 0
     while n_waiting > 0:
@@ -182,7 +182,7 @@ def _collect(tree, leaf, reach, columns, candidates, stack):
             for x in range(3):
                 columns[x, n_found] = tree.points[i, x]
             candidates[n_found] = i
-            n_found += 1
+            n_found += _square_to_box(tree, leaf, tree.points[i]) <= reach
     return n_found
 
 
@@ -203,28 +203,33 @@ def _screen(columns, candidates, n, query, bound, squares, within):
 
 
 @kernel(cache=True)
-def _sort(points, squares, rows, n, bound, order, bins):
-    """Fill `order` with the positions of n squares, ascending: by counting, then by insertion."""
+def _sort(points, squares, rows, n, bound, k, ordered, found, bins):
+    """Fill `found` with the k nearest of n rows, and `ordered` with their squared distances.
+
+    By counting in bins of squared distance, of which a surface has about equal numbers in each;
+    then by insertion, as far as the bin of the last that is wanted.
+    """
     n_bins = len(bins) - 2
     scale = n_bins / bound if bound > 0.0 else 0.0
     bins[:] = 0
     for a in range(n):
         bins[min(int(squares[a] * scale), n_bins) + 1] += 1
-    for b in range(n_bins + 1):
-        bins[b + 1] += bins[b]
+    last = 0
+    while bins[last] < k:
+        last += 1
+        bins[last] += bins[last - 1]
+    n_wanted = bins[last]
     for a in range(n):
         b = min(int(squares[a] * scale), n_bins)
-        order[bins[b]] = a
-        bins[b] += 1
-    for a in range(1, n):
-        one, b = order[a], a
-        while b > 0:
-            other = order[b - 1]
-            if _before(points, squares[other], rows[other], squares[one], rows[one]):
-                break
-            order[b] = other
+        if b < last:
+            ordered[bins[b]], found[bins[b]] = squares[a], rows[a]
+            bins[b] += 1
+    for a in range(1, n_wanted):
+        square, row, b = ordered[a], found[a], a
+        while b > 0 and not _before(points, ordered[b - 1], found[b - 1], square, row):
+            ordered[b], found[b] = ordered[b - 1], found[b - 1]
             b -= 1
-        order[b] = one
+        ordered[b], found[b] = square, row
 
 
 @kernel(cache=True)
