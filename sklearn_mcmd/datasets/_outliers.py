@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sklearn_mcmd.datasets._surfaces import Foliage
+from sklearn_mcmd.datasets._surfaces import Soft
 
 #: Outliers keep this many noise standard deviations from every true surface.
 CLEARANCE = 4.0
@@ -13,7 +13,7 @@ _LEAST_ACCEPTANCE, _ENOUGH = 0.005, 5000
 
 def gaussian(scene, n, clearance, rng):
     """Points of the surfaces, displaced at random on each axis."""
-    solid = [part for part in scene.parts if not isinstance(part, Foliage)]
+    solid = [part for part in scene.parts if not isinstance(part, Soft)]
     areas = np.array([part.area for part in solid])
 
     def propose(m):
@@ -22,13 +22,13 @@ def gaussian(scene, n, clearance, rng):
         origin = scene.to_scene(origin, rng.integers(scene.n_bays, size=m))
         return rng.permutation(origin + rng.normal(scale=scene.displacement, size=(m, 3)))
 
-    return _draw_clear(scene, n, clearance, propose)
+    return draw_clear(scene.distance, n, clearance, propose)
 
 
 def uniform(scene, n, clearance, rng):
     """Points anywhere in the scene's bounding box."""
     low, high = scene.bounds
-    return _draw_clear(scene, n, clearance, lambda m: rng.uniform(low, high, (m, 3)))
+    return draw_clear(scene.distance, n, clearance, lambda m: rng.uniform(low, high, (m, 3)))
 
 
 def mixed_pixel(scene, n, clearance, rng):
@@ -61,16 +61,16 @@ def mixed_pixel(scene, n, clearance, rng):
         points = scene.scanner + ray * (near + rng.uniform(0.05, 0.95, near.shape) * (far - near))
         return scene.to_scene(points, rng.integers(scene.n_bays, size=len(points)))
 
-    return _draw_clear(scene, n, clearance, propose)
+    return draw_clear(scene.distance, n, clearance, propose)
 
 
 def ghost(scene, n, clearance, rng):
     """Dense balls of 10 to 60 points, 5 to 10 cm in radius, floating off the surfaces."""
     low, high = scene.bounds
-    sizes = _cluster_sizes(n, rng)
+    sizes = cluster_sizes(n, rng)
     radii = rng.uniform(0.05, 0.10, len(sizes))
-    centers = _draw_clear(
-        scene,
+    centers = draw_clear(
+        scene.distance,
         len(sizes),
         lambda points: 0.25 + clearance(points),
         lambda m: rng.uniform(low, high, (m, 3)),
@@ -85,9 +85,9 @@ def ghost(scene, n, clearance, rng):
 MAKERS = {"gaussian": gaussian, "uniform": uniform, "mixed_pixel": mixed_pixel, "ghost": ghost}
 
 
-def _draw_clear(scene, n, clearance, propose):
-    """n proposed points that are farther from the scene than their clearance."""
-    kept = [np.empty((0, 3))]
+def draw_clear(distance, n, clearance, propose):
+    """n proposed points (rows) that are farther from the scene than their clearance."""
+    kept = []
     missing, asked, usable = n, 0, 0
     while missing > 0:
         if usable < _LEAST_ACCEPTANCE * asked and asked > _ENOUGH:
@@ -99,14 +99,14 @@ def _draw_clear(scene, n, clearance, propose):
         # As many as the acceptance so far calls for, within reason.
         ask = 64 + int(min(1.2 * asked / max(usable, 1), 20.0) * missing if asked else missing)
         points = propose(ask)
-        clear = points[scene.distance(points) > clearance(points)]
+        clear = points[distance(points) > clearance(points)]
         asked, usable = asked + ask, usable + len(clear)
         kept.append(clear[:missing])
         missing -= len(kept[-1])
-    return np.concatenate(kept)
+    return np.concatenate(kept) if kept else np.empty((0, 3))
 
 
-def _cluster_sizes(n, rng):
+def cluster_sizes(n, rng):
     """Sizes of 10 to 60 points that sum to n (fewer than 10 points make one small cluster)."""
     if n == 0:
         return np.zeros(0, int)

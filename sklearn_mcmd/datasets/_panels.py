@@ -195,7 +195,10 @@ class Bilinear:
         across /= np.linalg.norm(across, axis=1, keepdims=True)
         other = np.cross(ray, across)
         (p1, a1, b1, c1), (p2, a2, b2, c2) = (
-            [side @ vector for vector in (self.start - origin, self.a, self.b, self.c)]
+            [
+                np.sum(side * vector, axis=1)
+                for vector in (self.start - origin, self.a, self.b, self.c)
+            ]
             for side in (across, other)
         )
         square, linear = a2 * c1 - a1 * c2, p2 * c1 + a2 * b1 - p1 * c2 - a1 * b2

@@ -1,17 +1,40 @@
-"""Parts of all simulated roadsides: the road, its kerb, poles on the footpath, turned plates.
+"""Parts of all simulated roadsides: the road, its kerb, poles, turned plates, openings in walls.
 
 Lengths are in meters; x runs along the road, y across it, z up.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
 from sklearn_mcmd.datasets._surfaces import Circle, Cylinder, Patch
 
-__all__ = ["KERB_Y", "PATH_Z", "UP", "facing", "feet", "pole", "road_and_kerb"]
+__all__ = [
+    "CROWN_RADIUS",
+    "CROWN_Z",
+    "KERB_Y",
+    "PATH_Z",
+    "UP",
+    "Opening",
+    "facing",
+    "feet",
+    "pole",
+    "recess",
+    "road_and_kerb",
+]
 
 KERB_Y, PATH_Z = 3.0, 0.10
 UP = np.array([0, 0, 1.0])
 CROWN_RADIUS, CROWN_Z = 75.0, 0.03
+
+
+class Opening(NamedTuple):
+    """Window or door in a wall along x."""
+
+    x0: float
+    x1: float
+    z0: float
+    z1: float
 
 
 def road_and_kerb(length):
@@ -50,3 +73,16 @@ def feet(things):
 def facing(turn):
     """Two directions of a plate: along it, to the right as seen from the road, and to the road."""
     return np.array([np.cos(turn), np.sin(turn), 0]), np.array([np.sin(turn), -np.cos(turn), 0])
+
+
+def recess(name, wall_y, opening, depth, *, sill):
+    """The back of an opening in the wall at that y, and its reveals."""
+    x0, x1, z0, z1 = opening
+    x, y, z = (x1 - x0, 0, 0), (0, depth, 0), (0, 0, z1 - z0)
+    parts = [
+        Patch(f"{name}_back", (x0, wall_y + depth, z0), x, z),
+        Patch(f"{name}_left", (x0, wall_y, z0), y, z),
+        Patch(f"{name}_right", (x1, wall_y, z0), z, y),
+        Patch(f"{name}_head", (x0, wall_y, z1), y, x),
+    ]
+    return [*parts, Patch(f"{name}_sill", (x0, wall_y, z0), x, y)] if sill else parts

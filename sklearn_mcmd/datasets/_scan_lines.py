@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sklearn_mcmd.datasets._surfaces import Foliage
+from sklearn_mcmd.datasets._surfaces import first_hits
 
 #: A scanner is blind below this elevation.
 LOWEST = -np.radians(60)
@@ -73,14 +73,7 @@ def _cast(scene, azimuth, elevation, rng):
     flat = np.cos(elevation)
     ray = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
     way = 1.01 * scene.farthest_range * ray
-    nearest, surface = np.full(len(ray), np.inf), np.full(len(ray), -1)
-    for number, part in enumerate(scene.parts):
-        if isinstance(part, Foliage):
-            fraction = part.scatter(scene.scanner, scene.scanner + way, rng)
-        else:
-            fraction = part.hit(scene.scanner, scene.scanner + way)
-        nearer = fraction < nearest
-        nearest[nearer], surface[nearer] = fraction[nearer], number
+    nearest, surface = first_hits(scene.parts, scene.scanner, scene.scanner + way, rng)
     met = surface >= 0
     points = np.full(ray.shape, np.nan)
     points[met] = scene.scanner + nearest[met, None] * way[met]

@@ -8,7 +8,17 @@ import numpy as np
 from sklearn.utils import Bunch
 
 from sklearn_mcmd._sklearn import Interval, validate_params
-from sklearn_mcmd.datasets._road import KERB_Y, PATH_Z, UP, facing, feet, pole, road_and_kerb
+from sklearn_mcmd.datasets._road import (
+    KERB_Y,
+    PATH_Z,
+    UP,
+    Opening,
+    facing,
+    feet,
+    pole,
+    recess,
+    road_and_kerb,
+)
 from sklearn_mcmd.datasets._scan import SCAN_PARAMETERS, points_per_bay, scan
 from sklearn_mcmd.datasets._scene import Scene
 from sklearn_mcmd.datasets._surfaces import Foliage, Patch
@@ -17,8 +27,8 @@ from sklearn_mcmd.datasets._surfaces import Foliage, Patch
 _BAY = 5.0
 _BAY_MIN, _BAY_MAX = 4.2, 7.5
 _WALL_Y, _WALL_TOP = 4.5, 2.7
-_WINDOW = (0.4, 1.6, 0.95, 2.15)  # x0, x1, z0, z1
-_DOOR = (2.2, 3.1, PATH_Z, 2.1)
+_WINDOW = Opening(0.4, 1.6, 0.95, 2.15)
+_DOOR = Opening(2.2, 3.1, PATH_Z, 2.1)
 _WINDOW_DEPTH, _DOOR_DEPTH = 0.20, 0.12
 _SIGN, _POLE, _TREE = (0.9, 3.4), (3.6, 3.45), (2.3, 3.55)  # x, y of their feet
 
@@ -231,23 +241,11 @@ def _street(length, n_bays, tree):
             holes=[(x0, x1, z0 - PATH_Z, z1 - PATH_Z) for x0, x1, z0, z1 in (_WINDOW, _DOOR)],
             smooth=("u0", "u1", "v1"),
         ),
-        *_recess("window", *_WINDOW, _WINDOW_DEPTH, sill=True),
-        *_recess("door", *_DOOR, _DOOR_DEPTH, sill=False),
+        *recess("window", _WALL_Y, _WINDOW, _WINDOW_DEPTH, sill=True),
+        *recess("door", _WALL_Y, _DOOR, _DOOR_DEPTH, sill=False),
         *things,
     ]
     return Scene(parts, length, n_bays, scanner=(length / 2, 1.0, 2.0))
-
-
-def _recess(name, x0, x1, z0, z1, depth, sill):
-    """The back of an opening in the wall and its reveals."""
-    x, y, z = (x1 - x0, 0, 0), (0, depth, 0), (0, 0, z1 - z0)
-    parts = [
-        Patch(f"{name}_back", (x0, _WALL_Y + depth, z0), x, z),
-        Patch(f"{name}_left", (x0, _WALL_Y, z0), y, z),
-        Patch(f"{name}_right", (x1, _WALL_Y, z0), z, y),
-        Patch(f"{name}_head", (x0, _WALL_Y, z1), y, x),
-    ]
-    return [*parts, Patch(f"{name}_sill", (x0, _WALL_Y, z0), x, y)] if sill else parts
 
 
 def _sign(foot):

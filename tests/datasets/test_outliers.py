@@ -8,7 +8,7 @@ from scipy.stats import kstest
 
 from scenes import scene_of
 from sklearn_mcmd.datasets import make_street
-from sklearn_mcmd.datasets._outliers import _cluster_sizes
+from sklearn_mcmd.datasets._outliers import cluster_sizes
 
 
 def test_each_kind_of_outlier_has_its_equal_share():
@@ -86,7 +86,7 @@ def test_ghosts_are_dense_balls_off_the_surfaces():
 @pytest.mark.parametrize("n", [10, 35, 52, 53, 70, 87, 88, 1234, 50_000])
 def test_clusters_hold_10_to_60_points_and_all_together(n):
     for seed in range(5):
-        sizes = _cluster_sizes(n, np.random.default_rng(seed))
+        sizes = cluster_sizes(n, np.random.default_rng(seed))
         assert sizes.sum() == n
         assert sizes.min() >= 10
         assert sizes.max() <= 60

@@ -1,0 +1,169 @@
+"""A village at the edge of a forest, scanned from the air in two swaths."""
+
+from collections.abc import Sequence
+from numbers import Real
+
+import numpy as np
+from sklearn.utils import Bunch
+
+from sklearn_mcmd._sklearn import Interval, validate_params
+from sklearn_mcmd.datasets._sensing import SENSOR_PARAMETERS, Beams, Junk, Sensor, sense
+from sklearn_mcmd.datasets._surfaces import Cylinder, Patch
+from sklearn_mcmd.datasets._things import car, house, wire
+from sklearn_mcmd.datasets._vegetation import Grass, tree
+from sklearn_mcmd.datasets._world import World
+
+# Metres. The scene lies in 0 <= x <= 80, 0 <= y <= 60.
+_SIZE = np.array([80.0, 60.0])
+_SWATHS = (0.0, 36.0), (26.0, 60.0)  # where they lie in y
+_FLIGHTS = (-190.0, 250.0)  # in y
+_ALTITUDE = 800.0
+#: Distance of lines over that of points on a line; shake of points, in distances.
+_ASPECT, _SHAKE = 1.5, 0.15
+#: A beam is so wide at the ground that it meets a wire of this thickness.
+_WIRE = 0.16
+_PASSING = 0.45
+
+
+@validate_params(
+    {
+        **SENSOR_PARAMETERS,
+        "density_ratio": [Interval(Real, 1, None, closed="left")],
+        "misfit": [Interval(Real, None, None, closed="neither")],
+    },
+    prefer_skip_nested_validation=True,
+)
+def make_airborne_scan(
+    n_samples: int = 100_000,
+    *,
+    noise: float = 0.012,
+    density_ratio: float = 2.0,
+    misfit: float = 0.03,
+    outlier_share: float = 0.02,
+    outlier_kinds: Sequence[str] = ("range_error", "ghost", "low", "high"),
+    far_share: float = 0.002,
+    random_state: int | np.random.RandomState | None = None,
+) -> Bunch:
+    """Make an airborne scan of a village and a forest in two swaths that overlap.
+
+    80 m by 60 m: houses, trees, cars, grass, a ditch, wires, and the edge of a forest on a slope.
+    Beams go on behind leaves and wires, so a crown has several echoes a beam and some reach the
+    ground.
+
+    Parameters
+    ----------
+    n_samples : int, default=100_000
+        Number of points, outliers included.
+    noise : float, default=0.012
+        Standard deviation of the ranges, in metres.
+    density_ratio : float, default=2.0
+        Density of the first swath (y < 36) over that of the second (y > 26), at least 1.
+    misfit : float, default=0.03
+        Metres by which the second swath is too high.
+    outlier_share : float, default=0.02
+        Share of outliers in [0, 1), rounded to a whole number of points.
+    outlier_kinds : list or tuple of str
+        Kinds of outliers, in (nearly) equal shares.
+    far_share : float, default=0.002
+        Share of far gross outliers, half of them alone and half in clumps of 10 to 60.
+    random_state : int, RandomState instance or None, default=None
+        Seed. The same seed gives the same cloud.
+
+    Returns
+    -------
+    scan : :class:`~sklearn.utils.Bunch`
+        With the arrays of :func:`make_mobile_scan`; ``stretch`` is the number of the swath.
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.datasets import make_airborne_scan
+    >>> scan = make_airborne_scan(5000, random_state=0)
+    >>> scan.class_names
+    ['ground', 'grass', 'building', 'vegetation', 'vehicle', 'pole', 'wire']
+    """
+    return sense(
+        _village,
+        Sensor(
+            make_beams=lambda n, rng: _beams(n, density_ratio, rng),
+            noise_at=lambda ranges: np.full(len(ranges), float(noise)),
+            record=lambda origins, directions, ranges, stretch: (
+                origins
+                + ranges[:, None] * directions
+                + np.outer(stretch == 1, [0.0, 0.0, float(misfit)])
+            ),
+            reach=2 * _ALTITUDE,
+            passing=_PASSING,
+        ),
+        n_samples,
+        Junk(outlier_share, list(outlier_kinds), far_share),
+        random_state,
+    )
+
+
+def _beams(n, density_ratio, rng):
+    """Lines across the flight; the second swath is sparser by `density_ratio`."""
+    areas = np.array([_SIZE[0] * (high - low) for low, high in _SWATHS])
+    density = n / (areas @ [1.0, 1.0 / density_ratio]) / np.array([1.0, density_ratio])
+    swaths = []
+    for (low, high), per_area in zip(_SWATHS, density, strict=True):
+        step = np.array([_ASPECT, 1.0]) / np.sqrt(_ASPECT * per_area)
+        x = np.arange(rng.random() * step[0], _SIZE[0], step[0])
+        y = np.arange(low + rng.random() * step[1], high, step[1])
+        target = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+        line = np.repeat(np.arange(len(x)), len(y))
+        swaths.append((target + _SHAKE * step * rng.standard_normal(target.shape), line))
+    target = np.concatenate([t for t, _ in swaths])
+    target = np.clip(target, 0, _SIZE)
+    stretch = np.repeat([0, 1], [len(t) for t, _ in swaths])
+    origins = np.column_stack(
+        [target[:, 0], np.take(_FLIGHTS, stretch), np.full(len(target), _ALTITUDE)]
+    )
+    directions = np.column_stack([target, np.zeros(len(target))]) - origins
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    line = np.concatenate([swaths[0][1], swaths[0][1].max() + 1 + swaths[1][1]])
+    return Beams(origins, directions, line, stretch)
+
+
+def _village(rng):
+    length = (80.0, 0, 0)
+    ground = [
+        Patch("meadow", (0, 0, 0), length, (0, 30, 0)),
+        Patch("ditch_near", (0, 30, 0), length, (0, 1.5, -1.0)),
+        Patch("ditch_far", (0, 31.5, -1.0), length, (0, 1.5, 1.0)),
+        Patch("slope", (0, 33, 0), length, (0, 30, 6.0)),
+    ]
+    houses = [
+        ("house_1", (14, 10, 0), 0.1, (12, 8), 5.0, 8.5),
+        ("house_2", (36, 14, 0), 1.3, (10, 7), 4.0, 6.5),
+        ("house_3", (64, 12, 0), -0.3, (14, 9), 6.0, 10.0),
+        ("house_4", (66, 44, 2.0), 0.5, (9, 7), 3.5, 6.5),
+    ]
+    trees = [
+        tree("tree", (x, y, 0), rng.uniform(6, 10), rng.uniform(4, 6), rng)
+        for x, y in ((25, 8), (27, 21), (48, 7), (50, 24), (74, 23))
+    ]
+    for x in np.arange(2.0, 50.0, 4.5):
+        for y in np.arange(37.0, 62.0, 4.5):
+            place = np.array([x, y]) + rng.uniform(-1.2, 1.2, 2)
+            foot = (*place, 0.2 * (place[1] - 33))
+            trees.append(tree("tree", foot, rng.uniform(9, 15), rng.uniform(4, 6), rng))
+    poles = [Cylinder("pole", (x, 27, 0), (0, 0, 10), 0.15) for x in (1.0, 40.0, 79.0)]
+    wires = [
+        piece
+        for x0, x1 in ((1.0, 40.0), (40.0, 79.0))
+        for y, z in ((26.4, 9.5), (27.6, 9.5), (27.0, 9.9))
+        for piece in wire("wire", (x0, y, z), (x1, y, z), 0.8, _WIRE)
+    ]
+    return World(
+        {
+            "ground": ground,
+            "grass": [Grass("grass", (52, 18.5, 0.001), (26, 0, 0), (0, 8, 0), 0.1)],
+            "building": [part for args in houses for part in house(*args)],
+            "vegetation": [part for parts in trees for part in parts],
+            "vehicle": [p for x, y, t in ((24, 15, 0.4), (45, 19, 1.5), (55, 5, -0.2))
+                        for p in car("car", (x, y, 0), t)],
+            "pole": poles,
+            "wire": wires,
+        },
+        through=("vegetation", "wire"),
+    )  # fmt: skip

@@ -1,0 +1,239 @@
+"""A street scanned from a vehicle that stands still for a while."""
+
+from collections.abc import Sequence
+from numbers import Real
+
+import numpy as np
+from sklearn.utils import Bunch
+
+from sklearn_mcmd._sklearn import Interval, validate_params
+from sklearn_mcmd.datasets._road import (
+    CROWN_RADIUS,
+    CROWN_Z,
+    KERB_Y,
+    PATH_Z,
+    UP,
+    Opening,
+    facing,
+    pole,
+    recess,
+)
+from sklearn_mcmd.datasets._sensing import (
+    SENSOR_PARAMETERS,
+    Beams,
+    Junk,
+    Sensor,
+    record_as_it_is,
+    sense,
+)
+from sklearn_mcmd.datasets._surfaces import Cylinder, Patch
+from sklearn_mcmd.datasets._things import car, wire
+from sklearn_mcmd.datasets._vegetation import Crown, Grass, tree
+from sklearn_mcmd.datasets._world import World
+
+# Metres. The street lies in 0 <= x <= 15; the vehicle drives along y = -1.5.
+_LENGTH, _LANE_Y, _HEIGHT = 15.0, -1.5, 2.2
+_STOP = (8.0, 8.8)
+_WALL_Y, _WALL_TOP = 6.0, 7.0
+#: The plane in which the beam turns stands so far off the cross-section of the street.
+_TILT = np.radians(25)
+#: The beam leaves the vehicle only above this elevation.
+_LOWEST = -np.radians(60)
+_REACH = 60.0
+#: Distance of lines over that of points on a line, at this range.
+_ASPECT, _AT_RANGE = 3.0, 6.0
+_PASSING = 0.25
+
+
+@validate_params(
+    {
+        **SENSOR_PARAMETERS,
+        "noise_growth": [Interval(Real, 1, None, closed="left")],
+        "density_ratio": [Interval(Real, 1, None, closed="left")],
+    },
+    prefer_skip_nested_validation=True,
+)
+def make_mobile_scan(
+    n_samples: int = 100_000,
+    *,
+    noise: float = 0.005,
+    noise_growth: float = 3.0,
+    density_ratio: float = 10.0,
+    outlier_share: float = 0.02,
+    outlier_kinds: Sequence[str] = ("mixed_pixel", "range_error", "ghost"),
+    far_share: float = 0.002,
+    random_state: int | np.random.RandomState | None = None,
+) -> Bunch:
+    """Make a scan of a street from a vehicle that stands still for a while.
+
+    15 m of a street: road, kerb and footpath, a facade with windows, two parked cars, posts, signs,
+    wires; on the other side grass, a fence, bushes and trees. Scan lines lie across the street,
+    ``density_ratio`` times as dense over the 0.8 m where the vehicle stands. A point is what its
+    beam meets first, or what it meets behind leaves, wires and blades of grass.
+
+    Parameters
+    ----------
+    n_samples : int, default=100_000
+        Number of points, outliers included.
+    noise : float, default=0.005
+        Standard deviation of the ranges at range 0, in metres.
+    noise_growth : float, default=3.0
+        Noise at a range of 60 m over that at range 0, at least 1; linear in between.
+    density_ratio : float, default=10.0
+        Scan lines a metre where the vehicle stands over those elsewhere, at least 1.
+    outlier_share : float, default=0.02
+        Share of outliers in [0, 1), rounded to a whole number of points.
+    outlier_kinds : list or tuple of str
+        Kinds of outliers, in (nearly) equal shares.
+    far_share : float, default=0.002
+        Share of far gross outliers, half of them alone and half in clumps of 10 to 60.
+    random_state : int, RandomState instance or None, default=None
+        Seed. The same seed gives the same cloud.
+
+    Returns
+    -------
+    scan : :class:`~sklearn.utils.Bunch`
+        In metres, rows shuffled:
+
+        - ``data``, float64 (n_samples, 3);
+        - ``target``, int64 (n_samples,): +1 regular, -1 outlier;
+        - ``true_points``, float64 (n_samples, 3): `data` without noise; NaN for outliers;
+        - ``normals``, float64 (n_samples, 3): true unit normals toward the sensor; NaN where there
+          is no surface (leaves, grass, wires) and for outliers;
+        - ``surface``, int64 (n_samples,): number in ``surface_names``; -1 for outliers;
+        - ``classification``, int64 (n_samples,): number in ``class_names``; -1 for outliers;
+        - ``stretch``, int64 (n_samples,): 1 where the vehicle stood, else 0; -1 for outliers;
+        - ``viewpoints``, float64 (n_samples, 3): where the sensor was;
+        - ``noise_scale``, float64 (n_samples,): standard deviation of the range;
+        - ``outlier_kind``, int8 (n_samples,): number in ``outlier_kind_names``; 0 for no outlier;
+        - ``surface_names``, ``class_names``, ``outlier_kind_names``, ``feature_names``.
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.datasets import make_mobile_scan
+    >>> scan = make_mobile_scan(5000, random_state=0)
+    >>> scan.data.shape, int((scan.target == -1).sum())
+    ((5000, 3), 110)
+    """
+    return sense(
+        _street,
+        Sensor(
+            make_beams=lambda n, rng: _beams(n, density_ratio, rng),
+            noise_at=lambda ranges: noise * (1 + (noise_growth - 1) * ranges / _REACH),
+            record=record_as_it_is,
+            reach=_REACH,
+            passing=_PASSING,
+        ),
+        n_samples,
+        Junk(outlier_share, list(outlier_kinds), far_share),
+        random_state,
+    )
+
+
+def _beams(n, density_ratio, rng):
+    """Turns of one beam; where the vehicle stands, `density_ratio` times as many a metre."""
+    begin, end = _STOP
+    knots = np.array([0.0, begin, end, _LENGTH])
+    ways = np.cumsum([0.0, begin, density_ratio * (end - begin), _LENGTH - end])
+    span = np.pi - 2 * _LOWEST
+    step = np.sqrt(ways[-1] * span / (n * _ASPECT * _AT_RANGE))
+    way = np.arange(rng.random(), ways[-1] / (_ASPECT * _AT_RANGE * step)) * (
+        _ASPECT * _AT_RANGE * step
+    )
+    x = np.interp(way, ways, knots)
+    angles = np.arange(_LOWEST, np.pi - _LOWEST, step)
+    angle = (angles + step * rng.random((len(x), 1))).ravel()
+    line = np.repeat(np.arange(len(x)), len(angles))
+    standing = (x >= begin) & (x < end)
+    origins = np.column_stack([x[line], np.full(len(line), _LANE_Y), np.full(len(line), _HEIGHT)])
+    flat = np.cos(angle)
+    directions = np.column_stack([np.sin(_TILT) * flat, np.cos(_TILT) * flat, np.sin(angle)])
+    return Beams(origins, directions, line, standing[line].astype(int))
+
+
+def _street(rng):
+    """Half of the street has houses, the other half grass and trees."""
+    low, high = -6.0, _LENGTH + 6.0
+    along = np.array([high - low, 0, 0])
+    gutter = np.arcsin(KERB_Y / CROWN_RADIUS)
+    gutter_z = CROWN_Z - CROWN_RADIUS * (1 - np.cos(gutter))
+    axis = (low, 0, CROWN_Z - CROWN_RADIUS)
+    road = [
+        Cylinder("road", axis, along, CROWN_RADIUS, start=UP, arc=gutter),
+        Cylinder("road", np.add(axis, along), -along, CROWN_RADIUS, start=UP, arc=gutter),
+        Patch("kerb", (low, KERB_Y, gutter_z), along, (PATH_Z - gutter_z) * UP),
+        Patch("footpath", (low, KERB_Y, PATH_Z), along, (0, _WALL_Y + 0.3 - KERB_Y, 0)),
+    ]
+    openings = [
+        Opening(x, x + 1.2, z, z + 1.4) for x in np.arange(-5.2, 20, 3.0) for z in (1.0, 4.0)
+    ]
+    facade = [
+        Patch(
+            "wall",
+            (low, _WALL_Y, PATH_Z),
+            along,
+            (_WALL_TOP - PATH_Z) * UP,
+            holes=[(x0 - low, x1 - low, z0 - PATH_Z, z1 - PATH_Z) for x0, x1, z0, z1 in openings],
+        ),
+        Patch("eaves", (low, _WALL_Y - 0.5, _WALL_TOP), (0, 0.5, 0), along),
+        Patch("gutter", (low, _WALL_Y - 0.5, _WALL_TOP), along, (0, 0, 0.15)),
+    ]
+    for opening in openings:
+        facade += recess("window", _WALL_Y, opening, 0.2, sill=True)
+    turn = np.radians(20)
+    side, toward = facing(turn)
+    post = np.array([4.0, 3.5])
+    plate = np.array([*post, 2.0]) + 0.05 * toward - 0.3 * side
+    light = np.array([11.0, 3.4])
+    posts = [
+        pole("lamp", (6.5, 3.6), 0.09, 6.5),
+        Cylinder("lamp_arm", (6.5, 3.6, 6.4), (0, -1.5, 0.3), 0.05),
+        pole("sign_post", post, 0.03, 2.7),
+        pole("light_post", light, 0.06, 3.2),
+        pole("wire_pole_1", (1.5, -4.0), 0.12, 7.0),
+        pole("wire_pole_2", (14.0, -4.0), 0.12, 7.0),
+        *(pole("fence_post", (x, -9.0), 0.04, 1.2) for x in np.arange(-4, 20, 2.0)),
+    ]
+    box = np.array([light[0] - 0.15, light[1] - 0.25, 2.3])
+    signs = [
+        Patch("sign", plate, 0.6 * side, (0, 0, 0.6)),
+        Patch("light_front", box, (0.3, 0, 0), (0, 0, 0.8)),
+        Patch("light_left", box, (0, 0, 0.8), (0, 0.2, 0)),
+        Patch("light_right", box + np.array([0.3, 0, 0]), (0, 0.2, 0), (0, 0, 0.8)),
+    ]
+    wires = [
+        piece
+        for y, z in ((-4.3, 6.7), (-3.7, 6.7), (-4.0, 7.0))
+        for piece in wire("wire", (1.5, y, z), (14.0, y, z), 0.25, 0.03)
+    ]
+    wires += [
+        piece
+        for start, end in (((1.5, -4, 6.9), (3.0, _WALL_Y, 6.0)), ((14, -4, 6.9), (12, _WALL_Y, 6)))
+        for piece in wire("wire", start, end, 0.3, 0.03)
+    ]
+    wires += [
+        piece
+        for z in (0.5, 0.8, 1.1)
+        for piece in wire("fence_wire", (-4, -9, z), (18, -9, z), 0.02, 0.02)
+    ]
+    trees = [
+        tree("tree", (x, y, 0), rng.uniform(5, 8), rng.uniform(3, 4.5), rng)
+        for x, y in ((-1.0, -7.0), (5.0, -6.5), (10.5, -7.5), (17.0, -6.5), (2, -14), (9, -15),
+                     (15, -13))
+    ]  # fmt: skip
+    bushes = [Crown("bush", tree("bush", (x, -11, -0.3), 1.6, 2.0, rng, n_balls=8)[1].balls)
+              for x in (3.0, 7.5, 13.0)]  # fmt: skip
+    return World(
+        {
+            "road": road,
+            "facade": facade,
+            "post": posts,
+            "sign": signs,
+            "wire": wires,
+            "vegetation": [part for parts in trees for part in parts] + bushes,
+            "grass": [Grass("grass", (low, -25, -0.02), along, (0, 25 - KERB_Y, 0), 0.08)],
+            "vehicle": [*car("car_1", (3.0, 1.9, -0.03), 0.03),
+                        *car("car_2", (12.5, 2.0, -0.03), np.pi + 0.02)],
+        },
+        through=("vegetation", "wire", "grass"),
+    )  # fmt: skip

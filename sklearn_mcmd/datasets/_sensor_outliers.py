@@ -1,0 +1,166 @@
+"""Outliers that sensors make, and far ones; each maker gives rows of point and viewpoint."""
+
+import numpy as np
+
+from sklearn_mcmd.datasets._outliers import CLEARANCE, cluster_sizes, draw_clear
+
+__all__ = ["FAR", "MAKERS"]
+
+#: Mixed pixels: both surfaces are farther apart than these, in spacings and in metres.
+_MIXED_GAP = 5.0, 0.15
+
+#: Range errors and ghosts keep so many spacings off.
+_OFF = 5.0, 20.0
+
+#: Far outliers are so far from every regular point, in diagonals of the cloud.
+_FAR = 0.1
+
+
+def mixed_pixel(scan, n, rng):
+    """Between two surfaces that neighboring beams of a line meet, on a beam between them."""
+    ranges, part = scan.first
+    jump = np.abs(np.diff(np.where(np.isfinite(ranges), ranges, 0.0)))
+    least = max(_MIXED_GAP[0] * np.median(scan.spacing), _MIXED_GAP[1])
+    edge = (part[:-1] >= 0) & (part[1:] >= 0) & (part[:-1] != part[1:]) & (jump > least)
+    edge = np.flatnonzero(edge & (np.diff(scan.beams.line) == 0))
+
+    def propose(m):
+        i = rng.choice(edge, m)
+        between, share = rng.random((2, m))
+        return _on_beams(scan, i, (1 - share) * ranges[i] + share * ranges[i + 1], between)
+
+    return _draw(scan, n, propose)
+
+
+def range_error(scan, n, rng):
+    """A wrong range: 5 to 20 spacings before or behind what the beam meets."""
+
+    def propose(m):
+        i = rng.integers(len(scan.points), size=m)
+        beam = scan.beam[i]
+        ranges = np.linalg.norm(scan.points[i] - scan.beams.origins[beam], axis=1)
+        return _on_beams(scan, beam, ranges + _signed(_OFF, m, rng) * scan.spacing[i])
+
+    return _draw(scan, n, propose)
+
+
+def ghost(scan, n, rng):
+    """Dense balls of 10 to 60 points, 1 to 3 spacings in radius, floating off the surfaces."""
+    unit = np.median(scan.spacing)
+    return _clumps(scan, n, (unit, 3 * unit), _draw, _in_box(scan, 1.0, rng), rng, unit * _OFF[0])
+
+
+def low(scan, n, rng):
+    """Clumps of 10 to 60 points on beams that seem to go on 2 to 10 m below what they meet."""
+    unit = np.median(scan.spacing)
+
+    def propose(m):
+        i = rng.integers(len(scan.points), size=m)
+        beam = scan.beam[i]
+        ranges = np.linalg.norm(scan.points[i] - scan.beams.origins[beam], axis=1)
+        return _on_beams(scan, beam, ranges + rng.uniform(2.0, 10.0, m))
+
+    return _clumps(scan, n, (unit, 3 * unit), _draw, propose, rng, unit * _OFF[0])
+
+
+def high(scan, n, rng):
+    """Birds and haze: alone, on beams, 5 to 40 m before what they meet."""
+
+    def propose(m):
+        i = rng.integers(len(scan.points), size=m)
+        beam = scan.beam[i]
+        ranges = np.linalg.norm(scan.points[i] - scan.beams.origins[beam], axis=1)
+        return _on_beams(scan, beam, ranges - rng.uniform(5.0, 40.0, m))
+
+    return _draw(scan, n, propose)
+
+
+def particle(scan, n, rng):
+    """Snow or dust near the sensor, on beams: ranges follow a log-normal law."""
+
+    def propose(m):
+        i = rng.integers(len(scan.beams.line), size=m)
+        ranges = rng.lognormal(np.log(3.9), 0.75, m)
+        return _on_beams(scan, i, np.minimum(ranges, scan.first[0][i]))
+
+    return _draw(scan, n, propose)
+
+
+def far_single(scan, n, rng):
+    """Anywhere in a box of three times the cloud's extent, alone."""
+    return _draw_far(scan, n, _in_box(scan, 3.0, rng))
+
+
+def far_clump(scan, n, rng):
+    """Clumps of 10 to 60 points, 2 to 10 spacings in radius, there."""
+    unit = np.median(scan.spacing)
+    propose = _in_box(scan, 3.0, rng)
+    return _clumps(scan, n, (2 * unit, 10 * unit), _draw_far, propose, rng)
+
+
+#: Maker of each kind; with those of far outliers, the order sets the codes: position + 1.
+MAKERS = {
+    "mixed_pixel": mixed_pixel,
+    "range_error": range_error,
+    "ghost": ghost,
+    "low": low,
+    "high": high,
+    "particle": particle,
+}
+FAR = {"far_single": far_single, "far_clump": far_clump}
+
+
+def _on_beams(scan, beam, ranges, between=None):
+    """Rows at those ranges on beams, or between a beam and the next one by that share."""
+    origin, direction = scan.beams.origins[beam], scan.beams.directions[beam]
+    if between is not None:
+        direction = direction + between[:, None] * (scan.beams.directions[beam + 1] - direction)
+    return np.column_stack([origin + np.maximum(ranges, 0.1)[:, None] * direction, origin])
+
+
+def _in_box(scan, size, rng):
+    """Proposals in the cloud's box, enlarged about its middle, seen from where points are."""
+    low, high = scan.points.min(axis=0), scan.points.max(axis=0)
+    middle, half = (low + high) / 2, size * (high - low) / 2
+
+    def propose(m):
+        seen = scan.beams.origins[scan.beam[rng.integers(len(scan.beam), size=m)]]
+        return np.column_stack([rng.uniform(middle - half, middle + half, (m, 3)), seen])
+
+    return propose
+
+
+def _draw(scan, n, propose, more=0.0):
+    """Proposals off the world's parts, by their noise and by more."""
+
+    def clearance(rows):
+        ranges = np.linalg.norm(rows[:, :3] - rows[:, 3:], axis=1)
+        return CLEARANCE * scan.sensor.noise_at(ranges) + more
+
+    return draw_clear(lambda rows: scan.world.distance(rows[:, :3]), n, clearance, propose)
+
+
+def _draw_far(scan, n, propose, more=0.0):
+    diagonal = np.linalg.norm(np.ptp(scan.points, axis=0))
+    return draw_clear(
+        lambda rows: scan.tree.query(rows[:, :3])[0],
+        n,
+        lambda rows: np.full(len(rows), _FAR * diagonal + more),
+        propose,
+    )
+
+
+def _clumps(scan, n, radii, draw, propose, rng, more=0.0):
+    """Clumps about drawn centers, within so many metres, off by more than their radius."""
+    sizes = cluster_sizes(n, rng)
+    centers = draw(scan, len(sizes), propose, more + radii[1])
+    direction = rng.standard_normal((n, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    reach = np.repeat(rng.uniform(*radii, len(sizes)), sizes)[:, None] * np.cbrt(rng.random((n, 1)))
+    rows = np.repeat(centers, sizes, axis=0)
+    rows[:, :3] += reach * direction
+    return rows
+
+
+def _signed(limits, n, rng):
+    return rng.uniform(*limits, n) * rng.choice([-1.0, 1.0], n)

@@ -1,0 +1,114 @@
+"""Things that stand in made-up scenes: cars, houses, wires."""
+
+from itertools import pairwise
+
+import numpy as np
+
+from sklearn_mcmd.datasets._panels import Disc, Polygon
+from sklearn_mcmd.datasets._road import UP
+from sklearn_mcmd.datasets._surfaces import Cylinder
+
+#: Pieces of a sagging wire.
+_PIECES = 6
+
+
+class Wire(Cylinder):
+    """Straight piece of a wire, as thick as the beam that meets it: it has no normals."""
+
+    def normals(self, points):
+        return np.full((len(points), 3), np.nan)
+
+
+def wire(name, start, end, sag, thickness):
+    """A wire that hangs through by `sag` metres, in straight pieces."""
+    t = np.linspace(0, 1, _PIECES + 1)[:, None]
+    knots = np.asarray(start, float) * (1 - t) + np.asarray(end, float) * t
+    knots[:, 2] -= 4 * sag * (t * (1 - t))[:, 0]
+    return [Wire(name, a, b - a, thickness / 2) for a, b in pairwise(knots)]
+
+
+def car(name, foot, turn):
+    """A car of 4.2 m by 1.8 m by 1.45 m whose windows let beams through to its seats.
+
+    Parameters
+    ----------
+    name : str
+    foot : array-like of shape (3,)
+        Its middle on the ground.
+    turn : float
+        Radians from x to its nose.
+    """
+    along = np.array([np.cos(turn), np.sin(turn), 0.0])
+    across = np.array([-np.sin(turn), np.cos(turn), 0.0])
+
+    def at(x, y, z):
+        return np.asarray(foot, float) + (x - 2.1) * along + (y - 0.9) * across + z * UP
+
+    def panel(*corners):
+        return Polygon(name, [at(*corner) for corner in corners])
+
+    pillars = [((x0, y, 0.9), (x1, yt, 1.45)) for x0, x1 in ((0.3, 0.7), (2.95, 2.35))
+               for y, yt in ((0.05, 0.2), (1.75, 1.6))]  # fmt: skip
+    wheels = [((x, y, 0.3), side) for x in (0.75, 3.4) for y, side in ((-0.01, -1), (1.81, 1))]
+    return [
+        panel((0, 0, 0.25), (4.2, 0, 0.25), (4.2, 0, 0.65), (3.0, 0, 0.9), (0, 0, 0.9)),
+        panel((0, 1.8, 0.25), (0, 1.8, 0.9), (3.0, 1.8, 0.9), (4.2, 1.8, 0.65), (4.2, 1.8, 0.25)),
+        panel((4.2, 0, 0.25), (4.2, 1.8, 0.25), (4.2, 1.8, 0.65), (4.2, 0, 0.65)),
+        panel((0, 0, 0.25), (0, 0, 0.9), (0, 1.8, 0.9), (0, 1.8, 0.25)),
+        panel((3.0, 0, 0.9), (4.2, 0, 0.65), (4.2, 1.8, 0.65), (3.0, 1.8, 0.9)),
+        panel((0.7, 0.2, 1.45), (2.35, 0.2, 1.45), (2.35, 1.6, 1.45), (0.7, 1.6, 1.45)),
+        panel((0.0, 0, 0.3), (3.0, 0, 0.3), (3.0, 1.8, 0.3), (0.0, 1.8, 0.3)),
+        panel((1.6, 0.2, 0.5), (1.6, 1.6, 0.5), (1.3, 1.6, 1.1), (1.3, 0.2, 1.1)),
+        panel((0.7, 0.2, 0.5), (0.7, 1.6, 0.5), (0.5, 1.6, 1.1), (0.5, 0.2, 1.1)),
+        *(Cylinder(name, at(*a), at(*b) - at(*a), 0.04) for a, b in pillars),
+        *(Disc(name, at(*center), side * across, 0.3) for center, side in wheels),
+    ]
+
+
+def house(name, foot, turn, size, eaves, ridge):
+    """A house with a gable roof that juts out by 0.4 m, and a chimney.
+
+    Parameters
+    ----------
+    name : str
+    foot : array-like of shape (3,)
+        Its middle on the ground.
+    turn : float
+        Radians from x to the ridge.
+    size : tuple of float
+        Length along the ridge and width.
+    eaves, ridge : float
+        Heights.
+    """
+    along = np.array([np.cos(turn), np.sin(turn), 0.0])
+    across = np.array([-np.sin(turn), np.cos(turn), 0.0])
+    a, b = size[0] / 2, size[1] / 2
+    jut = 0.4
+    drop = (ridge - eaves) / b * jut
+
+    def at(x, y, z):
+        return np.asarray(foot, float) + x * along + y * across + z * UP
+
+    def panel(*corners):
+        return Polygon(name, [at(*corner) for corner in corners])
+
+    low, top = eaves - drop, ridge + 0.8
+    cx, cy, r = 0.5 * a, 0.3 * b, 0.35
+    base = ridge - 0.3 * (ridge - eaves) - 0.4
+    square = [(cx - r, cy - r), (cx + r, cy - r), (cx + r, cy + r), (cx - r, cy + r)]
+    chimney = [panel((*p, base), (*q, base), (*q, top), (*p, top))
+               for p, q in zip(square, square[1:] + square[:1], strict=True)]  # fmt: skip
+    return [
+        panel((-a, -b, 0), (a, -b, 0), (a, -b, eaves), (-a, -b, eaves)),
+        panel((a, b, 0), (-a, b, 0), (-a, b, eaves), (a, b, eaves)),
+        panel((a, -b, 0), (a, b, 0), (a, b, eaves), (a, 0, ridge), (a, -b, eaves)),
+        panel((-a, b, 0), (-a, -b, 0), (-a, -b, eaves), (-a, 0, ridge), (-a, b, eaves)),
+        *(
+            panel(*((s * x, s * y, z) for x, y, z in (
+                (-a - jut, -b - jut, low), (a + jut, -b - jut, low),
+                (a + jut, 0, ridge), (-a - jut, 0, ridge))))
+            for s in (1, -1)
+        ),
+        *chimney,
+        panel(*((*p, top) for p in square)),
+    ]  # fmt: skip

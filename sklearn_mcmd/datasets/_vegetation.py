@@ -1,0 +1,112 @@
+"""Soft parts of a made-up scene: crowns of trees and grass.
+
+They have the interface that `_surfaces` describes, without what only uniform sampling needs.
+"""
+
+import numpy as np
+
+from sklearn_mcmd.datasets._surfaces import Cylinder, Foliage, Patch, Soft
+
+#: No blade of grass is higher than this many times the grass's height.
+_LONGEST_BLADE = 3.0
+
+#: Waves of the height of grass, in metres along both sides, and how far it swings about its mean.
+_WAVES, _SWING = (1.3, 1.7), 0.5
+
+
+class Crown(Soft):
+    """Crown of a tree: balls of leaves, which may overlap.
+
+    Parameters
+    ----------
+    name : str
+    balls : list of Foliage
+    """
+
+    def __init__(self, name, balls):
+        self.name = name
+        self.balls = balls
+        self.bounds = np.array(
+            [
+                np.min([ball.bounds[0] for ball in balls], axis=0),
+                np.max([ball.bounds[1] for ball in balls], axis=0),
+            ]
+        )
+
+    def distance(self, points):
+        return np.min([ball.distance(points) for ball in self.balls], axis=0)
+
+    def scatter(self, origin, ends, rng):
+        return np.min([ball.scatter(origin, ends, rng) for ball in self.balls], axis=0)
+
+
+class Grass(Soft):
+    """Flat ground under grass: rays end on blades, whose heights follow a Rayleigh law.
+
+    Parameters
+    ----------
+    name : str
+    corner, u, v : array-like of shape (3,)
+        The ground, as in `Patch`.
+    height : float
+        Root mean square of the blades' heights over one wavelength, in metres; no blade is
+        higher than three times this.
+    """
+
+    def __init__(self, name, corner, u, v, height):
+        self.name = name
+        self.ground = Patch(name, corner, u, v)
+        self.height = float(height)
+        self.bounds = self.ground.bounds + np.array([[0.0], [_LONGEST_BLADE * height]])
+
+    def distance(self, points):
+        up = (points - self.ground.corner) @ self.ground.frame[:, 2]
+        foot = points - np.clip(up, 0.0, _LONGEST_BLADE * self.height)[:, None] * self._up
+        return self.ground.distance(foot)
+
+    def scatter(self, origin, ends, rng):
+        fraction = self.ground.hit(origin, ends)
+        down = np.flatnonzero(np.isfinite(fraction))
+        start = np.broadcast_to(origin, ends.shape)[down]
+        way = ends[down] - start
+        local = (start + fraction[down, None] * way - self.ground.corner) @ self.ground.frame
+        swing = np.prod(np.sin(2 * np.pi * local[:, :2] / _WAVES), axis=1)
+        blade = self.height * (1 + _SWING * swing) * np.sqrt(rng.exponential(size=len(down)))
+        blade = np.minimum(blade, _LONGEST_BLADE * self.height)
+        met = fraction[down] + blade / (way @ self._up)  # upward of the ground: way falls
+        place = start + met[:, None] * way
+        on_part = (met > 0) & (self.ground.distance(place - blade[:, None] * self._up) < 1e-6)
+        fraction[down] = np.where(on_part, met, np.inf)
+        return fraction
+
+    @property
+    def _up(self):
+        return self.ground.frame[:, 2]
+
+
+def tree(name, foot, height, width, rng, *, n_balls=14):
+    """A trunk and a crown of balls of leaves, as parts (trunk, crown).
+
+    Parameters
+    ----------
+    name : str
+    foot : array-like of shape (3,)
+    height, width : float
+        Of the whole tree and of its crown, in metres.
+    rng : Generator
+        Places the balls.
+    n_balls : int, default=14
+    """
+    foot = np.asarray(foot, float)
+    low = 0.35 * height
+    axes = np.array([width, width, height - low]) / 2
+    radius = 0.22 * width
+    direction = rng.standard_normal((n_balls, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    reach = np.cbrt(rng.random((n_balls, 1)))
+    middle = foot + np.array([0, 0, (low + height) / 2])
+    centers = middle + reach * direction * (axes - radius)
+    radii = radius * rng.uniform(0.7, 1.3, n_balls)
+    crown = Crown(name, [Foliage(name, c, r) for c, r in zip(centers, radii, strict=True)])
+    trunk = Cylinder(f"{name}_trunk", foot, (0, 0, middle[2] - foot[2]), 0.03 * width + 0.05)
+    return trunk, crown
