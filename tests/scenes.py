@@ -1,8 +1,20 @@
 """Clouds and scenes that several test modules build, with their truth."""
 
+from functools import cache
+
 import numpy as np
 
+from sklearn_mcmd import datasets
+from sklearn_mcmd.datasets import _airborne, _depth_frame, _mobile, _spinning
 from sklearn_mcmd.datasets._street import _street
+
+# Makers of scanned scenes, and the worlds that they scan.
+SCANNED = {
+    "make_mobile_scan": _mobile._street,
+    "make_airborne_scan": _airborne._village,
+    "make_spinning_turn": _spinning._campus,
+    "make_depth_frame": _depth_frame._room,
+}
 
 # Folders of shared/data.
 REAL_CLOUDS = [
@@ -64,3 +76,11 @@ def scene_of(street, tree=False):
     """The surfaces that a street of `make_street` was scanned from."""
     n_bays = len(street.scanners)
     return _street(street.length / n_bays, n_bays, tree)
+
+
+@cache
+def scanned(name, n_samples=20_000, seed=0, **parameters):
+    """A scanned scene and its world; made once."""
+    scan = getattr(datasets, name)(n_samples, random_state=seed, **parameters)
+    drawn = np.random.RandomState(seed).randint(np.iinfo(np.int32).max)
+    return scan, SCANNED[name](np.random.default_rng(drawn).spawn(5)[0])

@@ -48,19 +48,32 @@ class Beams(NamedTuple):
     stretch: np.ndarray
 
 
+def record_where_it_was(origins, directions, ranges, stretch):
+    """The end of each beam."""
+    return origins + ranges[:, None] * directions
+
+
+def deviate_alone(beams, beam, rng):
+    """Errors in standard deviations, independent of each other."""
+    return rng.standard_normal(len(beam))
+
+
 class Sensor(NamedTuple):
     """How a sensor measures.
 
     ``make_beams(n, rng)`` gives about n beams, ``noise_at(ranges)`` the standard deviation of
-    ranges, and ``record(origins, directions, ranges, stretch)`` the points that it writes down;
-    ``reach`` is its longest range, and ``passing`` the chance that a beam goes on behind a leaf.
+    ranges, ``deviate(beams, beam, rng)`` the errors of echoes of those beams in standard
+    deviations, and ``record(origins, directions, ranges, stretch)`` the points that it writes
+    down; ``reach`` is its longest range, and ``passing`` the chance that a beam goes on behind
+    what lets it through.
     """
 
     make_beams: Callable
     noise_at: Callable
-    record: Callable
     reach: float
     passing: float = 0.0
+    record: Callable = record_where_it_was
+    deviate: Callable = deviate_alone
 
 
 class Junk(NamedTuple):
@@ -72,11 +85,12 @@ class Junk(NamedTuple):
 
 
 class Echoes(NamedTuple):
-    """Where beams end: number of the beam, range, number of the part, whether it is the first."""
+    """Where beams end: number of the beam, range, number of the part, and 1 for a first echo."""
 
     beam: np.ndarray
     ranges: np.ndarray
     part: np.ndarray
+    order: np.ndarray
 
 
 class Scan(NamedTuple):
@@ -96,9 +110,9 @@ class Scan(NamedTuple):
     spacing: np.ndarray
     tree: cKDTree
 
-
-def record_as_it_is(origins, directions, ranges, stretch):
-    return origins + ranges[:, None] * directions
+    @property
+    def diagonal(self):
+        return np.linalg.norm(np.ptp(self.points, axis=0))
 
 
 def sense(make_world, sensor, n_samples, junk, random_state):
@@ -124,20 +138,13 @@ def sense(make_world, sensor, n_samples, junk, random_state):
     origins, directions = beams.origins[echoes.beam], beams.directions[echoes.beam]
     true_points = origins + echoes.ranges[:, None] * directions
     scale = sensor.noise_at(echoes.ranges)
-    ranges = echoes.ranges + scale * noise_rng.standard_normal(n_regular)
+    ranges = echoes.ranges + scale * sensor.deviate(beams, echoes.beam, noise_rng)
     points = sensor.record(origins, directions, ranges, beams.stretch[echoes.beam])
 
-    tree = cKDTree(true_points)
-    near = tree.query(true_points, k=min(_NEIGHBORS + 1, n_regular))[0]
-    spacing = near.reshape(n_regular, -1)[:, 1:].mean(axis=1) if n_regular > 1 else np.ones(1)
-    scan = Scan(world, sensor, beams, first, true_points, echoes.beam, spacing, tree)
-    rows = [np.empty((0, 6))]
-    rows += [(MAKERS | FAR)[kind](scan, size, outlier_rng) for kind, size in sizes.items() if size]
-    outliers, viewpoints = np.split(np.concatenate(rows), 2, axis=1)
-    ray = outliers - viewpoints
-    outlier_range = np.linalg.norm(ray, axis=1)
-    nowhere = np.zeros(len(ray), int)
-    outliers = sensor.record(viewpoints, ray / outlier_range[:, None], outlier_range, nowhere)
+    scan = _scan(world, sensor, beams, first, echoes.beam, true_points)
+    rows = [(MAKERS | FAR)[kind](scan, size, outlier_rng) for kind, size in sizes.items() if size]
+    outliers, viewpoints = np.split(np.concatenate([np.empty((0, 6)), *rows]), 2, axis=1)
+    outlier_range = np.linalg.norm(outliers - viewpoints, axis=1)
 
     names = ["regular", *MAKERS, *FAR]
     codes = np.repeat([names.index(kind) for kind in sizes], list(sizes.values()))
@@ -154,6 +161,7 @@ def sense(make_world, sensor, n_samples, junk, random_state):
         normals=join(_normals(world, true_points, origins, echoes.part), np.nan),
         surface=join(echoes.part, -1),
         classification=join(world.class_of[echoes.part], -1),
+        echo=join(echoes.order, 0),
         stretch=join(beams.stretch[echoes.beam], -1),
         viewpoints=join(origins, viewpoints),
         noise_scale=join(scale, sensor.noise_at(outlier_range)),
@@ -163,6 +171,16 @@ def sense(make_world, sensor, n_samples, junk, random_state):
         outlier_kind_names=names,
         feature_names=["x", "y", "z"],
     )
+
+
+def _scan(world, sensor, beams, first, beam, points):
+    tree = cKDTree(points)
+    if len(points) == 1:
+        spacing = np.ones(1)
+    else:
+        near = tree.query(points, k=min(_NEIGHBORS + 1, len(points)))[0]
+        spacing = near[:, 1:].mean(axis=1)
+    return Scan(world, sensor, beams, first, points, beam, spacing, tree)
 
 
 def _sizes(junk, n_samples):
@@ -197,7 +215,7 @@ def _find_echoes(world, sensor, n, rng):
         if len(found.beam) >= n:
             chosen = np.sort(rng.permutation(len(found.beam))[:n])
             return beams, first, Echoes(*(values[chosen] for values in found))
-        n_beams *= 1.0 + _SURPLUS
+        n_beams *= (1 + _SURPLUS) * max(1.0, n / max(len(found.beam), 1))
 
 
 def _cast(world, sensor, beams, rng):
@@ -205,7 +223,7 @@ def _cast(world, sensor, beams, rng):
     n = len(beams.line)
     beam, start = np.arange(n), np.zeros(n)
     echoes, first = [], None
-    for _ in range(_MOST_ECHOES):
+    for order in range(1, _MOST_ECHOES + 1):
         origin, direction = beams.origins[beam], beams.directions[beam]
         origin = origin + start[:, None] * direction
         left = sensor.reach - start
@@ -216,7 +234,7 @@ def _cast(world, sensor, beams, rng):
             first = ranges, part
         met = part >= 0
         beam, ranges, part = beam[met], ranges[met], part[met]
-        echoes.append(Echoes(beam, ranges, part))
+        echoes.append(Echoes(beam, ranges, part, np.full(len(part), order, np.int8)))
         on = world.through[part] & (rng.random(len(part)) < sensor.passing)
         beam, start = beam[on], ranges[on] + 1e-3
         if len(beam) == 0:

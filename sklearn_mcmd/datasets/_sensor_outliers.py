@@ -12,6 +12,13 @@ _MIXED_GAP = 5.0, 0.15
 #: Range errors and ghosts keep so many spacings off.
 _OFF = 5.0, 20.0
 
+#: Metres; no sensor measures less.
+_NEAREST = 0.1
+
+#: Balls are measured in median spacings, but these count at most this share of the diagonal:
+#: in a cloud of few points they still have room.
+_LARGEST_SPACING = 0.003
+
 #: Far outliers are so far from every regular point, in diagonals of the cloud.
 _FAR = 0.1
 
@@ -23,6 +30,11 @@ def mixed_pixel(scan, n, rng):
     least = max(_MIXED_GAP[0] * np.median(scan.spacing), _MIXED_GAP[1])
     edge = (part[:-1] >= 0) & (part[1:] >= 0) & (part[:-1] != part[1:]) & (jump > least)
     edge = np.flatnonzero(edge & (np.diff(scan.beams.line) == 0))
+    if len(edge) == 0:
+        raise ValueError(
+            f"{len(scan.points)} regular points show no edge with a surface behind it, and so no "
+            "mixed pixels: give more points, or leave 'mixed_pixel' out of outlier_kinds."
+        )
 
     def propose(m):
         i = rng.choice(edge, m)
@@ -36,40 +48,33 @@ def range_error(scan, n, rng):
     """A wrong range: 5 to 20 spacings before or behind what the beam meets."""
 
     def propose(m):
-        i = rng.integers(len(scan.points), size=m)
-        beam = scan.beam[i]
-        ranges = np.linalg.norm(scan.points[i] - scan.beams.origins[beam], axis=1)
-        return _on_beams(scan, beam, ranges + _signed(_OFF, m, rng) * scan.spacing[i])
+        beam, ranges, spacing = _met(scan, m, rng)
+        off = rng.uniform(*_OFF, m) * rng.choice([-1.0, 1.0], m)
+        return _on_beams(scan, beam, ranges + off * spacing)
 
     return _draw(scan, n, propose)
 
 
 def ghost(scan, n, rng):
     """Dense balls of 10 to 60 points, 1 to 3 spacings in radius, floating off the surfaces."""
-    unit = np.median(scan.spacing)
-    return _clumps(scan, n, (unit, 3 * unit), _draw, _in_box(scan, 1.0, rng), rng, unit * _OFF[0])
+    return _clumps(scan, n, (1.0, 3.0), _draw, _in_box(scan, 1.0, rng), rng, _OFF[0])
 
 
 def low(scan, n, rng):
     """Clumps of 10 to 60 points on beams that seem to go on 2 to 10 m below what they meet."""
-    unit = np.median(scan.spacing)
 
     def propose(m):
-        i = rng.integers(len(scan.points), size=m)
-        beam = scan.beam[i]
-        ranges = np.linalg.norm(scan.points[i] - scan.beams.origins[beam], axis=1)
+        beam, ranges, _ = _met(scan, m, rng)
         return _on_beams(scan, beam, ranges + rng.uniform(2.0, 10.0, m))
 
-    return _clumps(scan, n, (unit, 3 * unit), _draw, propose, rng, unit * _OFF[0])
+    return _clumps(scan, n, (1.0, 3.0), _draw, propose, rng, _OFF[0])
 
 
 def high(scan, n, rng):
     """Birds and haze: alone, on beams, 5 to 40 m before what they meet."""
 
     def propose(m):
-        i = rng.integers(len(scan.points), size=m)
-        beam = scan.beam[i]
-        ranges = np.linalg.norm(scan.points[i] - scan.beams.origins[beam], axis=1)
+        beam, ranges, _ = _met(scan, m, rng)
         return _on_beams(scan, beam, ranges - rng.uniform(5.0, 40.0, m))
 
     return _draw(scan, n, propose)
@@ -93,9 +98,7 @@ def far_single(scan, n, rng):
 
 def far_clump(scan, n, rng):
     """Clumps of 10 to 60 points, 2 to 10 spacings in radius, there."""
-    unit = np.median(scan.spacing)
-    propose = _in_box(scan, 3.0, rng)
-    return _clumps(scan, n, (2 * unit, 10 * unit), _draw_far, propose, rng)
+    return _clumps(scan, n, (2.0, 10.0), _draw_far, _in_box(scan, 3.0, rng), rng)
 
 
 #: Maker of each kind; with those of far outliers, the order sets the codes: position + 1.
@@ -115,7 +118,10 @@ def _on_beams(scan, beam, ranges, between=None):
     origin, direction = scan.beams.origins[beam], scan.beams.directions[beam]
     if between is not None:
         direction = direction + between[:, None] * (scan.beams.directions[beam + 1] - direction)
-    return np.column_stack([origin + np.maximum(ranges, 0.1)[:, None] * direction, origin])
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    ranges = np.maximum(ranges, _NEAREST)
+    points = scan.sensor.record(origin, direction, ranges, np.zeros(len(beam), int))
+    return np.column_stack([points, origin])
 
 
 def _in_box(scan, size, rng):
@@ -141,26 +147,32 @@ def _draw(scan, n, propose, more=0.0):
 
 
 def _draw_far(scan, n, propose, more=0.0):
-    diagonal = np.linalg.norm(np.ptp(scan.points, axis=0))
     return draw_clear(
         lambda rows: scan.tree.query(rows[:, :3])[0],
         n,
-        lambda rows: np.full(len(rows), _FAR * diagonal + more),
+        lambda rows: np.full(len(rows), _FAR * scan.diagonal + more),
         propose,
     )
 
 
-def _clumps(scan, n, radii, draw, propose, rng, more=0.0):
-    """Clumps about drawn centers, within so many metres, off by more than their radius."""
+def _clumps(scan, n, radii, draw, propose, rng, off=0.0):
+    """Balls about drawn centers, which keep off by more than the largest radius.
+
+    ``radii``, from and to, and ``off`` are in median spacings.
+    """
+    unit = min(np.median(scan.spacing), _LARGEST_SPACING * scan.diagonal)
     sizes = cluster_sizes(n, rng)
-    centers = draw(scan, len(sizes), propose, more + radii[1])
+    centers = draw(scan, len(sizes), propose, unit * (off + radii[1]))
     direction = rng.standard_normal((n, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    reach = np.repeat(rng.uniform(*radii, len(sizes)), sizes)[:, None] * np.cbrt(rng.random((n, 1)))
+    reach = np.repeat(unit * rng.uniform(*radii, len(sizes)), sizes) * np.cbrt(rng.random(n))
     rows = np.repeat(centers, sizes, axis=0)
-    rows[:, :3] += reach * direction
+    rows[:, :3] += reach[:, None] * direction
     return rows
 
 
-def _signed(limits, n, rng):
-    return rng.uniform(*limits, n) * rng.choice([-1.0, 1.0], n)
+def _met(scan, m, rng):
+    """Beam, range and spacing of m random regular points."""
+    i = rng.integers(len(scan.points), size=m)
+    beam = scan.beam[i]
+    return beam, np.linalg.norm(scan.points[i] - scan.beams.origins[beam], axis=1), scan.spacing[i]

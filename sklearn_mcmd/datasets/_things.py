@@ -1,4 +1,4 @@
-"""Things that stand in made-up scenes: cars, houses, wires."""
+"""Things that stand in made-up scenes: posts, boxes, cars, houses, wires."""
 
 from itertools import pairwise
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from sklearn_mcmd.datasets._panels import Disc, Polygon
 from sklearn_mcmd.datasets._road import UP
-from sklearn_mcmd.datasets._surfaces import Cylinder
+from sklearn_mcmd.datasets._surfaces import Cylinder, Patch
 
 #: Pieces of a sagging wire.
 _PIECES = 6
@@ -25,6 +25,25 @@ def wire(name, start, end, sag, thickness):
     knots = np.asarray(start, float) * (1 - t) + np.asarray(end, float) * t
     knots[:, 2] -= 4 * sag * (t * (1 - t))[:, 0]
     return [Wire(name, a, b - a, thickness / 2) for a, b in pairwise(knots)]
+
+
+def capped(name, foot, radius, height):
+    """An upright cylinder with a lid, for scanners that look down on it."""
+    foot = np.asarray(foot, float)
+    return [Cylinder(name, foot, height * UP, radius), Disc(name, foot + height * UP, UP, radius)]
+
+
+def box(name, corner, size):
+    """A box along the axes: front (toward -y), top, left, right and back as patches."""
+    corner = np.asarray(corner, float)
+    x, y, z = np.diag(np.asarray(size, float))
+    return [
+        Patch(name, corner, x, z),
+        Patch(name, corner + z, x, y),
+        Patch(name, corner, z, y),
+        Patch(name, corner + x, y, z),
+        Patch(name, corner + x + y, -x, z),
+    ]
 
 
 def car(name, foot, turn):

@@ -5,7 +5,8 @@ They have the interface that `_surfaces` describes, without what only uniform sa
 
 import numpy as np
 
-from sklearn_mcmd.datasets._surfaces import Cylinder, Foliage, Patch, Soft
+from sklearn_mcmd.datasets._surfaces import Foliage, Patch, Soft
+from sklearn_mcmd.datasets._things import capped
 
 #: No blade of grass is higher than this many times the grass's height.
 _LONGEST_BLADE = 3.0
@@ -84,29 +85,42 @@ class Grass(Soft):
         return self.ground.frame[:, 2]
 
 
-def tree(name, foot, height, width, rng, *, n_balls=14):
-    """A trunk and a crown of balls of leaves, as parts (trunk, crown).
+def leaves(name, middle, half, n_balls, radius, rng):
+    """A crown of balls of leaves in an ellipsoid.
 
     Parameters
     ----------
     name : str
-    foot : array-like of shape (3,)
-    height, width : float
-        Of the whole tree and of its crown, in metres.
+    middle, half : array-like of shape (3,)
+        Middle and half axes of the ellipsoid that the balls stay in.
+    n_balls : int
+    radius : float
+        Mean radius of the balls, which vary by 30 %.
     rng : Generator
-        Places the balls.
-    n_balls : int, default=14
     """
-    foot = np.asarray(foot, float)
-    low = 0.35 * height
-    axes = np.array([width, width, height - low]) / 2
-    radius = 0.22 * width
     direction = rng.standard_normal((n_balls, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    reach = np.cbrt(rng.random((n_balls, 1)))
-    middle = foot + np.array([0, 0, (low + height) / 2])
-    centers = middle + reach * direction * (axes - radius)
-    radii = radius * rng.uniform(0.7, 1.3, n_balls)
-    crown = Crown(name, [Foliage(name, c, r) for c, r in zip(centers, radii, strict=True)])
-    trunk = Cylinder(f"{name}_trunk", foot, (0, 0, middle[2] - foot[2]), 0.03 * width + 0.05)
-    return trunk, crown
+    radii = radius * rng.uniform(0.7, 1.3, (n_balls, 1))
+    room = np.maximum(np.asarray(half) - radii, 0.0)
+    centers = np.asarray(middle) + np.cbrt(rng.random((n_balls, 1))) * direction * room
+    return Crown(name, [Foliage(name, c, r) for c, r in zip(centers, radii[:, 0], strict=True)])
+
+
+def tree(name, foot, height, width, rng):
+    """A trunk and a crown that fills the upper 65 % of the height."""
+    foot, low = np.asarray(foot, float), 0.35 * height
+    middle = foot + np.array([0.0, 0.0, (low + height) / 2])
+    half = np.array([width, width, height - low]) / 2
+    trunk = capped(f"{name}_trunk", foot, 0.03 * width + 0.05, middle[2] - foot[2])
+    return [*trunk, leaves(name, middle, half, 14, 0.22 * width, rng)]
+
+
+def hedge(name, corner, size, rng):
+    """A hedge in a box: balls of leaves in a row, as high as it."""
+    size = np.asarray(size, float)
+    n_balls = int(np.ceil(3 * size[0] / size[2]))
+    places = np.asarray(corner) + size * [1.0, 0.5, 0.5] * np.column_stack(
+        [(np.arange(n_balls) + 0.5) / n_balls, np.ones((n_balls, 2))]
+    )
+    radii = 0.5 * size[2] * rng.uniform(0.8, 1.0, n_balls)
+    return Crown(name, [Foliage(name, c, r) for c, r in zip(places, radii, strict=True)])

@@ -2,6 +2,9 @@
 
 import numpy as np
 
+from sklearn_mcmd.datasets._surfaces import Soft
+from sklearn_mcmd.datasets._things import Wire
+
 
 class World:
     """Parts of a scene by their class.
@@ -9,16 +12,18 @@ class World:
     Parameters
     ----------
     classes : dict of str to list of parts
-    through : sequence of str, default=()
-        Classes behind which a part of the beam may go on and meet something else.
+
+    Notes
+    -----
+    ``through`` says of each part whether a beam may go past it and meet something else.
     """
 
-    def __init__(self, classes, through=()):
+    def __init__(self, classes):
         self.class_names = list(classes)
         self.parts = [part for parts in classes.values() for part in parts]
         counts = [len(parts) for parts in classes.values()]
         self.class_of = np.repeat(np.arange(len(counts)), counts)
-        self.through = np.repeat([name in through for name in classes], counts)
+        self.through = np.array([isinstance(part, (Soft, Wire)) for part in self.parts])
 
     def distance(self, points):
         """Distance of any points (n, 3) to the nearest part."""

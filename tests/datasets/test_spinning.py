@@ -1,0 +1,45 @@
+"""Rings whose spacing grows with the range."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from scenes import scanned
+from sklearn_mcmd.datasets import make_spinning_turn
+
+
+def elevations(scan):
+    ray = (scan.true_points - scan.viewpoints)[scan.target == 1]
+    return np.degrees(np.arcsin(ray[:, 2] / np.linalg.norm(ray, axis=1)))
+
+
+@pytest.mark.parametrize("n_rings", [16, 32])
+def test_rays_leave_in_rings_of_equal_elevation(n_rings):
+    scan = make_spinning_turn(20_000, n_rings=n_rings, outlier_share=0, random_state=0)
+    rings = np.unique(np.round(elevations(scan), 6))
+    assert_allclose(rings, np.linspace(-30.67, 10.67, n_rings), atol=1e-6)
+
+
+def test_rings_on_the_ground_part_a_hundredfold():
+    scan, _ = scanned("make_spinning_turn", 60_000)
+    ground = scan.true_points[scan.classification == 0]
+    rings = np.unique(np.round(np.hypot(ground[:, 0], ground[:, 1]), 3))
+    gaps = np.diff(rings)
+    gaps = gaps[gaps > 0.01]
+    assert gaps[0] == pytest.approx(0.177, abs=0.002)  # of rings at 30.67 and 29.34 degrees
+    assert gaps.max() / gaps[0] > 100
+
+
+def test_points_of_a_ring_lie_at_equal_steps_of_azimuth():
+    scan, _ = scanned("make_spinning_turn")
+    ray = (scan.true_points - scan.viewpoints)[scan.target == 1]
+    ring = np.round(elevations(scan), 6)
+    azimuth = np.sort(np.arctan2(ray[:, 1], ray[:, 0])[ring == np.unique(ring)[5]])
+    steps = np.diff(azimuth)
+    step = np.median(steps)
+    assert_allclose(steps / step, np.round(steps / step), atol=1e-6)
+
+
+def test_there_are_at_least_two_rings():
+    with pytest.raises(ValueError, match="'n_rings' parameter"):
+        make_spinning_turn(100, n_rings=1)
