@@ -35,10 +35,10 @@ _PASSING = 0.45
     prefer_skip_nested_validation=True,
 )
 def make_airborne_scan(
-    n_samples: int = 100_000,
+    n_samples: int = 60_000,
     *,
-    noise: float = 0.012,
-    density_ratio: float = 2.0,
+    noise: float = 0.014,
+    density_ratio: float = 4.0,
     misfit: float = 0.03,
     outlier_share: float = 0.02,
     outlier_kinds: Sequence[str] = ("range_error", "ghost", "low", "high"),
@@ -54,11 +54,11 @@ def make_airborne_scan(
 
     Parameters
     ----------
-    n_samples : int, default=100_000
+    n_samples : int, default=60_000
         Number of points, outliers included.
-    noise : float, default=0.012
+    noise : float, default=0.014
         Standard deviation of ranges, in metres.
-    density_ratio : float, default=2.0
+    density_ratio : float, default=4.0
         Density of the first swath (0 < y < 36) over that of the second (26 < y < 60), at
         least 1. Where they overlap the densities add up.
     misfit : float, default=0.03
@@ -89,11 +89,12 @@ def make_airborne_scan(
 
     Notes
     -----
-    Numbers follow two airborne scans: a village (IGN LiDAR HD, 249,000 points) and a part of
-    Amsterdam (AHN3, 45,345 points). There are 23 and 15 points a square metre, here 21 by
-    default. Residuals of planes on the ground are 12 and 14 mm. Points of vegetation are 17 and
-    27 cm from the nearest other one (median), here 24 cm; 9 and 18 % of all echoes are not the
-    first, here 8 %. In the village the swaths are adjusted: their misfit is 7 mm.
+    Numbers follow two airborne scans: a part of Amsterdam (AHN3, 45,345 points) and a village
+    (IGN LiDAR HD, 249,000 points). There are 15 and 23 points a square metre, here by default 15
+    in the first swath, 4 in the second and 22 in both. Residuals of planes on the ground are 14
+    and 12 mm. Points of vegetation are 27 and 17 cm from the nearest other one (median), here
+    30 cm; 18 and 9 % of all echoes are not the first, here 8 %. Swaths of the village are
+    adjusted: their misfit is 7 mm.
 
     Examples
     --------

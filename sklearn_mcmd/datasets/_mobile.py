@@ -26,14 +26,17 @@ from sklearn_mcmd.datasets._sensing import (
     sense,
 )
 from sklearn_mcmd.datasets._surfaces import Cylinder, Patch
-from sklearn_mcmd.datasets._things import capped, car, wire
+from sklearn_mcmd.datasets._things import box, capped, car, wire
 from sklearn_mcmd.datasets._vegetation import Grass, leaves, tree
 from sklearn_mcmd.datasets._world import World
 
 # Metres. The street lies in 0 <= x <= 15; the vehicle drives along y = -1.5.
 _LENGTH, _LANE_Y, _HEIGHT = 15.0, -1.5, 2.2
 _STOP = (8.0, 8.8)
-_WALL_Y, _WALL_TOP = 6.0, 7.0
+_WALL_Y, _WALL_TOP = 7.0, 12.0
+_FLOORS = (1.0, 4.2, 7.0, 9.7)  # feet of the windows
+#: Share of windows through which beams go.
+_CLEAR = 0.4
 #: The plane in which the beam turns stands so far off the cross-section of the street.
 _TILT = np.radians(25)
 #: The beam leaves the vehicle only above this elevation.
@@ -93,11 +96,12 @@ def make_mobile_scan(
           5 median spacings apart, anywhere on the way;
         - ``"range_error"``: 5 to 20 local spacings before or behind what the beam meets;
         - ``"ghost"``: balls of 10 to 60 points, 1 to 3 median spacings in radius, anywhere in the
-          bounding box;
+          bounding box (in a cloud of few points: up to 1 % of its diagonal);
         - ``"low"``: such balls 2 to 10 m behind what beams meet, as echoes by way of a second
           surface are;
         - ``"high"``: alone, 5 to 40 m before what beams meet, as birds and haze are;
-        - ``"particle"``: alone, snow or dust near the sensor: half of them within 3.9 m.
+        - ``"particle"``: alone, snow or dust near the sensor: half of them within 3.9 m;
+        - ``"no_return"``: where the sensor is, as some write down beams without an echo.
 
     far_share : float, default=0.002
         Share of far gross outliers in [0, 1): in a box of three times the scene's extent, off
@@ -151,9 +155,10 @@ def make_mobile_scan(
     and grass; a far one, a tenth of the diagonal from all regular points. So the labels have no
     error.
 
-    The places of leaves differ between seeds; surfaces do not. Lines are five times as far apart
-    as points 6 m off: a raw scan of a street (Jakarto, 10,310 points) has lines 3.7 cm apart with
-    points every 4 to 8 mm. Where the vehicle stands it is the other way around.
+    Leaves, and what is behind windows, differ between seeds; other surfaces do not. Lines are
+    five times as far apart as points 6 m off: a raw scan of a street (Jakarto, 10,310 points) has
+    lines 3.7 cm apart with points every 4 to 8 mm. Where the vehicle stands it is the other way
+    around.
 
     Examples
     --------
@@ -212,9 +217,7 @@ def _street(rng):
         Patch("kerb", (low, KERB_Y, gutter_z), along, (PATH_Z - gutter_z) * UP),
         Patch("footpath", (low, KERB_Y, PATH_Z), along, (0, _WALL_Y + 0.3 - KERB_Y, 0)),
     ]
-    openings = [
-        Opening(x, x + 1.2, z, z + 1.4) for x in np.arange(-5.2, 20, 3.0) for z in (1.0, 4.0)
-    ]
+    openings = [Opening(x, x + 1.1, z, z + 1.5) for x in np.arange(3.1, 20, 2.4) for z in _FLOORS]
     facade = [
         Patch(
             "wall",
@@ -223,11 +226,18 @@ def _street(rng):
             (_WALL_TOP - PATH_Z) * UP,
             holes=[(x0 - low, x1 - low, z0 - PATH_Z, z1 - PATH_Z) for x0, x1, z0, z1 in openings],
         ),
+        *box("cornice", (low, _WALL_Y - 0.15, 3.35), (high - low, 0.15, 0.2)),
+        *box("balcony", (7.6, _WALL_Y - 0.9, 6.0), (3.2, 0.9, 0.15)),
+        *(pole("downpipe", (x, _WALL_Y - 0.07), 0.05, _WALL_TOP) for x in (4.9, 14.5)),
         Patch("eaves", (low, _WALL_Y - 0.5, _WALL_TOP), (0, 0.5, 0), along),
         Patch("gutter", (low, _WALL_Y - 0.5, _WALL_TOP), along, (0, 0, 0.15)),
     ]
     for opening in openings:
-        facade += recess("window", _WALL_Y, opening, 0.2, sill=True)
+        frame = recess("window", _WALL_Y, opening, 0.2, sill=True)
+        if rng.random() < _CLEAR:  # beams go through the pane, into a room
+            x, y, z = opening.x0 - 1.5, _WALL_Y + rng.uniform(1.5, 5.0), opening.z0 - 0.9
+            frame[0] = Patch("room", (x, y, z), (4.0, 0, 0), (0, 0, 2.7))
+        facade += frame
     turn = np.radians(20)
     side, toward = facing(turn)
     post = np.array([4.0, 3.5])
@@ -246,12 +256,12 @@ def _street(rng):
             for part in capped("fence_post", (x, -9, 0), 0.04, 1.2)
         ),
     ]
-    box = np.array([light[0] - 0.15, light[1] - 0.25, 2.3])
+    corner = np.array([light[0] - 0.15, light[1] - 0.25, 2.3])
     signs = [
         Patch("sign", plate, 0.6 * side, (0, 0, 0.6)),
-        Patch("light_front", box, (0.3, 0, 0), (0, 0, 0.8)),
-        Patch("light_left", box, (0, 0, 0.8), (0, 0.2, 0)),
-        Patch("light_right", box + np.array([0.3, 0, 0]), (0, 0.2, 0), (0, 0, 0.8)),
+        Patch("light_front", corner, (0.3, 0, 0), (0, 0, 0.8)),
+        Patch("light_left", corner, (0, 0, 0.8), (0, 0.2, 0)),
+        Patch("light_right", corner + np.array([0.3, 0, 0]), (0, 0.2, 0), (0, 0, 0.8)),
     ]
     wires = [
         piece

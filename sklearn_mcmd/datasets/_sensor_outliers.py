@@ -91,6 +91,12 @@ def particle(scan, n, rng):
     return _draw(scan, n, propose)
 
 
+def no_return(scan, n, rng):
+    """Beams without an echo, written down as points where the sensor is."""
+    origins = scan.beams.origins[rng.integers(len(scan.beams.line), size=n)]
+    return np.column_stack([origins, origins])
+
+
 def far_single(scan, n, rng):
     """Anywhere in a box of three times the cloud's extent, alone."""
     return _draw_far(scan, n, _in_box(scan, 3.0, rng))
@@ -109,6 +115,7 @@ MAKERS = {
     "low": low,
     "high": high,
     "particle": particle,
+    "no_return": no_return,
 }
 FAR = {"far_single": far_single, "far_clump": far_clump}
 

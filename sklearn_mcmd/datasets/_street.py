@@ -140,6 +140,7 @@ def make_street(
 
     See Also
     --------
+    make_mobile_scan : A street as uneven in density as real scans are.
     make_contaminated_plane : The single plane of the paper's Section 5.1.
     sklearn_mcmd.metrics.outlier_scores : Compares labels with ``target``.
     sklearn_mcmd.metrics.bias_angle : Compares normals with ``normals``.

@@ -378,19 +378,23 @@ class Reach:
 
     def __init__(self, origin, ends):
         self.origin = np.broadcast_to(origin, ends.shape)
-        self.way = ends - self.origin
-        self.squared = np.einsum("ij,ij->i", self.way, self.way)
-        self.passed = np.einsum("ij,ij->i", self.origin, self.way)
+        way = ends - self.origin
+        self.squared = np.einsum("ij,ij->i", way, way)
+        # Columns: no product of matrices, for which threads would start a thousand times.
+        self.axes = [
+            (start.copy(), step.copy()) for start, step in zip(self.origin.T, way.T, strict=True)
+        ]
 
     def near(self, bounds):
         """Numbers of the segments that pass through the ball around a box (2, 3)."""
         center = (bounds[0] + bounds[1]) / 2
         radius = np.linalg.norm(bounds[1] - center)
-        along = np.clip((self.way @ center - self.passed) / self.squared, 0.0, 1.0)
-        miss = np.zeros(len(along))
-        for axis in range(3):  # column by column: one pass over memory less
-            gap = self.origin[:, axis] + along * self.way[:, axis] - center[axis]
-            miss += gap * gap
+        along, miss = np.zeros((2, len(self.squared)))
+        for (start, step), middle in zip(self.axes, center, strict=True):
+            along += (middle - start) * step
+        along = np.clip(along / self.squared, 0.0, 1.0)
+        for (start, step), middle in zip(self.axes, center, strict=True):
+            miss += (start + along * step - middle) ** 2
         return np.flatnonzero(miss <= radius * radius * (1 + 1e-9))
 
 

@@ -85,7 +85,7 @@ def car(name, foot, turn):
 
 
 def house(name, foot, turn, size, eaves, ridge):
-    """A house with a gable roof that juts out by 0.4 m, and a chimney.
+    """A house with a gable roof that juts out by 0.4 m, four dormers and a chimney.
 
     Parameters
     ----------
@@ -111,12 +111,17 @@ def house(name, foot, turn, size, eaves, ridge):
     def panel(*corners):
         return Polygon(name, [at(*corner) for corner in corners])
 
-    low, top = eaves - drop, ridge + 0.8
-    cx, cy, r = 0.5 * a, 0.3 * b, 0.35
-    base = ridge - 0.3 * (ridge - eaves) - 0.4
-    square = [(cx - r, cy - r), (cx + r, cy - r), (cx + r, cy + r), (cx - r, cy + r)]
-    chimney = [panel((*p, base), (*q, base), (*q, top), (*p, top))
-               for p, q in zip(square, square[1:] + square[:1], strict=True)]  # fmt: skip
+    def block(x, y, half, top):
+        """What stands on the roof: four sides that begin inside of it, and a top."""
+        base = ridge - abs(y) / b * (ridge - eaves) - half[1] / b * (ridge - eaves) - 0.1
+        square = [
+            (x + i * half[0], y + j * half[1]) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+        ]
+        ends = zip(square, square[1:] + square[:1], strict=True)
+        sides = [panel((*p, base), (*q, base), (*q, top), (*p, top)) for p, q in ends]
+        return [*sides, panel(*((*p, top) for p in square))]
+
+    low, dormer = eaves - drop, eaves + 0.75 * (ridge - eaves)
     return [
         panel((-a, -b, 0), (a, -b, 0), (a, -b, eaves), (-a, -b, eaves)),
         panel((a, b, 0), (-a, b, 0), (-a, b, eaves), (a, b, eaves)),
@@ -128,6 +133,7 @@ def house(name, foot, turn, size, eaves, ridge):
                 (a + jut, 0, ridge), (-a - jut, 0, ridge))))
             for s in (1, -1)
         ),
-        *chimney,
-        panel(*((*p, top) for p in square)),
+        *block(0.5 * a, 0.3 * b, (0.35, 0.35), ridge + 0.8),
+        *(part for x in (-0.5 * a, 0.1 * a) for y in (-0.5 * b, 0.5 * b)
+          for part in block(x, y, (0.9, 0.25 * b), dormer)),
     ]  # fmt: skip

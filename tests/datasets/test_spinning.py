@@ -26,7 +26,7 @@ def test_rings_on_the_ground_part_a_hundredfold():
     rings = np.unique(np.round(np.hypot(ground[:, 0], ground[:, 1]), 3))
     gaps = np.diff(rings)
     gaps = gaps[gaps > 0.01]
-    assert gaps[0] == pytest.approx(0.177, abs=0.002)  # of rings at 30.67 and 29.34 degrees
+    assert gaps[0] == pytest.approx(0.140, abs=0.002)  # of rings at 30.67 and 29.34 degrees
     assert gaps.max() / gaps[0] > 100
 
 
