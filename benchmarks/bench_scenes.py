@@ -40,7 +40,7 @@ COLUMNS = ["nearest (cm)", "second / first axis", "roughness / radius"]
 
 
 def measures(points, chosen):
-    """Spacing in centimetres, second over first axis, and roughness: quantiles as text."""
+    """Spacing in centimeters, second over first axis, and roughness: quantiles as text."""
     rows = np.flatnonzero(chosen)
     rows = np.random.default_rng(0).choice(rows, min(N_MEASURED, len(rows)), replace=False)
     distances, near = cKDTree(points).query(points[rows], N_NEIGHBORS + 1)

@@ -14,7 +14,7 @@ from sklearn_mcmd.datasets._things import capped, car, house, wire
 from sklearn_mcmd.datasets._vegetation import Grass, tree
 from sklearn_mcmd.datasets._world import World
 
-# Metres. The scene lies in 0 <= x <= 80, 0 <= y <= 60.
+# Meters. The scene lies in 0 <= x <= 80, 0 <= y <= 60.
 _SIZE = np.array([80.0, 60.0])
 _SWATHS = (0.0, 36.0), (26.0, 60.0)  # where they lie in y
 _FLIGHTS = (-190.0, 250.0)  # in y
@@ -57,12 +57,12 @@ def make_airborne_scan(
     n_samples : int, default=60_000
         Number of points, outliers included.
     noise : float, default=0.014
-        Standard deviation of ranges, in metres.
+        Standard deviation of ranges, in meters.
     density_ratio : float, default=4.0
         Density of the first swath (0 < y < 36) over that of the second (26 < y < 60), at
         least 1. Where they overlap the densities add up.
     misfit : float, default=0.03
-        Height of the second swath above the truth, in metres: swaths never fit quite.
+        Height of the second swath above the truth, in meters: swaths never fit quite.
     outlier_share : float, default=0.02
         Share of outliers in [0, 1), rounded to a whole number of points.
     outlier_kinds : list or tuple of str, default=("range_error", "ghost", "low", "high")
@@ -90,7 +90,7 @@ def make_airborne_scan(
     Notes
     -----
     Numbers follow two airborne scans: a part of Amsterdam (AHN3, 45,345 points) and a village
-    (IGN LiDAR HD, 249,000 points). There are 15 and 23 points a square metre, here by default 15
+    (IGN LiDAR HD, 249,000 points). There are 15 and 23 points a square meter, here by default 15
     in the first swath, 4 in the second and 22 in both. Residuals of planes on the ground are 14
     and 12 mm. Points of vegetation are 27 and 17 cm from the nearest other one (median), here
     30 cm; 18 and 9 % of all echoes are not the first, here 8 %. Swaths of the village are

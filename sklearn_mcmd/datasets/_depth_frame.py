@@ -15,7 +15,7 @@ from sklearn_mcmd.datasets._things import box, wire
 from sklearn_mcmd.datasets._vegetation import leaves
 from sklearn_mcmd.datasets._world import World
 
-# Metres. The camera looks along y, somewhat down.
+# Meters. The camera looks along y, somewhat down.
 _CAMERA = np.array([0.0, 0.0, 1.35])
 _DOWN = np.radians(8)
 _AXIS = np.array([0.0, np.cos(_DOWN), -np.sin(_DOWN)])
@@ -51,7 +51,7 @@ def make_depth_frame(
     n_samples : int, default=100_000
         Number of points, outliers included.
     step : float, default=0.0029
-        Step of the depth at 1 m, in metres: the inverse of a depth is rounded to whole multiples
+        Step of the depth at 1 m, in meters: the inverse of a depth is rounded to whole multiples
         of it (in 1/m).
     noise : float, default=0.37
         Standard deviation of ranges before they are rounded, in steps at that range. Errors are

@@ -30,7 +30,7 @@ from sklearn_mcmd.datasets._things import box, capped, car, wire
 from sklearn_mcmd.datasets._vegetation import Grass, leaves, tree
 from sklearn_mcmd.datasets._world import World
 
-# Metres. The street lies in 0 <= x <= 15; the vehicle drives along y = -1.5.
+# Meters. The street lies in 0 <= x <= 15; the vehicle drives along y = -1.5.
 _LENGTH, _LANE_Y, _HEIGHT = 15.0, -1.5, 2.2
 _STOP = (8.0, 8.8)
 _WALL_Y, _WALL_TOP = 7.0, 12.0
@@ -82,11 +82,11 @@ def make_mobile_scan(
         Number of points, outliers included. The scene has a fixed size, so more points are
         denser.
     noise : float, default=0.005
-        Standard deviation of ranges at range 0, in metres.
+        Standard deviation of ranges at range 0, in meters.
     noise_growth : float, default=3.0
         Noise at a range of 60 m over that at range 0, at least 1; linear in between.
     density_ratio : float, default=10.0
-        Lines a metre where the vehicle stands over those elsewhere, at least 1.
+        Lines a meter where the vehicle stands over those elsewhere, at least 1.
     outlier_share : float, default=0.02
         Share of outliers in [0, 1), rounded to a whole number of points.
     outlier_kinds : list or tuple of str, default=("mixed_pixel", "range_error", "ghost")
@@ -113,7 +113,7 @@ def make_mobile_scan(
     Returns
     -------
     scan : :class:`~sklearn.utils.Bunch`
-        In metres, z up, rows shuffled:
+        In meters, z up, rows shuffled:
 
         - ``data``, float64 (n_samples, 3);
         - ``target``, int64 (n_samples,): +1 regular, -1 outlier;
@@ -184,7 +184,7 @@ def make_mobile_scan(
 
 
 def _beams(n, density_ratio, rng):
-    """Turns of one beam; where the vehicle stands, `density_ratio` times as many a metre."""
+    """Turns of one beam; where the vehicle stands, `density_ratio` times as many a meter."""
     begin, end = _STOP
     knots = np.array([0.0, begin, end, _LENGTH])
     ways = np.cumsum([0.0, begin, density_ratio * (end - begin), _LENGTH - end])

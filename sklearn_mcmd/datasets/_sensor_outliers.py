@@ -6,13 +6,13 @@ from sklearn_mcmd.datasets._outliers import CLEARANCE, cluster_sizes, draw_clear
 
 __all__ = ["FAR", "MAKERS"]
 
-#: Mixed pixels: both surfaces are farther apart than these, in spacings and in metres.
+#: Mixed pixels: both surfaces are farther apart than these, in spacings and in meters.
 _MIXED_GAP = 5.0, 0.15
 
 #: Range errors and ghosts keep so many spacings off.
 _OFF = 5.0, 20.0
 
-#: Metres; no sensor measures less.
+#: Meters; no sensor measures less.
 _NEAREST = 0.1
 
 #: Balls are measured in median spacings, but these count at most this share of the diagonal:
@@ -81,7 +81,7 @@ def high(scan, n, rng):
 
 
 def particle(scan, n, rng):
-    """Snow or dust near the sensor, on beams: ranges follow a log-normal law."""
+    """Snow or dust near the sensor, on beams: ranges follow a log-normal distribution."""
 
     def propose(m):
         i = rng.integers(len(scan.beams.line), size=m)

@@ -13,7 +13,7 @@ from sklearn_mcmd.datasets._things import box, capped, car, house
 from sklearn_mcmd.datasets._vegetation import Grass, hedge, leaves, tree
 from sklearn_mcmd.datasets._world import World
 
-# Metres; the sensor's foot is the origin.
+# Meters; the sensor's foot is the origin.
 _HEIGHT, _REACH = 1.5, 100.0
 _ELEVATIONS = np.radians([-30.67, 10.67])
 _PASSING = 0.1
@@ -43,7 +43,7 @@ def make_spinning_turn(
     A sensor 1.5 m above a yard: walls 4 to 50 m away, and shrubs, trees, pillars, poles, cars and
     pedestrians between them. Its rays leave in rings of equal elevation, at equal steps of
     azimuth. So on the ground rings are 0.14 m apart nearby and more than 30 m far away, while
-    points on a ring are a few centimetres apart.
+    points on a ring are a few centimeters apart.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def make_spinning_turn(
     n_rings : int, default=32
         Number of rings, at equal steps of elevation from -30.67 to 10.67 degrees.
     noise : float, default=0.01
-        Standard deviation of ranges at range 0, in metres.
+        Standard deviation of ranges at range 0, in meters.
     noise_growth : float, default=4.0
         Noise at a range of 100 m over that at range 0, at least 1; linear in between.
     outlier_share : float, default=0.03

@@ -1,4 +1,4 @@
-"""Parts of a made-up scene: flat patches, cylinders and foliage.
+"""Parts of a simulated scene: flat patches, cylinders and foliage.
 
 A part knows how to sample itself and what is true about it. All have the same interface, so a
 scene is a list of parts:
@@ -57,7 +57,7 @@ class Patch(Flat):
     u, v : array-like of shape (3,)
         The two sides, at right angles; ``u x v`` points to the seen side.
     holes : sequence of (u0, u1, v0, v1), default=()
-        Rectangles cut out, in metres from the corner.
+        Rectangles cut out, in meters from the corner.
     smooth : sequence of {"u0", "u1", "v0", "v1"}, default=()
         Sides that are no sharp edges: the surface goes on, or only the scene ends.
     circles : sequence of Circle, default=()

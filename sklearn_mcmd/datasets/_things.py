@@ -1,4 +1,4 @@
-"""Things that stand in made-up scenes: posts, boxes, cars, houses, wires."""
+"""Things that stand in simulated scenes: posts, boxes, cars, houses, wires."""
 
 from itertools import pairwise
 
@@ -20,7 +20,7 @@ class Wire(Cylinder):
 
 
 def wire(name, start, end, sag, thickness):
-    """A wire that hangs through by `sag` metres, in straight pieces."""
+    """A wire that hangs through by `sag` meters, in straight pieces."""
     t = np.linspace(0, 1, _PIECES + 1)[:, None]
     knots = np.asarray(start, float) * (1 - t) + np.asarray(end, float) * t
     knots[:, 2] -= 4 * sag * (t * (1 - t))[:, 0]

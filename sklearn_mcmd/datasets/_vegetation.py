@@ -1,4 +1,4 @@
-"""Soft parts of a made-up scene: crowns of trees and grass.
+"""Soft parts of a simulated scene: crowns of trees and grass.
 
 They have the interface that `_surfaces` describes, without what only uniform sampling needs.
 """
@@ -11,7 +11,7 @@ from sklearn_mcmd.datasets._things import capped
 #: No blade of grass is higher than this many times the grass's height.
 _LONGEST_BLADE = 3.0
 
-#: Waves of the height of grass, in metres along both sides, and how far it swings about its mean.
+#: Waves of the height of grass, in meters along both sides, and how far it swings about its mean.
 _WAVES, _SWING = (1.3, 1.7), 0.5
 
 
@@ -42,7 +42,7 @@ class Crown(Soft):
 
 
 class Grass(Soft):
-    """Flat ground under grass: rays end on blades, whose heights follow a Rayleigh law.
+    """Flat ground under grass: rays end on blades, whose heights follow a Rayleigh distribution.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Grass(Soft):
     corner, u, v : array-like of shape (3,)
         The ground, as in `Patch`.
     height : float
-        Root mean square of the blades' heights over one wavelength, in metres; no blade is
+        Root mean square of the blades' heights, from which waves deviate, in meters; no blade is
         higher than three times this.
     """
 

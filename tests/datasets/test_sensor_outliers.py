@@ -78,7 +78,7 @@ def test_low_points_lie_below_the_ground_and_high_ones_above_it():
     assert 5 < np.quantile(scan.data[high, 2], 0.05) < scan.data[high, 2].max() < 60
 
 
-def test_half_the_particles_are_within_four_metres_of_a_spinning_lidar():
+def test_half_the_particles_are_within_four_meters_of_a_spinning_lidar():
     scan, _, mine = with_kind("make_spinning_turn", "particle")
     ranges = np.linalg.norm((scan.data - scan.viewpoints)[mine], axis=1)
     assert 2.8 < np.median(ranges) < 4
