@@ -47,6 +47,13 @@ class OutlierMethod(StrEnum):
     mcmd_md = "mcmd_md"
 
 
+class Strictness(StrEnum):
+    isolated = "isolated"
+    groups = "groups"
+    surfaces = "surfaces"
+    paper = "paper"
+
+
 def denoise(
     source: InFile,
     target: OutFile,
@@ -62,45 +69,28 @@ def denoise(
         OutlierMethod,
         typer.Option(
             help="How outliers of a plane are removed before it is fitted. mcmd_z: by their "
-            "distance to it. mcmd_md: by their distance within it as well; with --noise-scale own "
+            "distance to it. mcmd_md: by their distance within it as well; with --strictness paper "
             "it also decides which points are outliers."
         ),
     ] = OutlierMethod.mcmd_z,
+    strictness: Annotated[
+        Strictness,
+        typer.Option(
+            help="Which points are outliers. isolated: single points and pairs far from everything "
+            "else. groups: also small groups that stand apart, such as ghosts, birds and dust; "
+            "foliage, wires and small things that touch others are kept. surfaces: all points that "
+            "lie on no surface; foliage, wires and thin posts are removed. paper: points off the "
+            "plane of their own neighborhood, as in the paper; weak on whole clouds."
+        ),
+    ] = Strictness.groups,
     noise_scale: Annotated[
-        str,
+        float | None,
         typer.Option(
-            parser=number_or("local", "own", "pooled"),
-            metavar="local|own|pooled|NUMBER",
-            help="The noise that distances to planes are divided by. local: the noise around the "
-            "point, for any cloud. own: the noise of the point's own neighborhood, as in the "
-            "paper. pooled: one noise for all points, found from the cloud. NUMBER: one noise for "
-            "all points, in units of the file. The last two find most outliers, but also remove "
-            "curved and rough surfaces and foliage.",
-        ),
-    ] = "local",
-    max_iter: Annotated[
-        int,
-        typer.Option(
-            min=1,
-            help="Largest number of passes over the cloud. Each pass judges all points by the "
-            "planes of the points that the last pass kept. 1 is fast and misses outliers that hide "
-            "each other. More than 3 change little.",
-        ),
-    ] = 3,
-    borrow: Annotated[
-        bool,
-        typer.Option(
-            "--borrow/--no-borrow",
-            help="Whether the plane of a neighbor may explain a point. Next to edges it must.",
-        ),
-    ] = True,
-    keep_groups: Annotated[
-        bool | None,
-        typer.Option(
-            "--keep-groups/--drop-groups",
-            help="Whether to keep points that no plane explains if they are as dense as a surface: "
-            "foliage, wires and other small things, but also mixed pixels of a dense edge.",
-            show_default="keep with --noise-scale local",
+            parser=positive,
+            metavar="NUMBER",
+            help="The scanner's standard deviation, in units of the file. Distances to surfaces "
+            "are divided by it.",
+            show_default="the noise around each point",
         ),
     ] = None,
     cutoff: Annotated[
@@ -108,9 +98,11 @@ def denoise(
         typer.Option(
             parser=positive,
             metavar="NUMBER",
-            help="Distance from which on a point is an outlier, in standard deviations of the "
-            "noise.",
-            show_default="3; with --noise-scale own 2.5, for mcmd_md 3.06",
+            help="Score above which a point is an outlier. 3: the point is three standard "
+            "deviations of the noise off the surfaces, and three usual spacings, or sizes of its "
+            "group, away from everything real. 10: ten of each, for clear errors only. 100: for "
+            "gross errors only.",
+            show_default="3; with --strictness paper 2.5, for mcmd_md 3.06",
         ),
     ] = None,
     false_positive_rate: Annotated[
@@ -122,8 +114,19 @@ def denoise(
             ),
             metavar="RATE",
             help="Share of the points of a clean plane that may be lost, such as 0.01. A "
-            "simulation then finds the cutoff; do not give --cutoff. From 0.0001 to below 0.5; "
-            "above about 0.1 only with --drop-groups.",
+            "simulation then finds the cutoff; do not give --cutoff. From 0.0001 to below 0.5.",
+        ),
+    ] = None,
+    contamination: Annotated[
+        float | None,
+        typer.Option(
+            parser=number_or(
+                expected=f"a number above 0 and up to {LARGEST_RATE:g}",
+                fits=lambda share: 0 < share <= LARGEST_RATE,
+            ),
+            metavar="SHARE",
+            help="Share of all points that are outliers: those of the highest scores. Do not give "
+            "--cutoff. Above 0, up to 0.5.",
         ),
     ] = None,
     outlier_rate: OutlierRate = 0.5,
@@ -132,17 +135,20 @@ def denoise(
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ):
-    """Remove or mark the points that no surface around them explains.
+    """Remove or mark the points that lie on no surface and stand apart from all else.
 
-    The default is for any cloud: curved, with foliage, of any spacing and noise. The paper's form
-    is --noise-scale own --no-borrow --max-iter 1. To lose a stated share of good points, give
-    --false-positive-rate 0.01.
+    The default is for any cloud: curved, with foliage and wires, of any spacing and noise. A
+    score up to 3 means that the point is on a surface or near other points, 10 means a clear
+    error, and 100 a gross error. To keep only surfaces, give --strictness surfaces. To lose a
+    stated share of good points, give --false-positive-rate 0.01.
     """
-    if cutoff is not None and false_positive_rate is not None:
-        raise typer.BadParameter(
-            f"{false_positive_rate:g} and --cutoff {cutoff:g} exclude each other: leave one out.",
-            param_hint="--false-positive-rate",
-        )
+    _at_most_one(
+        {
+            "--cutoff": cutoff,
+            "--false-positive-rate": false_positive_rate,
+            "--contamination": contamination,
+        }
+    )
     with clear_exits(allow_coarse=allow_coarse):
         seconds = stopwatch()
         with progress("denoise", quiet):
@@ -154,25 +160,33 @@ def denoise(
                 coordinates(cloud),
                 n_neighbors=n_neighbors,
                 method=str(method),
+                strictness=None if strictness is Strictness.paper else str(strictness),
                 noise_scale=noise_scale,
-                max_iter=max_iter,
-                borrow=borrow,
-                keep_groups="auto" if keep_groups is None else keep_groups,
                 cutoff=cutoff,
                 false_positive_rate=false_positive_rate,
+                contamination=contamination,
                 outlier_rate=outlier_rate,
                 random_state=random_state,
                 n_jobs=n_jobs,
             )
-            _warn_if_without_scale(score)
+            _warn_if_without_scale(score[is_outlier], len(cloud))
             write(target, *_denoised(cloud, is_outlier, score, mark))
         if not quiet:
             found = {"marked" if mark else "removed": count_and_share(is_outlier)}
             print_summary(source, target, len(cloud), seconds(), **found)
 
 
+def _at_most_one(options):
+    """Wrong usage where more than one of some options, by their names, has a value."""
+    given = [f"{name} {value:g}" for name, value in options.items() if value is not None]
+    if len(given) > 1:
+        raise typer.BadParameter(
+            f"{' and '.join(given)} exclude each other: leave all but one out."
+        )
+
+
 def _find_outliers(xyz, **params):
-    """Whether each point is an outlier, and its robust distance to its plane."""
+    """Whether each point is an outlier, and its score."""
     from sklearn_mcmd import MCMDOutlierDetector
 
     with progress_part(*WORKING):
@@ -180,9 +194,9 @@ def _find_outliers(xyz, **params):
     return detector.scores_ < detector.offset_, -detector.scores_
 
 
-def _warn_if_without_scale(score):
+def _warn_if_without_scale(scores, n_points):
     """Warn if many points are outliers only because an exact plane has no noise."""
-    share = np.count_nonzero(score > EXACT_PLANE_SCORE) / len(score)
+    share = np.count_nonzero(scores > EXACT_PLANE_SCORE) / n_points
     if share >= 0.01:
         warnings.warn(
             f"{100 * share:.1f} % of the points are outliers only because most of their neighbors "

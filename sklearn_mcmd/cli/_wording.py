@@ -6,10 +6,10 @@ __all__ = ["in_words_of_options"]
 
 # Parameters that are options of a verb; `name=value` becomes `--name value`.
 OPTIONS = (
-    *("alpha", "criterion", "cutoff", "false_positive_rate", "features", "max_angle"),
-    *("max_distance", "max_gap", "max_iter", "method", "min_angle", "min_region_size"),
-    *("n_jobs", "n_neighbors", "noise_scale", "outlier_rate", "radius", "random_state"),
-    *("robust_start", "sigma0", "surface", "threshold", "viewpoint"),
+    *("alpha", "contamination", "criterion", "cutoff", "false_positive_rate", "features"),
+    *("max_angle", "max_distance", "max_gap", "method", "min_angle"),
+    *("min_region_size", "n_jobs", "n_neighbors", "noise_scale", "outlier_rate", "radius"),
+    *("random_state", "robust_start", "sigma0", "strictness", "surface", "threshold", "viewpoint"),
 )
 # Whole phrases are replaced first; then remaining parameters are replaced one by one.
 PHRASES = (
@@ -36,8 +36,6 @@ PHRASES = (
     ),
     (r"X spans no more than (.*?)\. Scale it up\.", r"the points span no more than \1."),
     (r"outlier_rate=(\S+) in 3D asks", r"--outlier-rate \1 asks"),
-    (r"keep_groups=False", "--drop-groups"),
-    (r"Choose a cutoff instead", "Choose a --cutoff instead"),
     (r"If all columns are coordinates of like precision, as in the scan", "In the scan"),
 )
 _GIVEN = re.compile(rf"(?<![-/\w])({'|'.join(OPTIONS)})=(?:'([^']*)'|([^\s,:;]*[^\s,:;.]))")

@@ -68,30 +68,63 @@ def test_options_of_denoise_reach_the_detector(room, room_file, tmp_path):
     np.testing.assert_array_equal(marked, detector.fit_predict(room.xyz) == -1)
 
 
+@pytest.fixture
+def mixed(room):
+    """The room, a plane in coarse steps, and a ghost of twelve points in the air."""
+    rng = np.random.default_rng(1)
+    ghost = np.array([1, 6, 1]) + rng.normal(0, 0.05, (12, 3))
+    return np.vstack([room.xyz, rounded_plane() + np.array([5, 0, 0]), ghost])
+
+
 @pytest.mark.parametrize(
     ("options", "parameters"),
     [
-        (("--noise-scale", "own"), {"noise_scale": "own"}),
-        (("--noise-scale", "pooled"), {"noise_scale": "pooled"}),
-        (("--noise-scale", 0.02), {"noise_scale": 0.02}),
-        (("--max-iter", 1), {"max_iter": 1}),
-        (("--no-borrow",), {"borrow": False}),
-        (("--drop-groups",), {"keep_groups": False}),
-        (("--noise-scale", 0.002, "--keep-groups"), {"noise_scale": 0.002, "keep_groups": True}),
+        (("--strictness", "isolated"), {"strictness": "isolated"}),
+        (("--strictness", "surfaces"), {"strictness": "surfaces"}),
+        (("--strictness", "paper"), {"strictness": None}),
+        (("--noise-scale", 0.002), {"noise_scale": 0.002}),
+        (("--cutoff", 10), {"cutoff": 10}),
+        (("--contamination", 0.05), {"contamination": 0.05}),
+        (("--contamination", 0.5), {"contamination": 0.5}),
+        (
+            ("--strictness", "surfaces", "--noise-scale", 0.002),
+            {"strictness": "surfaces", "noise_scale": 0.002},
+        ),
     ],
 )
-def test_rulers_passes_and_groups_reach_the_detector(options, parameters, room, tmp_path):
-    xyz = np.vstack([room.xyz, rounded_plane() + np.array([5, 0, 0])])
-    np.save(tmp_path / "in.npy", xyz)
+def test_what_is_judged_and_by_what_reaches_the_detector(options, parameters, mixed, tmp_path):
+    np.save(tmp_path / "in.npy", mixed)
     result = run(
         *("denoise", tmp_path / "in.npy", tmp_path / "out.npy", "--mode", "mark", *options)
     )
     assert result.exit_code == 0, result.output
     marked = np.load(tmp_path / "out.npy")["outlier"]
-    np.testing.assert_array_equal(marked, expected_outliers(xyz, **parameters))
+    np.testing.assert_array_equal(marked, expected_outliers(mixed, **parameters))
     for left_out in parameters:  # each made a difference
         others = {name: value for name, value in parameters.items() if name != left_out}
-        assert (marked != expected_outliers(xyz, **others)).any()
+        assert (marked != expected_outliers(mixed, **others)).any()
+
+
+def test_groups_is_the_default_and_takes_a_ghost_that_isolated_keeps(mixed, tmp_path):
+    np.save(tmp_path / "in.npy", mixed)
+    outlier = {}
+    for strictness in ("", "groups", "isolated"):
+        options = ("--strictness", strictness) if strictness else ()
+        run("denoise", tmp_path / "in.npy", tmp_path / "out.npy", "--mode", "mark", *options)
+        outlier[strictness] = np.load(tmp_path / "out.npy")["outlier"]
+    np.testing.assert_array_equal(outlier[""], outlier["groups"])
+    assert outlier["groups"][-12:].all()
+    assert not outlier["isolated"][-12:].any()
+
+
+def test_the_share_of_contamination_is_what_goes(room_file, tmp_path):
+    run("denoise", room_file, tmp_path / "out.npy", "--mode", "mark", "--contamination", 0.1)
+    out = np.load(tmp_path / "out.npy")
+    assert np.count_nonzero(out["outlier"]) == 93  # of 930
+    assert (
+        out["outlier_score"][out["outlier"] == 1].min()
+        >= out["outlier_score"][out["outlier"] == 0].max()
+    )
 
 
 def test_the_summary_states_points_share_removed_and_seconds(room, room_file, tmp_path):
@@ -127,10 +160,12 @@ def test_the_default_keeps_a_plane_in_steps_coarser_than_its_noise(tmp_path):
     assert len(read_points(tmp_path / "out.csv")) > 0.95 * 300
 
 
-@pytest.mark.parametrize("option", [("--noise-scale", "own"), ("--drop-groups",)])
-def test_exact_planes_are_warned_about_where_they_make_outliers(option, tmp_path):
+@pytest.mark.parametrize("strictness", ["surfaces", "paper"])
+def test_exact_planes_are_warned_about_where_they_make_outliers(strictness, tmp_path):
     write_points(tmp_path / "rounded.csv", rounded_plane())
-    result = run("denoise", tmp_path / "rounded.csv", tmp_path / "out.csv", *option)
+    result = run(
+        *("denoise", tmp_path / "rounded.csv", tmp_path / "out.csv", "--strictness", strictness)
+    )
     assert result.exit_code == 0
     assert "lie exactly in one plane" in result.stderr
     assert len(result.stderr.splitlines()) == 1

@@ -47,18 +47,18 @@ def usage_error(result):
 # ---- --false-positive-rate ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("options", [(), ("--noise-scale", "own", "--max-iter", 1, "--no-borrow")])
-def test_the_false_positive_rate_reaches_the_detector(options, room, room_file, tmp_path):
+@pytest.mark.parametrize("strictness", ["groups", "surfaces", "paper"])
+def test_the_false_positive_rate_reaches_the_detector(strictness, room, room_file, tmp_path):
     result = run(
         *("denoise", room_file, tmp_path / "out.npy", "--mode", "mark"),
-        *("--false-positive-rate", 0.05, *options),
+        *("--false-positive-rate", 0.05, "--strictness", strictness),
     )
     assert result.exit_code == 0, result.output
-    paper = {"noise_scale": "own", "max_iter": 1, "borrow": False} if options else {}
-    detector = MCMDOutlierDetector(false_positive_rate=0.05, random_state=0, **paper)
+    form = {"strictness": None if strictness == "paper" else strictness, "random_state": 0}
+    detector = MCMDOutlierDetector(false_positive_rate=0.05, **form)
     labels = detector.fit_predict(room)
     np.testing.assert_array_equal(np.load(tmp_path / "out.npy")["outlier"], labels == -1)
-    usual = MCMDOutlierDetector(random_state=0, **paper).fit_predict(room)
+    usual = MCMDOutlierDetector(**form).fit_predict(room)
     assert (labels == -1).sum() > (usual == -1).sum()
 
 
@@ -77,22 +77,42 @@ def test_the_least_rate_is_what_the_simulation_resolves():
     assert constraint.right == _denoise.LARGEST_RATE
 
 
-def test_a_rate_and_a_cutoff_exclude_each_other(room_file, tmp_path):
-    result = run(
-        *("denoise", room_file, tmp_path / "out.npy"),
-        *("--false-positive-rate", 0.01, "--cutoff", 2.8),
-    )
+@pytest.mark.parametrize("share", ["0", "0.51", "-0.1", "nan", "inf", "auto", "5%"])
+def test_a_contamination_out_of_range_is_named_with_the_range(share, room_file, tmp_path):
+    result = run("denoise", room_file, tmp_path / "out.npy", "--contamination", share)
     error = usage_error(result)
-    assert "--false-positive-rate: 0.01 and --cutoff 2.8 exclude each other" in error
+    assert "'--contamination'" in error
+    assert f"{share} is not a number above 0 and up to 0.5" in error
     assert not (tmp_path / "out.npy").exists()
 
 
-def test_a_rate_out_of_reach_fails_in_one_line(room_file, tmp_path):
-    result = run("denoise", room_file, tmp_path / "out.npy", "--false-positive-rate", 0.4)
-    assert result.exit_code == 1
-    assert result.stderr.startswith("mcmd: error: --false-positive-rate 0.4 is out of reach")
-    assert len(result.stderr.splitlines()) == 1
+RULERS = {"--cutoff": "2.8", "--false-positive-rate": "0.01", "--contamination": "0.1"}
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        ("--cutoff", "--false-positive-rate"),
+        ("--cutoff", "--contamination"),
+        ("--false-positive-rate", "--contamination"),
+        tuple(RULERS),
+    ],
+)
+def test_cutoff_rate_and_contamination_exclude_each_other(given, room_file, tmp_path):
+    options = [word for name in reversed(given) for word in (name, RULERS[name])]
+    error = usage_error(run("denoise", room_file, tmp_path / "out.npy", *options))
+    named = " and ".join(f"{name} {RULERS[name]}" for name in given)
+    assert f"{named} exclude each other: leave all but one out." in error
     assert not (tmp_path / "out.npy").exists()
+
+
+def test_a_rate_beyond_the_noise_of_the_planes_is_reached(room, room_file, tmp_path):
+    target = tmp_path / "out.npy"
+    result = run(
+        *("denoise", room_file, target, "--mode", "mark", "--false-positive-rate", 0.4),
+    )
+    assert result.exit_code == 0, result.output
+    assert 0.3 < np.load(target)["outlier"][:900].mean() < 0.5
 
 
 # ---- --outlier-rate -------------------------------------------------------------------------
@@ -156,7 +176,7 @@ def test_an_outlier_rate_out_of_range_is_named_with_the_range(verb, rate, room_f
     ("verb", "option", "value", "expected"),
     [
         ("denoise", "--cutoff", "3 sigma", "a number above 0"),
-        ("denoise", "--noise-scale", "lokal", "local, own, pooled or a number above 0"),
+        ("denoise", "--noise-scale", "local", "a number above 0"),
         ("normals", "--radius", "inf", "a number above 0"),
         ("segment", "--max-angle", "0", "a number above 0 and up to 90"),
         ("edges", "--threshold", "0", "a number above 0"),
@@ -181,8 +201,9 @@ def test_help_names_what_the_rates_take(verb):
         assert "--false-positive-rate 0.01" in " ".join(text.split())
 
 
-def test_the_default_of_every_rate_is_the_estimators():
+def test_the_default_of_every_option_is_the_estimators():
     estimator = inspect.signature(MCMDOutlierDetector).parameters
     verb = inspect.signature(_denoise.denoise).parameters
-    for name in ("false_positive_rate", "outlier_rate", "cutoff"):
+    shared = ("contamination", "cutoff", "false_positive_rate", "noise_scale", "outlier_rate")
+    for name in (*shared, "n_neighbors", "method", "strictness"):
         assert verb[name].default == estimator[name].default

@@ -45,18 +45,9 @@ def test_a_cloud_of_few_distinct_points_is_told_how_many_it_has(verb, n, tmp_pat
     assert not any(word in result.stderr for word in PYTHON)
 
 
-@pytest.mark.parametrize(
-    ("verb", "options", "words"),
-    [
-        ("denoise", ["--false-positive-rate", 0.4], "--false-positive-rate 0.4 is out of reach"),
-        ("edges", ["--threshold", 30], "--threshold 30 is in spacings"),
-    ],
-)
-def test_values_out_of_reach_are_refused_in_words_of_options(
-    verb, options, words, room_file, tmp_path
-):
-    line = error_line(run(verb, room_file, tmp_path / "out.laz", *options))
-    assert words in line
+def test_values_out_of_reach_are_refused_in_words_of_options(room_file, tmp_path):
+    line = error_line(run("edges", room_file, tmp_path / "out.laz", "--threshold", 30))
+    assert "--threshold 30 is in spacings" in line
     assert not any(word in line for word in PYTHON)
 
 
