@@ -31,13 +31,9 @@ def make_forms(options):
         "random_state": 0,
     }
     cleaner = None
-    if options.noise_scale is not None:
-        scale = options.noise_scale
+    if options.strictness is not None:
         cleaner = MCMDOutlierDetector(
-            noise_scale=scale if scale == "pooled" else float(scale),
-            max_iter=5,
-            random_state=0,
-            n_jobs=options.threads,
+            strictness=options.strictness, random_state=0, n_jobs=options.threads
         )
     ours = {"outlier_detector": cleaner, "random_state": 0, "n_jobs": options.threads}
     return {
@@ -110,7 +106,11 @@ def main():
     parser.add_argument("--clouds", nargs="+", default=[], help="npz files, instead of scenes")
     parser.add_argument("--most", type=int, default=30_000, help="points of a cloud at most")
     parser.add_argument("--forms", nargs="+", default=[""], help="parts of the forms' names")
-    parser.add_argument("--noise-scale", help="of a cleaning in five passes, not the default")
+    parser.add_argument(
+        "--strictness",
+        choices=["isolated", "groups", "surfaces"],
+        help="of the cleaning, in place of the default",
+    )
     parser.add_argument("--n-neighbors", type=int, default=40)
     parser.add_argument("--threads", type=int, default=2)
     options = parser.parse_args()

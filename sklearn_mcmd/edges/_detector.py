@@ -70,7 +70,8 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
 
     outlier_detector : estimator or "passthrough", default=None
         The detector that cleans the cloud first: an estimator with `fit_predict`, +1 for
-        inliers. None means :class:`MCMDOutlierDetector`. "passthrough" cleans nothing.
+        inliers. None means :class:`MCMDOutlierDetector`: the default for "crease", and
+        ``strictness="surfaces"`` for the other criteria. "passthrough" cleans nothing.
 
     normal_estimator : estimator, default=None
         The estimator of the planes of the cleaned cloud, such as :class:`RobustNormalEstimator`.
@@ -127,6 +128,12 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
     An edge needs two visible faces. The free rim of a plate is no edge, nor is the line where the
     scan ends or a shadow begins. Each face needs a few points within the neighborhood. Rods as
     thin as a few spacings are told from prisms by chance.
+
+    "crease" withstands most outliers that the default cleaning leaves. Cleaning it by
+    ``strictness="surfaces"`` would lose narrow faces: with 10 % of outliers F1 falls by 4 to 9 %
+    on three of four machined parts, and changes by less than 1 % on a box, a crown roof and a
+    street. Eigenvalues do not withstand outliers: that cleaning raises their F1 from 60 to 72,
+    from 24 to 80 and from 73 to 79 % there.
 
     A point that the cleaning removed is scored like a new one, by the points that are left; one
     off all planes counts as far from creases, but not as flat by the other criteria.
@@ -303,7 +310,11 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
         if self.normals == "precomputed" and self.criterion != "crease":
             return np.ones(len(xyz), dtype=bool)
         if detector is None:
-            detector = MCMDOutlierDetector(random_state=seed, n_jobs=self.n_jobs)
+            detector = MCMDOutlierDetector(
+                strictness="groups" if self.criterion == "crease" else "surfaces",
+                random_state=seed,
+                n_jobs=self.n_jobs,
+            )
         self.outlier_detector_ = _seeded(detector, seed)
         kept = np.asarray(self.outlier_detector_.fit_predict(xyz)) == 1
         return kept if kept.sum() > xyz.shape[1] else np.ones(len(xyz), dtype=bool)

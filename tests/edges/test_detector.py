@@ -262,6 +262,18 @@ def test_outliers_hide_edges_from_the_mean_and_not_from_two_stages():
     assert found[1] > 0.9
 
 
+@pytest.mark.parametrize(
+    ("criterion", "strictness"), [("crease", "groups"), ("eigenvalue", "surfaces")]
+)
+def test_eigenvalues_need_a_stricter_cleaning_than_creases(criterion, strictness):
+    cloud = make_box(outlier_share=0.1, random_state=0)
+    detector = SharpFeatureDetector(criterion=criterion, random_state=0).fit(cloud.data)
+    cleaner = MCMDOutlierDetector(
+        strictness=strictness, random_state=detector.outlier_detector_.random_state
+    )
+    assert_array_equal(detector.inlier_mask_, cleaner.fit_predict(cloud.data) == 1)
+
+
 def test_removed_fraction_is_that_of_the_normal_estimator(box):
     detector = fast(criterion="removed_fraction", threshold=0.2).fit(box.data)
     removed = detector.normal_estimator_.removed_fraction_
