@@ -71,7 +71,7 @@ class SceneMethod:
         )
 
 
-ONE_PASS = {"max_iter": 1, "noise_scale": "own", "borrow": False}
+OWN_PLANE = {"strictness": None}
 LITERAL = {"refine": None}
 
 SCENE_METHODS = {
@@ -115,7 +115,7 @@ SCENE_METHODS = {
             "as in the text: h = .5 k, 69 trials, median and MAD of all k",
             "mcmd_z",
             mcmd_params=LITERAL,
-            verdict_params=ONE_PASS,
+            verdict_params=OWN_PLANE,
         ),
         SceneMethod(
             "MCMD_MD",
@@ -123,7 +123,7 @@ SCENE_METHODS = {
             "h = .75 k, which gives its rows of Table 5; the text's .5 k does not",
             "mcmd_md",
             mcmd_params={**LITERAL, "support_fraction": 0.75},
-            verdict_params=ONE_PASS,
+            verdict_params=OWN_PLANE,
         ),
         SceneMethod(
             "MCMD_MD h=.5k",
@@ -131,7 +131,7 @@ SCENE_METHODS = {
             "as in the text: h = .5 k",
             "mcmd_md",
             mcmd_params=LITERAL,
-            verdict_params=ONE_PASS,
+            verdict_params=OWN_PLANE,
         ),
         SceneMethod("default", False, "this package's defaults, without given values", "mcmd_z"),
     )

@@ -80,9 +80,7 @@ def test_table_5_runs_slow_methods_once_and_all_others_every_time(denoised):
 
 def test_table_5_is_what_the_estimators_give(denoised):
     cloud = noisy_sign(stream(1, "table5", 1), 500)
-    detector = MCMDOutlierDetector(
-        50, refine=None, max_iter=1, noise_scale="own", borrow=False, random_state=1
-    )
+    detector = MCMDOutlierDetector(50, refine=None, strictness=None, random_state=1)
     labels = detector.fit_predict(cloud.points)
     found = denoised.results["MCMD_Z"][1]
     assert found[0] == pytest.approx(100 * np.mean(labels[cloud.target == -1] == -1))
