@@ -85,8 +85,8 @@ class SpatialBlockSplit(BaseCrossValidator):
     groups), or all neighborhoods are thinner (random folds), and the score is that of another
     task. Here the test points of a fold are whole blocks. Its training points are the same blocks
     and the nearest neighbors of their points. So the labels of a block are the same as in the
-    whole cloud if the detector looks no farther. They are nearly the same for detectors that go
-    over a cloud in passes.
+    whole cloud if the detector looks no farther. They are nearly the same for a detector that
+    asks how large the surface or the group of a point is.
 
     Parameters
     ----------
@@ -100,10 +100,11 @@ class SpatialBlockSplit(BaseCrossValidator):
         nearest neighbors, itself included, among the training points.
     n_rings : int, default=1
         Number of times that neighbors are added. 1 suffices for a detector that looks at the
-        neighbors of a point, as the paper's form does. A detector that also looks at their
-        neighbors needs more: 2 if planes are borrowed or compared among neighbors, 3 for
-        :class:`~sklearn.neighbors.LocalOutlierFactor` and for `MCMDOutlierDetector` in passes,
-        whose scores then still differ a little from those in the whole cloud.
+        neighbors of a point, as `MCMDOutlierDetector` does with ``strictness=None``. A detector
+        that also looks at their neighbors needs more: 2 if planes are borrowed or compared among
+        neighbors, 3 for :class:`~sklearn.neighbors.LocalOutlierFactor` and for the default
+        `MCMDOutlierDetector`. About 1 % of the latter's scores then still differ from those in
+        the whole cloud.
     random_state : int, RandomState instance or None, default=None
         Seed of the order in which blocks are dealt.
 

@@ -46,11 +46,25 @@ def test_a_fold_leaves_most_of_the_other_blocks_out():
 
 def test_mcmd_scores_a_block_as_in_the_whole_cloud(street):
     X, _ = street
-    # One pass over own planes; passes over the cloud look farther than to the neighbors.
-    detector = MCMDOutlierDetector(30, noise_scale="own", borrow=False, max_iter=1, random_state=0)
+    # By own planes; surfaces and groups reach farther than to the neighbors.
+    detector = MCMDOutlierDetector(30, strictness=None, random_state=0)
     expected = detector.fit(X).score_samples(X)
     for train, test in SpatialBlockSplit(3, n_neighbors=30, random_state=0).split(X):
         assert_allclose(detector.fit(X[train]).score_samples(X[test]), expected[test], rtol=1e-9)
+
+
+def test_with_three_rings_the_default_judges_a_block_nearly_as_in_the_whole_cloud():
+    X = make_street(3000, random_state=0).data
+    detector = MCMDOutlierDetector(30, random_state=0)
+    whole = detector.fit(X)
+    expected, labels = whole.score_samples(X), whole.predict(X)
+    found, judged = np.empty(len(X)), np.empty(len(X))
+    for train, test in SpatialBlockSplit(3, n_neighbors=30, n_rings=3, random_state=0).split(X):
+        found[test] = detector.fit(X[train]).score_samples(X[test])
+        judged[test] = detector.predict(X[test])
+    # .996 and 1 when measured.
+    assert np.isclose(found, expected, rtol=1e-9).mean() > 0.98
+    assert (judged == labels).mean() > 0.998
 
 
 @pytest.mark.parametrize(("n_rings", "exact"), [(1, False), (3, True)])
@@ -69,7 +83,7 @@ def test_torn_neighborhoods_misjudge_a_detector():
     """Why plain groups will not do: the blocks' points have no neighbors in the training cloud."""
     cloud = make_street(3000, random_state=0)
     X, y = cloud.data, cloud.target
-    detector = MCMDOutlierDetector(30, noise_scale="pooled", random_state=0)
+    detector = MCMDOutlierDetector(30, strictness="surfaces", random_state=0)
     truth = balanced_accuracy_score(y, detector.fit(X).predict(X))
 
     def mean_score(cv):
@@ -88,9 +102,7 @@ def test_a_grid_search_compares_detectors_by_two_scores(street):
         Pipeline([("detector", MCMDOutlierDetector())]),
         [
             {
-                "detector": [
-                    MCMDOutlierDetector(noise_scale="own", borrow=False, max_iter=1, random_state=0)
-                ],
+                "detector": [MCMDOutlierDetector(strictness=None, random_state=0)],
                 "detector__n_neighbors": [5, 30],
                 "detector__outlier_rate": [0.2],
                 "detector__success_probability": [0.95],
