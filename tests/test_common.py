@@ -20,8 +20,9 @@ QUICK = RobustNormalEstimator(outlier_rate=0.2, random_state=0)
         MCMDOutlierDetector(
             20, method="mcmd_md", refine=None, outlier_rate=0.3, support_fraction="auto", n_jobs=2
         ),
-        MCMDOutlierDetector(20, noise_scale="pooled", keep_groups=False, outlier_rate=0.2),
-        MCMDOutlierDetector(20, noise_scale=0.5, max_iter=2, borrow=False, outlier_rate=0.2),
+        MCMDOutlierDetector(20, strictness="surfaces", noise_scale=0.5, outlier_rate=0.2),
+        MCMDOutlierDetector(20, strictness="isolated", contamination=0.2, outlier_rate=0.2),
+        MCMDOutlierDetector(20, strictness=None, noise_scale=0.5, outlier_rate=0.2),
         MCMDOutlierDetector(None, false_positive_rate=0.1, outlier_rate=0.05),
         RobustNormalEstimator(20, features="all", outlier_rate="auto"),
         RobustNormalEstimator(20, method="mcmd_md", refine=None, radius=1.5, outlier_rate=0.1),

@@ -1,7 +1,5 @@
 """Progress: what estimators tell whoever listens, of the whole of their work."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
@@ -57,14 +55,11 @@ def test_a_listener_of_none_hears_nothing_of_what_is_within():
 @pytest.mark.parametrize(
     ("estimator", "stages"),
     [
-        (MCMDOutlierDetector(random_state=0), ["outliers, pass 1 of at most 3"]),
+        (MCMDOutlierDetector(random_state=0), ["outliers"]),
         (RobustNormalEstimator(random_state=0), ["normals", "normals next to edges"]),
         (RobustNormalEstimator(method="pca"), ["normals"]),
         (RegionGrowing(random_state=0), ["normals", "links of neighbors", "narrow faces"]),
-        (
-            SharpFeatureDetector(random_state=0),
-            ["outliers, pass 1 of at most 3", "normals", "creases"],
-        ),
+        (SharpFeatureDetector(random_state=0), ["outliers", "normals", "creases"]),
     ],
 )
 def test_estimators_name_their_stages_in_order_and_tell_the_whole(estimator, stages, room):
@@ -76,17 +71,17 @@ def test_estimators_name_their_stages_in_order_and_tell_the_whole(estimator, sta
     assert max(shares) == pytest.approx(1)
 
 
-def test_the_passes_of_the_detector_divide_the_whole_without_gaps(room):
-    told = heard(lambda: MCMDOutlierDetector(random_state=0).fit(room.xyz))
+def test_the_cutoff_and_the_verdict_of_the_detector_divide_the_whole_without_gaps(room):
+    detector = MCMDOutlierDetector(false_positive_rate=0.05, random_state=0)
     ends = {}
-    for stage, share in told:
+    for stage, share in heard(lambda: detector.fit(room.xyz)):
         first, last = ends.get(stage, (share, share))
         ends[stage] = min(first, share), max(last, share)
-    passes = [ends[f"outliers, pass {n} of at most 3"] for n in (1, 2, 3)]
-    assert passes[0][0] == 0
-    assert passes[2][1] == pytest.approx(1)
-    for before, after in pairwise(passes):
-        assert before[1] == pytest.approx(after[0])
+    assert list(ends) == ["cutoff by simulation", "outliers"]
+    (begin, end), (again, whole) = ends.values()
+    assert begin == 0
+    assert end == pytest.approx(again)
+    assert whole == pytest.approx(1)
 
 
 def test_compilation_is_told_and_its_end():

@@ -239,9 +239,7 @@ def test_bad_parameters_are_named(street, parameters, message):
 
 
 def test_detector_and_normals_come_from_the_same_planes(street):
-    detector = MCMDOutlierDetector(
-        refine=None, max_iter=1, noise_scale="own", borrow=False, random_state=0
-    ).fit(street.data)
+    detector = MCMDOutlierDetector(refine=None, random_state=0).fit(street.data)
     estimator = RobustNormalEstimator(refine=None, random_state=0).fit(street.data)
     planes, _ = detector._model.evaluate(street.data)
     assert_allclose(np.abs(np.einsum("ij,ij->i", planes.normals, estimator.normals_)), 1)
