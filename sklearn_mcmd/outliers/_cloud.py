@@ -19,7 +19,7 @@ __all__ = ["JudgedCloud"]
 CHUNK = {True: 4096, False: 256}  # rows a task, compiled or not
 # A surface has as many points as a neighborhood, a thing as many as two; or this share of a
 # small cloud.
-SURFACE, THING, LEAST_SHARE = 1, 2, 1 / 5
+SURFACE, THING, LEAST_SHARE = 1.0, 2.0, 1 / 5
 FITTING = 0.85  # share of the time that planes take, for the display of progress
 
 

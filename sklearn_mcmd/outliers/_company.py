@@ -27,6 +27,9 @@ class CompanyLimits(NamedTuple):
         Points of the rest that are within this many usual spacings form a group.
     n_links : int
         Neighbors of the rest that are asked for this.
+    rest_weight : float
+        Weight of the spacing among the rest against that among all points, in their geometric
+        mean.
     """
 
     n_near: int = 8
@@ -34,6 +37,7 @@ class CompanyLimits(NamedTuple):
     usual: float = 0.75
     reach: float = 2.5
     n_links: int = 16
+    rest_weight: float = 2 / 3
 
 
 class Company:
@@ -146,10 +150,10 @@ class Company:
         distances = np.minimum(distances, max(self.extent, np.finfo(float).tiny))
         return mean_distance(distances, counts, self.limits.n_near)
 
-    @staticmethod
-    def _isolated(among_rest, among_all, usual):
-        """Twice as much weight on the rest: surfaces are poor company for what lies off them."""
-        return ratio(np.cbrt(among_rest * among_rest * among_all), usual)
+    def _isolated(self, among_rest, among_all, usual):
+        """Most weight is on the rest: surfaces are poor company for what lies off them."""
+        weight = self.limits.rest_weight
+        return ratio(among_rest**weight * among_all ** (1 - weight), usual)
 
     def _steps(self, usual, distances, near):
         """Distances to neighbors of the rest in usual spacings, the lesser of both's."""
