@@ -14,9 +14,9 @@ from itertools import product
 import numpy as np
 
 FORMS = {
-    "own": {"noise_scale": "own", "borrow": False, "max_iter": 1},
-    "local": {},
-    "pooled": {"noise_scale": "pooled", "max_iter": 6},
+    "paper": {"strictness": None},
+    "groups": {},
+    "surfaces": {"strictness": "surfaces"},
 }
 
 
@@ -50,7 +50,7 @@ def main():
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--threads", type=int, default=1)
     options = parser.parse_args()
-    print("form    k    noise  asked %  all %  (far %)  cutoff  +- %", flush=True)
+    print("form       k    noise  asked %  all %  (far %)  cutoff  +- %", flush=True)
     rows = product(options.forms, options.neighbors, options.noise, options.rates)
     for form, k, noise, rate in rows:
         found = [
@@ -60,7 +60,7 @@ def main():
         all_points, far, cutoff = np.mean(found, axis=0)
         error = np.sqrt(rate * (1 - rate) / (options.n_points * options.seeds))
         print(
-            f"{form:7} {k:3d}  {noise:5g}  {100 * rate:7g}  {100 * all_points:5.3f}  "
+            f"{form:10} {k:3d}  {noise:5g}  {100 * rate:7g}  {100 * all_points:5.3f}  "
             f"({100 * far:5.3f})  {cutoff:6.3f}  {100 * error:5.3f}",
             flush=True,
         )

@@ -17,8 +17,6 @@ from pathlib import Path
 import numpy as np
 from sklearn.metrics import roc_auc_score
 
-OWN = {"noise_scale": "own", "borrow": False, "max_iter": 1}
-
 
 def ours(X, options, **parameters):
     from sklearn_mcmd import MCMDOutlierDetector
@@ -58,12 +56,12 @@ def mean_distance(X, options, share):
 
 
 FORMS = {
-    "paper (literal)": {**OWN, "refine": None},
-    "own, reweighted": OWN,
-    "default": {},
-    "default, keep_groups=False": {"keep_groups": False},
-    "pooled": {"noise_scale": "pooled"},
-    "noise given": {},
+    "paper (literal)": {"strictness": None, "refine": None},
+    "paper, reweighted": {"strictness": None},
+    "isolated": {"strictness": "isolated"},
+    "groups (default)": {},
+    "surfaces": {"strictness": "surfaces"},
+    "surfaces, noise given": {"strictness": "surfaces"},
 }
 PEERS = {
     "LOF, told": lof,
@@ -99,7 +97,7 @@ def compare_on_streets(options):
                     random_state=seed,
                 )
                 for name, form in FORMS.items():
-                    given = {"noise_scale": options.noise} if name == "noise given" else {}
+                    given = {"noise_scale": options.noise} if name.endswith("given") else {}
                     start = time.perf_counter()
                     result = ours(street.data, options, **{**form, **given})
                     row = [*figures(street, *result), time.perf_counter() - start]

@@ -46,7 +46,7 @@ FORMS = {
 }
 DENOISERS = {
     "default": {},
-    "pooled": {"noise_scale": "pooled", "borrow": True, "max_iter": 6},
+    "surfaces": {"strictness": "surfaces"},
     "no": None,
 }
 SMALLEST = 100  # points of a surface that must be found

@@ -24,9 +24,9 @@ X = cloud.xyz
 street = make_street(len(X), random_state=0)
 assert np.abs(street.data - X).max() < 1e-3, "not the demo's street"
 
-PAPER = {"refine": None, "max_iter": 1, "noise_scale": "own", "borrow": False}
+PAPER = {"refine": None, "strictness": None}
 good = street.target == 1
-for parameters in ({}, {"keep_groups": False}, PAPER):
+for parameters in ({}, {"strictness": "isolated"}, {"strictness": "surfaces"}, PAPER):
     detector = MCMDOutlierDetector(random_state=0, n_jobs=-1, **parameters).fit(X)
     scores = detector.scores_
     flagged = scores < detector.offset_
