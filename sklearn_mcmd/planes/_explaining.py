@@ -1,8 +1,10 @@
-"""Whose plane explains a point? The detector, normals and edges search the neighbors' planes."""
+"""Whose plane explains a point? Every stage searches its neighbors' planes here."""
 
 from typing import NamedTuple
 
 import numpy as np
+
+from sklearn_mcmd.planes._compiling import compiled_function
 
 __all__ = ["ExplainLimits", "explain"]
 
@@ -43,6 +45,7 @@ def explain(queries, candidates, planes, limits, usable, least, most, compiled):
     most : ndarray of shape (m,)
         Planes with a larger standard deviation come last.
     compiled : bool
+        Whether to use compiled code, if Numba is there; the owners are the same.
 
     Returns
     -------
@@ -51,9 +54,8 @@ def explain(queries, candidates, planes, limits, usable, least, most, compiled):
     distances : ndarray of shape (m,)
         From the owner's plane in standard deviations; inf where there is none.
     """
-    if compiled:
-        from sklearn_mcmd.planes._explaining_numba import explain_queries
-
+    explain_queries = _compiled("explain_queries") if compiled else None
+    if explain_queries is not None:
         owners, distances = np.empty(len(queries), dtype=np.int64), np.empty(len(queries))
         explain_queries(
             queries, candidates, planes, limits, usable, (least, most), owners, distances
@@ -82,3 +84,7 @@ def explain(queries, candidates, planes, limits, usable, least, most, compiled):
     found = np.isfinite(cost[each, best])
     owners = np.where(found, indices[each, best], -1)
     return owners, np.where(found, distances[each, best], np.inf)
+
+
+def _compiled(name):
+    return compiled_function("planes._explaining_numba", name)

@@ -3,15 +3,17 @@
 import numpy as np
 
 from sklearn_mcmd.planes._chunks import run
-from sklearn_mcmd.segmentation._graph import CUTOFF
+from sklearn_mcmd.planes._explaining import ExplainLimits, explain
+from sklearn_mcmd.planes._record import Neighborhoods
+from sklearn_mcmd.segmentation._graph import COMPILE_FROM, CUTOFF
 
 __all__ = ["Claims"]
 
 MAX_ROUNDS = 50
-# Shares of a limit are equal if they are to so many digits.
-DIGITS = 6
 # Neighbors looked at at once: what bounds the memory.
 CHUNK = 200_000
+# Of planes that claim a point the nearest does, in units of their limits.
+NEAREST = ExplainLimits(likely=False)
 
 
 class Claims:
@@ -32,12 +34,12 @@ class Claims:
     def __init__(self, index, planes, rules, n_jobs=None):
         n = len(index.points)
         self.index, self.n_jobs = index, n_jobs
-        self.normals, self.centroids = planes.normals, planes.centroids
-        self.limit, self.reach = CUTOFF * planes.scale, planes.radius
+        limit, reach = CUTOFF * planes.scale, planes.radius
         if rules.max_distance is not None:
-            self.limit = np.full(n, float(rules.max_distance))
+            limit = np.full(n, float(rules.max_distance))
         if rules.max_gap is not None:
-            self.reach = np.full(n, float(rules.max_gap))
+            reach = np.full(n, float(rules.max_gap))
+        self.planes = planes._replace(scale=limit, radius=reach)
 
     def absorb_fragments(self, labels):
         """Give fragments to the region whose planes claim most of their points.
@@ -58,9 +60,8 @@ class Claims:
         rows = np.flatnonzero(fragment[labels])
         if rows.size == 0:
             return labels
-        neighbors, shares = self._claimants(rows)
-        foreign = (labels[neighbors] >= 0) & ~fragment[labels[neighbors]]
-        owner = _owners(labels, neighbors, np.where(foreign, shares, np.inf))
+        large = np.append(sizes > self.index.n_neighbors, False)
+        owner = self._owners(labels, rows, self._around(rows), large[labels])
         rows, owner = rows[owner >= 0], owner[owner >= 0]
         pairs, counts = np.unique(
             np.column_stack([labels[rows], owner]), axis=0, return_counts=True
@@ -92,52 +93,42 @@ class Claims:
         claiming = np.append(np.ones(int(labels.max(initial=-1)) + 1, dtype=bool), False)
         claiming[np.asarray(content, dtype=np.intp)] = False
         rest = np.flatnonzero(labels < 0)
-        neighbors, shares = self._claimants(rest)
+        around = self._around(rest)
         for _ in range(MAX_ROUNDS):
-            owner = _owners(
-                labels, neighbors, np.where(claiming[labels[neighbors]], shares, np.inf)
-            )
+            owner = self._owners(labels, rest, around, claiming[labels])
             claimed = owner >= 0
             if not claimed.any():
                 break
             labels[rest[claimed]] = owner[claimed]
-            rest, neighbors, shares = rest[~claimed], neighbors[~claimed], shares[~claimed]
+            rest, around = rest[~claimed], around.take(~claimed)
         return labels
 
-    def _claimants(self, rows):
-        """Neighbors of rows, and each one's distance as a share of its limit; inf beyond."""
-        n, k = len(rows), self.index.n_neighbors
-        neighbors, shares = np.empty((n, k), dtype=np.int32), np.empty((n, k))
-        step = max(1, CHUNK // k)
-        parts = [(slice(start, start + step),) for start in range(0, n, step)]
+    def _around(self, rows):
+        """The neighborhoods of rows."""
+        indices = np.empty((len(rows), self.index.n_neighbors), dtype=np.int32)
 
         def task(part):
-            neighbors[part], shares[part] = self._claimants_of_chunk(rows[part])
+            indices[part] = self.index.query(self.index.points[rows[part]]).indices
 
-        run(parts, task, self.n_jobs)
-        return neighbors, shares
+        self._each_part(len(rows), task)
+        return Neighborhoods(indices, np.full(len(rows), self.index.n_neighbors))
 
-    def _claimants_of_chunk(self, rows):
-        points, k = self.index.points, self.index.n_neighbors
-        distances, neighbors = self.index.tree.query(points[rows], k=k)
-        distances, neighbors = distances.reshape(-1, k), neighbors.reshape(-1, k)
-        heights = np.zeros(distances.shape)
-        for axis in range(points.shape[1]):
-            gaps = points[rows, axis][:, None] - self.centroids[neighbors, axis]
-            heights += gaps * self.normals[neighbors, axis]
-        limit = self.limit[neighbors]
-        heights = np.abs(heights, out=heights)
-        usable = (heights <= limit) & (distances <= self.reach[neighbors])
-        shares = np.divide(heights, limit, out=np.zeros_like(heights), where=heights > 0)
-        # Planes through the same point are the same but for rounding: the nearer neighbor's counts.
-        shares = np.round(shares, DIGITS)
-        return neighbors, np.where(usable, shares, np.inf)
+    def _owners(self, labels, rows, around, usable):
+        """Label of the neighbor, one of the usable, whose plane claims each of the rows, or -1."""
+        owner = np.full(len(rows), -1, dtype=labels.dtype)
+        compiled = len(labels) >= COMPILE_FROM
 
+        def task(part):
+            queries, m = self.index.points[rows[part]], len(rows[part])
+            found, share = explain(
+                queries, around.take(part), self.planes, NEAREST, usable,
+                np.zeros(m), np.full(m, np.inf), compiled,
+            )  # fmt: skip
+            owner[part] = np.where(share <= 1, labels[found], -1)
 
-def _owners(labels, neighbors, shares):
-    """Label of the neighbor of the least share for each row; -1 where all are inf."""
-    if len(neighbors) == 0:
-        return np.empty(0, dtype=labels.dtype)
-    best = shares.argmin(axis=1)
-    each = np.arange(len(best))
-    return np.where(np.isfinite(shares[each, best]), labels[neighbors[each, best]], -1)
+        self._each_part(len(rows), task)
+        return owner
+
+    def _each_part(self, m, task):
+        step = max(1, CHUNK // self.index.n_neighbors)
+        run([(slice(start, start + step),) for start in range(0, m, step)], task, self.n_jobs)
