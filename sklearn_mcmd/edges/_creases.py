@@ -14,6 +14,7 @@ from scipy.special import gamma
 
 from sklearn_mcmd.planes._chunks import run
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
+from sklearn_mcmd.planes._local_planes import COMPILE_FROM
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import MAD_TO_SD, REWEIGHT_CUTOFF, TRUNCATED_VARIANCE
@@ -94,6 +95,8 @@ class CreaseModel:
         self.planes.eigenvalues[:] = self.planes.normal_error[:] = np.nan  # not asked for
         self._in_chunks(self.points, self._fit_planes)
         self.usable = np.ones(len(self.points), dtype=bool)
+        # Decided by the fitted cloud, so that any query is the same arithmetic.
+        self.compiled = len(self.points) >= COMPILE_FROM
         flatness = self.planes.scale / np.maximum(self.planes.radius, np.finfo(float).tiny)
         self.flat = flatness <= max(FLATNESS, FLATNESS_FACTOR * np.median(flatness))
         self.faces = self._give_planes(self.points)
@@ -192,7 +195,7 @@ class CreaseModel:
         most = np.full(len(part), np.inf)
         least = np.maximum(LEAST_NOISE * spacing[part], np.finfo(float).tiny)
         owners, _ = explain(
-            queries[part], around, planes, LIKELIEST, self.usable, least, most, compiled=False
+            queries[part], around, planes, LIKELIEST, self.usable, least, most, self.compiled
         )
         return owners
 
