@@ -78,11 +78,43 @@ def test_tables_go_through_and_change_no_label(make, library, box):
     pipeline = make().set_output(transform=library)
     assert_array_equal(pipeline.fit_predict(table), make().fit_predict(box.data))
     names = [*"xyz", "normal_x", "normal_y", "normal_z", "surface_variation"]
-    names += [f"eigenvalue_{i}" for i in range(3)]
+    names += [*(f"eigenvalue_{i}" for i in range(3)), "plane_offset", "plane_scale"]
     assert list(pipeline[-1].feature_names_in_) == names
     columns = pipeline[:-1].transform(table)
     assert isinstance(columns, frames.DataFrame)
     assert list(columns.columns) == names
+
+
+@pytest.mark.parametrize("make", [segments, edges])
+def test_no_plane_is_sought_or_fitted_again_behind_normals(make, box, monkeypatch):
+    normals, *_, last = (step for _, step in make().steps)
+    if make is edges:
+        last.set_params(outlier_detector="passthrough")  # cleaning seeks planes of its own
+    else:
+        last.set_params(regrow_rest=False)  # narrow faces are planes of what is left over
+    columns = normals.fit_transform(box.data)
+    expected = last.fit_predict(columns)
+
+    def fit(*args, **kwargs):
+        raise AssertionError("a plane is fitted again")
+
+    for name, module in list(sys.modules.items()):
+        if name.startswith("sklearn_mcmd.") and hasattr(module, "fit_planes"):
+            monkeypatch.setattr(module, "fit_planes", fit)
+    monkeypatch.setattr("sklearn_mcmd.planes._local_planes.LocalPlaneModel.__init__", fit)
+    assert_array_equal(last.fit_predict(columns), expected)
+    with pytest.raises(AssertionError, match="fitted again"):
+        last.set_params(normals="estimate").fit(box.data)
+
+
+def test_growing_takes_planes_as_they_are_handed_on(box):
+    columns = RobustNormalEstimator(20, random_state=0).fit_transform(box.data)
+    growing = RegionGrowing(normals="precomputed", regrow_rest=False, assign_rest=False)
+    labels = growing.fit_predict(columns)
+    face = np.flatnonzero(labels == 0)
+    upper = face[box.data[face, 0] > np.median(box.data[face, 0])]
+    columns[upper, 10] += 1.0  # these planes lie far from their points, and explain no neighbor
+    assert (growing.fit_predict(columns)[upper] == -1).mean() > 0.9
 
 
 def test_segments_of_a_box_are_its_faces(box):

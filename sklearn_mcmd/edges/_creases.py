@@ -16,8 +16,7 @@ from sklearn_mcmd.planes._chunks import run
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._local_planes import COMPILE_FROM
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.planes._rules import MAD_TO_SD, REWEIGHT_CUTOFF, TRUNCATED_VARIANCE
+from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 __all__ = ["FAR", "CreaseModel"]
 
@@ -84,26 +83,28 @@ class CreaseModel:
         self.cosine = np.cos(np.radians(min_angle))
         self.n_jobs = n_jobs
 
-    def fit(self, points, normals):
-        """Find the planes of points (n, d) with these unit normals (n, d)."""
+    def fit(self, columns):
+        """Find the creases of points with planes, the `Columns` of a transformer."""
+        points = columns.coordinates.astype(np.float64)
         self.index = NeighborIndex(points, self.n_neighbors)
         # Heights are differences of coordinates, which may be large.
         self.origin = self.index.points.mean(axis=0)
         self.points = self.index.points - self.origin
-        self.planes = Planes.empty(*self.points.shape)
-        self.planes.normals[:] = normals[self.index.rows]
-        self.planes.eigenvalues[:] = self.planes.normal_error[:] = np.nan  # not asked for
-        self._in_chunks(self.points, self._fit_planes)
+        self.planes = columns.planes(self.index.rows)
+        self.planes.centroids[:] -= self.origin
+        around = self._search(self.index.points)
+        self._in_chunks(around, self._measure_spacing)
         self.usable = np.ones(len(self.points), dtype=bool)
         # Decided by the fitted cloud, so that any query is the same arithmetic.
         self.compiled = len(self.points) >= COMPILE_FROM
         flatness = self.planes.scale / np.maximum(self.planes.radius, np.finfo(float).tiny)
         self.flat = flatness <= max(FLATNESS, FLATNESS_FACTOR * np.median(flatness))
-        self.faces = self._give_planes(self.points)
-        distance, self.evidence = self._meet(self.points, self.faces)
+        self.faces = self._give_planes(self.points, around)
+        distance, self.evidence = self._meet(self.points, self.faces, around)
         self.evidence[~(distance <= REACH)] = np.nan
         # Copies of a point are as far as the one that stands for them.
-        self.distances = self._judge(self.points, self.faces, distance)[self.index.nearest(points)]
+        distance = self._judge(self.faces, distance, around)
+        self.distances = distance[self.index.nearest(points)]
         return self
 
     def distance(self, queries):
@@ -112,21 +113,34 @@ class CreaseModel:
         Where no crease is found it is between half of `FAR` and `FAR`, the less, the less flat
         the neighborhood.
         """
+        around = self._search(queries)
         queries = queries - self.origin
-        faces = self._give_planes(queries)
-        distance, _ = self._meet(queries, faces)
-        return self._judge(queries, faces, distance)
+        faces = self._give_planes(queries, around)
+        distance, _ = self._meet(queries, faces, around)
+        return self._judge(faces, distance, around)
 
-    def _judge(self, queries, faces, distance):
+    def _search(self, queries):
+        """The neighborhoods of queries: one search for all that follows."""
+        m, k = len(queries), self.index.n_neighbors
+        indices = np.empty((m, k), dtype=np.int32)
+
+        def task(part):
+            indices[part] = self.index.query(queries[part]).indices
+
+        step = max(1, CHUNK // (k * queries.shape[1]))
+        run([(slice(i, i + step),) for i in range(0, m, step)], task, self.n_jobs, told=True)
+        return Neighborhoods(indices, np.full(m, k))
+
+    def _judge(self, faces, distance, around):
         """Distances as told, from those to the crease and what the neighbors say of it."""
-        pooled, flat = np.full(len(queries), np.nan), np.empty(len(queries))
+        pooled, flat = np.full(len(distance), np.nan), np.empty(len(distance))
 
         def pool(part, around, pooled, flat):
             indices = around.indices
             pooled[part] = _median(self.evidence[indices])
             flat[part] = 1.0 - 0.5 * _roundness(self.points[indices])
 
-        self._in_chunks(queries, pool, pooled, flat)
+        self._in_chunks(around, pool, pooled, flat)
         # Continuous: as far as it is where an edge is the better model, farther where not.
         smooth = np.exp(np.minimum(STEEPNESS * np.maximum(pooled, 0.0), 50.0))
         off = np.maximum(np.abs(faces.height) / (OFF * faces.planes.scale), 1.0) ** OFF_STEEPNESS
@@ -134,39 +148,26 @@ class CreaseModel:
         distance = np.where(found, distance * smooth * off, FAR)
         return np.minimum(distance, FAR * flat)
 
-    def _in_chunks(self, queries, work, *arrays, width=None):
-        """Call `work` with rows of queries, their neighbors and the arrays to fill."""
-        n = len(queries)
-        k = self.index.n_neighbors
-        step = max(1, CHUNK // (k * (queries.shape[1] if width is None else width)))
+    def _in_chunks(self, around, work, *arrays, width=None):
+        """Call `work` with rows of queries, their neighborhoods and the arrays to fill."""
+        n, k = around.indices.shape
+        step = max(1, CHUNK // (k * (self.points.shape[1] if width is None else width)))
         parts = [np.arange(start, min(start + step, n)) for start in range(0, n, step)]
 
         def task(part):
-            work(part, self.index.query(queries[part] + self.origin), *arrays)
+            work(part, around.take(part), *arrays)
 
         run([(part,) for part in parts], task, self.n_jobs, told=True)
 
-    def _fit_planes(self, part, around):
-        """Level and noise of the plane with each member's normal, by its majority."""
-        indices, normals = around.indices, self.planes.normals[part]
-        gaps = self.points[indices] - self.points[part][:, None]
+    def _measure_spacing(self, part, around):
+        """Spacing of the points around each one, and their reach; no plane is known better."""
+        gaps = self.points[around.indices] - self.points[part][:, None]
         distances = np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
-        spacing = _spacing(distances, self.points.shape[1])
-        heights = np.einsum("mkd,md->mk", gaps, normals)
-        level = np.median(heights, axis=1)
-        scale = MAD_TO_SD * np.median(np.abs(heights - level[:, None]), axis=1)
-        least = LEAST_NOISE * spacing
-        for _ in range(2):
-            limit = REWEIGHT_CUTOFF * np.maximum(scale, least)[:, None]
-            member = np.abs(heights - level[:, None]) <= limit
-            level = _mean(heights, member)
-            scale = np.sqrt(_mean((heights - level[:, None]) ** 2, member) / TRUNCATED_VARIANCE)
-        planes = self.planes
-        planes.centroids[part] = self.points[part] + level[:, None] * normals
-        planes.scale[part], planes.kept[part] = np.maximum(scale, least), member.mean(axis=1)
+        spacing, planes = _spacing(distances, self.points.shape[1]), self.planes
         planes.spacing[part], planes.radius[part] = spacing, distances.max(axis=1)
+        planes.scale[part] = np.maximum(planes.scale[part], LEAST_NOISE * spacing)
 
-    def _give_planes(self, queries):
+    def _give_planes(self, queries, around):
         """Of the planes of its neighbors, the one that explains each query best."""
         owners, spacing = np.empty(len(queries), dtype=np.intp), np.empty(len(queries))
         # What no plane reaches is given the likeliest as if all were boundless.
@@ -181,7 +182,7 @@ class CreaseModel:
                 # Points in one place have no planes.
                 owners[part[far]] = np.where(found < 0, around.indices[far, 0], found)
 
-        self._in_chunks(queries, choose, owners, spacing)
+        self._in_chunks(around, choose, owners, spacing)
         given = self.planes.take(owners)
         levels = np.einsum("md,md->m", given.centroids, given.normals)
         height = np.einsum("md,md->m", queries, given.normals) - levels
@@ -199,7 +200,7 @@ class CreaseModel:
         )
         return owners
 
-    def _meet(self, queries, faces):
+    def _meet(self, queries, faces, around):
         """Distance to the nearest crease in spacings, inf if none, and the evidence for it.
 
         The evidence is the logarithm of the residuals of the best two or three faces over those
@@ -224,7 +225,7 @@ class CreaseModel:
                 distance[part[busy]], evidence[part[busy]] = results
 
         width = min(self.index.n_neighbors, 1_000)
-        self._in_chunks(queries, meet, distance, evidence, width=width)
+        self._in_chunks(around, meet, distance, evidence, width=width)
         return distance, evidence
 
     def _faces_or_smooth(self, queries, own, indices, cosines, other):
@@ -351,10 +352,6 @@ def _spacing(distances, d):
     radius = np.partition(distances, n, axis=1)[:, n]
     ball = np.pi ** (0.5 * (d - 1)) / gamma(0.5 * (d - 1) + 1.0)
     return radius * (ball / n) ** (1.0 / (d - 1))
-
-
-def _mean(values, member):
-    return np.where(member, values, 0.0).sum(axis=1) / np.maximum(member.sum(axis=1), 1)
 
 
 def _median(values):

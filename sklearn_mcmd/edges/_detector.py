@@ -236,26 +236,24 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
         seed = check_random_state(self.random_state).randint(np.iinfo(np.int32).max)
         with progress_part(0.0, 0.6):
             self.inlier_mask_ = self._clean(xyz, seed)
-        members, normals = xyz[self.inlier_mask_], columns.normals
+        kept = self.inlier_mask_
         if self.normals == "estimate":
+            self.normal_estimator_ = self._make_normal_estimator(seed)
             with progress_part(0.6, 0.8):
-                self.normal_estimator_ = self._make_normal_estimator(seed).fit(members)
-            normals = self.normal_estimator_.normals_
+                members = np.asarray(self.normal_estimator_.fit_transform(xyz[kept]))
         else:
-            normals = normals[self.inlier_mask_]
-            normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+            members = X[kept]
         if self.criterion == "crease":
             self._model = CreaseModel(self.n_neighbors, self.min_angle, self.n_jobs)
             with progress_part(0.8, 1.0, "creases"):
-                self._model.fit(members.astype(np.float64), np.asarray(normals, dtype=np.float64))
+                self._model.fit(split_columns(members, self._n_dimensions))
             self.offset_ = EDGE_WIDTH if self.threshold is None else float(self.threshold)
             self.scores_ = np.empty(len(X))
-            self.scores_[self.inlier_mask_] = self._model.distances
-            removed = xyz[~self.inlier_mask_].astype(np.float64)
-            self.scores_[~self.inlier_mask_] = self._model.distance(removed)
+            self.scores_[kept] = self._model.distances
+            self.scores_[~kept] = self._model.distance(xyz[~kept].astype(np.float64))
         else:
             values = self._values(columns)
-            self.offset_ = -self._settle_threshold(values[self.inlier_mask_])
+            self.offset_ = -self._settle_threshold(values[kept])
             self.scores_ = -values
         return self
 
@@ -286,7 +284,7 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
         if self.normals == "precomputed":
             return split_columns(X, self._n_dimensions)
         check_extent(X)
-        return Columns(X, None, None, None)
+        return Columns(X, *[None] * (len(Columns._fields) - 1))
 
     def _check_parameters(self, xyz):
         check_sizes(*xyz.shape, self.n_neighbors)

@@ -138,6 +138,12 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         that with 95 % confidence (in 3D; 1.96 times in 2D). 90 where nothing determines the
         normal.
 
+    plane_offset_ : ndarray of shape (n_samples,)
+        Signed distance of each point's plane from the point, along its normal, in units of X.
+
+    plane_scale_ : ndarray of shape (n_samples,)
+        Standard deviation of the noise of each plane, in units of X.
+
     features_ : ndarray of shape (n_samples, n_chosen)
         The columns asked for by `features`.
 
@@ -300,13 +306,12 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
 
         Returns
         -------
-        X_out : ndarray of shape (n_samples, 3 * n_features + 1 + n_chosen)
+        X_out : ndarray of shape (n_samples, 3 * n_features + 3 + n_chosen)
             As by `transform`.
         """
         X = self._fit_columns(X)
-        return _columns(
-            X, self.normals_, self.surface_variation_, self.eigenvalues_, self.features_
-        )
+        planes = self.eigenvalues_, self.plane_offset_[:, None], self.plane_scale_[:, None]
+        return _columns(X, self.normals_, *planes, self.features_)
 
     def transform(self, X):
         """Normals and curvature at points, by their neighborhoods in the fitted cloud.
@@ -317,9 +322,9 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
 
         Returns
         -------
-        X_out : ndarray of shape (n_samples, 3 * n_features + 1 + n_chosen)
-            Coordinates, normals, surface variation, eigenvalues and the chosen `features`,
-            named by `get_feature_names_out`, in the dtype of X.
+        X_out : ndarray of shape (n_samples, 3 * n_features + 3 + n_chosen)
+            Coordinates, normals, surface variation, eigenvalues, offset and scale of the planes
+            and the chosen `features`, named by `get_feature_names_out`, in the dtype of X.
         """
         check_is_fitted(self)
         X = self._check_queries(X)
@@ -330,9 +335,11 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         normals = point_up(planes.normals)
         if self.orientation is not None:
             self._orient(normals, X, self._settle_orientation(X.shape[1]))
-        variation = surface_variation(planes.eigenvalues)
         features = evaluate_features(self._feature_names, planes, X)
-        return _columns(X, normals, variation, planes.eigenvalues, features)
+        offset = _offset(planes, normals, X)
+        return _columns(
+            X, normals, planes.eigenvalues, offset[:, None], planes.scale[:, None], features
+        )
 
     def get_feature_names_out(self, input_features=None):
         """Names of the columns of `transform`.
@@ -346,7 +353,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         -------
         names : ndarray of str objects
             The coordinates' names, the same names after ``normal_``, ``surface_variation``,
-            ``eigenvalue_0`` (the least) and so on, and the names of `features`.
+            ``eigenvalue_0`` (the least) and so on, ``plane_offset``, ``plane_scale``, and the names
+            of `features`.
         """
         check_is_fitted(self, "n_features_in_")
         names = check_feature_names_in(self, input_features)
@@ -356,6 +364,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
                 *(f"normal_{name}" for name in names),
                 "surface_variation",
                 *(f"eigenvalue_{i}" for i in range(len(names))),
+                "plane_offset",
+                "plane_scale",
                 *self._feature_names,
             ],
             dtype=object,
@@ -393,6 +403,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
             self._tree_normals = self._orient_tree(X)
         if orientation is not None:
             self._orient(self.normals_, X, orientation)
+        self.plane_offset_ = _offset(planes, self.normals_, X)
+        self.plane_scale_ = planes.scale
         return X
 
     def _mends_planes(self):
@@ -442,9 +454,15 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         return effective_n_jobs(self.n_jobs)
 
 
-def _columns(X, normals, variation, eigenvalues, features):
-    columns = np.hstack([X, normals, variation[:, None], eigenvalues, features])
+def _columns(X, normals, eigenvalues, *others):
+    variation = surface_variation(eigenvalues)[:, None]
+    columns = np.hstack([X, normals, variation, eigenvalues, *others])
     return columns.astype(X.dtype, copy=False)
+
+
+def _offset(planes, normals, X):
+    """Signed distances (n,) of planes from their points X, along the normals."""
+    return np.einsum("nd,nd->n", planes.centroids - X, normals)
 
 
 def _check_vector(vector, name, d):

@@ -2,14 +2,15 @@
 
 import numpy as np
 
+from sklearn_mcmd.planes._compiling import compiled_function
+
 __all__ = ["extents", "quantile", "quantile_around", "ratio"]
 
 
 def quantile_around(values, neighborhoods, q, compiled):
     """The q-quantile (from above) of the neighbors' values of each neighborhood: (m,)."""
-    if compiled:
-        from sklearn_mcmd.planes._around_numba import quantile_of_neighbors
-
+    quantile_of_neighbors = _compiled("quantile_of_neighbors") if compiled else None
+    if quantile_of_neighbors is not None:
         out = np.empty(len(neighborhoods.sizes))
         quantile_of_neighbors(values, neighborhoods, q, out)
         return out
@@ -18,9 +19,8 @@ def quantile_around(values, neighborhoods, q, compiled):
 
 def extents(points, queries, neighborhoods, compiled):
     """Mean distance (m,) of the neighbors from queries (m, d), and distance of the last one."""
-    if compiled:
-        from sklearn_mcmd.planes._around_numba import extents_of_neighborhoods
-
+    extents_of_neighborhoods = _compiled("extents_of_neighborhoods") if compiled else None
+    if extents_of_neighborhoods is not None:
         spacing, radius = np.empty(len(queries)), np.empty(len(queries))
         extents_of_neighborhoods(points, queries, neighborhoods, spacing, radius)
         return spacing, radius
@@ -44,3 +44,7 @@ def quantile(values, valid, q):
         return np.partition(values, position, axis=1)[:, position]
     ordered = np.sort(np.where(valid, values, np.inf), axis=1)
     return ordered[np.arange(len(values)), (q * valid.sum(axis=1)).astype(int)]
+
+
+def _compiled(name):
+    return compiled_function("planes._around_numba", name)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd._validation import check_extent
+from sklearn_mcmd.planes._record import Planes
 
 __all__ = ["Columns", "split_columns"]
 
@@ -13,16 +14,40 @@ TOLERANCE = 1e-3
 
 
 class Columns(NamedTuple):
-    """The first 3 d + 1 columns: `surface_variation` has shape (n,), the others (n, d)."""
+    """The first 3 d + 3 columns of a transformer; features may follow.
+
+    coordinates, normals : ndarray of shape (n, d)
+    surface_variation : ndarray of shape (n,)
+    eigenvalues : ndarray of shape (n, d)
+    offset : ndarray of shape (n,)
+        Signed distance of each point's plane from the point, along its normal.
+    scale : ndarray of shape (n,)
+        Standard deviation of the plane's noise.
+    """
 
     coordinates: np.ndarray
     normals: np.ndarray
     surface_variation: np.ndarray
     eigenvalues: np.ndarray
+    offset: np.ndarray
+    scale: np.ndarray
+
+    def planes(self, rows):
+        """The planes of some of the points: float64, of points that are projected on them.
+
+        They count as having kept their neighborhoods; what columns do not tell is not a number.
+        """
+        points, normals = self.coordinates[rows], self.normals[rows].astype(np.float64)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)  # a file may have rounded them
+        planes = Planes.unknown(*points.shape)
+        planes.centroids[:] = points + self.offset[rows][:, None] * normals
+        planes.normals[:], planes.eigenvalues[:] = normals, self.eigenvalues[rows]
+        planes.scale[:], planes.kept[:] = self.scale[rows], 1.0
+        return planes
 
 
 def split_columns(X, d=None):
-    """Coordinates, normals, surface variation and eigenvalues of points.
+    """Coordinates and planes of points, from the columns of a transformer.
 
     The number of dimensions follows from the columns: normals have length one, eigenvalues
     ascend, and surface variation is the share of the least in their sum.
@@ -42,7 +67,7 @@ def split_columns(X, d=None):
     ValueError
         If X has other columns.
     """
-    most = (X.shape[1] - 1) // 3
+    most = (X.shape[1] - 3) // 3
     # With features behind them, the columns of 3D may look like those of more dimensions.
     possible = sorted(range(2, most + 1), key=lambda n: (n != 3, -n)) if d is None else (d,)
     for dimensions in possible:
@@ -52,22 +77,21 @@ def split_columns(X, d=None):
             return columns
     raise ValueError(
         f'normals="precomputed" but the {X.shape[1]} columns of X are not those of '
-        "RobustNormalEstimator.transform: coordinates, unit normals, surface variation and "
-        'eigenvalues (10 in 3D). Do not scale them; or give coordinates with normals="estimate".'
+        "RobustNormalEstimator.transform: coordinates, unit normals, surface variation, "
+        "eigenvalues, plane_offset and plane_scale (12 in 3D). Do not scale them; or give "
+        'coordinates with normals="estimate".'
     )
 
 
 def _cut(X, d):
     # Coordinates are copied to memory of their own, which makes all later work faster.
-    return Columns(
-        X[:, :d].copy(), X[:, d : 2 * d], X[:, 2 * d], np.maximum(X[:, 2 * d + 1 : 3 * d + 1], 0)
-    )
+    eigenvalues = np.maximum(X[:, 2 * d + 1 : 3 * d + 1], 0)
+    offset, scale = X[:, 3 * d + 1 : 3 * d + 3].T
+    return Columns(X[:, :d].copy(), X[:, d : 2 * d], X[:, 2 * d], eigenvalues, offset, scale)
 
 
 def _are_planes(columns):
-    _, normals, variation, eigenvalues = columns
-    if eigenvalues.shape[1] != normals.shape[1]:
-        return False
+    _, normals, variation, eigenvalues, _, _ = columns
     total = eigenvalues.sum(axis=1)
     lengths = np.sqrt(np.einsum("nd,nd->n", normals, normals))
     return (

@@ -59,6 +59,11 @@ class Planes(NamedTuple):
         vectors = (np.empty((m, d)) for _ in range(3))
         return cls(*vectors, *(np.empty(m) for _ in range(5)))
 
+    @classmethod
+    def unknown(cls, m, d):
+        """A record of no numbers, to be filled in part."""
+        return cls(*(np.full_like(values, np.nan) for values in cls.empty(m, d)))
+
     def take(self, rows):
         """The planes of some of the queries. Of a slice these are views, which can be filled."""
         return Planes(*(values[rows] for values in self))

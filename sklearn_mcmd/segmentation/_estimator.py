@@ -145,10 +145,8 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
     the median and two median absolute deviations of the distances to the plane and the median
     of the distances between points, are remembered from later papers of its authors, and
     unverified. ``mutual=False, regrow_rest=False, join_coplanar=False, join_curved=False,
-    assign_rest=False`` is nearest to the paper. Departures: the plane of a point lies at the
-    median height of its neighbors, since the columns of a transformer hold no centroid;
-    deviations are scaled to standard deviations by 1.4826; thresholds have a floor where
-    coordinates are rounded; and `mutual`.
+    assign_rest=False`` is nearest to the paper. Departures: deviations are scaled to standard
+    deviations by 1.4826; thresholds have a floor where coordinates are rounded; and `mutual`.
 
     With `mutual`, the usual noise around a point is the lower quartile of the neighbors' noise. A
     plane may be noisier by three standard errors, a factor of ``1 + 3 / sqrt(2 * n_neighbors)``,
@@ -265,25 +263,26 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         Raises
         ------
         ValueError
-            If X has NaN, infinite or too few values, or ``normals="precomputed"`` and X lacks
-            normals, surface variation and eigenvalues.
+            If X has NaN, infinite or too few values, or ``normals="precomputed"`` and X are not
+            the columns of a :class:`RobustNormalEstimator`.
         """
         with progress_part(0.0, 0.35):
-            X, normals, variation, eigenvalues = self._settle_columns(X)
+            columns = self._settle_columns(X)
+        X = columns.coordinates
         floor = 8 * np.finfo(X.dtype).eps * np.abs(X).max(axis=1)
         # At the usual cutoff one step of rounded coordinates is then no outlier.
         floor = np.maximum(floor.astype(np.float64), 1.25 * coordinate_step(X))
         X = X.astype(np.float64, copy=False)
         index = NeighborIndex(X, self.n_neighbors)
         points, rows = index.points, index.rows
-        normals, floor = np.ascontiguousarray(normals[rows], dtype=np.float64), floor[rows]
-        noise = np.sqrt(eigenvalues[rows, 0])
+        planes, floor = columns.planes(rows), floor[rows]
+        planes.scale[:] = np.maximum(planes.scale, floor)
         cosine = np.cos(np.radians(self.max_angle))
         rules = GrowthRules(cosine, self.max_distance, self.max_gap, self.mutual)
         with progress_part(0.35, 0.5, "links of neighbors"):
-            links, planes = link_neighbors(index, normals, noise, floor, rules, self.n_jobs)
+            links, planes.radius[:] = link_neighbors(index, planes, floor, rules, self.n_jobs)
         with progress_part(0.5, 0.55, "growing regions"):
-            labels = grow_regions(links, _seeds(variation[rows], points, planes))
+            labels = grow_regions(links, _seeds(columns.surface_variation[rows], points, planes))
         owners = _owners(X, index, self.n_jobs)
         copies = np.bincount(owners, minlength=len(points))
         labels = _renumber(labels, copies, self.min_region_size)
@@ -317,16 +316,15 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         return self
 
     def _settle_columns(self, X):
-        """Coordinates, normals, surface variation and eigenvalues of all points."""
-        precomputed = self.normals == "precomputed"
+        """Coordinates and planes of all points."""
         X = validate_data(self, X, dtype=[np.float64, np.float32], ensure_min_features=2)
-        if precomputed:
+        if self.normals == "precomputed":
             return split_columns(X)
         estimator = self.normal_estimator
         if estimator is None:
             estimator = RobustNormalEstimator(random_state=self.random_state, n_jobs=self.n_jobs)
-        fitted = self.normal_estimator_ = clone(estimator).fit(X)
-        return X, fitted.normals_, fitted.surface_variation_, fitted.eigenvalues_
+        self.normal_estimator_ = clone(estimator)
+        return split_columns(np.asarray(self.normal_estimator_.fit_transform(X)), X.shape[1])
 
 
 def _seeds(variation, points, planes):

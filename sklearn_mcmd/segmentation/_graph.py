@@ -8,7 +8,7 @@ from sklearn_mcmd.planes._around import quantile_around
 from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._compiling import compiled_function
 from sklearn_mcmd.planes._linking import LinkLimits, link_planes
-from sklearn_mcmd.planes._record import Neighborhoods, Planes
+from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 
 __all__ = ["GrowthRules", "grow_regions", "link_neighbors", "n_within_median"]
@@ -44,21 +44,13 @@ class GrowthRules(NamedTuple):
     mutual: bool = True
 
 
-class RuleA(NamedTuple):
-    """The paper's automatic distance: the median and `n_deviations` of `mad_to_sd` each."""
-
-    n_deviations: float
-    mad_to_sd: float
-
-
-def link_neighbors(index, normals, noise, floor, rules, n_jobs=None):
+def link_neighbors(index, planes, floor, rules, n_jobs=None):
     """Link each point to the neighbors that may join its region (section 5.2.3).
 
-    The plane of a point has the point's normal and lies at the median height of its
-    neighbors, so that the noise of the point itself doesn't matter. A neighbor is linked if
+    A neighbor is linked if
 
-    1. its distance to that plane is at most `max_distance`; by default three standard deviations
-       of the plane,
+    1. its distance to the point's plane is at most `max_distance`; by default three standard
+       deviations of the plane,
     2. it is not farther than `max_gap`; by default the median of the neighbors' distances,
        which leaves the nearer half,
     3. its normal is within the angle,
@@ -72,10 +64,8 @@ def link_neighbors(index, normals, noise, floor, rules, n_jobs=None):
     Parameters
     ----------
     index : NeighborIndex
-    normals : ndarray of shape (n, d)
-        Unit normals of ``index.points``.
-    noise : ndarray of shape (n,)
-        Standard deviations along them.
+    planes : Planes
+        Of ``index.points``: centroids, normals and scales, which are no less than `floor`.
     floor : ndarray of shape (n,)
         What rounding amounts to.
     rules : GrowthRules
@@ -85,53 +75,36 @@ def link_neighbors(index, normals, noise, floor, rules, n_jobs=None):
     -------
     links : ndarray of int32 of shape (n, width)
         Neighbors that may be added from each point, nearest first, then -1.
-    planes : Planes
-        The centroid is the point's projection on its plane, the scale is at least `floor`, and the
-        radius is the distance to the farthest neighbor looked at. What growth does not ask for is
-        not a number.
+    radius : ndarray of shape (n,)
+        Distance of the farthest neighbor looked at.
     """
-    n, d = index.points.shape
-    max_gap = rules.max_gap
+    n, max_gap = len(index.points), rules.max_gap
     # Neighbors beyond the median distance are never linked, and need not be found.
     k = index.n_neighbors if max_gap is not None else n_within_median(index.n_neighbors) + 1
-    unknown = np.full(n, np.nan)
-    planes = Planes(
-        np.empty((n, d)), normals, np.full((n, d), np.nan), np.maximum(noise, floor), unknown,
-        np.empty(n), unknown, unknown,
-    )  # fmt: skip
-    others, limit, usable = np.empty((n, k - 1), np.int32), np.empty(n), np.ones(n, dtype=bool)
-    measure = _measure_numpy
-    compiled = n >= COMPILE_FROM
-    if compiled and d == 3:
-        measure = _compiled("measure_neighbors_3d") or measure
-    rule_a = RuleA(N_DEVIATIONS, MAD_TO_SD)
+    neighbors = Neighborhoods(np.empty((n, k), np.int32), np.full(n, k))
+    radius, limit, usable = np.empty(n), planes.scale, np.ones(n, dtype=bool)
+    if rules.max_distance is not None:
+        limit = np.full(n, float(rules.max_distance))
+    elif not rules.mutual:
+        limit = np.empty(n)
 
     def measured(rows):
         distances, near = index.tree.query(index.points[rows], k=k)
-        distances, near = distances.reshape(-1, k), near.reshape(-1, k)
-        others[rows], planes.radius[rows] = near[:, 1:], distances[:, -1]
-        offset = np.empty(len(near))
-        measure(index.points, normals, near, rows.start, rule_a, offset, limit[rows])
-        planes.centroids[rows] = index.points[rows] + offset[:, None] * normals[rows]
+        neighbors.indices[rows], radius[rows] = near.reshape(-1, k), distances.reshape(-1, k)[:, -1]
+        around = neighbors.take(rows)
         if rules.mutual:
-            around = Neighborhoods(near.astype(np.int32), np.full(len(near), k))
-            quick = measure is not _measure_numpy
-            usable[rows] = _is_quiet(planes, rows, around, index.n_neighbors, rules, quick)
+            usable[rows] = _is_quiet(planes.scale, rows, around, radius, index.n_neighbors, rules)
+        elif rules.max_distance is None:
+            found = _rule_a(index.points, planes.take(rows), around)
+            limit[rows] = np.maximum(found, floor[rows])
 
     each_slice(n, max(1, CHUNK // k), measured, n_jobs)
-    explained, scale = CUTOFF, planes.scale
-    if rules.max_distance is not None:
-        explained, scale = 1.0, np.full(n, float(rules.max_distance))
-    elif not rules.mutual:
-        explained, scale = 1.0, np.maximum(limit, floor)
+    explained = CUTOFF if limit is planes.scale else 1.0
     limits = LinkLimits(
         rules.min_cosine, explained, np.inf if max_gap is None else max_gap, rules.mutual
     )
-    neighbors = Neighborhoods(others, np.full(n, k - 1))
-    links = link_planes(
-        index.points, neighbors, planes._replace(scale=scale), limits, usable, compiled, n_jobs
-    )
-    return links, planes
+    planes, compiled = planes._replace(scale=limit), n >= COMPILE_FROM
+    return link_planes(index.points, neighbors, planes, limits, usable, compiled, n_jobs), radius
 
 
 def grow_regions(links, seeds):
@@ -162,25 +135,22 @@ def n_within_median(k):
     return k // 2
 
 
-def _is_quiet(planes, rows, around, n_neighbors, rules, compiled):
+def _is_quiet(scale, rows, around, radius, n_neighbors, rules):
     """Whether planes are no noisier than is usual around, and than curvature makes them."""
-    usual = quantile_around(planes.scale, around, USUAL, compiled)
-    bent = BENT * np.arccos(min(rules.min_cosine, 1.0)) * planes.radius[rows]
+    usual = quantile_around(scale, around, USUAL, compiled=len(scale) >= COMPILE_FROM)
+    bent = BENT * np.arccos(min(rules.min_cosine, 1.0)) * radius[rows]
     # The standard error of a standard deviation that so many neighbors tell.
     most = 1 + N_ERRORS / np.sqrt(2 * n_neighbors)
-    return planes.scale[rows] <= most * np.hypot(usual, bent)
+    return scale[rows] <= most * np.hypot(usual, bent)
 
 
-def _measure_numpy(points, normals, indices, start, rule, offset, limit):
-    """Any dimension, one chunk; fills `offset` and the paper's distance to the plane."""
-    rows = np.arange(start, start + len(indices))
-    gaps = points[indices] - points[rows][:, None]
-    heights = (gaps * normals[rows][:, None]).sum(axis=-1)
-    offset[:] = np.median(heights, axis=1)
-    away = np.abs(heights - offset[:, None])
+def _rule_a(points, planes, around):
+    """The paper's automatic distance from planes, by those of the neighbors."""
+    gaps = points[around.indices] - planes.centroids[:, None]
+    away = np.abs(np.einsum("mkd,md->mk", gaps, planes.normals))
     middle = np.median(away, axis=1)
-    spread = rule.mad_to_sd * np.median(np.abs(away - middle[:, None]), axis=1)
-    limit[:] = middle + rule.n_deviations * spread
+    spread = MAD_TO_SD * np.median(np.abs(away - middle[:, None]), axis=1)
+    return middle + N_DEVIATIONS * spread
 
 
 def _grow(links, seeds):

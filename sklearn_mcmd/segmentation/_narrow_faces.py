@@ -6,6 +6,7 @@ from scipy.spatial import cKDTree
 from sklearn_mcmd.planes._chunks import run
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._plane import fit_planes
+from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.segmentation._graph import (
     CUTOFF,
     grow_regions,
@@ -181,21 +182,23 @@ class RestFaces:
         if len(rows) <= self.k:
             return rows[:0], rows[:0]
         reach = REACH * planes.radius[rows]
-        _, normals, noise = self._planes(rows, np.zeros(len(rows), dtype=np.intp), reach)
-        flat = noise <= MOST_NOISE * flattest
-        rows, normals, noise = rows[flat], normals[flat], noise[flat]
+        found = self._planes(rows, np.zeros(len(rows), dtype=np.intp), reach)
+        flat = found.scale <= MOST_NOISE * flattest
+        rows, found = rows[flat], found.take(flat)
         if len(rows) <= self.k:
             return rows[:0], rows[:0]
         index = NeighborIndex(self.index.points[rows], self.k)
-        rows, normals, noise = rows[index.rows], normals[index.rows], noise[index.rows]
-        links, _ = link_neighbors(index, normals, noise, self.floor[rows], self.rules, self.n_jobs)
+        rows, found = rows[index.rows], found.take(index.rows)
+        floor = self.floor[rows]
+        floored = found._replace(scale=np.maximum(found.scale, floor))
+        links, _ = link_neighbors(index, floored, floor, self.rules, self.n_jobs)
         gaps = index.points[:, None] - index.points[links]
         far = np.square(gaps).sum(axis=-1) > np.square(REACH * planes.radius[rows])[:, None]
         far |= links < 0
         links = np.where(far, -1, links)
         links = np.take_along_axis(links, np.argsort(far, axis=1, kind="stable"), axis=1)
-        face = grow_regions(links, np.argsort(noise, kind="stable"))
-        face = join_coplanar(index.points, face, noise)
+        face = grow_regions(links, np.argsort(found.scale, kind="stable"))
+        face = join_coplanar(index.points, face, found.scale)
         large = np.bincount(face) > self.k
         number = np.where(large, np.cumsum(large) - 1, -1)
         inside = large[face]
@@ -203,12 +206,11 @@ class RestFaces:
 
     def _refit(self, labels, rows, planes):
         """Planes of which rows have those of their own regions' points."""
-        centroids, normals, noise = self._planes(rows, labels[rows], REACH * planes.radius[rows])
-        fitted = np.isfinite(noise)
-        rows, noise = rows[fitted], np.maximum(noise[fitted], self.floor[rows[fitted]])
-        return planes.replaced(
-            rows, centroids=centroids[fitted], normals=normals[fitted], scale=noise
-        )
+        found = self._planes(rows, labels[rows], REACH * planes.radius[rows])
+        fitted = np.isfinite(found.scale)
+        rows, found = rows[fitted], found.take(fitted)
+        scale = np.maximum(found.scale, self.floor[rows])
+        return planes.replaced(rows, centroids=found.centroids, normals=found.normals, scale=scale)
 
     def _lend(self, labels, members, rows, planes):
         """Planes of which rows have that of the nearest member of their face."""
@@ -223,13 +225,13 @@ class RestFaces:
         )
 
     def _planes(self, rows, group, reach):
-        """Planes of the rows of the same group within reach: centroids, normals and noise.
+        """Centroids, normals and scales of planes of the rows of the same group within reach.
 
-        The noise is inf where these are too few.
+        The scale is inf where these are too few.
         """
         points = self.index.points[rows]
         (m, d), k = points.shape, min(self.k, len(rows))
-        centroids, normals, noise = np.empty((m, d)), np.empty((m, d)), np.empty(m)
+        found = Planes.unknown(m, d)
         tree = cKDTree(points, balanced_tree=False)
 
         def task(part):
@@ -240,12 +242,12 @@ class RestFaces:
             gaps = points[near] - points[part][:, None]
             means, eigenvalues, axes = fit_planes(gaps, valid)
             size = valid.sum(axis=1)
-            centroids[part], normals[part] = points[part] + means, axes[..., 0]
+            found.centroids[part], found.normals[part] = points[part] + means, axes[..., 0]
             variance = np.maximum(eigenvalues[:, 0], 0.0) * size / np.maximum(size - d, 1)
-            noise[part] = np.where(size >= 2 * d, np.sqrt(variance), np.inf)
+            found.scale[part] = np.where(size >= 2 * d, np.sqrt(variance), np.inf)
 
         self._each_part(m, task)
-        return centroids, normals, noise
+        return found
 
     def _each_part(self, m, task):
         step = max(1, CHUNK // self.k)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.sparse.csgraph import minimum_spanning_tree
+from scipy.spatial import cKDTree
 from sklearn.ensemble import RandomForestClassifier
 from sklearn.pipeline import make_pipeline
 
@@ -107,7 +108,9 @@ def test_transform_of_the_training_cloud_is_fit_transform(street):
     assert_array_equal(columns[:, :3], street.data)
     assert_array_equal(columns[:, 3:6], estimator.normals_)
     assert_array_equal(columns[:, 6], estimator.surface_variation_)
-    assert_array_equal(columns[:, 7:], estimator.eigenvalues_)
+    assert_array_equal(columns[:, 7:10], estimator.eigenvalues_)
+    assert_array_equal(columns[:, 10], estimator.plane_offset_)
+    assert_array_equal(columns[:, 11], estimator.plane_scale_)
 
 
 @pytest.mark.parametrize("library", ["pandas", "polars"])
@@ -118,7 +121,21 @@ def test_columns_have_names_in_data_frames(street, library):
     assert list(frame.columns) == [
         "x", "y", "z", "normal_x", "normal_y", "normal_z",
         "surface_variation", "eigenvalue_0", "eigenvalue_1", "eigenvalue_2",
+        "plane_offset", "plane_scale",
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("orientation", [None, [0.0, 0.0, -1.0]])
+def test_offset_and_scale_are_those_of_the_plane_through_the_neighbors(street, orientation):
+    X = street.data
+    estimator = RobustNormalEstimator(20, method="pca", orientation=orientation).fit(X)
+    _, near = cKDTree(X).query(X, k=20)
+    means = X[near].mean(axis=1)
+    offset = np.einsum("nd,nd->n", means - X, estimator.normals_)
+    assert_allclose(estimator.plane_offset_, offset, atol=1e-12)
+    heights = np.einsum("nkd,nd->nk", X[near] - means[:, None], estimator.normals_)
+    # Some form of a standard deviation: 20 points less the three of a plane.
+    assert_allclose(estimator.plane_scale_, np.sqrt(np.square(heights).sum(axis=1) / 17), rtol=0.1)
 
 
 def test_it_feeds_a_classifier_in_a_pipeline(street):

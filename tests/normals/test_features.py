@@ -152,17 +152,17 @@ def test_columns_come_in_the_order_asked_for(street):
     names = ["roughness", "linearity", "normal_error", "removed_fraction"]
     estimator = RobustNormalEstimator(features=names, random_state=0)
     columns = estimator.fit_transform(street.data)
-    assert list(estimator.get_feature_names_out()[10:]) == names
-    assert_array_equal(columns[:, 10:], estimator.features_)
-    assert_array_equal(columns[:, 12], estimator.normal_error_)
-    assert_array_equal(columns[:, 13], estimator.removed_fraction_)
+    assert list(estimator.get_feature_names_out()[12:]) == names
+    assert_array_equal(columns[:, 12:], estimator.features_)
+    assert_array_equal(columns[:, 14], estimator.normal_error_)
+    assert_array_equal(columns[:, 15], estimator.removed_fraction_)
     assert_array_equal(columns, estimator.transform(street.data))
-    assert_allclose(columns[:, 11], columns_of(street.data, "all")["linearity"])
+    assert_allclose(columns[:, 13], columns_of(street.data, "all")["linearity"])
 
 
 def test_no_features_leave_the_columns_as_they_were(street):
     estimator = RobustNormalEstimator(random_state=0)
-    assert estimator.fit_transform(street.data).shape == (3000, 10)
+    assert estimator.fit_transform(street.data).shape == (3000, 12)
     assert estimator.features_.shape == (3000, 0)
 
 
@@ -172,7 +172,7 @@ def test_features_are_columns_of_data_frames(street, library):
     X = frames.DataFrame({name: street.data[:200, i] for i, name in enumerate("xyz")})
     estimator = RobustNormalEstimator(20, features="all", random_state=0)
     frame = estimator.set_output(transform=library).fit_transform(X)
-    assert list(frame.columns)[10:] == NAMES
+    assert list(frame.columns)[12:] == NAMES
     assert_array_equal(frame["roughness"].to_numpy(), estimator.features_[:, 7])
 
 
@@ -181,7 +181,7 @@ def test_float32_clouds_have_float32_features(street):
     columns = RobustNormalEstimator(20, features="all", random_state=0).fit_transform(X)
     assert columns.dtype == np.float32
     expected = columns_of(X.astype(np.float64), "all", n_neighbors=20)
-    assert_allclose(columns[:, 10], expected["linearity"], atol=1e-4)
+    assert_allclose(columns[:, 12], expected["linearity"], atol=1e-4)
 
 
 def test_planes_beyond_space_have_all_but_the_features_of_space():

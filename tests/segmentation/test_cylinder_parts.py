@@ -125,7 +125,8 @@ def test_regions_do_not_depend_on_pose_unit_order_or_threads():
     moved = X.copy()
     moved[:, :3] = scale * turn.apply(X[:, :3]) + [50.0, -20.0, 10.0]
     moved[:, 3:6] = turn.apply(X[:, 3:6])
-    moved[:, 7:] *= scale**2
+    moved[:, 7:10] *= scale**2
+    moved[:, 10:] *= scale
     assert_array_equal(grown(moved), labels)
 
 

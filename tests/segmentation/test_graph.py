@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
 
 from sklearn_mcmd import RobustNormalEstimator
+from sklearn_mcmd.planes._columns import split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.segmentation._graph import GrowthRules, grow_regions, link_neighbors
 
@@ -28,21 +29,20 @@ def adversarial_clouds():
 @pytest.mark.parametrize("name", adversarial_clouds())
 def test_compiled_and_numpy_links_agree_on_adversarial_clouds(name, mutual, monkeypatch):
     X = adversarial_clouds()[name]
-    fitted = RobustNormalEstimator(20, random_state=0).fit(X)
+    columns = split_columns(RobustNormalEstimator(20, random_state=0).fit_transform(X))
     answers = []
     rules = GrowthRules(0.96, mutual=mutual)
     for compile_from in (1, len(X) + 1):
         monkeypatch.setattr("sklearn_mcmd.segmentation._graph.COMPILE_FROM", compile_from)
         index = NeighborIndex(X, 16)
-        normals = np.ascontiguousarray(fitted.normals_[index.rows])
+        planes = columns.planes(index.rows)
         # The floor that the estimator gives keeps apart what rounding alone would decide.
         floor = 1e-13 * np.abs(index.points).max(axis=1) + 1e-9
-        noise = np.sqrt(np.maximum(fitted.eigenvalues_[index.rows, 0], 0))
-        links, planes = link_neighbors(index, normals, noise, floor, rules)
-        seeds = np.argsort(fitted.surface_variation_[index.rows], kind="stable")
-        answers.append((links, planes.centroids, grow_regions(links, seeds)))
-    (links, centroids, labels), (links_numpy, centroids_numpy, labels_numpy) = answers
-    assert_allclose(centroids, centroids_numpy, rtol=1e-15, atol=1e-12)
+        planes.scale[:] += floor
+        links, _ = link_neighbors(index, planes, floor, rules)
+        seeds = np.argsort(columns.surface_variation[index.rows], kind="stable")
+        answers.append((links, grow_regions(links, seeds)))
+    (links, labels), (links_numpy, labels_numpy) = answers
     assert_array_equal(links, links_numpy)
     assert_array_equal(labels, labels_numpy)
 
@@ -51,15 +51,15 @@ def test_compiled_and_numpy_links_agree_on_adversarial_clouds(name, mutual, monk
 def test_compiled_links_notice_an_edited_constant(name, mutual, monkeypatch):
     # Constants that a kernel imports are frozen when it is compiled, and by Numba's cache for good.
     X = adversarial_clouds()["a national grid"]
-    normals = RobustNormalEstimator(20, random_state=0).fit(X).normals_
+    columns = split_columns(RobustNormalEstimator(20, random_state=0).fit_transform(X))
     index = NeighborIndex(X, 16)
-    noise = np.full(len(X), 1e-3)
+    planes = columns.planes(index.rows)
+    planes.scale[:] = 1e-3
     rules = GrowthRules(0.96, mutual=mutual)
 
     def links(compile_from):
         monkeypatch.setattr("sklearn_mcmd.segmentation._graph.COMPILE_FROM", compile_from)
-        own = np.ascontiguousarray(normals[index.rows])
-        return link_neighbors(index, own, noise, 1e-9 * noise, rules)[0]
+        return link_neighbors(index, planes, 1e-9 * planes.scale, rules)[0]
 
     before = links(1)
     monkeypatch.setattr(f"sklearn_mcmd.segmentation._graph.{name}", 0.5)
@@ -70,13 +70,11 @@ def test_compiled_links_notice_an_edited_constant(name, mutual, monkeypatch):
 
 def test_a_link_with_mutual_planes_goes_both_ways():
     X = adversarial_clouds()["a national grid"]
-    fitted = RobustNormalEstimator(20, random_state=0).fit(X)
+    columns = split_columns(RobustNormalEstimator(20, random_state=0).fit_transform(X))
     index = NeighborIndex(X, 16)
-    normals = np.ascontiguousarray(fitted.normals_[index.rows])
-    noise = np.sqrt(fitted.eigenvalues_[index.rows, 0])
-    links, _ = link_neighbors(index, normals, noise, 1e-9 * noise, GrowthRules(0.999))
-    width = links.shape[1]
-    near = [set(index.tree.query(point, k=width + 1)[1][1:]) for point in index.points]
+    planes = columns.planes(index.rows)
+    links, _ = link_neighbors(index, planes, np.zeros(len(X)), GrowthRules(0.999))
+    near = [set(index.tree.query(point, k=links.shape[1])[1][1:]) for point in index.points]
     linked = [set(row[row >= 0]) for row in links]
     assert sum(map(len, linked)) > 1000
     assert all(i in linked[j] for i in range(len(X)) for j in linked[i] if i in near[j])

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_bus_stop
 from sklearn_mcmd.metrics import segmentation_scores
+from sklearn_mcmd.planes._columns import split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.segmentation._graph import GrowthRules, grow_regions, link_neighbors
 from sklearn_mcmd.segmentation._narrow_faces import RestFaces
@@ -97,15 +98,13 @@ def test_an_edge_of_two_walls_hides_no_face():
 
 def test_faces_come_with_planes_of_their_own_and_overwrite_none():
     X, _ = kerb()
-    X = columns(X)
-    index = NeighborIndex(X[:, :3].copy(), 30)
-    own = X[index.rows]
+    told = split_columns(columns(X))
+    index = NeighborIndex(X, 30)
     rules = GrowthRules(np.cos(np.radians(5)))
-    noise, normals = np.sqrt(own[:, 7]), own[:, 3:6].copy()
-    floor = np.zeros(len(X))
-    links, planes = link_neighbors(index, normals, noise, floor, rules)
+    floor, planes = np.zeros(len(X)), told.planes(index.rows)
+    links, planes.radius[:] = link_neighbors(index, planes, floor, rules)
     before = [array.copy() for array in planes]
-    regions = grow_regions(links, np.argsort(own[:, 6]))
+    regions = grow_regions(links, np.argsort(told.surface_variation[index.rows]))
     first = regions.max() + 1
     labels, found = RestFaces(index, floor, rules).grow(regions, planes)
     for array, kept in zip(planes, before, strict=True):
