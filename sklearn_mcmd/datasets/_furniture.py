@@ -9,7 +9,7 @@ from sklearn.utils import Bunch
 from sklearn_mcmd._sklearn import validate_params
 from sklearn_mcmd.datasets._panels import Disc, Polygon
 from sklearn_mcmd.datasets._road import KERB_Y, PATH_Z, UP, facing, feet, pole, road_and_kerb
-from sklearn_mcmd.datasets._scan import SCAN_PARAMETERS, scan
+from sklearn_mcmd.datasets._scan import SCAN_PARAMETERS, Scanning, scan
 from sklearn_mcmd.datasets._scene import Scene
 from sklearn_mcmd.datasets._surfaces import Circle, Foliage, Patch
 
@@ -81,17 +81,15 @@ def make_traffic_furniture(
     >>> len(scene.surface_names), scene.surface_names[:3]
     (21, ['road', 'kerb', 'footpath'])
     """
-    return scan(
-        lambda _: _traffic_furniture(),
-        n_samples,
+    scanning = Scanning(
         sampling=sampling,
         spacing_growth=spacing_growth,
         noise=noise,
         noise_growth=noise_growth,
         outlier_share=outlier_share,
         outlier_kinds=outlier_kinds,
-        random_state=random_state,
     )
+    return scan(lambda _: _traffic_furniture(), n_samples, scanning, random_state)
 
 
 @validate_params(dict(SCAN_PARAMETERS), prefer_skip_nested_validation=True)
@@ -163,17 +161,15 @@ def make_bus_stop(
     >>> len(np.unique(scene.surface))
     31
     """
-    return scan(
-        lambda _: _bus_stop(),
-        n_samples,
+    scanning = Scanning(
         sampling=sampling,
         spacing_growth=spacing_growth,
         noise=noise,
         noise_growth=noise_growth,
         outlier_share=outlier_share,
         outlier_kinds=outlier_kinds,
-        random_state=random_state,
     )
+    return scan(lambda _: _bus_stop(), n_samples, scanning, random_state)
 
 
 def _traffic_furniture():

@@ -1,6 +1,8 @@
 """From a scene to a cloud with the truth of every point."""
 
+from collections.abc import Sequence
 from numbers import Integral, Real
+from typing import NamedTuple
 
 import numpy as np
 from sklearn.utils import Bunch, check_random_state
@@ -9,7 +11,7 @@ from sklearn_mcmd._sklearn import Interval, StrOptions
 from sklearn_mcmd.datasets._outliers import CLEARANCE, MAKERS
 from sklearn_mcmd.datasets._scan_lines import effective_area, scan_lines
 
-__all__ = ["SCAN_PARAMETERS", "points_per_bay", "scan"]
+__all__ = ["SCAN_PARAMETERS", "Scanning", "points_per_bay", "scan"]
 
 #: Constraints of the parameters that all makers of scenes share.
 SCAN_PARAMETERS = {
@@ -24,29 +26,34 @@ SCAN_PARAMETERS = {
 }
 
 
-def scan(
-    make_scene,
-    n_samples,
-    *,
-    sampling,
-    spacing_growth,
-    noise,
-    noise_growth,
-    outlier_share,
-    outlier_kinds,
-    random_state,
-    possible_kinds=tuple(MAKERS),
-):
+class Scanning(NamedTuple):
+    """How a scene is scanned: parameters of `make_street`, and the outliers that there can be.
+
+    possible_kinds : tuple of str
+    """
+
+    sampling: str
+    spacing_growth: float
+    noise: float
+    noise_growth: float
+    outlier_share: float
+    outlier_kinds: Sequence[str]
+    possible_kinds: tuple[str, ...] = tuple(MAKERS)
+
+
+def scan(make_scene, n_samples, scanning, random_state):
     """Scan a scene: points, noise, outliers and the truth, as `make_street` documents them.
 
     Parameters
     ----------
     make_scene : callable
         The scene, from the number of its regular points.
-    possible_kinds : tuple of str
-        Kinds of outliers that the scene can have.
+    n_samples : int
+    scanning : Scanning
+    random_state : int, RandomState instance or None
     """
-    kinds = _check_kinds(outlier_kinds, possible_kinds)
+    sampling, spacing_growth, noise, noise_growth, outlier_share, *kinds = scanning
+    kinds = _check_kinds(*kinds)
     _check_sampling(sampling, spacing_growth)
     n_outliers = round(outlier_share * n_samples)
     n_regular = n_samples - n_outliers

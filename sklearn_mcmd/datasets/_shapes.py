@@ -9,7 +9,7 @@ from sklearn.utils import Bunch
 
 from sklearn_mcmd._sklearn import Interval, validate_params
 from sklearn_mcmd.datasets._panels import Bilinear
-from sklearn_mcmd.datasets._scan import SCAN_PARAMETERS, scan
+from sklearn_mcmd.datasets._scan import SCAN_PARAMETERS, Scanning, scan
 from sklearn_mcmd.datasets._scene import Scene
 from sklearn_mcmd.datasets._surfaces import Patch
 
@@ -82,18 +82,16 @@ def make_box(
     >>> box.data.shape, box.surface_names
     ((3339, 3), ['front', 'side', 'top'])
     """
-    return scan(
-        lambda _: _box(outlier_scale),
-        n_samples,
+    scanning = Scanning(
         sampling=sampling,
         spacing_growth=1.0,
         noise=noise,
         noise_growth=noise_growth,
         outlier_share=outlier_share,
         outlier_kinds=outlier_kinds,
-        random_state=random_state,
         possible_kinds=_KINDS,
     )
+    return scan(lambda _: _box(outlier_scale), n_samples, scanning, random_state)
 
 
 @validate_params(_SHAPE_PARAMETERS, prefer_skip_nested_validation=True)
@@ -158,18 +156,16 @@ def make_crown_roof(
     >>> roof.data.shape, len(roof.surface_names)
     ((3017, 3), 4)
     """
-    return scan(
-        lambda _: _crown_roof(outlier_scale),
-        n_samples,
+    scanning = Scanning(
         sampling=sampling,
         spacing_growth=1.0,
         noise=noise,
         noise_growth=noise_growth,
         outlier_share=outlier_share,
         outlier_kinds=outlier_kinds,
-        random_state=random_state,
         possible_kinds=_KINDS,
     )
+    return scan(lambda _: _crown_roof(outlier_scale), n_samples, scanning, random_state)
 
 
 def _box(displacement):

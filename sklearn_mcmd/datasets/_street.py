@@ -19,7 +19,7 @@ from sklearn_mcmd.datasets._road import (
     recess,
     road_and_kerb,
 )
-from sklearn_mcmd.datasets._scan import SCAN_PARAMETERS, points_per_bay, scan
+from sklearn_mcmd.datasets._scan import SCAN_PARAMETERS, Scanning, points_per_bay, scan
 from sklearn_mcmd.datasets._scene import Scene
 from sklearn_mcmd.datasets._surfaces import Foliage, Patch
 
@@ -176,17 +176,15 @@ def make_street(
     def fit_street(n_regular):
         return _fit_street(n_regular, spacing, sampling, spacing_growth, tree)
 
-    return scan(
-        fit_street,
-        n_samples,
+    scanning = Scanning(
         sampling=sampling,
         spacing_growth=spacing_growth,
         noise=noise,
         noise_growth=noise_growth,
         outlier_share=outlier_share,
         outlier_kinds=outlier_kinds,
-        random_state=random_state,
     )
+    return scan(fit_street, n_samples, scanning, random_state)
 
 
 def _fit_street(n_regular, spacing, sampling, spacing_growth, tree):
