@@ -20,7 +20,7 @@ from sklearn_mcmd.datasets import make_contaminated_plane
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.planes._adaptive_trials import StopRule, adaptive_consistent_sets
 from sklearn_mcmd.planes._consistent_set import draw_trials, n_support_points
-from sklearn_mcmd.planes._local_planes import LocalPlaneModel
+from sklearn_mcmd.planes._local_planes import LocalPlaneModel, PlaneSettings
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._record import Neighborhoods
 
@@ -63,9 +63,9 @@ def normals_of(points, trials, rule=None):
     """Normals of given neighborhoods, by the NumPy form with reweighting."""
     n, k, _ = points.shape
     index = NeighborIndex(points.reshape(-1, 3), k)
-    model = LocalPlaneModel(
-        index, trials, method="mcmd_z", precision=2e-16, cutoff=2.5, reweight=True, stop_rule=rule
-    )
+    stop_rule = StopRule.never() if rule is None else rule
+    settings = PlaneSettings("mcmd_z", 2e-16, cutoff=2.5, reweight=True, stop_rule=stop_rule)
+    model = LocalPlaneModel(index, trials, settings)
     model.compiled = False
     place = np.empty(n * k, dtype=np.int32)
     place[index.rows] = np.arange(n * k)

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from sklearn_mcmd.outliers._cloud import JudgedCloud
+from sklearn_mcmd.planes._adaptive_trials import StopRule
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
@@ -134,15 +135,10 @@ def _roughness(model, rows, n_jobs):
 def _model_over(model, X):
     """The model of another cloud, with the same settings and trials."""
     k = model.index.n_neighbors
-    simulated = LocalPlaneModel(
-        NeighborIndex(X, k),
-        model.trials,
-        method=model.method,
-        precision=np.finfo(float).eps,
-        support_fraction=model.support_fraction,
-        cutoff=model.cutoff,
-        reweight=model.reweight,
+    settings = model.settings._replace(
+        precision=np.finfo(float).eps, step=0.0, stop_rule=StopRule.never()
     )
+    simulated = LocalPlaneModel(NeighborIndex(X, k), model.trials, settings)
     # However small the cloud is, this one is not.
     simulated.compiled = X.shape[1] == 3
     return simulated

@@ -13,7 +13,7 @@ from sklearn_mcmd._validation import OffsetOutlierMixin, check_extent, check_siz
 from sklearn_mcmd.planes._adaptive_trials import StopRule
 from sklearn_mcmd.planes._comparators import settle_comparator
 from sklearn_mcmd.planes._consistent_set import draw_trials, n_support_points, n_trials_needed
-from sklearn_mcmd.planes._local_planes import LocalPlaneModel
+from sklearn_mcmd.planes._local_planes import LocalPlaneModel, PlaneSettings
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._resolution import coordinate_step, warn_if_coarse
 from sklearn_mcmd.planes._rules import METHODS
@@ -65,17 +65,16 @@ class BaseLocalPlanes(BaseEstimator):
             self.random_state,
             length=LONGEST_TRIAL if self.n_neighbors is None else None,
         )
-        self._model = LocalPlaneModel(
-            index,
-            trials,
-            method=self.method,
+        settings = PlaneSettings(
+            self.method,
+            precision=np.finfo(X.dtype).eps,
+            step=coordinate_step(X),
             support_fraction=fraction,
             cutoff=self._cutoff,
             reweight=self.refine == "reweight",
-            precision=np.finfo(X.dtype).eps,
-            step=coordinate_step(X),
             stop_rule=self._settle_stop_rule(fraction, d),
         )
+        self._model = LocalPlaneModel(index, trials, settings)
         return X
 
     def _settle_support_fraction(self):
@@ -91,7 +90,7 @@ class BaseLocalPlanes(BaseEstimator):
     def _settle_stop_rule(self, fraction, d):
         # In 3D compiled code screens all trials at once, so fewer trials save no time.
         if self.outlier_rate != "auto" or not METHODS[self.method].needs_consistent_set or d <= 3:
-            return None
+            return StopRule.never()
         n_support = n_support_points(fraction, np.arange(self.n_neighbors_ + 1), d)
         return StopRule.of(self.n_trials_, n_support, self.success_probability, d)
 
@@ -121,14 +120,9 @@ class BaseLocalPlanes(BaseEstimator):
     def _fit_comparator(self, comparator, X, index):
         """Let a registered method judge the neighborhoods."""
         self.n_trials_, _ = comparator.table_shape(self.n_neighbors_, X.shape[1])
-        self._model = LocalPlaneModel(
-            index,
-            comparator.tables(self.random_state),
-            method=self.method,
-            precision=np.finfo(X.dtype).eps,
-            step=coordinate_step(X),
-            comparator=comparator,
-        )
+        precision, step = np.finfo(X.dtype).eps, coordinate_step(X)
+        settings = PlaneSettings(self.method, precision, step, comparator=comparator)
+        self._model = LocalPlaneModel(index, comparator.tables(self.random_state), settings)
 
     def _index_cloud(self, X, radius=None):
         """Validate X and return it with the index of its neighborhoods."""

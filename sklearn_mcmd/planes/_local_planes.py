@@ -1,6 +1,7 @@
 """From neighborhoods to planes: Algorithm 4 in chunks and threads, compiled or in NumPy."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from sklearn_mcmd.planes._plane import RANK_TOLERANCE, fit_planes, flat_normals,
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import METHODS, RuleLimits, robust_distances
 
-__all__ = ["LocalPlaneModel"]
+__all__ = ["LocalPlaneModel", "PlaneSettings"]
 
 # Smaller clouds take NumPy: loading compiled code would take longer than the work.
 COMPILE_FROM = 1_000
@@ -38,6 +39,32 @@ class RuleFit:
         return robust_distances(local, self.centers, self.whitening)
 
 
+class PlaneSettings(NamedTuple):
+    """How the plane of a neighborhood is found.
+
+    method : str, key of `METHODS`; without meaning where there is a comparator
+    precision : float
+        Relative rounding error of the coordinates, eps of their dtype.
+    step : float
+        Step to which the coordinates were rounded before.
+    support_fraction, cutoff : float
+    reweight : bool
+    comparator : baselines.Method
+        Judges neighborhoods in the place of a rule; trials are then its tables.
+    stop_rule : StopRule
+        When to stop before the end of the table.
+    """
+
+    method: str
+    precision: float
+    step: float = 0.0
+    support_fraction: float = 0.5
+    cutoff: float | None = None
+    reweight: bool = False
+    comparator: object = None
+    stop_rule: StopRule = StopRule.never()
+
+
 class LocalPlaneModel:
     """A fitted cloud that answers with the plane of any query's neighborhood.
 
@@ -45,44 +72,14 @@ class LocalPlaneModel:
     ----------
     index : NeighborIndex
     trials : ndarray of int of shape (T, k)
-    method : str, key of `METHODS`; without meaning where there is a comparator
-    support_fraction, cutoff : float
-    reweight : bool
-    precision : float
-        Relative rounding error of the coordinates, eps of their dtype.
-    step : float, default=0
-        Step to which the coordinates were rounded before.
-    comparator : baselines.Method, default=None
-        Judges neighborhoods in the place of a rule; `trials` are then its tables.
-    stop_rule : StopRule, default=None
-        When to stop before the end of the table; never by default.
+    settings : PlaneSettings
     """
 
-    def __init__(
-        self,
-        index,
-        trials,
-        *,
-        method,
-        precision,
-        support_fraction=0.5,
-        cutoff=None,
-        reweight=False,
-        step=0.0,
-        comparator=None,
-        stop_rule=None,
-    ):
-        self.index = index
-        self.trials = trials
-        self.method = method
-        self.support_fraction = support_fraction
-        self.cutoff = cutoff
-        self.reweight = reweight
-        self.comparator = comparator
-        self.stop_rule = StopRule.never() if stop_rule is None else stop_rule
-        self.rounding = 8 * precision
+    def __init__(self, index, trials, settings):
+        self.index, self.trials, self.settings = index, trials, settings
+        self.rounding = 8 * settings.precision
         # At the usual cutoffs a distance of one step is then no outlier.
-        self.least_scale = step / 2
+        self.least_scale = settings.step / 2
         n, d = index.points.shape
         # Decided by the fitted cloud, so that predicting one row is the same arithmetic.
         self.compiled = index.n_neighbors is not None and d == 3 and n >= COMPILE_FROM
@@ -131,7 +128,7 @@ class LocalPlaneModel:
 
     def ready(self):
         """Whether compiled code does the work."""
-        return self.compiled and self.comparator is None and _compiled_driver() is not None
+        return self.compiled and self.settings.comparator is None and _compiled_driver() is not None
 
     def _evaluate_chunk(self, queries, neighborhoods, rounding):
         planes, distance = Planes.empty(*queries.shape), np.empty(len(queries))
@@ -149,15 +146,17 @@ class LocalPlaneModel:
         flat_normals(planes.normals, planes.eigenvalues, directions)
         d, n_kept = planes.normals.shape[1], np.rint(planes.kept * sizes)
         inflation = 1.0
-        if self.comparator is None:
-            inflation = METHODS[self.method].inflation(self.cutoff, d, n_kept, sizes)
+        if self.settings.comparator is None:
+            rule, cutoff = METHODS[self.settings.method], self.settings.cutoff
+            inflation = rule.inflation(cutoff, d, n_kept, sizes)
         errors = normal_errors(planes.scale, planes.eigenvalues, n_kept, inflation)
         planes.normal_error[:] = errors
 
     def _fit_compiled(self, queries, neighborhoods, rounding, planes, directions, distance):
         sizes = np.arange(neighborhoods.indices.shape[1] + 1)
-        trials = Trials(self.trials, n_support_points(self.support_fraction, sizes, 3))
-        rule = RuleLimits.of(self.method, self.cutoff, self.reweight, rounding, self.least_scale)
+        trials = Trials(self.trials, n_support_points(self.settings.support_fraction, sizes, 3))
+        own = self.settings
+        rule = RuleLimits.of(own.method, own.cutoff, own.reweight, rounding, self.least_scale)
         fit = _compiled_driver()
         fit(self.index.points, neighborhoods, queries, trials, rule, planes, directions, distance)
 
@@ -228,8 +227,8 @@ class LocalPlaneModel:
 
     def fit_rule(self, neighborhoods, sizes, rounding):
         """What the method finds in neighborhoods (B, k, d)."""
-        if self.comparator is not None:
-            return self.comparator.fit_sizes(
+        if self.settings.comparator is not None:
+            return self.settings.comparator.fit_sizes(
                 neighborhoods,
                 sizes,
                 self.trials,
@@ -238,25 +237,25 @@ class LocalPlaneModel:
                 compiled=self.compiled if self.index.n_neighbors is not None else None,
             )
         _, k, d = neighborhoods.shape
-        rule = METHODS[self.method]
+        rule = METHODS[self.settings.method]
         local, radius = localize(neighborhoods, sizes)
         valid = np.arange(k) < sizes[:, None]
         floor = rounding * (np.abs(neighborhoods[:, 0]).max(axis=1) / radius + 1.0)
         floor = np.maximum(floor, self.least_scale / radius)
         support, flat = None, np.zeros(len(local), dtype=bool)
         if rule.needs_consistent_set:
-            n_support = n_support_points(self.support_fraction, sizes, d)
+            n_support = n_support_points(self.settings.support_fraction, sizes, d)
             support, _, flat, _ = adaptive_consistent_sets(
-                neighborhoods, self.trials, n_support, self.stop_rule, sizes
+                neighborhoods, self.trials, n_support, self.settings.stop_rule, sizes
             )
-        centers, whitening = rule.apply(local, valid, support, self.reweight, floor)
+        centers, whitening = rule.apply(local, valid, support, self.settings.reweight, floor)
         scale = 1.0 / np.linalg.norm(whitening[..., 0], axis=1)
         origin = neighborhoods[:, 0]
         if not rule.needs_consistent_set:
             return RuleFit(origin, radius, centers, whitening, radius * scale, valid)
         # No member is an outlier where none spans a plane; see `_measure_flat`.
         whitening[flat], scale[flat] = 0.0, -1.0
-        inliers = valid & (robust_distances(local, centers, whitening) < self.cutoff)
+        inliers = valid & (robust_distances(local, centers, whitening) < self.settings.cutoff)
         return RuleFit(origin, radius, centers, whitening, radius * scale, inliers)
 
 

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from adversarial import KINDS, neighborhoods
 from sklearn_mcmd.planes._consistent_set import draw_trials
-from sklearn_mcmd.planes._local_planes import LocalPlaneModel
+from sklearn_mcmd.planes._local_planes import LocalPlaneModel, PlaneSettings
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 
 pytest.importorskip("numba")
@@ -21,7 +21,8 @@ def planes_of(X, compiled, **parameters):
         "precision": 2.0**-52,
     }
     index = NeighborIndex(X, 30, parameters.pop("radius", None))
-    model = LocalPlaneModel(index, draw_trials(69, 30, 0), **{**settings, **parameters})
+    settings = PlaneSettings(**{**settings, **parameters})
+    model = LocalPlaneModel(index, draw_trials(69, 30, 0), settings)
     model.compiled = compiled
     return model.evaluate(X)
 

@@ -9,7 +9,7 @@ from scipy.stats import f as f_distribution
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.planes._consistent_set import draw_trials
-from sklearn_mcmd.planes._local_planes import LocalPlaneModel
+from sklearn_mcmd.planes._local_planes import LocalPlaneModel, PlaneSettings
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._plane import normal_errors
 from sklearn_mcmd.planes._rules import METHODS, cut_inflation
@@ -33,15 +33,9 @@ def coverage(k, method, outliers, n_patches, d=3, cutoff=None, seed=0):
     queries[:, 0] = 10.0 * np.arange(n_patches)  # far apart, each the center of its patch
     turn, _ = np.linalg.qr(rng.normal(size=(d, d)))
     X = (patches + queries[:, None]).reshape(-1, d) @ turn.T
-    model = LocalPlaneModel(
-        NeighborIndex(X, k),
-        draw_trials(69, k, 0),
-        method=method,
-        support_fraction=0.5,
-        cutoff=cutoff or METHODS[method].default_cutoff(d),
-        reweight=True,
-        precision=2.0**-52,
-    )
+    cutoff = cutoff or METHODS[method].default_cutoff(d)
+    settings = PlaneSettings(method, precision=2.0**-52, cutoff=cutoff, reweight=True)
+    model = LocalPlaneModel(NeighborIndex(X, k), draw_trials(69, k, 0), settings)
     planes, _ = model.evaluate(queries @ turn.T)
     along = planes.normals @ turn[:, -1]
     across = np.linalg.norm(planes.normals - along[:, None] * turn[:, -1], axis=1)
