@@ -92,7 +92,7 @@ class CreaseModel:
         self.points = self.index.points - self.origin
         self.planes = columns.planes(self.index.rows)
         self.planes.centroids[:] -= self.origin
-        around = self._search(self.index.points)
+        around = self._search(len(self.points), self.index.query_own)
         self._in_chunks(around, self._measure_spacing)
         self.usable = np.ones(len(self.points), dtype=bool)
         # Decided by the fitted cloud, so that any query is the same arithmetic.
@@ -113,21 +113,21 @@ class CreaseModel:
         Where no crease is found it is between half of `FAR` and `FAR`, the less, the less flat
         the neighborhood.
         """
-        around = self._search(queries)
+        around = self._search(len(queries), lambda part: self.index.query(queries[part]))
         queries = queries - self.origin
         faces = self._give_planes(queries, around)
         distance, _ = self._meet(queries, faces, around)
         return self._judge(faces, distance, around)
 
-    def _search(self, queries):
-        """The neighborhoods of queries: one search for all that follows."""
-        m, k = len(queries), self.index.n_neighbors
+    def _search(self, m, query):
+        """The neighborhoods of m points, of slices by `query`: one search for all that follows."""
+        k = self.index.n_neighbors
         indices = np.empty((m, k), dtype=np.int32)
 
         def task(part):
-            indices[part] = self.index.query(queries[part]).indices
+            indices[part] = query(part).indices
 
-        step = max(1, CHUNK // (k * queries.shape[1]))
+        step = max(1, CHUNK // (k * self.points.shape[1]))
         run([(slice(i, i + step),) for i in range(0, m, step)], task, self.n_jobs, told=True)
         return Neighborhoods(indices, np.full(m, k))
 

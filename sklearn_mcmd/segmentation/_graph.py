@@ -89,9 +89,9 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
         limit = np.empty(n)
 
     def measured(rows):
-        distances, near = index.tree.query(index.points[rows], k=k)
-        neighbors.indices[rows], radius[rows] = near.reshape(-1, k), distances.reshape(-1, k)[:, -1]
-        around = neighbors.take(rows)
+        around = index.query_own(rows, k)
+        farthest = index.points[around.indices[:, -1]] - index.points[rows]
+        neighbors.indices[rows], radius[rows] = around.indices, np.linalg.norm(farthest, axis=1)
         if rules.mutual:
             usable[rows] = _is_quiet(planes.scale, rows, around, radius, index.n_neighbors, rules)
         elif rules.max_distance is None:
