@@ -1,6 +1,7 @@
 """Labels from scores, and checks of clouds, for all estimators."""
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from sklearn.base import OutlierMixin
 
 __all__ = ["FittedScoresMixin", "OffsetOutlierMixin", "check_extent", "check_sizes"]
@@ -13,7 +14,7 @@ LARGEST, SMALLEST = 1e100, 1e-100
 class OffsetOutlierMixin(OutlierMixin):
     """Labels from ``score_samples`` and ``offset_``."""
 
-    def decision_function(self, X):
+    def decision_function(self, X: ArrayLike) -> NDArray[np.float64]:
         """Score relative to the limit: negative for outliers.
 
         Parameters
@@ -27,7 +28,7 @@ class OffsetOutlierMixin(OutlierMixin):
         """
         return self.score_samples(X) - self.offset_
 
-    def predict(self, X):
+    def predict(self, X: ArrayLike) -> NDArray[np.int64]:
         """Label points by the fitted cloud; each is judged as if it alone were added.
 
         Parameters
@@ -45,7 +46,7 @@ class OffsetOutlierMixin(OutlierMixin):
 class FittedScoresMixin(OffsetOutlierMixin):
     """Labels of the fitted cloud from ``scores_``, the ``score_samples`` that `fit` stores."""
 
-    def fit_predict(self, X, y=None):
+    def fit_predict(self, X: ArrayLike, y: object = None) -> NDArray[np.int64]:
         """Label the points of a cloud by itself.
 
         Parameters

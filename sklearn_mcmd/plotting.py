@@ -1,8 +1,15 @@
 """Still pictures of point clouds: an orthographic view, drawn from far to near."""
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from sklearn_mcmd._extras import import_extra
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 __all__ = ["normal_colors", "plot_before_after", "plot_cloud", "region_colors"]
 
@@ -13,7 +20,15 @@ BALL_PLACE, BALL_PIXELS = (0.02, 0.72, 0.18, 0.18), 121
 FAR, NEAR = (0.80, 0.83, 0.87), (0.24, 0.28, 0.34)
 
 
-def plot_cloud(xyz, *, color=None, outliers=None, view=VIEW, size=None, ax=None):
+def plot_cloud(
+    xyz: ArrayLike,
+    *,
+    color: Any = None,
+    outliers: ArrayLike | None = None,
+    view: tuple[float, float] = VIEW,
+    size: float | None = None,
+    ax: "Axes | None" = None,
+) -> "Axes":
     """Draw a cloud as it looks from far away, with near points over far ones.
 
     Parameters
@@ -63,10 +78,10 @@ def plot_cloud(xyz, *, color=None, outliers=None, view=VIEW, size=None, ax=None)
     2000
     """
     plt = import_extra("matplotlib.pyplot", "plot", "Plotting")
-    xyz = _check_points(xyz)
+    points = _check_points(xyz)
     right, up, toward = camera(view)
-    picture = np.column_stack([xyz @ right, xyz @ up])
-    depth = xyz @ toward
+    picture = np.column_stack([points @ right, points @ up])
+    depth = points @ toward
     order = np.argsort(depth, kind="stable")
 
     if ax is None:
@@ -80,20 +95,21 @@ def plot_cloud(xyz, *, color=None, outliers=None, view=VIEW, size=None, ax=None)
     )
     ax.set_axis_off()
 
-    color = _distance_colors(depth) if color is None else _as_rgb(color, len(xyz))
-    size = _marker_size(ax, high - low, len(xyz)) if size is None else size
-    sizes = np.full(len(xyz), float(size))
+    color = _distance_colors(depth) if color is None else _as_rgb(color, len(points))
+    size = _marker_size(ax, high - low, len(points)) if size is None else size
+    sizes = np.full(len(points), float(size))
     if outliers is not None:
-        outliers = np.asarray(outliers)
-        if outliers.dtype != bool or outliers.shape != (len(xyz),):
+        marked = np.asarray(outliers)
+        if marked.dtype != bool or marked.shape != (len(points),):
             raise ValueError(
-                f"outliers must be a boolean mask of shape ({len(xyz)},), got shape "
-                f"{outliers.shape} and dtype {outliers.dtype}."
+                f"outliers must be a boolean mask of shape ({len(points)},), got shape "
+                f"{marked.shape} and dtype {marked.dtype}."
             )
-        color[outliers] = OUTLIER_COLOR
-        sizes[outliers] *= 1.2
+        color[marked] = OUTLIER_COLOR
+        sizes[marked] *= 1.2
     ax.scatter(
-        *picture[order].T,
+        picture[order, 0],
+        picture[order, 1],
         s=sizes[order] ** 2,
         c=color[order],
         linewidths=0,
@@ -102,7 +118,15 @@ def plot_cloud(xyz, *, color=None, outliers=None, view=VIEW, size=None, ax=None)
     return ax
 
 
-def plot_before_after(before, outliers, after, missed, normals, *, view=VIEW):
+def plot_before_after(
+    before: ArrayLike,
+    outliers: ArrayLike,
+    after: ArrayLike,
+    missed: ArrayLike,
+    normals: ArrayLike,
+    *,
+    view: tuple[float, float] = VIEW,
+) -> "Figure":
     """Draw a contaminated cloud, the cleaned one and its normals in a row.
 
     Parameters
@@ -132,9 +156,10 @@ def plot_before_after(before, outliers, after, missed, normals, *, view=VIEW):
     plot_cloud(after, color=normal_colors(normals, view=view), view=view, ax=axes[2])
     _draw_ball(axes[2], view)
     n_marked, n_missed = np.count_nonzero(outliers), np.count_nonzero(missed)
+    n_before, n_after = len(np.asarray(before)), len(np.asarray(after))
     titles = (
-        f"Before: {len(before):,} points, {n_marked:,} outliers in red",
-        f"After: {len(before) - len(after):,} removed, {n_missed:,} outliers missed",
+        f"Before: {n_before:,} points, {n_marked:,} outliers in red",
+        f"After: {n_before - n_after:,} removed, {n_missed:,} outliers missed",
         "Normals of what is left",
     )
     for ax, title in zip(axes, titles, strict=True):
@@ -144,7 +169,7 @@ def plot_before_after(before, outliers, after, missed, normals, *, view=VIEW):
     return fig
 
 
-def normal_colors(normals, *, view=VIEW):
+def normal_colors(normals: ArrayLike, *, view: tuple[float, float] = VIEW) -> NDArray[np.float64]:
     """Colors of a solid lit from the camera's upper left, tinted by the direction of its faces.
 
     Parameters
@@ -166,9 +191,9 @@ def normal_colors(normals, *, view=VIEW):
     >>> bool((up == down).all())
     True
     """
-    normals = _check_points(normals, "normals")
+    faces = _check_points(normals, "normals")
     right, up, toward = camera(view)
-    seen = np.where((normals @ toward < 0)[:, None], -normals, normals)
+    seen = np.where((faces @ toward < 0)[:, None], -faces, faces)
     light = 0.8 * toward - 0.5 * right + 0.5 * up
     shade = 0.45 + 0.55 * np.clip(seen @ (light / np.linalg.norm(light)), 0.0, 1.0)
     # Faces along x, y and z each have their own hue; other directions mix these.
@@ -195,7 +220,7 @@ def _draw_ball(ax, view):
     return inset
 
 
-def region_colors(labels):
+def region_colors(labels: ArrayLike) -> NDArray[np.float64]:
     """Colors that distinguish regions: neighboring numbers differ most.
 
     Parameters
@@ -216,14 +241,14 @@ def region_colors(labels):
            [ 90, 121, 196],
            [ 76,  76,  76]])
     """
-    labels = np.asarray(labels)
-    hue = 6.0 * (labels * ((np.sqrt(5.0) - 1.0) / 2.0) % 1.0)  # turns by the golden angle
-    value = np.take([0.90, 0.77, 0.62], labels % 3)
-    saturation = np.take([0.64, 0.54, 0.74], labels % 3)
+    number = np.asarray(labels)
+    hue = 6.0 * (number * ((np.sqrt(5.0) - 1.0) / 2.0) % 1.0)  # turns by the golden angle
+    value = np.take([0.90, 0.77, 0.62], number % 3)
+    saturation = np.take([0.64, 0.54, 0.74], number % 3)
     sector = (np.array([5.0, 3.0, 1.0]) + hue[:, None]) % 6.0
     shade = np.clip(np.minimum(sector, 4.0 - sector), 0.0, 1.0)
     colors = value[:, None] * (1.0 - saturation[:, None] * shade)
-    return np.where((labels < 0)[:, None], 0.3, colors)
+    return np.where((number < 0)[:, None], 0.3, colors)
 
 
 def camera(view):

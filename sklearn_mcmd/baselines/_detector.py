@@ -1,9 +1,10 @@
 """PlaneOutlierDetector: the comparators as one outlier detector."""
 
 from numbers import Real
-from typing import ClassVar
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd.baselines._methods import METHOD_NAMES
@@ -106,14 +107,14 @@ class PlaneOutlierDetector(BasePlaneOutliers):
 
     def __init__(
         self,
-        n_neighbors=50,
+        n_neighbors: int | None = 50,
         *,
-        method="ransac",
-        method_params=None,
-        contamination="auto",
-        random_state=None,
-        n_jobs=None,
-    ):
+        method: str = "ransac",
+        method_params: dict[str, Any] | None = None,
+        contamination: float | Literal["auto"] = "auto",
+        random_state: int | np.random.RandomState | None = None,
+        n_jobs: int | None = None,
+    ) -> None:
         self.n_neighbors = n_neighbors
         self.method = method
         self.method_params = method_params
@@ -122,7 +123,7 @@ class PlaneOutlierDetector(BasePlaneOutliers):
         self.n_jobs = n_jobs
 
     @fit_context(prefer_skip_nested_validation=True)
-    def fit(self, X, y=None):
+    def fit(self, X: ArrayLike, y: object = None) -> Self:
         """Store the cloud that points are scored against.
 
         Parameters
@@ -153,12 +154,12 @@ class PlaneOutlierDetector(BasePlaneOutliers):
                 f"contamination='auto' but method={self.method!r} has no cut-off of its own: give "
                 "the share of outliers, such as contamination=0.1."
             )
-        X, index = self._index_cloud(X)
-        self._fit_comparator(comparator, X, index)
+        xyz, index = self._index_cloud(X)
+        self._fit_comparator(comparator, xyz, index)
         if self.contamination == "auto":
-            self.offset_ = -comparator.usual_cutoff(self.n_neighbors_, X.shape[1])
+            self.offset_ = -comparator.usual_cutoff(self.n_neighbors_, xyz.shape[1])
         else:
-            self.offset_ = float(np.percentile(-self._score(X), 100 * self.contamination))
+            self.offset_ = float(np.percentile(-self._score(xyz), 100 * self.contamination))
         return self
 
     def _score(self, X):

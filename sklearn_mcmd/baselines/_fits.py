@@ -2,9 +2,10 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from sklearn.utils import check_random_state
 from sklearn.utils.random import sample_without_replacement
 
@@ -61,9 +62,9 @@ class NeighborhoodFit:
     normals: np.ndarray
     scale: np.ndarray
     origin: np.ndarray
-    model: object
+    model: Any
 
-    def score(self, queries):
+    def score(self, queries: NDArray[np.float64]) -> NDArray[np.float64]:
         """Abnormality (B, m) of queries (B, m, d) to each of the neighborhoods."""
         return self.model.score(queries - self.origin[:, None])
 
@@ -110,7 +111,13 @@ class Method(ABC):
 
     has_cutoff: ClassVar[bool] = True  # whether it decides by itself which members are outliers
 
-    def fit(self, points, valid=None, *, random_state=None):
+    def fit(
+        self,
+        points: ArrayLike,
+        valid: ArrayLike | None = None,
+        *,
+        random_state: int | np.random.RandomState | None = None,
+    ) -> NeighborhoodFit:
         """Judge the members of neighborhoods.
 
         Parameters
@@ -154,8 +161,14 @@ class Method(ABC):
         return replace(fit, **{a: np.take_along_axis(getattr(fit, a), back, 1) for a in members})
 
     def fit_sizes(
-        self, points, sizes, tables, rounding=8 * 2.0**-52, least_scale=0.0, compiled=None
-    ):
+        self,
+        points: NDArray[np.float64],
+        sizes: NDArray[np.integer],
+        tables: "Tables",
+        rounding: float = 8 * 2.0**-52,
+        least_scale: float = 0.0,
+        compiled: bool | None = None,
+    ) -> NeighborhoodFit:
         """As `fit`, for neighborhoods whose first `sizes` members are in use.
 
         `rounding` is the relative rounding error of the coordinates, and `least_scale` the error
@@ -194,16 +207,16 @@ class Method(ABC):
             scores, cutoff, inliers, support, centers + origin, axes[..., 0], scale, origin, model
         )
 
-    def tables(self, random_state=None):
+    def tables(self, random_state: int | np.random.RandomState | None = None) -> "Tables":
         """The tables of random positions, by the size of the neighborhoods."""
         return Tables(self, check_random_state(random_state).randint(LARGEST_SEED))
 
-    def usual_cutoff(self, n, d):
+    def usual_cutoff(self, n: int, d: int) -> float | None:
         """Score above which one of n members is an outlier; None for a method without a cut-off."""
         return None
 
     @abstractmethod
-    def table_shape(self, size, d):
+    def table_shape(self, size: int, d: int) -> tuple[int, int]:
         """Rows and columns of the table for neighborhoods of a size."""
 
     @abstractmethod

@@ -1,5 +1,11 @@
 """The comparators by name, and one function for all of them."""
 
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sklearn_mcmd.baselines._fits import NeighborhoodFit
 from sklearn_mcmd.baselines._pca import Pca
 from sklearn_mcmd.baselines._qsp import Qsp
 from sklearn_mcmd.baselines._ransac import Msac, Ransac
@@ -22,7 +28,14 @@ for _name, _kind in METHODS.items():
     register_comparator(_name, _kind)
 
 
-def fit_neighborhoods(method, points, valid=None, *, random_state=None, **method_params):
+def fit_neighborhoods(
+    method: str,
+    points: ArrayLike,
+    valid: ArrayLike | None = None,
+    *,
+    random_state: int | np.random.RandomState | None = None,
+    **method_params: Any,
+) -> NeighborhoodFit:
     """Judge the members of many neighborhoods by the method with this name.
 
     Parameters

@@ -26,10 +26,10 @@ class Pca(Method):
     def __post_init__(self):
         check(self, "cutoff", 0, np.inf)
 
-    def usual_cutoff(self, n, d):
+    def usual_cutoff(self, n: int, d: int) -> float:
         return self.cutoff
 
-    def table_shape(self, size, d):
+    def table_shape(self, size: int, d: int) -> tuple[int, int]:
         return 0, 0
 
     def _fit(self, group):

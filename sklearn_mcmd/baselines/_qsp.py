@@ -40,7 +40,7 @@ class Qsp(Method):
         check(self, "contamination", 0, 0.5, closed="both", none=True)
         check(self, "sample_size", 2, np.inf, closed="left", integer=True)
 
-    def table_shape(self, size, d):
+    def table_shape(self, size: int, d: int) -> tuple[int, int]:
         return 1, min(self.sample_size, size - 1)
 
     def _fit(self, group):

@@ -80,10 +80,10 @@ class Ransac(Method):
         """Threshold in standard deviations."""
         return float(np.sqrt(chdtri(self.degrees_of_freedom, 1.0 - self.quantile)))
 
-    def usual_cutoff(self, n, d):
+    def usual_cutoff(self, n: int, d: int) -> float:
         return self.cutoff
 
-    def table_shape(self, size, d):
+    def table_shape(self, size: int, d: int) -> tuple[int, int]:
         return self.max_trials, d
 
     def _fit(self, group):

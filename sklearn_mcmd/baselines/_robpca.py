@@ -95,10 +95,10 @@ class Robpca(Method):
                     f"{name}={getattr(self, name)!r} of method 'robpca' must be one of {known}."
                 )
 
-    def usual_cutoff(self, n, d):
+    def usual_cutoff(self, n: int, d: int) -> float:
         return float(np.sqrt(chdtri(self._settle(n, d)[1], 1.0 - self.quantile)))
 
-    def table_shape(self, size, d):
+    def table_shape(self, size: int, d: int) -> tuple[int, int]:
         return self.n_trials + self.n_directions, d + 1
 
     def _fit(self, group):

@@ -85,7 +85,7 @@ class Ulsif(Method):
                     f"coordinates, got an array of shape {training.shape}."
                 )
 
-    def table_shape(self, size, d):
+    def table_shape(self, size: int, d: int) -> tuple[int, int]:
         # The last row is the random order of the members; the other rows are the MCD's starts.
         return (1 if size >= NESTED_FROM else N_STARTS + 1), size
 

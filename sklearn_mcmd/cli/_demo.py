@@ -16,7 +16,7 @@ from sklearn_mcmd.cli._waiting import progress
 __all__ = ["demo", "info"]
 
 
-def info(source: InFile):
+def info(source: InFile) -> None:
     """Show what a file holds: points, bounds, spacing, duplicates, attributes."""
     with clear_exits():
         from sklearn_mcmd.cli._file_summary import summarize
@@ -36,7 +36,7 @@ def demo(
     ] = False,
     n_jobs: NJobs = -1,
     quiet: Quiet = False,
-):
+) -> None:
     """Clean a simulated street scan whose truth is known, and show how well that went.
 
     Writes street.laz (with outliers, and the truth as attributes), clean.laz, normals.laz and

@@ -134,7 +134,7 @@ def denoise(
     n_jobs: NJobs = -1,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
-):
+) -> None:
     """Remove or mark the points that lie on no surface and stand apart from all else.
 
     The default is for any cloud: curved, with foliage and wires, of any spacing and noise. A

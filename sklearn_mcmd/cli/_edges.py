@@ -84,7 +84,7 @@ def edges(
     n_jobs: NJobs = -1,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
-):
+) -> None:
     """Mark edges and corners: points next to a line where two faces meet.
 
     All points are kept. New attributes are edge (1 or 0, 8 bits) and edge_score (float32: the
@@ -98,8 +98,8 @@ def edges(
             if colors is None:
                 colors = not has_colors(cloud)
             # LAS has colors of 16 bits.
-            brightest = 65535 if target.suffix.lower() in (".las", ".laz") else 255
-            brightest = brightest if colors else None
+            largest = 65535 if target.suffix.lower() in (".las", ".laz") else 255
+            brightest = largest if colors else None
             nothing = blank(cloud)
             rehearse(target, with_results(cloud, _results(nothing > 0, nothing, brightest)))
             is_edge, score = _find_edges(

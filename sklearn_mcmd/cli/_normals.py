@@ -100,7 +100,7 @@ def normals(
     n_jobs: NJobs = -1,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
-):
+) -> None:
     """Add normals, curvature and eigenvalues, robust to outliers and edges.
 
     All points are kept. New attributes, float32, are normal_x, normal_y, normal_z,

@@ -153,7 +153,7 @@ def plane(
     random_state: RandomState = 0,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
-):
+) -> None:
     """Test one plane, such as a wall or a floor: mark its outliers and write a report.
 
     All points are kept. Outliers get class 7 (noise) in LAS and LAZ, elsewhere an attribute

@@ -125,7 +125,7 @@ def segment(
     n_jobs: NJobs = -1,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
-):
+) -> None:
     """Divide a cloud into surfaces: road, kerb and footpath, walls, signs, poles.
 
     All points are kept. New attributes are region (int32; 0 is the largest, -1 is none) and red,

@@ -1,9 +1,10 @@
 """SharpFeatureDetector: edges and corners of point clouds."""
 
 from numbers import Integral, Real
-from typing import ClassVar
+from typing import ClassVar, Literal, Self
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_is_fitted, check_random_state, validate_data
 
@@ -177,18 +178,20 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
 
     def __init__(
         self,
-        n_neighbors=40,
+        n_neighbors: int = 40,
         *,
-        criterion="crease",
-        threshold=None,
-        n_std=None,
-        min_angle=20.0,
-        outlier_detector=None,
-        normal_estimator=None,
-        normals="estimate",
-        random_state=None,
-        n_jobs=None,
-    ):
+        criterion: Literal[
+            "crease", "eigenvalue", "surface_variation", "removed_fraction"
+        ] = "crease",
+        threshold: float | Literal["mean"] | None = None,
+        n_std: float | None = None,
+        min_angle: float = 20.0,
+        outlier_detector: BaseEstimator | Literal["passthrough"] | None = None,
+        normal_estimator: BaseEstimator | None = None,
+        normals: Literal["estimate", "precomputed"] = "estimate",
+        random_state: int | np.random.RandomState | None = None,
+        n_jobs: int | None = None,
+    ) -> None:
         self.n_neighbors = n_neighbors
         self.criterion = criterion
         self.threshold = threshold
@@ -201,7 +204,7 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
         self.n_jobs = n_jobs
 
     @fit_context(prefer_skip_nested_validation=False)
-    def fit(self, X, y=None):
+    def fit(self, X: ArrayLike, y: object = None) -> Self:
         """Clean a cloud, find its planes, and settle the limit of an edge.
 
         Parameters
@@ -221,14 +224,14 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
             If X has NaN, infinite or too few values or columns, `n_neighbors` is too small, or
             `threshold` or `normals` does not fit `criterion`.
         """
-        X = validate_data(self, X, dtype=[np.float64, np.float32], ensure_min_features=2)
+        table = validate_data(self, X, dtype=[np.float64, np.float32], ensure_min_features=2)
         if self.normals == "precomputed" and self.criterion == "removed_fraction":
             raise ValueError(
                 "normals='precomputed' does not tell criterion='removed_fraction': take "
                 "normals='estimate', with coordinates as X."
             )
         self._n_dimensions = None  # precomputed columns determine it
-        columns = self._columns(X)
+        columns = self._columns(table)
         xyz = columns.coordinates
         self._n_dimensions = xyz.shape[1]
         self._check_parameters(xyz)
@@ -242,13 +245,13 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
             with progress_part(0.6, 0.8):
                 members = np.asarray(self.normal_estimator_.fit_transform(xyz[kept]))
         else:
-            members = X[kept]
+            members = table[kept]
         if self.criterion == "crease":
             self._model = CreaseModel(self.n_neighbors, self.min_angle, self.n_jobs)
             with progress_part(0.8, 1.0, "creases"):
                 self._model.fit(split_columns(members, self._n_dimensions))
             self.offset_ = EDGE_WIDTH if self.threshold is None else float(self.threshold)
-            self.scores_ = np.empty(len(X))
+            self.scores_ = np.empty(len(xyz))
             self.scores_[kept] = self._model.distances
             self.scores_[~kept] = self._model.distance(xyz[~kept].astype(np.float64))
         else:
@@ -257,7 +260,7 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
             self.scores_ = -values
         return self
 
-    def score_samples(self, X):
+    def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
         """Distance to the nearest crease, or the opposite of the criterion.
 
         Parameters

@@ -6,8 +6,10 @@ import secrets
 import shutil
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sklearn_mcmd.io._arrays import read_npy, read_npz, write_npy, write_npz
 from sklearn_mcmd.io._las import read_las, write_las
@@ -39,7 +41,7 @@ _FORMATS = {
 _ENCODINGS = {".ply": ("ascii", "binary"), ".pcd": ("ascii", "binary", "binary_compressed")}
 
 
-def read_points(path):
+def read_points(path: str | os.PathLike[str]) -> PointCloud:
     """Read a point cloud. The extension, in upper or lower case, chooses the format.
 
     Parameters
@@ -120,7 +122,13 @@ def read_points(path):
     return cloud
 
 
-def write_points(path, cloud, *, noise=None, encoding=None):
+def write_points(
+    path: str | os.PathLike[str],
+    cloud: PointCloud | ArrayLike,
+    *,
+    noise: ArrayLike | None = None,
+    encoding: Literal["ascii", "binary", "binary_compressed"] | None = None,
+) -> None:
     """Write a point cloud. An existing file is replaced only by a complete new one.
 
     Parameters
@@ -202,7 +210,7 @@ def write_points(path, cloud, *, noise=None, encoding=None):
         raise PointFileError(f"{path}: the cloud has no points, there is nothing to write")
     if not np.isfinite(cloud.xyz).all():
         raise PointFileError(f"{path}: xyz holds NaN or infinity; remove those points first")
-    options = {}
+    options: dict[str, Any] = {}
     if encoding is not None:
         if encoding not in _ENCODINGS.get(extension, ()):
             known = ", ".join(_ENCODINGS.get(extension, ())) or "only None"
@@ -223,7 +231,7 @@ def write_points(path, cloud, *, noise=None, encoding=None):
         writer(temporary, cloud, **options)
 
 
-def supported_extensions():
+def supported_extensions() -> tuple[str, ...]:
     """The known extensions, in alphabetical order.
 
     Returns

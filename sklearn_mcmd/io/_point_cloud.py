@@ -1,8 +1,11 @@
 """The point cloud that readers return and writers take, and the one error of both."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from sklearn_mcmd import _extras
 
@@ -56,12 +59,22 @@ class PointCloud:
     PointCloud(2 points; outlier)
     """
 
-    xyz: np.ndarray
-    attributes: dict = field(default_factory=dict)
-    metadata: dict = field(default_factory=dict)
+    xyz: NDArray[np.float64]
+    attributes: dict[str, NDArray[Any]] = field(default_factory=dict)
+    metadata: dict[str, Any] = field(default_factory=dict)
     n_dropped: int = 0
 
-    def __post_init__(self):
+    if TYPE_CHECKING:  # arguments may be array-like; fields are arrays
+
+        def __init__(
+            self,
+            xyz: ArrayLike,
+            attributes: Mapping[str, ArrayLike] = ...,
+            metadata: Mapping[str, Any] = ...,
+            n_dropped: int = 0,
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
         xyz = np.asarray(self.xyz)
         if xyz.ndim != 2 or xyz.shape[1] != 3 or xyz.dtype.kind not in "biuf":
             raise ValueError(
@@ -82,14 +95,14 @@ class PointCloud:
                     f"of the {len(xyz)} points."
                 )
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.xyz)
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         names = f"; {', '.join(self.attributes)}" if self.attributes else ""
         return f"PointCloud({len(self)} points{names})"
 
-    def subset(self, selection):
+    def subset(self, selection: NDArray[np.bool_] | NDArray[np.integer] | slice) -> "PointCloud":
         """The chosen points with their attributes and the file's metadata.
 
         Parameters
@@ -116,7 +129,7 @@ class PointCloud:
         attributes = {name: values[selection] for name, values in self.attributes.items()}
         return PointCloud(self.xyz[selection], attributes, metadata, self.n_dropped)
 
-    def with_attributes(self, **arrays):
+    def with_attributes(self, **arrays: ArrayLike) -> "PointCloud":
         """The same points with attributes added or replaced.
 
         Parameters

@@ -1,9 +1,11 @@
 """Grid search of segmentation: folds of whole scenes, and a scorer of segments."""
 
 import warnings
+from collections.abc import Iterator
 
 import numpy as np
-from sklearn.base import clone
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, clone
 from sklearn.exceptions import UndefinedMetricWarning
 from sklearn.model_selection import BaseCrossValidator
 from sklearn.utils.validation import check_consistent_length, column_or_1d
@@ -47,7 +49,9 @@ class WholeSceneSplit(BaseCrossValidator):
     [1 2 4] [1 2 4]
     """
 
-    def get_n_splits(self, X=None, y=None, groups=None):
+    def get_n_splits(
+        self, X: object = None, y: object = None, groups: ArrayLike | None = None
+    ) -> int:
         """Number of scenes.
 
         Parameters
@@ -67,7 +71,9 @@ class WholeSceneSplit(BaseCrossValidator):
         """
         return len(np.unique(_check_groups(groups)))
 
-    def split(self, X, y=None, groups=None):
+    def split(
+        self, X: ArrayLike, y: object = None, groups: ArrayLike | None = None
+    ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
         """Indices of the points of each scene, twice.
 
         Parameters
@@ -87,10 +93,10 @@ class WholeSceneSplit(BaseCrossValidator):
         ValueError
             If `groups` is missing or of another length than X.
         """
-        groups = _check_groups(groups)
-        check_consistent_length(X, groups)
-        for scene in np.unique(groups):
-            rows = np.flatnonzero(groups == scene)
+        scenes = _check_groups(groups)
+        check_consistent_length(X, scenes)
+        for scene in np.unique(scenes):
+            rows = np.flatnonzero(scenes == scene)
             yield rows, rows.copy()
 
 
@@ -102,7 +108,7 @@ def _check_groups(groups):
     return column_or_1d(groups)
 
 
-def score_segments(estimator, X, y):
+def score_segments(estimator: BaseEstimator, X: ArrayLike, y: ArrayLike) -> dict[str, float]:
     """Scores of the segmentation of X by a clusterer, or by a pipeline that ends in one.
 
     It is a scorer for scikit-learn's searches: ``GridSearchCV(pipeline, grid,
@@ -167,17 +173,18 @@ def score_segments(estimator, X, y):
         )
     fitted = clone(estimator)
     labels = np.asarray(fitted.fit_predict(X))
-    rows = _rows_kept(fitted, len(y))
+    true = np.asarray(y)
+    rows = _rows_kept(fitted, len(true))
     if len(labels) != len(rows):
         raise ValueError(
             f"fit_predict gave {len(labels)} labels for {len(rows)} points: steps that drop rows "
             "must tell which they kept, in sample_indices_, as DenoisingSampler does."
         )
-    whole = np.full(len(y), -1, dtype=labels.dtype)
+    whole = np.full(len(true), -1, dtype=labels.dtype)
     whole[rows] = labels
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UndefinedMetricWarning)
-        scores = segmentation_scores(y, whole)
+        scores = segmentation_scores(true, whole)
     names = ("f_score", "recall", "precision", "mean_iou", "adjusted_rand")
     return {name: float(np.nan_to_num(scores[name])) for name in names}
 

@@ -1,10 +1,12 @@
 """RobustNormalEstimator: normals, curvature and features, robust to outliers and edges."""
 
+from collections.abc import Sequence
 from numbers import Real
-from typing import ClassVar
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from joblib import effective_n_jobs
+from numpy.typing import ArrayLike, NDArray
 from sklearn.base import TransformerMixin
 from sklearn.utils.validation import check_array, check_is_fitted
 
@@ -237,23 +239,23 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
 
     def __init__(
         self,
-        n_neighbors=50,
+        n_neighbors: int | None = 50,
         *,
-        method="mcmd_z",
-        method_params=None,
-        support_fraction=0.5,
-        outlier_rate=0.5,
-        success_probability=0.9999,
-        cutoff=None,
-        refine="reweight",
-        borrow=True,
-        radius=None,
-        orientation=None,
-        viewpoint=None,
-        features=None,
-        random_state=None,
-        n_jobs=None,
-    ):
+        method: str = "mcmd_z",
+        method_params: dict[str, Any] | None = None,
+        support_fraction: float | Literal["auto"] = 0.5,
+        outlier_rate: float | Literal["auto"] = 0.5,
+        success_probability: float = 0.9999,
+        cutoff: float | None = None,
+        refine: Literal["reweight"] | None = "reweight",
+        borrow: bool = True,
+        radius: float | None = None,
+        orientation: Literal["viewpoint", "mst"] | ArrayLike | None = None,
+        viewpoint: ArrayLike | None = None,
+        features: str | Sequence[str] | None = None,
+        random_state: int | np.random.RandomState | None = None,
+        n_jobs: int | None = None,
+    ) -> None:
         self.n_neighbors = n_neighbors
         self.method = method
         self.method_params = method_params
@@ -271,7 +273,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         self.n_jobs = n_jobs
 
     @fit_context(prefer_skip_nested_validation=True)
-    def fit(self, X, y=None):
+    def fit(self, X: ArrayLike, y: object = None) -> Self:
         """Estimate the normals of a cloud.
 
         Parameters
@@ -296,7 +298,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         return self
 
     @fit_context(prefer_skip_nested_validation=True)
-    def fit_transform(self, X, y=None):
+    def fit_transform(self, X: ArrayLike, y: object = None) -> NDArray[np.floating]:
         """Estimate the normals of a cloud and return them beside the coordinates.
 
         Parameters
@@ -309,11 +311,11 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         X_out : ndarray of shape (n_samples, 3 * n_features + 3 + n_chosen)
             As by `transform`.
         """
-        X = self._fit_columns(X)
+        xyz = self._fit_columns(X)
         planes = self.eigenvalues_, self.plane_offset_[:, None], self.plane_scale_[:, None]
-        return _columns(X, self.normals_, *planes, self.features_)
+        return _columns(xyz, self.normals_, *planes, self.features_)
 
-    def transform(self, X):
+    def transform(self, X: ArrayLike) -> NDArray[np.floating]:
         """Normals and curvature at points, by their neighborhoods in the fitted cloud.
 
         Parameters
@@ -327,21 +329,23 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
             and the chosen `features`, named by `get_feature_names_out`, in the dtype of X.
         """
         check_is_fitted(self)
-        X = self._check_queries(X)
+        xyz = self._check_queries(X)
         if self._surfaces is not None:
-            planes = self._surfaces.evaluate(X)
+            planes = self._surfaces.evaluate(xyz)
         else:
-            planes, _ = self._model.evaluate(X, n_jobs=self.n_jobs)
+            planes, _ = self._model.evaluate(xyz, n_jobs=self.n_jobs)
         normals = point_up(planes.normals)
         if self.orientation is not None:
-            self._orient(normals, X, self._settle_orientation(X.shape[1]))
-        features = evaluate_features(self._feature_names, planes, X)
-        offset = _offset(planes, normals, X)
+            self._orient(normals, xyz, self._settle_orientation(xyz.shape[1]))
+        features = evaluate_features(self._feature_names, planes, xyz)
+        offset = _offset(planes, normals, xyz)
         return _columns(
-            X, normals, planes.eigenvalues, offset[:, None], planes.scale[:, None], features
+            xyz, normals, planes.eigenvalues, offset[:, None], planes.scale[:, None], features
         )
 
-    def get_feature_names_out(self, input_features=None):
+    def get_feature_names_out(
+        self, input_features: Sequence[str] | None = None
+    ) -> NDArray[np.object_]:
         """Names of the columns of `transform`.
 
         Parameters

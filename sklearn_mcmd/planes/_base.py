@@ -5,6 +5,7 @@ from numbers import Integral, Real
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted, validate_data
 
@@ -167,7 +168,7 @@ class BasePlaneOutliers(OffsetOutlierMixin, BaseLocalPlanes):
     `_score` returns how abnormal points are: larger is more abnormal. `fit` sets ``offset_``.
     """
 
-    def score_samples(self, X):
+    def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
         """Opposite of the abnormality of each point in its neighborhood.
 
         Parameters

@@ -1,10 +1,11 @@
 """RegionGrowing: surfaces of a point cloud as clusters."""
 
 from numbers import Integral, Real
-from typing import ClassVar
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from joblib import effective_n_jobs
+from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClusterMixin, clone
 from sklearn.utils.validation import validate_data
 
@@ -213,22 +214,22 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
 
     def __init__(
         self,
-        n_neighbors=30,
+        n_neighbors: int = 30,
         *,
-        max_angle=15.0,
-        max_distance=None,
-        max_gap=None,
-        min_region_size=10,
-        mutual=True,
-        regrow_rest=True,
-        join_coplanar=True,
-        join_curved=True,
-        assign_rest=True,
-        normals="estimate",
-        normal_estimator=None,
-        random_state=None,
-        n_jobs=None,
-    ):
+        max_angle: float = 15.0,
+        max_distance: float | None = None,
+        max_gap: float | None = None,
+        min_region_size: int = 10,
+        mutual: bool = True,
+        regrow_rest: bool = True,
+        join_coplanar: bool = True,
+        join_curved: bool = True,
+        assign_rest: bool = True,
+        normals: Literal["estimate", "precomputed"] = "estimate",
+        normal_estimator: RobustNormalEstimator | None = None,
+        random_state: int | np.random.RandomState | None = None,
+        n_jobs: int | None = None,
+    ) -> None:
         self.n_neighbors = n_neighbors
         self.max_angle = max_angle
         self.max_distance = max_distance
@@ -245,7 +246,7 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         self.n_jobs = n_jobs
 
     @fit_context(prefer_skip_nested_validation=True)
-    def fit(self, X, y=None):
+    def fit(self, X: ArrayLike, y: object = None) -> Self:
         """Find the regions of a cloud.
 
         Parameters
@@ -268,12 +269,12 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         """
         with progress_part(0.0, 0.35):
             columns = self._settle_columns(X)
-        X = columns.coordinates
-        floor = 8 * np.finfo(X.dtype).eps * np.abs(X).max(axis=1)
+        xyz = columns.coordinates
+        floor = 8 * np.finfo(xyz.dtype).eps * np.abs(xyz).max(axis=1)
         # At the usual cutoff one step of rounded coordinates is then no outlier.
-        floor = np.maximum(floor.astype(np.float64), 1.25 * coordinate_step(X))
-        X = X.astype(np.float64, copy=False)
-        index = NeighborIndex(X, self.n_neighbors)
+        floor = np.maximum(floor.astype(np.float64), 1.25 * coordinate_step(xyz))
+        xyz = xyz.astype(np.float64, copy=False)
+        index = NeighborIndex(xyz, self.n_neighbors)
         points, rows = index.points, index.rows
         planes, floor = columns.planes(rows), floor[rows]
         planes.scale[:] = np.maximum(planes.scale, floor)
@@ -283,7 +284,7 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
             links, planes.radius[:] = link_neighbors(index, planes, floor, rules, self.n_jobs)
         with progress_part(0.5, 0.55, "growing regions"):
             labels = grow_regions(links, _seeds(columns.surface_variation[rows], points, planes))
-        owners = _owners(X, index, self.n_jobs)
+        owners = _owners(xyz, index, self.n_jobs)
         copies = np.bincount(owners, minlength=len(points))
         labels = _renumber(labels, copies, self.min_region_size)
         if self.regrow_rest:
@@ -306,7 +307,7 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
                 labels = cylinders.join(labels)
         labels = _renumber(labels, copies)
         self.n_regions_ = int(labels.max(initial=-1)) + 1
-        weights = copies if len(points) < len(X) else None
+        weights = copies if len(points) < len(xyz) else None
         sizes, centroids, _, values, axes = region_planes(points, labels, self.n_regions_, weights)
         self.region_sizes_ = sizes.astype(np.int64)
         self.region_centroids_ = centroids
