@@ -386,7 +386,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
                 f"radius={self.radius} has no meaning with n_neighbors=None, one neighborhood of "
                 "all points; give a number of neighbors."
             )
-        X = self._fit_planes(X, radius=self.radius)
+        X = self._fit_planes(X, self.radius, self.cutoff)
         orientation = self._settle_orientation(X.shape[1])
         self._feature_names = settle_features(self.features, X.shape[1])
         self._surfaces = None

@@ -286,10 +286,10 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             "noise_scale": self.noise_scale,
             "n_jobs": self.n_jobs,
         }
-        begin = 0.0
-        cutoff = self._cutoff
-        if self.cutoff is None and self.strictness is not None and self.n_neighbors is not None:
-            cutoff = CUTOFF
+        begin, cutoff = 0.0, self.cutoff
+        if cutoff is None:
+            one_plane = self.strictness is None or self.n_neighbors is None
+            cutoff = self._model.cutoff if one_plane else CUTOFF
         if self.false_positive_rate is not None:
             begin = 0.5  # for the display of progress
             with progress_part(0.0, begin, "cutoff by simulation"), listen_to_progress(None):

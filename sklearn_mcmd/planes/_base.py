@@ -47,8 +47,11 @@ class BaseLocalPlanes(BaseEstimator):
         "n_jobs": [Integral, None],
     }
 
-    def _fit_planes(self, X, radius=None):
-        """Validate X, settle the parameters that depend on it, and fit its local planes."""
+    def _fit_planes(self, X, radius=None, cutoff=None):
+        """Validate X, settle the parameters that depend on it, and fit its local planes.
+
+        Members of a neighborhood beyond the cutoff are left out of its plane; None is the rule's.
+        """
         comparator = self._settle_comparator()
         X, index = self._index_cloud(X, radius)
         d = X.shape[1]
@@ -59,7 +62,6 @@ class BaseLocalPlanes(BaseEstimator):
             return X
         self.n_trials_ = self._settle_n_trials(d)
         rule = METHODS[self.method]
-        self._cutoff = rule.default_cutoff(d) if self.cutoff is None else float(self.cutoff)
         trials = draw_trials(
             self.n_trials_ if rule.needs_consistent_set else 0,
             self.n_neighbors_,
@@ -71,7 +73,7 @@ class BaseLocalPlanes(BaseEstimator):
             precision=np.finfo(X.dtype).eps,
             step=coordinate_step(X),
             support_fraction=fraction,
-            cutoff=self._cutoff,
+            cutoff=rule.default_cutoff(d) if cutoff is None else float(cutoff),
             reweight=self.refine == "reweight",
             stop_rule=self._settle_stop_rule(fraction, d),
         )
