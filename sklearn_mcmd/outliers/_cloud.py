@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sklearn_mcmd.outliers._company import Company, CompanyLimits, mean_distance
+from sklearn_mcmd.outliers._company import Company, CompanyLimits, Places, mean_distance
 from sklearn_mcmd.outliers._surfaces import (
     SurfaceLimits,
     distances_to_surfaces,
@@ -69,14 +69,11 @@ class JudgedCloud:
             first = index.nearest(X)
         self.counts = np.maximum(np.bincount(first, minlength=n), 1)
         with progress_part(0.0, FITTING):
-            neighbors, planes, spacing = self._fit_planes()
+            neighbors, planes, places = self._fit_planes()
         with progress_part(FITTING, 1.0):
             self._find_surfaces(neighbors, planes)
             least = min(THING * index.n_neighbors, LEAST_SHARE * len(X))
-            self.company = Company(
-                index.points, self.counts, spacing, self.explained, least, self.company_limits,
-                self.n_jobs,
-            )  # fmt: skip
+            self.company = Company(places, self.explained, least, self.company_limits, self.n_jobs)
         self.point_scores = self._joined(
             self.distances, self.company.isolation, self.company.separation, index.points
         )
@@ -114,7 +111,9 @@ class JudgedCloud:
         _, distances = distances_to_surfaces(
             queries, around, self.planes, self.explaining, floor, self.model.ready(), None
         )
-        spacing = self._spacing(queries, around.indices, itself=False)
+        near = around.indices[:, : self.company_limits.n_near]
+        gaps = self._distances(queries, near)
+        spacing = mean_distance(gaps, self.counts[near], self.company_limits.n_near)
         isolation, separation = np.zeros(len(queries)), np.zeros(len(queries))
         rest = np.flatnonzero(distances > self.surface_limits.explained)
         if len(rest):
@@ -127,30 +126,37 @@ class JudgedCloud:
         return distances
 
     def _fit_planes(self):
-        """Neighborhoods, planes and spacing of all points of the index."""
+        """Neighborhoods, planes and spacings of all points of the index."""
         index = self.model.index
         n, d = index.points.shape
         neighbors = np.empty((n, index.n_neighbors), dtype=np.int32)
-        planes, spacing = Planes.empty(n, d), np.empty(n)
+        n_near = self.company_limits.n_near
+        planes, spacing, other_spacing = Planes.empty(n, d), np.empty(n), np.empty(n)
 
         def task(rows):
             part, around = index.points[rows], index.query_own(rows)
             planes.put(rows, self.model.evaluate_neighborhoods(part, around)[0])
             neighbors[rows] = around.indices
-            spacing[rows] = self._spacing(part, around.indices, itself=True)
+            near = around.indices[:, : n_near + 1]
+            distances, counts = self._distances(part, near), self.counts[near]
+            counts[:, 0] -= 1  # itself
+            spacing[rows] = mean_distance(distances, counts, n_near)
+            counts[:, 0] = 0
+            other_spacing[rows] = mean_distance(distances, counts, n_near)
 
         each_slice(n, CHUNK[self.model.ready()], task, self.n_jobs)
-        return Neighborhoods(neighbors, np.full(n, index.n_neighbors)), planes, spacing
+        places = Places(index.points, self.counts, spacing, other_spacing)
+        return Neighborhoods(neighbors, np.full(n, index.n_neighbors)), planes, places
 
     def _find_surfaces(self, neighbors, planes):
         """What explains points, which points it explains, and how far from it they are."""
         points, compiled = self.model.index.points, self.model.ready()
         n, k = neighbors.indices.shape
         floor, limits = self._floor(points, 0.0), self.surface_limits
-        own = own_distances(points, self._measured(planes), floor)
+        self.planes = self._measured(planes)
+        own = own_distances(points, self.planes, floor)
         least = min(SURFACE * k, LEAST_SHARE * n)
         self.explaining = find_surfaces(points, neighbors, planes, own, least, limits, compiled)
-        self.planes = self._measured(planes)
         self.owners, self.distances = np.arange(n), own
         others = np.flatnonzero(~self.explaining)
         owners, distances = distances_to_surfaces(
@@ -162,22 +168,18 @@ class JudgedCloud:
         self.explained = self.distances <= limits.explained
 
     def _measured(self, planes):
-        """The planes, with the noise that is known for certain in the place of their own."""
-        if self.noise_scale is None:
-            return planes
-        return planes._replace(scale=np.full(len(planes.scale), self.noise_scale))
+        """The planes with the noise by which distances are measured."""
+        if self.noise_scale is not None:
+            return planes._replace(scale=np.full(len(planes.scale), self.noise_scale))
+        return planes
 
     def _floor(self, queries, precision):
         return max(self.model.rounding, 8 * precision) * np.abs(queries).max(axis=1)
 
-    def _spacing(self, queries, near, itself):
-        """Mean distance to the nearest measurements, without the query itself."""
-        n_near = self.company_limits.n_near
-        near = near[:, : n_near + 1]
+    def _distances(self, queries, near):
+        """Distances of queries (m, d) from points of the index (m, w)."""
         gaps = self.model.index.points[near] - queries[:, None]
-        counts = self.counts[near]
-        counts[:, 0] -= itself
-        return mean_distance(np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps)), counts, n_near)
+        return np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
 
     def _joined(self, distances, isolation, separation, points):
         """One score: a point is as wrong as the best of its excuses leaves it."""

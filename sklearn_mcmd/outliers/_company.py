@@ -9,7 +9,7 @@ from sklearn_mcmd.planes._around import quantile, ratio
 from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._linking import connected
 
-__all__ = ["Company", "CompanyLimits", "mean_distance"]
+__all__ = ["Company", "CompanyLimits", "Places", "mean_distance"]
 
 # Points that ask a tree at once: what bounds the memory.
 CHUNK = 4096
@@ -20,13 +20,14 @@ class CompanyLimits(NamedTuple):
 
     n_near : int
         Spacing is the mean distance to this many neighbors.
-    n_usual, usual : int, float
-        What is usual is this quantile of the spacing of the nearest points on surfaces, of this
-        many.
+    n_usual : int
+        The usual spacing around a point is that of this many nearest points on surfaces.
+    usual : float
+        Of their spacings it is this quantile.
     reach : float
-        Points of the rest that are within this many usual spacings form a group.
+        Two points of the rest are of one group if they are within this many usual spacings.
     n_links : int
-        Neighbors of the rest that are asked for this.
+        Each point of the rest is linked to at most this many others.
     rest_weight : float
         Weight of the spacing among the rest against that among all points, in their geometric
         mean.
@@ -40,6 +41,24 @@ class CompanyLimits(NamedTuple):
     rest_weight: float = 2 / 3
 
 
+class Places(NamedTuple):
+    """The places of a cloud, which are its distinct points, and how close they lie.
+
+    points : ndarray of float64 of shape (n, d)
+    counts : ndarray of int of shape (n,)
+        Measurements at each: a place that was measured often keeps company with itself.
+    spacing : ndarray of shape (n,)
+        Mean distance of each to its nearest measurements, by `mean_distance`.
+    other_spacing : ndarray of shape (n,)
+        The same to measurements at other places, which is never 0. It tells what is usual.
+    """
+
+    points: np.ndarray
+    counts: np.ndarray
+    spacing: np.ndarray
+    other_spacing: np.ndarray
+
+
 class Company:
     """The points that no surface explains, the rest: things such as foliage and wires, or errors.
 
@@ -50,16 +69,11 @@ class Company:
 
     Parameters
     ----------
-    points : ndarray of float64 of shape (n, d)
-        Distinct.
-    counts : ndarray of int of shape (n,)
-        Measurements at each: a place that was measured often keeps company with itself.
-    spacing : ndarray of shape (n,)
-        Mean distance of each point to its neighbors, by `mean_distance`.
+    places : Places
     explained : ndarray of bool of shape (n,)
         Points that a surface explains. All others are the rest.
     least : float
-        A group of this many points is a thing, however far it stands off.
+        A group of this many measurements is a thing, however far it stands off.
     limits : CompanyLimits
     n_jobs : int or None
 
@@ -69,23 +83,22 @@ class Company:
         See `measure`; 0 for points that a surface explains.
     """
 
-    def __init__(self, points, counts, spacing, explained, least, limits, n_jobs):
+    def __init__(self, places, explained, least, limits, n_jobs):
+        points = places.points
         self.limits = limits
-        self.extent = float(np.linalg.norm(np.ptp(points, axis=0)))
+        self.low, self.high = points.min(axis=0), points.max(axis=0)
         reference = explained if explained.any() else np.ones(len(points), dtype=bool)
-        self.reference_spacing = spacing[reference]
+        self.reference_spacing = places.other_spacing[reference]
         self.reference_tree = cKDTree(points[reference])
         self.isolation, self.separation = np.zeros(len(points)), np.zeros(len(points))
         rest = np.flatnonzero(~explained)
-        self.points, self.counts = points[rest], counts[rest]
-        if len(rest) == 0:
-            return
+        self.points, self.counts = points[rest], places.counts[rest]
         self.tree = cKDTree(self.points)
         n_links = max(limits.n_links, limits.n_near)
         distances, near = _nearest(self.tree, self.points, n_links + 1, n_jobs)
         self.usual = self._usual(self.points, n_jobs)
-        among_rest = self._among_rest(distances, near, itself=True)
-        self.isolation[rest] = self._isolated(among_rest, spacing[rest], self.usual)
+        among_rest = self._among_rest(self.points, distances, near, itself=True)
+        self.isolation[rest] = self._isolated(among_rest, places.spacing[rest], self.usual)
         steps = self._steps(self.usual, distances[:, 1:], near[:, 1:])
         linked = np.where(steps <= limits.reach, near[:, 1:], np.arange(len(rest))[:, None])
         groups, _ = connected(linked.astype(np.int32), compiled=len(rest) >= CHUNK)
@@ -105,7 +118,7 @@ class Company:
         ----------
         queries : ndarray of float64 of shape (m, d)
         spacing : ndarray of shape (m,)
-            Mean distance to their nearest neighbors of all points.
+            Mean distance of each to its nearest measurements.
         n_jobs : int, default=None
 
         Returns
@@ -118,16 +131,13 @@ class Company:
             their size. 0 for what belongs to a large group.
         """
         usual = self._usual(queries, n_jobs)
-        if len(self.points) == 0:
-            among_rest = np.full(len(queries), self.extent)
-            gaps = _nearest(self.reference_tree, queries, 1, n_jobs)[0][:, 0]
-            return self._isolated(among_rest, spacing, usual), ratio(gaps, usual)
         distances, near = _nearest(self.tree, queries, self.limits.n_near, n_jobs)
-        among_rest = self._among_rest(distances, near, itself=False)
+        among_rest = self._among_rest(queries, distances, near, itself=False)
         steps = self._steps(usual, distances[:, :1], near[:, :1])[:, 0]
         gaps = _nearest(self.real_tree, queries, 1, n_jobs)[0][:, 0]
-        joins = steps <= self.limits.reach
-        separation = np.where(joins, self.group_separation[near[:, 0]], ratio(gaps, usual))
+        separation = ratio(gaps, usual)
+        joins = np.flatnonzero(steps <= self.limits.reach)
+        separation[joins] = self.group_separation[near[joins, 0]]
         return self._isolated(among_rest, spacing, usual), separation
 
     def _usual(self, queries, n_jobs):
@@ -143,11 +153,14 @@ class Company:
         each_slice(len(queries), CHUNK, task, n_jobs)
         return usual
 
-    def _among_rest(self, distances, near, itself):
-        """Mean distance to the nearest of the rest; where these are few, the cloud's extent."""
-        counts = np.append(self.counts, self.limits.n_near)[near]  # a tree without more says inf
+    def _among_rest(self, queries, distances, near, itself):
+        """Mean distance to the nearest of the rest. Those that are missing are as far away as
+        the cloud is large with the query in it."""
+        counts = np.append(self.counts, self.limits.n_near)[near]  # of a missing one: all
         counts[:, 0] -= itself
-        distances = np.minimum(distances, max(self.extent, np.finfo(float).tiny))
+        extent = np.maximum(queries, self.high) - np.minimum(queries, self.low)
+        extent = np.linalg.norm(extent, axis=1)
+        distances = np.where(np.isinf(distances), extent[:, None], distances)
         return mean_distance(distances, counts, self.limits.n_near)
 
     def _isolated(self, among_rest, among_all, usual):
@@ -156,11 +169,9 @@ class Company:
         return ratio(among_rest**weight * among_all ** (1 - weight), usual)
 
     def _steps(self, usual, distances, near):
-        """Distances to neighbors of the rest in usual spacings, the lesser of both's."""
-        known = near < len(self.points)  # a tree answers with its size where it has no more
-        near = np.where(known, near, 0)
-        steps = ratio(distances, np.minimum(usual[:, None], self.usual[near]))
-        return np.where(known, steps, np.inf)
+        """Distances to neighbors of the rest in usual spacings, the smaller of both points'."""
+        usual_there = np.append(self.usual, np.inf)[near]  # the last is that of a missing one
+        return ratio(distances, np.minimum(usual[:, None], usual_there))
 
     def _separated(self, groups, small, n_jobs):
         """Gap of each point's group over the size of the group, 0 if that is large."""
@@ -211,7 +222,8 @@ def _longest_deviation(points, group, sizes, several):
 
 
 def _nearest(tree, queries, k, n_jobs):
-    """Distances and rows (m, k) of the nearest points; inf and the tree's size beyond its last."""
+    """Distances and rows (m, k) of the nearest points; where there are no more, inf and the size
+    of the tree."""
     distances, near = np.empty((len(queries), k)), np.empty((len(queries), k), dtype=np.int64)
 
     def task(rows):
