@@ -166,6 +166,7 @@ class JudgedCloud:
         self.distances[others] = distances
         self.owners[others] = np.where(owners < 0, others, owners)
         self.explained = self.distances <= limits.explained
+        self.explained_scale = self.planes.scale[self.owners[self.explained]]
 
     def _measured(self, planes):
         """The planes with the noise by which distances are measured."""
@@ -192,8 +193,7 @@ class JudgedCloud:
         scores = distances.copy()
         lost = np.flatnonzero(np.isinf(distances))  # which no plane of a surface reaches
         if len(lost):
-            rows = np.flatnonzero(self.explained)
             gaps, near = self.company.reference_tree.query(points[lost])
-            beside = ratio(gaps, self.planes.scale[rows[near]])
+            beside = ratio(gaps, self.explained_scale[near])
             scores[lost] = np.maximum(beside, apart[lost])
         return scores
