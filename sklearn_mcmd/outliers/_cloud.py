@@ -4,6 +4,7 @@ import numpy as np
 
 from sklearn_mcmd.outliers._company import Company, CompanyLimits, Places, mean_distance
 from sklearn_mcmd.outliers._surfaces import (
+    CHUNK,
     SurfaceLimits,
     distances_to_surfaces,
     find_surfaces,
@@ -16,7 +17,6 @@ from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 __all__ = ["JudgedCloud"]
 
-CHUNK = {True: 4096, False: 256}  # rows a task, compiled or not
 # A surface has as many points as a neighborhood, a thing as many as two; or this share of a
 # small cloud.
 SURFACE, THING, LEAST_SHARE = 1.0, 2.0, 1 / 5
@@ -72,6 +72,7 @@ class JudgedCloud:
             neighbors, planes, places = self._fit_planes()
         with progress_part(FITTING, 1.0):
             self._find_surfaces(neighbors, planes)
+            del neighbors, planes  # the largest there are
             least = min(THING * index.n_neighbors, LEAST_SHARE * len(X))
             self.company = Company(places, self.explained, least, self.company_limits, self.n_jobs)
         self.point_scores = self._joined(
@@ -103,7 +104,7 @@ class JudgedCloud:
             if len(new):
                 scores[rows[new]] = self._score_new(part[new], around.take(new), precision)
 
-        each_chunk(queries, CHUNK[self.model.ready()], task, self.n_jobs)
+        each_chunk(queries, self._rows_a_task(), task, self.n_jobs)
         return scores
 
     def _score_new(self, queries, around, precision):
@@ -144,7 +145,7 @@ class JudgedCloud:
             counts[:, 0] = 0
             other_spacing[rows] = mean_distance(distances, counts, n_near)
 
-        each_slice(n, CHUNK[self.model.ready()], task, self.n_jobs)
+        each_slice(n, self._rows_a_task(), task, self.n_jobs)
         places = Places(index.points, self.counts, spacing, other_spacing)
         return Neighborhoods(neighbors, np.full(n, index.n_neighbors)), planes, places
 
@@ -176,6 +177,9 @@ class JudgedCloud:
 
     def _floor(self, queries, precision):
         return max(self.model.rounding, 8 * precision) * np.abs(queries).max(axis=1)
+
+    def _rows_a_task(self):
+        return max(1, CHUNK[self.model.ready()] // self.model.index.n_neighbors)
 
     def _distances(self, queries, near):
         """Distances of queries (m, d) from points of the index (m, w)."""

@@ -9,10 +9,10 @@ from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._linking import LinkLimits, connected, link_planes
 from sklearn_mcmd.planes._record import Neighborhoods
 
-__all__ = ["SurfaceLimits", "distances_to_surfaces", "find_surfaces", "own_distances"]
+__all__ = ["CHUNK", "SurfaceLimits", "distances_to_surfaces", "find_surfaces", "own_distances"]
 
-# Points whose neighbors' planes are asked at once: what bounds the memory.
-CHUNK = {True: 4096, False: 256}
+# Neighbors a task, compiled or not: what bounds the memory whatever n_neighbors is.
+CHUNK = {True: 200_000, False: 12_800}
 NEAREST = ExplainLimits(likely=False)
 
 
@@ -104,7 +104,7 @@ def distances_to_surfaces(queries, neighbors, planes, on_surface, floor, compile
     distances : ndarray of shape (m,)
         In standard deviations; inf where none reaches.
     """
-    m = len(queries)
+    m, k = neighbors.indices.shape
     owners, distances = np.full(m, -1), np.full(m, np.inf)
 
     def task(rows):
@@ -114,5 +114,5 @@ def distances_to_surfaces(queries, neighbors, planes, on_surface, floor, compile
             part, neighbors.take(rows), planes, NEAREST, on_surface, floor[rows], most, compiled
         )
 
-    each_slice(m, CHUNK[compiled], task, n_jobs)
+    each_slice(m, max(1, CHUNK[compiled] // k), task, n_jobs)
     return owners, distances
