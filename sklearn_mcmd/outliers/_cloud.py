@@ -14,6 +14,7 @@ from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._chunks import each_chunk, each_slice
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
+from sklearn_mcmd.planes._rules import small_sample_inflation
 
 __all__ = ["JudgedCloud"]
 
@@ -48,6 +49,9 @@ class JudgedCloud:
         self.model = model
         self.own_planes_only = strictness is None or model.index.n_neighbors is None
         self.strictness = strictness
+        if strictness == "surfaces" and len(model.index.points) <= (model.index.n_neighbors or 0):
+            # The cloud is one neighborhood, and half of few points say too little about noise.
+            self.strictness = "groups"
         self.noise_scale = noise_scale
         self.n_jobs = n_jobs
         self.surface_limits = SurfaceLimits()
@@ -173,7 +177,13 @@ class JudgedCloud:
         """The planes with the noise by which distances are measured."""
         if self.noise_scale is not None:
             return planes._replace(scale=np.full(len(planes.scale), self.noise_scale))
-        return planes
+        n, d = planes.normals.shape
+        if n > self.model.index.n_neighbors:
+            return planes
+        # All points share one plane. In larger clouds each has several, and the nearest counts,
+        # which makes up for a scale of few points being too small.
+        inflation = small_sample_inflation(d, np.rint(planes.kept * n), n)
+        return planes._replace(scale=planes.scale * inflation)
 
     def _floor(self, queries, precision):
         return max(self.model.rounding, 8 * precision) * np.abs(queries).max(axis=1)

@@ -25,6 +25,7 @@ __all__ = [
     "mcmd_z",
     "pca",
     "robust_distances",
+    "small_sample_inflation",
 ]
 
 MAD_TO_SD = 1.4826  # section 4.2: makes the MAD consistent for the normal distribution
@@ -33,7 +34,7 @@ REWEIGHT_CUTOFF = 2.5
 # first cut removes too little. The second cut has the right scale.
 REWEIGHT_STEPS = 2
 # For odd and even neighborhoods. They are a compromise, by simulation, between planes without
-# outliers and with 10 %, for 20 to 100 neighbors in 2D to 4D, see `_small_sample_inflation`.
+# outliers and with 10 %, for 20 to 100 neighbors in 2D to 4D, see `small_sample_inflation`.
 SMALL_SAMPLE_EXCESS = 4.7, 3.2
 
 
@@ -172,7 +173,7 @@ def cut_inflation(cutoff):
     return sqrt(variance + 2.0 * inherited * common + inherited * (1.0 - variance) * share)
 
 
-def _small_sample_inflation(d, n_inliers, n_members):
+def small_sample_inflation(d, n_inliers, n_members):
     """Factor on the errors of planes of few points, from simulation.
 
     The consistent set is the best of many. So the first scale is too small where there are few
@@ -226,7 +227,7 @@ def _masked_median(values, valid):
 
 
 def _inflation_z(cutoff, d, n_inliers, n_members):
-    return cut_inflation(cutoff) * _small_sample_inflation(d, n_inliers, n_members)
+    return cut_inflation(cutoff) * small_sample_inflation(d, n_inliers, n_members)
 
 
 def _inflation_md(cutoff, d, n_inliers, n_members):
