@@ -14,19 +14,6 @@ from sklearn_mcmd.baselines import PlaneOutlierDetector
 QUICK = RobustNormalEstimator(outlier_rate=0.2, random_state=0)
 
 
-def expected_failures(estimator):
-    """Checks that want outliers in three round clusters, or two rulers at a time."""
-    if not isinstance(estimator, MCMDOutlierDetector) or estimator.contamination is not None:
-        return {}
-    if estimator.false_positive_rate is not None:
-        reason = "contamination, which the check sets, and false_positive_rate exclude each other"
-    elif estimator.strictness is not None:
-        reason = "clusters without surfaces have no point that stands off by 3: the most is 2.8"
-    else:
-        return {}
-    return dict.fromkeys(("check_outliers_train", "check_outliers_fit_predict"), reason)
-
-
 @parametrize_with_checks(
     [
         MCMDOutlierDetector(),
@@ -39,7 +26,7 @@ def expected_failures(estimator):
         ),
         MCMDOutlierDetector(20, strictness="isolated", contamination=0.2, outlier_rate=0.2),
         MCMDOutlierDetector(20, strictness=None, noise_scale=0.5, outlier_rate=0.2),
-        MCMDOutlierDetector(None, false_positive_rate=0.1, outlier_rate=0.05),
+        MCMDOutlierDetector(None, contamination=0.1, outlier_rate=0.05),
         RobustNormalEstimator(20, features="all", outlier_rate="auto"),
         RobustNormalEstimator(20, method="mcmd_md", refine=None, radius=1.5, outlier_rate=0.1),
         RobustNormalEstimator(None, method="pca", orientation="mst"),
@@ -70,7 +57,6 @@ def expected_failures(estimator):
             ),
         ),
     ],
-    expected_failed_checks=expected_failures,
 )  # fmt: skip
 def test_estimators_follow_the_conventions(estimator, check):
     check(estimator)

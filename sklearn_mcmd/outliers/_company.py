@@ -11,6 +11,9 @@ from sklearn_mcmd.planes._linking import connected
 
 __all__ = ["Company", "CompanyLimits", "Places", "mean_distance"]
 
+# Where no point is on a surface, what is usual is half of all points: the sparse quarter of them
+# would be the very points that are judged.
+HALF = 0.5
 # Points that ask a tree at once: what bounds the memory.
 CHUNK = 4096
 
@@ -90,6 +93,7 @@ class Company:
         reference = explained if explained.any() else np.ones(len(points), dtype=bool)
         self.reference_spacing = places.other_spacing[reference]
         self.reference_tree = cKDTree(points[reference])
+        self.quantile = limits.usual if explained.any() else HALF
         self.isolation, self.separation = np.zeros(len(points)), np.zeros(len(points))
         rest = np.flatnonzero(~explained)
         self.points, self.counts = points[rest], places.counts[rest]
@@ -148,7 +152,7 @@ class Company:
         def task(rows):
             _, near = self.reference_tree.query(queries[rows], k=n_usual)
             values = self.reference_spacing[near.reshape(-1, n_usual)]
-            usual[rows] = quantile(values, np.ones_like(values, dtype=bool), self.limits.usual)
+            usual[rows] = quantile(values, np.ones_like(values, dtype=bool), self.quantile)
 
         each_slice(len(queries), CHUNK, task, n_jobs)
         return usual

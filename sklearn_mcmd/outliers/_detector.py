@@ -294,7 +294,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         begin, cutoff = 0.0, self.cutoff
         if cutoff is None:
             one_plane = self.strictness is None or self.n_neighbors is None
-            cutoff = self._model.cutoff if one_plane else CUTOFF
+            cutoff = self._model.settings.cutoff if one_plane else CUTOFF
         if self.false_positive_rate is not None:
             begin = 0.5  # for the display of progress
             with progress_part(0.0, begin, "cutoff by simulation"), listen_to_progress(None):
