@@ -1,10 +1,12 @@
-"""Algorithms 1 to 4 of the first paper, literally and slowly: the oracle of the tests.
+"""What the package computes, literally and slowly: the oracle of the tests.
 
-One neighborhood at a time, one trial at a time, no vectorization, no shortcuts. The only
-addition is what the paper leaves open: ties go to the first member and the first trial.
+Algorithms 1 to 4 of the first paper, and `judged`, the default of `MCMDOutlierDetector`. One
+neighborhood at a time, one trial at a time, no vectorization, no shortcuts. The only addition to
+the paper is what it leaves open: ties go to the first member and the first trial.
 """
 
 import numpy as np
+from scipy.stats import truncnorm
 
 
 def plane(points):
@@ -77,6 +79,15 @@ def mcmd_md(points, members, query, cutoff):
     return np.array(rmd) < cutoff, own
 
 
+def parts(n, links):
+    """Label of the connected part of each of n points: the first of its points."""
+    labels = list(range(n))
+    for i, j in links:
+        low, high = sorted((labels[i], labels[j]))
+        labels = [low if label == high else label for label in labels]
+    return labels
+
+
 def neighborhood(X, query, k):
     """Indices of the k nearest points, by sorting all distances."""
     return np.argsort(np.linalg.norm(X - query, axis=1), kind="stable")[:k]
@@ -92,3 +103,121 @@ def saliency(X, query, k, trials, h, method, cutoff):
         inliers, own = mcmd_md(points, members, query, cutoff)
     _, eigenvalues, axes = plane(points[inliers])
     return own, axes[:, 0], eigenvalues
+
+
+def reweighted_plane(points, trials, h):
+    """Centroid, normal, scale and share kept of a neighborhood: Algorithm 1, refitted twice.
+
+    The first scale is that of least median of squares, the others are standard deviations of
+    what is left of a normal law that is cut at 2.5.
+    """
+    variance_left = truncnorm(-2.5, 2.5).var()
+    k, d = points.shape
+    members, _ = consistent_set(points, trials, h)
+    center, _, axes = plane(points[members])
+    off = np.abs((points - center) @ axes[:, 0])
+    scale = 1.4826 * (1 + 5 / (k - d)) * np.median(off)
+    for _ in range(2):
+        kept = off < 2.5 * scale
+        center, _, axes = plane(points[kept])
+        off = np.abs((points - center) @ axes[:, 0])
+        scale = np.sqrt(np.sum(off[kept] ** 2) / (kept.sum() - d) / variance_left)
+    kept = off < 2.5 * scale
+    center, _, axes = plane(points[kept])
+    return center, axes[:, 0], scale, kept.mean()
+
+
+def judged(X, k, trials, h, noise=None):
+    """Scores of the detector's default, by strictness, and which points are on a surface.
+
+    `noise` is `noise_scale`. All distances, no tree; every constant stands where it is used. For
+    clouds with more than k distinct points and without a step or a perfect plane.
+    """
+    points, place, counts = np.unique(X, axis=0, return_inverse=True, return_counts=True)
+    n = len(points)
+    gaps = np.array([np.linalg.norm(points - point, axis=1) for point in points])
+    near = np.argsort(gaps, axis=1, kind="stable")[:, :k]
+    planes = [reweighted_plane(points[near[i]], trials, h) for i in range(n)]
+    radius = [gaps[i, near[i, -1]] for i in range(n)]
+
+    def off(i, j, sd):
+        """Distance of point i from the plane of j."""
+        return abs((points[i] - planes[j][0]) @ planes[j][1]) / sd
+
+    # Surfaces: flat planes that explain each other.
+    scale = [scale for _, _, scale, _ in planes]
+    sd = [noise or one for one in scale]
+    usable = [
+        scale[i] <= 0.15 * radius[i] and planes[i][3] >= 0.5 - 1e-12 and off(i, i, sd[i]) <= 3
+        for i in range(n)
+    ]
+
+    def explain_each_other(i, j):
+        near_each_other = j in near[i, :16] and i in near[j, :16]
+        both = off(i, j, scale[j]) <= 3 and off(j, i, scale[i]) <= 3
+        cosine = abs(planes[i][1] @ planes[j][1])
+        return usable[i] and usable[j] and near_each_other and both and cosine >= cos_25
+
+    cos_25 = np.cos(np.radians(25))
+    surface = parts(n, [(i, j) for i in range(n) for j in near[i] if explain_each_other(i, j)])
+    size = [surface.count(label) for label in surface]
+    explains = [usable[i] and size[i] >= min(k, n / 5) for i in range(n)]
+    distance, owner = np.full(n, np.inf), np.arange(n)
+    for i in range(n):
+        for j in [i] if explains[i] else near[i]:
+            reached = np.linalg.norm(points[i] - planes[j][0]) <= radius[j]
+            if explains[j] and (reached or i == j) and off(i, j, sd[j]) < distance[i]:
+                distance[i], owner[i] = off(i, j, sd[j]), j
+    explained = [i for i in range(n) if distance[i] <= 3]
+    rest = [i for i in range(n) if distance[i] > 3]
+
+    # Company: mean distances to 8 measurements, in spacings that are usual on surfaces around.
+    def mean_of_8(i, among, copies, missing=()):
+        found = [0.0] * copies
+        for j in sorted(among, key=lambda j: gaps[i, j]):
+            found += [gaps[i, j]] * (counts[j] if j != i else 0)
+        return np.mean([*found, *missing][:8])
+
+    extent = np.linalg.norm(points.max(axis=0) - points.min(axis=0))
+    to_others = [mean_of_8(i, near[i, :9], 0) for i in range(n)]
+    reference = explained or range(n)
+    usual, isolation, separation = {}, np.zeros(n), np.zeros(n)
+    for i in rest:
+        around = sorted(reference, key=lambda j: gaps[i, j])[:128]
+        usual[i] = sorted(to_others[j] for j in around)[
+            int((0.75 if explained else 0.5) * len(around))
+        ]
+        among_all = mean_of_8(i, near[i, :9], counts[i] - 1)
+        among_rest = mean_of_8(i, rest, counts[i] - 1, [extent] * 8)
+        isolation[i] = among_rest ** (2 / 3) * among_all ** (1 / 3) / usual[i]
+
+    # Groups of the rest, and how far the small ones stand off from what is real.
+    links = []
+    for i in rest:
+        others = sorted((j for j in rest if j != i), key=lambda j: gaps[i, j])[:16]
+        links += [(i, j) for j in others if gaps[i, j] <= 2.5 * min(usual[i], usual[j])]
+    group = parts(n, links)
+    members = {group[i]: [j for j in rest if group[j] == group[i]] for i in rest}
+    measured = {label: counts[some].sum() for label, some in members.items()}
+    most = np.inf if explained else max(measured.values())
+    small = [g for g in members if measured[g] < min(2 * k, len(X) / 5, most)]
+    real = explained + [i for i in rest if group[i] not in small]
+    for label in small:
+        some = members[label]
+        own_size = np.mean([usual[i] for i in some])
+        if len(some) > 1:
+            own_size = max(own_size, np.sqrt(plane(points[some])[1][-1]))
+        separation[some] = min(gaps[i, j] for i in some for j in real) / own_size
+
+    # One score: the best excuse counts.
+    scores = {}
+    for strictness in ("isolated", "groups", "surfaces"):
+        apart = isolation if strictness == "isolated" else np.maximum(isolation, separation)
+        score = [min(distance[i], apart[i]) if i in usual else distance[i] for i in range(n)]
+        if strictness == "surfaces" and explained:
+            score = list(distance)
+            for i in np.flatnonzero(np.isinf(distance)):
+                j = min(explained, key=lambda j: gaps[i, j])
+                score[i] = max(gaps[i, j] / sd[owner[j]], apart[i])
+        scores[strictness] = np.array(score)[place]
+    return scores, np.isin(place, explained)

@@ -21,7 +21,7 @@ __all__ = ["JudgedCloud"]
 # A surface has as many points as a neighborhood, a thing as many as two; or this share of a
 # small cloud.
 SURFACE, THING, LEAST_SHARE = 1.0, 2.0, 1 / 5
-FITTING = 0.85  # share of the time that planes take, for the display of progress
+FITTING = 0.65  # share of the time that planes take, for the display of progress
 
 
 class JudgedCloud:

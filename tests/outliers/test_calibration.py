@@ -9,9 +9,7 @@ from sklearn.base import clone
 
 from sklearn_mcmd import MCMDOutlierDetector
 
-OWN = {"noise_scale": "own", "borrow": False, "max_iter": 1}
-LOCAL = {"noise_scale": "local"}
-POOLED = {"noise_scale": "pooled"}
+OWN = {"strictness": None}
 
 
 def plane(n, noise, seed):
@@ -44,9 +42,12 @@ def tolerance(rate, n, n_simulated=10_000):
     [
         (OWN, 20, 0.3, 0.05),
         (OWN, 50, 0.1, 0.01),
-        (LOCAL, 20, 0.3, 0.05),
-        (LOCAL, 50, 1.0, 0.05),
-        (POOLED, 30, 0.1, 0.05),
+        ({}, 20, 0.3, 0.05),
+        ({}, 50, 0.1, 0.01),
+        ({}, 50, 1.0, 0.05),
+        ({"strictness": "isolated"}, 30, 0.1, 0.05),
+        ({"strictness": "surfaces"}, 30, 0.1, 0.05),
+        ({"strictness": "surfaces"}, 50, 0.3, 0.01),
         ({"noise_scale": 0.3}, 30, 0.3, 0.05),
     ],
 )
@@ -78,10 +79,9 @@ def test_few_points_ask_for_a_larger_cutoff_than_the_normal_law():
 
 def test_a_lower_rate_has_a_larger_cutoff_on_the_same_planes():
     X = plane(1500, 0.2, seed=2)
-    often, seldom = (detector(rate, n_neighbors=20, **POOLED).fit(X) for rate in (0.1, 0.01))
+    often, seldom = (detector(rate, n_neighbors=20).fit(X) for rate in (0.1, 0.01))
     assert seldom.offset_ < often.offset_
-    assert seldom.noise_scale_ == often.noise_scale_
-    assert seldom.n_iter_ == often.n_iter_
+    assert_array_equal(seldom.scores_, often.scores_)
 
 
 def test_predict_clones_and_pickles_agree_with_fit_predict():
@@ -117,13 +117,3 @@ def test_cutoff_and_rate_exclude_each_other():
 def test_a_rate_that_cannot_be_simulated_is_refused():
     with pytest.raises(ValueError, match=r"false_positive_rate=1e-06 .* at least 0\.0001"):
         detector(1e-6, n_neighbors=20).fit(plane(100, 0.1, seed=0))
-
-
-def test_a_rate_at_which_the_flagged_keep_company_is_refused():
-    with pytest.raises(ValueError, match=r"out of reach: at most .* keep_groups=False"):
-        detector(0.4, n_neighbors=20).fit(plane(100, 0.1, seed=0))
-
-
-def test_a_rate_below_what_stands_apart_is_refused():
-    with pytest.raises(ValueError, match=r"out of reach: .* stand apart .* raise n_neighbors"):
-        detector(0.01, n_neighbors=4).fit(plane(100, 0.1, seed=0))

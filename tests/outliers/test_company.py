@@ -1,113 +1,210 @@
-"""Density: what keeps company among rejected points, and what only lies together by chance."""
-
-import tracemalloc
+"""Company: how far points that no surface explains stand off, by hand on small clouds."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
-from sklearn_mcmd.outliers._company import Company
+from sklearn_mcmd.outliers import _company
+from sklearn_mcmd.outliers._company import Company, CompanyLimits, Places, mean_distance
 
-K = 50
-# Of k points on a surface that has one point in each square of side 1, on average: the mean
-# distance of a disk's points from its center is two thirds of its radius.
-USUAL = 2 / 3 * np.sqrt(K / np.pi)
-
-
-def company(points, alone=None):
-    alone = np.zeros(len(points), dtype=bool) if alone is None else alone
-    return Company(points, K, 2 * K, alone)
+# The mean distance to the 8 nearest on a square lattice of spacing 1.
+LATTICE = (4 + 4 * np.sqrt(2)) / 8
 
 
-def isolation(points, gap, spacing=USUAL):
-    """Of the points in the middle, all as far from what is explained."""
-    middle = points[np.linalg.norm(points, axis=1) < np.ptp(points, axis=0).max() / 4]
-    m = len(middle)
-    return np.median(company(points).isolation(middle, np.full(m, spacing), np.full(m, gap)))
+def spacing_of(points, counts, others_only=False):
+    gaps = np.linalg.norm(points[:, None] - points, axis=2)
+    spacing = []
+    for i, row in enumerate(gaps):
+        copies = np.where(np.arange(len(points)) == i, 0 if others_only else counts - 1, counts)
+        order = np.argsort(row, kind="stable")
+        spacing.append(np.repeat(row[order], copies[order])[:8].mean())
+    return np.array(spacing)
 
 
-def ball(density, radius, rng):
-    points = rng.uniform(-radius, radius, (int(density * (2 * radius) ** 3), 3))
-    return points[np.linalg.norm(points, axis=1) < radius]
+def company(points, n_explained, least=100, counts=None, n_jobs=None):
+    """The first of the points are on a surface."""
+    counts = np.ones(len(points), dtype=int) if counts is None else counts
+    places = Places(
+        points, counts, spacing_of(points, counts), spacing_of(points, counts, others_only=True)
+    )
+    explained = np.arange(len(points)) < n_explained
+    return Company(places, explained, least, CompanyLimits(), n_jobs)
 
 
-def strip(density, length, rng):
-    """Of a face one fourth as wide as long, with noise of a fifth of a spacing."""
-    points = rng.uniform(-0.5, 0.5, (int(density * length**2 / 4), 3)) * [length, length / 4, 0]
-    return points + rng.normal(0, 0.2, points.shape) * [0, 0, 1]
+def lattice(n=20):
+    """A level square of n x n points, 1 apart, its first point at the origin."""
+    return np.stack([*np.meshgrid(np.arange(n), np.arange(n)), np.zeros((n, n))], -1).reshape(-1, 3)
 
 
-@pytest.fixture
-def rng():
-    return np.random.default_rng(0)
+def with_rest(*points):
+    return np.vstack([lattice(), *[np.atleast_2d(np.asarray(p, dtype=float)) for p in points]])
 
 
-def test_a_crown_as_dense_as_surfaces_keeps_company(rng):
-    assert isolation(ball(1.0, 5, rng), gap=1) < 1
+def test_the_mean_distance_counts_copies():
+    distances = np.array([[0.0, 1, 2, 4], [0, 1, 2, 4]])
+    counts = np.array([[0, 1, 1, 1], [2, 1, 5, 1]])
+    assert_allclose(mean_distance(distances, counts, 2), [1.5, 0])
+    assert_allclose(mean_distance(distances, counts, 4), [7 / 3, (0 + 0 + 1 + 2) / 4])
+    assert_allclose(mean_distance(distances[:, :1], np.zeros((2, 1), dtype=int), 4), 0)
 
 
-def test_a_sparse_ball_keeps_none(rng):
-    # Spacing 4 times that of surfaces.
-    assert isolation(ball(1 / 64, 20, rng), gap=1) > 1
+def test_what_is_usual_is_the_spacing_of_surfaces_around():
+    found = company(with_rest([10, 10, 5]), 400)
+    # The upper quarter of 128 points begins within the lattice: its border is farther away.
+    assert_allclose(found.usual, LATTICE)
+    found = company(with_rest([10, 10, 5]) * 7, 400)
+    assert_allclose(found.usual, 7 * LATTICE)
 
 
-def test_far_from_what_is_explained_points_need_closer_company(rng):
-    points = ball(0.25, 8, rng)
-    near, far = isolation(points, gap=1), isolation(points, gap=30)
-    assert near < 1 < far
+def test_a_single_point_is_isolated_by_its_distance_to_the_rest_and_to_all():
+    X = with_rest([10, 10, 5])
+    found = company(X, 400)
+    to_all = np.sort(np.linalg.norm(X[:-1] - X[-1], axis=1))[:8].mean()
+    extent = np.linalg.norm([19, 19, 5])  # there is no other of the rest
+    assert_allclose(found.isolation[-1], np.cbrt(extent**2 * to_all) / LATTICE)
+    assert_allclose(found.separation[-1], 5 / LATTICE)
+    assert_array_equal(found.isolation[:400], 0)
+    assert_array_equal(found.separation[:400], 0)
 
 
-def test_a_strip_of_surface_may_be_sparser_than_a_ball(rng):
-    # As far from their nearest companions: a strip is an object, a ball is not.
-    flat = strip(1 / 8, 60, rng)
-    round_ = ball(1 / 22, 12, rng)
-    assert isolation(flat, gap=10) < 1 < isolation(round_, gap=10)
+def test_points_of_the_rest_keep_each_other_company():
+    """Eight others within 1 around: the mean distance is that of the surface."""
+    around = [np.array([10, 10, 5]) + step for step in lattice(3) - [1, 1, 0]]
+    found = company(with_rest(*around), 400)
+    middle = found.isolation[404]
+    assert_allclose(middle, 1)
+    assert (found.isolation[400:] > middle - 1e-12).all()
 
 
-def test_what_lies_on_an_explained_surface_is_no_strip_of_its_own(rng):
-    flat = strip(1 / 9, 60, rng)
-    assert isolation(flat, gap=2) < 1 < isolation(flat, gap=1)
+def test_a_small_group_stands_off_by_its_gap_in_sizes_of_its_own():
+    line = [[10, 10, 5 + 2 * i] for i in range(6)]
+    found = company(with_rest(*line), 400)
+    size = np.std([2 * i for i in range(6)])  # greater than the usual spacing
+    assert size > LATTICE
+    assert_allclose(found.separation[400:], 5 / size)
+    close = company(with_rest([10, 10, 5], [10, 10, 5.5]), 400)  # as small as a point
+    assert_allclose(close.separation[400:], 5 / LATTICE)
 
 
-def test_a_small_group_is_no_company(rng):
-    points = ball(1.0, 5, rng)
-    lonely = company(points, np.ones(len(points), dtype=bool))
-    gaps, usual = np.ones(len(points)), np.full(len(points), USUAL)
-    assert_array_equal(lonely.isolation(points, usual, gaps), np.inf)
+def test_points_within_two_and_a_half_usual_spacings_are_of_one_group():
+    for gap, one_group in ((2.49 * LATTICE, True), (2.51 * LATTICE, False)):
+        found = company(with_rest([10, 10, 5], [10, 10, 5 + gap]), 400)
+        assert (found.separation[400] == found.separation[401]) == one_group
+        size = gap / 2 if one_group else LATTICE
+        assert_allclose(found.separation[400], 5 / size)
 
 
-def test_a_few_points_are_no_company(rng):
-    points = rng.normal(size=(8, 3))
-    assert_array_equal(company(points).isolation(points, np.ones(8), np.ones(8)), np.inf)
+def test_a_large_group_is_real_however_far_it_stands_off_and_others_lean_on_it():
+    line = [[10, 10, 50 + 0.5 * i] for i in range(30)]
+    X = with_rest(*line, [10, 12, 50])  # 2 beside the line: within reach
+    assert (company(X, 400, least=32).separation[400:] > 0).all()
+    assert_array_equal(company(X, 400, least=31).separation[400:], 0)
+    X = with_rest(*line, [10, 14, 50])
+    assert_allclose(company(X, 400, least=30).separation[-1], 4 / LATTICE)
 
 
-def test_copies_of_one_point_around_are_nothing_to_compare_with(rng):
-    points = ball(1.0, 5, rng)
-    found = company(points).isolation(points, np.zeros(len(points)), np.ones(len(points)))
-    assert_array_equal(found, np.inf)
+def test_copies_count_as_measurements():
+    """Of its own company, and of the size of its group; not of what is usual."""
+    X = with_rest([10, 10, 5], [10, 11, 5])
+    counts = np.ones(402, dtype=int)
+    counts[400] = 9
+    found = company(X, 400, least=10, counts=counts)
+    assert found.isolation[400] == 0
+    assert found.isolation[401] > 0
+    assert_array_equal(found.separation[400:], 0)
+    assert company(X, 400, least=11, counts=counts).separation[400] > 0
+    counts[:400] = 9
+    assert_allclose(company(X, 400, least=10, counts=counts).usual, 1)
 
 
-def test_large_groups_are_looked_at_in_parts(rng):
-    # All groups of 4,000 queries, of 1,000 points each, would be some 100 MB an array.
-    points = rng.uniform(size=(4000, 3))
-    lonely = Company(points, 500, 1000, np.zeros(len(points), dtype=bool))
-    gaps, usual = np.zeros(len(points)), np.ones(len(points))
-    expected = lonely.isolation(points[:50], usual[:50], gaps[:50])
-    tracemalloc.start()
-    found = lonely.isolation(points, usual, gaps)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 30e6
-    assert_array_equal(found[:50], expected)
+def test_without_a_surface_the_largest_group_is_real():
+    rng = np.random.default_rng(0)
+    cluster = rng.uniform(0, 3, (60, 3))
+    X = np.vstack([cluster, cluster[:5] / 3 + [0, 0, 40]])
+    found = company(X, 0)
+    assert_array_equal(found.separation[:60], 0)
+    assert (found.separation[60:] > 3).all()
 
 
-@pytest.mark.parametrize("unit", [2.0**-300, 2.0**300])
-def test_company_does_not_depend_on_units(rng, unit):
-    points = ball(0.25, 8, rng)
-    found = isolation(unit * points, gap=unit * 2, spacing=unit * USUAL)
-    assert_allclose(found, isolation(points, gap=2), rtol=1e-12)
+def test_groups_are_those_of_near_points_walked_by_brute_force():
+    rng = np.random.default_rng(0)
+    centers = rng.uniform([0, 0, 10], [100, 100, 110], (30, 3))
+    rest = np.vstack([rng.normal(center, 1, (m, 3)) for m, center in enumerate(centers, 2)])
+    found = company(with_rest(rest), 400, least=10)
+    gaps = np.linalg.norm(rest[:, None] - rest, axis=2)
+    nearest = np.argsort(np.argsort(gaps, axis=1), axis=1) <= 16
+    reach = 2.5 * np.minimum(found.usual[:, None], found.usual)
+    _, groups = connected_components(csr_array(nearest & (gaps <= reach)), directed=False)
+    large = np.bincount(groups)[groups] >= 10
+    assert_array_equal(found.separation[400:] == 0, large)
+    assert 0 < large.sum() < len(rest)
 
 
-def test_points_on_one_line_keep_company(rng):
-    points = rng.uniform(-40, 40, (80, 1)) * [1, 0, 0]
-    assert isolation(points, gap=5) < 1
+# New points
+
+
+def test_a_new_point_is_measured_as_if_it_alone_were_added():
+    """Where it changes nothing else: no surface, no size of a group and no usual spacing."""
+    rng = np.random.default_rng(0)
+    rest = rng.uniform([0, 0, 3], [20, 20, 9], (60, 3))
+    fitted = company(with_rest(rest), 400, least=70)
+    queries = rng.uniform([-30, -30, 5], [50, 50, 60], (40, 3))
+    for query in queries:
+        added = company(with_rest(rest, query), 400, least=70)
+        spacing = spacing_of(with_rest(rest, query), np.ones(461, dtype=int))[-1:]
+        isolation, separation = fitted.measure(query[None], spacing)
+        assert_allclose(isolation, added.isolation[-1:], rtol=1e-12)
+        gap = np.linalg.norm(rest - query, axis=1).min()
+        if gap > 2.5 * added.usual.max():  # a group of its own
+            assert_allclose(separation, added.separation[-1:], rtol=1e-12)
+
+
+def test_a_new_point_beside_a_group_belongs_to_it():
+    fitted = company(with_rest([10, 10, 5], [10, 10, 6]), 400)
+    _, separation = fitted.measure(np.array([[10, 10.5, 5.5], [10, 10, 9.5]]), np.ones(2))
+    assert separation[0] == fitted.separation[400]
+    assert_allclose(separation[1], 9.5 / LATTICE)
+
+
+def test_a_new_point_is_measured_where_all_points_are_on_surfaces():
+    fitted = company(with_rest(), 400)
+    assert_array_equal(fitted.isolation, 0)
+    isolation, separation = fitted.measure(np.array([[10, 10, 5.0]]), np.array([6.0]))
+    extent = np.linalg.norm([19, 19, 5])
+    assert_allclose(isolation, np.cbrt(extent**2 * 6) / LATTICE)
+    assert_allclose(separation, 5 / LATTICE)
+
+
+def test_a_point_away_from_a_cloud_of_one_place_stands_off_without_bounds():
+    X = np.zeros((4, 3))
+    places = Places(X, np.ones(4, dtype=int), np.zeros(4), np.zeros(4))
+    fitted = Company(places, np.ones(4, dtype=bool), 2, CompanyLimits(), None)
+    isolation, separation = fitted.measure(np.array([[5.0, 0, 0]]), np.array([5.0]))
+    assert isolation > 1e300
+    assert separation > 1e300
+
+
+def test_chunks_and_threads_change_nothing(monkeypatch):
+    rng = np.random.default_rng(0)
+    rest, queries = rng.uniform(0, 20, (300, 3)), rng.uniform(0, 40, (200, 3))
+    expected = company(with_rest(rest), 400)
+    monkeypatch.setattr(_company, "CHUNK", 37)
+    pieces = company(with_rest(rest), 400, n_jobs=2)
+    assert_array_equal(pieces.isolation, expected.isolation)
+    assert_array_equal(pieces.separation, expected.separation)
+    found = [c.measure(queries, np.ones(200), n_jobs=2) for c in (expected, pieces)]
+    assert_array_equal(found[0], found[1])
+
+
+@pytest.mark.parametrize("d", [2, 5])
+def test_it_holds_in_any_dimension(d):
+    rng = np.random.default_rng(0)
+    X = rng.uniform(0, 1, (300, d))
+    X[:200, -1] = 0
+    X[-1] = 5
+    found = company(X, 200)
+    assert found.isolation[-1] == found.isolation.max() > 5
+    assert np.isfinite(found.isolation).all()
+    assert np.isfinite(found.separation).all()

@@ -1,0 +1,136 @@
+"""The verdict is stable: the same after moving, turning or scaling, in any order, after jitter.
+
+None but those labels may change whose score lies within 1e-6 of the cutoff. That holds where
+no two distances are equal. Coordinates of files lie on a lattice, of a millimeter or so, where
+distances do tie: which of two equally distant points is the last neighbor is up to the search.
+"""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sklearn_mcmd import MCMDOutlierDetector
+from sklearn_mcmd.datasets import make_street
+
+CUTOFF = 3.0
+REAL = ["jakarto_scanlines", "ahn3_amsterdam_2397", "pcl_cars_mincut"]
+
+
+def scores_of(X, strictness="groups", n_neighbors=50):
+    detector = MCMDOutlierDetector(
+        n_neighbors, strictness=strictness, random_state=0, n_jobs=2 if len(X) > 1000 else 1
+    )
+    return -detector.fit(X).scores_
+
+
+def flips(before, after, tolerance=1e-6):
+    """How many labels change that were not on the cutoff."""
+    clear = np.abs(before - CUTOFF) > tolerance * CUTOFF
+    return np.count_nonzero(clear & ((before > CUTOFF) != (after > CUTOFF)))
+
+
+def turn(angles):
+    """Rotation by angles about three axes."""
+    matrix = np.eye(3)
+    for (i, j), angle in zip([(0, 1), (0, 2), (1, 2)], angles, strict=True):
+        step = np.eye(3)
+        step[[i, i, j, j], [i, j, i, j]] = (
+            np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle),
+        )  # fmt: skip
+        matrix = matrix @ step
+    return matrix
+
+
+def changed(X):
+    """The same cloud elsewhere, turned, in another unit, order, or with the least of noises."""
+    rng = np.random.default_rng(0)
+    extent = np.ptp(X, axis=0).max()
+    order = rng.permutation(len(X))
+    same = np.arange(len(X))
+    return {
+        "1 km away": (X + 1e3, same),
+        "1,000 km away": (X + np.array([1e6, -2e6, 1e6]), same),
+        "turned": (X @ turn([0.3, 1.1, -2.0]), same),
+        "in other units": (3.28084 * X, same),
+        "in another order": (X[order], order),
+        "jitter of 1e-12": (X + 1e-12 * extent * rng.normal(size=X.shape), same),
+    }
+
+
+@pytest.fixture(scope="module", params=["street", *REAL])
+def cloud(request):
+    """6,000 points, or 10,000 of a real cloud."""
+    if request.param == "street":
+        return make_street(6000, outlier_share=0.2, random_state=1).data
+    path = request.getfixturevalue("shared_data") / request.param / "cloud.npz"
+    with np.load(path) as arrays:
+        X = arrays["xyz"]
+    return X[np.argsort(np.linalg.norm(X - X[0], axis=1), kind="stable")[:10_000]]
+
+
+def off_the_lattice(X):
+    """Distinct points at which no two distances are equal: shifted by up to 1e-6 of the extent."""
+    X = np.unique(X, axis=0)
+    rng = np.random.default_rng(1)
+    return X + 1e-6 * np.ptp(X, axis=0).max() * rng.uniform(-1, 1, X.shape)
+
+
+@pytest.mark.parametrize("strictness", ["isolated", "groups", "surfaces"])
+def test_no_label_changes_but_those_on_the_cutoff(cloud, strictness):
+    X = off_the_lattice(cloud)
+    before = scores_of(X, strictness)
+    assert (before > CUTOFF).sum() > 5
+    found = {
+        what: flips(before[rows], scores_of(Y, strictness))
+        for what, (Y, rows) in changed(X).items()
+    }
+    assert found == dict.fromkeys(found, 0)
+
+
+@pytest.mark.parametrize("name", [*REAL, "isprs_samp31"])
+def test_few_labels_change_where_coordinates_lie_on_a_lattice(shared_data, name):
+    """A tie that is resolved otherwise exchanges the last of 50 neighbors, or picks another set
+    of the same least eigenvalue. Both planes are as good, and neither answer is the right one.
+
+    Ties concern up to a quarter of the points here. Their scores change by 2 to 50 % (medians of
+    these clouds), and of all points 7 % have a score between 2 and 4.5. So one in a hundred of the
+    changed scores, at most, crosses 3; measured are 0 to 8 in a thousand. Copies that jitter
+    drives apart are neighbors of their own from then on, and are among them.
+    """
+    with np.load(shared_data / name / "cloud.npz") as arrays:
+        X = arrays["xyz"][:15_000]
+    before = scores_of(X)
+    for Y, rows in changed(X).values():
+        after = scores_of(Y)
+        n_changed = np.count_nonzero(~np.isclose(after, before[rows], rtol=1e-6))
+        assert n_changed < 0.3 * len(X)
+        assert flips(before[rows], after) <= 2 + 0.01 * n_changed
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    shift=st.tuples(*[st.floats(-1e6, 1e6)] * 3),
+    scale=st.floats(1e-3, 1e3),
+    angles=st.tuples(*[st.floats(0, 6.28)] * 3),
+    seed=st.integers(0, 2**31),
+)
+@pytest.mark.parametrize(
+    "form", [("isolated",), ("groups",), ("surfaces",), (None,), ("groups", None)]
+)
+def test_labels_do_not_depend_on_position_direction_unit_or_order(form, shift, scale, angles, seed):
+    rng = np.random.default_rng(seed)
+    wall = rng.uniform(0, 2, (300, 3)) * [1, 0, 1] + rng.normal(0, 0.004, (300, 3))
+    X = np.vstack([wall, rng.uniform([0, -2, 0], [2, 0, 2], (40, 3))])
+    order = rng.permutation(len(X))
+    # The shift is in units of the cloud: the precision that is left is that of 1e6 m.
+    moved = scale * (X @ turn(angles) + shift)[order]
+    assert flips(scores_of(X, *form)[order], scores_of(moved, *form)) == 0
+
+
+@pytest.mark.parametrize("strictness", ["isolated", "groups", "surfaces"])
+def test_single_precision_gives_the_labels_of_double(strictness):
+    """Of coordinates that both hold exactly. Their rounding joins the noise, in squares."""
+    X = make_street(6000, outlier_share=0.2, random_state=1).data.astype(np.float32)
+    double = scores_of(X.astype(np.float64), strictness)
+    assert flips(double, scores_of(X, strictness), tolerance=1e-4) == 0

@@ -1,0 +1,169 @@
+"""Surfaces: which planes form one, and how far points are from it."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from sklearn_mcmd.outliers import _surfaces
+from sklearn_mcmd.outliers._surfaces import (
+    SurfaceLimits,
+    distances_to_surfaces,
+    find_surfaces,
+    own_distances,
+)
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+from sklearn_mcmd.planes._record import Neighborhoods, Planes
+
+K, SCALE = 20, 0.01
+
+
+def planes_at(points, normals, radius, scale=SCALE, kept=1.0):
+    """The true plane at each point."""
+    planes = Planes.empty(*points.shape)
+    for values in planes:
+        values[:] = 0
+    planes.centroids[:], planes.normals[:] = points, normals
+    planes.radius[:], planes.scale[:], planes.kept[:] = radius, scale, kept
+    return planes
+
+
+def face(n, rng, side=1.0):
+    """A level square with its neighborhoods and planes."""
+    index = NeighborIndex(rng.uniform(0, side, (n, 3)) * [1, 1, 0], K)
+    neighbors = index.query(index.points)
+    last = index.points[neighbors.indices[:, -1]]
+    radius = np.linalg.norm(last - index.points, axis=1)
+    return index.points, neighbors, planes_at(index.points, [0, 0, 1], radius)
+
+
+def surfaces(points, neighbors, planes, least=K, compiled=False, distances=None):
+    own = np.zeros(len(points)) if distances is None else distances
+    return find_surfaces(points, neighbors, planes, own, least, SurfaceLimits(), compiled)
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(0)
+
+
+def test_one_face_is_one_surface(rng):
+    assert surfaces(*face(500, rng)).all()
+
+
+def test_density_plays_no_part(rng):
+    """A tenth of the density, and a stripe of ten times the density in it."""
+    sparse = rng.uniform(0, 1, (300, 3)) * [1, 1, 0]
+    stripe = rng.uniform(0, 1, (600, 3)) * [0.1, 1, 0] + [0.4, 0, 0]
+    index = NeighborIndex(np.vstack([sparse, stripe]), K)
+    neighbors = index.query(index.points)
+    last = index.points[neighbors.indices[:, -1]]
+    radius = np.linalg.norm(last - index.points, axis=1)
+    planes = planes_at(index.points, [0, 0, 1], radius, scale=1e-3)
+    assert surfaces(index.points, neighbors, planes).mean() > 0.99
+
+
+def test_a_part_of_too_few_points_is_no_surface(rng):
+    points, neighbors, planes = face(500, rng)
+    assert surfaces(points, neighbors, planes, least=500).all()
+    assert not surfaces(points, neighbors, planes, least=501).any()
+
+
+@pytest.mark.parametrize(
+    ("what", "bad"),
+    [
+        ("rough", {"scale": 0.16}),
+        ("no plane", {"scale": 0.0}),
+        ("mostly outliers", {"kept": 0.48}),
+    ],
+)
+def test_bad_planes_are_of_no_surface(rng, what, bad):
+    points, neighbors, planes = face(500, rng)
+    limits = {"scale": 0.14, "kept": 0.5}
+    good = {name: limits[name] for name in bad}
+    for values, expected in ((good, True), (bad, False)):
+        changed = planes._replace(**{k: np.full(500, v) for k, v in values.items()})
+        changed = changed._replace(radius=np.ones(500))
+        assert (surfaces(points, neighbors, changed) == expected).all()
+
+
+def test_a_point_off_its_own_plane_is_of_no_surface(rng):
+    points, neighbors, planes = face(500, rng)
+    distances = np.zeros(500)
+    distances[:3] = 2.9, 3.1, np.inf
+    found = surfaces(points, neighbors, planes, distances=distances)
+    assert_array_equal(found[:3], [True, False, False])
+
+
+@pytest.mark.parametrize(("angle", "linked"), [(24, True), (26, False)])
+def test_normals_of_a_surface_turn_by_at_most_25_degrees_a_link(rng, angle, linked):
+    """Two halves that lie in one plane and say otherwise: 250 points each."""
+    points, neighbors, planes = face(500, rng)
+    left = points[:, 0] < np.median(points[:, 0])
+    t = np.radians(angle)
+    planes.normals[left] = [np.sin(t), 0, np.cos(t)]
+    planes.scale[:] = 0.1  # as for all that the heights say
+    planes.radius[:] = 1.0
+    assert surfaces(points, neighbors, planes, least=300).all() == linked
+    assert surfaces(points, neighbors, planes, least=200).all()
+
+
+def test_levels_that_do_not_explain_each_other_are_two_surfaces(rng):
+    points, neighbors, planes = face(500, rng)
+    planes.radius[:] = 1.0
+    high = points[:, 0] < np.median(points[:, 0])
+    for step, linked in ((2.9 * SCALE, True), (3.1 * SCALE, False)):
+        lifted = points + np.outer(high, [0, 0, step])
+        planes.centroids[:] = lifted
+        assert surfaces(lifted, neighbors, planes, least=300).all() == linked
+
+
+def test_compiled_surfaces_are_those_of_numpy(rng):
+    points, neighbors, planes = face(2000, rng)
+    planes.normals[:] += 0.3 * rng.normal(size=(2000, 3))
+    planes.normals[:] /= np.linalg.norm(planes.normals, axis=1, keepdims=True)
+    found = [surfaces(points, neighbors, planes, 5, compiled) for compiled in (False, True)]
+    assert 0 < found[0].sum() < 2000
+    assert_array_equal(*found)
+
+
+def test_own_distances_are_in_standard_deviations_and_finite():
+    planes = planes_at(np.zeros((4, 3)), [0, 0, 1], 1.0, scale=[0.3, 0.0, 0.0, 1e-300])
+    queries = np.array([[9, 9, 1.0], [0, 0, 0], [0, 0, 0.1], [0, 0, 1e99]])
+    floor = np.array([0.4, 0.0, 0.01, 0.0])
+    found = own_distances(queries, planes, floor)
+    assert_allclose(found[:3], [2, 0, 10])
+    assert np.isfinite(found).all()
+
+
+def distances(queries, indices, planes, on_surface, compiled, n_jobs=None):
+    near = Neighborhoods(indices.astype(np.int32), np.full(len(queries), indices.shape[1]))
+    floor = np.zeros(len(queries))
+    return distances_to_surfaces(queries, near, planes, on_surface, floor, compiled, n_jobs)
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_the_nearest_plane_of_a_surface_that_reaches_the_point_measures_it(compiled):
+    """In standard deviations. The first plane is of no surface, the second does not reach."""
+    centers = np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0.01], [0, 0, 0.05]])
+    planes = planes_at(centers, [0, 0, 1], [9, 0.5, 2, 2], scale=[1, 1, 0.01, 0.1])
+    queries = np.array([[1, 0, 0.06], [0, 0.3, 0.2], [5, 0, 0]])
+    candidates = np.tile(np.arange(4), (3, 1))
+    on_surface = np.array([False, True, True, True])
+    owners, found = distances(queries, candidates, planes, on_surface, compiled)
+    assert_array_equal(owners, [3, 1, -1])
+    assert_allclose(found, [0.1, 0.2, np.inf])
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_chunks_and_threads_change_no_distance(rng, compiled, monkeypatch):
+    points, neighbors, planes = face(2000, rng)
+    queries = points + rng.normal(0, 0.05, points.shape)
+    on_surface = rng.random(2000) < 0.5
+    expected = distances(queries, neighbors.indices, planes, on_surface, compiled)
+    monkeypatch.setattr(_surfaces, "CHUNK", dict.fromkeys((True, False), 97))
+    pieces = distances(queries, neighbors.indices, planes, on_surface, compiled, 2)
+    assert_array_equal(expected[0], pieces[0])
+    assert_array_equal(expected[1], pieces[1])
+    assert (expected[0] >= 0).any()
+    other = distances(queries, neighbors.indices, planes, on_surface, not compiled)
+    assert_allclose(other[1], expected[1], rtol=1e-9)
