@@ -139,6 +139,27 @@ def test_a_far_point_is_found_in_a_small_cloud(n, strictness):
 # What is kept and what is flagged
 
 
+@pytest.mark.parametrize(("n", "n_neighbors", "least"), [(400, 20, 20), (50, 12, 10)])
+def test_a_surface_has_the_points_of_a_neighborhood_or_a_fifth_of_a_small_cloud(
+    n, n_neighbors, least
+):
+    for n_patch in (least - 1, least):
+        rng = np.random.default_rng(0)
+        facade, patch = wall(n - n_patch, rng), wall(n_patch, rng, side=0.5)
+        X = np.vstack([facade, lifted(patch, 50)])
+        on_surface = detector(n_neighbors=n_neighbors).fit(X).on_surface_
+        assert on_surface[:-n_patch].mean() > 0.95
+        assert (on_surface[-n_patch:] == (n_patch == least)).all()
+
+
+@pytest.mark.parametrize(("n", "least"), [(400, 40), (150, 30)])
+def test_a_thing_has_the_points_of_two_neighborhoods_or_a_fifth_of_a_small_cloud(n, least):
+    rng = np.random.default_rng(0)
+    for n_ball in (least - 1, least):
+        X = np.vstack([wall(n - n_ball, rng), ball(n_ball, [1, 9, 1], 0.3, rng)])
+        assert (flagged(X, n_neighbors=20)[-n_ball:] == (n_ball < least)).all()
+
+
 def test_a_ghost_is_flagged_and_the_same_ball_at_a_wall_is_kept():
     rng = np.random.default_rng(0)
     X, ghost = wall(3000, rng), ball(40, [1.5, 0, 1.5], 0.08, rng)

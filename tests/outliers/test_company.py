@@ -96,6 +96,14 @@ def test_points_within_two_and_a_half_usual_spacings_are_of_one_group():
         assert_allclose(found.separation[400], 5 / size)
 
 
+def test_clumps_are_linked_where_16_neighbors_reach_from_one_to_the_other():
+    rng = np.random.default_rng(0)
+    for n, one_group in ((10, True), (20, False)):
+        clump = [10, 10, 5] + 0.01 * rng.normal(size=(n, 3))
+        found = company(with_rest(clump, clump + np.array([0, 0, 1.0])), 400, least=n + 1)
+        assert (found.separation[400:] == 0).all() == one_group
+
+
 def test_a_large_group_is_real_however_far_it_stands_off_and_others_lean_on_it():
     line = [[10, 10, 50 + 0.5 * i] for i in range(30)]
     X = with_rest(*line, [10, 12, 50])  # 2 beside the line: within reach
