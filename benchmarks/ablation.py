@@ -1,11 +1,16 @@
 """What does each rule and each constant gain? Rules are switched off, constants are scaled.
 
-`PARTS` holds the parts of the package. Each names its constants, its rules, and the scenes and
-real clouds for the trials. One change is made at a time. The program prints the points of 100 that
-it gains on each scene, or loses (-), and the number of regions in real clouds.
+`PARTS` holds the parts of the package. Each names its constants, its rules, and the clouds for the
+trials. One change is made at a time. The program prints the points of 100 that it gains on each
+cloud with a truth, or loses (-), and the number of regions in real clouds.
 
     python benchmarks/ablation.py growing --size 20000 --seeds 2 --data ../shared/data
     python benchmarks/ablation.py normals --size 20000 --seeds 1 --data ../shared/data
+    python benchmarks/ablation.py detector --data ../shared/data
+
+The detector is measured by what it keeps of real points, what it finds of outliers (TPR), the
+average precision of its score (AP) and the share of right labels, on streets and on real clouds
+into which outliers were put. ``--csv`` names a file for all numbers, one a line.
 
 ``--cache`` names a folder where prepared clouds (normals) are kept. A constant is replaced in
 the module that reads it. Compiled kernels would not notice a change of an imported constant, so
@@ -13,16 +18,34 @@ the kernels of these parts take constants as arguments.
 """
 
 import argparse
+import csv
+import functools
 import importlib
 import warnings
 from collections.abc import Callable
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
+from _real_clouds import inject, load_clouds
+from sklearn.metrics import average_precision_score
+
+from sklearn_mcmd.outliers._cloud import JudgedCloud
+from sklearn_mcmd.outliers._detector import CUTOFF
 
 FACTORS = (0.5, 0.8, 1.25, 2.0)
+
+
+def scaled(default, most=np.inf):
+    """Label and value of a constant times each factor; counts stay whole."""
+    for factor in FACTORS:
+        value = default * factor
+        yield (
+            f"x {factor:g}",
+            min(max(1, round(value)) if isinstance(default, int) else value, most),
+        )
 
 
 @dataclass(frozen=True)
@@ -35,16 +58,33 @@ class Constant:
 
     def variants(self):
         home = importlib.import_module(f"sklearn_mcmd.{self.module}")
-        default = getattr(home, self.name)
-        for factor in FACTORS:
-            value = default * factor
-            value = max(1, round(value)) if isinstance(default, int) else value
-            yield f"x {factor:g}", lambda value=value: replaced(home, self.name, value), {}
+        for label, value in scaled(getattr(home, self.name)):
+            yield label, lambda value=value: replaced(home, self.name, value), {}
         if self.off is not None:
             yield "off", lambda: replaced(home, self.name, self.off), {}
 
     def __str__(self):
         return f"{self.module.rpartition('.')[2]}.{self.name}"
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A field of a record of limits that a module makes, and the most that it can be."""
+
+    module: str
+    record: str
+    name: str
+    most: float = np.inf
+
+    def variants(self):
+        home = importlib.import_module(f"sklearn_mcmd.{self.module}")
+        record = getattr(home, self.record)
+        for label, value in scaled(record._field_defaults[self.name], self.most):
+            made = functools.partial(record, **{self.name: value})
+            yield label, lambda made=made: replaced(home, self.record, made), {}
+
+    def __str__(self):
+        return f"{self.record}.{self.name}"
 
 
 @dataclass(frozen=True)
@@ -56,7 +96,7 @@ class Parameter:
 
     def variants(self):
         for value in self.values:
-            yield f"{value}", nothing, {self.name: value}
+            yield f"{value}", nullcontext, {self.name: value}
 
     def __str__(self):
         return self.name
@@ -66,25 +106,22 @@ class Parameter:
 class Part:
     """What is tried: constants and parameters, on clouds, by what measures.
 
+    scenes : (options) -> name, key for the cache, points and truth of each cloud with a truth;
+        of clouds of the same name the means are taken
     prepare : (X) -> what `run` takes; slow steps before the part, done once a cloud
-    truth : (scene) -> what `measure` compares with
-    outlier_share : of the simulated scenes
-    true_clouds : real clouds with a truth, which count as scenes
     run : (prepared, **parameters) -> result
     measure : (truth, result) -> dict of numbers, 100 being perfect
-    count : (result) -> number to print for real clouds
+    clouds : names of real clouds without a truth
+    count : (result) -> number to print for these
     """
 
     tried: tuple
-    scenes: tuple
-    clouds: tuple
+    scenes: Callable
     prepare: Callable
     run: Callable
     measure: Callable
-    count: Callable
-    truth: Callable
-    outlier_share: float = 0.0
-    true_clouds: tuple = ()
+    clouds: tuple = ()
+    count: Callable = len
 
 
 @contextmanager
@@ -95,11 +132,6 @@ def replaced(module, name, value):
         yield
     finally:
         setattr(module, name, kept)
-
-
-@contextmanager
-def nothing():
-    yield
 
 
 def columns_of(X):
@@ -143,6 +175,105 @@ def true_normals(scene):
     return scene.normals, scene.edge_distance < 4 * scene.spacing, scene.outlier_kind == 0
 
 
+def simulated(options, truth, outlier_share):
+    from sklearn_mcmd import datasets
+
+    for name in ("traffic_furniture", "bus_stop", "street", "box", "crown_roof"):
+        make = getattr(datasets, f"make_{name}")
+        for seed in range(options.seeds):
+            scene = make(options.size, outlier_share=outlier_share, random_state=seed)
+            yield name, f"{name}_{options.size}_{seed}", scene.data, truth(scene)
+
+
+def machined_parts(options):
+    for name in ("cad_angle_block", "cad_featuretype", "cad_plate_holes"):
+        path = Path(options.data) / name / "cloud.npz"
+        if path.is_file():
+            with np.load(path) as arrays:
+                X, normals = arrays["xyz"].astype(np.float64), arrays["normals"]
+                near = arrays["edge_dist"] < 4 * spacing_of(X)
+            yield name, name, X, (normals, near, np.ones(len(X), dtype=bool))
+
+
+def spacing_of(X):
+    """Side of the square that a point has for itself."""
+    from scipy.spatial import cKDTree
+
+    distances, _ = cKDTree(X).query(X[::17], k=20)
+    return float(np.sqrt(np.median(np.pi * distances[:, -1] ** 2 / 20)))
+
+
+def streets(options):
+    """With 10 and 20 % of outliers; True for these."""
+    from sklearn_mcmd.datasets import make_street
+
+    for n in (100_000, 20_000):
+        for share in (0.1, 0.2):
+            for seed in range(options.seeds):
+                street = make_street(n, outlier_share=share, random_state=seed)
+                yield f"{n // 1000}k {share:.0%}", None, street.data, street.target == -1
+
+
+REAL = {  # and most points
+    "isprs_samp31": None,
+    "ahn3_amsterdam_2397": None,
+    "ign_village": 60_000,
+    "pcl_cars_mincut": None,
+    "jakarto_scanlines": None,
+    "fast_gicp_velodyne": None,
+    "pcl_office1": 60_000,
+}
+
+
+def contaminated(options):
+    """Real clouds, without the noise that is known, with outliers put in; True for these."""
+    for name, most in REAL.items():
+        for cloud in load_clouds(options.data, [name], most):
+            points = cloud.points if cloud.noise is None else cloud.points[~cloud.noise]
+            points, kind = inject(points, np.random.default_rng(0))
+            yield name, None, points, kind != "real"
+
+
+class KnownPlanes(JudgedCloud):
+    """A judged cloud that keeps its planes: no constant of the detector's judgement changes them.
+
+    Its limits are those that the module has when it is made.
+    """
+
+    def __init__(self, model, X, known=None):
+        super().__init__(model, strictness="groups", noise_scale=None, n_jobs=None)
+        self.X, self.known = X, known
+
+    def _fit_planes(self):
+        if self.known is None:
+            self.known = super()._fit_planes()[:2]
+        neighbors, planes = self.known
+        spacing = self._spacing(self.model.index.points, neighbors.indices, itself=True)
+        return neighbors, planes, spacing
+
+
+def planes_of(X):
+    from sklearn_mcmd import MCMDOutlierDetector
+
+    detector = MCMDOutlierDetector(random_state=0)
+    X = detector._fit_planes(X)
+    return KnownPlanes(detector._model, X).fit(X)
+
+
+def scores_of(cloud):
+    return KnownPlanes(cloud.model, cloud.X, cloud.known).fit(cloud.X).scores
+
+
+def outlier_scores(outlier, scores):
+    flagged = scores > CUTOFF
+    return {
+        "kept": 100 * (~flagged[~outlier]).mean(),
+        "TPR": 100 * flagged[outlier].mean(),
+        "AP": 100 * average_precision_score(outlier, scores),
+        "right": 100 * (flagged == outlier).mean(),
+    }
+
+
 PARTS = {
     "growing": Part(
         tried=(
@@ -170,13 +301,12 @@ PARTS = {
             Parameter("join_curved", (False,)),
             Parameter("assign_rest", (False,)),
         ),
-        scenes=("traffic_furniture", "bus_stop", "street", "box", "crown_roof"),
-        clouds=("pcl_building_region_growing", "ahn3_amsterdam_2397", "open3d_redwood_fragment"),
+        scenes=lambda options: simulated(options, lambda scene: scene.surface, 0.0),
         prepare=columns_of,
         run=regions_of,
         measure=region_scores,
+        clouds=("pcl_building_region_growing", "ahn3_amsterdam_2397", "open3d_redwood_fragment"),
         count=lambda labels: int(labels.max()) + 1,
-        truth=lambda scene: scene.surface,
     ),
     "normals": Part(
         tried=(
@@ -197,44 +327,37 @@ PARTS = {
             Parameter("borrow", (False,)),
             Parameter("n_neighbors", (20, 30, 80)),
         ),
-        scenes=("traffic_furniture", "bus_stop", "street", "box", "crown_roof"),
-        clouds=(),
+        scenes=lambda options: chain(
+            simulated(options, true_normals, 0.1), machined_parts(options)
+        ),
         prepare=lambda X: X,
         run=normals_of,
         measure=normal_scores,
-        count=len,
-        truth=true_normals,
-        outlier_share=0.1,
-        true_clouds=("cad_angle_block", "cad_featuretype", "cad_plate_holes"),
+    ),
+    "detector": Part(
+        tried=(
+            *(Limit("outliers._cloud", "SurfaceLimits", name) for name in ("explained", "flat")),
+            Limit("outliers._cloud", "SurfaceLimits", "kept", most=1.0),
+            *(Limit("outliers._cloud", "SurfaceLimits", name) for name in ("angle", "n_links")),
+            *(Limit("outliers._cloud", "CompanyLimits", name) for name in ("n_near", "n_usual")),
+            Limit("outliers._cloud", "CompanyLimits", "usual", most=1.0),
+            *(Limit("outliers._cloud", "CompanyLimits", name) for name in ("reach", "n_links")),
+            Limit("outliers._cloud", "CompanyLimits", "rest_weight", most=1.0),
+            *(Constant("outliers._cloud", name) for name in ("SURFACE", "THING", "LEAST_SHARE")),
+        ),
+        scenes=lambda options: chain(streets(options), contaminated(options)),
+        prepare=planes_of,
+        run=scores_of,
+        measure=outlier_scores,
     ),
 }
 
 
 def scenes_of(part, options):
     """Name, prepared cloud and truth of each scene."""
-    from sklearn_mcmd import datasets
-
-    for name in part.scenes:
-        for seed in range(options.seeds):
-            make = getattr(datasets, f"make_{name}")
-            scene = make(options.size, outlier_share=part.outlier_share, random_state=seed)
-            key = f"{options.part}_{name}_{options.size}_{seed}"
-            yield name, kept(options.cache, key, part, scene.data), part.truth(scene)
-    for name in part.true_clouds:
-        path = Path(options.data) / name / "cloud.npz"
-        if path.is_file():
-            with np.load(path) as arrays:
-                X, normals = arrays["xyz"].astype(np.float64), arrays["normals"]
-                near = arrays["edge_dist"] < 4 * spacing_of(X)
-            yield name, part.prepare(X), (normals, near, np.ones(len(X), dtype=bool))
-
-
-def spacing_of(X):
-    """Side of the square that a point has for itself."""
-    from scipy.spatial import cKDTree
-
-    distances, _ = cKDTree(X).query(X[::17], k=20)
-    return float(np.sqrt(np.median(np.pi * distances[:, -1] ** 2 / 20)))
+    for name, key, X, truth in part.scenes(options):
+        folder = None if key is None else options.cache
+        yield name, kept(folder, f"{options.part}_{key}", part, X), truth
 
 
 def clouds_of(part, options):
@@ -266,6 +389,14 @@ def evaluate(part, scenes, clouds, parameters):
     return {key: float(np.mean(values)) for key, values in found.items()}, counts
 
 
+def save(path, tried, label, values):
+    """Add to the file: what was tried and how, the measure, the cloud and the value."""
+    if path is not None:
+        with open(path, "a", encoding="utf-8", newline="") as file:
+            rows = ((tried, label, *key, f"{value:.6g}") for key, value in values.items())
+            csv.writer(file).writerows(rows)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("part", choices=list(PARTS))
@@ -274,6 +405,7 @@ def main():
     parser.add_argument("--data", default="../shared/data", help="folder of real clouds")
     parser.add_argument("--cache", help="folder for prepared clouds")
     parser.add_argument("--only", help="try only what has this in its name")
+    parser.add_argument("--csv", help="file for all numbers; lines are added to it")
     options = parser.parse_args()
     part = PARTS[options.part]
     scenes, clouds = list(scenes_of(part, options)), list(clouds_of(part, options))
@@ -281,19 +413,22 @@ def main():
     names = list(dict.fromkeys(name for name, _, _ in scenes))
     for (measure, name), value in default.items():
         print(f"default: {name:20} {measure:6} {value:7.2f}")
+    save(options.csv, "default", "", default)
     measures = list(dict.fromkeys(measure for measure, _ in default))
     print(f"\npoints gained (lost: -), by scene, for {' and '.join(measures)}")
-    head = "".join(f"{name[:9]:>14}" for name in names)
+    width = 7 * len(measures)
+    head = "".join(f"{name[:9]:>{width}}" for name in names)
     print(f"{'':40}{head}  " + "  ".join(name[:8] for name, _ in clouds))
-    print(f"{'default':40}{'':{14 * len(names)}}  " + "  ".join(f"{c:8}" for c in counts))
+    print(f"{'default':40}{'':{width * len(names)}}  " + "  ".join(f"{c:8}" for c in counts))
     for tried in part.tried:
         if options.only and options.only not in str(tried):
             continue
         for label, context, parameters in tried.variants():
             with context():
                 values, counts = evaluate(part, scenes, clouds, parameters)
-            gained = [[values[m, name] - default[m, name] for m in measures] for name in names]
-            row = "".join("".join(f"{g:7.2f}" for g in pair) for pair in gained)
+            save(options.csv, str(tried), label, values)
+            gained = [values[m, name] - default[m, name] for name in names for m in measures]
+            row = "".join(f"{g:7.2f}" for g in gained)
             print(
                 f"{tried!s:30}{label:10}{row}  " + "  ".join(f"{c:8}" for c in counts), flush=True
             )
