@@ -33,6 +33,7 @@ from _real_clouds import inject, load_clouds
 from sklearn.metrics import average_precision_score
 
 from sklearn_mcmd.outliers._cloud import JudgedCloud
+from sklearn_mcmd.outliers._company import Places
 from sklearn_mcmd.outliers._detector import CUTOFF
 
 FACTORS = (0.5, 0.8, 1.25, 2.0)
@@ -207,11 +208,11 @@ def streets(options):
     """With 10 and 20 % of outliers; True for these."""
     from sklearn_mcmd.datasets import make_street
 
-    for n in (100_000, 20_000):
+    for n in (100_000, 20_000, 400):  # the last for what is only for small clouds
         for share in (0.1, 0.2):
             for seed in range(options.seeds):
                 street = make_street(n, outlier_share=share, random_state=seed)
-                yield f"{n // 1000}k {share:.0%}", None, street.data, street.target == -1
+                yield f"{n} {share:.0%}", None, street.data, street.target == -1
 
 
 REAL = {  # and most points
@@ -248,8 +249,12 @@ class KnownPlanes(JudgedCloud):
         if self.known is None:
             self.known = super()._fit_planes()[:2]
         neighbors, planes = self.known
-        spacing = self._spacing(self.model.index.points, neighbors.indices, itself=True)
-        return neighbors, planes, spacing
+        points = self.model.index.points
+        return (
+            neighbors,
+            planes,
+            Places(points, self.counts, *self._spacings(points, neighbors.indices)),
+        )
 
 
 def planes_of(X):
@@ -344,6 +349,7 @@ PARTS = {
             *(Limit("outliers._cloud", "CompanyLimits", name) for name in ("reach", "n_links")),
             Limit("outliers._cloud", "CompanyLimits", "rest_weight", most=1.0),
             *(Constant("outliers._cloud", name) for name in ("SURFACE", "THING", "LEAST_SHARE")),
+            Constant("outliers._company", "HALF"),
         ),
         scenes=lambda options: chain(streets(options), contaminated(options)),
         prepare=planes_of,
@@ -417,7 +423,7 @@ def main():
     measures = list(dict.fromkeys(measure for measure, _ in default))
     print(f"\npoints gained (lost: -), by scene, for {' and '.join(measures)}")
     width = 7 * len(measures)
-    head = "".join(f"{name[:9]:>{width}}" for name in names)
+    head = "".join(f"{name[:10]:>{width}}" for name in names)
     print(f"{'':40}{head}  " + "  ".join(name[:8] for name, _ in clouds))
     print(f"{'default':40}{'':{width * len(names)}}  " + "  ".join(f"{c:8}" for c in counts))
     for tried in part.tried:

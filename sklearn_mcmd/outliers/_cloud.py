@@ -135,23 +135,27 @@ class JudgedCloud:
         index = self.model.index
         n, d = index.points.shape
         neighbors = np.empty((n, index.n_neighbors), dtype=np.int32)
-        n_near = self.company_limits.n_near
         planes, spacing, other_spacing = Planes.empty(n, d), np.empty(n), np.empty(n)
 
         def task(rows):
             part, around = index.points[rows], index.query_own(rows)
             planes.put(rows, self.model.evaluate_neighborhoods(part, around)[0])
             neighbors[rows] = around.indices
-            near = around.indices[:, : n_near + 1]
-            distances, counts = self._distances(part, near), self.counts[near]
-            counts[:, 0] -= 1  # itself
-            spacing[rows] = mean_distance(distances, counts, n_near)
-            counts[:, 0] = 0
-            other_spacing[rows] = mean_distance(distances, counts, n_near)
+            spacing[rows], other_spacing[rows] = self._spacings(part, around.indices)
 
         each_slice(n, self._rows_a_task(), task, self.n_jobs)
         places = Places(index.points, self.counts, spacing, other_spacing)
         return Neighborhoods(neighbors, np.full(n, index.n_neighbors)), planes, places
+
+    def _spacings(self, points, near):
+        """Mean distance of the cloud's points to measurements, and to those at other places."""
+        n_near = self.company_limits.n_near
+        near = near[:, : n_near + 1]
+        distances, counts = self._distances(points, near), self.counts[near]
+        counts[:, 0] -= 1  # itself
+        spacing = mean_distance(distances, counts, n_near)
+        counts[:, 0] = 0
+        return spacing, mean_distance(distances, counts, n_near)
 
     def _find_surfaces(self, neighbors, planes):
         """What explains points, which points it explains, and how far from it they are."""
