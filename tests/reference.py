@@ -147,10 +147,7 @@ def judged(X, k, trials, h, noise=None):
     # Surfaces: flat planes that explain each other.
     scale = [scale for _, _, scale, _ in planes]
     sd = [noise or one for one in scale]
-    usable = [
-        scale[i] <= 0.15 * radius[i] and planes[i][3] >= 0.5 - 1e-12 and off(i, i, sd[i]) <= 3
-        for i in range(n)
-    ]
+    usable = [scale[i] <= 0.15 * radius[i] and off(i, i, sd[i]) <= 3 for i in range(n)]
 
     def explain_each_other(i, j):
         near_each_other = j in near[i, :16] and i in near[j, :16]

@@ -24,8 +24,6 @@ class SurfaceLimits(NamedTuple):
     flat : float
         Largest ratio of a plane's standard deviation to the radius of its neighborhood. A filled
         ball has 0.45: a third of that.
-    kept : float
-        Least share of its neighborhood that a plane keeps: more members agree than do not.
     angle : float
         Largest angle between the normals of linked points, in degrees.
     n_links : int
@@ -34,7 +32,6 @@ class SurfaceLimits(NamedTuple):
 
     explained: float = 3.0
     flat: float = 0.15
-    kept: float = 0.5
     angle: float = 25.0
     n_links: int = 16
 
@@ -42,10 +39,9 @@ class SurfaceLimits(NamedTuple):
 def find_surfaces(points, neighbors, planes, distances, least, limits, compiled):
     """Which points form surfaces: bool (n,).
 
-    A point may be part of a surface if its plane is flat, keeps its share of the neighborhood
-    and explains the point itself. Two such points are linked if they are near each other, their
-    planes explain each other's point and their normals agree. A surface is a connected part of
-    at least `least` points.
+    A point may be part of a surface if its plane is flat and explains the point itself. Two such
+    points are linked if they are near each other, their planes explain each other's point and
+    their normals agree. A surface is a connected part of at least `least` points.
 
     Parameters
     ----------
@@ -60,8 +56,7 @@ def find_surfaces(points, neighbors, planes, distances, least, limits, compiled)
     compiled : bool
     """
     flat = (planes.scale > 0) & (planes.scale <= limits.flat * planes.radius)
-    # One minus both: a share such as 0.6 of 50 has no exact form.
-    usable = flat & (1 - planes.kept <= 1 - limits.kept) & (distances <= limits.explained)
+    usable = flat & (distances <= limits.explained)
     width = min(limits.n_links, neighbors.indices.shape[1])
     near = Neighborhoods(
         np.ascontiguousarray(neighbors.indices[:, :width]), np.minimum(neighbors.sizes, width)
