@@ -6,6 +6,7 @@ each kind, in percent, means over the seeds. The peers are told the true share o
 are not; a peer that wins stays in the table.
 
     python benchmarks/bench_outliers.py --sizes 100000 --shares 0.05 0.1 0.2 0.3 --seeds 5
+    python benchmarks/bench_outliers.py --kinds gaussian uniform ghost
     python benchmarks/bench_outliers.py --tree --noise-growth 10
     python benchmarks/bench_outliers.py --clouds ../shared/data/*/cloud.npz
 """
@@ -16,6 +17,8 @@ from pathlib import Path
 
 import numpy as np
 from sklearn.metrics import roc_auc_score
+
+KINDS = ["gaussian", "uniform", "mixed_pixel", "ghost"]
 
 
 def ours(X, options, **parameters):
@@ -74,8 +77,8 @@ def figures(street, scores, outlier):
     truth = street.target == -1
     near = street.edge_distance < street.spacing
     rates = [outlier[truth].mean(), (~outlier[~truth]).mean(), (~outlier[near]).mean()]
-    kinds = range(1, len(street.outlier_kind_names))
-    found = [outlier[street.outlier_kind == kind].mean() for kind in kinds]
+    kinds = [street.outlier_kind == kind for kind in range(1, len(street.outlier_kind_names))]
+    found = [outlier[kind].mean() if kind.any() else np.nan for kind in kinds]
     accuracy = (outlier == truth).mean()
     return 100 * np.array([roc_auc_score(truth, scores), *rates, accuracy, *found])
 
@@ -94,6 +97,7 @@ def compare_on_streets(options):
                     noise_growth=options.noise_growth,
                     tree=options.tree,
                     outlier_share=share,
+                    outlier_kinds=options.kinds,
                     random_state=seed,
                 )
                 for name, form in FORMS.items():
@@ -134,6 +138,7 @@ def main():
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--noise", type=float, default=0.005)
     parser.add_argument("--noise-growth", type=float, default=1.0)
+    parser.add_argument("--kinds", nargs="+", default=KINDS, choices=KINDS, help="of outliers")
     parser.add_argument("--tree", action="store_true")
     parser.add_argument("--n-neighbors", type=int, default=50)
     parser.add_argument("--threads", type=int, default=2)
