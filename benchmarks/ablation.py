@@ -342,7 +342,6 @@ PARTS = {
     "detector": Part(
         tried=(
             *(Limit("outliers._cloud", "SurfaceLimits", name) for name in ("explained", "flat")),
-            Limit("outliers._cloud", "SurfaceLimits", "kept", most=1.0),
             *(Limit("outliers._cloud", "SurfaceLimits", name) for name in ("angle", "n_links")),
             *(Limit("outliers._cloud", "CompanyLimits", name) for name in ("n_near", "n_usual")),
             Limit("outliers._cloud", "CompanyLimits", "usual", most=1.0),

@@ -66,7 +66,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         - "groups": small groups that stand off as well, such as ghosts of a few dozen points,
           birds or dust. Foliage, wires and small things that touch others are kept;
         - "surfaces": everything that lies on no surface. For streets, facades and rooms of which
-          only the faces are wanted. Foliage, wires and thin posts go;
+          only the faces are wanted. Foliage, thin posts and half of the wires go;
         - None: as in the paper, every point by the plane of its own neighborhood alone.
 
         Of the first three, each flags all that the one before flags. With ``n_neighbors=None``
