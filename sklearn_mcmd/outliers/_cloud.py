@@ -128,7 +128,7 @@ class JudgedCloud:
     def _by_own_planes(self, planes, distances):
         if self.noise_scale is not None:
             distances = ratio(distances * planes.scale, self.noise_scale)
-        return distances
+        return np.minimum(distances, np.finfo(float).max)
 
     def _fit_planes(self):
         """Neighborhoods, planes and spacings of all points of the index."""

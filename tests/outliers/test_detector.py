@@ -404,3 +404,12 @@ def test_neighborhoods_are_those_of_sorting_all_distances(street):
             np.linalg.norm(index.points[row] - query, axis=1),
             np.linalg.norm(expected - query, axis=1),
         )
+
+
+@pytest.mark.filterwarnings("ignore:n_neighbors=20 is more than the number of distinct points")
+@pytest.mark.parametrize("strictness", [None, "isolated", "groups", "surfaces"])
+def test_a_query_away_from_copies_of_the_origin_is_a_finite_outlier(strictness):
+    detector = MCMDOutlierDetector(20, strictness=strictness, random_state=0).fit(np.zeros((50, 3)))
+    score = detector.score_samples([[1.0, 0.0, 0.0]])[0]
+    assert np.isfinite(score)
+    assert score < detector.offset_
