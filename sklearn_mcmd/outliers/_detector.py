@@ -1,9 +1,10 @@
 """MCMDOutlierDetector: outliers of the planes of local neighborhoods."""
 
 from numbers import Real
-from typing import ClassVar
+from typing import ClassVar, Literal, Self
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd._validation import FittedScoresMixin
@@ -224,21 +225,21 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
 
     def __init__(
         self,
-        n_neighbors=50,
+        n_neighbors: int | None = 50,
         *,
-        method="mcmd_z",
-        strictness="groups",
-        support_fraction=0.5,
-        outlier_rate=0.5,
-        success_probability=0.9999,
-        cutoff=None,
-        false_positive_rate=None,
-        contamination=None,
-        refine="reweight",
-        noise_scale=None,
-        random_state=None,
-        n_jobs=None,
-    ):
+        method: Literal["mcmd_z", "mcmd_md"] = "mcmd_z",
+        strictness: Literal["isolated", "groups", "surfaces"] | None = "groups",
+        support_fraction: float | Literal["auto"] = 0.5,
+        outlier_rate: float | Literal["auto"] = 0.5,
+        success_probability: float = 0.9999,
+        cutoff: float | None = None,
+        false_positive_rate: float | None = None,
+        contamination: float | None = None,
+        refine: Literal["reweight"] | None = "reweight",
+        noise_scale: float | None = None,
+        random_state: int | np.random.RandomState | None = None,
+        n_jobs: int | None = None,
+    ) -> None:
         self.n_neighbors = n_neighbors
         self.method = method
         self.strictness = strictness
@@ -254,7 +255,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         self.n_jobs = n_jobs
 
     @fit_context(prefer_skip_nested_validation=True)
-    def fit(self, X, y=None):
+    def fit(self, X: ArrayLike, y: object = None) -> Self:
         """Judge the points of a cloud, and keep what new points are scored against.
 
         Parameters
@@ -285,7 +286,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
                 " and ".join(f"{name}={value}" for name, value in given.items())
                 + " exclude each other: leave all but one of them None."
             )
-        X = self._fit_planes(X)
+        xyz = self._fit_planes(X)
         settings = {
             "strictness": self.strictness,
             "noise_scale": self.noise_scale,
@@ -301,7 +302,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
                 cutoff = calibrated_cutoff(self._model, settings, self.false_positive_rate)
         self._cloud = JudgedCloud(self._model, **settings)
         with progress_part(begin, 1.0, "outliers"):
-            self._cloud.fit(X.astype(np.float64, copy=False))
+            self._cloud.fit(xyz.astype(np.float64, copy=False))
         self.plane_index_ = self._cloud.plane_index
         self.on_surface_ = self._cloud.on_surface
         self.scores_ = -self._cloud.scores
@@ -310,7 +311,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             self.offset_ = float(np.percentile(self.scores_, 100 * self.contamination))
         return self
 
-    def score_samples(self, X):
+    def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
         """Opposite of how far each point is off the surfaces and stands off from all else.
 
         Parameters
