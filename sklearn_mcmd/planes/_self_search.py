@@ -23,8 +23,8 @@ class Tree(NamedTuple):
         Rows of `points` in each node, from the first up to before the last.
     left : ndarray of int64 of shape (n_nodes,)
         The first of two children, which the other follows; -1 of a leaf.
-    low, high : ndarray of shape (n_nodes, 3)
-        Corners of the box of the node's points.
+    boxes : ndarray of shape (n_nodes, 6)
+        The low and the high corner of the box of the node's points.
     leaves : ndarray of int64 of shape (n_leaves,)
         In the order of their rows.
     """
@@ -33,8 +33,7 @@ class Tree(NamedTuple):
     first: np.ndarray
     last: np.ndarray
     left: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
+    boxes: np.ndarray
     leaves: np.ndarray
 
 
@@ -92,5 +91,5 @@ class SelfSearch:
         begin, end, _ = rows.indices(len(self.points))
         search = compiled_function("planes._self_search_numba", "search_rows")
         indices = np.empty((max(end - begin, 0), k), dtype=np.int32)
-        search(self.tree, begin, end, CAPACITY, indices)
+        search(self.tree, begin, end, max(CAPACITY, 2 * k + 32 + 2 * LEAF), indices)
         return indices

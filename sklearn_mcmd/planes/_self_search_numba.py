@@ -1,10 +1,38 @@
 """``SelfSearch`` of ``_self_search``, compiled; three dimensions."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from sklearn_mcmd.planes._kernels import kernel
 
 __all__ = ["build_tree", "search_rows"]
+
+# A candidate is sorted as one number: its squared distance, whose last bits hold its place.
+PLACE = np.int64(2**24 - 1)
+# Bins of squared distance, of which a query fills most.
+N_BINS = 64
+
+
+class Near(NamedTuple):
+    """A list of candidates, and room to sort those of one query.
+
+    x, y, z : coordinates
+    rows : rows of points
+    squares : squared distances from the query
+    keys : squared distances with places in the last bits, of those that are near enough
+    places : of those that are nearest, in order
+    bins : counts
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    z: np.ndarray
+    rows: np.ndarray
+    squares: np.ndarray
+    keys: np.ndarray
+    places: np.ndarray
+    bins: np.ndarray
 
 
 @kernel(cache=True)
@@ -17,7 +45,7 @@ def build_tree(X, leaf):
     order, keys = np.arange(n), np.empty(n)
     most = 4 * (n // leaf + 1)
     first, last, left = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most, np.int64)
-    low, high = np.empty((most, 3)), np.empty((most, 3))
+    boxes = np.empty((most, 6))
     first[0], last[0] = 0, n
     node, n_nodes = 0, 1
     while node < n_nodes:
@@ -25,12 +53,12 @@ def build_tree(X, leaf):
         left[node] = -1
         longest, axis = -1.0, 0
         for x in range(3):
-            low[node, x] = high[node, x] = X[order[begin], x]
+            low = high = X[order[begin], x]
             for i in range(begin + 1, end):
-                low[node, x] = min(low[node, x], X[order[i], x])
-                high[node, x] = max(high[node, x], X[order[i], x])
-            if high[node, x] - low[node, x] > longest:
-                longest, axis = high[node, x] - low[node, x], x
+                low, high = min(low, X[order[i], x]), max(high, X[order[i], x])
+            boxes[node, x], boxes[node, 3 + x] = low, high
+            if high - low > longest:
+                longest, axis = high - low, x
         if end - begin > leaf:
             # Near the middle, after as many points as fill leaves.
             middle = begin + max(leaf, ((end - begin) // 2 + leaf // 2) // leaf * leaf)
@@ -47,189 +75,236 @@ def build_tree(X, leaf):
         first[:n_nodes].copy(),
         last[:n_nodes].copy(),
         left[:n_nodes].copy(),
-        low[:n_nodes].copy(),
-        high[:n_nodes].copy(),
+        boxes[:n_nodes].copy(),
     )
 
 
 @kernel(cache=True)
 def search_rows(tree, begin, end, capacity, indices):
-    """Fill `indices` (end - begin, k) with the neighbors of the rows from `begin` to `end`."""
+    """Fill `indices` (end - begin, k) with the neighbors of the rows from `begin` to `end`.
+
+    A leaf takes its reach from the leaf before, and a query the bound of its neighbors from the
+    query before. Both are guesses: k candidates within the bound prove that it was wide enough.
+    """
     points, k = tree.points, indices.shape[1]
-    nearest, rows, stack = np.empty(k), np.empty(k, np.int64), np.empty(256, np.int64)
-    capacity = max(capacity, k)
-    columns = np.empty((3, capacity))
-    candidates = np.empty(capacity, np.int64)
-    squares, within = np.empty(capacity), np.empty(capacity, np.int64)
-    ordered, found = np.empty(capacity), np.empty(capacity, np.int64)
-    bins = np.empty(66, np.int64)
-    radius = np.empty(tree.last[tree.leaves[0]] - tree.first[tree.leaves[0]] + 64)
-    center, before = np.empty(3), np.empty(3)
-    center_radius = np.inf
+    near = Near(
+        np.empty(capacity),
+        np.empty(capacity),
+        np.empty(capacity),
+        np.empty(capacity, np.int64),
+        np.empty(capacity),
+        np.empty(capacity, np.int64),
+        np.empty(capacity, np.int64),
+        np.empty(N_BINS + 2, np.int64),
+    )
+    stack = np.empty(256, np.int64)
+    # The numbers of points in equal balls vary by the root of their mean.
+    wider, much_wider = 1.0 + 2.5 / np.sqrt(k), 1.0 + 5.0 / np.sqrt(k)
+    reach = guess = 0.0
+    answered, radius = begin, np.inf
+    size = 1 + np.max(tree.last[tree.leaves] - tree.first[tree.leaves])
+    radii, failed = np.empty(size), np.empty(size, np.int64)
     for leaf in tree.leaves[np.searchsorted(tree.last[tree.leaves], begin, side="right") :]:
-        first, last = tree.first[leaf], tree.last[leaf]
+        first, last = max(tree.first[leaf], begin), min(tree.last[leaf], end)
         if first >= end:
             break
-        before[:] = center
-        for x in range(3):
-            center[x] = 0.5 * (tree.low[leaf, x] + tree.high[leaf, x])
-        bound = np.inf
-        if center_radius < np.inf:
-            bound = _wider(center_radius + _distance(center, before))
-        center_radius = np.sqrt(_find(tree, center, k, bound * bound, nearest, rows, stack))
-        far = 0.0
+        n, n_failed, widest = _collect(tree, leaf, reach, near, stack), 0, 0.0
         for i in range(first, last):
-            far = max(far, _distance(points[i], center))
-        n_candidates = -1
-        # A leaf of isolated points would reach over half of the cloud.
-        if far <= 2.0 * center_radius:
-            reach = _wider(center_radius + far)
-            n_candidates = _collect(tree, leaf, reach * reach, columns, candidates, stack)
-        for i in range(max(first, begin), min(last, end)):
-            bound = center_radius + _distance(points[i], center)
-            for j in range(max(first, begin), i):
-                bound = min(bound, radius[j - first] + _distance(points[i], points[j]))
+            n_within = 0
+            if n >= k:
+                _measure(near, n, points[i, 0], points[i, 1], points[i, 2])
+                bound = min(guess, reach)
+                n_within = _screen(near, n, bound)
+                while n_within < k and bound < reach:
+                    bound = min(2.0 * bound, reach) if bound > 0.0 else reach
+                    n_within = _screen(near, n, bound)
+            radii[i - first] = np.inf
+            # Many that are equally far, as on a sphere, would make sorting quadratic.
+            if n_within < k or n_within > 8 * k + 256:
+                failed[n_failed] = i
+                n_failed += 1
+                continue
+            square = _sort(points, near, n_within, bound, k, indices[i - begin])
+            answered, radius = i, np.sqrt(square)
+            radii[i - first] = radius
+            guess = wider * square
+            if widest == 0.0 and much_wider * square < reach:
+                reach = much_wider * square
+                n = _filter(tree, leaf, reach, near, n)
+            widest = max(widest, square)
+        # Isolated points are bounded by the answered ones near them.
+        for a in range(n_failed):
+            i = failed[a]
+            bound = radius + _distance(points[answered], points[i])
+            for j in range(first, last):
+                if j != i:
+                    bound = min(bound, radii[j - first] + _distance(points[j], points[i]))
             bound = _wider(bound)
-            n_within = k
-            if n_candidates >= 0:
-                n_within = _screen(
-                    columns, candidates, n_candidates, points[i], bound * bound, squares, within
+            square = _search_one(tree, i, k, bound * bound, near, stack, indices[i - begin])
+            radii[i - first] = np.sqrt(square)
+            if widest == 0.0:
+                answered, radius = i, radii[i - first]
+                reach = guess = square
+        if widest > 0.0:
+            reach = 1.2 * widest
+        reach = max(reach, guess)
+
+
+@kernel(cache=True)
+def _search_one(tree, row, k, bound, near, stack, found):
+    """Neighbors of one point from the nearest boxes on; the square of the k-th distance.
+
+    The square is at most `bound`. Whenever so many candidates have come together, all but the
+    k nearest go.
+    """
+    points, n, n_waiting = tree.points, 0, 1
+    x, y, z = points[row, 0], points[row, 1], points[row, 2]
+    full = 2 * k + 32
+    stack[0] = 0
+    while True:
+        while n_waiting > 0 and n < full:
+            n_waiting -= 1
+            node = stack[n_waiting]
+            if _square_to_box(tree.boxes, node, x, y, z) > bound:
+                continue
+            child = tree.left[node]
+            if child >= 0:
+                far = _square_to_box(tree.boxes, child, x, y, z) <= _square_to_box(
+                    tree.boxes, child + 1, x, y, z
                 )
-            # Many that are equally far, as on a sphere, would make the sorting below quadratic.
-            if n_candidates < 0 or n_within > 8 * k + 256:
-                square = _find(tree, points[i], k, bound * bound, nearest, rows, stack)
-                n_within = k
-                squares[:k], within[:k] = nearest, rows
-                bound = np.sqrt(square)
-            _sort(points, squares, within, n_within, bound * bound, k, ordered, found, bins)
+                stack[n_waiting] = child + far  # the nearer one comes last, and is taken first
+                stack[n_waiting + 1] = child + 1 - far
+                n_waiting += 2
+                continue
+            for i in range(tree.first[node], tree.last[node]):
+                dx, dy, dz = points[i, 0] - x, points[i, 1] - y, points[i, 2] - z
+                square = dx * dx + dy * dy + dz * dz
+                near.squares[n], near.rows[n] = square, i
+                n += square <= bound
+        if n >= k:
+            widest = near.squares[:n].max()
+            _screen(near, n, widest)
+            bound = _sort(points, near, n, widest, k, found)
             for a in range(k):
-                indices[i - begin, a] = found[a]
-            radius[i - first] = np.sqrt(ordered[k - 1])
+                near.z[a] = near.squares[near.places[a]]
+            near.squares[:k], near.rows[:k] = near.z[:k], found
+            n = k
+        if n_waiting == 0:
+            return bound
 
 
 @kernel(cache=True)
-def _find(tree, query, k, bound, nearest, rows, stack):
-    """Square of the k-th distance, known to be at most `bound`, and who are nearest, in a heap."""
-    points, size, n_waiting = tree.points, 0, 1
-    stack[0] = 0
-    while n_waiting > 0:
-        n_waiting -= 1
-        node = stack[n_waiting]
-        if _square_to_box(tree, node, query) > bound:
-            continue
-        child = tree.left[node]
-        if child >= 0:
-            nearer = _square_to_box(tree, child, query) <= _square_to_box(tree, child + 1, query)
-            stack[n_waiting] = child + nearer  # the nearer one comes last, and is taken first
-            stack[n_waiting + 1] = child + 1 - nearer
-            n_waiting += 2
-            continue
-        for i in range(tree.first[node], tree.last[node]):
-            square = _square(points[i], query)
-            if square > bound:
-                continue
-            if size < k:  # a leaf of the heap, which rises
-                a = size
-                size += 1
-                while a > 0:
-                    b = (a - 1) // 2
-                    if not _before(points, nearest[b], rows[b], square, i):
-                        break
-                    nearest[a], rows[a] = nearest[b], rows[b]
-                    a = b
-            elif _before(points, square, i, nearest[0], rows[0]):  # its top, which sinks
-                a, b = 0, 1
-                while b < k:
-                    c = min(b + 1, k - 1)
-                    if _before(points, nearest[b], rows[b], nearest[c], rows[c]):
-                        b = c
-                    if not _before(points, square, i, nearest[b], rows[b]):
-                        break
-                    nearest[a], rows[a] = nearest[b], rows[b]
-                    a, b = b, 2 * b + 1
-            else:
-                continue
-            nearest[a], rows[a] = square, i
-            if size == k:
-                bound = min(bound, nearest[0])
-    return bound
-
-
-@kernel(cache=True)
-def _collect(tree, leaf, reach, columns, candidates, stack):
+def _collect(tree, leaf, reach, near, stack):
     """How many points are within a reach, squared, of a leaf's box; -1 if too many to hold."""
-    n_found, n_waiting = 0, 1
+    boxes, points = tree.boxes, tree.points
+    low_x, low_y, low_z = boxes[leaf, 0], boxes[leaf, 1], boxes[leaf, 2]
+    high_x, high_y, high_z = boxes[leaf, 3], boxes[leaf, 4], boxes[leaf, 5]
+    n, n_waiting = 0, 1
     stack[0] = 0
     while n_waiting > 0:
         n_waiting -= 1
         node = stack[n_waiting]
-        square = 0.0
-        for x in range(3):
-            gap = max(
-                tree.low[node, x] - tree.high[leaf, x], tree.low[leaf, x] - tree.high[node, x], 0.0
-            )
-            square += gap * gap
-        if square > reach:
+        dx = max(boxes[node, 0] - high_x, low_x - boxes[node, 3], 0.0)
+        dy = max(boxes[node, 1] - high_y, low_y - boxes[node, 4], 0.0)
+        dz = max(boxes[node, 2] - high_z, low_z - boxes[node, 5], 0.0)
+        if dx * dx + dy * dy + dz * dz > reach:
             continue
         if tree.left[node] >= 0:
             stack[n_waiting], stack[n_waiting + 1] = tree.left[node] + 1, tree.left[node]
             n_waiting += 2
             continue
         first, last = tree.first[node], tree.last[node]
-        if n_found + last - first > len(candidates):
+        if n + last - first > len(near.rows):
             return -1
         for i in range(first, last):
-            for x in range(3):
-                columns[x, n_found] = tree.points[i, x]
-            candidates[n_found] = i
-            n_found += _square_to_box(tree, leaf, tree.points[i]) <= reach
-    return n_found
+            x, y, z = points[i, 0], points[i, 1], points[i, 2]
+            dx = max(low_x - x, x - high_x, 0.0)
+            dy = max(low_y - y, y - high_y, 0.0)
+            dz = max(low_z - z, z - high_z, 0.0)
+            near.x[n], near.y[n], near.z[n], near.rows[n] = x, y, z, i
+            n += dx * dx + dy * dy + dz * dz <= reach
+    return n
 
 
 @kernel(cache=True)
-def _screen(columns, candidates, n, query, bound, squares, within):
-    """Candidates not farther than a bound, squared, and how many these are."""
-    x, y, z = query
-    xs, ys, zs = columns[0], columns[1], columns[2]
+def _filter(tree, leaf, reach, near, n):
+    """Keep those of n candidates that are within a smaller reach."""
+    n_kept = 0
+    for i in range(n):
+        x, y, z = near.x[i], near.y[i], near.z[i]
+        near.x[n_kept], near.y[n_kept], near.z[n_kept] = x, y, z
+        near.rows[n_kept] = near.rows[i]
+        n_kept += _square_to_box(tree.boxes, leaf, x, y, z) <= reach
+    return n_kept
+
+
+@kernel(cache=True)
+def _measure(near, n, x, y, z):
+    """Squared distances from a query to n candidates."""
+    xs, ys, zs, squares = near.x, near.y, near.z, near.squares
     for i in range(n):
         dx, dy, dz = xs[i] - x, ys[i] - y, zs[i] - z
         squares[i] = dx * dx + dy * dy + dz * dz
+
+
+@kernel(cache=True)
+def _screen(near, n, bound):
+    """Keys of the candidates not farther than a bound, squared, and how many these are."""
+    squares, bits, keys = near.squares, near.squares.view(np.int64), near.keys
     n_within = 0
     for i in range(n):  # without a branch, which would be mispredicted half of the time
-        square = squares[i]
-        squares[n_within], within[n_within] = square, candidates[i]
-        n_within += square <= bound
+        keys[n_within] = (bits[i] & ~PLACE) | i
+        n_within += squares[i] <= bound
     return n_within
 
 
 @kernel(cache=True)
-def _sort(points, squares, rows, n, bound, k, ordered, found, bins):
-    """Fill `found` with the k nearest of n rows, and `ordered` with their squared distances.
+def _sort(points, near, n, bound, k, found):
+    """Fill `found` with the k nearest of n rows; return the square of the k-th distance.
 
     By counting in bins of squared distance, of which a surface has about equal numbers in each;
-    then by insertion, as far as the bin of the last that is wanted.
+    then by insertion, as far as the bin of the last that is wanted: of keys first, and of the
+    few whose keys do not tell.
     """
-    n_bins = len(bins) - 2
-    scale = n_bins / bound if bound > 0.0 else 0.0
+    squares, rows, places, bins = near.squares, near.rows, near.places, near.bins
+    keys, scale = near.keys, N_BINS / bound if bound > 0.0 else 0.0
     bins[:] = 0
     for a in range(n):
-        bins[min(int(squares[a] * scale), n_bins) + 1] += 1
-    last = 0
-    while bins[last] < k:
+        bins[_bin(squares[keys[a] & PLACE], scale) + 1] += 1
+    last = n_wanted = 0
+    while n_wanted < k:
         last += 1
-        bins[last] += bins[last - 1]
-    n_wanted = bins[last]
+        n_wanted += bins[last]
+        bins[last] = n_wanted
     for a in range(n):
-        b = min(int(squares[a] * scale), n_bins)
+        b = _bin(squares[keys[a] & PLACE], scale)
         if b < last:
-            ordered[bins[b]], found[bins[b]] = squares[a], rows[a]
+            places[bins[b]] = keys[a]
             bins[b] += 1
     for a in range(1, n_wanted):
-        square, row, b = ordered[a], found[a], a
-        while b > 0 and not _before(points, ordered[b - 1], found[b - 1], square, row):
-            ordered[b], found[b] = ordered[b - 1], found[b - 1]
+        key, b = places[a], a
+        while b > 0 and places[b - 1] > key:
+            places[b] = places[b - 1]
             b -= 1
-        ordered[b], found[b] = square, row
+        places[b] = key
+    for a in range(n_wanted):
+        place, b = places[a] & PLACE, a
+        square, row = squares[place], rows[place]
+        while b > 0 and square <= squares[places[b - 1]]:
+            if _before(points, squares[places[b - 1]], rows[places[b - 1]], square, row):
+                break
+            places[b] = places[b - 1]
+            b -= 1
+        places[b] = place
+    for a in range(k):
+        found[a] = rows[places[a]]
+    return squares[places[k - 1]]
+
+
+@kernel(cache=True)
+def _bin(square, scale):
+    position = square * scale  # not a number, if squares overflow
+    return int(position) if position < N_BINS else N_BINS
 
 
 @kernel(cache=True)
@@ -269,23 +344,17 @@ def _partition(keys, order, low, high, wanted):
 
 
 @kernel(cache=True)
-def _square_to_box(tree, node, query):
-    square = 0.0
-    for x in range(3):
-        gap = max(tree.low[node, x] - query[x], query[x] - tree.high[node, x], 0.0)
-        square += gap * gap
-    return square
-
-
-@kernel(cache=True)
-def _square(one, other):
-    dx, dy, dz = one[0] - other[0], one[1] - other[1], one[2] - other[2]
+def _square_to_box(boxes, node, x, y, z):
+    dx = max(boxes[node, 0] - x, x - boxes[node, 3], 0.0)
+    dy = max(boxes[node, 1] - y, y - boxes[node, 4], 0.0)
+    dz = max(boxes[node, 2] - z, z - boxes[node, 5], 0.0)
     return dx * dx + dy * dy + dz * dz
 
 
 @kernel(cache=True)
 def _distance(one, other):
-    return np.sqrt(_square(one, other))
+    dx, dy, dz = one[0] - other[0], one[1] - other[1], one[2] - other[2]
+    return np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @kernel(cache=True)
