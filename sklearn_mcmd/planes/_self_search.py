@@ -8,7 +8,7 @@ from sklearn_mcmd.planes._compiling import compiled_function
 
 __all__ = ["SelfSearch"]
 
-# Points a leaf: of 8, 12, 16 and 24 this is the fastest at 50 neighbors.
+# Points a leaf: from 8 to 32, times at 50 neighbors are within 7 %.
 LEAF = 16
 # Candidates that all points of a leaf share. More are searched for point by point.
 CAPACITY = 4096
@@ -41,8 +41,11 @@ class SelfSearch:
     """The k nearest of fixed points to each of these points.
 
     A tree that answers any query starts from its root each time. Here all queries are the
-    points themselves, so the 16 points of a leaf share one list of candidates. The k-th distance
-    of one query bounds that of the next: it is at most longer by the distance between the two.
+    points themselves, so the 16 points of a leaf share one list of candidates. How far the list
+    must reach is guessed from the leaf before, and the k-th distance of a query from the query
+    before. A list that reaches as far as the k-th of its nearest is proven to be complete. Points
+    for which it is not, such as outliers, search the tree one by one, and the k-th distances of
+    others bound theirs: it is at most longer by the distance between the two.
 
     Equally distant neighbors come in the order of their coordinates, so the answer does not
     depend on the order of the points.
@@ -63,10 +66,8 @@ class SelfSearch:
     def __init__(self, X):
         build = compiled_function("planes._self_search_numba", "build_tree")
         self.order, *nodes = build(X, LEAF)
-        self.points = np.ascontiguousarray(X[self.order])
-        first, _, left, *_ = nodes
-        leaves = np.flatnonzero(left < 0)
-        self.tree = Tree(self.points, *nodes, leaves[np.argsort(first[leaves])])
+        self.tree = Tree(*nodes)
+        self.points = self.tree.points
 
     @staticmethod
     def available():
@@ -91,5 +92,5 @@ class SelfSearch:
         begin, end, _ = rows.indices(len(self.points))
         search = compiled_function("planes._self_search_numba", "search_rows")
         indices = np.empty((max(end - begin, 0), k), dtype=np.int32)
-        search(self.tree, begin, end, max(CAPACITY, 2 * k + 32 + 2 * LEAF), indices)
+        search(self.tree, begin, end, CAPACITY, indices)
         return indices

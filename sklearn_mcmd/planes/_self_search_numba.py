@@ -39,43 +39,48 @@ class Near(NamedTuple):
 def build_tree(X, leaf):
     """Halve the points along the longest side of their box until `leaf` of them are left.
 
-    Returns the order of the rows of X and, for each node, what `Tree` holds.
+    Returns the order of the rows of X and what `Tree` holds.
     """
     n = len(X)
-    order, keys = np.arange(n), np.empty(n)
+    order, points = np.arange(n), X.copy()
     most = 4 * (n // leaf + 1)
     first, last, left = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most, np.int64)
-    boxes = np.empty((most, 6))
-    first[0], last[0] = 0, n
-    node, n_nodes = 0, 1
-    while node < n_nodes:
+    boxes, leaves = np.empty((most, 6)), np.empty(most, np.int64)
+    stack = np.empty(256, np.int64)
+    first[0], last[0], stack[0] = 0, n, 0
+    n_nodes, n_leaves, n_waiting = 1, 0, 1
+    while n_waiting > 0:
+        n_waiting -= 1
+        node = stack[n_waiting]
         begin, end = first[node], last[node]
-        left[node] = -1
         longest, axis = -1.0, 0
         for x in range(3):
-            low = high = X[order[begin], x]
+            low = high = points[begin, x]
             for i in range(begin + 1, end):
-                low, high = min(low, X[order[i], x]), max(high, X[order[i], x])
+                low, high = min(low, points[i, x]), max(high, points[i, x])
             boxes[node, x], boxes[node, 3 + x] = low, high
             if high - low > longest:
                 longest, axis = high - low, x
-        if end - begin > leaf:
-            # Near the middle, after as many points as fill leaves.
-            middle = begin + max(leaf, ((end - begin) // 2 + leaf // 2) // leaf * leaf)
-            for i in range(begin, end):
-                keys[i] = X[order[i], axis]
-            _partition(keys, order, begin, end - 1, middle)
-            left[node] = n_nodes
-            first[n_nodes], last[n_nodes] = begin, middle
-            first[n_nodes + 1], last[n_nodes + 1] = middle, end
-            n_nodes += 2
-        node += 1
+        if end - begin <= leaf:
+            left[node], leaves[n_leaves] = -1, node
+            n_leaves += 1
+            continue
+        # Near the middle, after as many points as fill leaves.
+        middle = begin + max(leaf, ((end - begin) // 2 + leaf // 2) // leaf * leaf)
+        _partition(points, axis, order, begin, end - 1, middle)
+        left[node] = n_nodes
+        first[n_nodes], last[n_nodes] = begin, middle
+        first[n_nodes + 1], last[n_nodes + 1] = middle, end
+        stack[n_waiting], stack[n_waiting + 1] = n_nodes + 1, n_nodes
+        n_waiting, n_nodes = n_waiting + 2, n_nodes + 2
     return (
         order,
+        points,
         first[:n_nodes].copy(),
         last[:n_nodes].copy(),
         left[:n_nodes].copy(),
         boxes[:n_nodes].copy(),
+        leaves[:n_leaves].copy(),
     )
 
 
@@ -87,6 +92,8 @@ def search_rows(tree, begin, end, capacity, indices):
     query before. Both are guesses: k candidates within the bound prove that it was wide enough.
     """
     points, k = tree.points, indices.shape[1]
+    size = np.max(tree.last[tree.leaves] - tree.first[tree.leaves])
+    capacity = max(capacity, _many(k) + size)
     near = Near(
         np.empty(capacity),
         np.empty(capacity),
@@ -102,7 +109,6 @@ def search_rows(tree, begin, end, capacity, indices):
     wider, much_wider = 1.0 + 2.5 / np.sqrt(k), 1.0 + 5.0 / np.sqrt(k)
     reach = guess = 0.0
     answered, radius = begin, np.inf
-    size = 1 + np.max(tree.last[tree.leaves] - tree.first[tree.leaves])
     radii, failed = np.empty(size), np.empty(size, np.int64)
     for leaf in tree.leaves[np.searchsorted(tree.last[tree.leaves], begin, side="right") :]:
         first, last = max(tree.first[leaf], begin), min(tree.last[leaf], end)
@@ -139,8 +145,7 @@ def search_rows(tree, begin, end, capacity, indices):
             for j in range(first, last):
                 if j != i:
                     bound = min(bound, radii[j - first] + _distance(points[j], points[i]))
-            bound = _wider(bound)
-            square = _search_one(tree, i, k, bound * bound, near, stack, indices[i - begin])
+            square = _search_one(tree, i, k, _wider_square(bound), near, stack, indices[i - begin])
             radii[i - first] = np.sqrt(square)
             if widest == 0.0:
                 answered, radius = i, radii[i - first]
@@ -154,15 +159,14 @@ def search_rows(tree, begin, end, capacity, indices):
 def _search_one(tree, row, k, bound, near, stack, found):
     """Neighbors of one point from the nearest boxes on; the square of the k-th distance.
 
-    The square is at most `bound`. Whenever so many candidates have come together, all but the
-    k nearest go.
+    The square is at most `bound`. Whenever many candidates have come together, all but the k
+    nearest go, and the farthest of these is the new bound.
     """
     points, n, n_waiting = tree.points, 0, 1
     x, y, z = points[row, 0], points[row, 1], points[row, 2]
-    full = 2 * k + 32
     stack[0] = 0
     while True:
-        while n_waiting > 0 and n < full:
+        while n_waiting > 0 and n < _many(k):
             n_waiting -= 1
             node = stack[n_waiting]
             if _square_to_box(tree.boxes, node, x, y, z) > bound:
@@ -191,6 +195,12 @@ def _search_one(tree, row, k, bound, near, stack, found):
             n = k
         if n_waiting == 0:
             return bound
+
+
+@kernel(cache=True)
+def _many(k):
+    """Candidates of one point that are worth sorting; half or twice as many cost the same."""
+    return 2 * k + 32
 
 
 @kernel(cache=True)
@@ -319,19 +329,20 @@ def _before(points, square, row, other_square, other_row):
 
 
 @kernel(cache=True)
-def _partition(keys, order, low, high, wanted):
-    """Let the key at `wanted` be the one that sorting would put there, smaller ones before it."""
+def _partition(points, axis, order, low, high, wanted):
+    """Let the point at `wanted` be the one that sorting would put there, smaller ones before it."""
     while low < high:
-        middle = (low + high) // 2
-        pivot = max(min(keys[low], keys[high]), min(max(keys[low], keys[high]), keys[middle]))
+        one, middle, other = points[low, axis], points[(low + high) // 2, axis], points[high, axis]
+        pivot = max(min(one, other), min(max(one, other), middle))
         i, j = low, high
         while i <= j:
-            while keys[i] < pivot:
+            while points[i, axis] < pivot:
                 i += 1
-            while keys[j] > pivot:
+            while points[j, axis] > pivot:
                 j -= 1
             if i <= j:
-                keys[i], keys[j] = keys[j], keys[i]
+                for x in range(3):
+                    points[i, x], points[j, x] = points[j, x], points[i, x]
                 order[i], order[j] = order[j], order[i]
                 i += 1
                 j -= 1
@@ -358,6 +369,7 @@ def _distance(one, other):
 
 
 @kernel(cache=True)
-def _wider(distance):
-    """A bound that rounding of the sums and roots before it can't make too small."""
-    return distance * (1.0 + 1e-14)
+def _wider_square(distance):
+    """The square of a bound that rounding before it can't make too small, nor underflow."""
+    wider = distance * (1.0 + 1e-14)
+    return wider * wider + 1e-300

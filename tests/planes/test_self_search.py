@@ -38,10 +38,14 @@ def cloud(kind, n, rng):
     if kind == "sphere":  # all as far from the last
         directions = rng.normal(size=(n - 1, 3))
         return np.vstack([directions / np.linalg.norm(directions, axis=1)[:, None], [[0.0] * 3]])
+    if kind == "nested":  # each leaf is denser or sparser than the one before
+        return rng.normal(size=(n, 3)) * np.exp(3.0 * rng.normal(size=(n, 1)))
+    if kind == "near copies":  # more of each than a leaf holds
+        return np.repeat(rng.uniform(size=(n // 50, 3)), 50, axis=0) + 1e-9 * rng.random((n, 3))
     return rng.uniform(size=(n, 3)) * [1, 1, 1e-9]
 
 
-KINDS = ["street", "grid", "line", "clusters", "far", "sphere", "flat"]
+KINDS = ["street", "grid", "line", "clusters", "far", "sphere", "nested", "near copies", "flat"]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -78,6 +82,24 @@ def test_neighbors_of_any_cloud(n, k, step, shift, seed):
     k = min(k, len(X))
     search = SelfSearch(X)
     assert_array_equal(search.query(slice(None), k), brute_force(search.points, k))
+
+
+@pytest.mark.parametrize("scale", [1e160, 1e-160, 3e-162, 1e-200])
+@pytest.mark.parametrize("k", [1, 2, 20])
+@pytest.mark.filterwarnings("ignore:overflow")  # of brute force
+def test_squares_may_overflow_and_underflow(scale, k):
+    X = np.random.default_rng(7).normal(size=(400, 3)) * scale
+    search = SelfSearch(X)
+    assert_array_equal(search.query(slice(None), k), brute_force(search.points, k))
+
+
+def test_the_points_are_those_of_the_cloud_in_another_order():
+    X = cloud("street", 1000, np.random.default_rng(8))
+    before = X.copy()
+    search = SelfSearch(X)
+    assert_array_equal(X, before)
+    assert_array_equal(np.sort(search.order), np.arange(len(X)))
+    assert_array_equal(search.points, X[search.order])
 
 
 def test_parts_are_those_of_the_whole():
