@@ -8,6 +8,8 @@ the paper is what it leaves open: ties go to the first member and the first tria
 import numpy as np
 from scipy.stats import truncnorm
 
+from sklearn_mcmd.planes._record import Neighborhoods
+
 
 def plane(points):
     """Mean, ascending eigenvalues and eigenvectors of the covariance matrix (Eq. 1)."""
@@ -218,3 +220,15 @@ def judged(X, k, trials, h, noise=None):
                 score[i] = max(gaps[i, j] / sd[owner[j]], apart[i])
         scores[strictness] = np.array(score)[place]
     return scores, np.isin(place, explained)
+
+
+class GivenNeighbors:
+    """Given neighborhoods of points in the place of a `NeighborIndex`."""
+
+    def __init__(self, points, neighbors, chunk=1000):
+        self.points, self.neighbors, self.chunk = points, neighbors, chunk
+        self.n_neighbors = neighbors.indices.shape[1]
+
+    def query_own(self, rows, k):
+        around = self.neighbors.take(rows)
+        return Neighborhoods(around.indices[:, :k], np.minimum(around.sizes, k))

@@ -104,7 +104,7 @@ class CreaseModel:
         self.evidence[~(distance <= REACH)] = np.nan
         # Copies of a point are as far as the one that stands for them.
         distance = self._judge(self.faces, distance, around)
-        self.distances = distance[self.index.nearest(points)]
+        self.distances = distance[self.index.places]
         return self
 
     def distance(self, queries):

@@ -22,6 +22,8 @@ from sklearn_mcmd.planes._rules import METHODS
 
 __all__ = ["RobustNormalEstimator"]
 
+# Rows whose differences are held at once, to save memory.
+ROWS_AT_ONCE = 100_000
 # Number of neighbors whose normals orientation="mst" makes agree.
 TREE_NEIGHBORS = 12
 
@@ -466,7 +468,11 @@ def _columns(X, normals, eigenvalues, *others):
 
 def _offset(planes, normals, X):
     """Signed distances (n,) of planes from their points X, along the normals."""
-    return np.einsum("nd,nd->n", planes.centroids - X, normals)
+    offset = np.empty(len(X))
+    for start in range(0, len(X), ROWS_AT_ONCE):
+        rows = slice(start, start + ROWS_AT_ONCE)
+        np.einsum("nd,nd->n", planes.centroids[rows] - X[rows], normals[rows], out=offset[rows])
+    return offset
 
 
 def _check_vector(vector, name, d):

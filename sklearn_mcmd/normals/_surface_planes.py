@@ -10,10 +10,8 @@ import numpy as np
 
 from sklearn_mcmd.normals._smoothness import SmoothnessLimits, is_smooth, whole_planes
 from sklearn_mcmd.planes._around import extents, quantile_around
-from sklearn_mcmd.planes._chunks import each_chunk, each_slice, run
+from sklearn_mcmd.planes._chunks import each_chunk, each_slice
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
-from sklearn_mcmd.planes._local_planes import CHUNK
-from sklearn_mcmd.planes._neighborhoods import spatial_order
 from sklearn_mcmd.planes._plane import flat_normals, normal_errors
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._record import Planes
@@ -32,6 +30,8 @@ BEST, NOISY = 0.1, 3.0
 # A plane is borrowed only if it leans by more than this number of its standard errors. With less,
 # it is the least noisy of many planes by chance, and no better.
 SIGNIFICANT = 3.0
+# Field of the planes that no one asks of a member.
+UNUSED = "spacing"
 # Number of its standard deviations within which a plane explains points.
 EXPLAINED = 3.0
 
@@ -54,66 +54,53 @@ class SurfacePlanes:
 
     def fit(self, X):
         """Planes of the fitted points X (n, d), and the rows of X (n,) whose planes they are."""
-        n = len(X)
+        planes, lenders = self._fit_members()
+        self.borrowing = np.flatnonzero(lenders >= 0)
+        self.before = planes.take(self.borrowing)
+        self._lend(planes, self.borrowing, planes.take(lenders[self.borrowing]))
+        places, rows = self.model.index.places, self.model.index.rows
+        self.planes = _moved(planes, places)
+        lenders = lenders[places]
+        return self.planes, np.where(lenders >= 0, rows[lenders], np.arange(len(X)))
+
+    def _fit_members(self):
+        """Planes of the index's points (m, d), and the rows of the planes that these borrow."""
         index = self.model.index
-        rows = index.rows
-        # Every stage is faster in spatial order, which is undone at the end.
-        order = rows if index.n_distinct == n else spatial_order(X)
-        X = X[order]
-        planes = Planes.empty(*X.shape)
-        smooth, noise = np.empty(n, dtype=bool), np.empty(n)
-        members = np.arange(n)  # rows of X of the distinct points
-        if index.n_distinct < n:
-            members = np.argsort(order)[rows]
-        neighborhoods = {}  # kept, because another search would take longer than all that follows
+        points, (m, d) = index.points, index.points.shape
+        planes, smooth = Planes.empty(m, d).without(UNUSED), np.empty(m, dtype=bool)
+        self.noise, lenders = np.empty(m), np.full(m, -1, dtype=np.int32)
 
-        def sweep(part):
-            # Without copies the rows are those of the index, where the search is fastest.
-            around = index.query_own(part) if index.n_distinct == n else self._query(X[part])
-            own = planes.take(part)  # views, because part is a slice; they are filled
-            smooth[part], noise[part] = self._own(X[part], own, around)
-            neighborhoods[part.start] = part, around
+        def sweep(rows):
+            own = Planes.empty(rows.stop - rows.start, d)
+            smooth[rows], self.noise[rows] = self._own(points[rows], own, index.query_own(rows))
+            planes.put(rows, own)
 
-        def unfold(start):
-            part, around = neighborhoods.pop(start)
-            own = planes.take(part)
-            self._unfold(X[part], own, smooth[part], noise[part], around)
-            rough = _rough(own, smooth[part])  # smooth ones are done; their neighbors are freed
-            neighborhoods[start] = part, rough, around.take(rough)
+        def unfold(rows):
+            own, around = planes.take(rows), index.query_own(rows)  # views, which are filled
+            self._unfold(points[rows], own, smooth[rows], self.noise[rows], around)
 
-        def ask(start):
-            part, rough, around = neighborhoods.pop(start)
-            lenders[part][rough] = self._lenders(X[part], planes.take(part), rough, around)
+        def ask(rows):
+            own = planes.take(rows)
+            rough = _rough(own, smooth[rows])
+            around = index.query_own(rows.start + rough)
+            lenders[rows.start + rough] = self._lenders(
+                points[rows], own, rough, around, planes, usable
+            )
 
         with progress_part(0.0, 0.8, "normals"):
-            each_slice(n, self._chunk(), sweep, self.n_jobs)
-        self.noise = noise[members]
-        starts = [(start,) for start in neighborhoods]
+            each_slice(m, self.model.chunk(), sweep, self.n_jobs)
         with progress_part(0.8, 0.9, "normals next to edges"):
-            run(starts, unfold, self.n_jobs, told=True)
-        # The planes before any is lent.
-        self.members = planes if index.n_distinct == n else planes.take(members)
-        self.usable = np.ones(len(members), dtype=bool)
-        lenders = np.full(n, -1)
+            each_slice(m, self.model.chunk(), unfold, self.n_jobs)
         if self.borrow:
+            usable = np.ones(m, dtype=bool)
             with progress_part(0.9, 1.0, "normals next to edges"):
-                run(starts, ask, self.n_jobs, told=True)
-        neighborhoods.clear()
-        result, plane_index = Planes.empty(*X.shape), np.empty(n, dtype=np.intp)
-        plane_index[order] = order
-
-        def put_back(values, sorted_values):
-            values[order] = sorted_values
-
-        run(list(zip(result, planes, strict=True)), put_back, self.n_jobs)
-        borrowing = np.flatnonzero(lenders >= 0)
-        self._lend(result, order[borrowing], lenders[borrowing])
-        plane_index[order[borrowing]] = order[members[lenders[borrowing]]]
-        return result, plane_index
+                each_slice(m, self.model.chunk(), ask, self.n_jobs)
+        return planes, lenders
 
     def evaluate(self, queries):
         """Planes of any queries (m, d)."""
-        planes = Planes.empty(*queries.shape)
+        planes, members = Planes.empty(*queries.shape), self._members()
+        usable = np.ones(len(members.scale), dtype=bool)
 
         def task(part):
             points = queries[part]
@@ -123,20 +110,24 @@ class SurfacePlanes:
             self._unfold(points, own, smooth, noise, around)
             if self.borrow:
                 rough = _rough(own, smooth)
-                lenders = self._lenders(points, own, rough, around.take(rough))
-                self._lend(own, rough[lenders >= 0], lenders[lenders >= 0])
+                lenders = self._lenders(points, own, rough, around.take(rough), members, usable)
+                borrowing = lenders >= 0
+                self._lend(own, rough[borrowing], members.take(lenders[borrowing]))
             planes.put(part, own)
 
-        each_chunk(queries, self._chunk(), task, self.n_jobs)
+        each_chunk(queries, self.model.chunk(), task, self.n_jobs)
         return planes
+
+    def _members(self):
+        """The planes of the index's points before any was lent."""
+        members = self.planes.take(self.model.index.rows)
+        members.put(self.borrowing, self.before)
+        return members
 
     @property
     def compiled(self):
         """Whether compiled code can do the work on this machine; a pickle may reach another."""
         return self.model.ready()
-
-    def _chunk(self):
-        return max(1, CHUNK[self.compiled] // self.model.index.n_neighbors)
 
     def _query(self, points):
         return self.model.index.query(np.ascontiguousarray(points, dtype=np.float64))
@@ -198,7 +189,7 @@ class SurfacePlanes:
             planes.put(rows, self._robust(points[rows], around.take(creased)))
             smooth[rows] = False
 
-    def _lenders(self, points, planes, rough, around):
+    def _lenders(self, points, planes, rough, around, members, usable):
         """The members whose planes the rows `rough` borrow; -1 for rows that borrow none.
 
         `around` are the neighborhoods of `rough`.
@@ -207,23 +198,22 @@ class SurfacePlanes:
         queries = np.ascontiguousarray(points[rough], dtype=np.float64)
         own = planes.take(rough)
         least = LEAST_NOISE * own.radius
-        most = self._most(self.members.scale, own.radius, around)
+        most = self._most(members.scale, own.radius, around)
         asking = np.flatnonzero((1 - own.kept > REMOVED) | (np.hypot(own.scale, least) > most))
         likeliest = ExplainLimits(likely=True, explained=EXPLAINED)
         best, _ = explain(
-            queries[asking], around.take(asking), self.members, likeliest, self.usable,
+            queries[asking], around.take(asking), members, likeliest, usable,
             least[asking], most[asking], self.compiled,
         )  # fmt: skip
         asking, best = asking[best >= 0], best[best >= 0]
-        cosine = np.einsum("md,md->m", own.normals[asking], self.members.normals[best])
+        cosine = np.einsum("md,md->m", own.normals[asking], members.normals[best])
         angle = np.degrees(np.arccos(np.minimum(np.abs(cosine), 1.0)))
-        leans = angle > SIGNIFICANT * self.members.normal_error[best]
+        leans = angle > SIGNIFICANT * members.normal_error[best]
         lenders[asking[leans]] = best[leans]
         return lenders
 
-    def _lend(self, planes, rows, lenders):
-        """Replace rows of planes, in place, by planes of members; extents stay the rows' own."""
-        lent = self.members.take(lenders)
+    def _lend(self, planes, rows, lent):
+        """Replace rows of planes, in place, by other planes; extents stay the rows' own."""
         own = planes.take(rows)
         planes.put(rows, lent._replace(kept=own.kept, radius=own.radius, spacing=own.spacing))
 
@@ -231,6 +221,16 @@ class SurfacePlanes:
         """The largest deviation that is usual among the neighbors."""
         usual = quantile_around(values, around, BEST, self.compiled)
         return (1 + NOISY / np.sqrt(2 * around.sizes)) * np.hypot(usual, LEAST_NOISE * radius)
+
+
+def _moved(planes, places):
+    """Planes in another order; without copies in place, a column at a time, to save memory."""
+    if len(places) > len(planes.scale):
+        return planes.take(places)
+    for values in planes:
+        for column in np.atleast_2d(values.T) if len(values) else ():
+            column[:] = column[places]
+    return planes
 
 
 def _rough(planes, smooth):

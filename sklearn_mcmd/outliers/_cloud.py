@@ -4,7 +4,6 @@ import numpy as np
 
 from sklearn_mcmd.outliers._company import Company, CompanyLimits, Places, mean_distance
 from sklearn_mcmd.outliers._surfaces import (
-    CHUNK,
     SurfaceLimits,
     distances_to_surfaces,
     find_surfaces,
@@ -13,7 +12,7 @@ from sklearn_mcmd.outliers._surfaces import (
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._chunks import each_chunk, each_slice
 from sklearn_mcmd.planes._progress import progress_part
-from sklearn_mcmd.planes._record import Neighborhoods, Planes
+from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import small_sample_inflation
 
 __all__ = ["JudgedCloud"]
@@ -21,6 +20,8 @@ __all__ = ["JudgedCloud"]
 # A surface has as many points as a neighborhood, a thing as many as two; or this share of a
 # small cloud.
 SURFACE, THING, LEAST_SHARE = 1.0, 2.0, 1 / 5
+# Fields of the planes that no later step asks for.
+UNUSED = "eigenvalues", "spacing", "normal_error"
 FITTING = 0.65  # share of the time that planes take, for the display of progress
 
 
@@ -65,23 +66,20 @@ class JudgedCloud:
             self.on_surface = self.scores <= self.surface_limits.explained
             return self
         index = self.model.index
-        n = len(index.points)
-        first = np.empty(len(X), dtype=np.intp)
-        if index.n_distinct == len(X):
-            first[index.rows] = np.arange(n)
-        else:
-            first = index.nearest(X)
-        self.counts = np.maximum(np.bincount(first, minlength=n), 1)
+        self.counts = np.maximum(np.bincount(index.places, minlength=len(index.points)), 1)
         with progress_part(0.0, FITTING):
-            neighbors, planes, places = self._fit_planes()
+            planes, places = self._fit_planes()
         with progress_part(FITTING, 1.0):
-            self._find_surfaces(neighbors, planes)
-            del neighbors, planes  # the largest there are
+            self._find_surfaces(planes)
+            del planes  # the largest there are
             least = min(THING * index.n_neighbors, LEAST_SHARE * len(X))
             self.company = Company(places, self.explained, least, self.company_limits, self.n_jobs)
-        self.point_scores = self._joined(
-            self.distances, self.company.isolation, self.company.separation, index.points
+        rest, company = self.company.rest, self.company
+        self.point_scores = self.distances
+        self.point_scores[rest] = self._joined(
+            self.distances[rest], company.isolation, company.separation, index.points[rest]
         )
+        first = index.places
         self.scores = self.point_scores[first]
         self.on_surface = self.explained[first]
         self.plane_index = index.rows[self.owners[first]]
@@ -108,13 +106,19 @@ class JudgedCloud:
             if len(new):
                 scores[rows[new]] = self._score_new(part[new], around.take(new), precision)
 
-        each_chunk(queries, self._rows_a_task(), task, self.n_jobs)
+        each_chunk(queries, self.model.chunk(), task, self.n_jobs)
         return scores
 
     def _score_new(self, queries, around, precision):
         floor = self._floor(queries, precision)
         _, distances = distances_to_surfaces(
-            queries, around, self.planes, self.explaining, floor, self.model.ready(), None
+            queries,
+            around.take,
+            self.planes,
+            self.explaining,
+            floor,
+            self.model.ready(),
+            len(queries),
         )
         near = around.indices[:, : self.company_limits.n_near]
         gaps = self._distances(queries, near)
@@ -131,21 +135,20 @@ class JudgedCloud:
         return np.minimum(distances, np.finfo(float).max)
 
     def _fit_planes(self):
-        """Neighborhoods, planes and spacings of all points of the index."""
+        """Planes and spacings of all points of the index."""
         index = self.model.index
         n, d = index.points.shape
-        neighbors = np.empty((n, index.n_neighbors), dtype=np.int32)
-        planes, spacing, other_spacing = Planes.empty(n, d), np.empty(n), np.empty(n)
+        spacing = np.empty(n)
+        other_spacing = np.empty(n) if self.counts.max() > 1 else spacing
+        planes = Planes.empty(n, d).without(*UNUSED)
 
         def task(rows):
             part, around = index.points[rows], index.query_own(rows)
             planes.put(rows, self.model.evaluate_neighborhoods(part, around)[0])
-            neighbors[rows] = around.indices
             spacing[rows], other_spacing[rows] = self._spacings(part, around.indices)
 
-        each_slice(n, self._rows_a_task(), task, self.n_jobs)
-        places = Places(index.points, self.counts, spacing, other_spacing)
-        return Neighborhoods(neighbors, np.full(n, index.n_neighbors)), planes, places
+        each_slice(n, self.model.chunk(), task, self.n_jobs)
+        return planes, Places(index.points, self.counts, spacing, other_spacing)
 
     def _spacings(self, points, near):
         """Mean distance of the cloud's points to measurements, and to those at other places."""
@@ -157,25 +160,27 @@ class JudgedCloud:
         counts[:, 0] = 0
         return spacing, mean_distance(distances, counts, n_near)
 
-    def _find_surfaces(self, neighbors, planes):
+    def _find_surfaces(self, planes):
         """What explains points, which points it explains, and how far from it they are."""
-        points, compiled = self.model.index.points, self.model.ready()
-        n, k = neighbors.indices.shape
+        index, compiled = self.model.index, self.model.ready()
+        points, n, k = index.points, len(index.points), index.n_neighbors
         floor, limits = self._floor(points, 0.0), self.surface_limits
-        self.planes = self._measured(planes)
+        self.planes = self._measured(planes).without("kept")
         own = own_distances(points, self.planes, floor)
         least = min(SURFACE * k, LEAST_SHARE * n)
-        self.explaining = find_surfaces(points, neighbors, planes, own, least, limits, compiled)
-        self.owners, self.distances = np.arange(n), own
+        self.explaining = find_surfaces(index, planes, own, least, limits, compiled)
+        self.owners, self.distances = np.arange(n, dtype=np.int32), own
         others = np.flatnonzero(~self.explaining)
         owners, distances = distances_to_surfaces(
-            points[others], neighbors.take(others), self.planes, self.explaining, floor[others],
-            compiled, self.n_jobs,
+            points[others], lambda rows: index.query_own(others[rows]), self.planes,
+            self.explaining, floor[others], compiled, self.model.chunk(), self.n_jobs,
         )  # fmt: skip
         self.distances[others] = distances
         self.owners[others] = np.where(owners < 0, others, owners)
         self.explained = self.distances <= limits.explained
-        self.explained_scale = self.planes.scale[self.owners[self.explained]]
+        self.explained_scale = None
+        if self.strictness == "surfaces":
+            self.explained_scale = self.planes.scale[self.owners[self.explained]]
 
     def _measured(self, planes):
         """The planes with the noise by which distances are measured."""
@@ -191,9 +196,6 @@ class JudgedCloud:
 
     def _floor(self, queries, precision):
         return max(self.model.rounding, 8 * precision) * np.abs(queries).max(axis=1)
-
-    def _rows_a_task(self):
-        return max(1, CHUNK[self.model.ready()] // self.model.index.n_neighbors)
 
     def _distances(self, queries, near):
         """Distances of queries (m, d) from points of the index (m, w)."""

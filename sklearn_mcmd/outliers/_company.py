@@ -16,8 +16,10 @@ __all__ = ["Company", "CompanyLimits", "Places", "mean_distance"]
 HALF = 0.5
 # The rest asks the trees of real points from far off: large leaves take two thirds of the time.
 LEAF = 128
+# Fewer points of the rest are grouped by SciPy: loading compiled code would take longer.
+COMPILE_FROM = 4096
 # Points that ask a tree at once: what bounds the memory.
-CHUNK = 4096
+CHUNK = 1024
 
 
 class CompanyLimits(NamedTuple):
@@ -84,8 +86,10 @@ class Company:
 
     Attributes
     ----------
-    isolation, separation : ndarray of shape (n,)
-        See `measure`; 0 for points that a surface explains.
+    rest : ndarray of int of shape (m,)
+        Rows of the points that no surface explains.
+    isolation, separation : ndarray of shape (m,)
+        Theirs, see `measure`.
     """
 
     def __init__(self, places, explained, least, limits, n_jobs):
@@ -96,26 +100,27 @@ class Company:
         self.reference_spacing = places.other_spacing[reference]
         self.reference_tree = cKDTree(points[reference], leafsize=LEAF, balanced_tree=False)
         self.quantile = limits.usual if explained.any() else HALF
-        self.isolation, self.separation = np.zeros(len(points)), np.zeros(len(points))
-        rest = np.flatnonzero(~explained)
+        self.rest = rest = np.flatnonzero(~explained)
         self.points, self.counts = points[rest], places.counts[rest]
         self.tree = cKDTree(self.points)
         n_links = max(limits.n_links, limits.n_near)
         distances, near = _nearest(self.tree, self.points, n_links + 1, n_jobs)
         self.usual = self._usual(self.points, n_jobs)
         among_rest = self._among_rest(self.points, distances, near, itself=True)
-        self.isolation[rest] = self._isolated(among_rest, places.spacing[rest], self.usual)
+        self.isolation = self._isolated(among_rest, places.spacing[rest], self.usual)
         steps = self._steps(self.usual, distances[:, 1:], near[:, 1:])
         linked = np.where(steps <= limits.reach, near[:, 1:], np.arange(len(rest))[:, None])
-        groups, _ = connected(linked.astype(np.int32), compiled=len(rest) >= CHUNK)
+        groups, _ = connected(linked.astype(np.int32), compiled=len(rest) >= COMPILE_FROM)
         sizes = np.bincount(groups, self.counts)
         small = sizes < least
         if not explained.any():
             small &= sizes < sizes.max()
-        real = np.vstack([points[explained], self.points[~small[groups]]])
-        self.real_tree = cKDTree(real, leafsize=LEAF, balanced_tree=False)
-        self.group_separation = self._separated(groups, small, n_jobs)
-        self.separation[rest] = self.group_separation
+        # What is real: the points on surfaces, and those of large groups.
+        self.real_trees = [self.reference_tree] if explained.any() else []
+        large = ~small[groups]
+        if large.any():
+            self.real_trees.append(cKDTree(self.points[large], leafsize=LEAF, balanced_tree=False))
+        self.separation = self._separated(groups, small, n_jobs)
 
     def measure(self, queries, spacing, n_jobs=None):
         """How far new points stand off, each as if it were alone added to the cloud.
@@ -140,10 +145,9 @@ class Company:
         distances, near = _nearest(self.tree, queries, self.limits.n_near, n_jobs)
         among_rest = self._among_rest(queries, distances, near, itself=False)
         steps = self._steps(usual, distances[:, :1], near[:, :1])[:, 0]
-        gaps = _nearest(self.real_tree, queries, 1, n_jobs)[0][:, 0]
-        separation = ratio(gaps, usual)
+        separation = ratio(self._gaps(queries, n_jobs), usual)
         joins = np.flatnonzero(steps <= self.limits.reach)
-        separation[joins] = self.group_separation[near[joins, 0]]
+        separation[joins] = self.separation[near[joins, 0]]
         return self._isolated(among_rest, spacing, usual), separation
 
     def _usual(self, queries, n_jobs):
@@ -179,6 +183,13 @@ class Company:
         usual_there = np.append(self.usual, np.inf)[near]  # the last is that of a missing one
         return ratio(distances, np.minimum(usual[:, None], usual_there))
 
+    def _gaps(self, queries, n_jobs):
+        """Distances of queries to the nearest point that is real."""
+        gaps = np.full(len(queries), np.inf)
+        for tree in self.real_trees:
+            np.minimum(gaps, _nearest(tree, queries, 1, n_jobs)[0][:, 0], out=gaps)
+        return gaps
+
     def _separated(self, groups, small, n_jobs):
         """Gap of each point's group over the size of the group, 0 if that is large."""
         rows = np.flatnonzero(small[groups])
@@ -187,7 +198,7 @@ class Company:
             return separation
         _, group, sizes = np.unique(groups[rows], return_inverse=True, return_counts=True)
         gaps = np.full(len(sizes), np.inf)
-        np.minimum.at(gaps, group, _nearest(self.real_tree, self.points[rows], 1, n_jobs)[0][:, 0])
+        np.minimum.at(gaps, group, self._gaps(self.points[rows], n_jobs))
         size = np.bincount(group, self.usual[rows]) / sizes
         several = sizes[group] > 1
         size = np.maximum(size, _longest_deviation(self.points[rows], group, sizes, several))

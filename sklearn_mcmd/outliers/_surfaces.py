@@ -6,13 +6,10 @@ import numpy as np
 
 from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
-from sklearn_mcmd.planes._linking import LinkLimits, connected, link_planes
-from sklearn_mcmd.planes._record import Neighborhoods
+from sklearn_mcmd.planes._linking import LinkLimits, connected_planes
 
-__all__ = ["CHUNK", "SurfaceLimits", "distances_to_surfaces", "find_surfaces", "own_distances"]
+__all__ = ["SurfaceLimits", "distances_to_surfaces", "find_surfaces", "own_distances"]
 
-# Neighbors a task, compiled or not: what bounds the memory whatever n_neighbors is.
-CHUNK = {True: 200_000, False: 12_800}
 NEAREST = ExplainLimits(likely=False)
 
 
@@ -36,7 +33,7 @@ class SurfaceLimits(NamedTuple):
     n_links: int = 16
 
 
-def find_surfaces(points, neighbors, planes, distances, least, limits, compiled):
+def find_surfaces(index, planes, distances, least, limits, compiled):
     """Which points form surfaces: bool (n,).
 
     A point may be part of a surface if its plane is flat and explains the point itself. Two such
@@ -45,9 +42,7 @@ def find_surfaces(points, neighbors, planes, distances, least, limits, compiled)
 
     Parameters
     ----------
-    points : ndarray of float64 of shape (n, d)
-    neighbors : Neighborhoods
-        Of the points, each its own first neighbor.
+    index : NeighborIndex
     planes : Planes
     distances : ndarray of shape (n,)
         Of the points from their own planes, in standard deviations.
@@ -57,15 +52,10 @@ def find_surfaces(points, neighbors, planes, distances, least, limits, compiled)
     """
     flat = (planes.scale > 0) & (planes.scale <= limits.flat * planes.radius)
     usable = flat & (distances <= limits.explained)
-    width = min(limits.n_links, neighbors.indices.shape[1])
-    near = Neighborhoods(
-        np.ascontiguousarray(neighbors.indices[:, :width]), np.minimum(neighbors.sizes, width)
-    )
     cosine = float(np.cos(np.radians(limits.angle)))
-    links = link_planes(
-        points, near, planes, LinkLimits(cosine, limits.explained, both_near=True), usable, compiled
-    )
-    labels, sizes = connected(links, compiled)
+    links = LinkLimits(cosine, limits.explained, both_near=True)
+    width = min(limits.n_links, index.n_neighbors)
+    labels, sizes = connected_planes(index, width, planes, links, usable, compiled)
     return usable & (sizes[labels] >= least)
 
 
@@ -76,21 +66,25 @@ def own_distances(queries, planes, floor):
         return np.nan_to_num(np.abs(heights) / np.hypot(planes.scale, floor), nan=0.0)
 
 
-def distances_to_surfaces(queries, neighbors, planes, on_surface, floor, compiled, n_jobs):
+def distances_to_surfaces(
+    queries, neighbors_of, planes, on_surface, floor, compiled, chunk, n_jobs=None
+):
     """The nearest of the surfaces' planes among each query's neighbors.
 
     Parameters
     ----------
     queries : ndarray of float64 of shape (m, d)
-    neighbors : Neighborhoods
-        Rows of `planes`.
+    neighbors_of : callable
+        Returns the `Neighborhoods` of a slice of the queries, rows of `planes`.
     planes : Planes
     on_surface : ndarray of bool
         Which of the planes are of a surface.
     floor : ndarray of shape (m,)
         Rounding error of the coordinates, a standard deviation that is added.
     compiled : bool
-    n_jobs : int or None
+    chunk : int
+        Queries a task.
+    n_jobs : int, default=None
 
     Returns
     -------
@@ -99,15 +93,16 @@ def distances_to_surfaces(queries, neighbors, planes, on_surface, floor, compile
     distances : ndarray of shape (m,)
         In standard deviations; inf where none reaches.
     """
-    m, k = neighbors.indices.shape
+    m = len(queries)
     owners, distances = np.full(m, -1), np.full(m, np.inf)
 
     def task(rows):
         part = queries[rows]
         most = np.full(len(part), np.inf)
+        around = neighbors_of(rows)
         owners[rows], distances[rows] = explain(
-            part, neighbors.take(rows), planes, NEAREST, on_surface, floor[rows], most, compiled
+            part, around, planes, NEAREST, on_surface, floor[rows], most, compiled
         )
 
-    each_slice(m, max(1, CHUNK[compiled] // k), task, n_jobs)
+    each_slice(m, chunk, task, n_jobs)
     return owners, distances

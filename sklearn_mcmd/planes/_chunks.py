@@ -5,7 +5,7 @@ from threading import Lock
 import numpy as np
 from joblib import Parallel, delayed
 
-from sklearn_mcmd.planes._neighborhoods import ORDER_FROM, spatial_order
+from sklearn_mcmd.planes._indexed_cloud import ORDER_FROM, spatial_order
 from sklearn_mcmd.planes._progress import current_span
 
 __all__ = ["each_chunk", "each_slice", "run"]

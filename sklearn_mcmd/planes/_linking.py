@@ -9,10 +9,7 @@ from scipy.sparse.csgraph import connected_components
 from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._compiling import compiled_function
 
-__all__ = ["LinkLimits", "connected", "link_planes"]
-
-# Neighbors a task: what bounds the memory.
-CHUNK = 200_000
+__all__ = ["LinkLimits", "connected", "connected_planes", "link_planes"]
 
 
 class LinkLimits(NamedTuple):
@@ -28,8 +25,8 @@ class LinkLimits(NamedTuple):
         Whether each plane must explain the other's point. Otherwise that of the point whose
         neighbors are asked must explain the neighbor.
     both_near : bool
-        Whether each must be among the other's neighbors. Otherwise one among the other's suffices,
-        and the link stands in the row of that other one only.
+        Whether each must be as near to the other as the last of the other's neighbors. Otherwise
+        one among the other's suffices, and the link stands in the row of that other one only.
     """
 
     min_cosine: float
@@ -39,14 +36,14 @@ class LinkLimits(NamedTuple):
     both_near: bool = False
 
 
-def link_planes(points, neighbors, planes, limits, usable, compiled, n_jobs=None):
+def link_planes(index, k, planes, limits, usable, compiled, n_jobs=None):
     """Link each point to those of its neighbors whose planes and its own explain each other.
 
     Parameters
     ----------
-    points : ndarray of float64 of shape (n, d)
-    neighbors : Neighborhoods
-        Of each of the points, with or without itself.
+    index : NeighborIndex
+    k : int
+        Neighbors that may be linked, the point itself among them.
     planes : Planes
         The plane of each of the points: centroid, normal and scale are asked for. One of a negative
         scale explains nothing.
@@ -59,19 +56,37 @@ def link_planes(points, neighbors, planes, limits, usable, compiled, n_jobs=None
 
     Returns
     -------
-    links : ndarray of int32 of shape (n, width)
-        The neighbors linked, in the order of `neighbors`, then -1. The point itself is none.
+    links : ndarray of int32 of shape (n, k)
+        The neighbors linked, the nearest first, then -1. The point itself is none.
     """
-    n, k = neighbors.indices.shape
+    n = len(index.points)
     links = np.empty((n, k), np.int32)
-    own = LinkLimits(*map(float, limits[:3]), *map(bool, limits[3:]))
-    link = (_compiled("link_rows") if compiled else None) or _link_rows
+    link = _linker(index, k, planes, limits, usable, compiled, n_jobs)
 
     def task(rows):
-        link(points, neighbors, planes, own, usable, rows.start, links[rows])
+        link(rows, links[rows])
 
-    each_slice(n, max(1, CHUNK // max(k, 1)), task, n_jobs)
+    each_slice(n, index.chunk, task, n_jobs)
     return links
+
+
+def connected_planes(index, k, planes, limits, usable, compiled):
+    """What hangs together by the links of `link_planes`, as by `connected`, in less memory."""
+    n = len(index.points)
+    join = _compiled("join") if compiled else None
+    if join is None:
+        return connected(link_planes(index, k, planes, limits, usable, compiled), compiled)
+    link = _linker(index, k, planes, limits, usable, compiled)
+    links, roots = np.empty((index.chunk, k), np.int32), np.arange(n, dtype=np.int32)
+
+    def task(rows):
+        part = links[: rows.stop - rows.start]
+        link(rows, part)
+        join(part, rows.start, roots)
+
+    each_slice(n, index.chunk, task, 1)
+    labels = _compiled("number_parts")(roots)
+    return labels, np.bincount(labels)
 
 
 def connected(links, compiled):
@@ -91,11 +106,13 @@ def connected(links, compiled):
         part does not depend on the order of points or links.
     sizes : ndarray of int of shape (n_parts,)
     """
-    label = _compiled("label_parts") if compiled else None
-    if label is not None:
-        labels = label(links)
+    n = len(links)
+    join = _compiled("join") if compiled else None
+    if join is not None:
+        roots = np.arange(n, dtype=np.int32)
+        join(links, 0, roots)
+        labels = _compiled("number_parts")(roots)
     else:
-        n = len(links)
         rows, columns = np.nonzero(links >= 0)
         ones = np.ones(len(rows), dtype=np.int8)
         graph = coo_array((ones, (rows, links[rows, columns])), shape=(n, n))
@@ -103,14 +120,43 @@ def connected(links, compiled):
     return labels, np.bincount(labels)
 
 
-def _link_rows(points, neighbors, planes, limits, usable, start, links):
+def _linker(index, k, planes, limits, usable, compiled, n_jobs=None):
+    """A function that fills the links of a slice of rows."""
+    own = LinkLimits(*map(float, limits[:3]), *map(bool, limits[3:]))
+    link = (_compiled("link_rows") if compiled else None) or _link_rows
+    measure = (_compiled("farthest_of_rows") if compiled else None) or _farthest_of_rows
+    farthest = np.empty(len(index.points) if own.both_near else 0)
+
+    def measure_part(rows):
+        measure(index.points, index.query_own(rows, k), rows.start, farthest[rows])
+
+    if own.both_near:
+        each_slice(len(farthest), index.chunk, measure_part, n_jobs)
+
+    def fill(rows, links):
+        around = index.query_own(rows, k)
+        link(index.points, around, planes, own, usable, farthest, rows.start, links)
+
+    return fill
+
+
+def _farthest_of_rows(points, around, start, farthest):
+    """Fill the distances of the last neighbors."""
+    rows = np.arange(start, start + len(farthest))
+    gaps = points[around.indices] - points[rows][:, None]
+    distances = np.sqrt(np.square(gaps).sum(axis=-1))
+    farthest[:] = np.where(around.valid, distances, 0.0).max(axis=1)
+
+
+def _link_rows(points, around, planes, limits, usable, farthest, start, links):
     """Any dimension, one chunk: fill the links of the points from row `start` on."""
     rows = np.arange(start, start + len(links))
-    near = neighbors.indices[rows]
+    near = around.indices
     gaps = points[near] - points[rows][:, None]
-    fits = neighbors.take(rows).valid & (near != rows[:, None])
+    distances = np.sqrt(np.square(gaps).sum(axis=-1))
+    fits = around.valid & (near != rows[:, None])
     fits &= usable[rows][:, None] & usable[near]
-    fits &= np.sqrt(np.square(gaps).sum(axis=-1)) <= limits.max_gap
+    fits &= distances <= limits.max_gap
     own, other = planes.normals[rows][:, None], planes.normals[near]
     fits &= np.abs((other * own).sum(axis=-1)) >= limits.min_cosine
     height = ((points[near] - planes.centroids[rows][:, None]) * own).sum(axis=-1)
@@ -119,7 +165,7 @@ def _link_rows(points, neighbors, planes, limits, usable, start, links):
         height = ((points[rows][:, None] - planes.centroids[near]) * other).sum(axis=-1)
         fits &= np.abs(height) <= limits.explained * planes.scale[near]
     if limits.both_near:
-        fits &= (neighbors.indices[near] == rows[:, None, None]).any(axis=-1)
+        fits &= distances <= farthest[near]
     found = np.where(fits, near, -1)
     links[:] = np.take_along_axis(found, np.argsort(~fits, axis=1, kind="stable"), axis=1)
 

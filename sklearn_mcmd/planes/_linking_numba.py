@@ -4,20 +4,21 @@ import numpy as np
 
 from sklearn_mcmd.planes._kernels import kernel
 
-__all__ = ["label_parts", "link_rows"]
+__all__ = ["farthest_of_rows", "join", "link_rows", "number_parts"]
 
 
 @kernel(cache=True, error_model="numpy")
-def link_rows(points, neighbors, planes, limits, usable, start, links):
+def link_rows(points, around, planes, limits, usable, farthest, start, links):
     """`_link_rows` of `_linking`, one point at a time.
 
     Parameters
     ----------
     points : float64 (n, d)
-    neighbors : Neighborhoods of all points
+    around : Neighborhoods of the rows to be linked
     planes : Planes of all points
     limits : LinkLimits
     usable : bool (n,)
+    farthest : float64 (n,), distances of the last neighbors, if both must be near
     start : row of the first of the points
     links : int32 (m, width), filled
     """
@@ -26,9 +27,9 @@ def link_rows(points, neighbors, planes, limits, usable, start, links):
     for row in range(len(links)):
         i = start + row
         n_links = 0
-        n_near = neighbors.sizes[i] if usable[i] else 0
+        n_near = around.sizes[row] if usable[i] else 0
         for a in range(n_near):
-            j = neighbors.indices[i, a]
+            j = around.indices[row, a]
             square = cosine = height = back = 0.0
             for axis in range(d):
                 gap = points[j, axis] - points[i, axis]
@@ -39,45 +40,59 @@ def link_rows(points, neighbors, planes, limits, usable, start, links):
             fits = j != i and usable[j]
             fits &= abs(height) <= limits.explained * scale[i]
             fits &= abs(cosine) >= limits.min_cosine
-            fits &= np.sqrt(square) <= limits.max_gap
+            distance = np.sqrt(square)
+            fits &= distance <= limits.max_gap
             if limits.mutual:
                 fits &= abs(back) <= limits.explained * scale[j]
-            if fits and limits.both_near:
-                fits = _has(neighbors.indices[j], neighbors.sizes[j], i)
+            if limits.both_near:
+                fits &= distance <= farthest[j]
             if fits:
                 links[row, n_links] = j
                 n_links += 1
         links[row, n_links:] = -1
 
 
+@kernel(cache=True, error_model="numpy")
+def farthest_of_rows(points, around, start, farthest):
+    """Fill the distances of the last neighbors."""
+    for row in range(len(farthest)):
+        largest = 0.0
+        for a in range(around.sizes[row]):
+            square = 0.0
+            for axis in range(points.shape[1]):
+                gap = points[around.indices[row, a], axis] - points[start + row, axis]
+                square += gap * gap
+            largest = max(largest, square)
+        farthest[row] = np.sqrt(largest)
+
+
 @kernel(cache=True)
-def label_parts(links):
-    """Label the parts by union and find, in the order of their first points."""
+def join(links, start, roots):
+    """Join the parts of rows from `start` on and of what they are linked to.
+
+    Following `roots` leads from any row to the first row of its part.
+    """
     n, width = links.shape
-    labels = np.arange(n).astype(np.int32)
     for i in range(n):
         for a in range(width):
             if links[i, a] < 0:
                 break
-            first, second = _root(labels, i), _root(labels, links[i, a])
+            first, second = _root(roots, start + i), _root(roots, links[i, a])
             # The root is the first point of its part, in whatever order links are followed.
-            labels[max(first, second)] = min(first, second)
-    n_parts = 0
-    for i in range(n):
-        if labels[i] == i:
-            labels[i] = n_parts
-            n_parts += 1
-        else:  # what it points to comes before it and has its label
-            labels[i] = labels[labels[i]]
-    return labels
+            roots[max(first, second)] = min(first, second)
 
 
 @kernel(cache=True)
-def _has(rows, size, wanted):
-    found = False
-    for a in range(size):
-        found |= rows[a] == wanted
-    return found
+def number_parts(roots):
+    """Numbers of the parts of all rows, in the order of their first points, in place."""
+    n_parts = 0
+    for i in range(len(roots)):
+        if roots[i] == i:
+            roots[i] = n_parts
+            n_parts += 1
+        else:  # what it points to comes before it and has its number
+            roots[i] = roots[roots[i]]
+    return roots
 
 
 @kernel(cache=True)

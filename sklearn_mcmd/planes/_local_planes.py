@@ -18,8 +18,8 @@ __all__ = ["LocalPlaneModel", "PlaneSettings"]
 
 # Smaller clouds take NumPy: loading compiled code would take longer than the work.
 COMPILE_FROM = 1_000
-# Neighbors a task, compiled or not: what bounds the memory whatever n_neighbors is.
-CHUNK = {True: 200_000, False: 12_800}
+# Neighbors a task in NumPy: what bounds the memory whatever n_neighbors is.
+CHUNK = 12_800
 
 
 @dataclass(frozen=True)
@@ -99,24 +99,27 @@ class LocalPlaneModel:
             found, distance[rows] = self._evaluate_chunk(part, self.index.query(part), rounding)
             planes.put(rows, found)
 
-        size = max(1, CHUNK[self.ready()] // self.index.n_neighbors)
-        each_chunk(queries, size, task, n_jobs)
+        each_chunk(queries, self.chunk(), task, n_jobs)
         return planes, distance
 
     def evaluate_fitted(self, X, n_jobs=None):
         """The same of the points X (n, d) that the index was made of, with a faster search."""
         index = self.index
-        if self.whole is not None or index.n_distinct < len(X):
+        if self.whole is not None:
             return self.evaluate(X, n_jobs)
-        planes, distance = Planes.empty(*X.shape), np.empty(len(X))
+        (n, d), copies = index.points.shape, index.n_distinct < len(X)
+        planes, distance = Planes.empty(n, d), np.empty(n)
 
         def task(rows):
-            around = index.query_own(rows)
+            around = index.query_own(rows, keep=False)
             found = self._evaluate_chunk(index.points[rows], around, self.rounding)
-            planes.put(index.rows[rows], found[0])
-            distance[index.rows[rows]] = found[1]
+            rows = rows if copies else index.rows[rows]
+            planes.put(rows, found[0])
+            distance[rows] = found[1]
 
-        each_slice(len(X), max(1, CHUNK[self.ready()] // index.n_neighbors), task, n_jobs)
+        each_slice(n, self.chunk(), task, n_jobs)
+        if copies:
+            return planes.take(index.places), distance[index.places]
         return planes, distance
 
     def evaluate_neighborhoods(self, queries, neighborhoods, precision=0.0):
@@ -125,6 +128,10 @@ class LocalPlaneModel:
         `precision` is the relative rounding error of the queries, where that is greater.
         """
         return self._evaluate_chunk(queries, neighborhoods, max(self.rounding, 8 * precision))
+
+    def chunk(self):
+        """Queries a task."""
+        return self.index.chunk if self.ready() else max(1, CHUNK // self.index.n_neighbors)
 
     def ready(self):
         """Whether compiled code does the work."""

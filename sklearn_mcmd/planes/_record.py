@@ -66,7 +66,11 @@ class Planes(NamedTuple):
 
     def take(self, rows):
         """The planes of some of the queries. Of a slice these are views, which can be filled."""
-        return Planes(*(values[rows] for values in self))
+        return Planes(*(values[rows] if len(values) else values for values in self))
+
+    def without(self, *names):
+        """The record with no values of some of its fields, to save their memory."""
+        return self._replace(**{name: getattr(self, name)[:0].copy() for name in names})
 
     def replaced(self, rows, **values):
         """A copy in which some of the planes have other values."""
@@ -78,4 +82,5 @@ class Planes(NamedTuple):
     def put(self, rows, part):
         """Overwrite the planes of some of the queries."""
         for values, some in zip(self, part, strict=True):
-            values[rows] = some
+            if len(values):
+                values[rows] = some

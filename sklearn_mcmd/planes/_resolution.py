@@ -111,15 +111,21 @@ def _whole(multiples, error=0.0):
 def warn_if_coarse(index, stacklevel):
     """Warn if the float32 coordinates behind this `NeighborIndex` are too coarse."""
     points = index.points
-    sample = points[:: max(1, len(points) // 1000)]
+    step = max(1, len(points) // 1000)
+    sample = points[::step]
     if index.n_neighbors is None:
         radius = np.linalg.norm(sample - points[0], axis=1)
     else:
-        indices, sizes = index.query(sample)
-        last = points[indices[np.arange(len(sample)), sizes - 1]]
+        last = points[[_last(index, row) for row in range(0, len(points), step)]]
         radius = np.linalg.norm(last - sample, axis=1)
     # Medians, which a few far points do not move.
     radius, largest = float(np.median(radius)), float(np.median(np.abs(sample).max(axis=1)))
     rounding = float(np.spacing(np.float32(largest)))
     if 0 < COARSE_ROUNDING * radius < rounding:
         warnings.warn(CoarseCoordinatesWarning(largest, rounding, radius), stacklevel=stacklevel)
+
+
+def _last(index, row):
+    """The farthest neighbor of a point."""
+    around = index.query_own(slice(row, row + 1), keep=False)
+    return around.indices[0, around.sizes[0] - 1]

@@ -4,7 +4,6 @@ import numpy as np
 
 from sklearn_mcmd.planes._chunks import run
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
-from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.segmentation._graph import COMPILE_FROM, CUTOFF
 
 __all__ = ["Claims"]
@@ -61,7 +60,7 @@ class Claims:
         if rows.size == 0:
             return labels
         large = np.append(sizes > self.index.n_neighbors, False)
-        owner = self._owners(labels, rows, self._around(rows), large[labels])
+        owner = self._owners(labels, rows, self.index.query_own(rows), large[labels])
         rows, owner = rows[owner >= 0], owner[owner >= 0]
         pairs, counts = np.unique(
             np.column_stack([labels[rows], owner]), axis=0, return_counts=True
@@ -93,7 +92,7 @@ class Claims:
         claiming = np.append(np.ones(int(labels.max(initial=-1)) + 1, dtype=bool), False)
         claiming[np.asarray(content, dtype=np.intp)] = False
         rest = np.flatnonzero(labels < 0)
-        around = self._around(rest)
+        around = self.index.query_own(rest)
         for _ in range(MAX_ROUNDS):
             owner = self._owners(labels, rest, around, claiming[labels])
             claimed = owner >= 0
@@ -102,16 +101,6 @@ class Claims:
             labels[rest[claimed]] = owner[claimed]
             rest, around = rest[~claimed], around.take(~claimed)
         return labels
-
-    def _around(self, rows):
-        """The neighborhoods of rows."""
-        indices = np.empty((len(rows), self.index.n_neighbors), dtype=np.int32)
-
-        def task(part):
-            indices[part] = self.index.query(self.index.points[rows[part]]).indices
-
-        self._each_part(len(rows), task)
-        return Neighborhoods(indices, np.full(len(rows), self.index.n_neighbors))
 
     def _owners(self, labels, rows, around, usable):
         """Label of the neighbor, one of the usable, whose plane claims each of the rows, or -1."""

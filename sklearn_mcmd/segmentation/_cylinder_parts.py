@@ -133,9 +133,10 @@ class CylinderParts:
     def _around(self, rows):
         """The nearer half of the neighbors of rows; a row replaces neighbors beyond the gap."""
         k = n_within_median(self.index.n_neighbors) + 1
-        distances, around = self.index.tree.query(self.index.points[rows], k=k)
-        distances, around = distances.reshape(-1, k), around.reshape(-1, k)
-        return np.where(distances <= self.max_gap, around, rows[:, None]).astype(np.int32)
+        around = self.index.query_own(rows, k).indices
+        gaps = self.index.points[around] - self.index.points[rows][:, None]
+        near = np.einsum("mkd,mkd->mk", gaps, gaps) <= self.max_gap**2
+        return np.where(near, around, rows[:, None]).astype(np.int32)
 
     def _part(self, members, around):
         points, n = self.index.points[members], len(members)

@@ -4,7 +4,6 @@ from numbers import Integral, Real
 from typing import ClassVar, Literal, Self
 
 import numpy as np
-from joblib import effective_n_jobs
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClusterMixin, clone
 from sklearn.utils.validation import validate_data
@@ -284,7 +283,7 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
             links, planes.radius[:] = link_neighbors(index, planes, floor, rules, self.n_jobs)
         with progress_part(0.5, 0.55, "growing regions"):
             labels = grow_regions(links, _seeds(columns.surface_variation[rows], points, planes))
-        owners = _owners(xyz, index, self.n_jobs)
+        owners = index.places
         copies = np.bincount(owners, minlength=len(points))
         labels = _renumber(labels, copies, self.min_region_size)
         if self.regrow_rest:
@@ -342,15 +341,6 @@ def _seeds(variation, points, planes):
     heights = np.abs(np.einsum("nd,nd->n", gaps, planes.normals[equal]))
     seeds[tied] = equal[np.lexsort((heights, variation[equal]))]
     return seeds
-
-
-def _owners(X, index, n_jobs):
-    """Row of ``index.points`` at the place of each row of X."""
-    owners = np.empty(len(X), dtype=np.intp)
-    if index.n_distinct == len(index.points) == len(X):
-        owners[index.rows] = np.arange(len(X))
-        return owners
-    return index.nearest(X, effective_n_jobs(n_jobs))
 
 
 def _renumber(labels, copies, min_size=1):

@@ -8,15 +8,12 @@ from sklearn_mcmd.planes._around import quantile_around
 from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._compiling import compiled_function
 from sklearn_mcmd.planes._linking import LinkLimits, link_planes
-from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 
 __all__ = ["GrowthRules", "grow_regions", "link_neighbors", "n_within_median"]
 
 # Smaller clouds take NumPy: loading compiled code would take longer than the work.
 COMPILE_FROM = 2_000
-# Neighbors a task: what bounds the memory.
-CHUNK = 200_000
 # A plane explains a point that is within so many of its standard deviations.
 CUTOFF = 3.0
 # What is usual around is this quantile of the neighbors' noise: next to an edge less than half
@@ -81,7 +78,6 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
     n, max_gap = len(index.points), rules.max_gap
     # Neighbors beyond the median distance are never linked, and need not be found.
     k = index.n_neighbors if max_gap is not None else n_within_median(index.n_neighbors) + 1
-    neighbors = Neighborhoods(np.empty((n, k), np.int32), np.full(n, k))
     radius, limit, usable = np.empty(n), planes.scale, np.ones(n, dtype=bool)
     if rules.max_distance is not None:
         limit = np.full(n, float(rules.max_distance))
@@ -91,20 +87,20 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
     def measured(rows):
         around = index.query_own(rows, k)
         farthest = index.points[around.indices[:, -1]] - index.points[rows]
-        neighbors.indices[rows], radius[rows] = around.indices, np.linalg.norm(farthest, axis=1)
+        radius[rows] = np.linalg.norm(farthest, axis=1)
         if rules.mutual:
             usable[rows] = _is_quiet(planes.scale, rows, around, radius, index.n_neighbors, rules)
         elif rules.max_distance is None:
             found = _rule_a(index.points, planes.take(rows), around)
             limit[rows] = np.maximum(found, floor[rows])
 
-    each_slice(n, max(1, CHUNK // k), measured, n_jobs)
+    each_slice(n, index.chunk, measured, n_jobs)
     explained = CUTOFF if limit is planes.scale else 1.0
     limits = LinkLimits(
         rules.min_cosine, explained, np.inf if max_gap is None else max_gap, rules.mutual
     )
     planes, compiled = planes._replace(scale=limit), n >= COMPILE_FROM
-    return link_planes(index.points, neighbors, planes, limits, usable, compiled, n_jobs), radius
+    return link_planes(index, k, planes, limits, usable, compiled, n_jobs), radius
 
 
 def grow_regions(links, seeds):

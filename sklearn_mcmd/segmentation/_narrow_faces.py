@@ -95,7 +95,7 @@ class RestFaces:
         usual = np.concatenate([outer[:-1], own, [np.inf]])
         members = fresh = rows
         for _ in range(MAX_ROUNDS):
-            around = np.unique(self.index.tree.query(self.index.points[fresh], self.k)[1])
+            around = np.unique(self.index.query_own(fresh, self.k).indices)
             around = around[labels[around] < first]
             owner, share, _ = self._nearest(around, self.k, labels, planes, usual)
             won = (owner >= first) & (share <= CUTOFF)
@@ -150,7 +150,7 @@ class RestFaces:
     def _heights(self, rows, k, labels, planes, usual):
         """Distances of rows from the regions around: places in `rows`, regions, distances."""
         points = self.index.points
-        near = self.index.tree.query(points[rows], k=k)[1].reshape(-1, k)
+        near = self.index.query_own(rows, k).indices
         region = labels[near]
         known = np.isfinite(usual)[region] & (planes.scale[near] <= MOST_NOISE * usual[region])
         heights = np.zeros(near.shape)

@@ -82,7 +82,7 @@ def test_results_do_not_depend_on_threads_chunks_or_order(monkeypatch):
     X, _, _ = corner(4000)
     expected = RobustNormalEstimator(30, random_state=0).fit(X)
     order = np.random.default_rng(0).permutation(len(X))
-    monkeypatch.setattr("sklearn_mcmd.normals._surface_planes.CHUNK", {True: 997, False: 997})
+    monkeypatch.setattr("sklearn_mcmd.planes._neighbor_table.AT_ONCE", 997)
     shuffled = RobustNormalEstimator(30, random_state=0, n_jobs=2).fit(X[order])
     angle = bias_angle(shuffled.normals_, expected.normals_[order])
     assert (angle < 1e-4).mean() > 0.999

@@ -1,5 +1,7 @@
 """Company: how far points that no surface explains stand off, by hand on small clouds."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -24,13 +26,19 @@ def spacing_of(points, counts, others_only=False):
 
 
 def company(points, n_explained, least=100, counts=None, n_jobs=None):
-    """The first of the points are on a surface."""
+    """The first of the points are on a surface; values are those of all points, 0 for these."""
     counts = np.ones(len(points), dtype=int) if counts is None else counts
     places = Places(
         points, counts, spacing_of(points, counts), spacing_of(points, counts, others_only=True)
     )
     explained = np.arange(len(points)) < n_explained
-    return Company(places, explained, least, CompanyLimits(), n_jobs)
+    found = Company(places, explained, least, CompanyLimits(), n_jobs)
+    assert_array_equal(found.rest, np.flatnonzero(~explained))
+    isolation, separation = np.zeros(len(points)), np.zeros(len(points))
+    isolation[found.rest], separation[found.rest] = found.isolation, found.separation
+    return SimpleNamespace(
+        isolation=isolation, separation=separation, measure=found.measure, usual=found.usual
+    )
 
 
 def lattice(n=20):

@@ -126,8 +126,8 @@ def test_results_do_not_depend_on_threads_or_chunks(n, monkeypatch):
     X = make_street(n, outlier_share=0.2, random_state=0).data
     new = X[:500] + 0.3
     expected = MCMDOutlierDetector(strictness="surfaces", random_state=0).fit(X)
-    for room in ("outliers._cloud", "outliers._surfaces"):
-        monkeypatch.setattr(f"sklearn_mcmd.{room}.CHUNK", {True: 9_000, False: 2_000})
+    monkeypatch.setattr("sklearn_mcmd.planes._neighbor_table.AT_ONCE", 9_000)
+    monkeypatch.setattr("sklearn_mcmd.planes._local_planes.CHUNK", 2_000)
     monkeypatch.setattr("sklearn_mcmd.outliers._company.CHUNK", 97)
     pieces = MCMDOutlierDetector(strictness="surfaces", random_state=0, n_jobs=2).fit(X)
     assert_array_equal(pieces.scores_, expected.scores_)

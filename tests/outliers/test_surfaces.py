@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from sklearn_mcmd.outliers import _surfaces
+from reference import GivenNeighbors
 from sklearn_mcmd.outliers._surfaces import (
     SurfaceLimits,
     distances_to_surfaces,
@@ -38,7 +38,8 @@ def face(n, rng, side=1.0):
 
 def surfaces(points, neighbors, planes, least=K, compiled=False, distances=None):
     own = np.zeros(len(points)) if distances is None else distances
-    return find_surfaces(points, neighbors, planes, own, least, SurfaceLimits(), compiled)
+    index = GivenNeighbors(points, neighbors)
+    return find_surfaces(index, planes, own, least, SurfaceLimits(), compiled)
 
 
 @pytest.fixture
@@ -134,10 +135,12 @@ def test_own_distances_are_in_standard_deviations_and_finite():
     assert np.isfinite(found).all()
 
 
-def distances(queries, indices, planes, on_surface, compiled, n_jobs=None):
+def distances(queries, indices, planes, on_surface, compiled, chunk=1000, n_jobs=None):
     near = Neighborhoods(indices.astype(np.int32), np.full(len(queries), indices.shape[1]))
     floor = np.zeros(len(queries))
-    return distances_to_surfaces(queries, near, planes, on_surface, floor, compiled, n_jobs)
+    return distances_to_surfaces(
+        queries, near.take, planes, on_surface, floor, compiled, chunk, n_jobs
+    )
 
 
 @pytest.mark.parametrize("compiled", [False, True])
@@ -154,13 +157,12 @@ def test_the_nearest_plane_of_a_surface_that_reaches_the_point_measures_it(compi
 
 
 @pytest.mark.parametrize("compiled", [False, True])
-def test_chunks_and_threads_change_no_distance(rng, compiled, monkeypatch):
+def test_chunks_and_threads_change_no_distance(rng, compiled):
     points, neighbors, planes = face(2000, rng)
     queries = points + rng.normal(0, 0.05, points.shape)
     on_surface = rng.random(2000) < 0.5
     expected = distances(queries, neighbors.indices, planes, on_surface, compiled)
-    monkeypatch.setattr(_surfaces, "CHUNK", dict.fromkeys((True, False), 97))
-    pieces = distances(queries, neighbors.indices, planes, on_surface, compiled, 2)
+    pieces = distances(queries, neighbors.indices, planes, on_surface, compiled, 97, 2)
     assert_array_equal(expected[0], pieces[0])
     assert_array_equal(expected[1], pieces[1])
     assert (expected[0] >= 0).any()

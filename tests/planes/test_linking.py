@@ -4,8 +4,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.planes._linking import LinkLimits, connected, link_planes
+from reference import GivenNeighbors
+from sklearn_mcmd.planes._linking import LinkLimits, connected, connected_planes, link_planes
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
+
+
+def links_of(cloud, limits, compiled, chunk=1000, n_jobs=None):
+    points, neighbors, planes, usable = cloud
+    index, k = GivenNeighbors(points, neighbors, chunk), neighbors.indices.shape[1]
+    return link_planes(index, k, planes, limits, usable, compiled, n_jobs)
 
 
 def scene(d, n=150, k=10, seed=0):
@@ -67,9 +74,9 @@ def literally(points, neighbors, planes, limits, usable):
 @pytest.mark.parametrize("name", LIMITS)
 def test_links_are_those_of_the_rules_taken_literally(name, d, compiled):
     cloud = scene(d)
-    points, neighbors, planes, usable = cloud
-    links = link_planes(points, neighbors, planes, LIMITS[name], usable, compiled)
+    links = links_of(cloud, LIMITS[name], compiled)
     assert links.dtype == np.int32
+    points, neighbors, planes, usable = cloud
     expected = literally(points, neighbors, planes, LIMITS[name], usable)
     assert [row[row >= 0].tolist() for row in links] == expected
     assert sum(map(len, expected)) > 5
@@ -78,19 +85,52 @@ def test_links_are_those_of_the_rules_taken_literally(name, d, compiled):
 
 @pytest.mark.parametrize("compiled", [True, False])
 def test_links_of_neighborhoods_that_are_mutual_go_both_ways(compiled):
-    points, neighbors, planes, usable = scene(3)
-    links = link_planes(points, neighbors, planes, LIMITS["both near"], usable, compiled)
+    links = links_of(scene(3), LIMITS["both near"], compiled)
     pairs = {(i, j) for i, row in enumerate(links.tolist()) for j in row if j >= 0}
     assert pairs == {(j, i) for i, j in pairs}
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-def test_links_do_not_depend_on_chunks_or_threads(compiled, monkeypatch):
+def test_links_do_not_depend_on_chunks_or_threads(compiled):
     cloud = scene(3)
-    whole = link_planes(*cloud[:3], LIMITS["both near"], cloud[3], compiled)
-    monkeypatch.setattr("sklearn_mcmd.planes._linking.CHUNK", 70)
-    parts = link_planes(*cloud[:3], LIMITS["both near"], cloud[3], compiled, n_jobs=2)
+    whole = links_of(cloud, LIMITS["both near"], compiled)
+    parts = links_of(cloud, LIMITS["both near"], compiled, chunk=7, n_jobs=2)
     assert_array_equal(whole, parts)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("chunk", [7, 1000])
+@pytest.mark.parametrize("name", LIMITS)
+def test_parts_of_planes_are_those_of_their_links(name, chunk, compiled):
+    points, neighbors, planes, usable = cloud = scene(3)
+    expected = connected(links_of(cloud, LIMITS[name], compiled), compiled)
+    index, k = GivenNeighbors(points, neighbors, chunk), neighbors.indices.shape[1]
+    found = connected_planes(index, k, planes, LIMITS[name], usable, compiled)
+    assert 3 < len(expected[1]) < len(points)
+    assert_array_equal(found[0], expected[0])
+    assert_array_equal(found[1], expected[1])
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_those_equally_near_as_the_last_are_near(compiled):
+    """On a lattice the eight around a point are near, though a list holds only four of them."""
+    x, y = np.meshgrid(np.arange(5.0), np.arange(5.0))
+    points = np.stack([x.ravel(), y.ravel(), np.zeros(25)], axis=1)
+    distances = np.linalg.norm(points[:, None] - points, axis=2)
+    indices = np.lexsort((np.arange(25)[None] + 0 * distances, distances))[:, :5]
+    planes = Planes.unknown(25, 3)
+    planes.centroids[:], planes.normals[:], planes.scale[:] = points, [0, 0, 1], 0.1
+    cloud = (
+        points,
+        Neighborhoods(indices.astype(np.int32), np.full(25, 5)),
+        planes,
+        np.ones(25, bool),
+    )
+    links = links_of(cloud, LIMITS["both near"], compiled)
+    far = distances[np.arange(25), indices[:, -1]]
+    for i, row in enumerate(links):
+        near = [j for j in indices[i] if j != i and distances[i, j] <= far[j]]
+        assert row[row >= 0].tolist() == near
 
 
 def parts_literally(links):

@@ -215,7 +215,7 @@ def test_labels_do_not_depend_on_row_order_where_points_share_a_plane_that_was_l
 
 
 def test_labels_do_not_depend_on_threads(street, monkeypatch):
-    monkeypatch.setattr("sklearn_mcmd.segmentation._graph.CHUNK", 3000)
+    monkeypatch.setattr("sklearn_mcmd.planes._neighbor_table.AT_ONCE", 3000)
     X, _ = street
     one, two = (RegionGrowing(random_state=0, n_jobs=n).fit(X) for n in (1, 2))
     assert_array_equal(one.labels_, two.labels_)

@@ -1,0 +1,157 @@
+"""The nearest neighbors of all points of a cloud, found once and kept in half of their size."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sklearn_mcmd.planes._compiling import compiled_function
+
+__all__ = ["NeighborTable"]
+
+# Neighbors that are found at once, what bounds the memory of a search.
+AT_ONCE = 200_000
+# Rows of a part, at most.
+LONGEST_PART = 4096
+# Points of one group; a power of two.
+GROUP = 16
+# Groups that one code of two bytes can tell apart.
+MOST_GROUPS = 2**16 // GROUP
+
+
+class NeighborTable:
+    """The k nearest of fixed points to each of them, searched when they are first asked for.
+
+    The points are in spatial order, so the neighbors of near points lie in few groups of 16 rows
+    in succession. Rows near each other share a list of these groups. A neighbor is then two
+    bytes: the place of its group in the list, and its own place in the group.
+
+    Parameters
+    ----------
+    search : callable
+        ``search(rows, k)`` returns the neighbors (m, k), int32, of a slice of rows.
+    n : int
+        Number of points.
+    k : int
+        Neighbors of each, itself the first.
+    """
+
+    def __init__(self, search, n, k):
+        self.search, self.n, self.k = search, n, k
+        self.part_size = part_size(k)
+        self.parts = [None] * -(-n // self.part_size)
+        self.codes = None
+        # A block has no more groups than neighbors.
+        self.block = min(64, MOST_GROUPS // k)
+        if self.block and n >= self.block and _compiled("pack") is not None:
+            self.codes = np.empty((n, k), np.uint16)
+
+    def query(self, rows, k, keep=True):
+        """Neighbors of some rows, the nearest first.
+
+        Parameters
+        ----------
+        rows : slice or ndarray of int of shape (m,)
+        k : int
+            At most that of the table.
+        keep : bool, default=True
+            Whether what must be searched is kept for the next time. Of rows that are no slice it
+            is always kept.
+
+        Returns
+        -------
+        indices : ndarray of int32 of shape (m, k)
+        """
+        if isinstance(rows, slice):
+            first, last, _ = rows.indices(self.n)
+            found = np.empty((max(last - first, 0), k), np.int32)
+            for begin in range(first, last, self.part_size):
+                # Of slices that begin where parts begin this is one part each.
+                end = min(begin + self.part_size, last)
+                found[begin - first : end - first] = self._query_slice(begin, end, k, keep)
+            return found
+        found = np.empty((len(rows), k), np.int32)
+        part_of = rows // self.part_size
+        order = np.argsort(part_of, kind="stable")
+        ends = np.cumsum(np.bincount(part_of))
+        for i in np.unique(part_of):
+            places = order[ends[i - 1] if i else 0 : ends[i]]
+            found[places] = self._part(i).take(rows[places] - i * self.part_size, k)
+        return found
+
+    def _query_slice(self, begin, end, k, keep):
+        """Of at most one part's length, though in two parts maybe."""
+        i = begin // self.part_size
+        middle = min(end, (i + 1) * self.part_size)
+        if not keep and self.parts[i] is None:
+            return self.search(slice(begin, end), k)
+        found = self._part(i).take(np.arange(begin, middle) - i * self.part_size, k)
+        if middle == end:
+            return found
+        rest = self._part(i + 1).take(np.arange(end - middle), k)
+        return np.vstack([found, rest])
+
+    def _part(self, i):
+        """A part, which is searched if this was not done before."""
+        part = self.parts[i]
+        if part is None:
+            rows = slice(i * self.part_size, min((i + 1) * self.part_size, self.n))
+            part = Plain(self.search(rows, self.k))
+            if self.codes is not None:
+                part = _packed(part.indices, self.block, self.codes[rows])
+            self.parts[i] = part
+        return part
+
+
+class Plain(NamedTuple):
+    """Neighbors as they are."""
+
+    indices: np.ndarray
+
+    def take(self, rows, k):
+        return self.indices[rows, :k]
+
+
+class Packed(NamedTuple):
+    """Neighbors of successive rows, two bytes each.
+
+    codes : ndarray of uint16 of shape (m, k)
+        Place of a neighbor's group in its block's list, times 16, and place in the group.
+    groups : ndarray of int32
+        The lists of all blocks.
+    starts : ndarray of int64 of shape (n_blocks + 1,)
+        Where the list of each block starts.
+    block : int
+        Rows of a block.
+    """
+
+    codes: np.ndarray
+    groups: np.ndarray
+    starts: np.ndarray
+    block: int
+
+    def take(self, rows, k):
+        unpack = _compiled("unpack")
+        if unpack is None:  # though it packed them: a cloud outlives a test without Numba
+            codes = self.codes[rows, :k].astype(np.int64)
+            places = self.starts[rows // self.block][:, None] + codes // GROUP
+            return (self.groups[places] * GROUP + codes % GROUP).astype(np.int32)
+        found = np.empty((len(rows), k), np.int32)
+        unpack(self.codes, self.groups, self.starts, self.block, GROUP, rows, found)
+        return found
+
+
+def part_size(k):
+    """Rows of a part: a power of two."""
+    return min(LONGEST_PART, 1 << (max(AT_ONCE // k, 1).bit_length() - 1))
+
+
+def _packed(indices, block, codes):
+    """A part of a table in half of its size; its codes are filled."""
+    m, k = indices.shape
+    groups, starts = np.empty(m * k, np.int32), np.empty(-(-m // block) + 1, np.int64)
+    _compiled("pack")(indices, block, GROUP, codes, groups, starts)
+    return Packed(codes, groups[: starts[-1]].copy(), starts, block)
+
+
+def _compiled(name):
+    return compiled_function("planes._neighbor_table_numba", name)

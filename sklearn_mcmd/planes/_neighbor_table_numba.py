@@ -1,0 +1,48 @@
+"""Packing of ``_neighbor_table``, compiled."""
+
+import numpy as np
+
+from sklearn_mcmd.planes._kernels import kernel
+
+__all__ = ["pack", "unpack"]
+
+
+@kernel(cache=True)
+def pack(indices, block, group, codes, groups, starts):
+    """Fill the codes of neighbors, and the lists of groups that they refer to."""
+    m, k = indices.shape
+    # Places in the list by group: a table with open addresses, twice as long as any list.
+    size = 1
+    while size < 2 * block * k:
+        size *= 2
+    names, places = np.full(size, -1, np.int32), np.empty(size, np.int32)
+    slots = np.empty(block * k, np.int64)
+    n_groups = 0
+    for b in range(len(starts) - 1):
+        starts[b] = first = n_groups
+        for i in range(b * block, min((b + 1) * block, m)):
+            for j in range(k):
+                name = indices[i, j] // group
+                slot = (name * 2654435761) & (size - 1)
+                while names[slot] != name and names[slot] >= 0:
+                    slot = (slot + 1) & (size - 1)
+                if names[slot] < 0:
+                    names[slot], places[slot] = name, n_groups - first
+                    slots[n_groups - first] = slot
+                    groups[n_groups] = name
+                    n_groups += 1
+                codes[i, j] = places[slot] * group + indices[i, j] - name * group
+        for i in range(n_groups - first):
+            names[slots[i]] = -1
+    starts[len(starts) - 1] = n_groups
+
+
+@kernel(cache=True)
+def unpack(codes, groups, starts, block, group, rows, found):
+    """Fill the first neighbors of rows."""
+    m, k = found.shape
+    for i in range(m):
+        first = starts[rows[i] // block]
+        for j in range(k):
+            code = np.int64(codes[rows[i], j])
+            found[i, j] = groups[first + code // group] * group + code % group

@@ -1,0 +1,181 @@
+"""The index of a cloud, and who shares it."""
+
+import copy
+import gc
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from scipy.spatial import cKDTree
+from sklearn.base import clone
+from sklearn.pipeline import make_pipeline
+
+from sklearn_mcmd import (
+    MCMDOutlierDetector,
+    RegionGrowing,
+    RobustNormalEstimator,
+    SharpFeatureDetector,
+)
+from sklearn_mcmd.datasets import make_street
+from sklearn_mcmd.planes import _indexed_cloud
+from sklearn_mcmd.planes._indexed_cloud import IndexedCloud, distinct_rows
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+
+
+@pytest.fixture
+def searched(monkeypatch):
+    """How many rows are searched, and how many clouds are indexed."""
+    gc.collect()  # of clouds that earlier tests have left
+    counts = {"rows": 0, "clouds": 0}
+    search, init = IndexedCloud._search, IndexedCloud.__init__
+
+    def counted_search(self, rows, k):
+        counts["rows"] += rows.stop - rows.start
+        return search(self, rows, k)
+
+    def counted_init(self, X):
+        counts["clouds"] += 1
+        init(self, X)
+
+    monkeypatch.setattr(IndexedCloud, "_search", counted_search)
+    monkeypatch.setattr(IndexedCloud, "__init__", counted_init)
+    return counts
+
+
+def street(n=3000):
+    return make_street(n, random_state=0).data
+
+
+def cloud_with_copies(n, d, seed=0):
+    rng = np.random.default_rng(seed)
+    X = rng.normal(size=(n, d))
+    X[rng.integers(0, n, n // 3)] = X[0]
+    X[rng.integers(0, n, n // 5)] = X[rng.integers(0, n, n // 5)]
+    return X
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 900, 1500, 12_000])
+@pytest.mark.parametrize("d", [2, 3, 4])
+def test_places_lead_back_to_each_row(n, d):
+    for X in (cloud_with_copies(n, d), np.random.default_rng(1).normal(size=(n, d))):
+        cloud = IndexedCloud(X)
+        assert_array_equal(cloud.points[cloud.places], X)
+        assert_array_equal(cloud.points, X[cloud.rows])
+        assert cloud.n_distinct == len(np.unique(X, axis=0))
+
+
+def test_distinct_rows_are_the_first_of_their_places():
+    X = np.array([[1.0, 2], [0, 5], [1, 2], [0, 5], [1, 3], [1, 2]])
+    rows, locations = distinct_rows(X)
+    assert_array_equal(rows, [0, 1, 4])
+    assert_array_equal(locations, [0, 1, 0, 1, 2, 0])
+    assert distinct_rows(X[[0, 1, 4]])[1] is None
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_neighbors_are_those_of_a_tree(d):
+    X = np.random.default_rng(0).normal(size=(2500, d))
+    cloud = IndexedCloud(X)
+    expected = cKDTree(cloud.points).query(cloud.points, k=20)[1]
+    assert_array_equal(cloud.neighbors(slice(None), 20, n_kept=0), expected)
+    assert cloud.table is None
+    rows = np.array([7, 2000, 7, 0])
+    assert_array_equal(cloud.neighbors(rows, 5, n_kept=30), expected[rows, :5])
+    assert cloud.table.k == 30
+    assert_array_equal(cloud.neighbors(slice(None), 20, n_kept=20), expected)
+    assert cloud.table.k == 30
+
+
+def test_stages_of_a_pipeline_search_once(searched):
+    X = street()
+    pipeline = make_pipeline(
+        RobustNormalEstimator(random_state=0), RegionGrowing(normals="precomputed")
+    )
+    labels = pipeline.fit_predict(X)
+    assert searched == {"rows": len(X), "clouds": 1}
+    edges = SharpFeatureDetector(30, normals="precomputed", outlier_detector="passthrough")
+    edges.fit(pipeline[0].transform(X))
+    detector = MCMDOutlierDetector(random_state=0).fit(X)
+    assert searched == {"rows": len(X), "clouds": 1}
+    del pipeline, detector, edges
+    gc.collect()
+    assert_array_equal(labels, RegionGrowing(random_state=0).fit_predict(X))
+    assert searched == {"rows": 2 * len(X), "clouds": 2}
+
+
+def test_an_estimator_with_normals_of_its_own_searches_once(searched):
+    X = street()
+    RegionGrowing(random_state=0).fit(X)
+    assert searched == {"rows": len(X), "clouds": 1}
+    gc.collect()
+    edges = SharpFeatureDetector(random_state=0).fit(X)
+    n_kept = np.count_nonzero(edges.inlier_mask_)
+    assert n_kept < len(X)  # first outliers are sought, then edges of the others
+    assert searched == {"rows": 2 * len(X) + n_kept, "clouds": 3}
+
+
+def test_the_paper_s_forms_keep_no_table():
+    for form in (
+        RobustNormalEstimator(refine=None, random_state=0),
+        MCMDOutlierDetector(strictness=None, refine=None, random_state=0),
+    ):
+        assert form.fit(street(2000))._model.index.cloud.table is None
+
+
+def test_results_are_those_of_a_stage_alone():
+    X = street()
+    alone = RobustNormalEstimator(random_state=0).fit(X).normals_.copy()
+    gc.collect()
+    larger = MCMDOutlierDetector(70, random_state=0).fit(X)
+    shared = RobustNormalEstimator(random_state=0).fit(X)
+    assert shared._model.index.cloud is larger._model.index.cloud
+    assert_array_equal(shared.normals_, alone)
+
+
+def test_another_dtype_of_the_same_coordinates_is_the_same_cloud():
+    X = street().astype(np.float32)
+    first, second = (NeighborIndex(x.astype(np.float64), 20) for x in (X, np.asfortranarray(X)))
+    assert first.cloud is second.cloud
+
+
+def test_other_points_or_another_order_are_another_cloud():
+    X = street()
+    first = NeighborIndex(X, 20)
+    moved = X.copy()
+    moved[5, 1] += 1e-9
+    assert NeighborIndex(moved, 20).cloud is not first.cloud
+    assert NeighborIndex(X[::-1].copy(), 20).cloud is not first.cloud
+    X[5, 1] += 1e-9  # the index has its own points
+    assert NeighborIndex(X, 20).cloud is not first.cloud
+
+
+def test_nothing_is_kept_once_no_estimator_is():
+    before = len(_indexed_cloud._known)
+    fitted = RobustNormalEstimator(random_state=0).fit(street())
+    assert len(_indexed_cloud._known) == before + 1
+    del fitted
+    gc.collect()
+    assert len(_indexed_cloud._known) == before
+
+
+def test_pickles_and_copies_are_without_the_table():
+    X = street()
+    fitted = RobustNormalEstimator(random_state=0).fit(X)
+    assert fitted._model.index.cloud.table is not None
+    for other in (pickle.loads(pickle.dumps(fitted)), copy.deepcopy(fitted)):
+        assert other._model.index.cloud.table is None
+        assert_array_equal(other.transform(X[:50] + 0.001), fitted.transform(X[:50] + 0.001))
+    again = clone(fitted).fit(X)
+    assert again._model.index.cloud is fitted._model.index.cloud
+    assert_array_equal(again.normals_, fitted.normals_)
+
+
+def test_threads_that_fit_at_once_share_one_cloud():
+    X = street()
+    with ThreadPoolExecutor(8) as pool:
+        fitted = list(pool.map(lambda _: RobustNormalEstimator(random_state=0).fit(X), range(8)))
+    assert len({id(one._model.index.cloud) for one in fitted}) == 1
+    for one in fitted:
+        assert_array_equal(one.normals_, fitted[0].normals_)

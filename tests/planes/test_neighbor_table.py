@@ -1,0 +1,116 @@
+"""The packed table of neighbors, against the neighbors that went into it."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+
+from sklearn_mcmd.planes import _neighbor_table
+from sklearn_mcmd.planes._neighbor_table import NeighborTable, Packed, Plain, part_size
+
+
+def table_of(indices, calls=None):
+    """A table of given neighbors, which writes down the slices that it searches."""
+
+    def search(rows, k):
+        if calls is not None:
+            calls.append((rows.start, rows.stop, k))
+        return indices[rows, :k].copy()
+
+    return NeighborTable(search, *indices.shape)
+
+
+def neighbors(n, k, spread=None, seed=0):
+    """Rows near each row, or any rows at all."""
+    rng = np.random.default_rng(seed)
+    spread = n if spread is None else spread
+    near = np.arange(n)[:, None] + rng.integers(-spread, spread + 1, (n, k))
+    return np.clip(near, 0, n - 1).astype(np.int32)
+
+
+@pytest.mark.parametrize("k", [1, 5, 50, 300, 4096, 5000])
+@pytest.mark.parametrize("spread", [40, None])
+def test_what_comes_out_is_what_went_in(k, spread):
+    indices = neighbors(9000 if k < 300 else 600, k, spread)
+    table = table_of(indices)
+    n = len(indices)
+    found = table.query(slice(None), k)
+    assert found.dtype == np.int32
+    assert_array_equal(found, indices)
+    rows = np.random.default_rng(1).integers(0, n, 500)
+    for fewer in {1, (k + 1) // 2, k}:
+        assert_array_equal(table.query(rows, fewer), indices[rows, :fewer])
+        assert_array_equal(table.query(slice(37, n - 5), fewer), indices[37 : n - 5, :fewer])
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    n=st.integers(1, 700),
+    k=st.integers(1, 90),
+    spread=st.integers(0, 10**6),
+    begin=st.integers(0, 700),
+    length=st.integers(0, 700),
+    seed=st.integers(0, 10),
+)
+def test_any_slice_and_any_rows(n, k, spread, begin, length, seed):
+    indices = neighbors(n, k, spread, seed)
+    table = table_of(indices)
+    rows = slice(begin, begin + length)
+    assert_array_equal(table.query(rows, k), indices[rows])
+    some = np.random.default_rng(seed).integers(0, n, length)
+    assert_array_equal(table.query(some, k), indices[some])
+
+
+def test_each_row_is_searched_once():
+    calls = []
+    indices = neighbors(9000, 50)
+    table = table_of(indices, calls)
+    table.query(slice(0, 3000), 50)
+    table.query(np.arange(100, 8000, 7), 20)
+    table.query(slice(None), 50)
+    size = part_size(50)
+    assert sorted(calls) == [(i, min(i + size, 9000), 50) for i in range(0, 9000, size)]
+
+
+def test_what_is_not_to_be_kept_is_searched_as_asked_for():
+    calls = []
+    indices = neighbors(9000, 50)
+    table = table_of(indices, calls)
+    assert_array_equal(table.query(slice(10, 20), 5, keep=False), indices[10:20, :5])
+    assert calls == [(10, 20, 5)]
+    assert table.parts == [None] * len(table.parts)
+
+
+def test_neighbors_take_half_of_their_size():
+    """Two bytes each, and lists of groups: 44 rows of 64 and their reach of 40 to both sides."""
+    indices = neighbors(20_000, 50, spread=40)
+    table = table_of(indices)
+    table.query(slice(None), 50)
+    assert all(isinstance(part, Packed) for part in table.parts)
+    lists = sum(part.groups.nbytes + part.starts.nbytes for part in table.parts)
+    assert table.codes.nbytes == indices.nbytes / 2
+    assert lists < 0.02 * indices.nbytes
+
+
+def test_packed_neighbors_are_unpacked_without_compiled_code(monkeypatch):
+    indices = neighbors(3000, 20)
+    table = table_of(indices)
+    table.query(slice(None), 20)
+    monkeypatch.setattr(_neighbor_table, "_compiled", lambda name: None)
+    assert_array_equal(table.query(slice(None), 20), indices)
+
+
+def test_without_compiled_code_they_are_kept_as_they_are(monkeypatch):
+    monkeypatch.setattr(_neighbor_table, "_compiled", lambda name: None)
+    indices = neighbors(3000, 20)
+    table = table_of(indices)
+    assert_array_equal(table.query(slice(None), 20), indices)
+    assert all(isinstance(part, Plain) for part in table.parts)
+
+
+@pytest.mark.parametrize("k", [1, 2, 10, 50, 1000, 200_000, 10**6])
+def test_parts_bound_the_neighbors_that_are_searched_at_once(k):
+    size = part_size(k)
+    assert size & (size - 1) == 0
+    assert size == 1 or size * k <= 200_000
