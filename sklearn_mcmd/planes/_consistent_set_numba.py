@@ -18,6 +18,7 @@ from sklearn_mcmd.planes._moments_numba import (
 )
 
 __all__ = [
+    "NO_FIT",
     "consistent_set_3d",
     "first_members",
     "least_eigenvalue",
@@ -33,13 +34,14 @@ COUNTING_PASSES = 7
 ROWS = 4  # members that the counting loop takes at once
 F0, F1, F2, HALF = np.float32(0), np.float32(1), np.float32(2), np.float32(0.5)
 TINY = np.float32(1e-30)
+ZEROS = 0.0, 0.0, 0.0
+NO_FIT = ZEROS, ZEROS, (ZEROS, ZEROS, ZEROS)
 F01, F09 = np.float32(0.1), np.float32(0.9)
 # The median of half-normal distances is 0.845 of their mean; outliers raise the mean.
 FIRST_GUESS = np.float32(0.7)
 # Beyond this number of median radii float32 rounds too coarsely for a bound. Then float64 decides
 # all trials.
 FAR = 100.0
-MOST_STEPS = 2.0**60  # largest number that an integer key holds
 # Errors that the screening's least eigenvalue may have: rounding of the moments, a few float32
 # steps of the trace, and rounding of the determinant, larger in flat and long neighborhoods.
 SCREEN_RTOL = np.float32(1e-3)
@@ -59,8 +61,10 @@ def consistent_set_3d(size, trials, arrays):
 
     Returns
     -------
-    float
+    least : float
         Least eigenvalue of the set, in squared radii; negative where no set spans a plane.
+    fit : tuple
+        Mean, eigenvalues and axes of the set, without meaning where none spans a plane.
     """
     local, local32, lanes, lanes32, least, keys, member = arrays
     n_trials = trials.positions.shape[0]
@@ -72,7 +76,7 @@ def consistent_set_3d(size, trials, arrays):
             farthest = max(farthest, abs(local[axis, j]))
     first_plane = trial_planes(local, size, trials, lanes)
     if first_plane < 0:
-        return first_members(size, n_support, member)
+        return first_members(size, n_support, member), NO_FIT
     # Lanes without a plane, and lanes that pad the vectors, repeat the first plane.
     for t in range(lanes.shape[1]):
         if t >= n_trials or lanes[3, t] == np.inf:
@@ -84,7 +88,7 @@ def consistent_set_3d(size, trials, arrays):
     else:
         bound[:] = F0
 
-    best, selected = np.inf, -1
+    best, selected, fit = np.inf, -1, NO_FIT
     for t in range(n_trials):
         least[t] = np.inf
     for _ in range(n_trials):
@@ -97,16 +101,17 @@ def consistent_set_3d(size, trials, arrays):
         bound[t] = np.inf
         select_members(local, size, trials, lanes, t, keys, member)
         selected = t
-        least[t] = least_eigenvalue(local, size, member, trials.rank_tolerance)
+        least[t], fit = least_eigenvalue(local, size, member, trials.rank_tolerance)
         best = min(best, least[t])
     if best == np.inf:
-        return first_members(size, n_support, member)
-    for t in range(n_trials):
-        if least[t] <= best + trials.eigenvalue_step:
-            if t != selected:
-                select_members(local, size, trials, lanes, t, keys, member)
-            return least[t]
-    return best
+        return first_members(size, n_support, member), NO_FIT
+    first = 0
+    while least[first] > best + trials.eigenvalue_step:
+        first += 1
+    if first != selected:
+        select_members(local, size, trials, lanes, first, keys, member)
+        _, fit = least_eigenvalue(local, size, member, trials.rank_tolerance)
+    return least[first], fit
 
 
 @kernel
@@ -348,9 +353,10 @@ def select_members(local, size, trials, lanes, t, keys, member):
     x, y, z = local[0], local[1], local[2]
     nx, ny, nz, offset = lanes[0, t], lanes[1, t], lanes[2, t], lanes[3, t]
     n_support = trials.n_support[size]
+    steps = keys.view(np.float64)  # whose bits sort like the numbers
     for j in range(size):
         distance = abs(nx * x[j] + ny * y[j] + nz * z[j] + offset)
-        keys[j] = np.int64(min(np.rint(distance / trials.distance_step), MOST_STEPS))
+        steps[j] = np.rint(distance / trials.distance_step)
     limit = kth_smallest(keys, size, n_support)
     left = n_support
     for j in range(size):
@@ -370,10 +376,11 @@ def least_eigenvalue(local, size, member, rank_tolerance):
     """Least eigenvalue of the covariance of the members (step 3).
 
     It is the variance of the members along the axis, which can only be too large, and infinite
-    where they span no plane: see the NumPy form.
+    where they span no plane: see the NumPy form. The fit, mean, eigenvalues and axes, comes too.
     """
     mean, covariance = weighted_covariance(local, size, member)
     values, axes = eigh_3d(covariance)
-    if values[1] <= rank_tolerance**2 * values[2]:
-        return np.inf
-    return variance_along(local, size, member, mean, axes[0])
+    least = np.inf
+    if values[1] > rank_tolerance**2 * values[2]:
+        least = variance_along(local, size, member, mean, axes[0])
+    return least, (mean, values, axes)

@@ -6,7 +6,7 @@ is needed.
 
 import numpy as np
 
-from sklearn_mcmd.planes._consistent_set_numba import consistent_set_3d, work_arrays
+from sklearn_mcmd.planes._consistent_set_numba import NO_FIT, consistent_set_3d, work_arrays
 from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.planes._moments_numba import (
     FASTMATH,
@@ -57,10 +57,10 @@ def fit_neighborhoods_3d(points, around, queries, trials, rule, planes, directio
             magnitude = max(magnitude, abs(first))
         floor = max(rule.rounding * (magnitude / radius + 1.0), rule.least_scale / radius)
 
-        degenerate = False
+        degenerate, fit = False, NO_FIT
         if rule.needs_consistent_set:
-            found = consistent_set_3d(size, trials, arrays)
-            degenerate = found < 0.0
+            least, fit = consistent_set_3d(size, trials, arrays)
+            degenerate = least < 0.0
         if degenerate or not rule.needs_consistent_set:
             for j in range(size):
                 member[j] = 1.0
@@ -68,9 +68,9 @@ def fit_neighborhoods_3d(points, around, queries, trials, rule, planes, directio
             if degenerate:
                 distance[i], scale = 0.0, -1.0  # the caller decides
         elif rule.within is None:
-            distance[i], scale = _mcmd_z(local, size, member, query, rule, floor, work, keys)
+            distance[i], scale = _mcmd_z(local, size, member, fit, query, rule, floor, work, keys)
         else:
-            distance[i], scale = _mcmd_md(local, size, member, query, rule, floor, work, keys)
+            distance[i], scale = _mcmd_md(local, size, member, fit, query, rule, floor, work, keys)
         planes.scale[i] = scale * radius
 
         n_kept = 0.0
@@ -105,10 +105,10 @@ def _localize(points, row, size, local, work, keys):
             norm += value * value
         work[j] = np.sqrt(norm)
     _order_keys(work, size, keys)
-    radius = _decode(kth_smallest(keys, size, size // 2 + 1))
-    if radius == 0.0:
-        radius = _decode(kth_smallest(keys, size, size))
-    radius *= extent
+    middle = kth_smallest(keys, size, size // 2 + 1)
+    if middle == 0:
+        middle = kth_smallest(keys, size, size)
+    radius = _decode(middle, keys) * extent
     for axis in range(3):
         for j in range(size):
             local[axis, j] /= radius
@@ -125,14 +125,15 @@ def _pca(local, size, member, query, floor):
 
 
 @kernel(error_model="numpy")
-def _mcmd_z(local, size, member, query, rule, floor, work, keys):
+def _mcmd_z(local, size, member, fit, query, rule, floor, work, keys):
     center = 0.0
     if rule.reweight:
-        mean, _, axes, scale, _ = _reweighted_plane(local, size, member, rule, floor, work, keys)
+        mean, _, axes, scale, _ = _reweighted_plane(
+            local, size, member, fit, rule, floor, work, keys
+        )
         _signed_distances(local, size, mean, axes[0], work)
     else:
-        mean, covariance = weighted_covariance(local, size, member)
-        _, axes = eigh_3d(covariance)
+        mean, _, axes = fit
         _signed_distances(local, size, mean, axes[0], work)
         center = _median(work, size, keys)
         for j in range(size):
@@ -146,14 +147,13 @@ def _mcmd_z(local, size, member, query, rule, floor, work, keys):
 
 
 @kernel(error_model="numpy")
-def _mcmd_md(local, size, member, query, rule, floor, work, keys):
+def _mcmd_md(local, size, member, fit, query, rule, floor, work, keys):
     if rule.reweight:
         mean, values, axes, scale, n_used = _reweighted_plane(
-            local, size, member, rule, floor, work, keys
+            local, size, member, fit, rule, floor, work, keys
         )
     else:
-        mean, covariance = weighted_covariance(local, size, member)
-        values, axes = eigh_3d(covariance)
+        mean, values, axes = fit
         n_used = 0.0
         for j in range(size):
             n_used += member[j]
@@ -185,10 +185,9 @@ def _add_squared(local, size, mean, axis, deviation, out):
 
 
 @kernel(error_model="numpy")
-def _reweighted_plane(local, size, member, rule, floor, work, keys):
+def _reweighted_plane(local, size, member, fit, rule, floor, work, keys):
     """As in ``_rules``; `member` then holds the members that were kept."""
-    mean, covariance = weighted_covariance(local, size, member)
-    values, axes = eigh_3d(covariance)
+    mean, values, axes = fit
     _signed_distances(local, size, mean, axes[0], work)
     for j in range(size):
         work[j] = abs(work[j])
@@ -231,9 +230,15 @@ def _signed_distances(local, size, mean, normal, out):
 @kernel
 def _median(values, size, keys):
     _order_keys(values, size, keys)
-    lower = kth_smallest(keys, size, (size + 1) // 2)
-    upper = lower if size % 2 else kth_smallest(keys, size, size // 2 + 1)
-    return 0.5 * (_decode(lower) + _decode(upper))
+    lower = upper = kth_smallest(keys, size, (size + 1) // 2)
+    if size % 2 == 0:
+        upper, n_lower = MAGNITUDE, 0  # the smallest key above, and the keys up to it
+        for j in range(size):
+            inside = keys[j] <= lower
+            n_lower += 1 if inside else 0
+            upper = upper if inside else min(upper, keys[j])
+        upper = lower if n_lower > size // 2 else upper
+    return 0.5 * (_decode(lower, keys) + _decode(upper, keys))
 
 
 @kernel
@@ -245,6 +250,8 @@ def _order_keys(values, size, keys):
 
 
 @kernel
-def _decode(key):
-    value = np.array([abs(key)]).view(np.float64)[0]
+def _decode(key, keys):
+    """The number of a key; overwrites the first of the keys."""
+    keys[0] = abs(key)
+    value = keys.view(np.float64)[0]
     return value if key >= 0 else -value

@@ -129,8 +129,8 @@ def _rotation(p, q, off):
 def kth_smallest(keys, size, rank):
     """The rank-th smallest (from 1) of the first `size` integers, by counting.
 
-    Each pass counts the keys up to a guess. The ends of the bracket are keys, so the loop always
-    ends, also with ties.
+    Each pass counts the keys up to a guess, until the rank-th is next to it. The ends of the
+    bracket are keys, so the loop always ends, also with ties.
     """
     low = high = keys[0]
     for j in range(size):
@@ -156,7 +156,11 @@ def kth_smallest(keys, size, rank):
             count += 1 if inside else 0
             inner = max(inner, key) if inside else inner
             outer = outer if inside else min(outer, key)
-        if count >= rank:
+        if count == rank:
+            return inner
+        if count == rank - 1:
+            return outer
+        if count > rank:
             high, n_high = inner, count
         else:
             low, n_below = outer, count

@@ -70,9 +70,9 @@ def _sets_of(local, sizes, trials):
     arrays = work_arrays(trials.positions.shape[0], local.shape[1])
     for i in range(len(local)):
         arrays[0][:] = local[i].T
-        least[i] = consistent_set_3d(sizes[i], trials, arrays)
+        least[i] = consistent_set_3d(sizes[i], trials, arrays)[0]
         for j in range(sizes[i]):
-            from_numba[i, j] = arrays[6][j] == 1.0
+            from_numba[i, j] = arrays[-1][j] == 1.0
     return from_numba, least
 
 
