@@ -9,6 +9,16 @@ set is the one that float64 alone would find, in the time of float32.
 import numpy as np
 
 from sklearn_mcmd.planes._kernels import kernel
+from sklearn_mcmd.planes._lanes_numba import (
+    FEATURES,
+    MOST_LEVEL,
+    SHIFT,
+    VECTOR,
+    lane_distances,
+    lane_levels,
+    lane_limits,
+    lane_moments,
+)
 from sklearn_mcmd.planes._moments_numba import (
     FASTMATH,
     eigh_3d,
@@ -28,24 +38,23 @@ __all__ = [
     "work_arrays",
 ]
 
-VECTOR = 8  # float32 lanes of the vectors that compilers prefer
 LINE = 16  # float32 numbers of a cache line
-COUNTING_PASSES = 7
-ROWS = 4  # members that the counting loop takes at once
-F0, F1, F2, HALF = np.float32(0), np.float32(1), np.float32(2), np.float32(0.5)
+F0, F1, F2 = np.float32(0), np.float32(1), np.float32(2)
 TINY = np.float32(1e-30)
 ZEROS = 0.0, 0.0, 0.0
 NO_FIT = ZEROS, ZEROS, (ZEROS, ZEROS, ZEROS)
-F01, F09 = np.float32(0.1), np.float32(0.9)
-# The median of half-normal distances is 0.845 of their mean; outliers raise the mean.
-FIRST_GUESS = np.float32(0.7)
+SLACK = np.float32(1.001)  # for rounding of the sum
 # Beyond this number of median radii float32 rounds too coarsely for a bound. Then float64 decides
 # all trials.
 FAR = 100.0
+# Error of a distance in float32, as a share of the farthest coordinate: 14 roundings of 2**-24.
+ROUNDING = 1e-6
+MOST_ROWS = 2**15 - 1  # that int16 counts
 # Errors that the screening's least eigenvalue may have: rounding of the moments, a few float32
 # steps of the trace, and rounding of the determinant, larger in flat and long neighborhoods.
 SCREEN_RTOL = np.float32(1e-3)
 SCREEN_STEP = np.float32(1e-6)
+LEAST_MINORS = np.float32(1e-4)  # squared ratio of width to length below which all is rounding
 
 
 @kernel(error_model="numpy")
@@ -66,13 +75,13 @@ def consistent_set_3d(size, trials, arrays):
     fit : tuple
         Mean, eigenvalues and axes of the set, without meaning where none spans a plane.
     """
-    local, local32, lanes, lanes32, least, keys, member = arrays
+    local, local32, lanes, lanes32, levels, least, keys, member = arrays
     n_trials = trials.positions.shape[0]
     n_support = trials.n_support[size]
     farthest = 0.0
     for axis in range(3):
         for j in range(size):
-            local32[axis, j] = np.float32(local[axis, j])
+            local32[j, axis] = np.float32(local[axis, j])
             farthest = max(farthest, abs(local[axis, j]))
     first_plane = trial_planes(local, size, trials, lanes)
     if first_plane < 0:
@@ -83,8 +92,8 @@ def consistent_set_3d(size, trials, arrays):
             for axis in range(4):
                 lanes[axis, t] = lanes[axis, first_plane]
     bound = lanes32[20]
-    if farthest <= FAR:
-        screen(local32, size, n_support, lanes, lanes32)
+    if farthest <= FAR and size <= MOST_ROWS:
+        screen(local32, size, n_support, lanes, lanes32, levels, ROUNDING * farthest)
     else:
         bound[:] = F0
 
@@ -130,14 +139,16 @@ def work_arrays(n_trials, k):
     """
     n_lanes = (n_trials + VECTOR - 1) // VECTOR * VECTOR
     local = np.zeros((3, k))
-    local32 = np.zeros((3, k + ROWS), dtype=np.float32)
-    lanes = np.zeros((4, n_lanes))
-    n_rows = 21 + k + ROWS
+    local32 = np.zeros((k, FEATURES), dtype=np.float32)  # members and their products
+    lanes = np.zeros((4 + 9, n_lanes))  # planes, and the corners of minimal subsets
+    n_rows = 21 + k
     buffer = np.zeros(n_rows * n_lanes + LINE, dtype=np.float32)
     start = (-buffer.ctypes.data % (4 * LINE)) // 4
     lanes32 = buffer[start : start + n_rows * n_lanes].reshape(n_rows, n_lanes)
+    n_wide = (n_lanes + 2 * VECTOR - 1) // (2 * VECTOR) * 2 * VECTOR
+    levels = np.zeros((k + 2, n_wide), dtype=np.int16)  # and a row that pads, and the limits
     least, keys, member = np.empty(n_trials), np.empty(k, dtype=np.int64), np.zeros(k)
-    return local, local32, lanes, lanes32, least, keys, member
+    return local, local32, lanes, lanes32, levels, least, keys, member
 
 
 @kernel(error_model="numpy")
@@ -146,57 +157,55 @@ def trial_planes(local, size, trials, lanes):
 
     Returns the first trial that has a plane, -1 if none has.
     """
-    x, y, z = local[0], local[1], local[2]
-    first_plane = -1
-    n_failures = 0
-    for t in range(trials.positions.shape[0]):
+    n_trials = trials.positions.shape[0]
+    for t in range(n_trials):
         row = trials.positions[t]
-        # The first three positions inside the neighborhood.
         p = 0
-        while row[p] >= size:
+        for corner in range(3):  # the first three positions inside the neighborhood
+            while row[p] >= size:
+                p += 1
+            for axis in range(3):
+                lanes[4 + 3 * corner + axis, t] = local[axis, row[p]]
             p += 1
-        a = row[p]
-        p += 1
-        while row[p] >= size:
-            p += 1
-        b = row[p]
-        p += 1
-        while row[p] >= size:
-            p += 1
-        c = row[p]
-        ux, uy, uz = x[b] - x[a], y[b] - y[a], z[b] - z[a]
-        vx, vy, vz = x[c] - x[a], y[c] - y[a], z[c] - z[a]
-        wx, wy, wz = vx - ux, vy - uy, vz - uz
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        area2 = nx * nx + ny * ny + nz * nz
-        spread = ux * ux + uy * uy + uz * uz + vx * vx + vy * vy + vz * vz
-        spread = (spread + wx * wx + wy * wy + wz * wz) / 3.0
-        if area2 / 3.0 > (trials.rank_tolerance * spread) ** 2:
-            scale = 1.0 / np.sqrt(area2)
-            lanes[0, t], lanes[1, t], lanes[2, t] = nx * scale, ny * scale, nz * scale
-            lanes[3, t] = -(nx * x[a] + ny * y[a] + nz * z[a]) * scale
-            found = True
-        else:
-            # Three failures are enough: a neighborhood without a plane is not read 69 times.
-            found = n_failures < 3 and _complete_trial(local, size, trials, t, p, lanes)
-            n_failures += not found
+    _corner_planes(lanes, n_trials, trials.rank_tolerance)
+    first_plane, n_failures = -1, 0
+    for t in range(n_trials):
+        found = lanes[3, t] < np.inf
         if not found:
-            lanes[3, t] = np.inf
-        elif first_plane < 0:
+            # Three failures are enough: a neighborhood without a plane is not read 69 times.
+            found = n_failures < 3 and _complete_trial(local, size, trials, t, lanes)
+            n_failures += not found
+        if found and first_plane < 0:
             first_plane = t
     return first_plane
 
 
 @kernel(error_model="numpy")
-def _complete_trial(local, size, trials, t, p, lanes):
-    """Read row t beyond position p until the subset spans a plane (step 1)."""
+def _corner_planes(lanes, n_trials, rank_tolerance):
+    """Planes through the corners a, b and c in rows 4 to 12 of lanes, for vectors of trials."""
+    for t in range(n_trials):
+        ax, ay, az = lanes[4, t], lanes[5, t], lanes[6, t]
+        ux, uy, uz = lanes[7, t] - ax, lanes[8, t] - ay, lanes[9, t] - az
+        vx, vy, vz = lanes[10, t] - ax, lanes[11, t] - ay, lanes[12, t] - az
+        wx, wy, wz = vx - ux, vy - uy, vz - uz
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        area2 = nx * nx + ny * ny + nz * nz
+        spread = ux * ux + uy * uy + uz * uz + vx * vx + vy * vy + vz * vz
+        spread = (spread + wx * wx + wy * wy + wz * wz) / 3.0
+        least = rank_tolerance * spread
+        scale = 1.0 / np.sqrt(area2)
+        offset = -(nx * ax + ny * ay + nz * az) * scale
+        lanes[0, t], lanes[1, t], lanes[2, t] = nx * scale, ny * scale, nz * scale
+        lanes[3, t] = offset if area2 / 3.0 > least * least else np.inf
+
+
+@kernel(error_model="numpy")
+def _complete_trial(local, size, trials, t, lanes):
+    """Read row t beyond its first three members until the subset spans a plane (step 1)."""
     row = trials.positions[t]
     member = np.zeros(size)
-    for q in range(p + 1):
-        if row[q] < size:
-            member[row[q]] = 1.0
-    n_members, wanted = 3, min(4, size)
-    for q in range(p + 1, row.shape[0]):
+    n_members, wanted = 0, 4
+    for q in range(row.shape[0]):
         if row[q] >= size:
             continue
         member[row[q]] = 1.0
@@ -235,95 +244,50 @@ def _refined_normal(local, size, member, mean, axes):
 
 
 @kernel(fastmath=FASTMATH, error_model="numpy")
-def screen(local32, size, n_support, lanes, work):
+def screen(local32, size, n_support, lanes, work, levels, rounding):
     """Lower bounds of the trials' least eigenvalues (steps 2 and 3), in float32, to work[20].
 
-    Counting finds the distance that h members do not exceed. It is a comparison and a sum, which
-    run at full vector width; sorting would not. If the count is not exactly h after a few passes,
-    a distance with fewer members is taken. Leaving points out can only lower the least eigenvalue
-    of the scatter matrix, so the bound holds.
+    Distances become levels in int16, whose vectors hold twice as many lanes. Bisection of the
+    levels by counting finds the largest limit that no more than h members are below. It is a
+    comparison and a sum, which run at full vector width; sorting would not. Ties may leave fewer
+    than h members. Members nearer than the limit, by more than twice the `rounding` of distances,
+    are surely of the set. Leaving points out can only lower the least eigenvalue of the scatter
+    matrix, so the bound holds.
     """
     n_lanes = lanes.shape[1]
-    nx, ny, nz, offset = work[0], work[1], work[2], work[3]
-    limit, low, high, n_low, n_high, count = work[4], work[5], work[6], work[7], work[8], work[9]
+    total, limit, base, moments = work[4], work[5], work[6].view(np.int32), work[10:20]
     distances = work[21:]
-    x, y, z = local32[0], local32[1], local32[2]
-    for t in range(n_lanes):
-        nx[t] = np.float32(lanes[0, t])
-        ny[t] = np.float32(lanes[1, t])
-        nz[t] = np.float32(lanes[2, t])
-        offset[t] = np.float32(lanes[3, t])
-        limit[t] = F0
+    for i in range(4):
+        for t in range(n_lanes):
+            work[i, t] = np.float32(lanes[i, t])
     for j in range(size):
-        xj, yj, zj = x[j], y[j], z[j]
-        row = distances[j]
-        for t in range(n_lanes):
-            distance = abs(nx[t] * xj + ny[t] * yj + nz[t] * zj + offset[t])
-            row[t] = distance
-            limit[t] += distance
-    # Rows that pad the unrolled loops are never counted.
-    for j in range(size, (size + ROWS - 1) // ROWS * ROWS):
-        for t in range(n_lanes):
-            distances[j, t] = np.inf
+        x, y, z = local32[j, 0], local32[j, 1], local32[j, 2]
+        local32[j, 3], local32[j, 4], local32[j, 5] = x * x, x * y, x * z
+        local32[j, 6], local32[j, 7], local32[j, 8] = y * y, y * z, z * z
+    lane_distances(work, local32, size, distances, total)
+    # The h-th distance is not larger than the mean of those that are as large.
+    share = SLACK / np.float32(size - n_support + 1)
+    for t in range(n_lanes):
+        limit[t] = total[t] * share
+    limit_bits = limit.view(np.int32)
+    for t in range(n_lanes):
+        base[t] = np.int32((limit_bits[t] >> SHIFT) - (MOST_LEVEL - 1))
+    lane_levels(distances.view(np.int32), base, size, levels)
+    low = levels[levels.shape[0] - 1]
+    levels[size] = MOST_LEVEL  # pads an odd number of rows, and is never counted
+    lane_limits(levels, size + size % 2, n_support, low)
+    # The limit as a distance; at level 0 it is 0, because members below the levels are there.
+    margin = F2 * np.float32(rounding)
+    for t in range(n_lanes):
+        limit_bits[t] = np.int32((low[t] + base[t]) << SHIFT) if low[t] > 0 else np.int32(0)
+    for t in range(n_lanes):
+        limit[t] -= margin
+    lane_moments(distances, limit, local32, size, moments)
 
     wanted = np.float32(n_support)
-    guess = FIRST_GUESS / np.float32(size)
-    for t in range(n_lanes):
-        limit[t] *= guess
-        low[t], n_low[t] = F0, F0
-        high[t], n_high[t] = -F1, np.float32(size)  # not bracketed yet
-    for i in range(COUNTING_PASSES):
-        for t in range(n_lanes):
-            count[t] = F0
-        for j in range(0, size, ROWS):
-            row0, row1 = distances[j], distances[j + 1]
-            row2, row3 = distances[j + 2], distances[j + 3]
-            for t in range(n_lanes):
-                most = limit[t]
-                n01 = (F1 if row0[t] <= most else F0) + (F1 if row1[t] <= most else F0)
-                n23 = (F1 if row2[t] <= most else F0) + (F1 if row3[t] <= most else F0)
-                count[t] += n01 + n23
-        # Every third pass halves the bracket; the other passes interpolate in it.
-        nearest, farthest = (HALF, HALF) if i % 3 == 2 else (F01, F09)
-        for t in range(n_lanes):
-            guess, n = limit[t], count[t]
-            below = n <= wanted
-            bottom, n_bottom = (guess, n) if below else (low[t], n_low[t])
-            top, n_top = (high[t], n_high[t]) if below else (guess, n)
-            low[t], n_low[t], high[t], n_high[t] = bottom, n_bottom, top, n_top
-            share = (wanted + HALF - n_bottom) / (n_top - n_bottom)
-            share = share if share > nearest else nearest
-            share = share if share < farthest else farthest
-            inner = bottom + share * (top - bottom)
-            inner = inner if top >= F0 else F2 * guess
-            limit[t] = guess if n == wanted else inner
-
-    moments = work[10:20]
     s, sx, sy, sz = moments[0], moments[1], moments[2], moments[3]
     sxx, sxy, sxz, syy = moments[4], moments[5], moments[6], moments[7]
     syz, szz = moments[8], moments[9]
-    for i in range(10):
-        for t in range(n_lanes):
-            moments[i, t] = F0
-    for j in range(0, size, 2):
-        row0, row1 = distances[j], distances[j + 1]
-        x0, y0, z0, x1, y1, z1 = x[j], y[j], z[j], x[j + 1], y[j + 1], z[j + 1]
-        xx0, xy0, xz0, yy0, yz0, zz0 = x0 * x0, x0 * y0, x0 * z0, y0 * y0, y0 * z0, z0 * z0
-        xx1, xy1, xz1, yy1, yz1, zz1 = x1 * x1, x1 * y1, x1 * z1, y1 * y1, y1 * z1, z1 * z1
-        for t in range(n_lanes):
-            member0 = F1 if row0[t] <= low[t] else F0
-            member1 = F1 if row1[t] <= low[t] else F0
-            s[t] += member0 + member1
-            sx[t] += member0 * x0 + member1 * x1
-            sy[t] += member0 * y0 + member1 * y1
-            sz[t] += member0 * z0 + member1 * z1
-            sxx[t] += member0 * xx0 + member1 * xx1
-            sxy[t] += member0 * xy0 + member1 * xy1
-            sxz[t] += member0 * xz0 + member1 * xz1
-            syy[t] += member0 * yy0 + member1 * yy1
-            syz[t] += member0 * yz0 + member1 * yz1
-            szz[t] += member0 * zz0 + member1 * zz1
-
     bound = work[20]
     for t in range(n_lanes):
         scale = F1 / (s[t] if s[t] > F1 else F1)
@@ -344,7 +308,10 @@ def screen(local32, size, n_support, lanes, work):
         size2 = (sxx[t] + syy[t] + szz[t]) * scale
         minors = minors if minors > TINY else TINY
         error = SCREEN_STEP * (size2 + size2 * trace * trace / minors)
-        bound[t] = (root * (F1 - SCREEN_RTOL) - error) * (s[t] / wanted)
+        least = (root * (F1 - SCREEN_RTOL) - error) * (s[t] / wanted)
+        # Members on a line, in float32, bound nothing; and no comparison would find a NaN.
+        wide = minors > LEAST_MINORS * (trace * trace)
+        bound[t] = least if wide and least > F0 else F0
 
 
 @kernel(fastmath=FASTMATH, error_model="numpy")

@@ -44,7 +44,7 @@ def fit_neighborhoods_3d(points, around, queries, trials, rule, planes, directio
     """
     k = around.indices.shape[1]
     arrays = work_arrays(trials.positions.shape[0], k)
-    local, keys, member = arrays[0], arrays[5], arrays[6]
+    local, keys, member = arrays[0], arrays[6], arrays[7]
     work = np.zeros(k)
     query = np.zeros(3)
     for i in range(len(queries)):
