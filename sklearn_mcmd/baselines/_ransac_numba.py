@@ -68,7 +68,7 @@ def _least_medians(columns, table, rank_tolerance, least):
         least[i] = best
 
 
-@kernel(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _trial_plane(local, row, rank_tolerance):
     """Whether three members span a plane, the first of them and the unit normal."""
     a, b, c = row[0], row[1], row[2]
@@ -86,7 +86,7 @@ def _trial_plane(local, row, rank_tolerance):
     return True, a, (nx * scale, ny * scale, nz * scale)
 
 
-@kernel(cache=True, fastmath=FASTMATH, error_model="numpy")
+@kernel(fastmath=FASTMATH, error_model="numpy")
 def _count(local, normal, anchor, threshold):
     x, y, z = local[0], local[1], local[2]
     nx, ny, nz = normal
@@ -97,7 +97,7 @@ def _count(local, normal, anchor, threshold):
     return count
 
 
-@kernel(cache=True, fastmath=FASTMATH, error_model="numpy")
+@kernel(fastmath=FASTMATH, error_model="numpy")
 def _truncated_loss(local, normal, anchor, weight):
     x, y, z = local[0], local[1], local[2]
     nx, ny, nz = normal[0] * weight, normal[1] * weight, normal[2] * weight
@@ -111,7 +111,7 @@ def _truncated_loss(local, normal, anchor, weight):
     return loss, count
 
 
-@kernel(cache=True, fastmath=FASTMATH, error_model="numpy")
+@kernel(fastmath=FASTMATH, error_model="numpy")
 def _distances(local, normal, anchor, out):
     x, y, z = local[0], local[1], local[2]
     nx, ny, nz = normal

@@ -62,7 +62,7 @@ def whole_planes_3d(points, around, limits, planes, directions, deviation, left,
             )
 
 
-@kernel(cache=True, fastmath=FASTMATH, error_model="numpy")
+@kernel(fastmath=FASTMATH, error_model="numpy")
 def _tails(height, size):
     """The largest absolute height, and sums of the first and third powers."""
     farthest = first = third = 0.0
@@ -74,7 +74,7 @@ def _tails(height, size):
     return farthest, first, third
 
 
-@kernel(cache=True, fastmath=FASTMATH, error_model="numpy")
+@kernel(fastmath=FASTMATH, error_model="numpy")
 def _moments(local, size, mean, axes, extent, moments, right, heights):
     """Normal equations of the quadric (lower triangle) and the sum of squared heights.
 
@@ -128,7 +128,7 @@ def _moments(local, size, mean, axes, extent, moments, right, heights):
     return shh
 
 
-@kernel(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _residual(moments, right, forward, total, least_pivot):
     """Squares left, and whether the members determine the quadric; overwrites the moments."""
     for i in range(TERMS):

@@ -17,9 +17,16 @@ ROOT = Path(__file__).parents[1]
 
 
 def kernel(function=None, **options):
-    """Compile a function by Numba, without the interpreter's lock; see `numba.njit`."""
+    """Compile a function by Numba, without the interpreter's lock; see `numba.njit`.
+
+    Python calls functions with ``cache=True``. Only compiled functions call the others. Those get
+    no wrappers for calls from Python and from C, which take time to compile:
+    Numba would unpack each record of arrays in each function.
+    """
     if function is None:
         return lambda function: kernel(function, **options)
+    if not options.get("cache"):
+        options |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     compiled = njit(nogil=True, **options)(function)
     files = getattr(
         getattr(compiled, "_cache", None), "_cache_file", None

@@ -95,7 +95,7 @@ def number_parts(roots):
     return roots
 
 
-@kernel(cache=True)
+@kernel
 def _root(roots, row):
     while roots[row] != row:
         roots[row] = roots[roots[row]]

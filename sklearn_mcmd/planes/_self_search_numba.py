@@ -155,7 +155,7 @@ def search_rows(tree, begin, end, capacity, indices):
         reach = max(reach, guess)
 
 
-@kernel(cache=True)
+@kernel
 def _search_one(tree, row, k, bound, near, stack, found):
     """Neighbors of one point from the nearest boxes on; the square of the k-th distance.
 
@@ -197,13 +197,13 @@ def _search_one(tree, row, k, bound, near, stack, found):
             return bound
 
 
-@kernel(cache=True)
+@kernel
 def _many(k):
     """Candidates of one point that are worth sorting; half or twice as many cost the same."""
     return 2 * k + 32
 
 
-@kernel(cache=True)
+@kernel
 def _collect(tree, leaf, reach, near, stack):
     """How many points are within a reach, squared, of a leaf's box; -1 if too many to hold."""
     boxes, points = tree.boxes, tree.points
@@ -236,7 +236,7 @@ def _collect(tree, leaf, reach, near, stack):
     return n
 
 
-@kernel(cache=True)
+@kernel
 def _filter(tree, leaf, reach, near, n):
     """Keep those of n candidates that are within a smaller reach."""
     n_kept = 0
@@ -248,7 +248,7 @@ def _filter(tree, leaf, reach, near, n):
     return n_kept
 
 
-@kernel(cache=True)
+@kernel
 def _measure(near, n, x, y, z):
     """Squared distances from a query to n candidates."""
     xs, ys, zs, squares = near.x, near.y, near.z, near.squares
@@ -257,7 +257,7 @@ def _measure(near, n, x, y, z):
         squares[i] = dx * dx + dy * dy + dz * dz
 
 
-@kernel(cache=True)
+@kernel
 def _screen(near, n, bound):
     """Keys of the candidates not farther than a bound, squared, and how many these are."""
     squares, bits, keys = near.squares, near.squares.view(np.int64), near.keys
@@ -268,7 +268,7 @@ def _screen(near, n, bound):
     return n_within
 
 
-@kernel(cache=True)
+@kernel
 def _sort(points, near, n, bound, k, found):
     """Fill `found` with the k nearest of n rows; return the square of the k-th distance.
 
@@ -311,13 +311,13 @@ def _sort(points, near, n, bound, k, found):
     return squares[places[k - 1]]
 
 
-@kernel(cache=True)
+@kernel
 def _bin(square, scale):
     position = square * scale  # not a number, if squares overflow
     return int(position) if position < N_BINS else N_BINS
 
 
-@kernel(cache=True)
+@kernel
 def _before(points, square, row, other_square, other_row):
     """Whether one neighbor comes before another: by distance, then by coordinates."""
     if square != other_square:
@@ -328,7 +328,7 @@ def _before(points, square, row, other_square, other_row):
     return row < other_row
 
 
-@kernel(cache=True)
+@kernel
 def _partition(points, axis, order, low, high, wanted):
     """Let the point at `wanted` be the one that sorting would put there, smaller ones before it."""
     while low < high:
@@ -354,7 +354,7 @@ def _partition(points, axis, order, low, high, wanted):
             return
 
 
-@kernel(cache=True)
+@kernel
 def _square_to_box(boxes, node, x, y, z):
     dx = max(boxes[node, 0] - x, x - boxes[node, 3], 0.0)
     dy = max(boxes[node, 1] - y, y - boxes[node, 4], 0.0)
@@ -362,13 +362,13 @@ def _square_to_box(boxes, node, x, y, z):
     return dx * dx + dy * dy + dz * dz
 
 
-@kernel(cache=True)
+@kernel
 def _distance(one, other):
     dx, dy, dz = one[0] - other[0], one[1] - other[1], one[2] - other[2]
     return np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@kernel(cache=True)
+@kernel
 def _wider_square(distance):
     """The square of a bound that rounding before it can't make too small, nor underflow."""
     wider = distance * (1.0 + 1e-14)
