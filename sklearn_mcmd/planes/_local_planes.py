@@ -164,8 +164,9 @@ class LocalPlaneModel:
         trials = Trials(self.trials, n_support_points(self.settings.support_fraction, sizes, 3))
         own = self.settings
         rule = RuleLimits.of(own.method, own.cutoff, own.reweight, rounding, self.least_scale)
+        out = planes, directions, distance
         fit = _compiled_driver()
-        fit(self.index.points, neighborhoods, queries, trials, rule, planes, directions, distance)
+        fit(self.index.points, neighborhoods, queries, trials, rule, rule.within, *out)
 
     def _fit_numpy(self, queries, neighborhoods, rounding, planes, directions, distance):
         points = self.index.points[neighborhoods.indices]

@@ -22,7 +22,9 @@ MAGNITUDE = np.int64(2**63 - 1)
 
 
 @kernel(cache=True, error_model="numpy")
-def fit_neighborhoods_3d(points, around, queries, trials, rule, planes, directions, distance):
+def fit_neighborhoods_3d(
+    points, around, queries, trials, rule, within, planes, directions, distance
+):
     """Apply a rule to each neighborhood (Algorithm 4), one row at a time.
 
     Parameters
@@ -32,6 +34,7 @@ def fit_neighborhoods_3d(points, around, queries, trials, rule, planes, directio
     queries : float64 (m, 3)
     trials : Trials
     rule : RuleLimits
+    within : the rule's field, as an argument of its own
     planes : Planes
         Filled, except for extents and errors.
     directions : float64 (m, 3)
@@ -39,8 +42,8 @@ def fit_neighborhoods_3d(points, around, queries, trials, rule, planes, directio
     distance : float64 (m,)
         Filled with robust distances of the queries.
 
-    Numba drops the branches of fields that are None before it compiles. The default does not need
-    a third of the code; that third is compiled when it is first used.
+    Numba drops the branches of arguments that are None, but not of fields, before it compiles. So
+    the default does not compile "mcmd_md".
     """
     k = around.indices.shape[1]
     arrays = work_arrays(trials.positions.shape[0], k)
@@ -67,7 +70,7 @@ def fit_neighborhoods_3d(points, around, queries, trials, rule, planes, directio
             distance[i], scale = _pca(local, size, member, query, floor)
             if degenerate:
                 distance[i], scale = 0.0, -1.0  # the caller decides
-        elif rule.within is None:
+        elif within is None:
             distance[i], scale = _mcmd_z(local, size, member, fit, query, rule, floor, work, keys)
         else:
             distance[i], scale = _mcmd_md(local, size, member, fit, query, rule, floor, work, keys)
