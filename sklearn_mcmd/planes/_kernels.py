@@ -33,7 +33,23 @@ def kernel(function=None, **options):
     )  # None where nothing is kept
     if files is not None:
         files._source_stamp = (files._source_stamp, _stamp())
+        files._load_index = _unless_damaged(files._load_index, {})
+        files._load_data = _unless_damaged(files._load_data, None)
     return compiled
+
+
+def _unless_damaged(read, instead):
+    """Answer `instead` for a file that was cut off; Numba then compiles and writes it anew."""
+
+    def read_or_not(*arguments):
+        try:
+            return read(*arguments)
+        except OSError:
+            raise  # Numba knows these
+        except Exception:  # unpickling wrong bytes may raise anything
+            return instead
+
+    return read_or_not
 
 
 @cache

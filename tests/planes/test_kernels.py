@@ -1,12 +1,15 @@
 """Compiled code that is kept on disk is taken only while all kernels are as they were."""
 
 import importlib
+import os
+import subprocess
+import sys
 
 import pytest
 
 pytest.importorskip("numba")
 
-from sklearn_mcmd.planes import _kernels
+from sklearn_mcmd.planes import _compiling, _kernels
 
 SOURCE = """
 from sklearn_mcmd.planes._kernels import kernel
@@ -41,3 +44,38 @@ def test_the_stamp_is_of_the_text_of_all_kernels(tmp_path, monkeypatch):
     first = _kernels._stamp.__wrapped__()
     (tmp_path / "a_numba.py").write_text("LIMIT = 2")
     assert len({before, first, _kernels._stamp.__wrapped__()}) == 3
+
+
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+@pytest.mark.parametrize("left", [0, 100])
+def test_damaged_files_are_compiled_again(kind, left, tmp_path, monkeypatch):
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path / "cache"))
+    (tmp_path / "damaged_kernel.py").write_text(SOURCE)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "damaged_kernel", raising=False)
+    assert n_compiled("damaged_kernel") == 1
+    (path,) = (tmp_path / "cache").rglob(f"*.{kind}")
+    path.write_bytes(path.read_bytes()[:left])
+    assert n_compiled("damaged_kernel") == 1
+    assert n_compiled("damaged_kernel") == 0
+
+
+def test_processes_may_compile_at_once(tmp_path):
+    (tmp_path / "shared_kernel.py").write_text(SOURCE)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    command = [sys.executable, "-c", "import shared_kernel as s; assert s.double(3) == 6"]
+    several = [subprocess.Popen(command, cwd=tmp_path, env=environment) for _ in range(3)]
+    assert [process.wait(timeout=300) for process in several] == [0, 0, 0]
+    command[-1] += "; assert not s.double.stats.cache_misses"
+    assert subprocess.run(command, cwd=tmp_path, env=environment).returncode == 0
+
+
+def test_the_folder_is_this_users_alone(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    own = _compiling._own_folder()
+    assert own == _compiling._own_folder()
+    if hasattr(os, "getuid"):
+        os.chmod(own, 0o777)  # as another user might have made it
+        other = _compiling._own_folder()
+        assert other != own
+        assert os.stat(other).st_mode & 0o077 == 0
