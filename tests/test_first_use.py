@@ -26,9 +26,9 @@ print(len(compiled.buffer) // 2)
 @pytest.mark.parametrize(
     ("name", "most"),
     [
-        ("MCMDOutlierDetector", 100),
-        ("RobustNormalEstimator", 105),
-        ("SharpFeatureDetector", 115),
+        ("MCMDOutlierDetector", 120),
+        ("RobustNormalEstimator", 122),
+        ("SharpFeatureDetector", 131),
     ],
 )
 def test_few_functions_are_compiled(name, most, tmp_path):

@@ -213,7 +213,7 @@ class JudgedCloud:
         scores = distances.copy()
         lost = np.flatnonzero(np.isinf(distances))  # which no plane of a surface reaches
         if len(lost):
-            gaps, near = self.company.reference_tree.query(points[lost])
-            beside = ratio(gaps, self.explained_scale[near])
+            gaps, near = self.company.reference.query(points[lost], 1)
+            beside = ratio(gaps[:, 0], self.explained_scale[near[:, 0]])
             scores[lost] = np.maximum(beside, apart[lost])
         return scores

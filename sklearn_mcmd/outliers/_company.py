@@ -3,23 +3,18 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from sklearn_mcmd.planes._around import quantile, ratio
-from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._linking import connected
+from sklearn_mcmd.planes._nearest import NearestPoints
 
 __all__ = ["Company", "CompanyLimits", "Places", "mean_distance"]
 
 # Where no point is on a surface, what is usual is half of all points: the sparse quarter of them
 # would be the very points that are judged.
 HALF = 0.5
-# The rest asks the trees of real points from far off: large leaves take two thirds of the time.
-LEAF = 128
 # Fewer points of the rest are grouped by SciPy: loading compiled code would take longer.
 COMPILE_FROM = 4096
-# Points that ask a tree at once: what bounds the memory.
-CHUNK = 1024
 
 
 class CompanyLimits(NamedTuple):
@@ -98,13 +93,13 @@ class Company:
         self.low, self.high = points.min(axis=0), points.max(axis=0)
         reference = explained if explained.any() else np.ones(len(points), dtype=bool)
         self.reference_spacing = places.other_spacing[reference]
-        self.reference_tree = cKDTree(points[reference], leafsize=LEAF, balanced_tree=False)
+        self.reference = NearestPoints(points[reference])
         self.quantile = limits.usual if explained.any() else HALF
         self.rest = rest = np.flatnonzero(~explained)
         self.points, self.counts = points[rest], places.counts[rest]
-        self.tree = cKDTree(self.points)
+        self.others = NearestPoints(self.points)
         n_links = max(limits.n_links, limits.n_near)
-        distances, near = _nearest(self.tree, self.points, n_links + 1, n_jobs)
+        distances, near = self.others.query(self.points, n_links + 1, n_jobs)
         self.usual = self._usual(self.points, n_jobs)
         among_rest = self._among_rest(self.points, distances, near, itself=True)
         self.isolation = self._isolated(among_rest, places.spacing[rest], self.usual)
@@ -116,10 +111,10 @@ class Company:
         if not explained.any():
             small &= sizes < sizes.max()
         # What is real: the points on surfaces, and those of large groups.
-        self.real_trees = [self.reference_tree] if explained.any() else []
+        self.real = [self.reference] if explained.any() else []
         large = ~small[groups]
         if large.any():
-            self.real_trees.append(cKDTree(self.points[large], leafsize=LEAF, balanced_tree=False))
+            self.real.append(NearestPoints(self.points[large]))
         self.separation = self._separated(groups, small, n_jobs)
 
     def measure(self, queries, spacing, n_jobs=None):
@@ -142,7 +137,7 @@ class Company:
             their size. 0 for what belongs to a large group.
         """
         usual = self._usual(queries, n_jobs)
-        distances, near = _nearest(self.tree, queries, self.limits.n_near, n_jobs)
+        distances, near = self.others.query(queries, self.limits.n_near, n_jobs)
         among_rest = self._among_rest(queries, distances, near, itself=False)
         steps = self._steps(usual, distances[:, :1], near[:, :1])[:, 0]
         separation = ratio(self._gaps(queries, n_jobs), usual)
@@ -155,12 +150,11 @@ class Company:
         n_usual = min(self.limits.n_usual, len(self.reference_spacing))
         usual = np.empty(len(queries))
 
-        def task(rows):
-            _, near = self.reference_tree.query(queries[rows], k=n_usual)
-            values = self.reference_spacing[near.reshape(-1, n_usual)]
+        def measure(rows, distances, near):
+            values = self.reference_spacing[near]
             usual[rows] = quantile(values, np.ones_like(values, dtype=bool), self.quantile)
 
-        each_slice(len(queries), CHUNK, task, n_jobs)
+        self.reference.visit(queries, n_usual, measure, n_jobs)
         return usual
 
     def _among_rest(self, queries, distances, near, itself):
@@ -186,8 +180,8 @@ class Company:
     def _gaps(self, queries, n_jobs):
         """Distances of queries to the nearest point that is real."""
         gaps = np.full(len(queries), np.inf)
-        for tree in self.real_trees:
-            np.minimum(gaps, _nearest(tree, queries, 1, n_jobs)[0][:, 0], out=gaps)
+        for real in self.real:
+            np.minimum(gaps, real.query(queries, 1, n_jobs)[0][:, 0], out=gaps)
         return gaps
 
     def _separated(self, groups, small, n_jobs):
@@ -236,16 +230,3 @@ def _longest_deviation(points, group, sizes, several):
     rows = np.unique(group[several])
     longest[rows] = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance[rows])[:, -1], 0.0))
     return longest
-
-
-def _nearest(tree, queries, k, n_jobs):
-    """Distances and rows (m, k) of the nearest points; where there are no more, inf and the size
-    of the tree."""
-    distances, near = np.empty((len(queries), k)), np.empty((len(queries), k), dtype=np.int64)
-
-    def task(rows):
-        found = tree.query(queries[rows], k=k)
-        distances[rows], near[rows] = (part.reshape(-1, k) for part in found)
-
-    each_slice(len(queries), CHUNK, task, n_jobs)
-    return distances, near

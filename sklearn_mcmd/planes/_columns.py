@@ -39,11 +39,12 @@ class Columns(NamedTuple):
         """
         points, normals = self.coordinates[rows], self.normals[rows].astype(np.float64)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)  # a file may have rounded them
-        planes = Planes.unknown(*points.shape)
-        planes.centroids[:] = points + self.offset[rows][:, None] * normals
-        planes.normals[:], planes.eigenvalues[:] = normals, self.eigenvalues[rows]
-        planes.scale[:], planes.kept[:] = self.scale[rows], 1.0
-        return planes
+        centroids = (points + self.offset[rows][:, None] * normals).astype(np.float64, copy=False)
+        eigenvalues, scale = (
+            values[rows].astype(np.float64, copy=False) for values in (self.eigenvalues, self.scale)
+        )
+        unknown = (np.full(len(points), np.nan) for _ in range(3))
+        return Planes(centroids, normals, eigenvalues, scale, np.ones(len(points)), *unknown)
 
 
 def split_columns(X, d=None):

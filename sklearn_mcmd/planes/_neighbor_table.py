@@ -12,10 +12,10 @@ __all__ = ["NeighborTable"]
 AT_ONCE = 200_000
 # Rows of a part, at most.
 LONGEST_PART = 4096
-# Points of one group; a power of two.
-GROUP = 16
+# Binary digits of the place in a group of 16 points.
+BITS = 4
 # Groups that one code of two bytes can tell apart.
-MOST_GROUPS = 2**16 // GROUP
+MOST_GROUPS = 2 ** (16 - BITS)
 
 
 class NeighborTable:
@@ -133,10 +133,10 @@ class Packed(NamedTuple):
         unpack = _compiled("unpack")
         if unpack is None:  # though it packed them: a cloud outlives a test without Numba
             codes = self.codes[rows, :k].astype(np.int64)
-            places = self.starts[rows // self.block][:, None] + codes // GROUP
-            return (self.groups[places] * GROUP + codes % GROUP).astype(np.int32)
+            places = self.starts[rows // self.block][:, None] + (codes >> BITS)
+            return (self.groups[places] << BITS) + (codes & (2**BITS - 1)).astype(np.int32)
         found = np.empty((len(rows), k), np.int32)
-        unpack(self.codes, self.groups, self.starts, self.block, GROUP, rows, found)
+        unpack(self.codes, self.groups, self.starts, self.block, BITS, rows, found)
         return found
 
 
@@ -149,7 +149,7 @@ def _packed(indices, block, codes):
     """A part of a table in half of its size; its codes are filled."""
     m, k = indices.shape
     groups, starts = np.empty(m * k, np.int32), np.empty(-(-m // block) + 1, np.int64)
-    _compiled("pack")(indices, block, GROUP, codes, groups, starts)
+    _compiled("pack")(indices, block, BITS, codes, groups, starts)
     return Packed(codes, groups[: starts[-1]].copy(), starts, block)
 
 

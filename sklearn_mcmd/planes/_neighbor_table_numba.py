@@ -8,8 +8,11 @@ __all__ = ["pack", "unpack"]
 
 
 @kernel(cache=True)
-def pack(indices, block, group, codes, groups, starts):
-    """Fill the codes of neighbors, and the lists of groups that they refer to."""
+def pack(indices, block, bits, codes, groups, starts):
+    """Fill the codes of neighbors, and the lists of groups that they refer to.
+
+    A group has ``2 ** bits`` rows; a block, which has a list, has `block` rows of the table.
+    """
     m, k = indices.shape
     # Places in the list by group: a table with open addresses, twice as long as any list.
     size = 1
@@ -22,8 +25,8 @@ def pack(indices, block, group, codes, groups, starts):
         starts[b] = first = n_groups
         for i in range(b * block, min((b + 1) * block, m)):
             for j in range(k):
-                name = indices[i, j] // group
-                slot = (name * 2654435761) & (size - 1)
+                name = np.int64(indices[i, j]) >> bits
+                slot = name & (size - 1)  # groups near each other have slots near each other
                 while names[slot] != name and names[slot] >= 0:
                     slot = (slot + 1) & (size - 1)
                 if names[slot] < 0:
@@ -31,18 +34,20 @@ def pack(indices, block, group, codes, groups, starts):
                     slots[n_groups - first] = slot
                     groups[n_groups] = name
                     n_groups += 1
-                codes[i, j] = places[slot] * group + indices[i, j] - name * group
+                codes[i, j] = (np.int64(places[slot]) << bits) + indices[i, j] - (name << bits)
         for i in range(n_groups - first):
             names[slots[i]] = -1
     starts[len(starts) - 1] = n_groups
 
 
 @kernel(cache=True)
-def unpack(codes, groups, starts, block, group, rows, found):
+def unpack(codes, groups, starts, block, bits, rows, found):
     """Fill the first neighbors of rows."""
     m, k = found.shape
+    last = (1 << bits) - 1
     for i in range(m):
         first = starts[rows[i] // block]
         for j in range(k):
             code = np.int64(codes[rows[i], j])
-            found[i, j] = groups[first + code // group] * group + code % group
+            group = np.int64(groups[first + (code >> bits)])
+            found[i, j] = (group << bits) + (code & last)

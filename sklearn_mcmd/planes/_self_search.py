@@ -68,29 +68,34 @@ class SelfSearch:
         self.order, *nodes = build(X, LEAF)
         self.tree = Tree(*nodes)
         self.points = self.tree.points
+        self.ends = self.tree.last[self.tree.leaves]
 
     @staticmethod
     def available():
         """Whether compiled code can do the work, here and now: a pickle may come elsewhere."""
         return compiled_function("planes._self_search_numba", "build_tree") is not None
 
-    def query(self, rows, k):
-        """Neighbors of some of the points, each its own first.
+    def query(self, rows, k, among=None):
+        """Neighbors of some of the points.
 
         Parameters
         ----------
         rows : slice
             Of `points`.
         k : int
-            At most as many as there are points.
+            At most as many as there are points to be found.
+        among : SelfSearch, default=None
+            Whose points are to be found; by default the own ones, each its own first neighbor.
 
         Returns
         -------
         indices : ndarray of int32 of shape (m, k)
-            Rows of `points`, the nearest first.
+            Rows of `points` of `among`, the nearest first.
         """
         begin, end, _ = rows.indices(len(self.points))
         search = compiled_function("planes._self_search_numba", "search_rows")
         indices = np.empty((max(end - begin, 0), k), dtype=np.int32)
-        search(self.tree, begin, end, CAPACITY, indices)
+        first_leaf = np.searchsorted(self.ends, begin, side="right")
+        tree = self.tree if among is None else among.tree
+        search(self.tree, tree, begin, end, first_leaf, (LEAF, CAPACITY), indices)
         return indices

@@ -85,36 +85,30 @@ def build_tree(X, leaf):
 
 
 @kernel(cache=True)
-def search_rows(tree, begin, end, capacity, indices):
-    """Fill `indices` (end - begin, k) with the neighbors of the rows from `begin` to `end`.
+def search_rows(asking, tree, begin, end, first_leaf, sizes, indices):
+    """Fill `indices` (end - begin, k) with the neighbors, rows of `tree`, of some points.
+
+    These are the rows from `begin` to `end` of `asking`, which may be the same tree or another.
+    `first_leaf` is the place in ``asking.leaves`` of the leaf that holds the first of these rows;
+    `sizes` are the largest numbers of points in a leaf and of candidates.
 
     A leaf takes its reach from the leaf before, and a query the bound of its neighbors from the
     query before. Both are guesses: k candidates within the bound prove that it was wide enough.
     """
-    points, k = tree.points, indices.shape[1]
-    size = np.max(tree.last[tree.leaves] - tree.first[tree.leaves])
-    capacity = max(capacity, _many(k) + size)
-    near = Near(
-        np.empty(capacity),
-        np.empty(capacity),
-        np.empty(capacity),
-        np.empty(capacity, np.int64),
-        np.empty(capacity),
-        np.empty(capacity, np.int64),
-        np.empty(capacity, np.int64),
-        np.empty(N_BINS + 2, np.int64),
-    )
-    stack = np.empty(256, np.int64)
+    points, k = asking.points, indices.shape[1]
+    size, capacity = sizes
+    near, stack = _room(max(capacity, _many(k) + size)), np.empty(256, np.int64)
     # The numbers of points in equal balls vary by the root of their mean.
     wider, much_wider = 1.0 + 2.5 / np.sqrt(k), 1.0 + 5.0 / np.sqrt(k)
     reach = guess = 0.0
     answered, radius = begin, np.inf
     radii, failed = np.empty(size), np.empty(size, np.int64)
-    for leaf in tree.leaves[np.searchsorted(tree.last[tree.leaves], begin, side="right") :]:
-        first, last = max(tree.first[leaf], begin), min(tree.last[leaf], end)
+    for place in range(first_leaf, len(asking.leaves)):
+        leaf = asking.leaves[place]
+        first, last = max(asking.first[leaf], begin), min(asking.last[leaf], end)
         if first >= end:
             break
-        n, n_failed, widest = _collect(tree, leaf, reach, near, stack), 0, 0.0
+        n, n_failed, widest = _collect(tree, asking.boxes, leaf, reach, near, stack), 0, 0.0
         for i in range(first, last):
             n_within = 0
             if n >= k:
@@ -130,13 +124,13 @@ def search_rows(tree, begin, end, capacity, indices):
                 failed[n_failed] = i
                 n_failed += 1
                 continue
-            square = _sort(points, near, n_within, bound, k, indices[i - begin])
+            square = _sort(tree.points, near, n_within, bound, k, indices[i - begin])
             answered, radius = i, np.sqrt(square)
             radii[i - first] = radius
             guess = wider * square
             if widest == 0.0 and much_wider * square < reach:
                 reach = much_wider * square
-                n = _filter(tree, leaf, reach, near, n)
+                n = _filter(asking.boxes, leaf, reach, near, n)
             widest = max(widest, square)
         # Isolated points are bounded by the answered ones near them.
         for a in range(n_failed):
@@ -145,7 +139,9 @@ def search_rows(tree, begin, end, capacity, indices):
             for j in range(first, last):
                 if j != i:
                     bound = min(bound, radii[j - first] + _distance(points[j], points[i]))
-            square = _search_one(tree, i, k, _wider_square(bound), near, stack, indices[i - begin])
+            x, y, z = points[i, 0], points[i, 1], points[i, 2]
+            bound = _wider_square(bound)
+            square = _search_one(tree, x, y, z, k, bound, near, stack, indices[i - begin])
             radii[i - first] = np.sqrt(square)
             if widest == 0.0:
                 answered, radius = i, radii[i - first]
@@ -156,14 +152,27 @@ def search_rows(tree, begin, end, capacity, indices):
 
 
 @kernel
-def _search_one(tree, row, k, bound, near, stack, found):
-    """Neighbors of one point from the nearest boxes on; the square of the k-th distance.
+def _room(capacity):
+    return Near(
+        np.empty(capacity),
+        np.empty(capacity),
+        np.empty(capacity),
+        np.empty(capacity, np.int64),
+        np.empty(capacity),
+        np.empty(capacity, np.int64),
+        np.empty(capacity, np.int64),
+        np.empty(N_BINS + 2, np.int64),
+    )
+
+
+@kernel
+def _search_one(tree, x, y, z, k, bound, near, stack, found):
+    """Neighbors of one location from the nearest boxes on; the square of the k-th distance.
 
     The square is at most `bound`. Whenever many candidates have come together, all but the k
     nearest go, and the farthest of these is the new bound.
     """
     points, n, n_waiting = tree.points, 0, 1
-    x, y, z = points[row, 0], points[row, 1], points[row, 2]
     stack[0] = 0
     while True:
         while n_waiting > 0 and n < _many(k):
@@ -186,12 +195,15 @@ def _search_one(tree, row, k, bound, near, stack, found):
                 near.squares[n], near.rows[n] = square, i
                 n += square <= bound
         if n >= k:
-            widest = near.squares[:n].max()
+            widest = 0.0
+            for a in range(n):
+                widest = max(widest, near.squares[a])
             _screen(near, n, widest)
             bound = _sort(points, near, n, widest, k, found)
             for a in range(k):
                 near.z[a] = near.squares[near.places[a]]
-            near.squares[:k], near.rows[:k] = near.z[:k], found
+            for a in range(k):
+                near.squares[a], near.rows[a] = near.z[a], found[a]
             n = k
         if n_waiting == 0:
             return bound
@@ -204,11 +216,14 @@ def _many(k):
 
 
 @kernel
-def _collect(tree, leaf, reach, near, stack):
-    """How many points are within a reach, squared, of a leaf's box; -1 if too many to hold."""
+def _collect(tree, around, leaf, reach, near, stack):
+    """How many points are within a reach, squared, of a leaf's box; -1 if too many to hold.
+
+    The leaf is one of the boxes `around`, those of the points that ask.
+    """
     boxes, points = tree.boxes, tree.points
-    low_x, low_y, low_z = boxes[leaf, 0], boxes[leaf, 1], boxes[leaf, 2]
-    high_x, high_y, high_z = boxes[leaf, 3], boxes[leaf, 4], boxes[leaf, 5]
+    low_x, low_y, low_z = around[leaf, 0], around[leaf, 1], around[leaf, 2]
+    high_x, high_y, high_z = around[leaf, 3], around[leaf, 4], around[leaf, 5]
     n, n_waiting = 0, 1
     stack[0] = 0
     while n_waiting > 0:
@@ -237,14 +252,14 @@ def _collect(tree, leaf, reach, near, stack):
 
 
 @kernel
-def _filter(tree, leaf, reach, near, n):
+def _filter(around, leaf, reach, near, n):
     """Keep those of n candidates that are within a smaller reach."""
     n_kept = 0
     for i in range(n):
         x, y, z = near.x[i], near.y[i], near.z[i]
         near.x[n_kept], near.y[n_kept], near.z[n_kept] = x, y, z
         near.rows[n_kept] = near.rows[i]
-        n_kept += _square_to_box(tree.boxes, leaf, x, y, z) <= reach
+        n_kept += _square_to_box(around, leaf, x, y, z) <= reach
     return n_kept
 
 

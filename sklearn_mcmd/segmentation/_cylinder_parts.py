@@ -6,6 +6,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from sklearn_mcmd.planes._chunks import run
 from sklearn_mcmd.segmentation._cylinder import N_PARAMETERS, Cylinder, fit_cylinder
 from sklearn_mcmd.segmentation._graph import COMPILE_FROM, CUTOFF, n_within_median
 from sklearn_mcmd.segmentation._joining import MOST_NOISE, region_planes
@@ -19,6 +20,8 @@ MOST_WIDE = 4.0
 # fits together then take only about as long as the last one or two.
 GROWTH = 2.0
 MAX_ROUNDS = 50
+# Tasks that the fits of all parts are dealt to.
+N_TASKS = 16
 # With fewer points any cylinder fits.
 LEAST_SIZE = 2 * N_PARAMETERS
 
@@ -77,10 +80,11 @@ class CylinderParts:
         Least standard deviation of a plane at each point: what rounding amounts to.
     max_gap : float, default=None
         Largest distance of points that touch, besides being among the nearer half of neighbors.
+    n_jobs : int, default=None
     """
 
-    def __init__(self, index, planes, floor, max_gap=None):
-        self.index, self.planes, self.floor = index, planes, floor
+    def __init__(self, index, planes, floor, max_gap=None, n_jobs=None):
+        self.index, self.planes, self.floor, self.n_jobs = index, planes, floor, n_jobs
         self.max_gap = np.inf if max_gap is None else max_gap
         self.curved = np.empty(0, dtype=np.intp)
         self.wide = None  # by label; regions only gain points, so a wide one stays wide
@@ -125,10 +129,16 @@ class CylinderParts:
         rows = rows[np.argsort(labels[rows], kind="stable")]
         names, starts = np.unique(labels[rows], return_index=True)
         groups = np.split(rows, starts[1:]) if len(rows) else []
-        return {
-            int(name): self._part(group, self._around(group))
-            for name, group in zip(names, groups, strict=True)
-        }
+        parts = dict.fromkeys(names.tolist())  # in this order, whichever is done first
+
+        def fit(first):
+            for name, group in zip(
+                names[first::N_TASKS].tolist(), groups[first::N_TASKS], strict=True
+            ):
+                parts[name] = self._part(group, self._around(group))
+
+        run([(first,) for first in range(min(N_TASKS, len(names)))], fit, self.n_jobs)
+        return parts
 
     def _around(self, rows):
         """The nearer half of the neighbors of rows; a row replaces neighbors beyond the gap."""

@@ -297,7 +297,7 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
             if self.join_coplanar:
                 labels = join_coplanar(points, labels, planes.scale)
         curved = self.join_curved and points.shape[1] == 3
-        cylinders = CylinderParts(index, planes, floor, self.max_gap)
+        cylinders = CylinderParts(index, planes, floor, self.max_gap, self.n_jobs)
         with progress_part(0.85, 1.0, "cylinders and the rest"):
             if self.assign_rest:
                 labels = cylinders.grow(labels) if curved else labels

@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from sklearn_mcmd.outliers import _company
 from sklearn_mcmd.outliers._company import Company, CompanyLimits, Places, mean_distance
+from sklearn_mcmd.planes import _nearest
 
 # The mean distance to the 8 nearest on a square lattice of spacing 1.
 LATTICE = (4 + 4 * np.sqrt(2)) / 8
@@ -206,7 +206,7 @@ def test_chunks_and_threads_change_nothing(monkeypatch):
     rng = np.random.default_rng(0)
     rest, queries = rng.uniform(0, 20, (300, 3)), rng.uniform(0, 40, (200, 3))
     expected = company(with_rest(rest), 400)
-    monkeypatch.setattr(_company, "CHUNK", 37)
+    monkeypatch.setattr(_nearest, "CHUNK", 37)
     pieces = company(with_rest(rest), 400, n_jobs=2)
     assert_array_equal(pieces.isolation, expected.isolation)
     assert_array_equal(pieces.separation, expected.separation)

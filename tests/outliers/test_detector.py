@@ -128,7 +128,7 @@ def test_results_do_not_depend_on_threads_or_chunks(n, monkeypatch):
     expected = MCMDOutlierDetector(strictness="surfaces", random_state=0).fit(X)
     monkeypatch.setattr("sklearn_mcmd.planes._neighbor_table.AT_ONCE", 9_000)
     monkeypatch.setattr("sklearn_mcmd.planes._local_planes.CHUNK", 2_000)
-    monkeypatch.setattr("sklearn_mcmd.outliers._company.CHUNK", 97)
+    monkeypatch.setattr("sklearn_mcmd.planes._nearest.CHUNK", 97)
     pieces = MCMDOutlierDetector(strictness="surfaces", random_state=0, n_jobs=2).fit(X)
     assert_array_equal(pieces.scores_, expected.scores_)
     assert_array_equal(pieces.plane_index_, expected.plane_index_)

@@ -1,0 +1,56 @@
+"""The points nearest to others, against SciPy's tree."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from scipy.spatial import cKDTree
+
+from sklearn_mcmd.planes import _nearest
+from sklearn_mcmd.planes._nearest import NearestPoints
+
+
+@pytest.mark.parametrize(
+    ("n", "m", "d"), [(3000, 2000, 3), (3000, 50, 3), (300, 2000, 3), (3000, 2000, 2)]
+)
+@pytest.mark.parametrize("k", [1, 5, 128])
+@pytest.mark.parametrize("far", [0.1, 100.0])
+def test_neighbors_are_those_of_a_tree(n, m, d, k, far):
+    rng = np.random.default_rng(0)
+    points, queries = rng.normal(size=(n, d)), far * rng.normal(size=(m, d))
+    distances, indices = NearestPoints(points).query(queries, k)
+    expected = cKDTree(points).query(queries, k=k)
+    assert_array_equal(distances, expected[0].reshape(m, k))
+    assert_array_equal(indices, expected[1].reshape(m, k))
+
+
+def test_missing_neighbors_are_infinitely_far():
+    points = np.arange(6.0).reshape(2, 3)
+    distances, indices = NearestPoints(points).query(points + 0.1, 4)
+    assert np.isinf(distances[:, 2:]).all()
+    assert_array_equal(indices[:, 2:], 2)
+
+
+def test_compiled_code_and_a_tree_agree(monkeypatch):
+    rng = np.random.default_rng(1)
+    points, queries = rng.normal(size=(2000, 3)), rng.normal(size=(1500, 3))
+    compiled = NearestPoints(points).query(queries, 20)
+    monkeypatch.setattr(_nearest, "COMPILE_FROM", 10**9)
+    assert_array_equal(NearestPoints(points).query(queries, 20), compiled)
+
+
+def test_chunks_and_threads_change_nothing(monkeypatch):
+    rng = np.random.default_rng(2)
+    points, queries = rng.normal(size=(2000, 3)), rng.normal(size=(1500, 3))
+    whole = NearestPoints(points).query(queries, 9)
+    monkeypatch.setattr(_nearest, "CHUNK", 37)
+    assert_array_equal(NearestPoints(points).query(queries, 9, n_jobs=2), whole)
+
+
+@pytest.mark.parametrize("n_copies", [1, 40])
+def test_queries_may_be_copies_of_each_other_and_of_points(n_copies):
+    rng = np.random.default_rng(3)
+    points = rng.normal(size=(1500, 3))
+    queries = np.repeat(points, n_copies, axis=0)[: 1500 * n_copies]
+    distances, indices = NearestPoints(points).query(queries, 3)
+    assert_array_equal(indices[:, 0], np.repeat(np.arange(1500), n_copies))
+    assert_array_equal(distances[:, 0], 0)
