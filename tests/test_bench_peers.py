@@ -263,7 +263,7 @@ def test_the_script_measures_stores_and_draws(tmp_path):
     pytest.importorskip("matplotlib")
     command = [sys.executable, BENCHMARKS / "bench_peers.py"]
     output = tmp_path / "peers.json"
-    wanted = ["search", "normals", "outliers: sklearn_mcmd", "regions: sklearn_mcmd growing"]
+    wanted = [SEARCH, DEFAULT, "outliers: sklearn_mcmd", "regions: sklearn_mcmd growing"]
     arguments = ["--sizes", "2000", "--rounds", "1", "--orders", "random", "--threads", "1"]
     subprocess.run([*command, *arguments, "--jobs", *wanted, "--output", output], check=True)
     stored = json.loads(output.read_text())
