@@ -6,17 +6,26 @@ default without borrowed planes, and the default. "Near" is within four spacings
 planes" knows the plane of every face and gives each point the nearest one. With noise, no method
 can do better next to an edge.
 
+"pcpnet" follows PCPNet's benchmark: 5,000 points of each shape, the root mean square of the angle
+(RMSE), the share within 5, 10 and 20 degrees (PGP) and beyond 45. It takes a folder of NAME.xyz,
+NAME.normals and, if there are any, NAME.pidx. Kinds of noise and density without a file are made.
+
     python benchmarks/bench_normals.py streets --seeds 3
     python benchmarks/bench_normals.py curved
     python benchmarks/bench_normals.py clouds ../shared/data/cad_*/cloud.npz --n-neighbors 30 50
     python benchmarks/bench_normals.py clouds ../shared/data/cad_a*/cloud.npz --noise 0.2
+    python benchmarks/bench_normals.py pcpnet ../shared/data/pcpnet_bunny --csv angles.csv
 """
 
 import argparse
+import csv
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from _normal_methods import Errors, errors, estimates
+from _pcpnet import DENSITIES, BenchmarkError, benchmark_clouds, noise_kind
 
 FORMS = {
     "least squares": {"method": "pca"},
@@ -137,12 +146,91 @@ def compare(scene, n_neighbors, options):
         print(f"{name:16}{row}", flush=True)
 
 
-def main():
+class Result(NamedTuple):
+    """How one method does on one cloud: a line of the file that --csv names."""
+
+    shape: str
+    kind: str
+    made: bool
+    points: int
+    judged: int
+    method: str
+    n_neighbors: int | None
+    errors: Errors
+
+
+def compare_scenes(options):
+    for scene in options.make(options):
+        for n_neighbors in options.n_neighbors:
+            compare(scene, n_neighbors, options)
+
+
+def compare_pcpnet(options):
+    kinds = list(dict.fromkeys([*map(noise_kind, options.noise), *options.density]))
+    names = None if options.list is None else Path(options.list).read_text().split()
+    results = []
+    for cloud in benchmark_clouds(options.folder, kinds, options.points, names):
+        n, m = len(cloud.points), len(cloud.rows)
+        origin = "made" if cloud.made else "as it is"
+        print(f"{cloud.shape}, {cloud.kind} ({origin}): {m:,} of {n:,} points", flush=True)
+        for found in estimates(cloud.points, cloud.normals, cloud.rows, options.threads):
+            about = cloud.shape, cloud.kind, cloud.made, n, m
+            results.append(Result(*about, found.method, found.n_neighbors, errors(found.angles)))
+    if not results:
+        raise BenchmarkError(
+            f"{options.folder} has no cloud of these kinds, nor one without noise."
+        )
+    kinds = [kind for kind in kinds if any(result.kind == kind for result in results)]
+    for kind in kinds:
+        print_kind([result for result in results if result.kind == kind])
+    print_averages(results, kinds)
+    if options.csv is not None:
+        write_results(results, options.csv)
+
+
+def write_results(results, path):
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow([*Result._fields[:-1], *Errors._fields])
+        for result in results:
+            table.writerow([*result[:-1], *(f"{value:.4f}" for value in result.errors)])
+
+
+def print_kind(results):
+    """All measures of each method, averaged over the shapes, and its numbers of neighbors."""
+    print(f"\n{results[0].kind:27}     RMSE     PGP5    PGP10    PGP20      >45    k")
+    for method, group in by_method(results).items():
+        means = np.mean([result.errors for result in group], axis=0)
+        sizes = sorted({result.n_neighbors for result in group if result.n_neighbors is not None})
+        row = "".join(f"{mean:9.2f}" for mean in means)
+        print(f"{method:27}{row}    {', '.join(map(str, sizes))}")
+
+
+def print_averages(results, kinds):
+    """RMSE of each method, averaged over the shapes, and over the kinds of clouds."""
+    title = "".join(f"{kind:>10}" for kind in (*kinds, "average"))
+    print(f"\n{'RMSE':27}{title}")
+    for method, group in by_method(results).items():
+        means = [
+            np.mean([result.errors.rmse for result in group if result.kind == kind])
+            for kind in kinds
+        ]
+        print(f"{method:27}" + "".join(f"{mean:10.2f}" for mean in (*means, np.mean(means))))
+
+
+def by_method(results):
+    groups = {}
+    for result in results:
+        groups.setdefault(result.method, []).append(result)
+    return groups
+
+
+def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     kinds = parser.add_subparsers(dest="kind", required=True)
     for make in (streets, curved, clouds):
         part = kinds.add_parser(make.__name__)
-        part.set_defaults(make=make)
+        part.set_defaults(run=compare_scenes, make=make)
         part.add_argument("--n-neighbors", type=int, nargs="+", default=[50])
         part.add_argument("--threads", type=int, default=2)
         if make is streets:
@@ -152,10 +240,35 @@ def main():
         if make is clouds:
             part.add_argument("clouds", nargs="+", help="npz files with xyz, normals, edge_dist")
             part.add_argument("--noise", type=float, default=0.0, help="in spacings")
-    options = parser.parse_args()
-    for scene in options.make(options):
-        for n_neighbors in options.n_neighbors:
-            compare(scene, n_neighbors, options)
+    part = kinds.add_parser("pcpnet")
+    part.set_defaults(run=compare_pcpnet)
+    part.add_argument("folder", help="folder of NAME.xyz and NAME.normals")
+    part.add_argument("--points", type=count, default=5000, help="that are judged, per cloud")
+    noise = {"type": percent, "nargs": "*", "default": [0, 0.12, 0.6, 1.2]}
+    part.add_argument("--noise", **noise, help="in %% of the diagonal of the bounding box")
+    part.add_argument("--density", nargs="*", choices=list(DENSITIES), default=list(DENSITIES))
+    part.add_argument("--list", help="file of names to take, such as testset_all.txt")
+    part.add_argument("--csv", help="file for the errors of each method on each cloud")
+    part.add_argument("--threads", type=int, default=2)
+    options = parser.parse_args(arguments)
+    try:
+        options.run(options)
+    except (BenchmarkError, OSError) as error:
+        parser.error(str(error))
+
+
+def count(text):
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{text} is no positive number")
+    return number
+
+
+def percent(text):
+    number = float(text)
+    if not 0 <= number < 100:
+        raise argparse.ArgumentTypeError(f"{text} is no noise from 0 to 100")
+    return number
 
 
 if __name__ == "__main__":
