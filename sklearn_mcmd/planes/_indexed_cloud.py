@@ -106,17 +106,22 @@ class IndexedCloud:
         Parameters
         ----------
         rows : slice or ndarray of int of shape (m,)
+            A slice if nothing is kept.
         k : int
         n_kept : int
             Neighbors that are searched and kept for the next who asks. With 0, only what was kept
             before is taken from there.
         """
+        if n_kept:
+            with _lock:  # threads that begin together begin one table
+                if self.table is None or self.table.k < k:
+                    self.table = NeighborTable(self._search, len(self.points), max(k, n_kept))
+                table = self.table
+            return table.query(rows, k)
         table = self.table
         if table is None or table.k < k:
-            table = NeighborTable(self._search, len(self.points), max(k, n_kept))
-            if n_kept:
-                self.table = table
-        return table.query(rows, k, keep=n_kept > 0)
+            return self._search(rows, k)
+        return table.query(rows, k, keep=False)
 
     def _search(self, rows, k):
         if self.search is not None and self.search.available():
