@@ -3,6 +3,7 @@
 import copy
 import gc
 import pickle
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -152,12 +153,12 @@ def test_other_points_or_another_order_are_another_cloud():
 
 
 def test_nothing_is_kept_once_no_estimator_is():
-    before = len(_indexed_cloud._known)
     fitted = RobustNormalEstimator(random_state=0).fit(street())
-    assert len(_indexed_cloud._known) == before + 1
+    cloud = weakref.ref(fitted._model.index.cloud)
+    assert cloud() in _indexed_cloud._known.values()
     del fitted
     gc.collect()
-    assert len(_indexed_cloud._known) == before
+    assert cloud() is None
 
 
 def test_pickles_and_copies_are_without_the_table():
