@@ -6,12 +6,16 @@ default without borrowed planes, and the default. "Near" is within four spacings
 planes" knows the plane of every face and gives each point the nearest one. With noise, no method
 can do better next to an edge.
 
+"curvatures" prints the median error of the mean curvature, as a share of the larger principal one,
+and the shares of points whose curvatures are within three standard errors.
+
 "pcpnet" follows PCPNet's benchmark: 5,000 points of each shape, the root mean square of the angle
 (RMSE), the share within 5, 10 and 20 degrees (PGP) and beyond 45. It takes a folder of NAME.xyz,
 NAME.normals and, if there are any, NAME.pidx. Kinds of noise and density without a file are made.
 
     python benchmarks/bench_normals.py streets --seeds 3
     python benchmarks/bench_normals.py curved
+    python benchmarks/bench_normals.py curvatures --n-neighbors 30 50
     python benchmarks/bench_normals.py clouds ../shared/data/cad_*/cloud.npz --n-neighbors 30 50
     python benchmarks/bench_normals.py clouds ../shared/data/cad_a*/cloud.npz --noise 0.2
     python benchmarks/bench_normals.py pcpnet ../shared/data/pcpnet_bunny --csv angles.csv
@@ -77,6 +81,43 @@ def curved(options):
             X += rng.normal(0, noise, X.shape)
             everyone = np.ones(n, dtype=bool)
             yield Scene(f"{make.__name__}, noise {noise:g}", X, normals, everyone, ~everyone)
+
+
+def curvatures(options):
+    """Print a row for each shape, noise in spacings and size of neighborhoods."""
+    from sklearn_mcmd import RobustNormalEstimator
+
+    names = [f"{name}_curvature{end}" for end in ("", "_error") for name in ("mean", "max", "min")]
+    columns = ("median error", "mean within 3", "larger", "smaller")
+    print(f"{'':24}" + "".join(f"{column:>15}" for column in columns))
+    for make, area in ((ball, 4 * np.pi), (pipe, 12 * np.pi), (ring, 1.2 * np.pi**2)):
+        for noise in (0.0, 0.1, 0.3):
+            rng = np.random.default_rng(0)
+            X, normals = make(options.size, rng)
+            most, least = true_curvatures(make, X)
+            inside = np.abs(X[:, 2] - 3) < 2.5 if make is pipe else np.ones(len(X), dtype=bool)
+            X = X + rng.normal(0, noise * np.sqrt(area / len(X)), X.shape)
+            for n_neighbors in options.n_neighbors:
+                estimator = RobustNormalEstimator(
+                    n_neighbors, features=names, random_state=0, n_jobs=options.threads
+                ).fit(X)
+                inward = (np.einsum("nd,nd->n", estimator.normals_, normals) < 0)[:, None]
+                found, errors = np.hsplit(estimator.features_, 2)
+                found = np.where(inward, found, -found[:, [0, 2, 1]])
+                errors = np.where(inward, errors, errors[:, [0, 2, 1]])
+                gaps = np.abs(found - np.column_stack([(most + least) / 2, most, least]))[inside]
+                within = 100 * (gaps <= 3 * errors[inside]).mean(axis=0)
+                median = 100 * np.median(gaps[:, 0] / most[inside])
+                row = f"{median:13.1f} %" + "".join(f"{share:13.1f} %" for share in within)
+                print(f"{make.__name__}, {noise:g}, k = {n_neighbors:<8}{row}", flush=True)
+
+
+def true_curvatures(make, X):
+    """Principal curvatures from within; of the ring 1 / 0.3 and cos v / (1 + 0.3 cos v)."""
+    if make is not ring:
+        return np.ones(len(X)), np.full(len(X), 1.0 if make is ball else 0.0)
+    center_distance = np.linalg.norm(X[:, :2], axis=1)
+    return np.full(len(X), 1 / 0.3), (center_distance - 1) / 0.3 / center_distance
 
 
 def ball(n, rng):
@@ -228,15 +269,17 @@ def by_method(results):
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     kinds = parser.add_subparsers(dest="kind", required=True)
-    for make in (streets, curved, clouds):
+    for make in (streets, curved, clouds, curvatures):
         part = kinds.add_parser(make.__name__)
-        part.set_defaults(run=compare_scenes, make=make)
+        part.set_defaults(run=curvatures if make is curvatures else compare_scenes, make=make)
         part.add_argument("--n-neighbors", type=int, nargs="+", default=[50])
         part.add_argument("--threads", type=int, default=2)
         if make is streets:
             part.add_argument("--size", type=int, default=100_000)
             part.add_argument("--share", type=float, default=0.1)
             part.add_argument("--seeds", type=int, default=3)
+        if make is curvatures:
+            part.add_argument("--size", type=int, default=5000)
         if make is clouds:
             part.add_argument("clouds", nargs="+", help="npz files with xyz, normals, edge_dist")
             part.add_argument("--noise", type=float, default=0.0, help="in spacings")

@@ -82,8 +82,13 @@ def normals(
         typer.Option(
             metavar="NAME,...",
             help="Further attributes, or all of them: linearity, planarity, sphericity, "
-            "omnivariance, anisotropy, eigenentropy, verticality, roughness, normal_error. The "
-            "last is in degrees; the true normal is within 1.73 errors with 95 % confidence.",
+            "omnivariance, anisotropy, eigenentropy, verticality, roughness, normal_error (in "
+            "degrees; the true normal is within 1.73 errors with 95 % confidence); "
+            "mean_curvature, gaussian_curvature, max_curvature, min_curvature, shape_index, "
+            "mean_curvature_error, max_curvature_error, min_curvature_error, "
+            "max_curvature_direction, min_curvature_direction (three attributes each). "
+            "Curvatures are in one over units of the file, and positive where the surface bends "
+            "to the side of its normal.",
         ),
     ] = None,
     cutoff: Annotated[
@@ -101,10 +106,10 @@ def normals(
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
-    """Add normals, curvature and eigenvalues, robust to outliers and edges.
+    """Add normals, surface variation and eigenvalues, robust to outliers and edges.
 
     All points are kept. New attributes, float32, are normal_x, normal_y, normal_z,
-    surface_variation (curvature: 0 on a plane, at most 1/3), eigenvalue_0 to eigenvalue_2
+    surface_variation (0 on a plane, at most 1/3), eigenvalue_0 to eigenvalue_2
     (ascending), removed_fraction (the share of the neighborhood that was removed) and the
     --features.
     """
@@ -114,7 +119,7 @@ def normals(
         seconds = stopwatch()
         with progress("normals", quiet):
             cloud = read(source, target, "normals")
-            columns = (*_NORMAL_COLUMNS, *features)
+            columns = (*_NORMAL_COLUMNS, *_feature_columns(features))
             rehearse(target, with_results(cloud, dict.fromkeys(columns, blank(cloud))))
             results = _find_normals(
                 coordinates(cloud),
@@ -135,7 +140,7 @@ def normals(
             print_summary(
                 *(source, target, len(cloud), seconds()),
                 removed=f"{100 * removed:.2f} % of an average neighborhood",
-                curvature=f"{np.median(results['surface_variation']):.2g} (median)",
+                **{"surface variation": f"{np.median(results['surface_variation']):.2g} (median)"},
             )
 
 
@@ -154,8 +159,14 @@ def _find_normals(xyz, **params):
             fitted.features_,
         ]
     )
-    names = (*_NORMAL_COLUMNS, *params.get("features", ()))
+    names = (*_NORMAL_COLUMNS, *_feature_columns(params.get("features", ())))
     return dict(zip(names, columns.astype(np.float32).T.copy(), strict=True))
+
+
+def _feature_columns(features):
+    from sklearn_mcmd.normals._features import feature_columns
+
+    return feature_columns(features, "xyz")
 
 
 def _parse_viewpoint(orientation, text):

@@ -12,7 +12,14 @@ from sklearn.utils.validation import check_array, check_is_fitted
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, check_feature_names_in, fit_context
 from sklearn_mcmd.baselines._methods import METHOD_NAMES  # registers them
-from sklearn_mcmd.normals._features import FEATURES, evaluate_features, settle_features
+from sklearn_mcmd.normals._curvature import curvatures_of_fitted, curvatures_of_new
+from sklearn_mcmd.normals._features import (
+    FEATURES,
+    evaluate_features,
+    feature_columns,
+    needs_curvatures,
+    settle_features,
+)
 from sklearn_mcmd.normals._surface_planes import SurfacePlanes
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.planes._orientation import orient_by_spanning_tree, orient_toward, point_up
@@ -112,6 +119,17 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         - "roughness", distance of the point to its plane, in units of X;
         - "normal_error", as `normal_error_`; "removed_fraction", as `removed_fraction_`.
 
+        And from a quadric over each plane, in 3D only, in 1 / units of X:
+
+        - "max_curvature" and "min_curvature", the principal curvatures k_1 >= k_2, positive where
+          the surface bends to the side of its normal; "mean_curvature", (k_1 + k_2) / 2;
+          "gaussian_curvature", k_1 k_2, in 1 / squared units;
+        - "mean_curvature_error", "max_curvature_error" and "min_curvature_error", their standard
+          errors;
+        - "max_curvature_direction" and "min_curvature_direction", unit vectors with a column for
+          each coordinate;
+        - "shape_index", from -1 in a cup to 1 on a cap, 0 on a saddle and on a plane.
+
         "all" takes those that exist for ``n_features``.
 
     random_state : int, RandomState instance or None, default=None
@@ -127,8 +145,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Unit normals of the fitted points.
 
     surface_variation_ : ndarray of shape (n_samples,)
-        Least eigenvalue over the sum of all, "curvature" (Eq. 3): 0 on a plane, at most
-        1 / n_features.
+        Least eigenvalue over the sum of all, "curvature" in the paper (Eq. 3): 0 on a plane, at
+        most 1 / n_features. Curvatures with a unit are among the `features`.
 
     eigenvalues_ : ndarray of shape (n_samples, n_features)
         Of the covariance of the cleaned neighborhoods, ascending, in squared units of X.
@@ -149,7 +167,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Standard deviation of the noise of each plane, in units of X.
 
     features_ : ndarray of shape (n_samples, n_chosen)
-        The columns asked for by `features`.
+        The columns asked for by `features`, one each but three for a direction.
 
     plane_index_ : ndarray of int of shape (n_samples,)
         The row whose plane each point was given: the point's own row, or that of the neighbor
@@ -187,6 +205,12 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     Features follow [3]_. jakteristics does not divide by the sum of the eigenvalues in
     "omnivariance" and "eigenentropy", which then depend on the unit.
 
+    Curvatures are those of the osculating jet of degree 2 [4]_, fitted to the neighbors that it
+    explains within 3 standard deviations. The true curvature is within 1.96 errors with 95 %
+    confidence, as far as a quadric describes the surface. Curvatures and directions are 0, and the
+    errors are one over the radius of the neighborhood, if fewer than 8 neighbors are on the
+    surface, if these do not determine a quadric, or if an error is larger than that.
+
     Coordinates are centered in each neighborhood before any arithmetic. So a cloud has the same
     normals in national grid coordinates as in local ones. float32 cannot hold such coordinates: a
     warning says if it is too coarse.
@@ -201,6 +225,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     .. [3] M. Weinmann, B. Jutzi, S. Hinz, C. Mallet, "Semantic point cloud interpretation
        based on optimal neighborhoods, relevant features and efficient classifiers", ISPRS
        Journal of Photogrammetry and Remote Sensing 105 (2015) 286-304, for `features`.
+    .. [4] F. Cazals, M. Pouget, "Estimating differential quantities using polynomial fitting of
+       osculating jets", Computer Aided Geometric Design 22 (2005) 121-146.
 
     Examples
     --------
@@ -332,14 +358,15 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         """
         check_is_fitted(self)
         xyz = self._check_queries(X)
-        if self._surfaces is not None:
-            planes = self._surfaces.evaluate(xyz)
-        else:
-            planes, _ = self._model.evaluate(xyz, n_jobs=self.n_jobs)
+        with self._part_of_planes():
+            if self._surfaces is not None:
+                planes = self._surfaces.evaluate(xyz)
+            else:
+                planes, _ = self._model.evaluate(xyz, n_jobs=self.n_jobs)
         normals = point_up(planes.normals)
         if self.orientation is not None:
             self._orient(normals, xyz, self._settle_orientation(xyz.shape[1]))
-        features = evaluate_features(self._feature_names, planes, xyz)
+        features = self._evaluate_features(planes, normals, xyz, curvatures_of_new)
         offset = _offset(planes, normals, xyz)
         return _columns(
             xyz, normals, planes.eigenvalues, offset[:, None], planes.scale[:, None], features
@@ -360,7 +387,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         names : ndarray of str objects
             The coordinates' names, the same names after ``normal_``, ``surface_variation``,
             ``eigenvalue_0`` (the least) and so on, ``plane_offset``, ``plane_scale``, and the names
-            of `features`.
+            of `features`. A direction has a column for each coordinate, such as
+            ``max_curvature_direction_x0``.
         """
         check_is_fitted(self, "n_features_in_")
         names = check_feature_names_in(self, input_features)
@@ -372,7 +400,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
                 *(f"eigenvalue_{i}" for i in range(len(names))),
                 "plane_offset",
                 "plane_scale",
-                *self._feature_names,
+                *feature_columns(self._feature_names, names),
             ],
             dtype=object,
         )
@@ -392,26 +420,39 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         orientation = self._settle_orientation(X.shape[1])
         self._feature_names = settle_features(self.features, X.shape[1])
         self._surfaces = None
-        if self._mends_planes():
-            self._surfaces = SurfacePlanes(self._model, self.borrow, self.n_jobs)
-            planes, self.plane_index_ = self._surfaces.fit(X)
-        else:
-            with progress_part(0.0, 1.0, "normals"):
-                planes, _ = self._model.evaluate_fitted(X, n_jobs=self.n_jobs)
-            self.plane_index_ = np.arange(len(X))
+        with self._part_of_planes():
+            if self._mends_planes():
+                self._surfaces = SurfacePlanes(self._model, self.borrow, self.n_jobs)
+                planes, self.plane_index_ = self._surfaces.fit(X)
+            else:
+                with progress_part(0.0, 1.0, "normals"):
+                    planes, _ = self._model.evaluate_fitted(X, n_jobs=self.n_jobs)
+                self.plane_index_ = np.arange(len(X))
         self.normals_ = point_up(planes.normals)
         self.eigenvalues_ = planes.eigenvalues
         self.surface_variation_ = surface_variation(planes.eigenvalues)
         self.removed_fraction_ = 1.0 - planes.kept
         self.normal_error_ = planes.normal_error
-        self.features_ = evaluate_features(self._feature_names, planes, X)
         if isinstance(orientation, str) and orientation == "mst":
             self._tree_normals = self._orient_tree(X)
         if orientation is not None:
             self._orient(self.normals_, X, orientation)
+        self.features_ = self._evaluate_features(planes, self.normals_, X, curvatures_of_fitted)
         self.plane_offset_ = _offset(planes, self.normals_, X)
         self.plane_scale_ = planes.scale
         return X
+
+    def _part_of_planes(self):
+        """The part of the work that comes before the curvatures."""
+        return progress_part(0.0, 0.9 if needs_curvatures(self._feature_names) else 1.0)
+
+    def _evaluate_features(self, planes, normals, X, find_curvatures):
+        curvatures = None
+        if needs_curvatures(self._feature_names):
+            planes = planes._replace(normals=normals)
+            with progress_part(0.9, 1.0, "curvatures"):
+                curvatures = find_curvatures(self._model, planes, X, self.n_jobs)
+        return evaluate_features(self._feature_names, planes, X, curvatures)
 
     def _mends_planes(self):
         """Whether the planes of Algorithm 4 are corrected by `SurfacePlanes`."""

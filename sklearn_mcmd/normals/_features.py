@@ -1,4 +1,4 @@
-"""Features of cleaned neighborhoods by name: shape, direction and accuracy.
+"""Features of cleaned neighborhoods by name: shape, direction, accuracy and curvature.
 
 Names and formulas are those of M. Weinmann, B. Jutzi, S. Hinz, C. Mallet, "Semantic point
 cloud interpretation based on optimal neighborhoods, relevant features and efficient
@@ -7,12 +7,21 @@ are variances, and their shares e_i of the sum. Roughness is CloudCompare's, but
 without outliers. jakteristics agrees except for units: its "omnivariance" and "eigenentropy" are
 not divided by the eigenvalues' sum. pgeof takes the roots of the eigenvalues, standard deviations,
 for all features but "Eigentropy" and "Verticality".
+
+The shape index is that of J. J. Koenderink, A. J. van Doorn, "Surface shape and curvature scales",
+Image and Vision Computing 10 (1992) 557-564.
 """
 
 import numpy as np
 from scipy.special import entr
 
-__all__ = ["FEATURES", "evaluate_features", "settle_features"]
+__all__ = [
+    "FEATURES",
+    "evaluate_features",
+    "feature_columns",
+    "needs_curvatures",
+    "settle_features",
+]
 
 
 def linearity(planes, points):
@@ -67,23 +76,93 @@ def removed_fraction(planes, points):
     return 1.0 - planes.kept
 
 
-# Functions of Planes and their points (m, d), in the order of "all".
-FEATURES = {
-    function.__name__: function
-    for function in (
-        linearity,
-        planarity,
-        sphericity,
-        omnivariance,
-        anisotropy,
-        eigenentropy,
-        verticality,
-        roughness,
-        normal_error,
-        removed_fraction,
-    )
-}
-SPATIAL = ("linearity", "planarity")  # with sphericity they add up to one, in 3D only
+def mean_curvature(curvatures):
+    """Mean of the principal curvatures, in 1 / units of X."""
+    return (curvatures.max_curvature + curvatures.min_curvature) / 2
+
+
+def gaussian_curvature(curvatures):
+    """Product of the principal curvatures."""
+    return curvatures.max_curvature * curvatures.min_curvature
+
+
+def max_curvature(curvatures):
+    """The larger principal curvature."""
+    return curvatures.max_curvature
+
+
+def min_curvature(curvatures):
+    """The smaller principal curvature."""
+    return curvatures.min_curvature
+
+
+def shape_index(curvatures):
+    """-1 in a cup, -0.5 in a rut, 0 on a saddle and on a plane, 0.5 on a ridge, 1 on a cap."""
+    total = curvatures.max_curvature + curvatures.min_curvature
+    difference = curvatures.max_curvature - curvatures.min_curvature
+    return 0.0 - 2 / np.pi * np.arctan2(total, difference)
+
+
+def mean_curvature_error(curvatures):
+    """Standard error of the mean curvature."""
+    return curvatures.mean_error
+
+
+def max_curvature_error(curvatures):
+    """Standard error of the larger principal curvature."""
+    return curvatures.max_error
+
+
+def min_curvature_error(curvatures):
+    """Standard error of the smaller principal curvature."""
+    return curvatures.min_error
+
+
+def max_curvature_direction(curvatures):
+    """Unit vector in which the surface has its larger curvature, a column a coordinate."""
+    return curvatures.max_direction
+
+
+def min_curvature_direction(curvatures):
+    """Unit vector in which the surface has its smaller curvature, a column a coordinate."""
+    return curvatures.min_direction
+
+
+def _by_name(*functions):
+    return {function.__name__: function for function in functions}
+
+
+# Functions of Planes and their points (m, d).
+OF_PLANES = _by_name(
+    linearity,
+    planarity,
+    sphericity,
+    omnivariance,
+    anisotropy,
+    eigenentropy,
+    verticality,
+    roughness,
+    normal_error,
+    removed_fraction,
+)
+# Functions of Curvatures.
+OF_CURVATURES = _by_name(
+    mean_curvature,
+    gaussian_curvature,
+    max_curvature,
+    min_curvature,
+    shape_index,
+    mean_curvature_error,
+    max_curvature_error,
+    min_curvature_error,
+    max_curvature_direction,
+    min_curvature_direction,
+)
+# In the order of "all".
+FEATURES = (*OF_PLANES, *OF_CURVATURES)
+VECTORS = ("max_curvature_direction", "min_curvature_direction")
+# In 3D only. The first two add up to one with sphericity.
+SPATIAL = ("linearity", "planarity", *OF_CURVATURES)
 
 
 def settle_features(names, d=3):
@@ -124,11 +203,37 @@ def settle_features(names, d=3):
     return tuple(str(name) for name in names)
 
 
-def evaluate_features(names, planes, points):
-    """Columns (m, len(names)) of the features of points (m, d) and their planes."""
-    columns = np.empty((len(points), len(names)))
-    for j, name in enumerate(names):
-        columns[:, j] = FEATURES[name](planes, points)
+def feature_columns(names, coordinates):
+    """Names of the columns of features: one each, or one for each coordinate of a vector."""
+    return [
+        column
+        for name in names
+        for column in (
+            [f"{name}_{coordinate}" for coordinate in coordinates] if name in VECTORS else [name]
+        )
+    ]
+
+
+def needs_curvatures(names):
+    """Whether any of the features is a function of curvatures."""
+    return any(name in OF_CURVATURES for name in names)
+
+
+def evaluate_features(names, planes, points, curvatures=None):
+    """Columns (m, n_columns) of the features of points (m, d) and their planes.
+
+    `curvatures` is None where no feature needs them.
+    """
+    width = len(feature_columns(names, range(points.shape[1])))
+    columns, start = np.empty((len(points), width)), 0
+    for name in names:
+        if name in OF_CURVATURES:
+            values = OF_CURVATURES[name](curvatures)
+        else:
+            values = OF_PLANES[name](planes, points)
+        values = values.reshape(len(points), -1)
+        columns[:, start : start + values.shape[1]] = values
+        start += values.shape[1]
     return columns
 
 

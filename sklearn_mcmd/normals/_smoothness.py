@@ -15,7 +15,7 @@ from scipy.special import fdtri, ndtr, ndtri
 
 from sklearn_mcmd.planes._plane import fit_planes
 
-__all__ = ["SmoothnessLimits", "is_smooth", "least_members", "whole_planes"]
+__all__ = ["PIVOT", "SmoothnessLimits", "decompose", "is_smooth", "least_members", "whole_planes"]
 
 # Largest ratio of the quadric's standard deviation to the robust plane's scale. Curvature enlarges
 # that scale, so on a smooth surface the ratio is about 1. At a sharp crease the scale is the noise,
@@ -132,7 +132,8 @@ def whole_planes(neighborhoods, sizes):
     columns += [flat[..., i] * flat[..., j] for i, j in pairs]
     design = np.stack(columns, axis=-1)
     total = np.square(height).sum(axis=1)
-    squares, determined = _residual(design, height, total)
+    _, forward, determined = decompose(design, height)
+    squares = np.maximum(total - np.square(forward).sum(axis=1), 0.0)
     enough, extent = sizes >= least_members(d), extent[:, 0]
     deviation = np.sqrt(total / np.maximum(sizes - d, 1))
     left = np.sqrt(squares / np.maximum(sizes - len(columns), 1))
@@ -154,8 +155,23 @@ def whole_planes(neighborhoods, sizes):
     return centroids, eigenvalues, axes, deviation, left, ordinary
 
 
-def _residual(design, height, total):
-    """Sum of squares that the quadric leaves, by Cholesky's decomposition of all rows at once."""
+def decompose(design, height):
+    """Cholesky's decomposition L of the normal equations of quadrics, of all rows at once.
+
+    Parameters
+    ----------
+    design : ndarray of shape (B, k, terms)
+    height : ndarray of shape (B, k)
+
+    Returns
+    -------
+    lower : ndarray of shape (B, terms, terms)
+        L.
+    forward : ndarray of shape (B, terms)
+        The inverse of L times the right side. The quadric explains the sum of its squares.
+    determined : ndarray of bool of shape (B,)
+        Whether the members determine the quadric.
+    """
     matrix = np.swapaxes(design, -1, -2) @ design
     right = np.einsum("bki,bk->bi", design, height)
     size = matrix.shape[-1]
@@ -172,4 +188,4 @@ def _residual(design, height, total):
         lower[:, i, i] = np.sqrt(np.where(good, pivot, 1.0))
         dot = np.einsum("bm,bm->b", lower[:, i, :i], forward[:, :i])
         forward[:, i] = (right[:, i] - dot) / lower[:, i, i]
-    return np.maximum(total - np.square(forward).sum(axis=1), 0.0), determined
+    return lower, forward, determined

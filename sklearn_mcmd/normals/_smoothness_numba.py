@@ -5,7 +5,7 @@ import numpy as np
 from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.planes._moments_numba import FASTMATH, eigh_3d, weighted_covariance
 
-__all__ = ["whole_planes_3d"]
+__all__ = ["decompose", "quadric_moments", "whole_planes_3d"]
 
 TERMS = 6
 
@@ -39,8 +39,8 @@ def whole_planes_3d(points, around, limits, planes, directions, deviation, left,
         ordinary[i] = False
         if size < 2 * TERMS or extent == 0.0:
             continue
-        total = _moments(local, size, mean, axes, extent, moments, right, height)
-        squares, determined = _residual(moments, right, forward, total, limits.pivot)
+        total = quadric_moments(local, size, mean, axes, extent, moments, right, height)
+        squares, determined = decompose(moments, right, forward, total, limits.pivot)
         plane = np.sqrt(total / (size - 3))
         deviation[i] = plane * extent
         if not determined:
@@ -77,7 +77,7 @@ def _tails(height, size):
 
 
 @kernel(fastmath=FASTMATH, error_model="numpy")
-def _moments(local, size, mean, axes, extent, moments, right, heights):
+def quadric_moments(local, size, mean, axes, extent, moments, right, heights):
     """Normal equations of the quadric (lower triangle) and the sum of squared heights.
 
     The terms are 1, u, v, uu, uv and vv. The sums are numbers and not arrays, because compilers
@@ -131,7 +131,7 @@ def _moments(local, size, mean, axes, extent, moments, right, heights):
 
 
 @kernel(error_model="numpy")
-def _residual(moments, right, forward, total, least_pivot):
+def decompose(moments, right, forward, total, least_pivot):
     """Squares left, and whether the members determine the quadric; overwrites the moments."""
     for i in range(TERMS):
         diagonal = moments[i, i]

@@ -91,6 +91,22 @@ def test_all_features_are_written_where_asked_for(room_file, tmp_path):
     assert names.count("removed_fraction") == 1
 
 
+@pytest.mark.parametrize("suffix", ["laz", "ply", "csv"])
+def test_curvatures_are_written_with_a_column_for_each_coordinate(
+    suffix, room, room_file, tmp_path
+):
+    names = ["mean_curvature", "max_curvature_direction"]
+    target = tmp_path / f"out.{suffix}"
+    result = run("normals", room_file, target, "--features", ",".join(names))
+    assert result.exit_code == 0, result.output
+    fitted = RobustNormalEstimator(features=names, random_state=0).fit(room.xyz)
+    out = read_points(target).attributes
+    columns = ["mean_curvature", *(f"max_curvature_direction_{axis}" for axis in "xyz")]
+    for name, values in zip(columns, fitted.features_.T, strict=True):
+        found = out[name]
+        np.testing.assert_allclose(found, values, rtol=1e-4, atol=1e-4)
+
+
 def test_an_unknown_feature_is_wrong_usage(room_file, tmp_path):
     result = run("normals", room_file, tmp_path / "out.laz", "--features", "planarity,flatness")
     assert result.exit_code == 2

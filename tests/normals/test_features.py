@@ -11,10 +11,10 @@ from sklearn.tree import DecisionTreeClassifier
 from reference import plane, saliency
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
-from sklearn_mcmd.normals._features import FEATURES, settle_features
+from sklearn_mcmd.normals._features import OF_PLANES, feature_columns, settle_features
 from sklearn_mcmd.planes._consistent_set import draw_trials
 
-NAMES = list(FEATURES)
+NAMES = list(OF_PLANES)  # those of curvatures are tested in test_curvature.py
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,8 @@ def features_of(point, mean, eigenvalues, normal):
 
 def columns_of(X, names, **parameters):
     estimator = RobustNormalEstimator(features=names, random_state=0, **parameters)
-    return dict(zip(estimator.fit(X)._feature_names, estimator.features_.T, strict=True))
+    names = estimator.fit(X).get_feature_names_out()[3 * X.shape[1] + 3 :]
+    return dict(zip(names, estimator.features_.T, strict=True))
 
 
 @pytest.mark.parametrize("n", [400, 3000])  # NumPy and compiled
@@ -132,8 +133,8 @@ def test_coincident_points_have_finite_features(d):
 
 
 def test_a_cloud_in_other_units_differs_in_roughness_alone(street):
-    ours = columns_of(street.data, "all")
-    theirs = columns_of(1000 * street.data, "all")
+    ours = columns_of(street.data, NAMES)
+    theirs = columns_of(1000 * street.data, NAMES)
     assert_allclose(theirs.pop("roughness"), 1000 * ours.pop("roughness"), rtol=1e-6, atol=1e-9)
     for name, values in ours.items():
         assert_allclose(theirs[name], values, rtol=1e-6, atol=1e-12, err_msg=name)
@@ -172,7 +173,7 @@ def test_features_are_columns_of_data_frames(street, library):
     X = frames.DataFrame({name: street.data[:200, i] for i, name in enumerate("xyz")})
     estimator = RobustNormalEstimator(20, features="all", random_state=0)
     frame = estimator.set_output(transform=library).fit_transform(X)
-    assert list(frame.columns)[12:] == NAMES
+    assert list(frame.columns)[12:] == feature_columns(settle_features("all"), "xyz")
     assert_array_equal(frame["roughness"].to_numpy(), estimator.features_[:, 7])
 
 

@@ -1,0 +1,319 @@
+"""Principal curvatures of the surface at points, by a quadric fitted to its members.
+
+The quadric is the osculating jet of degree 2 of F. Cazals, M. Pouget, "Estimating differential
+quantities using polynomial fitting of osculating jets", Computer Aided Geometric Design 22 (2005)
+121-146. Its members are those of the neighborhood that belong to the surface: first those that the
+point's plane explains, then those that the quadric does. This NumPy form does any size of cloud;
+``_curvature_numba`` repeats the fit for large ones.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import ndtr, ndtri, stdtrit
+
+from sklearn_mcmd.normals._smoothness import PIVOT, decompose
+from sklearn_mcmd.planes._chunks import each_chunk, each_slice
+from sklearn_mcmd.planes._compiling import compiled_function
+from sklearn_mcmd.planes._orientation import point_up
+
+__all__ = ["Curvatures", "curvatures_of_fitted", "curvatures_of_new"]
+
+# Number of standard deviations within which the plane, and then the quadric, explains a member.
+EXPLAINED = 3.0
+# Number of times that the members are chosen anew, by the quadric.
+ROUNDS = 2
+TERMS = 6
+# Least number of members that leaves two degrees of freedom for the noise.
+LEAST_MEMBERS = TERMS + 2
+# Probability at which errors from few members agree with errors from many.
+CONFIDENCE = 0.95
+
+
+class Curvatures(NamedTuple):
+    """Curvatures at m points, one row each, in one over units of the points.
+
+    A curvature is positive where the surface bends to the side of its normal. If nothing determines
+    the curvatures of a point, these and the directions are 0, and the errors are one over the
+    radius of its neighborhood, which is the largest error.
+
+    max_curvature, min_curvature : ndarray of shape (m,)
+    max_error, min_error, mean_error : ndarray of shape (m,)
+        Standard errors of these and of their mean.
+    max_direction, min_direction : ndarray of shape (m, 3)
+        Unit vectors in the surface; the last coordinate that is not zero is positive.
+    """
+
+    max_curvature: np.ndarray
+    min_curvature: np.ndarray
+    max_error: np.ndarray
+    min_error: np.ndarray
+    mean_error: np.ndarray
+    max_direction: np.ndarray
+    min_direction: np.ndarray
+
+    @classmethod
+    def empty(cls, m):
+        """A record to be filled."""
+        return cls(*(np.empty(m) for _ in range(5)), np.empty((m, 3)), np.empty((m, 3)))
+
+    def put(self, rows, part):
+        """Overwrite the curvatures of some of the points."""
+        for values, some in zip(self, part, strict=True):
+            values[rows] = some
+
+    def take(self, rows):
+        """The curvatures of some of the points."""
+        return Curvatures(*(values[rows] for values in self))
+
+
+class JetLimits(NamedTuple):
+    """What the compiled fit is told."""
+
+    explained: float = EXPLAINED
+    rounds: int = ROUNDS
+    least_members: int = LEAST_MEMBERS
+    pivot: float = PIVOT
+    # Ratio of a normal variable's standard deviation to that of its part within `explained`.
+    truncation: float = (
+        1 - 2 * EXPLAINED * np.exp(-(EXPLAINED**2) / 2) / np.sqrt(2 * np.pi)
+        / (1 - 2 * ndtr(-EXPLAINED))
+    ) ** -0.5  # fmt: skip
+
+
+class Jets(NamedTuple):
+    """Quadrics of m neighborhoods, one row each, in radii of the neighborhoods.
+
+    Coordinates u and v along the tangents begin at the point, and the height is along the normal.
+
+    slopes : ndarray of shape (m, 2)
+        Coefficients of u and v.
+    bends : ndarray of shape (m, 3)
+        Coefficients of uu, uv and vv.
+    factors : ndarray of shape (m, 6)
+        Rows of the lower triangle L; the covariance of the bends is the noise's variance times the
+        inverse of L L'.
+    noise : ndarray of shape (m,)
+        Standard deviation of the members from the quadric.
+    n_used : ndarray of int of shape (m,)
+        Number of members; 0 where they do not determine the quadric.
+    """
+
+    slopes: np.ndarray
+    bends: np.ndarray
+    factors: np.ndarray
+    noise: np.ndarray
+    n_used: np.ndarray
+
+    @classmethod
+    def undetermined(cls, m):
+        """A record to be filled in part."""
+        return cls(
+            np.zeros((m, 2)), np.zeros((m, 3)), np.ones((m, 6)), np.zeros(m), np.zeros(m, np.int64)
+        )
+
+
+def curvatures_of_fitted(model, planes, X, n_jobs=None):
+    """Curvatures at the points X (n, 3) that a model was fitted to.
+
+    Parameters
+    ----------
+    model : LocalPlaneModel
+    planes : Planes
+        The plane of each row of X; their normals tell the signs of the curvatures.
+    X : ndarray of shape (n, 3)
+    n_jobs : int, default=None
+
+    Returns
+    -------
+    Curvatures
+    """
+    index = model.index
+    if index.n_neighbors is None:
+        return curvatures_of_new(model, planes, X, n_jobs)
+    found = Curvatures.empty(len(index.points))
+
+    def task(rows):
+        own, around = planes.take(index.rows[rows]), index.query_own(rows, keep=False)
+        found.put(rows, _curvatures_of_each(model, own, index.points[rows], around))
+
+    each_slice(len(index.points), model.chunk(), task, n_jobs)
+    return found.take(index.places)
+
+
+def curvatures_of_new(model, planes, queries, n_jobs=None):
+    """Curvatures at any queries (m, 3); `planes` are the queries' planes."""
+    queries = np.ascontiguousarray(queries, dtype=np.float64)
+    if model.index.n_neighbors is None:
+        return _curvatures_of_one(model, planes, queries)
+    found = Curvatures.empty(len(queries))
+
+    def task(rows):
+        part = queries[rows]
+        around = model.index.query(part)
+        found.put(rows, _curvatures_of_each(model, planes.take(rows), part, around))
+
+    each_chunk(queries, model.chunk(), task, n_jobs)
+    return found
+
+
+def _curvatures_of_each(model, planes, queries, around):
+    """Curvatures where each query has its neighborhood."""
+    tangents = _tangents(planes.normals)
+    jets = _fit_jets(model, planes, queries, around, tangents)
+    return _derive(jets, tangents, planes.normals, planes.radius)
+
+
+def _curvatures_of_one(model, planes, queries):
+    """Curvatures where all queries share one neighborhood, and so one quadric.
+
+    Their normals may differ in sign.
+    """
+    one, m = planes.take(slice(0, 1)), len(queries)
+    tangents = _tangents(one.normals)
+    around = model.index.query(one.centroids)
+    jets = Jets(
+        *(
+            np.broadcast_to(values, (m, *values.shape[1:]))
+            for values in _fit_jets(model, one, one.centroids, around, tangents)
+        )
+    )
+    radius = planes.radius[0] if planes.radius[0] > 0 else 1.0
+    u, v = ((queries - one.centroids) / radius @ tangents[0].T).T
+    uu, uv, vv = jets.bends.T
+    slopes = jets.slopes + np.column_stack([2 * uu * u + uv * v, uv * u + 2 * vv * v])
+    side = np.copysign(1.0, planes.normals @ one.normals[0])[:, None]
+    jets = jets._replace(slopes=side * slopes, bends=side * jets.bends)
+    return _derive(jets, np.broadcast_to(tangents, (m, 2, 3)), planes.normals, planes.radius)
+
+
+def _fit_jets(model, planes, queries, around, tangents):
+    """Quadrics over the planes (m) of queries (m, 3), along `tangents` (m, 2, 3)."""
+    points, limits = model.index.points, JetLimits()
+    floor = model.rounding * np.abs(planes.centroids).max(axis=1)
+    floor = np.maximum(floor, model.least_scale)
+    if model.compiled:
+        fit = compiled_function("normals._curvature_numba", "fit_jets_3d")
+        if fit is not None:
+            jets = Jets.undetermined(len(queries))
+            fit(points, around, queries, tangents, planes, floor, limits, jets)
+            return jets
+    return fit_jets(points, around, queries, tangents, planes, floor, limits)
+
+
+def fit_jets(points, around, queries, tangents, planes, floor, limits):
+    """Fit quadrics to the members of neighborhoods that belong to the surfaces.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, 3)
+    around : Neighborhoods
+    queries : ndarray of shape (m, 3)
+    tangents : ndarray of shape (m, 2, 3)
+    planes : Planes
+    floor : ndarray of shape (m,)
+        Least standard deviation of the noise, in units of the points.
+    limits : JetLimits
+
+    Returns
+    -------
+    Jets
+    """
+    usable = (planes.scale > 0) & (planes.radius > 0)
+    radius = np.where(usable, planes.radius, 1.0)
+    local = (points[around.indices] - queries[:, None]) / radius[:, None, None]
+    u, v = np.moveaxis(np.einsum("mkd,mtd->mkt", local, tangents), -1, 0)
+    height = np.einsum("mkd,md->mk", local, planes.normals)
+    design = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
+    plane = np.einsum("md,md->m", planes.centroids - queries, planes.normals) / radius
+    floor = floor / radius
+    deviations, noise = height - plane[:, None], planes.scale / radius
+    for _ in range(1 + limits.rounds):
+        used = around.valid & (np.abs(deviations) <= limits.explained * noise[:, None])
+        n_used = np.count_nonzero(used, axis=1)
+        lower, forward, determined = decompose(design * used[..., None], height * used)
+        usable &= determined & (n_used >= limits.least_members)
+        coefficients = _back_substituted(lower, forward)
+        deviations = height - np.einsum("mki,mi->mk", design, coefficients)
+        squares = np.square(deviations * used).sum(axis=1) / np.maximum(n_used - TERMS, 1)
+        noise = np.maximum(limits.truncation * np.sqrt(squares), floor)
+    jets, corner = Jets.undetermined(len(queries)), lower[usable][:, 3:, 3:]
+    jets.slopes[usable], jets.bends[usable] = coefficients[usable, 1:3], coefficients[usable, 3:]
+    jets.factors[usable] = corner[:, *np.tril_indices(3)]
+    jets.noise[usable], jets.n_used[usable] = noise[usable], n_used[usable]
+    return jets
+
+
+def _derive(jets, tangents, normals, radius):
+    """Curvatures from quadrics, by the Weingarten map at u = v = 0."""
+    b, c = jets.slopes.T
+    uu, uv, vv = jets.bends.T
+    # The metric of the tangent plane, [[1 + bb, bc], [bc, 1 + cc]], is L L'. In the basis of the
+    # columns of the inverse of L', which are orthonormal on the surface, the map is symmetric.
+    steep = np.sqrt(1 + b * b + c * c)
+    i11 = 1 / np.sqrt(1 + b * b)
+    i21, i22 = -b * c * i11 / steep, 1 / (steep * i11)
+    first = i11 * i11 * 2 * uu / steep
+    mixed = i11 * (2 * i21 * uu + i22 * uv) / steep
+    second = 2 * (i21 * i21 * uu + i21 * i22 * uv + i22 * i22 * vv) / steep
+    mean, half = (first + second) / 2, np.hypot((first - second) / 2, mixed)
+    turn = np.arctan2(2 * mixed, first - second) / 2
+    cosine, sine = np.cos(turn), np.sin(turn)
+    directions, gradients = [], []
+    for x, y in ((cosine, sine), (-sine, cosine)):
+        x, y = i11 * x + i21 * y, i22 * y
+        flat = x[:, None] * tangents[:, 0] + y[:, None] * tangents[:, 1]
+        directions.append(point_up(flat + (b * x + c * y)[:, None] * normals))
+        gradients.append(2 * np.stack([x * x, x * y, y * y]) / steep)
+    unit = jets.noise * _student(jets.n_used)
+    errors = [unit * _length(jets.factors, gradient) for gradient in gradients]
+    mean_error = unit * _length(jets.factors, (gradients[0] + gradients[1]) / 2)
+    found = Curvatures(mean + half, mean - half, *errors, mean_error, *directions)
+    return _in_units(found, jets.n_used > 0, radius)
+
+
+def _student(n_used):
+    """Ratios of the quantiles of Student's and the normal distribution, by numbers of members."""
+    counts, inverse = np.unique(n_used, return_inverse=True)
+    quantile = (1 + CONFIDENCE) / 2
+    return (stdtrit(np.maximum(counts - TERMS, 1), quantile) / ndtri(quantile))[inverse]
+
+
+def _length(factors, gradient):
+    """Length of the inverse of L times the gradient (3, m)."""
+    l11, l21, l22, l31, l32, l33 = factors.T
+    x = gradient[0] / l11
+    y = (gradient[1] - l21 * x) / l22
+    z = (gradient[2] - l31 * x - l32 * y) / l33
+    return np.sqrt(x * x + y * y + z * z)
+
+
+def _in_units(found, determined, radius):
+    """From one over radii to one over units; zeros where the error exceeds one over the radius."""
+    inverse = np.divide(1.0, radius, out=np.zeros(len(radius)), where=radius > 0)
+    known = determined & (np.maximum(found.max_error, found.min_error) <= 1.0)
+    return Curvatures(
+        *(np.where(known, values, 0.0) * inverse for values in found[:2]),
+        *(np.where(known, values, 1.0) * inverse for values in found[2:5]),
+        *(np.where(known[:, None], values, 0.0) for values in found[5:]),
+    )
+
+
+def _tangents(normals):
+    """Two unit vectors at right angles to each normal and to each other: (m, 2, 3)."""
+    x, y, z = normals.T
+    sign = np.copysign(1.0, z)
+    inverse = -1.0 / (sign + z)
+    xy = x * y * inverse
+    first = np.column_stack([1.0 + sign * x * x * inverse, sign * xy, -sign * x])
+    second = np.column_stack([xy, sign + y * y * inverse, -y])
+    return np.stack([first, second], axis=1)
+
+
+def _back_substituted(lower, forward):
+    """Solutions (m, i) of L' x = forward."""
+    solution = np.zeros_like(forward)
+    for i in reversed(range(forward.shape[1])):
+        dot = np.einsum("mj,mj->m", lower[:, i + 1 :, i], solution[:, i + 1 :])
+        solution[:, i] = (forward[:, i] - dot) / lower[:, i, i]
+    return solution

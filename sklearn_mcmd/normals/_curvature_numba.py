@@ -1,0 +1,117 @@
+"""The quadrics of ``_curvature``, compiled."""
+
+import numpy as np
+
+from sklearn_mcmd.normals._smoothness_numba import decompose, quadric_moments
+from sklearn_mcmd.planes._kernels import kernel
+from sklearn_mcmd.planes._moments_numba import FASTMATH
+
+__all__ = ["fit_jets_3d"]
+
+TERMS = 6
+
+
+@kernel(cache=True, error_model="numpy")
+def fit_jets_3d(points, around, queries, tangents, planes, floor, limits, jets):
+    """Fill `jets`, as `fit_jets` returns them, which are undetermined before."""
+    indices, sizes = around.indices, around.sizes
+    k = indices.shape[1]
+    local, chosen, deviations = np.empty((3, k)), np.empty((3, k)), np.empty(k)
+    used, heights = np.empty(k, dtype=np.bool_), np.empty(k)
+    lower = np.empty((TERMS, TERMS))
+    right, solution = np.empty(TERMS), np.empty(TERMS)
+    for i in range(len(indices)):
+        size, radius = sizes[i], planes.radius[i]
+        if not (planes.scale[i] > 0.0 and radius > 0.0):
+            continue
+        for j in range(size):
+            for axis in range(3):
+                local[axis, j] = points[indices[i, j], axis] - queries[i, axis]
+        axes = (_vector(planes.normals[i]), _vector(tangents[i, 0]), _vector(tangents[i, 1]))
+        solution[:] = 0.0
+        for axis in range(3):
+            solution[0] += axes[0][axis] * (planes.centroids[i, axis] - queries[i, axis]) / radius
+        _deviate(local, size, axes, radius, solution, deviations)
+        noise = planes.scale[i] / radius
+        used[:] = False
+        for _ in range(1 + limits.rounds):
+            n_used, changed = _choose(
+                local, size, deviations, limits.explained * noise, used, chosen
+            )
+            if not changed:
+                break
+            jets.n_used[i] = 0
+            if n_used < limits.least_members:
+                break
+            quadric_moments(chosen, n_used, (0.0, 0.0, 0.0), axes, radius, lower, right, heights)
+            _, determined = decompose(lower, right, solution, 0.0, limits.pivot)
+            if not determined:
+                break
+            jets.n_used[i] = n_used
+            _back_substitute(lower, solution)
+            _deviate(local, size, axes, radius, solution, deviations)
+            squares = 0.0
+            for j in range(size):
+                if used[j]:
+                    squares += deviations[j] * deviations[j]
+            noise = limits.truncation * np.sqrt(squares / (n_used - TERMS))
+            noise = max(noise, floor[i] / radius)
+            _store(jets, i, solution, lower, noise)
+
+
+@kernel
+def _vector(values):
+    return values[0], values[1], values[2]
+
+
+@kernel
+def _choose(local, size, deviations, most, used, chosen):
+    """Copy the members within the largest deviation; their number, and whether any is new."""
+    n_used, changed = 0, False
+    for j in range(size):
+        inside = abs(deviations[j]) <= most
+        changed |= inside != used[j]
+        used[j] = inside
+        if inside:
+            for axis in range(3):
+                chosen[axis, n_used] = local[axis, j]
+            n_used += 1
+    return n_used, changed
+
+
+@kernel(fastmath=FASTMATH, error_model="numpy")
+def _deviate(local, size, axes, radius, coefficients, deviations):
+    """Heights of the members above the quadric, in radii."""
+    x, y, z = local[0], local[1], local[2]
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = axes
+    scale = 1.0 / radius
+    one, first, second = coefficients[0], coefficients[1], coefficients[2]
+    uu, uv, vv = coefficients[3], coefficients[4], coefficients[5]
+    for j in range(size):
+        h = (ax * x[j] + ay * y[j] + az * z[j]) * scale
+        u = (bx * x[j] + by * y[j] + bz * z[j]) * scale
+        v = (cx * x[j] + cy * y[j] + cz * z[j]) * scale
+        quadric = one + first * u + second * v + uu * u * u + uv * u * v + vv * v * v
+        deviations[j] = h - quadric
+
+
+@kernel(error_model="numpy")
+def _back_substitute(lower, solution):
+    """Solve L' x = solution in place."""
+    for i in range(TERMS - 1, -1, -1):
+        value = solution[i]
+        for j in range(i + 1, TERMS):
+            value -= lower[j, i] * solution[j]
+        solution[i] = value / lower[i, i]
+
+
+@kernel
+def _store(jets, i, solution, lower, noise):
+    jets.noise[i] = noise
+    jets.slopes[i, 0], jets.slopes[i, 1] = solution[1], solution[2]
+    place = 0
+    for row in range(3):
+        jets.bends[i, row] = solution[3 + row]
+        for column in range(row + 1):
+            jets.factors[i, place] = lower[3 + row, 3 + column]
+            place += 1
