@@ -23,8 +23,7 @@ __all__ = ["PIVOT", "SmoothnessLimits", "decompose", "is_smooth", "least_members
 # the quadric leaves more at the crease than next to it.
 CURVED = 1.2
 # Largest standard deviation from the plane, as a share of the neighborhood's width (also a standard
-# deviation). Posts and sharp edges have more, even if a quadric leaves little, and so have
-# neighborhoods full of outliers.
+# deviation). Posts and sharp edges have more, even if a quadric leaves little.
 MOST_BENT = 0.5
 # Least pivot of the quadric's equations. With less, as on two scan lines, the members do not
 # determine the quadric.
@@ -52,8 +51,6 @@ class SmoothnessLimits(NamedTuple):
     - the mean of their cubes is at most `most_skew` (members of another face make them skew),
     - their mean absolute value differs from a normal sample's, 0.798, by at most `geary` (Geary's
       ratio). Outliers make it smaller. Two planes, or one plane across both, make it larger.
-
-    A neighborhood half as thick as wide is no plane, whatever its heights are like.
     """
 
     most_ratio: np.ndarray  # ratio of the plane's standard deviation to the quadric's
@@ -63,7 +60,6 @@ class SmoothnessLimits(NamedTuple):
     geary_of_normal: float
     pivot: float
     least_width: float
-    most_bent: float
     perfect: float
 
     @classmethod
@@ -82,7 +78,6 @@ class SmoothnessLimits(NamedTuple):
             geary_of_normal=GEARY,
             pivot=PIVOT,
             least_width=LEAST_WIDTH,
-            most_bent=MOST_BENT,
             perfect=PERFECT,
         )
 
@@ -147,9 +142,8 @@ def whole_planes(neighborhoods, sizes):
     ordinary &= np.abs(geary - GEARY) <= limits.geary[sizes]
     ordinary &= np.square(height).max(axis=1) <= np.square(limits.farthest[sizes]) * variance
     ordinary |= deviation <= PERFECT
-    width = np.sqrt(eigenvalues[:, min(1, d - 1)])
     wide = eigenvalues[:, min(1, d - 1)] > LEAST_WIDTH**2 * eigenvalues[:, -1]
-    ordinary &= enough & determined & wide & (deviation <= MOST_BENT * width / extent)
+    ordinary &= enough & determined & wide
     deviation = np.where(enough, deviation * extent, np.inf)
     left = np.where(enough & determined, left * extent, np.inf)
     return centroids, eigenvalues, axes, deviation, left, ordinary

@@ -49,8 +49,6 @@ def whole_planes_3d(points, around, limits, planes, directions, deviation, left,
         left[i] = quadric * extent
         if values[1] <= limits.least_width**2 * values[2]:
             continue
-        if plane > limits.most_bent * np.sqrt(values[1]) / extent:
-            continue
         if plane <= limits.perfect:
             ordinary[i] = True
         elif plane <= limits.most_ratio[size] * quadric:
