@@ -17,7 +17,7 @@ from numba.core import event
 compiled = event.RecordingListener()
 event.register("numba:compile", compiled)
 X = np.random.default_rng(0).uniform(size=(3000, 3)) * [1, 1, 0.01]
-getattr(sklearn_mcmd, sys.argv[1])(n_jobs=1).fit(X)
+getattr(sklearn_mcmd, sys.argv[1])(n_jobs=1, random_state=0).fit(X)
 print(len(compiled.buffer) // 2)
 """
 
