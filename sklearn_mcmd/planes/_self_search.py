@@ -54,6 +54,8 @@ class SelfSearch:
     ----------
     X : ndarray of float64 of shape (n, 3)
         Distinct points.
+    overwrite : bool, default=False
+        Whether X, whose rows are then contiguous, may become `points`.
 
     Attributes
     ----------
@@ -63,9 +65,9 @@ class SelfSearch:
         ``X[order]``.
     """
 
-    def __init__(self, X):
+    def __init__(self, X, overwrite=False):
         build = compiled_function("planes._self_search_numba", "build_tree")
-        self.order, *nodes = build(X, LEAF)
+        self.order, *nodes = build(X if overwrite else X.copy(), LEAF)
         self.tree = Tree(*nodes)
         self.points = self.tree.points
         self.ends = self.tree.last[self.tree.leaves]

@@ -36,16 +36,18 @@ class Near(NamedTuple):
 
 
 @kernel(cache=True)
-def build_tree(X, leaf):
+def build_tree(points, leaf):
     """Halve the points along the longest side of their box until `leaf` of them are left.
 
-    Returns the order of the rows of X and what `Tree` holds.
+    They are put in the order of the leaves. Returns this order and what `Tree` holds.
     """
-    n = len(X)
-    order, points = np.arange(n), X.copy()
-    most = 4 * (n // leaf + 1)
+    n = len(points)
+    order = np.arange(n)
+    # The left child has a multiple of `leaf`, so all leaves are full but the last.
+    leaves = np.empty(-(-n // leaf), np.int64)
+    most = 2 * len(leaves) - 1
     first, last, left = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most, np.int64)
-    boxes, leaves = np.empty((most, 6)), np.empty(most, np.int64)
+    boxes = np.empty((most, 6))
     stack = np.empty(256, np.int64)
     first[0], last[0], stack[0] = 0, n, 0
     n_nodes, n_leaves, n_waiting = 1, 0, 1
@@ -73,15 +75,7 @@ def build_tree(X, leaf):
         first[n_nodes + 1], last[n_nodes + 1] = middle, end
         stack[n_waiting], stack[n_waiting + 1] = n_nodes + 1, n_nodes
         n_waiting, n_nodes = n_waiting + 2, n_nodes + 2
-    return (
-        order,
-        points,
-        first[:n_nodes].copy(),
-        last[:n_nodes].copy(),
-        left[:n_nodes].copy(),
-        boxes[:n_nodes].copy(),
-        leaves[:n_leaves].copy(),
-    )
+    return order, points, first, last, left, boxes, leaves
 
 
 @kernel(cache=True)

@@ -137,3 +137,23 @@ def test_the_index_answers_for_its_own_points_as_for_others(n, radius):
     assert_array_equal(
         index.query_own(slice(0, 9), k=5).indices, index.query_own(slice(0, 9)).indices[:, :5]
     )
+
+
+@pytest.mark.parametrize("n", [1, 16, 17, 100, 399, 5000])
+def test_all_leaves_of_the_tree_are_full_but_one(n):
+    tree = SelfSearch(np.random.default_rng(0).normal(size=(n, 3))).tree
+    sizes, inner = tree.last - tree.first, tree.left >= 0
+    assert_array_equal(np.sort(tree.leaves), np.flatnonzero(~inner))
+    assert_array_equal(np.sort(sizes[~inner])[1:], 16)
+    children = np.concatenate([tree.left[inner], tree.left[inner] + 1])
+    assert_array_equal(np.sort(children), np.arange(1, len(sizes)))
+
+
+def test_points_are_copied_unless_they_may_be_overwritten():
+    X = np.random.default_rng(0).normal(size=(500, 3))
+    before = X.copy()
+    search = SelfSearch(X)
+    assert_array_equal(X, before)
+    again = SelfSearch(X, overwrite=True)
+    assert again.points is X
+    assert_array_equal(X, search.points)
