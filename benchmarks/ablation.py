@@ -33,7 +33,6 @@ from _real_clouds import inject, load_clouds
 from sklearn.metrics import average_precision_score
 
 from sklearn_mcmd.outliers._cloud import JudgedCloud
-from sklearn_mcmd.outliers._company import Places
 from sklearn_mcmd.outliers._detector import CUTOFF
 
 FACTORS = (0.5, 0.8, 1.25, 2.0)
@@ -247,14 +246,10 @@ class KnownPlanes(JudgedCloud):
 
     def _fit_planes(self):
         if self.known is None:
-            self.known = super()._fit_planes()[:2]
-        neighbors, planes = self.known
-        points = self.model.index.points
-        return (
-            neighbors,
-            planes,
-            Places(points, self.counts, *self._spacings(points, neighbors.indices)),
-        )
+            self.known = super()._fit_planes()[0]
+        index = self.model.index
+        near = index.query_own(slice(None), self.company_limits.n_near + 1)
+        return self.known, *self._spacings(index.points, near.indices)
 
 
 def planes_of(X):
@@ -262,7 +257,9 @@ def planes_of(X):
 
     detector = MCMDOutlierDetector(random_state=0)
     X = detector._fit_planes(X)
-    return KnownPlanes(detector._model, X).fit(X)
+    cloud = KnownPlanes(detector._model, X)
+    cloud.fit(X)
+    return cloud
 
 
 def scores_of(cloud):

@@ -1,5 +1,7 @@
 """A fitted cloud that scores its own points and new ones: planes, then surfaces, then the rest."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from sklearn_mcmd.outliers._company import Company, CompanyLimits, Places, mean_distance
@@ -10,12 +12,12 @@ from sklearn_mcmd.outliers._surfaces import (
     own_distances,
 )
 from sklearn_mcmd.planes._around import ratio
-from sklearn_mcmd.planes._chunks import each_chunk, each_slice
+from sklearn_mcmd.planes._chunks import each_chunk, each_slice, run
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import small_sample_inflation
 
-__all__ = ["JudgedCloud"]
+__all__ = ["JudgedCloud", "Judgement"]
 
 # A surface has as many points as a neighborhood, a thing as many as two; or this share of a
 # small cloud.
@@ -23,6 +25,21 @@ SURFACE, THING, LEAST_SHARE = 1.0, 2.0, 1 / 5
 # Fields of the planes that no later step asks for.
 UNUSED = "eigenvalues", "spacing", "normal_error"
 FITTING = 0.65  # share of the time that planes take, for the display of progress
+
+
+class Judgement(NamedTuple):
+    """What is found of each point of a cloud.
+
+    scores : ndarray of shape (n,)
+        The larger, the more abnormal.
+    plane_index : ndarray of int of shape (n,)
+        The row whose plane explains the point best, its own if none does.
+    on_surface : ndarray of bool of shape (n,)
+    """
+
+    scores: np.ndarray
+    plane_index: np.ndarray
+    on_surface: np.ndarray
 
 
 class JudgedCloud:
@@ -36,14 +53,6 @@ class JudgedCloud:
     noise_scale : float or None
         Standard deviation of the noise, in the place of each plane's own.
     n_jobs : int or None
-
-    Attributes
-    ----------
-    scores : ndarray of shape (n,)
-        Of the fitted cloud; the larger, the more abnormal.
-    plane_index : ndarray of int of shape (n,)
-        The row whose plane explains the point best, its own if none does.
-    on_surface : ndarray of bool of shape (n,)
     """
 
     def __init__(self, model, *, strictness, noise_scale, n_jobs):
@@ -59,32 +68,29 @@ class JudgedCloud:
         self.company_limits = CompanyLimits()
 
     def fit(self, X):
-        """Score the points X (n, d), those that the model has indexed."""
+        """The `Judgement` of the points X (n, d), those that the model has indexed."""
         if self.own_planes_only:
-            fitted = self.model.evaluate_fitted(X, self.n_jobs)
-            self.scores, self.plane_index = self._by_own_planes(*fitted), np.arange(len(X))
-            self.on_surface = self.scores <= self.surface_limits.explained
-            return self
+            scores = self._by_own_planes(*self.model.evaluate_fitted(X, self.n_jobs))
+            on_surface = scores <= self.surface_limits.explained
+            return Judgement(scores, np.arange(len(X)), on_surface)
         index = self.model.index
-        self.counts = np.maximum(np.bincount(index.places, minlength=len(index.points)), 1)
+        self.counts = _measurements(index, len(X))
         with progress_part(0.0, FITTING):
-            planes, places = self._fit_planes()
+            planes, *spacings = self._fit_planes()
         with progress_part(FITTING, 1.0):
-            self._find_surfaces(planes)
-            del planes  # the largest there are
+            owners, distances = self._find_surfaces(planes)
             least = min(THING * index.n_neighbors, LEAST_SHARE * len(X))
-            self.company = Company(places, self.explained, least, self.company_limits, self.n_jobs)
+            places = Places.of(index.points, self.counts, self.explained, *spacings)
+            del planes, spacings
+            self.company = Company(places, least, self.company_limits, self.n_jobs)
         rest, company = self.company.rest, self.company
-        self.point_scores = self.distances
-        self.point_scores[rest] = self._joined(
-            self.distances[rest], company.isolation, company.separation, index.points[rest]
+        distances[rest] = self._joined(
+            distances[rest], company.isolation, company.separation, index.points[rest]
         )
+        self.point_scores = distances
         first = index.places
-        self.scores = self.point_scores[first]
-        self.on_surface = self.explained[first]
-        self.plane_index = index.rows[self.owners[first]]
-        del self.owners, self.distances
-        return self
+        owners = owners[first]
+        return Judgement(self.point_scores[first], index.rows[owners], self.explained[first])
 
     def score(self, queries):
         """Scores of queries (m, d), each as if it alone were added to the cloud.
@@ -135,12 +141,14 @@ class JudgedCloud:
         return np.minimum(distances, np.finfo(float).max)
 
     def _fit_planes(self):
-        """Planes and spacings of all points of the index."""
+        """Planes of all points of the index, and both of their spacings."""
         index = self.model.index
         n, d = index.points.shape
         spacing = np.empty(n)
         other_spacing = np.empty(n) if self.counts.max() > 1 else spacing
-        planes = Planes.empty(n, d).without(*UNUSED)
+        # The share of members that are kept counts where all points share one plane.
+        unused = (*UNUSED, "kept") if n > index.n_neighbors else UNUSED
+        planes = Planes.empty(n, d).without(*unused)
 
         def task(rows):
             part, around = index.points[rows], index.query_own(rows)
@@ -148,7 +156,7 @@ class JudgedCloud:
             spacing[rows], other_spacing[rows] = self._spacings(part, around.indices)
 
         each_slice(n, self.model.chunk(), task, self.n_jobs)
-        return planes, Places(index.points, self.counts, spacing, other_spacing)
+        return planes, spacing, other_spacing
 
     def _spacings(self, points, near):
         """Mean distance of the cloud's points to measurements, and to those at other places."""
@@ -161,26 +169,32 @@ class JudgedCloud:
         return spacing, mean_distance(distances, counts, n_near)
 
     def _find_surfaces(self, planes):
-        """What explains points, which points it explains, and how far from it they are."""
+        """What explains points: its rows, and how far from it they are."""
         index, compiled = self.model.index, self.model.ready()
         points, n, k = index.points, len(index.points), index.n_neighbors
-        floor, limits = self._floor(points, 0.0), self.surface_limits
+        limits, chunk = self.surface_limits, self.model.chunk()
         self.planes = self._measured(planes).without("kept")
-        own = own_distances(points, self.planes, floor)
+        owners, distances = np.arange(n, dtype=np.int32), np.empty(n)
+
+        def measure(rows):
+            part = points[rows]
+            distances[rows] = own_distances(part, self.planes.take(rows), self._floor(part, 0.0))
+
+        run([(slice(i, i + chunk),) for i in range(0, n, chunk)], measure, self.n_jobs)
         least = min(SURFACE * k, LEAST_SHARE * n)
-        self.explaining = find_surfaces(index, planes, own, least, limits, compiled)
-        self.owners, self.distances = np.arange(n, dtype=np.int32), own
+        self.explaining = find_surfaces(index, planes, distances, least, limits, compiled)
         others = np.flatnonzero(~self.explaining)
-        owners, distances = distances_to_surfaces(
-            points[others], lambda rows: index.query_own(others[rows]), self.planes,
-            self.explaining, floor[others], compiled, self.model.chunk(), self.n_jobs,
+        queries = points[others]
+        found, distances[others] = distances_to_surfaces(
+            queries, lambda rows: index.query_own(others[rows]), self.planes,
+            self.explaining, self._floor(queries, 0.0), compiled, chunk, self.n_jobs,
         )  # fmt: skip
-        self.distances[others] = distances
-        self.owners[others] = np.where(owners < 0, others, owners)
-        self.explained = self.distances <= limits.explained
+        owners[others] = np.where(found < 0, others, found)
+        self.explained = distances <= limits.explained
         self.explained_scale = None
         if self.strictness == "surfaces":
-            self.explained_scale = self.planes.scale[self.owners[self.explained]]
+            self.explained_scale = self.planes.scale[owners[self.explained]]
+        return owners, distances
 
     def _measured(self, planes):
         """The planes with the noise by which distances are measured."""
@@ -217,3 +231,10 @@ class JudgedCloud:
             beside = ratio(gaps[:, 0], self.explained_scale[near[:, 0]])
             scores[lost] = np.maximum(beside, apart[lost])
         return scores
+
+
+def _measurements(index, n):
+    """Measurements at each point of an index of n points with copies: ndarray of int (m,)."""
+    if index.n_distinct == n:
+        return np.broadcast_to(np.int32(1), n)  # which takes no memory
+    return np.maximum(np.bincount(index.places, minlength=len(index.points)), 1)

@@ -49,16 +49,26 @@ class Places(NamedTuple):
     points : ndarray of float64 of shape (n, d)
     counts : ndarray of int of shape (n,)
         Measurements at each: a place that was measured often keeps company with itself.
-    spacing : ndarray of shape (n,)
-        Mean distance of each to its nearest measurements, by `mean_distance`.
-    other_spacing : ndarray of shape (n,)
-        The same to measurements at other places, which is never 0. It tells what is usual.
+    explained : ndarray of bool of shape (n,)
+        Points that a surface explains. All others are the rest.
+    spacing : ndarray of shape (m,)
+        Mean distance of each of the rest to its nearest measurements, by `mean_distance`.
+    usual_spacing : ndarray of shape (n - m,), or (n,) if a surface explains none
+        The same of the others, to measurements at other places, which is never 0.
     """
 
     points: np.ndarray
     counts: np.ndarray
+    explained: np.ndarray
     spacing: np.ndarray
-    other_spacing: np.ndarray
+    usual_spacing: np.ndarray
+
+    @classmethod
+    def of(cls, points, counts, explained, spacing, other_spacing):
+        """From both spacings of all points, which need not be kept."""
+        if explained.any():
+            other_spacing = other_spacing[explained]
+        return cls(points, counts, explained, spacing[~explained], other_spacing)
 
 
 class Company:
@@ -72,8 +82,6 @@ class Company:
     Parameters
     ----------
     places : Places
-    explained : ndarray of bool of shape (n,)
-        Points that a surface explains. All others are the rest.
     least : float
         A group of this many measurements is a thing, however far it stands off.
     limits : CompanyLimits
@@ -87,25 +95,21 @@ class Company:
         Theirs, see `measure`.
     """
 
-    def __init__(self, places, explained, least, limits, n_jobs):
-        points = places.points
+    def __init__(self, places, least, limits, n_jobs):
+        points, explained = places.points, places.explained
         self.limits = limits
         self.low, self.high = points.min(axis=0), points.max(axis=0)
-        reference = explained if explained.any() else np.ones(len(points), dtype=bool)
-        self.reference_spacing = places.other_spacing[reference]
-        self.reference = NearestPoints(points[reference])
+        self.reference = NearestPoints(points, explained if explained.any() else None)
+        self.reference_spacing = places.usual_spacing
         self.quantile = limits.usual if explained.any() else HALF
         self.rest = rest = np.flatnonzero(~explained)
         self.points, self.counts = points[rest], places.counts[rest]
         self.others = NearestPoints(self.points)
-        n_links = max(limits.n_links, limits.n_near)
-        distances, near = self.others.query(self.points, n_links + 1, n_jobs)
         self.usual = self._usual(self.points, n_jobs)
-        among_rest = self._among_rest(self.points, distances, near, itself=True)
-        self.isolation = self._isolated(among_rest, places.spacing[rest], self.usual)
-        steps = self._steps(self.usual, distances[:, 1:], near[:, 1:])
-        linked = np.where(steps <= limits.reach, near[:, 1:], np.arange(len(rest))[:, None])
-        groups, _ = connected(linked.astype(np.int32), compiled=len(rest) >= COMPILE_FROM)
+        among_rest, linked = self._neighbors(n_jobs)
+        self.isolation = self._isolated(among_rest, places.spacing, self.usual)
+        groups, _ = connected(linked, compiled=len(rest) >= COMPILE_FROM)
+        del linked
         sizes = np.bincount(groups, self.counts)
         small = sizes < least
         if not explained.any():
@@ -114,8 +118,10 @@ class Company:
         self.real = [self.reference] if explained.any() else []
         large = ~small[groups]
         if large.any():
-            self.real.append(NearestPoints(self.points[large]))
+            self.real.append(NearestPoints(self.points, large))
         self.separation = self._separated(groups, small, n_jobs)
+        for real in self.real:
+            real.release()
 
     def measure(self, queries, spacing, n_jobs=None):
         """How far new points stand off, each as if it were alone added to the cloud.
@@ -156,6 +162,22 @@ class Company:
 
         self.reference.visit(queries, n_usual, measure, n_jobs)
         return usual
+
+    def _neighbors(self, n_jobs):
+        """Mean distance of each of the rest to others of it, and those that are of its group."""
+        m, n_links = len(self.points), max(self.limits.n_links, self.limits.n_near)
+        own = np.arange(m, dtype=np.int32)  # as `connected` takes them
+        among_rest, linked = np.empty(m), np.empty((m, n_links), np.int32)
+
+        def measure(rows, distances, near):
+            queries = self.points[rows]
+            among_rest[rows] = self._among_rest(queries, distances, near, itself=True)
+            steps = self._steps(self.usual[rows], distances[:, 1:], near[:, 1:])
+            linked[rows] = np.where(steps <= self.limits.reach, near[:, 1:], own[rows][:, None])
+
+        self.others.visit(self.points, n_links + 1, measure, n_jobs)
+        self.others.release()
+        return among_rest, linked
 
     def _among_rest(self, queries, distances, near, itself):
         """Mean distance to the nearest of the rest. Those that are missing are as far away as

@@ -56,7 +56,7 @@ def find_surfaces(index, planes, distances, least, limits, compiled):
     links = LinkLimits(cosine, limits.explained, both_near=True)
     width = min(limits.n_links, index.n_neighbors)
     labels, sizes = connected_planes(index, width, planes, links, usable, compiled)
-    return usable & (sizes[labels] >= least)
+    return usable & (sizes >= least)[labels]
 
 
 def own_distances(queries, planes, floor):
@@ -88,13 +88,13 @@ def distances_to_surfaces(
 
     Returns
     -------
-    owners : ndarray of int of shape (m,)
+    owners : ndarray of int32 of shape (m,)
         Rows of `planes`, -1 where none reaches the query.
     distances : ndarray of shape (m,)
         In standard deviations; inf where none reaches.
     """
     m = len(queries)
-    owners, distances = np.full(m, -1), np.full(m, np.inf)
+    owners, distances = np.full(m, -1, np.int32), np.full(m, np.inf)
 
     def task(rows):
         part = queries[rows]

@@ -72,21 +72,26 @@ def link_planes(index, k, planes, limits, usable, compiled, n_jobs=None):
 
 def connected_planes(index, k, planes, limits, usable, compiled):
     """What hangs together by the links of `link_planes`, as by `connected`, in less memory."""
-    n = len(index.points)
     join = _compiled("join") if compiled else None
     if join is None:
         return connected(link_planes(index, k, planes, limits, usable, compiled), compiled)
-    link = _linker(index, k, planes, limits, usable, compiled)
-    links, roots = np.empty((index.chunk, k), np.int32), np.arange(n, dtype=np.int32)
+    roots = np.arange(len(index.points), dtype=np.int32)
+    _join_planes(join, roots, index, k, planes, limits, usable)
+    labels = _compiled("number_parts")(roots)
+    return labels, np.bincount(labels)
+
+
+def _join_planes(join, roots, index, k, planes, limits, usable):
+    """Join the parts of linked rows, chunk by chunk; `roots` are those of compiled code."""
+    link = _linker(index, k, planes, limits, usable, compiled=True)
+    links = np.empty((index.chunk, k), np.int32)
 
     def task(rows):
         part = links[: rows.stop - rows.start]
         link(rows, part)
         join(part, rows.start, roots)
 
-    each_slice(n, index.chunk, task, 1)
-    labels = _compiled("number_parts")(roots)
-    return labels, np.bincount(labels)
+    each_slice(len(roots), index.chunk, task, 1)
 
 
 def connected(links, compiled):

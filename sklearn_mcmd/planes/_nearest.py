@@ -10,8 +10,8 @@ from sklearn_mcmd.planes._self_search import SelfSearch
 
 __all__ = ["NearestPoints"]
 
-# Queries at once: what bounds the memory.
-CHUNK = 1024
+# Queries at once and neighbors at once, at most: what bounds the memory.
+CHUNK, AT_ONCE = 1024, 32_768
 # Fewer points are searched by SciPy: loading compiled code would take longer.
 COMPILE_FROM = 1_000
 # Queries from far off take two thirds of the time with large leaves.
@@ -23,11 +23,20 @@ class NearestPoints:
 
     Parameters
     ----------
-    points : ndarray of float64 of shape (n, d)
+    points : ndarray of float64 of shape (m, d)
+    among : ndarray of bool of shape (m,), default=None
+        Which of them are meant; all with None. A search has its own copy of the points, and no
+        other is kept.
     """
 
-    def __init__(self, points):
-        self.points = points
+    def __init__(self, points, among=None):
+        self._all, self._among = points, among
+        self.n = len(points) if among is None else np.count_nonzero(among)
+
+    @property
+    def points(self):
+        """Those that are meant: ndarray of shape (n, d)."""
+        return self._all if self._among is None else self._all[self._among]
 
     @cached_property
     def tree(self):
@@ -35,7 +44,11 @@ class NearestPoints:
 
     @cached_property
     def search(self):
-        return SelfSearch(self.points)
+        return SelfSearch(self.points, overwrite=self._among is not None)
+
+    def release(self):
+        """Free the search; it is made again when many ask."""
+        self.__dict__.pop("search", None)
 
     def query(self, queries, k, n_jobs=None):
         """The k nearest points to each query.
@@ -50,10 +63,11 @@ class NearestPoints:
         -------
         distances : ndarray of shape (m, k)
             Ascending; inf where there are no more points.
-        indices : ndarray of int of shape (m, k)
+        indices : ndarray of int32 of shape (m, k), or of int from 2 ** 31 points on
             Rows of `points`; their number where there are no more.
         """
-        distances, indices = np.empty((len(queries), k)), np.empty((len(queries), k), np.intp)
+        row = np.int32 if self.n < 2**31 else np.intp
+        distances, indices = np.empty((len(queries), k)), np.empty((len(queries), k), row)
 
         def keep(rows, found, near):
             distances[rows], indices[rows] = found, near
@@ -66,20 +80,22 @@ class NearestPoints:
 
         `rows` are those of the queries, a slice or an array.
         """
-        shared = self.points.shape[1] == 3 and len(queries) >= COMPILE_FROM
-        if not (shared and len(self.points) >= max(k, COMPILE_FROM) and SelfSearch.available()):
+        chunk = max(1, min(CHUNK, AT_ONCE // k))
+        shared = queries.shape[1] == 3 and len(queries) >= COMPILE_FROM
+        if not (shared and self.n >= max(k, COMPILE_FROM) and SelfSearch.available()):
 
             def ask(rows):
                 found = self.tree.query(queries[rows], k=k)
                 work(rows, *(part.reshape(-1, k) for part in found))
 
-            return each_slice(len(queries), CHUNK, ask, n_jobs)
+            return each_slice(len(queries), chunk, ask, n_jobs)
         asking, points = SelfSearch(queries), self.search.points
 
         def ask_together(rows):
             near = asking.query(rows, k, among=self.search)
-            squares = np.square(points[near] - asking.points[rows][:, None])
-            distances = np.sqrt(squares[..., 0] + squares[..., 1] + squares[..., 2])
-            work(asking.order[rows], distances, self.search.order[near])
+            squares = np.zeros(near.shape)
+            for axis in range(3):  # one at a time, for less memory
+                squares += np.square(points[near, axis] - asking.points[rows, axis][:, None])
+            work(asking.order[rows], np.sqrt(squares, out=squares), self.search.order[near])
 
-        return each_slice(len(queries), CHUNK, ask_together, n_jobs)
+        return each_slice(len(queries), chunk, ask_together, n_jobs)

@@ -1,5 +1,6 @@
 """The verdict on whole clouds: the oracle, small clouds, what is kept, flagged and how it ranks."""
 
+import tracemalloc
 from itertools import pairwise
 
 import numpy as np
@@ -335,3 +336,16 @@ def test_contamination_flags_that_share(cloud, share):
     tied = np.sum(fitted.scores_ == np.sort(fitted.scores_)[round(share * len(X))])
     assert share * len(X) - tied < np.sum(labels == -1) <= np.ceil(share * len(X))
     assert fitted.scores_[labels == -1].max() < fitted.scores_[labels == 1].min()
+
+
+def test_a_point_takes_less_than_300_bytes():
+    """Of them 100 are neighbors, two bytes each. Buffers of fixed size cancel out."""
+    MCMDOutlierDetector().fit(make_street(4000, random_state=0).data)  # imports and compiles
+    peaks = []
+    for n in (40_000, 80_000):
+        X = make_street(n, outlier_share=0.1, random_state=0).data
+        tracemalloc.start()
+        MCMDOutlierDetector(random_state=0).fit(X)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] - peaks[0] < 300 * 40_000

@@ -28,11 +28,10 @@ def spacing_of(points, counts, others_only=False):
 def company(points, n_explained, least=100, counts=None, n_jobs=None):
     """The first of the points are on a surface; values are those of all points, 0 for these."""
     counts = np.ones(len(points), dtype=int) if counts is None else counts
-    places = Places(
-        points, counts, spacing_of(points, counts), spacing_of(points, counts, others_only=True)
-    )
     explained = np.arange(len(points)) < n_explained
-    found = Company(places, explained, least, CompanyLimits(), n_jobs)
+    spacings = (spacing_of(points, counts, others_only=only) for only in (False, True))
+    places = Places.of(points, counts, explained, *spacings)
+    found = Company(places, least, CompanyLimits(), n_jobs)
     assert_array_equal(found.rest, np.flatnonzero(~explained))
     isolation, separation = np.zeros(len(points)), np.zeros(len(points))
     isolation[found.rest], separation[found.rest] = found.isolation, found.separation
@@ -195,8 +194,9 @@ def test_a_new_point_is_measured_where_all_points_are_on_surfaces():
 
 def test_a_point_away_from_a_cloud_of_one_place_stands_off_without_bounds():
     X = np.zeros((4, 3))
-    places = Places(X, np.ones(4, dtype=int), np.zeros(4), np.zeros(4))
-    fitted = Company(places, np.ones(4, dtype=bool), 2, CompanyLimits(), None)
+    counts, explained = np.ones(4, dtype=int), np.ones(4, dtype=bool)
+    places = Places.of(X, counts, explained, np.zeros(4), np.zeros(4))
+    fitted = Company(places, 2, CompanyLimits(), None)
     isolation, separation = fitted.measure(np.array([[5.0, 0, 0]]), np.array([5.0]))
     assert isolation > 1e300
     assert separation > 1e300

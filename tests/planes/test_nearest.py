@@ -54,3 +54,16 @@ def test_queries_may_be_copies_of_each_other_and_of_points(n_copies):
     distances, indices = NearestPoints(points).query(queries, 3)
     assert_array_equal(indices[:, 0], np.repeat(np.arange(1500), n_copies))
     assert_array_equal(distances[:, 0], 0)
+
+
+@pytest.mark.parametrize(("n", "m"), [(3000, 2000), (300, 50)])
+def test_some_of_the_points_answer_as_if_they_were_all(n, m):
+    rng = np.random.default_rng(4)
+    points, queries = rng.normal(size=(n, 3)), rng.normal(size=(m, 3))
+    some, before = rng.random(n) < 0.7, points.copy()
+    nearest, expected = NearestPoints(points, some), NearestPoints(points[some]).query(queries, 5)
+    assert_array_equal(nearest.points, points[some])
+    assert_array_equal(nearest.query(queries, 5), expected)
+    nearest.release()
+    assert_array_equal(nearest.query(queries, 5), expected)
+    assert_array_equal(points, before)
