@@ -5,12 +5,15 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd._validation import check_extent
+from sklearn_mcmd.planes._chunks import run
 from sklearn_mcmd.planes._record import Planes
 
 __all__ = ["Columns", "split_columns"]
 
 # How far the length of a normal may be from 1. A file may have stored it with few digits.
 TOLERANCE = 1e-3
+# Rows at once: their columns stay in the processor's cache.
+CHUNK = 4096
 
 
 class Columns(NamedTuple):
@@ -32,22 +35,30 @@ class Columns(NamedTuple):
     offset: np.ndarray
     scale: np.ndarray
 
-    def planes(self, rows):
+    def planes(self, rows, n_jobs=None):
         """The planes of some of the points: float64, of points that are projected on them.
 
-        They count as having kept their neighborhoods; what columns do not tell is not a number.
+        They count as having kept their neighborhoods. Radius and spacing, which columns do not
+        tell, are not a number; fields that no stage asks for are left out.
         """
-        points, normals = self.coordinates[rows], self.normals[rows].astype(np.float64)
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)  # a file may have rounded them
-        centroids = (points + self.offset[rows][:, None] * normals).astype(np.float64, copy=False)
-        eigenvalues, scale = (
-            values[rows].astype(np.float64, copy=False) for values in (self.eigenvalues, self.scale)
-        )
-        unknown = (np.full(len(points), np.nan) for _ in range(3))
-        return Planes(centroids, normals, eigenvalues, scale, np.ones(len(points)), *unknown)
+        planes = Planes.empty(len(rows), self.coordinates.shape[1])
+        planes = planes.without("eigenvalues", "normal_error")
+        planes.kept[:], planes.radius[:], planes.spacing[:] = 1.0, np.nan, np.nan
+
+        def task(part):
+            some = rows[part]
+            normals = self.normals[some].astype(np.float64)
+            # A file may have rounded them.
+            normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+            planes.normals[part] = normals
+            planes.centroids[part] = self.coordinates[some] + self.offset[some][:, None] * normals
+            planes.scale[part] = self.scale[some]
+
+        run([(part,) for part in _chunks(len(rows))], task, n_jobs)
+        return planes
 
 
-def split_columns(X, d=None):
+def split_columns(X, d=None, n_jobs=None):
     """Coordinates and planes of points, from the columns of a transformer.
 
     The number of dimensions follows from the columns: normals have length one, eigenvalues
@@ -58,6 +69,7 @@ def split_columns(X, d=None):
     X : ndarray of shape (n, n_columns)
     d : int, default=None
         Dimensions of the coordinates, if known.
+    n_jobs : int, default=None
 
     Returns
     -------
@@ -72,8 +84,8 @@ def split_columns(X, d=None):
     # With features behind them, the columns of 3D may look like those of more dimensions.
     possible = sorted(range(2, most + 1), key=lambda n: (n != 3, -n)) if d is None else (d,)
     for dimensions in possible:
-        columns = _cut(X, dimensions)
-        if _are_planes(columns):
+        columns = _cut(X, dimensions, n_jobs)
+        if columns is not None:
             check_extent(columns.coordinates)
             return columns
     raise ValueError(
@@ -84,15 +96,34 @@ def split_columns(X, d=None):
     )
 
 
-def _cut(X, d):
+def _cut(X, d, n_jobs):
+    """The columns of d dimensions; None if they are not those of planes."""
     # Coordinates are copied to memory of their own, which makes all later work faster.
-    eigenvalues = np.maximum(X[:, 2 * d + 1 : 3 * d + 1], 0)
-    offset, scale = X[:, 3 * d + 1 : 3 * d + 3].T
-    return Columns(X[:, :d].copy(), X[:, d : 2 * d], X[:, 2 * d], eigenvalues, offset, scale)
+    coordinates, eigenvalues = np.empty((len(X), d), X.dtype), np.empty((len(X), d), X.dtype)
+    normals, variation, (offset, scale) = (
+        X[:, d : 2 * d],
+        X[:, 2 * d],
+        X[:, 3 * d + 1 : 3 * d + 3].T,
+    )
+    wrong = []
+
+    def task(part):
+        if wrong:
+            return
+        coordinates[part] = X[part, :d]
+        own = np.maximum(X[part, 2 * d + 1 : 3 * d + 1], 0, out=eigenvalues[part])
+        if not _are_planes(normals[part], variation[part], own):
+            wrong.append(part)
+
+    run([(part,) for part in _chunks(len(X))], task, n_jobs)
+    return None if wrong else Columns(coordinates, normals, variation, eigenvalues, offset, scale)
 
 
-def _are_planes(columns):
-    _, normals, variation, eigenvalues, _, _ = columns
+def _chunks(n):
+    return [slice(start, start + CHUNK) for start in range(0, n, CHUNK)]
+
+
+def _are_planes(normals, variation, eigenvalues):
     total = eigenvalues.sum(axis=1)
     lengths = np.sqrt(np.einsum("nd,nd->n", normals, normals))
     return (

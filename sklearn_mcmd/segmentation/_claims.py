@@ -9,8 +9,8 @@ from sklearn_mcmd.segmentation._graph import COMPILE_FROM, CUTOFF
 __all__ = ["Claims"]
 
 MAX_ROUNDS = 50
-# Neighbors looked at at once: what bounds the memory.
-CHUNK = 200_000
+# Neighbors looked at at once: what they need stays in the processor's cache.
+CHUNK = 30_000
 # Of planes that claim a point the nearest does, in units of their limits.
 NEAREST = ExplainLimits(likely=False)
 
@@ -91,15 +91,23 @@ class Claims:
         labels = labels.copy()
         claiming = np.append(np.ones(int(labels.max(initial=-1)) + 1, dtype=bool), False)
         claiming[np.asarray(content, dtype=np.intp)] = False
-        rest = np.flatnonzero(labels < 0)
-        around = self.index.query_own(rest)
+        usable, fresh = claiming[labels], np.zeros(len(labels), dtype=bool)
+        rest = asked = np.flatnonzero(labels < 0)
+        around = neighbors = self.index.query_own(rest)
         for _ in range(MAX_ROUNDS):
-            owner = self._owners(labels, rest, around, claiming[labels])
+            owner = self._owners(labels, asked, neighbors, usable)
             claimed = owner >= 0
             if not claimed.any():
                 break
-            labels[rest[claimed]] = owner[claimed]
-            rest, around = rest[~claimed], around.take(~claimed)
+            new = asked[claimed]
+            labels[new], usable[new] = owner[claimed], True
+            left = np.flatnonzero(labels[rest] < 0)
+            rest, around = rest[left], around.take(left)
+            # Only those beside the new ones have new answers.
+            fresh[new] = True
+            beside = np.flatnonzero(fresh[around.indices].any(axis=1))
+            fresh[new] = False
+            asked, neighbors = rest[beside], around.take(beside)
         return labels
 
     def _owners(self, labels, rows, around, usable):

@@ -120,7 +120,8 @@ class CylinderParts:
         wide = np.zeros(n_regions, dtype=bool) if self.wide is None else self.wide[:n_regions]
         rows = np.flatnonzero(~np.append(wide, True)[labels])
         own = labels[rows]
-        sizes, *_, values, _ = region_planes(self.index.points[rows], own, n_regions)
+        points = self.index.points[rows]
+        sizes, *_, values, _ = region_planes(points, own, n_regions, n_jobs=self.n_jobs)
         reach = np.bincount(own, self.planes.radius[rows], n_regions) / np.maximum(sizes, 1)
         # Points spread evenly over a width have its root 12th as standard deviation.
         self.wide = wide | (np.sqrt(12 * values[:, 1]) > MOST_WIDE * reach)
@@ -129,23 +130,28 @@ class CylinderParts:
         rows = rows[np.argsort(labels[rows], kind="stable")]
         names, starts = np.unique(labels[rows], return_index=True)
         groups = np.split(rows, starts[1:]) if len(rows) else []
-        parts = dict.fromkeys(names.tolist())  # in this order, whichever is done first
+        parts = self._each(lambda group: self._part(group, self._around(group)), groups)
+        return dict(zip(names.tolist(), parts, strict=True))
 
-        def fit(first):
-            for name, group in zip(
-                names[first::N_TASKS].tolist(), groups[first::N_TASKS], strict=True
-            ):
-                parts[name] = self._part(group, self._around(group))
+    def _each(self, function, items):
+        """The answers of a function to all items, found in threads."""
+        answers = [None] * len(items)
 
-        run([(first,) for first in range(min(N_TASKS, len(names)))], fit, self.n_jobs)
-        return parts
+        def task(first):
+            for i in range(first, len(items), N_TASKS):
+                answers[i] = function(items[i])
+
+        run([(first,) for first in range(min(N_TASKS, len(items)))], task, self.n_jobs)
+        return answers
 
     def _around(self, rows):
         """The nearer half of the neighbors of rows; a row replaces neighbors beyond the gap."""
         k = n_within_median(self.index.n_neighbors) + 1
         around = self.index.query_own(rows, k).indices
+        if self.max_gap == np.inf:
+            return around
         gaps = self.index.points[around] - self.index.points[rows][:, None]
-        near = np.einsum("mkd,mkd->mk", gaps, gaps) <= self.max_gap**2
+        near = np.sqrt(np.square(gaps).sum(axis=-1)) <= self.max_gap  # as links are
         return np.where(near, around, rows[:, None]).astype(np.int32)
 
     def _part(self, members, around):
@@ -173,8 +179,9 @@ class CylinderParts:
                 key = tuple(len(parts[name].members) for name in pair)  # parts only gain points
                 if tried.get(pair) != key:
                     tried[pair] = key
-                    if self._are_one(*(parts[name] for name in pair)):
-                        pairs.append(pair)
+                    pairs.append(pair)
+            are_one = self._each(lambda pair: self._are_one(*(parts[name] for name in pair)), pairs)
+            pairs = [pair for pair, is_one in zip(pairs, are_one, strict=True) if is_one]
             if not pairs:
                 break
             fresh = self._pool(labels, parts, np.array(pairs))
@@ -255,14 +262,15 @@ class CylinderParts:
                 if sum(map(len, gained[name])) < (GROWTH - 1) * size:
                     spreading[name] = self._around(rows)
             edges = spreading
-        grown = set()
-        for name, rows in gained.items():
-            if rows:
-                rows, part = np.concatenate(rows), parts[name]
-                around = np.concatenate([part.around, self._around(rows)])
-                parts[name] = self._part(np.concatenate([part.members, rows]), around)
-                grown.add(name)
-        return grown
+        grown = [name for name, rows in gained.items() if rows]
+
+        def fit(name):
+            rows, part = np.concatenate(gained[name]), parts[name]
+            around = np.concatenate([part.around, self._around(rows)])
+            return self._part(np.concatenate([part.members, rows]), around)
+
+        parts.update(zip(grown, self._each(fit, grown), strict=True))
+        return set(grown)
 
     def _claims_of(self, labels, parts, edges):
         """Rows without region among `edges`, name -> rows, and the part that each lies on best."""

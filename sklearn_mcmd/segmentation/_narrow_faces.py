@@ -24,8 +24,8 @@ REACH = 2.0
 MAX_ROUNDS = 10
 # What keeps points without noise at the origin from a division by zero.
 LEAST_NOISE = np.finfo(np.float64).tiny
-# Neighbors looked at at once: what bounds the memory.
-CHUNK = 200_000
+# Neighbors looked at at once: what they need stays in the processor's cache.
+CHUNK = 30_000
 
 
 class RestFaces:

@@ -8,6 +8,9 @@ from sklearn.metrics import adjusted_rand_score
 
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_bus_stop
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.segmentation._cylinder_parts import CylinderParts
 
 NOISE = 0.005
 ANGLE = 5.0  # at which a post breaks into strips
@@ -153,3 +156,15 @@ def test_without_joining_the_rest_is_assigned_as_ever():
     before = grown(X, join_curved=False, assign_rest=False)
     after = grown(X, join_curved=False)
     assert np.count_nonzero(after[~on_post] < 0) < np.count_nonzero(before[~on_post] < 0)
+
+
+def test_points_touch_at_the_gap_itself_as_they_are_linked_there():
+    """By distances: of squares rounding would leave out a tenth of those at the gap."""
+    gaps = np.random.default_rng(0).uniform(0.1, 1, (200, 3))
+    distances, squares = np.sqrt(np.square(gaps).sum(axis=1)), np.square(gaps).sum(axis=1)
+    assert (squares > distances**2).any()
+    for gap, distance in zip(gaps, distances, strict=True):
+        index = NeighborIndex(np.stack([np.zeros(3), gap, gap + 9, gap + 19]), 4)
+        parts = CylinderParts(index, Planes.unknown(4, 3), np.zeros(4), max_gap=distance)
+        around = parts._around(np.arange(4))
+        assert [set(row) for row in around.tolist()] == [{0, 1}, {0, 1}, {2}, {3}]
