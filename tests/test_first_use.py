@@ -26,9 +26,10 @@ print(len(compiled.buffer) // 2)
 @pytest.mark.parametrize(
     ("name", "most"),
     [
-        ("MCMDOutlierDetector", 120),
-        ("RobustNormalEstimator", 122),
-        ("SharpFeatureDetector", 131),
+        ("MCMDOutlierDetector", 70),
+        ("RobustNormalEstimator", 72),
+        ("RegionGrowing", 74),
+        ("SharpFeatureDetector", 77),
     ],
 )
 def test_few_functions_are_compiled(name, most, tmp_path):

@@ -9,6 +9,7 @@ from sklearn_mcmd import (
     RobustNormalEstimator,
     SharpFeatureDetector,
 )
+from sklearn_mcmd.planes import _progress
 from sklearn_mcmd.planes._progress import (
     COMPILING,
     current_span,
@@ -66,7 +67,7 @@ def test_estimators_name_their_stages_in_order_and_tell_the_whole(estimator, sta
     told = heard(lambda: estimator.fit(room.xyz))
     names = list(dict.fromkeys(stage for stage, _ in told))
     assert [name for name in names if name in stages] == stages
-    shares = [share for _, share in told]
+    shares = [share for _, share in told if share is not None]  # None while compiling
     assert min(shares) == 0
     assert max(shares) == pytest.approx(1)
 
@@ -96,3 +97,63 @@ def test_compilation_is_told_and_its_end():
     assert told[0] == (COMPILING, None)
     assert told[-1] == (None, None)
     assert heard(lambda: twice(np.float32(1))) == []
+
+
+@pytest.fixture
+def own_compilation(monkeypatch):
+    """A watcher of its own, and what compiles a function as if it were one of the package."""
+    numba = pytest.importorskip("numba")
+    from numba.core import event
+
+    registered = event._registered["numba:compile"]
+    others = list(registered)
+    registered.clear()
+    monkeypatch.setattr(_progress, "PATIENCE", 0.0)
+    watch_compilation.__wrapped__()
+
+    def compile_one(module="sklearn_mcmd.planes._linking_numba"):
+        def twice(x):
+            return 2 * x
+
+        twice.__module__ = module
+        numba.njit(twice)(1)
+
+    yield compile_one
+    registered[:] = others
+
+
+def test_one_line_tells_whoever_waits_at_a_terminal(own_compilation, monkeypatch, capsys):
+    own_compilation("mine")
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    own_compilation("mine")
+    assert capsys.readouterr().err == ""
+    own_compilation()
+    own_compilation()
+    assert capsys.readouterr().err == f"sklearn_mcmd: {COMPILING}\n"
+
+
+@pytest.mark.parametrize("listener", [None, lambda stage, share: None])
+def test_no_line_where_a_program_shows_progress_or_nobody_waits(
+    own_compilation, listener, monkeypatch, capsys
+):
+    own_compilation()  # the output of tests is no terminal
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    with listen_to_progress(listener):
+        own_compilation()
+    assert capsys.readouterr().err == ""
+
+
+def test_the_line_goes_to_the_log_where_there_is_one(own_compilation, monkeypatch, caplog, capsys):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    with caplog.at_level("INFO", logger="sklearn_mcmd"):
+        own_compilation()
+    assert [record.getMessage() for record in caplog.records] == [f"sklearn_mcmd: {COMPILING}"]
+    assert capsys.readouterr().err == ""
+
+
+def test_the_line_can_be_silenced(own_compilation, monkeypatch, caplog, capsys):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    with caplog.at_level("WARNING", logger="sklearn_mcmd"):
+        own_compilation()
+    assert not caplog.records
+    assert capsys.readouterr().err == ""

@@ -25,7 +25,7 @@ def least_median_scales_3d(points, table, *, rank_tolerance):
     return scale_factor(points.shape[1], 3) * least
 
 
-@kernel(cache=True, error_model="numpy")
+@kernel(cache=True)
 def _best_planes(
     columns, table, rank_tolerance, threshold, stops, truncated_loss, centers, normals
 ):
@@ -51,7 +51,7 @@ def _best_planes(
                     normals[i, axis] = normal[axis]
 
 
-@kernel(cache=True, error_model="numpy")
+@kernel(cache=True)
 def _least_medians(columns, table, rank_tolerance, least):
     n_members = columns.shape[2]
     distances = np.empty(n_members)
@@ -68,7 +68,7 @@ def _least_medians(columns, table, rank_tolerance, least):
         least[i] = best
 
 
-@kernel(error_model="numpy")
+@kernel
 def _trial_plane(local, row, rank_tolerance):
     """Whether three members span a plane, the first of them and the unit normal."""
     a, b, c = row[0], row[1], row[2]
@@ -86,7 +86,7 @@ def _trial_plane(local, row, rank_tolerance):
     return True, a, (nx * scale, ny * scale, nz * scale)
 
 
-@kernel(fastmath=FASTMATH, error_model="numpy")
+@kernel(fastmath=FASTMATH)
 def _count(local, normal, anchor, threshold):
     x, y, z = local[0], local[1], local[2]
     nx, ny, nz = normal
@@ -97,7 +97,7 @@ def _count(local, normal, anchor, threshold):
     return count
 
 
-@kernel(fastmath=FASTMATH, error_model="numpy")
+@kernel(fastmath=FASTMATH)
 def _truncated_loss(local, normal, anchor, weight):
     x, y, z = local[0], local[1], local[2]
     nx, ny, nz = normal[0] * weight, normal[1] * weight, normal[2] * weight
@@ -111,7 +111,7 @@ def _truncated_loss(local, normal, anchor, weight):
     return loss, count
 
 
-@kernel(fastmath=FASTMATH, error_model="numpy")
+@kernel(fastmath=FASTMATH)
 def _distances(local, normal, anchor, out):
     x, y, z = local[0], local[1], local[2]
     nx, ny, nz = normal

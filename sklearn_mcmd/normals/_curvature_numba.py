@@ -11,15 +11,22 @@ __all__ = ["fit_jets_3d"]
 TERMS = 6
 
 
-@kernel(cache=True, error_model="numpy")
 def fit_jets_3d(points, around, queries, tangents, planes, floor, limits, jets):
     """Fill `jets`, as `fit_jets` returns them, which are undetermined before."""
+    k = around.indices.shape[1]
+    # Python makes the arrays, since Numba takes long to compile what makes them.
+    local, chosen = np.empty((2, 3, k))
+    deviations, heights = np.empty((2, k))
+    right, solution = np.empty((2, TERMS))
+    room = local, chosen, deviations, heights, np.empty(k, bool), np.empty((TERMS, TERMS))
+    room += right, solution
+    _fit_jets(points, around, queries, tangents, planes, floor, limits, room, jets)
+
+
+@kernel(cache=True)
+def _fit_jets(points, around, queries, tangents, planes, floor, limits, room, jets):
     indices, sizes = around.indices, around.sizes
-    k = indices.shape[1]
-    local, chosen, deviations = np.empty((3, k)), np.empty((3, k)), np.empty(k)
-    used, heights = np.empty(k, dtype=np.bool_), np.empty(k)
-    lower = np.empty((TERMS, TERMS))
-    right, solution = np.empty(TERMS), np.empty(TERMS)
+    local, chosen, deviations, heights, used, lower, right, solution = room
     for i in range(len(indices)):
         size, radius = sizes[i], planes.radius[i]
         if not (planes.scale[i] > 0.0 and radius > 0.0):
@@ -79,7 +86,7 @@ def _choose(local, size, deviations, most, used, chosen):
     return n_used, changed
 
 
-@kernel(fastmath=FASTMATH, error_model="numpy")
+@kernel(fastmath=FASTMATH)
 def _deviate(local, size, axes, radius, coefficients, deviations):
     """Heights of the members above the quadric, in radii."""
     x, y, z = local[0], local[1], local[2]
@@ -95,7 +102,7 @@ def _deviate(local, size, axes, radius, coefficients, deviations):
         deviations[j] = h - quadric
 
 
-@kernel(error_model="numpy")
+@kernel
 def _back_substitute(lower, solution):
     """Solve L' x = solution in place."""
     for i in range(TERMS - 1, -1, -1):

@@ -10,17 +10,28 @@ __all__ = ["decompose", "quadric_moments", "whole_planes_3d"]
 TERMS = 6
 
 
-@kernel(cache=True, error_model="numpy")
 def whole_planes_3d(points, around, limits, planes, directions, deviation, left, ordinary):
     """Fill the results of `whole_planes`; of the axes only the first and the last.
 
     `around` are Neighborhoods. Of `planes`, centroids, eigenvalues and normals are filled.
     """
+    k = around.indices.shape[1]
+    # Python makes the arrays, since Numba takes long to compile what makes them.
+    room = (
+        np.empty((3, k)),
+        np.ones(k),
+        np.empty(k),
+        np.empty((TERMS, TERMS)),
+        *np.empty((2, TERMS)),
+    )
+    out = planes, directions, deviation, left, ordinary
+    _whole_planes(points, around, limits, room, *out)
+
+
+@kernel(cache=True)
+def _whole_planes(points, around, limits, room, planes, directions, deviation, left, ordinary):
     indices, sizes = around.indices, around.sizes
-    k = indices.shape[1]
-    local, weight, height = np.empty((3, k)), np.ones(k), np.empty(k)
-    moments = np.empty((TERMS, TERMS))
-    right, forward = np.empty(TERMS), np.empty(TERMS)
+    local, weight, height, moments, right, forward = room
     for i in range(len(indices)):
         size = sizes[i]
         origin = indices[i, 0]
@@ -62,7 +73,7 @@ def whole_planes_3d(points, around, limits, planes, directions, deviation, left,
             )
 
 
-@kernel(fastmath=FASTMATH, error_model="numpy")
+@kernel(fastmath=FASTMATH)
 def _tails(height, size):
     """The largest absolute height, and sums of the first and third powers."""
     farthest = first = third = 0.0
@@ -74,7 +85,7 @@ def _tails(height, size):
     return farthest, first, third
 
 
-@kernel(fastmath=FASTMATH, error_model="numpy")
+@kernel(fastmath=FASTMATH)
 def quadric_moments(local, size, mean, axes, extent, moments, right, heights):
     """Normal equations of the quadric (lower triangle) and the sum of squared heights.
 
@@ -128,7 +139,7 @@ def quadric_moments(local, size, mean, axes, extent, moments, right, heights):
     return shh
 
 
-@kernel(error_model="numpy")
+@kernel
 def decompose(moments, right, forward, total, least_pivot):
     """Squares left, and whether the members determine the quadric; overwrites the moments."""
     for i in range(TERMS):

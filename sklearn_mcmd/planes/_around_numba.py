@@ -5,17 +5,21 @@ import numpy as np
 from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.planes._moments_numba import kth_smallest
 
-__all__ = ["extents_of_neighborhoods", "quantile", "quantile_of_neighbors"]
+__all__ = ["extents_of_neighborhoods", "quantile_of_neighbors"]
+
+
+def quantile_of_neighbors(all_values, neighborhoods, q, out):
+    """Fill `out` with the q-quantile of the neighbors' values."""
+    values = np.empty(neighborhoods.indices.shape[1])
+    # Python makes the arrays, since Numba takes long to compile what makes them.
+    _quantile_of_neighbors(all_values, neighborhoods, q, values, values.view(np.int64), out)
 
 
 @kernel(cache=True)
-def quantile_of_neighbors(all_values, neighborhoods, q, out):
-    """Fill `out` with the q-quantile of the neighbors' values."""
+def _quantile_of_neighbors(all_values, neighborhoods, q, values, keys, out):
     indices, sizes = neighborhoods.indices, neighborhoods.sizes
-    values = np.empty(indices.shape[1])
-    keys = values.view(np.int64)
     for i in range(len(out)):
-        out[i] = quantile(all_values, indices[i], sizes[i], q, values, keys)
+        out[i] = _quantile(all_values, indices[i], sizes[i], q, values, keys)
 
 
 @kernel(cache=True)
@@ -35,12 +39,12 @@ def extents_of_neighborhoods(points, queries, neighborhoods, spacing, radius):
 
 
 @kernel
-def quantile(all_values, neighbors, size, q, values, keys):
+def _quantile(all_values, neighbors, size, q, values, keys):
     """The value at the rank int(q * size), from 0, of numbers that are not negative.
 
     `keys` are the bits of `values` as integers. These sort like the numbers.
     """
     for j in range(size):
         values[j] = all_values[neighbors[j]]
-    keys[0] = kth_smallest(keys, size, int(q * size) + 1)
+    keys[0] = kth_smallest(keys, size, np.int64(q * size) + 1)
     return values[0]

@@ -6,6 +6,8 @@ the few trials whose bound does not exceed the best value found, in ascending or
 set is the one that float64 alone would find, in the time of float32.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from sklearn_mcmd.planes._kernels import kernel
@@ -29,13 +31,13 @@ from sklearn_mcmd.planes._moments_numba import (
 
 __all__ = [
     "NO_FIT",
+    "WorkArrays",
     "consistent_set_3d",
     "first_members",
     "least_eigenvalue",
     "screen",
     "select_members",
     "trial_planes",
-    "work_arrays",
 ]
 
 LINE = 16  # float32 numbers of a cache line
@@ -57,7 +59,65 @@ SCREEN_STEP = np.float32(1e-6)
 LEAST_MINORS = np.float32(1e-4)  # squared ratio of width to length below which all is rounding
 
 
-@kernel(error_model="numpy")
+class WorkArrays(NamedTuple):
+    """Arrays that one thread needs for neighborhoods of k members; all neighborhoods share them.
+
+    Python makes them, and also gives some of them as a second type, since Numba takes long to
+    compile either.
+
+    local : float64 (3, k), coordinates
+    rotated : float64 (3, k), coordinates in other axes
+    local32 : float32 (k, FEATURES), members and their products
+    lanes : float64 (13, lanes), planes, and the corners of minimal subsets
+    lanes32 : float32 (21 + k, lanes)
+    lane_bits : the same as int32
+    levels : int16 (k + 2, wide lanes), and a row that pads, and the limits
+    least : float64 (n_trials,)
+    keys : int64 (k,)
+    key_numbers : the same as float64
+    member : float64 (k,)
+    """
+
+    local: np.ndarray
+    rotated: np.ndarray
+    local32: np.ndarray
+    lanes: np.ndarray
+    lanes32: np.ndarray
+    lane_bits: np.ndarray
+    levels: np.ndarray
+    least: np.ndarray
+    keys: np.ndarray
+    key_numbers: np.ndarray
+    member: np.ndarray
+
+    @classmethod
+    def of(cls, n_trials, k):
+        """The float32 arrays begin on a cache line, because vector loads across two lines take
+        twice as long. They have room for the rows that pad unrolled loops.
+        """
+        n_lanes = -(-n_trials // VECTOR) * VECTOR
+        n_wide = -(-n_lanes // (2 * VECTOR)) * 2 * VECTOR
+        n_rows = 21 + k
+        buffer = np.zeros(n_rows * n_lanes + LINE, dtype=np.float32)
+        start = -buffer.ctypes.data % (4 * LINE) // 4
+        lanes32 = buffer[start : start + n_rows * n_lanes].reshape(n_rows, n_lanes)
+        keys = np.zeros(k, dtype=np.int64)
+        return cls(
+            np.zeros((3, k)),
+            np.zeros((3, k)),
+            np.zeros((k, FEATURES), dtype=np.float32),
+            np.zeros((4 + 9, n_lanes)),
+            lanes32,
+            lanes32.view(np.int32),
+            np.zeros((k + 2, n_wide), dtype=np.int16),
+            np.zeros(n_trials),
+            keys,
+            keys.view(np.float64),
+            np.zeros(k),
+        )
+
+
+@kernel
 def consistent_set_3d(size, trials, arrays):
     """Maximum consistent set of one neighborhood (Algorithm 1).
 
@@ -65,8 +125,7 @@ def consistent_set_3d(size, trials, arrays):
     ----------
     size : members in use, whose coordinates (by `localize`) are in the first array
     trials : Trials
-    arrays : from `work_arrays`; `member`, the last, receives 1 for members of the set and 0
-        for the others
+    arrays : WorkArrays, whose `member` receives 1 for members of the set and 0 for the others
 
     Returns
     -------
@@ -75,7 +134,7 @@ def consistent_set_3d(size, trials, arrays):
     fit : tuple
         Mean, eigenvalues and axes of the set, without meaning where none spans a plane.
     """
-    local, local32, lanes, lanes32, levels, least, keys, member = arrays
+    local, rotated, local32, lanes, lanes32, bits, levels, least, keys, key_numbers, member = arrays
     n_trials = trials.positions.shape[0]
     n_support = trials.n_support[size]
     farthest = 0.0
@@ -83,7 +142,7 @@ def consistent_set_3d(size, trials, arrays):
         for j in range(size):
             local32[j, axis] = np.float32(local[axis, j])
             farthest = max(farthest, abs(local[axis, j]))
-    first_plane = trial_planes(local, size, trials, lanes)
+    first_plane = trial_planes(local, size, trials, lanes, rotated, member)
     if first_plane < 0:
         return first_members(size, n_support, member), NO_FIT
     # Lanes without a plane, and lanes that pad the vectors, repeat the first plane.
@@ -93,7 +152,7 @@ def consistent_set_3d(size, trials, arrays):
                 lanes[axis, t] = lanes[axis, first_plane]
     bound = lanes32[20]
     if farthest <= FAR and size <= MOST_ROWS:
-        screen(local32, size, n_support, lanes, lanes32, levels, ROUNDING * farthest)
+        screen(local32, size, n_support, lanes, lanes32, bits, levels, ROUNDING * farthest)
     else:
         bound[:] = F0
 
@@ -108,7 +167,7 @@ def consistent_set_3d(size, trials, arrays):
         if lowest > best + trials.eigenvalue_step:
             break
         bound[t] = np.inf
-        select_members(local, size, trials, lanes, t, keys, member)
+        select_members(local, size, trials, lanes, t, keys, key_numbers, member)
         selected = t
         least[t], fit = least_eigenvalue(local, size, member, trials.rank_tolerance)
         best = min(best, least[t])
@@ -118,7 +177,7 @@ def consistent_set_3d(size, trials, arrays):
     while least[first] > best + trials.eigenvalue_step:
         first += 1
     if first != selected:
-        select_members(local, size, trials, lanes, first, keys, member)
+        select_members(local, size, trials, lanes, first, keys, key_numbers, member)
         _, fit = least_eigenvalue(local, size, member, trials.rank_tolerance)
     return least[first], fit
 
@@ -131,28 +190,7 @@ def first_members(size, n_support, member):
 
 
 @kernel
-def work_arrays(n_trials, k):
-    """Arrays that one thread needs for neighborhoods of k members; all neighborhoods share them.
-
-    The float32 arrays begin on a cache line, because vector loads across two lines take twice as
-    long. They have room for the rows that pad unrolled loops.
-    """
-    n_lanes = (n_trials + VECTOR - 1) // VECTOR * VECTOR
-    local = np.zeros((3, k))
-    local32 = np.zeros((k, FEATURES), dtype=np.float32)  # members and their products
-    lanes = np.zeros((4 + 9, n_lanes))  # planes, and the corners of minimal subsets
-    n_rows = 21 + k
-    buffer = np.zeros(n_rows * n_lanes + LINE, dtype=np.float32)
-    start = (-buffer.ctypes.data % (4 * LINE)) // 4
-    lanes32 = buffer[start : start + n_rows * n_lanes].reshape(n_rows, n_lanes)
-    n_wide = (n_lanes + 2 * VECTOR - 1) // (2 * VECTOR) * 2 * VECTOR
-    levels = np.zeros((k + 2, n_wide), dtype=np.int16)  # and a row that pads, and the limits
-    least, keys, member = np.empty(n_trials), np.empty(k, dtype=np.int64), np.zeros(k)
-    return local, local32, lanes, lanes32, levels, least, keys, member
-
-
-@kernel(error_model="numpy")
-def trial_planes(local, size, trials, lanes):
+def trial_planes(local, size, trials, lanes, rotated, member):
     """Planes of all trials (steps 1 and 2) into lanes; an infinite offset where there is none.
 
     Returns the first trial that has a plane, -1 if none has.
@@ -173,14 +211,16 @@ def trial_planes(local, size, trials, lanes):
         found = lanes[3, t] < np.inf
         if not found:
             # Three failures are enough: a neighborhood without a plane is not read 69 times.
-            found = n_failures < 3 and _complete_trial(local, size, trials, t, lanes)
+            found = n_failures < 3 and _complete_trial(
+                local, size, trials, t, lanes, rotated, member
+            )
             n_failures += not found
         if found and first_plane < 0:
             first_plane = t
     return first_plane
 
 
-@kernel(error_model="numpy")
+@kernel
 def _corner_planes(lanes, n_trials, rank_tolerance):
     """Planes through the corners a, b and c in rows 4 to 12 of lanes, for vectors of trials."""
     for t in range(n_trials):
@@ -199,11 +239,12 @@ def _corner_planes(lanes, n_trials, rank_tolerance):
         lanes[3, t] = offset if area2 / 3.0 > least * least else np.inf
 
 
-@kernel(error_model="numpy")
-def _complete_trial(local, size, trials, t, lanes):
+@kernel
+def _complete_trial(local, size, trials, t, lanes, rotated, member):
     """Read row t beyond its first three members until the subset spans a plane (step 1)."""
     row = trials.positions[t]
-    member = np.zeros(size)
+    for j in range(size):
+        member[j] = 0.0
     n_members, wanted = 0, 4
     for q in range(row.shape[0]):
         if row[q] >= size:
@@ -216,7 +257,7 @@ def _complete_trial(local, size, trials, t, lanes):
         mean, covariance = weighted_covariance(local, size, member)
         values, axes = eigh_3d(covariance)
         if values[1] > trials.rank_tolerance**2 * values[2]:
-            normal = _refined_normal(local, size, member, mean, axes)
+            normal = _refined_normal(local, size, member, mean, axes, rotated)
             for axis in range(3):
                 lanes[axis, t] = normal[axis]
             lanes[3, t] = -(mean[0] * normal[0] + mean[1] * normal[1] + mean[2] * normal[2])
@@ -224,10 +265,9 @@ def _complete_trial(local, size, trials, t, lanes):
     return False
 
 
-@kernel(error_model="numpy")
-def _refined_normal(local, size, member, mean, axes):
+@kernel
+def _refined_normal(local, size, member, mean, axes, rotated):
     """Decompose once more in the axes found; this restores the digits lost in a thin subset."""
-    rotated = np.empty((3, size))
     for j in range(size):
         dx, dy, dz = local[0, j] - mean[0], local[1, j] - mean[1], local[2, j] - mean[2]
         rotated[0, j] = axes[0][0] * dx + axes[0][1] * dy + axes[0][2] * dz
@@ -243,8 +283,8 @@ def _refined_normal(local, size, member, mean, axes):
     )
 
 
-@kernel(fastmath=FASTMATH, error_model="numpy")
-def screen(local32, size, n_support, lanes, work, levels, rounding):
+@kernel(fastmath=FASTMATH)
+def screen(local32, size, n_support, lanes, work, bits, levels, rounding):
     """Lower bounds of the trials' least eigenvalues (steps 2 and 3), in float32, to work[20].
 
     Distances become levels in int16, whose vectors hold twice as many lanes. Bisection of the
@@ -255,8 +295,8 @@ def screen(local32, size, n_support, lanes, work, levels, rounding):
     matrix, so the bound holds.
     """
     n_lanes = lanes.shape[1]
-    total, limit, base, moments = work[4], work[5], work[6].view(np.int32), work[10:20]
-    distances = work[21:]
+    total, limit, moments, distances = work[4], work[5], work[10:20], work[21:]
+    limit_bits, base = bits[5], bits[6]
     for i in range(4):
         for t in range(n_lanes):
             work[i, t] = np.float32(lanes[i, t])
@@ -269,10 +309,9 @@ def screen(local32, size, n_support, lanes, work, levels, rounding):
     share = SLACK / np.float32(size - n_support + 1)
     for t in range(n_lanes):
         limit[t] = total[t] * share
-    limit_bits = limit.view(np.int32)
     for t in range(n_lanes):
         base[t] = np.int32((limit_bits[t] >> SHIFT) - (MOST_LEVEL - 1))
-    lane_levels(distances.view(np.int32), base, size, levels)
+    lane_levels(bits[21:], base, size, levels)
     low = levels[levels.shape[0] - 1]
     levels[size] = MOST_LEVEL  # pads an odd number of rows, and is never counted
     lane_limits(levels, size + size % 2, n_support, low)
@@ -314,16 +353,15 @@ def screen(local32, size, n_support, lanes, work, levels, rounding):
         bound[t] = least if wide and least > F0 else F0
 
 
-@kernel(fastmath=FASTMATH, error_model="numpy")
-def select_members(local, size, trials, lanes, t, keys, member):
+@kernel(fastmath=FASTMATH)
+def select_members(local, size, trials, lanes, t, keys, key_numbers, member):
     """Mark the h members nearest to plane t (step 2); ties go to the first."""
     x, y, z = local[0], local[1], local[2]
     nx, ny, nz, offset = lanes[0, t], lanes[1, t], lanes[2, t], lanes[3, t]
     n_support = trials.n_support[size]
-    steps = keys.view(np.float64)  # whose bits sort like the numbers
     for j in range(size):
         distance = abs(nx * x[j] + ny * y[j] + nz * z[j] + offset)
-        steps[j] = np.rint(distance / trials.distance_step)
+        key_numbers[j] = np.rint(distance / trials.distance_step)  # bits sort like the numbers
     limit = kth_smallest(keys, size, n_support)
     left = n_support
     for j in range(size):
@@ -338,7 +376,7 @@ def select_members(local, size, trials, lanes, t, keys, member):
             left -= 1
 
 
-@kernel(error_model="numpy")
+@kernel
 def least_eigenvalue(local, size, member, rank_tolerance):
     """Least eigenvalue of the covariance of the members (step 3).
 

@@ -7,7 +7,7 @@ from sklearn_mcmd.planes._kernels import kernel
 __all__ = ["explain_queries"]
 
 
-@kernel(cache=True, error_model="numpy")
+@kernel(cache=True)
 def explain_queries(queries, candidates, planes, limits, usable, scales, owners, distances):
     """Fill owners and distances; `scales` are the least and the most of `explain`."""
     d = queries.shape[1]

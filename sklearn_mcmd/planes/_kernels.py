@@ -11,6 +11,8 @@ from pathlib import Path
 
 from numba import njit
 
+from sklearn_mcmd.planes import _inner_code
+
 __all__ = ["kernel"]
 
 ROOT = Path(__file__).parents[1]
@@ -20,14 +22,14 @@ def kernel(function=None, **options):
     """Compile a function by Numba, without the interpreter's lock; see `numba.njit`.
 
     Python calls functions with ``cache=True``. Only compiled functions call the others. Those get
-    no wrappers for calls from Python and from C, which take time to compile:
-    Numba would unpack each record of arrays in each function.
+    no wrappers for calls from Python, which take time to compile: Numba would unpack each record of
+    arrays in each function. None is called from C. Division by zero is as in NumPy; if functions
+    differed in this, Numba would compile its own, such as `max`, for each kind.
     """
     if function is None:
         return lambda function: kernel(function, **options)
-    if not options.get("cache"):
-        options |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    compiled = njit(nogil=True, **options)(function)
+    options |= {"no_cfunc_wrapper": True} if options.get("cache") else _inner_code.inner_options()
+    compiled = njit(nogil=True, error_model="numpy", **options)(function)
     files = getattr(
         getattr(compiled, "_cache", None), "_cache_file", None
     )  # None where nothing is kept
@@ -54,6 +56,6 @@ def _unless_damaged(read, instead):
 
 @cache
 def _stamp():
-    """A hash of the sources of all compiled functions."""
-    sources = sorted(ROOT.rglob("*_numba.py"))
+    """A hash of the sources of all compiled functions, and of what says how to compile them."""
+    sources = [*sorted(ROOT.rglob("*_numba.py")), Path(__file__), Path(_inner_code.__file__)]
     return sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()

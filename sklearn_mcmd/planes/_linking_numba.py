@@ -7,7 +7,7 @@ from sklearn_mcmd.planes._kernels import kernel
 __all__ = ["farthest_of_rows", "join", "link_rows", "number_parts"]
 
 
-@kernel(cache=True, error_model="numpy")
+@kernel(cache=True)
 def link_rows(points, around, planes, limits, usable, farthest, start, links):
     """`_link_rows` of `_linking`, one point at a time.
 
@@ -52,7 +52,7 @@ def link_rows(points, around, planes, limits, usable, farthest, start, links):
         links[row, n_links:] = -1
 
 
-@kernel(cache=True, error_model="numpy")
+@kernel(cache=True)
 def farthest_of_rows(points, around, start, farthest):
     """Fill the distances of the last neighbors."""
     for row in range(len(farthest)):
@@ -77,9 +77,12 @@ def join(links, start, roots):
         for a in range(width):
             if links[i, a] < 0:
                 break
-            first, second = _root(roots, start + i), _root(roots, links[i, a])
+            first, second = _root(roots, start + i), _root(roots, np.int64(links[i, a]))
             # The root is the first point of its part, in whatever order links are followed.
-            roots[max(first, second)] = min(first, second)
+            if first < second:
+                roots[second] = first
+            else:
+                roots[first] = second
 
 
 @kernel(cache=True)

@@ -166,7 +166,7 @@ class LocalPlaneModel:
         rule = RuleLimits.of(own.method, own.cutoff, own.reweight, rounding, self.least_scale)
         out = planes, directions, distance
         fit = _compiled_driver()
-        fit(self.index.points, neighborhoods, queries, trials, rule, rule.within, *out)
+        fit(self.index.points, neighborhoods, queries, trials, rule, *out)
 
     def _fit_numpy(self, queries, neighborhoods, rounding, planes, directions, distance):
         points = self.index.points[neighborhoods.indices]

@@ -4,9 +4,11 @@ The plane of one neighborhood is finished before the next begins, so no array of
 is needed.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
-from sklearn_mcmd.planes._consistent_set_numba import NO_FIT, consistent_set_3d, work_arrays
+from sklearn_mcmd.planes._consistent_set_numba import NO_FIT, WorkArrays, consistent_set_3d
 from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.planes._moments_numba import (
     FASTMATH,
@@ -21,10 +23,24 @@ __all__ = ["fit_neighborhoods_3d"]
 MAGNITUDE = np.int64(2**63 - 1)
 
 
-@kernel(cache=True, error_model="numpy")
-def fit_neighborhoods_3d(
-    points, around, queries, trials, rule, within, planes, directions, distance
-):
+class Room(NamedTuple):
+    """Memory for numbers of one neighborhood of k members, and to sort them.
+
+    numbers : float64 (k,)
+    bits : the same as int64
+    keys : int64 (k,)
+    key_numbers : the same as float64
+    query : float64 (3,)
+    """
+
+    numbers: np.ndarray
+    bits: np.ndarray
+    keys: np.ndarray
+    key_numbers: np.ndarray
+    query: np.ndarray
+
+
+def fit_neighborhoods_3d(points, around, queries, trials, rule, planes, directions, distance):
     """Apply a rule to each neighborhood (Algorithm 4), one row at a time.
 
     Parameters
@@ -34,25 +50,30 @@ def fit_neighborhoods_3d(
     queries : float64 (m, 3)
     trials : Trials
     rule : RuleLimits
-    within : the rule's field, as an argument of its own
     planes : Planes
         Filled, except for extents and errors.
     directions : float64 (m, 3)
         Filled with the axes of the largest eigenvalues.
     distance : float64 (m,)
         Filled with robust distances of the queries.
-
-    Numba drops the branches of arguments that are None, but not of fields, before it compiles. So
-    the default does not compile "mcmd_md".
     """
     k = around.indices.shape[1]
-    arrays = work_arrays(trials.positions.shape[0], k)
-    local, keys, member = arrays[0], arrays[6], arrays[7]
-    work = np.zeros(k)
-    query = np.zeros(3)
+    arrays, numbers = WorkArrays.of(len(trials.positions), k), np.zeros(k)
+    room = Room(numbers, numbers.view(np.int64), arrays.keys, arrays.key_numbers, np.zeros(3))
+    # Numba drops the branches of arguments that are None, but not of fields, before it compiles.
+    # So the default does not compile "mcmd_md".
+    within, out = rule.within, (planes, directions, distance)
+    _fit_neighborhoods(points, around, queries, trials, rule, within, arrays, room, *out)
+
+
+@kernel(cache=True)
+def _fit_neighborhoods(
+    points, around, queries, trials, rule, within, arrays, room, planes, directions, distance
+):
+    local, member, query = arrays.local, arrays.member, room.query
     for i in range(len(queries)):
         size, row = around.sizes[i], around.indices[i]
-        radius = _localize(points, row, size, local, work, keys)
+        radius = _localize(points, row, size, local, room)
         magnitude = 0.0
         for axis in range(3):
             first = points[row[0], axis]
@@ -71,9 +92,9 @@ def fit_neighborhoods_3d(
             if degenerate:
                 distance[i], scale = 0.0, -1.0  # the caller decides
         elif within is None:
-            distance[i], scale = _mcmd_z(local, size, member, fit, query, rule, floor, work, keys)
+            distance[i], scale = _mcmd_z(local, size, member, fit, query, rule, floor, room)
         else:
-            distance[i], scale = _mcmd_md(local, size, member, fit, query, rule, floor, work, keys)
+            distance[i], scale = _mcmd_md(local, size, member, fit, query, rule, floor, room)
         planes.scale[i] = scale * radius
 
         n_kept = 0.0
@@ -89,9 +110,10 @@ def fit_neighborhoods_3d(
             directions[i, axis] = axes[2][axis]
 
 
-@kernel(error_model="numpy")
-def _localize(points, row, size, local, work, keys):
+@kernel
+def _localize(points, row, size, local, room):
     """Shift a neighborhood to its first point and scale its median radius to one."""
+    work, keys = room.numbers, room.keys
     extent = 0.0
     first = row[0]
     for j in range(size):
@@ -107,18 +129,18 @@ def _localize(points, row, size, local, work, keys):
             value = local[axis, j] / extent
             norm += value * value
         work[j] = np.sqrt(norm)
-    _order_keys(work, size, keys)
+    _order_keys(size, room)
     middle = kth_smallest(keys, size, size // 2 + 1)
     if middle == 0:
         middle = kth_smallest(keys, size, size)
-    radius = _decode(middle, keys) * extent
+    radius = _decode(middle, room) * extent
     for axis in range(3):
         for j in range(size):
             local[axis, j] /= radius
     return radius
 
 
-@kernel(error_model="numpy")
+@kernel
 def _pca(local, size, member, query, floor):
     mean, covariance = weighted_covariance(local, size, member)
     _, axes = eigh_3d(covariance)
@@ -127,21 +149,20 @@ def _pca(local, size, member, query, floor):
     return abs(_project(query, mean, axes[0])) / scale, scale
 
 
-@kernel(error_model="numpy")
-def _mcmd_z(local, size, member, fit, query, rule, floor, work, keys):
+@kernel
+def _mcmd_z(local, size, member, fit, query, rule, floor, room):
+    work = room.numbers
     center = 0.0
     if rule.reweight:
-        mean, _, axes, scale, _ = _reweighted_plane(
-            local, size, member, fit, rule, floor, work, keys
-        )
+        mean, _, axes, scale, _ = _reweighted_plane(local, size, member, fit, rule, floor, room)
         _signed_distances(local, size, mean, axes[0], work)
     else:
         mean, _, axes = fit
         _signed_distances(local, size, mean, axes[0], work)
-        center = _median(work, size, keys)
+        center = _median(size, room)
         for j in range(size):
             work[j] = abs(work[j] - center)
-        scale = max(rule.mad_to_sd * _median(work, size, keys), floor)
+        scale = max(rule.mad_to_sd * _median(size, room), floor)
         _signed_distances(local, size, mean, axes[0], work)
     limit = rule.cutoff * scale
     for j in range(size):
@@ -149,11 +170,12 @@ def _mcmd_z(local, size, member, fit, query, rule, floor, work, keys):
     return abs(_project(query, mean, axes[0]) - center) / scale, scale
 
 
-@kernel(error_model="numpy")
-def _mcmd_md(local, size, member, fit, query, rule, floor, work, keys):
+@kernel
+def _mcmd_md(local, size, member, fit, query, rule, floor, room):
+    work = room.numbers
     if rule.reweight:
         mean, values, axes, scale, n_used = _reweighted_plane(
-            local, size, member, fit, rule, floor, work, keys
+            local, size, member, fit, rule, floor, room
         )
     else:
         mean, values, axes = fit
@@ -176,7 +198,7 @@ def _mcmd_md(local, size, member, fit, query, rule, floor, work, keys):
     return np.sqrt(own), scale
 
 
-@kernel(fastmath=FASTMATH, error_model="numpy")
+@kernel(fastmath=FASTMATH)
 def _add_squared(local, size, mean, axis, deviation, out):
     x, y, z = local[0], local[1], local[2]
     ax, ay, az = axis
@@ -187,15 +209,16 @@ def _add_squared(local, size, mean, axis, deviation, out):
         out[j] += projection * projection
 
 
-@kernel(error_model="numpy")
-def _reweighted_plane(local, size, member, fit, rule, floor, work, keys):
+@kernel
+def _reweighted_plane(local, size, member, fit, rule, floor, room):
     """As in ``_rules``; `member` then holds the members that were kept."""
+    work = room.numbers
     mean, values, axes = fit
     _signed_distances(local, size, mean, axes[0], work)
     for j in range(size):
         work[j] = abs(work[j])
     factor = rule.mad_to_sd * (1.0 + 5.0 / max(size - 3, 1))
-    scale = max(factor * _median(work, size, keys), floor)
+    scale = max(factor * _median(size, room), floor)
     n_kept = 0.0
     for step in range(rule.reweight_steps):
         if step > 0:
@@ -212,7 +235,7 @@ def _reweighted_plane(local, size, member, fit, rule, floor, work, keys):
     return mean, values, axes, scale, n_kept
 
 
-@kernel(error_model="numpy")
+@kernel
 def _project(query, mean, axis):
     return (
         axis[0] * (query[0] - mean[0])
@@ -221,7 +244,7 @@ def _project(query, mean, axis):
     )
 
 
-@kernel(fastmath=FASTMATH, error_model="numpy")
+@kernel(fastmath=FASTMATH)
 def _signed_distances(local, size, mean, normal, out):
     x, y, z = local[0], local[1], local[2]
     nx, ny, nz = normal[0], normal[1], normal[2]
@@ -231,8 +254,10 @@ def _signed_distances(local, size, mean, normal, out):
 
 
 @kernel
-def _median(values, size, keys):
-    _order_keys(values, size, keys)
+def _median(size, room):
+    """The median of the first `size` numbers."""
+    _order_keys(size, room)
+    keys = room.keys
     lower = upper = kth_smallest(keys, size, (size + 1) // 2)
     if size % 2 == 0:
         upper, n_lower = MAGNITUDE, 0  # the smallest key above, and the keys up to it
@@ -241,20 +266,20 @@ def _median(values, size, keys):
             n_lower += 1 if inside else 0
             upper = upper if inside else min(upper, keys[j])
         upper = lower if n_lower > size // 2 else upper
-    return 0.5 * (_decode(lower, keys) + _decode(upper, keys))
+    return 0.5 * (_decode(lower, room) + _decode(upper, room))
 
 
 @kernel
-def _order_keys(values, size, keys):
+def _order_keys(size, room):
     """Integers that sort like the numbers: their bits, negated below zero."""
-    bits = values.view(np.int64)
+    bits, keys = room.bits, room.keys
     for j in range(size):
         keys[j] = bits[j] if bits[j] >= 0 else -(bits[j] & MAGNITUDE)
 
 
 @kernel
-def _decode(key, keys):
+def _decode(key, room):
     """The number of a key; overwrites the first of the keys."""
-    keys[0] = abs(key)
-    value = keys.view(np.float64)[0]
+    room.keys[0] = abs(key)
+    value = room.key_numbers[0]
     return value if key >= 0 else -value

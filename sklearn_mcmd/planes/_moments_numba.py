@@ -16,7 +16,7 @@ __all__ = [
 FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
 
 
-@kernel(fastmath=FASTMATH, error_model="numpy")
+@kernel(fastmath=FASTMATH)
 def weighted_covariance(local, size, weight):
     """Mean and covariance (divisor: sum of weights) of the weighted members."""
     x, y, z = local[0], local[1], local[2]
@@ -43,7 +43,7 @@ def weighted_covariance(local, size, weight):
     return (mx, my, mz), covariance
 
 
-@kernel(fastmath=FASTMATH, error_model="numpy")
+@kernel(fastmath=FASTMATH)
 def variance_along(local, size, weight, mean, axis):
     """Variance of the weighted members along an axis."""
     x, y, z = local[0], local[1], local[2]
@@ -57,7 +57,7 @@ def variance_along(local, size, weight, mean, axis):
     return variance / max(total, 1.0)
 
 
-@kernel(error_model="numpy")
+@kernel
 def eigh_3d(covariance):
     """Eigenvalues, ascending, and unit eigenvectors of a covariance matrix of order 3.
 
@@ -112,7 +112,7 @@ def eigh_3d(covariance):
     return values, (first[1], second[1], third[1])
 
 
-@kernel(error_model="numpy")
+@kernel
 def _rotation(p, q, off):
     """Cosine, sine and change of the diagonal that make the entry `off` between p and q zero."""
     if off == 0.0:

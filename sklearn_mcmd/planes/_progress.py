@@ -3,6 +3,10 @@
 Estimators have no parameter for it: fitting does not depend on what is shown.
 """
 
+import logging
+import multiprocessing
+import sys
+import time
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -11,6 +15,7 @@ from functools import cache
 __all__ = ["COMPILING", "current_span", "listen_to_progress", "progress_part", "watch_compilation"]
 
 COMPILING = "compiling for this computer (once; then kept on disk)"
+PATIENCE = 1.0  # seconds of compiling that pass without a word where nobody listens
 
 _span = ContextVar("sklearn_mcmd_progress", default=None)
 _listeners = []  # those in force; any thread may compile and tell them
@@ -85,17 +90,50 @@ def watch_compilation():
 
     class Compilation(event.Listener):
         depth = 0  # compiling a function compiles those that it calls
+        since, own, spent, said = 0.0, False, 0.0, False
 
         def on_start(self, event):
+            if self.depth == 0:
+                self.since, self.own = time.monotonic(), _is_own(event)
             self.depth += 1
             _tell_all(COMPILING)
+            lasted = self.spent + time.monotonic() - self.since
+            if self.own and lasted >= PATIENCE and not self.said and not _listeners:
+                self.said = True
+                _say(f"sklearn_mcmd: {COMPILING}")
 
         def on_end(self, event):
             self.depth -= 1
             if self.depth == 0:
+                self.spent += time.monotonic() - self.since if self.own else 0.0
                 _tell_all(None)
 
     event.register("numba:compile", Compilation())
+
+
+def _is_own(event):
+    """Whether a function of this package is compiled, and not another one of the process."""
+    function = getattr((event.data or {}).get("dispatcher"), "py_func", None)
+    return getattr(function, "__module__", "").startswith("sklearn_mcmd.")
+
+
+def _say(line):
+    """Log a line, or print it where somebody waits at a terminal or a notebook.
+
+    ``logging.getLogger("sklearn_mcmd").setLevel("WARNING")`` silences both.
+    """
+    logger = logging.getLogger("sklearn_mcmd")
+    if logger.isEnabledFor(logging.INFO):
+        logger.info(line)
+    elif logger.level == logging.NOTSET and _somebody_waits():
+        print(line, file=sys.stderr, flush=True)
+
+
+def _somebody_waits():
+    """Not of workers, whose parent says it; nor of servers and tests, which write elsewhere."""
+    if multiprocessing.current_process().name != "MainProcess" or sys.stderr is None:
+        return False
+    return sys.stderr.isatty() or "ipykernel" in sys.modules
 
 
 def _tell_all(stage):

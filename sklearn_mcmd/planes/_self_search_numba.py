@@ -12,6 +12,7 @@ __all__ = ["build_tree", "search_rows"]
 PLACE = np.int64(2**24 - 1)
 # Bins of squared distance, of which a query fills most.
 N_BINS = 64
+STACK = 256  # nodes that wait, of which a tree has few at a time
 
 
 class Near(NamedTuple):
@@ -20,6 +21,7 @@ class Near(NamedTuple):
     x, y, z : coordinates
     rows : rows of points
     squares : squared distances from the query
+    bits : the same as integers
     keys : squared distances with places in the last bits, of those that are near enough
     places : of those that are nearest, in order
     bins : counts
@@ -30,12 +32,20 @@ class Near(NamedTuple):
     z: np.ndarray
     rows: np.ndarray
     squares: np.ndarray
+    bits: np.ndarray
     keys: np.ndarray
     places: np.ndarray
     bins: np.ndarray
 
+    @classmethod
+    def of(cls, capacity):
+        """Python makes the arrays, since Numba takes long to compile what makes them."""
+        x, y, z, squares = (np.empty(capacity) for _ in range(4))
+        rows, keys, places = (np.empty(capacity, np.int64) for _ in range(3))
+        bins = np.empty(N_BINS + 2, np.int64)
+        return cls(x, y, z, rows, squares, squares.view(np.int64), keys, places, bins)
 
-@kernel(cache=True)
+
 def build_tree(points, leaf):
     """Halve the points along the longest side of their box until `leaf` of them are left.
 
@@ -46,16 +56,35 @@ def build_tree(points, leaf):
     # The left child has a multiple of `leaf`, so all leaves are full but the last.
     leaves = np.empty(-(-n // leaf), np.int64)
     most = 2 * len(leaves) - 1
-    first, last, left = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most, np.int64)
-    boxes = np.empty((most, 6))
-    stack = np.empty(256, np.int64)
-    first[0], last[0], stack[0] = 0, n, 0
+    first, last, left = (np.empty(most, np.int64) for _ in range(3))
+    boxes, stack = np.empty((most, 6)), np.empty(STACK, np.int64)
+    _build(points, leaf, order, first, last, left, boxes, leaves, stack)
+    return order, points, first, last, left, boxes, leaves
+
+
+def search_rows(asking, tree, begin, end, first_leaf, sizes, indices):
+    """Fill `indices` (end - begin, k) with the neighbors, rows of `tree`, of some points.
+
+    These are the rows from `begin` to `end` of `asking`, which may be the same tree or another.
+    `first_leaf` is the place in ``asking.leaves`` of the leaf that holds the first of these rows;
+    `sizes` are the largest numbers of points in a leaf and of candidates.
+    """
+    size, capacity = sizes
+    near = Near.of(max(capacity, 2 * indices.shape[1] + 32 + size))
+    stack, failed = np.empty(STACK, np.int64), np.empty(size, np.int64)
+    _search(asking, tree, begin, end, first_leaf, near, stack, np.empty(size), failed, indices)
+
+
+@kernel(cache=True)
+def _build(points, leaf, order, first, last, left, boxes, leaves, stack):
+    """The loop of `build_tree`, which fills the arrays."""
+    first[0], last[0], stack[0] = 0, len(points), 0
     n_nodes, n_leaves, n_waiting = 1, 0, 1
     while n_waiting > 0:
         n_waiting -= 1
         node = stack[n_waiting]
         begin, end = first[node], last[node]
-        longest, axis = -1.0, 0
+        longest, axis = -1.0, np.int64(0)  # with a plain 0, `_partition` is compiled twice
         for x in range(3):
             low = high = points[begin, x]
             for i in range(begin + 1, end):
@@ -75,28 +104,20 @@ def build_tree(points, leaf):
         first[n_nodes + 1], last[n_nodes + 1] = middle, end
         stack[n_waiting], stack[n_waiting + 1] = n_nodes + 1, n_nodes
         n_waiting, n_nodes = n_waiting + 2, n_nodes + 2
-    return order, points, first, last, left, boxes, leaves
 
 
 @kernel(cache=True)
-def search_rows(asking, tree, begin, end, first_leaf, sizes, indices):
-    """Fill `indices` (end - begin, k) with the neighbors, rows of `tree`, of some points.
-
-    These are the rows from `begin` to `end` of `asking`, which may be the same tree or another.
-    `first_leaf` is the place in ``asking.leaves`` of the leaf that holds the first of these rows;
-    `sizes` are the largest numbers of points in a leaf and of candidates.
+def _search(asking, tree, begin, end, first_leaf, near, stack, radii, failed, indices):
+    """The loop of `search_rows`.
 
     A leaf takes its reach from the leaf before, and a query the bound of its neighbors from the
     query before. Both are guesses: k candidates within the bound prove that it was wide enough.
     """
     points, k = asking.points, indices.shape[1]
-    size, capacity = sizes
-    near, stack = _room(max(capacity, _many(k) + size)), np.empty(256, np.int64)
     # The numbers of points in equal balls vary by the root of their mean.
     wider, much_wider = 1.0 + 2.5 / np.sqrt(k), 1.0 + 5.0 / np.sqrt(k)
     reach = guess = 0.0
     answered, radius = begin, np.inf
-    radii, failed = np.empty(size), np.empty(size, np.int64)
     for place in range(first_leaf, len(asking.leaves)):
         leaf = asking.leaves[place]
         first, last = max(asking.first[leaf], begin), min(asking.last[leaf], end)
@@ -146,27 +167,14 @@ def search_rows(asking, tree, begin, end, first_leaf, sizes, indices):
 
 
 @kernel
-def _room(capacity):
-    return Near(
-        np.empty(capacity),
-        np.empty(capacity),
-        np.empty(capacity),
-        np.empty(capacity, np.int64),
-        np.empty(capacity),
-        np.empty(capacity, np.int64),
-        np.empty(capacity, np.int64),
-        np.empty(N_BINS + 2, np.int64),
-    )
-
-
-@kernel
 def _search_one(tree, x, y, z, k, bound, near, stack, found):
     """Neighbors of one location from the nearest boxes on; the square of the k-th distance.
 
     The square is at most `bound`. Whenever many candidates have come together, all but the k
     nearest go, and the farthest of these is the new bound.
     """
-    points, n, n_waiting = tree.points, 0, 1
+    # With a plain 0, `_screen` and `_sort` are compiled twice.
+    points, n, n_waiting = tree.points, np.int64(0), 1
     stack[0] = 0
     while True:
         while n_waiting > 0 and n < _many(k):
@@ -269,7 +277,7 @@ def _measure(near, n, x, y, z):
 @kernel
 def _screen(near, n, bound):
     """Keys of the candidates not farther than a bound, squared, and how many these are."""
-    squares, bits, keys = near.squares, near.squares.view(np.int64), near.keys
+    squares, bits, keys = near.squares, near.bits, near.keys
     n_within = 0
     for i in range(n):  # without a branch, which would be mispredicted half of the time
         keys[n_within] = (bits[i] & ~PLACE) | i
@@ -323,7 +331,7 @@ def _sort(points, near, n, bound, k, found):
 @kernel
 def _bin(square, scale):
     position = square * scale  # not a number, if squares overflow
-    return int(position) if position < N_BINS else N_BINS
+    return np.int64(position) if position < N_BINS else N_BINS
 
 
 @kernel

@@ -60,7 +60,7 @@ def fit_cylinder(points, normals, *, compiled=True):
     points, normals : ndarray of shape (n, 3)
         At least six points; normals of either sign.
     compiled : bool, default=True
-        Whether Numba compiles the loop, if it can be imported.
+        Whether to use compiled code, if Numba is there; the results differ in rounding.
 
     Returns
     -------
@@ -81,7 +81,7 @@ def fit_cylinder(points, normals, *, compiled=True):
 
 
 def _fit(points, starts, limits):
-    """Least sum of squares and cylinder of centered points; Numba compiles it unchanged."""
+    """Least sum of squares and cylinder of centered points; ``_cylinder_numba`` has loops."""
     n = len(points)
     best = np.inf
     model = np.zeros(7)

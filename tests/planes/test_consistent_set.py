@@ -64,28 +64,27 @@ def test_the_batched_form_equals_the_reference_in_other_dimensions(d):
 
 
 @numba.njit
-def _sets_of(local, sizes, trials):
-    from_numba = np.zeros(local.shape[:2], dtype=np.bool_)
-    least = np.zeros(len(local))
-    arrays = work_arrays(trials.positions.shape[0], local.shape[1])
+def _sets_of(local, sizes, trials, arrays, from_numba, least):
     for i in range(len(local)):
-        arrays[0][:] = local[i].T
+        arrays.local[:] = local[i].T
         least[i] = consistent_set_3d(sizes[i], trials, arrays)[0]
         for j in range(sizes[i]):
-            from_numba[i, j] = arrays[-1][j] == 1.0
-    return from_numba, least
+            from_numba[i, j] = arrays.member[j] == 1.0
 
 
 def compiled_sets(local, sizes, positions, h):
     """The compiled form, told the consistent sets' number of points of each size."""
     n_support = np.zeros(local.shape[1] + 1, dtype=np.int64)
     n_support[sizes] = h
-    return _sets_of(local, sizes, Trials(positions, n_support))
+    found, least = np.zeros(local.shape[:2], dtype=bool), np.zeros(len(local))
+    arrays = WorkArrays.of(len(positions), local.shape[1])
+    _sets_of(local, sizes, Trials(positions, n_support), arrays, found, least)
+    return found, least
 
 
 from sklearn_mcmd.planes._consistent_set_numba import (  # noqa: E402, used in the compiled helper
+    WorkArrays,
     consistent_set_3d,
-    work_arrays,
 )
 from sklearn_mcmd.planes._moments_numba import eigh_3d, kth_smallest  # noqa: E402, after Numba is known
 

@@ -7,9 +7,13 @@ import sys
 
 import pytest
 
-pytest.importorskip("numba")
+numba = pytest.importorskip("numba")
 
-from sklearn_mcmd.planes import _compiling, _kernels
+from sklearn_mcmd.planes import (  # noqa: E402, after Numba is known
+    _compiling,
+    _inner_code,
+    _kernels,
+)
 
 SOURCE = """
 from sklearn_mcmd.planes._kernels import kernel
@@ -18,6 +22,24 @@ from sklearn_mcmd.planes._kernels import kernel
 def double(x):
     return 2 * x
 """
+
+
+def test_what_only_kernels_call_gets_no_machine_code_where_numba_is_known():
+    """Newer releases of Numba compile it their way, and the results are the same."""
+    known = _inner_code.inner_options("0.68.1")
+    unknown = [_inner_code.inner_options(release) for release in ("0.59.1", "0.99.0rc1", "1.0")]
+    assert known["pipeline_class"] is _inner_code.InnerCompiler
+    assert all("pipeline_class" not in options for options in unknown)
+
+    for options in (known, unknown[0]):
+        inner = numba.njit(**options)(_double)
+        assert numba.njit(lambda x, inner=inner: inner(x) + inner(x + 1))(3) == 14
+        (compiled,) = inner.overloads.values()
+        assert compiled.library._compiled == ("pipeline_class" not in options)
+
+
+def _double(x):
+    return 2 * x
 
 
 def n_compiled(name):
@@ -68,6 +90,40 @@ def test_processes_may_compile_at_once(tmp_path):
     assert [process.wait(timeout=300) for process in several] == [0, 0, 0]
     command[-1] += "; assert not s.double.stats.cache_misses"
     assert subprocess.run(command, cwd=tmp_path, env=environment).returncode == 0
+
+
+USE = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import numpy as np
+from sklearn_mcmd.planes._compiling import compiled_function
+number_parts = compiled_function("planes._linking_numba", "number_parts")
+assert number_parts(np.array([0, 0, 2], np.int32)).tolist() == [0, 0, 1]
+print(sum(number_parts.stats.cache_misses.values()))
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="HOME does not say where users keep caches")
+@pytest.mark.parametrize("home", ["home", "no/home"])
+def test_a_package_that_cannot_be_written_keeps_its_code_elsewhere(home, tmp_path):
+    """In the user's folder of caches, or in a temporary folder where there is no home."""
+    (tmp_path / "home").mkdir()
+    for folder in [_kernels.ROOT, *_kernels.ROOT.rglob("*/")]:
+        if folder.name != "__pycache__":
+            copy = tmp_path / "site" / folder.relative_to(_kernels.ROOT.parent)
+            copy.mkdir(parents=True)
+            (copy / "__pycache__").touch()  # a file: not even root can write into it
+            for path in folder.glob("*.py"):
+                (copy / path.name).write_bytes(path.read_bytes())
+    environment = {k: v for k, v in os.environ.items() if k[:5] not in ("NUMBA", "XDG_C")}
+    environment |= {"TMPDIR": str(tmp_path)}
+    if home == "no/home":  # below a file, where root can make no folder either
+        (tmp_path / "no").touch()
+    environment |= {"HOME": str(tmp_path / home)}
+    command = [sys.executable, "-c", USE, str(tmp_path / "site")]
+    for expected in (1, 0):
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        assert int(done.stdout) == expected
 
 
 def test_the_folder_is_this_users_alone(tmp_path, monkeypatch):
