@@ -27,7 +27,7 @@ def double(x):
 def test_what_only_kernels_call_gets_no_machine_code_where_numba_is_known():
     """Newer releases of Numba compile it their way, and the results are the same."""
     known = _inner_code.inner_options("0.68.1")
-    unknown = [_inner_code.inner_options(release) for release in ("0.59.1", "0.99.0rc1", "1.0")]
+    unknown = [_inner_code.inner_options(release) for release in ("0.61.2", "0.99.0rc1", "1.0")]
     assert known["pipeline_class"] is _inner_code.InnerCompiler
     assert all("pipeline_class" not in options for options in unknown)
 
