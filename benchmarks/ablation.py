@@ -50,15 +50,17 @@ def scaled(default, most=np.inf):
 
 @dataclass(frozen=True)
 class Constant:
-    """A constant of a module, and the value that switches its rule off, if there is one."""
+    """A constant of a module, the value that switches its rule off, if there is one, and the most
+    that it can be."""
 
     module: str
     name: str
     off: float | None = None
+    most: float = np.inf
 
     def variants(self):
         home = importlib.import_module(f"sklearn_mcmd.{self.module}")
-        for label, value in scaled(getattr(home, self.name)):
+        for label, value in scaled(getattr(home, self.name), self.most):
             yield label, lambda value=value: replaced(home, self.name, value), {}
         if self.off is not None:
             yield "off", lambda: replaced(home, self.name, self.off), {}
@@ -317,12 +319,16 @@ PARTS = {
             Constant("normals._surface_planes", "BEST"),
             Constant("normals._surface_planes", "LEAST_NOISE", 0.0),
             Constant("normals._surface_planes", "SIGNIFICANT", 0.0),
-            Constant("normals._surface_planes", "EXPLAINED", np.inf),
+            Constant("normals._lenders", "EXPLAINED", np.inf),
+            Constant("normals._lenders", "PATCH"),
+            Constant("normals._folds", "LEAST_EVIDENCE", np.inf),
+            Constant("normals._folds", "BEST", 1.0, most=1.0),
+            Constant("normals._folds", "OFF"),
+            Constant("normals._folds", "ROUNDS", 0),
             Constant("normals._smoothness", "CURVED", 0.0),
-            Constant("normals._smoothness", "MOST_BENT", np.inf),
             Constant("normals._smoothness", "N_ERRORS", 0.0),
             Constant("normals._smoothness", "LEAST_WIDTH", 0.0),
-            Constant("normals._smoothness", "PIVOT", 0.0),
+            Constant("normals._quadrics", "PIVOT", 0.0),
             Constant("normals._smoothness", "PERFECT", 0.0),
             Constant("planes._rules", "REWEIGHT_CUTOFF"),
             Parameter("refine", (None,)),

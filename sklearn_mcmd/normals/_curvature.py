@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr, ndtri, stdtrit
 
-from sklearn_mcmd.normals._smoothness import PIVOT, decompose
+from sklearn_mcmd.normals._quadrics import PIVOT, back_substituted, decompose, tangents_of
 from sklearn_mcmd.planes._chunks import each_chunk, each_slice
 from sklearn_mcmd.planes._compiling import compiled_function
 from sklearn_mcmd.planes._orientation import point_up
@@ -159,7 +159,7 @@ def curvatures_of_new(model, planes, queries, n_jobs=None):
 
 def _curvatures_of_each(model, planes, queries, around):
     """Curvatures where each query has its neighborhood."""
-    tangents = _tangents(planes.normals)
+    tangents = tangents_of(planes.normals)
     jets = _fit_jets(model, planes, queries, around, tangents)
     return _derive(jets, tangents, planes.normals, planes.radius)
 
@@ -170,7 +170,7 @@ def _curvatures_of_one(model, planes, queries):
     Their normals may differ in sign.
     """
     one, m = planes.take(slice(0, 1)), len(queries)
-    tangents = _tangents(one.normals)
+    tangents = tangents_of(one.normals)
     around = model.index.query(one.centroids)
     jets = Jets(
         *(
@@ -233,7 +233,7 @@ def fit_jets(points, around, queries, tangents, planes, floor, limits):
         n_used = np.count_nonzero(used, axis=1)
         lower, forward, determined = decompose(design * used[..., None], height * used)
         usable &= determined & (n_used >= limits.least_members)
-        coefficients = _back_substituted(lower, forward)
+        coefficients = back_substituted(lower, forward)
         deviations = height - np.einsum("mki,mi->mk", design, coefficients)
         squares = np.square(deviations * used).sum(axis=1) / np.maximum(n_used - TERMS, 1)
         noise = np.maximum(limits.truncation * np.sqrt(squares), floor)
@@ -297,23 +297,3 @@ def _in_units(found, determined, radius):
         *(np.where(known, values, 1.0) * inverse for values in found[2:5]),
         *(np.where(known[:, None], values, 0.0) for values in found[5:]),
     )
-
-
-def _tangents(normals):
-    """Two unit vectors at right angles to each normal and to each other: (m, 2, 3)."""
-    x, y, z = normals.T
-    sign = np.copysign(1.0, z)
-    inverse = -1.0 / (sign + z)
-    xy = x * y * inverse
-    first = np.column_stack([1.0 + sign * x * x * inverse, sign * xy, -sign * x])
-    second = np.column_stack([xy, sign + y * y * inverse, -y])
-    return np.stack([first, second], axis=1)
-
-
-def _back_substituted(lower, forward):
-    """Solutions (m, i) of L' x = forward."""
-    solution = np.zeros_like(forward)
-    for i in reversed(range(forward.shape[1])):
-        dot = np.einsum("mj,mj->m", lower[:, i + 1 :, i], solution[:, i + 1 :])
-        solution[:, i] = (forward[:, i] - dot) / lower[:, i, i]
-    return solution

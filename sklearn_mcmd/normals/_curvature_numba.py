@@ -2,24 +2,25 @@
 
 import numpy as np
 
-from sklearn_mcmd.normals._smoothness_numba import decompose, quadric_moments
+from sklearn_mcmd.normals._quadrics_numba import (
+    TERMS,
+    back_substitute,
+    decompose,
+    deviate,
+    quadric_moments,
+    vector,
+    work_arrays,
+)
 from sklearn_mcmd.planes._kernels import kernel
-from sklearn_mcmd.planes._moments_numba import FASTMATH
 
 __all__ = ["fit_jets_3d"]
-
-TERMS = 6
 
 
 def fit_jets_3d(points, around, queries, tangents, planes, floor, limits, jets):
     """Fill `jets`, as `fit_jets` returns them, which are undetermined before."""
     k = around.indices.shape[1]
-    # Python makes the arrays, since Numba takes long to compile what makes them.
-    local, chosen = np.empty((2, 3, k))
-    deviations, heights = np.empty((2, k))
-    right, solution = np.empty((2, TERMS))
-    room = local, chosen, deviations, heights, np.empty(k, bool), np.empty((TERMS, TERMS))
-    room += right, solution
+    arrays, equations = work_arrays(8, k)
+    room = arrays[:3], arrays[3:6], arrays[6], arrays[7], np.empty(k, bool), *equations
     _fit_jets(points, around, queries, tangents, planes, floor, limits, room, jets)
 
 
@@ -34,11 +35,11 @@ def _fit_jets(points, around, queries, tangents, planes, floor, limits, room, je
         for j in range(size):
             for axis in range(3):
                 local[axis, j] = points[indices[i, j], axis] - queries[i, axis]
-        axes = (_vector(planes.normals[i]), _vector(tangents[i, 0]), _vector(tangents[i, 1]))
+        axes = (vector(planes.normals[i]), vector(tangents[i, 0]), vector(tangents[i, 1]))
         solution[:] = 0.0
         for axis in range(3):
             solution[0] += axes[0][axis] * (planes.centroids[i, axis] - queries[i, axis]) / radius
-        _deviate(local, size, axes, radius, solution, deviations)
+        deviate(local, size, axes, radius, solution, deviations)
         noise = planes.scale[i] / radius
         used[:] = False
         for _ in range(1 + limits.rounds):
@@ -55,8 +56,8 @@ def _fit_jets(points, around, queries, tangents, planes, floor, limits, room, je
             if not determined:
                 break
             jets.n_used[i] = n_used
-            _back_substitute(lower, solution)
-            _deviate(local, size, axes, radius, solution, deviations)
+            back_substitute(lower, solution)
+            deviate(local, size, axes, radius, solution, deviations)
             squares = 0.0
             for j in range(size):
                 if used[j]:
@@ -64,11 +65,6 @@ def _fit_jets(points, around, queries, tangents, planes, floor, limits, room, je
             noise = limits.truncation * np.sqrt(squares / (n_used - TERMS))
             noise = max(noise, floor[i] / radius)
             _store(jets, i, solution, lower, noise)
-
-
-@kernel
-def _vector(values):
-    return values[0], values[1], values[2]
 
 
 @kernel
@@ -84,32 +80,6 @@ def _choose(local, size, deviations, most, used, chosen):
                 chosen[axis, n_used] = local[axis, j]
             n_used += 1
     return n_used, changed
-
-
-@kernel(fastmath=FASTMATH)
-def _deviate(local, size, axes, radius, coefficients, deviations):
-    """Heights of the members above the quadric, in radii."""
-    x, y, z = local[0], local[1], local[2]
-    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = axes
-    scale = 1.0 / radius
-    one, first, second = coefficients[0], coefficients[1], coefficients[2]
-    uu, uv, vv = coefficients[3], coefficients[4], coefficients[5]
-    for j in range(size):
-        h = (ax * x[j] + ay * y[j] + az * z[j]) * scale
-        u = (bx * x[j] + by * y[j] + bz * z[j]) * scale
-        v = (cx * x[j] + cy * y[j] + cz * z[j]) * scale
-        quadric = one + first * u + second * v + uu * u * u + uv * u * v + vv * v * v
-        deviations[j] = h - quadric
-
-
-@kernel
-def _back_substitute(lower, solution):
-    """Solve L' x = solution in place."""
-    for i in range(TERMS - 1, -1, -1):
-        value = solution[i]
-        for j in range(i + 1, TERMS):
-            value -= lower[j, i] * solution[j]
-        solution[i] = value / lower[i, i]
 
 
 @kernel

@@ -5,10 +5,9 @@ from numbers import Real
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
-from joblib import effective_n_jobs
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import TransformerMixin
-from sklearn.utils.validation import check_array, check_is_fitted
+from sklearn.utils.validation import check_is_fitted
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, check_feature_names_in, fit_context
 from sklearn_mcmd.baselines._methods import METHOD_NAMES  # registers them
@@ -20,9 +19,10 @@ from sklearn_mcmd.normals._features import (
     needs_curvatures,
     settle_features,
 )
+from sklearn_mcmd.normals._sides import Sides
 from sklearn_mcmd.normals._surface_planes import SurfacePlanes
 from sklearn_mcmd.planes._base import BaseLocalPlanes
-from sklearn_mcmd.planes._orientation import orient_by_spanning_tree, orient_toward, point_up
+from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._plane import surface_variation
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._rules import METHODS
@@ -31,8 +31,6 @@ __all__ = ["RobustNormalEstimator"]
 
 # Rows whose differences are held at once, to save memory.
 ROWS_AT_ONCE = 100_000
-# Number of neighbors whose normals orientation="mst" makes agree.
-TREE_NEIGHBORS = 12
 
 
 class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
@@ -364,8 +362,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
             else:
                 planes, _ = self._model.evaluate(xyz, n_jobs=self.n_jobs)
         normals = point_up(planes.normals)
-        if self.orientation is not None:
-            self._orient(normals, xyz, self._settle_orientation(xyz.shape[1]))
+        self._sides.orient(self._model.index, normals, xyz, self.n_jobs)
         features = self._evaluate_features(planes, normals, xyz, curvatures_of_new)
         offset = _offset(planes, normals, xyz)
         return _columns(
@@ -417,7 +414,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
                 "all points; give a number of neighbors."
             )
         X = self._fit_planes(X, self.radius, self.cutoff)
-        orientation = self._settle_orientation(X.shape[1])
+        self._sides = Sides.settled(self.orientation, self.viewpoint, X.shape[1])
         self._feature_names = settle_features(self.features, X.shape[1])
         self._surfaces = None
         with self._part_of_planes():
@@ -433,10 +430,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         self.surface_variation_ = surface_variation(planes.eigenvalues)
         self.removed_fraction_ = 1.0 - planes.kept
         self.normal_error_ = planes.normal_error
-        if isinstance(orientation, str) and orientation == "mst":
-            self._tree_normals = self._orient_tree(X)
-        if orientation is not None:
-            self._orient(self.normals_, X, orientation)
+        self._sides.fit(self._model.index, self.normals_, X, self.n_jobs)
+        self._sides.orient(self._model.index, self.normals_, X, self.n_jobs)
         self.features_ = self._evaluate_features(planes, self.normals_, X, curvatures_of_fitted)
         self.plane_offset_ = _offset(planes, self.normals_, X)
         self.plane_scale_ = planes.scale
@@ -459,47 +454,6 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         robust = self.method in METHODS and METHODS[self.method].needs_consistent_set
         return robust and self.refine == "reweight" and self.n_neighbors is not None
 
-    def _orient_tree(self, X):
-        """Normals that agree at the distinct points of the cloud."""
-        index = self._model.index
-        if index.n_neighbors is None:
-            return self.normals_[:1]
-        normals = np.empty_like(index.points)
-        normals[index.nearest(X, self._n_workers())] = self.normals_
-        k = min(TREE_NEIGHBORS, len(index.points))
-        neighbors = index.query_own(slice(None), k).indices
-        return orient_by_spanning_tree(normals, index.points, neighbors)
-
-    def _settle_orientation(self, d):
-        """The direction, "mst", or ("viewpoint", position) as checked arrays."""
-        orientation = self.orientation
-        if isinstance(orientation, str) and orientation == "viewpoint":
-            if self.viewpoint is None:
-                raise ValueError(
-                    'orientation="viewpoint" needs viewpoint, the scanner\'s position.'
-                )
-            return "viewpoint", _check_vector(self.viewpoint, "viewpoint", d)
-        if self.viewpoint is not None:
-            raise ValueError('viewpoint is given but orientation is not "viewpoint".')
-        if orientation is None or isinstance(orientation, str):
-            return orientation
-        direction = _check_vector(orientation, "orientation", d)
-        if not direction.any():
-            raise ValueError("orientation as a direction must not be zero.")
-        return direction
-
-    def _orient(self, normals, X, orientation):
-        if isinstance(orientation, tuple):
-            orient_toward(normals, orientation[1] - X)
-        elif isinstance(orientation, str):
-            nearest = self._model.index.nearest(X, self._n_workers())
-            orient_toward(normals, self._tree_normals[nearest])
-        else:
-            orient_toward(normals, orientation)
-
-    def _n_workers(self):
-        return effective_n_jobs(self.n_jobs)
-
 
 def _columns(X, normals, eigenvalues, *others):
     variation = surface_variation(eigenvalues)[:, None]
@@ -514,12 +468,3 @@ def _offset(planes, normals, X):
         rows = slice(start, start + ROWS_AT_ONCE)
         np.einsum("nd,nd->n", planes.centroids[rows] - X[rows], normals[rows], out=offset[rows])
     return offset
-
-
-def _check_vector(vector, name, d):
-    vector = check_array(vector, ensure_2d=False, dtype=np.float64, input_name=name)
-    if vector.shape != (d,):
-        raise ValueError(
-            f"{name} must have shape ({d},) as X has {d} features, got {vector.shape}."
-        )
-    return vector

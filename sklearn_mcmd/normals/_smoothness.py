@@ -13,21 +13,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import fdtri, ndtr, ndtri
 
+from sklearn_mcmd.normals._quadrics import PIVOT, decompose, least_members, quadric_terms
 from sklearn_mcmd.planes._plane import fit_planes
 
-__all__ = ["PIVOT", "SmoothnessLimits", "decompose", "is_smooth", "least_members", "whole_planes"]
+__all__ = ["SmoothnessLimits", "is_smooth", "whole_planes"]
 
 # Largest ratio of the quadric's standard deviation to the robust plane's scale. Curvature enlarges
 # that scale, so on a smooth surface the ratio is about 1. At a sharp crease the scale is the noise,
 # and the quadric leaves far more. A blunt crease may pass; `SurfacePlanes` finds it later, because
 # the quadric leaves more at the crease than next to it.
 CURVED = 1.2
-# Largest standard deviation from the plane, as a share of the neighborhood's width (also a standard
-# deviation). Posts and sharp edges have more, even if a quadric leaves little.
-MOST_BENT = 0.5
-# Least pivot of the quadric's equations. With less, as on two scan lines, the members do not
-# determine the quadric.
-PIVOT = 1e-6
 # A neighborhood is ordinary if no test of normality finds more than noise about the plane of all
 # members. Then no robust plane is sought. Each test allows this number of standard errors.
 N_ERRORS = 1.5
@@ -82,19 +77,12 @@ class SmoothnessLimits(NamedTuple):
         )
 
 
-def least_members(d):
-    """Least number of members at which a quadric leaves as many degrees of freedom as it takes."""
-    return 2 * (1 + (d - 1) + d * (d - 1) // 2)
-
-
-def is_smooth(deviation, left, eigenvalues, scale):
+def is_smooth(left, scale):
     """Whether neighborhoods keep all members, given the scale of their robust planes: bool (B,).
 
-    `deviation`, `left` and `eigenvalues` are those of `whole_planes`.
+    `left` is that of `whole_planes`.
     """
-    width = np.sqrt(eigenvalues[:, min(1, eigenvalues.shape[1] - 1)])
-    smooth = (left <= CURVED * scale) & (deviation <= MOST_BENT * width)
-    return smooth & np.isfinite(deviation) & (scale > 0)
+    return (left <= CURVED * scale) & np.isfinite(left) & (scale > 0)
 
 
 def whole_planes(neighborhoods, sizes):
@@ -122,16 +110,13 @@ def whole_planes(neighborhoods, sizes):
     local = np.matmul((neighborhoods - centroids[:, None]) / extent[:, None], axes)
     local *= valid[..., None]
     height, flat = local[..., 0], local[..., 1:]
-    pairs = [(i, j) for i in range(d - 1) for j in range(i, d - 1)]
-    columns = [valid.astype(float), *np.moveaxis(flat, -1, 0)]
-    columns += [flat[..., i] * flat[..., j] for i, j in pairs]
-    design = np.stack(columns, axis=-1)
+    design = quadric_terms(flat) * valid[..., None]
     total = np.square(height).sum(axis=1)
     _, forward, determined = decompose(design, height)
     squares = np.maximum(total - np.square(forward).sum(axis=1), 0.0)
     enough, extent = sizes >= least_members(d), extent[:, 0]
     deviation = np.sqrt(total / np.maximum(sizes - d, 1))
-    left = np.sqrt(squares / np.maximum(sizes - len(columns), 1))
+    left = np.sqrt(squares / np.maximum(sizes - design.shape[-1], 1))
     variance = total / sizes
     limits = SmoothnessLimits.of(k, d)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -147,39 +132,3 @@ def whole_planes(neighborhoods, sizes):
     deviation = np.where(enough, deviation * extent, np.inf)
     left = np.where(enough & determined, left * extent, np.inf)
     return centroids, eigenvalues, axes, deviation, left, ordinary
-
-
-def decompose(design, height):
-    """Cholesky's decomposition L of the normal equations of quadrics, of all rows at once.
-
-    Parameters
-    ----------
-    design : ndarray of shape (B, k, terms)
-    height : ndarray of shape (B, k)
-
-    Returns
-    -------
-    lower : ndarray of shape (B, terms, terms)
-        L.
-    forward : ndarray of shape (B, terms)
-        The inverse of L times the right side. The quadric explains the sum of its squares.
-    determined : ndarray of bool of shape (B,)
-        Whether the members determine the quadric.
-    """
-    matrix = np.swapaxes(design, -1, -2) @ design
-    right = np.einsum("bki,bk->bi", design, height)
-    size = matrix.shape[-1]
-    lower = np.zeros_like(matrix)
-    forward = np.zeros_like(right)
-    determined = np.ones(len(matrix), dtype=bool)
-    for i in range(size):
-        for j in range(i):
-            dot = np.einsum("bm,bm->b", lower[:, i, :j], lower[:, j, :j])
-            lower[:, i, j] = (matrix[:, i, j] - dot) / lower[:, j, j]
-        pivot = matrix[:, i, i] - np.square(lower[:, i, :i]).sum(axis=1)
-        good = pivot > PIVOT * matrix[:, i, i]
-        determined &= good
-        lower[:, i, i] = np.sqrt(np.where(good, pivot, 1.0))
-        dot = np.einsum("bm,bm->b", lower[:, i, :i], forward[:, :i])
-        forward[:, i] = (right[:, i] - dot) / lower[:, i, i]
-    return lower, forward, determined

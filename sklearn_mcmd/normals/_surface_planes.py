@@ -1,39 +1,42 @@
 """The plane of the surface that a point lies on: its own, or near an edge that of a neighbor.
 
-Two corrections improve the planes of Algorithm 4. A smooth neighborhood keeps all its members. In
-other neighborhoods, next to an edge, the majority may lie on the other face, or one plane may run
-across both faces. There the point is given the plane of a neighbor that explains it best. Planes
-noisier than is usual around come last.
+Three corrections improve the planes of Algorithm 4. A smooth neighborhood keeps all its members. If
+it bends, its normal is that of a quadric at the point. In other neighborhoods, next to an edge, the
+majority may lie on the other face, or one plane may run across both faces. There the point is given
+the plane of a neighbor that explains it best. Planes noisier than is usual around come last.
 """
 
 import numpy as np
 
+from sklearn_mcmd.normals._folds import are_folded, quadric_normals
+from sklearn_mcmd.normals._lenders import find_lenders
 from sklearn_mcmd.normals._smoothness import SmoothnessLimits, is_smooth, whole_planes
 from sklearn_mcmd.planes._around import extents, quantile_around
 from sklearn_mcmd.planes._chunks import each_chunk, each_slice
-from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._plane import flat_normals, normal_errors
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._record import Planes
 
 __all__ = ["SurfacePlanes"]
 
+# Forms of neighborhoods: ROUGH ones have a robust plane, and may borrow another. The others keep
+# all members: FLAT ones have the plane of these, BENT ones the tangent plane of a quadric.
+ROUGH, FLAT, BENT = range(3)
 # A point asks its neighbors if a larger share of its own neighborhood was removed, or if its plane
 # is noisier than is usual around.
 REMOVED = 0.1
 # Least noise of a plane, as a share of its neighborhood's radius.
 LEAST_NOISE = 0.01
 # The usual noise around a point is the noise of the best tenth of its neighbors. A plane may exceed
-# it by NOISY standard errors of a deviation. A quadric that leaves more is no smooth surface,
-# because a curved surface is as curved next to a point as at the point.
+# it by NOISY standard errors of a deviation. Where a quadric leaves more, a surface may be folded:
+# a curved one is as curved next to a point as at the point.
 BEST, NOISY = 0.1, 3.0
-# A plane is borrowed only if it leans by more than this number of its standard errors. With less,
-# it is the least noisy of many planes by chance, and no better.
-SIGNIFICANT = 3.0
+# A plane is borrowed only if it leans by more than this number of its standard errors, within which
+# the true normal is with 95 % confidence. With less, it is the least noisy of many planes by
+# chance, and no better.
+SIGNIFICANT = 1.73
 # Field of the planes that no one asks of a member.
 UNUSED = "spacing"
-# Number of its standard deviations within which a plane explains points.
-EXPLAINED = 3.0
 
 
 class SurfacePlanes:
@@ -67,32 +70,33 @@ class SurfacePlanes:
         """Planes of the index's points (m, d), and the rows of the planes that these borrow."""
         index = self.model.index
         points, (m, d) = index.points, index.points.shape
-        planes, smooth = Planes.empty(m, d).without(UNUSED), np.empty(m, dtype=bool)
+        planes, forms = Planes.empty(m, d).without(UNUSED), np.empty(m, dtype=np.int8)
         self.noise, lenders = np.empty(m), np.full(m, -1, dtype=np.int32)
 
         def sweep(rows):
             own = Planes.empty(rows.stop - rows.start, d)
-            smooth[rows], self.noise[rows] = self._own(points[rows], own, index.query_own(rows))
+            found = self._own(points[rows], own, index.query_own(rows))
+            forms[rows], self.noise[rows] = found
             planes.put(rows, own)
 
-        def unfold(rows):
+        def bend(rows):
             own, around = planes.take(rows), index.query_own(rows)  # views, which are filled
-            self._unfold(points[rows], own, smooth[rows], self.noise[rows], around)
+            self._bend(points[rows], own, forms[rows], self.noise[rows], around)
 
         def ask(rows):
             own = planes.take(rows)
-            rough = _rough(own, smooth[rows])
+            rough = _rough(own, forms[rows])
             around = index.query_own(rows.start + rough)
-            lenders[rows.start + rough] = self._lenders(
-                points[rows], own, rough, around, planes, usable
-            )
+            found = self._lenders(points[rows], own, rough, around, lent)
+            lenders[rows.start + rough] = found
 
         with progress_part(0.0, 0.8, "normals"):
             each_slice(m, self.model.chunk(), sweep, self.n_jobs)
         with progress_part(0.8, 0.9, "normals next to edges"):
-            each_slice(m, self.model.chunk(), unfold, self.n_jobs)
+            each_slice(m, self.model.chunk(), bend, self.n_jobs)
+        self.lent_noise = np.where(forms == BENT, self.noise, planes.scale)
+        lent = planes._replace(scale=self.lent_noise)
         if self.borrow:
-            usable = np.ones(m, dtype=bool)
             with progress_part(0.9, 1.0, "normals next to edges"):
                 each_slice(m, self.model.chunk(), ask, self.n_jobs)
         return planes, lenders
@@ -100,17 +104,17 @@ class SurfacePlanes:
     def evaluate(self, queries):
         """Planes of any queries (m, d)."""
         planes, members = Planes.empty(*queries.shape), self._members()
-        usable = np.ones(len(members.scale), dtype=bool)
+        lent = members._replace(scale=self.lent_noise)
 
         def task(part):
             points = queries[part]
             around = self._query(points)
             own = Planes.empty(*points.shape)
-            smooth, noise = self._own(points, own, around)
-            self._unfold(points, own, smooth, noise, around)
+            forms, noise = self._own(points, own, around)
+            self._bend(points, own, forms, noise, around)
             if self.borrow:
-                rough = _rough(own, smooth)
-                lenders = self._lenders(points, own, rough, around.take(rough), members, usable)
+                rough = _rough(own, forms)
+                lenders = self._lenders(points, own, rough, around.take(rough), lent)
                 borrowing = lenders >= 0
                 self._lend(own, rough[borrowing], members.take(lenders[borrowing]))
             planes.put(part, own)
@@ -138,16 +142,22 @@ class SurfacePlanes:
         return self.model.evaluate_neighborhoods(points, around, precision)[0]
 
     def _own(self, points, planes, around):
-        """Fill the planes of neighborhoods; smooth ones get the plane of all members. Returns which
-        are smooth, bool (m,), and the noise (m,) of the surface, flat or curved."""
-        deviation, left, smooth = self._fit_whole(points, planes, around)
-        rest = np.flatnonzero(~smooth)
+        """Fill the planes of neighborhoods; smooth ones get the plane of all members.
+
+        Returns the forms (m,), where BENT ones may be folded, and the noise (m,) of the surface,
+        flat or curved.
+        """
+        deviation, left, ordinary = self._fit_whole(points, planes, around)
+        forms = np.where(ordinary, FLAT, BENT).astype(np.int8)
+        rest = np.flatnonzero(~ordinary)
         if len(rest):
             robust = self._robust(points[rest], around.take(rest))
-            whole = is_smooth(deviation[rest], left[rest], planes.eigenvalues[rest], robust.scale)
-            smooth[rest] = whole
-            planes.put(rest[~whole], robust.take(~whole))
-        return smooth, np.where(smooth, np.minimum(deviation, left), planes.scale)
+            rough = ~is_smooth(left[rest], robust.scale)
+            forms[rest[rough]] = ROUGH
+            planes.put(rest[rough], robust.take(rough))
+        noise = np.maximum(np.minimum(deviation, left), self._floor(planes))
+        noise[forms == ROUGH] = planes.scale[forms == ROUGH]
+        return forms, noise
 
     def _fit_whole(self, points, planes, around):
         """Fill planes of all members; return `deviation`, `left` and `ordinary` of `whole_planes`.
@@ -171,28 +181,54 @@ class SurfacePlanes:
         points = np.ascontiguousarray(points, dtype=np.float64)
         planes.spacing[:], planes.radius[:] = extents(members, points, around, self.compiled)
         deviation = np.where(np.isfinite(found[0]), found[0], 0.0)
-        rounding = self.model.rounding * np.abs(planes.centroids).max(axis=1)
-        planes.scale[:] = np.maximum(deviation, np.maximum(rounding, self.model.least_scale))
+        planes.scale[:] = np.maximum(deviation, self._floor(planes))
         planes.kept[:] = 1.0
         planes.normal_error[:] = normal_errors(planes.scale, planes.eigenvalues, around.sizes)
         return found
 
-    def _unfold(self, points, planes, smooth, noise, around):
-        """Give neighborhoods that lie across a crease their robust planes back, in place."""
-        rows = np.flatnonzero(smooth)
-        around, radius = around.take(rows), planes.radius[rows]
-        creased = np.hypot(noise[rows], LEAST_NOISE * radius) > self._most(
-            self.noise, radius, around
-        )
-        rows = rows[creased]
+    def _bend(self, points, planes, forms, noise, around):
+        """Give folded neighborhoods their robust planes back, and others that bend the tangent
+        planes of their quadrics, in place."""
+        self._unfold(points, planes, forms, noise, around)
+        rows = np.flatnonzero(forms == BENT)
         if len(rows):
-            planes.put(rows, self._robust(points[rows], around.take(creased)))
-            smooth[rows] = False
+            whole = planes.take(rows)
+            queries = np.ascontiguousarray(points[rows], dtype=np.float64)
+            normals, centroids, errors = quadric_normals(
+                self.model.index.points, queries, around.take(rows), whole, noise[rows],
+                self.compiled,
+            )  # fmt: skip
+            planes.put(
+                rows, whole._replace(normals=normals, centroids=centroids, normal_error=errors)
+            )
 
-    def _lenders(self, points, planes, rough, around, members, usable):
+    def _unfold(self, points, planes, forms, noise, around):
+        """Give neighborhoods that are folded their robust planes back, in place.
+
+        They are looked for where more noise is left than is usual around.
+        """
+        rows = np.flatnonzero(forms != ROUGH)
+        near, radius = around.take(rows), planes.radius[rows]
+        creased = np.hypot(noise[rows], LEAST_NOISE * radius) > self._most(self.noise, radius, near)
+        rows, near = rows[creased], near.take(creased)
+        if len(rows):
+            faces = self._robust(points[rows], near)
+            members, whole = self.model.index.points, planes.take(rows)
+            folded = are_folded(members, near, whole, faces, self.compiled)
+            folded |= forms[rows] == FLAT  # one plane across the faces, with noise of their heights
+            planes.put(rows[folded], faces.take(folded))
+            forms[rows[folded]] = ROUGH
+
+    def _floor(self, planes):
+        """Least deviations that are no rounding."""
+        rounding = self.model.rounding * np.abs(planes.centroids).max(axis=1)
+        return np.maximum(rounding, self.model.least_scale)
+
+    def _lenders(self, points, planes, rough, around, members):
         """The members whose planes the rows `rough` borrow; -1 for rows that borrow none.
 
-        `around` are the neighborhoods of `rough`.
+        `around` are the neighborhoods of `rough`. The scales of `members` are noise: of those that
+        bend, what the quadric leaves.
         """
         lenders = np.full(len(rough), -1)
         queries = np.ascontiguousarray(points[rough], dtype=np.float64)
@@ -200,9 +236,8 @@ class SurfacePlanes:
         least = LEAST_NOISE * own.radius
         most = self._most(members.scale, own.radius, around)
         asking = np.flatnonzero((1 - own.kept > REMOVED) | (np.hypot(own.scale, least) > most))
-        likeliest = ExplainLimits(likely=True, explained=EXPLAINED)
-        best, _ = explain(
-            queries[asking], around.take(asking), members, likeliest, usable,
+        best = find_lenders(
+            self.model.index.points, queries[asking], around.take(asking), members,
             least[asking], most[asking], self.compiled,
         )  # fmt: skip
         asking, best = asking[best >= 0], best[best >= 0]
@@ -233,6 +268,6 @@ def _moved(planes, places):
     return planes
 
 
-def _rough(planes, smooth):
-    """Rows that are not smooth and have a plane."""
-    return np.flatnonzero(~smooth & (planes.scale > 0))
+def _rough(planes, forms):
+    """Rows that are rough and have a plane."""
+    return np.flatnonzero((forms == ROUGH) & (planes.scale > 0))

@@ -20,10 +20,14 @@ class ExplainLimits(NamedTuple):
     explained : float
         Number of its standard deviations within which a plane explains points. Planes that explain
         the point come first, others only where there is none.
+    tie : float
+        Costs that differ by no more than this share of one plus the cost are equal. The nearest
+        of equal planes is the owner: points that were lent one plane differ by rounding.
     """
 
     likely: bool
     explained: float = np.inf
+    tie: float = 1e-9
 
 
 def explain(queries, candidates, planes, limits, usable, least, most, compiled):
@@ -80,7 +84,11 @@ def explain(queries, candidates, planes, limits, usable, least, most, compiled):
     cost_of_first = np.where(first, cost, np.inf)
     some = np.isfinite(cost_of_first).any(axis=1)
     cost[some] = cost_of_first[some]
-    best, each = cost.argmin(axis=1), np.arange(len(queries))
+    best, each = np.zeros(len(queries), dtype=int), np.arange(len(queries))
+    for j in range(1, cost.shape[1]):
+        with np.errstate(invalid="ignore"):
+            less = cost[:, j] < cost[each, best] - limits.tie * (1.0 + np.abs(cost[:, j]))
+        best[less] = j
     found = np.isfinite(cost[each, best])
     owners = np.where(found, indices[each, best], -1)
     return owners, np.where(found, distances[each, best], np.inf)

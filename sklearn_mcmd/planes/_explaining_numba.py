@@ -35,6 +35,7 @@ def explain_queries(queries, candidates, planes, limits, usable, scales, owners,
             if not cost < np.inf:
                 continue
             first = variance <= most[i] * most[i] and distance <= limits.explained
-            if (first and not best_first) or (first == best_first and cost < least_cost):
+            less = cost < least_cost - limits.tie * (1.0 + abs(cost))
+            if (first and not best_first) or (first == best_first and less):
                 owners[i], distances[i] = row, distance
                 least_cost, best_first = cost, first

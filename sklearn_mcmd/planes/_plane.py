@@ -8,6 +8,7 @@ __all__ = [
     "flat_normals",
     "normal_errors",
     "orthogonal_distances",
+    "student_factors",
     "surface_variation",
 ]
 
@@ -84,8 +85,7 @@ def normal_errors(scale, eigenvalues, n_points, inflation=1.0):
     1.73 in 3D, if the neighborhood is about as long as wide.
 
     That factor holds for any number of points, since the error includes the scale's own
-    uncertainty, with m - d degrees of freedom: it is raised by the root of the ratio of the
-    quantiles of F(d - 1, m - d) and F(d - 1, infinity), 1.09 for 20 points and 1.02 for 100.
+    uncertainty, see `student_factors`.
 
     Parameters
     ----------
@@ -109,20 +109,29 @@ def normal_errors(scale, eigenvalues, n_points, inflation=1.0):
     """
     d = eigenvalues.shape[1]
     freedom = n_points - d
-    # A table by the number of points, because quantiles of F take long.
-    row = np.maximum(freedom, 1).astype(np.intp)
-    counts = np.flatnonzero(np.bincount(row))
-    student = np.ones(row.max(initial=0) + 1)
-    student[counts] = fdtri(d - 1, counts, CONFIDENCE)
-    student *= (d - 1) / chdtri(d - 1, 1.0 - CONFIDENCE)
     in_plane, least = eigenvalues[:, 1:], eigenvalues[:, :1]
     gap = in_plane - least
     known = (freedom > 0) & (gap[:, 0] > RANK_TOLERANCE * eigenvalues[:, -1])
     gap[~known] = np.inf
     # Quotients of squares only: fourth powers would overflow or vanish in some units.
-    variance = (in_plane / gap * (scale**2)[:, None] / gap).sum(axis=1) * student[row]
-    errors = inflation * np.degrees(np.sqrt(variance / np.maximum(n_points, 1)))
+    variance = (in_plane / gap * (scale**2)[:, None] / gap).sum(axis=1) / np.maximum(n_points, 1)
+    errors = inflation * student_factors(freedom, d) * np.degrees(np.sqrt(variance))
     return np.where(known, np.minimum(errors, 90.0), 90.0)
+
+
+def student_factors(freedom, d):
+    """Factors on errors of normals for the uncertainty of the scale: (n,).
+
+    They are the roots of the ratios of the 0.95 quantiles of F(d - 1, f) and F(d - 1, infinity),
+    where f are the degrees of freedom (n,) of the scale. For planes in 3D, where f = m - 3, this is
+    1.09 for 20 points and 1.02 for 100.
+    """
+    # A table by the degrees of freedom, because quantiles of F take long.
+    row = np.maximum(freedom, 1).astype(np.intp)
+    counts = np.flatnonzero(np.bincount(row))
+    ratios = np.ones(row.max(initial=0) + 1)
+    ratios[counts] = fdtri(d - 1, counts, CONFIDENCE) * (d - 1) / chdtri(d - 1, 1.0 - CONFIDENCE)
+    return np.sqrt(ratios[row])
 
 
 def flat_normals(normals, eigenvalues, directions):

@@ -9,8 +9,10 @@ from sklearn_mcmd.planes._chunks import run
 
 __all__ = ["MOST_NOISE", "join_coplanar", "median_by_region", "region_planes"]
 
-# Largest ratio of two root mean squares that count as equal. A region is flat, and another region
-# lies in its plane, if the distances are at most this many times the noise of neighborhoods.
+# Largest ratio of two root mean squares that count as equal. A region is flat if the distances from
+# its plane are at most this many times the noise of its neighborhoods. Another region lies in that
+# plane if they are at most as many times the noise of the quieter of the two: noise of a curved one
+# contains its bend.
 MOST_NOISE = 1.5
 # Parts are joined over a gap of at most this share of the smaller one's length.
 MOST_GAP = 0.5
@@ -188,7 +190,7 @@ def _pairs_in_a_plane(sizes, centroids, covariances, scale, n_jobs=None):
         normal = normals[rows]
         heights = np.einsum("rsd,rd->rs", apart, normal)
         tilted = np.einsum("sde,rd,re->rs", covariances, normal, normal, optimize=True)
-        limit = (MOST_NOISE * np.maximum(scale[None], scale[rows][:, None])) ** 2
+        limit = (MOST_NOISE * np.minimum(scale[None], scale[rows][:, None])) ** 2
         limit += np.maximum(rounding[None], rounding[rows][:, None])
         candidate = heights**2 + tilted <= limit
         candidate &= rank[None] < rank[rows][:, None]

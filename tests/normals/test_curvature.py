@@ -251,7 +251,9 @@ def test_the_compiled_fit_is_that_of_numpy(mixed, monkeypatch):
     assert (parallel[known] > 1 - 1e-6).mean() > 0.998
 
 
-@pytest.mark.parametrize("parameters", [{}, {"method": "pca"}, {"radius": 0.25}])
+@pytest.mark.parametrize(
+    "parameters", [{}, {"method": "pca"}, {"radius": 0.25}, {"method": "ransac"}]
+)
 def test_new_points_and_threads_give_the_same(mixed, parameters):
     X = np.vstack([mixed, mixed[:5]])  # copies
     estimator = RobustNormalEstimator(30, features=NAMES, random_state=0, **parameters)

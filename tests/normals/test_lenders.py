@@ -1,0 +1,109 @@
+"""Whose plane a point next to an edge may borrow: compiled and NumPy forms, against a loop."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from sklearn_mcmd.normals._lenders import find_lenders
+from sklearn_mcmd.planes._record import Neighborhoods, Planes
+
+
+def scene(kind, d, m=200, n=120, k=18):
+    """Points, queries, neighborhoods, planes, least and most."""
+    rng = np.random.default_rng(0)
+    points = rng.uniform(size=(n, d))
+    planes = Planes.empty(n, d)
+    planes.centroids[:] = points + rng.normal(0, 0.05, (n, d))
+    normals = rng.normal(size=(n, d))
+    planes.normals[:] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    planes.scale[:] = rng.uniform(0.01, 0.1, n)
+    planes.kept[:] = rng.integers(5, 11, n) / 10
+    planes.radius[:] = rng.uniform(0.2, 0.6, n)
+    queries, sizes = rng.uniform(-0.1, 1.1, (m, d)), np.full(m, k)
+    queries[::2] = points[rng.integers(0, n, len(queries[::2]))]  # of the points themselves
+    indices = np.argsort(np.linalg.norm(queries[:, None] - points, axis=2), axis=1)[:, :k]
+    least, most = rng.uniform(0, 0.02, m), np.full(m, np.inf)
+    if kind == "ties":  # of two copies of a plane the first neighbor lends
+        planes = planes.take(np.arange(n) // 2)
+    elif kind == "sizes":
+        sizes = rng.integers(1, k + 1, m)
+        indices = np.where(np.arange(k) < sizes[:, None], indices, indices[:, :1])
+    elif kind == "zero scales":
+        planes.scale[::2], least[:] = 0.0, 0.0
+    elif kind == "no planes":
+        planes.scale[::3] = -1.0
+    elif kind == "noisy ones last":
+        most = rng.uniform(0, 0.1, m)
+    elif kind == "far away":
+        queries += 10.0
+    return points, queries, Neighborhoods(indices.astype(np.int32), sizes), planes, least, most
+
+
+KINDS = ["plain", "ties", "sizes", "zero scales", "no planes", "noisy ones last", "far away"]
+
+
+def literally(points, queries, around, planes, least, most):
+    """One query and one plane at a time."""
+    lenders = []
+    for query, row, size, add, limit in zip(queries, *around, least, most, strict=True):
+        others = [i for i in row[:size] if (points[i] != query).any()]
+        others = others[: max(1, size // 3)]
+        total = sum(range(1, len(others) + 1))
+        best = (True, np.inf), -1
+        for i in row[:size]:
+            if np.linalg.norm(query - planes.centroids[i]) > planes.radius[i]:
+                continue
+            if planes.scale[i] <= 0:
+                continue
+            deviation = np.hypot(planes.scale[i], add)
+
+            def distance(point, i=i, deviation=deviation):
+                return abs((point - planes.centroids[i]) @ planes.normals[i]) / deviation
+
+            prior = np.log(deviation) - np.log(planes.kept[i])
+            cost = prior + distance(query) ** 2 / 2  # minus the logarithm of a normal density
+            for place, other in enumerate(others):
+                weight = (len(others) - place) / total
+                cost += weight * (prior + min(distance(points[other]), 3.0) ** 2 / 2)
+            if not others:
+                cost += prior
+            last = not (deviation <= limit and distance(query) <= 3.0)
+            if best[1] < 0 or (last, cost) < best[0]:
+                best = (last, cost), i
+        lenders.append(best[1])
+    return np.array(lenders)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("d", [2, 3, 5])
+def test_the_lender_is_the_one_that_a_literal_loop_finds(d, kind, compiled):
+    cloud = scene(kind, d)
+    assert_array_equal(find_lenders(*cloud, compiled), literally(*cloud))
+
+
+def test_the_scenes_hold_what_they_are_made_for():
+    assert (find_lenders(*scene("far away", 3), True) == -1).all()
+    first = find_lenders(*scene("noisy ones last", 3), True)
+    assert (first != find_lenders(*scene("plain", 3), True)).any()
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_plane_must_explain_the_patch_and_not_the_point_alone(compiled):
+    """A point on a floor near a wall, whose plane cuts the floor right below the point."""
+    rng = np.random.default_rng(0)
+    floor = rng.uniform(-1, 1, (40, 3)) * [1, 1, 0] + rng.normal(0, 0.01, (40, 3)) * [0, 0, 1]
+    floor = floor[np.argsort(np.linalg.norm(floor, axis=1))]
+    query = np.array([[0.0, 0.0, 0.012]])
+    planes = Planes.empty(40, 3)
+    planes.centroids[:], planes.normals[:] = floor * [1, 1, 0], [0.0, 0.0, 1.0]
+    planes.scale[:], planes.kept[:], planes.radius[:] = 0.01, 0.8, 2.0
+    wall = 30  # explains the point to the last digit, and keeps all of its own neighborhood
+    planes.centroids[wall], planes.normals[wall] = [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]
+    planes.kept[wall] = 1.0
+    around = Neighborhoods(np.arange(40, dtype=np.int32)[None], np.array([40]))
+    least, most = np.array([0.001]), np.array([0.05])
+    assert find_lenders(floor, query, around, planes, least, most, compiled)[0] != wall
+    alone = np.abs((query - planes.centroids) * planes.normals).sum(axis=1) / planes.scale
+    cost = alone**2 / 2 - np.log(planes.kept)
+    assert cost.argmin() == wall
