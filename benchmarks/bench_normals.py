@@ -6,6 +6,9 @@ default without borrowed planes, and the default. "Near" is within four spacings
 planes" knows the plane of every face and gives each point the nearest one. With noise, no method
 can do better next to an edge.
 
+"fillets" prints the RMSE on and near the round edges of boxes, beside that of a quadric fitted by
+least squares.
+
 "curvatures" prints the median error of the mean curvature, as a share of the larger principal one,
 and the shares of points whose curvatures are within three standard errors.
 
@@ -15,6 +18,7 @@ NAME.normals and, if there are any, NAME.pidx. Kinds of noise and density withou
 
     python benchmarks/bench_normals.py streets --seeds 3
     python benchmarks/bench_normals.py curved
+    python benchmarks/bench_normals.py fillets
     python benchmarks/bench_normals.py curvatures --n-neighbors 30 50
     python benchmarks/bench_normals.py clouds ../shared/data/cad_*/cloud.npz --n-neighbors 30 50
     python benchmarks/bench_normals.py clouds ../shared/data/cad_a*/cloud.npz --noise 0.2
@@ -28,7 +32,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from _normal_methods import Errors, errors, estimates
+from _normal_methods import Errors, errors, estimates, jet_normals, unoriented_angles
 from _pcpnet import DENSITIES, BenchmarkError, benchmark_clouds, noise_kind
 
 FORMS = {
@@ -81,6 +85,50 @@ def curved(options):
             X += rng.normal(0, noise, X.shape)
             everyone = np.ones(n, dtype=bool)
             yield Scene(f"{make.__name__}, noise {noise:g}", X, normals, everyone, ~everyone)
+
+
+def fillets(options):
+    """Print a row for each radius of the round edges of a box, noise and size of neighborhoods."""
+    from scipy.spatial import cKDTree
+
+    from sklearn_mcmd import RobustNormalEstimator
+
+    spacing = np.sqrt(6 / options.size)
+    print(f"{'RMSE within 4 spacings of a fillet':40}" + "".join(f"{n:>15}" for n in FORMS), end="")
+    print(f"{'quadric':>15}")
+    for radius in (3, 5, 10):
+        for noise in (0.0, 0.1, 0.3, 0.5):
+            rng = np.random.default_rng(0)
+            X, normals, round_ = rounded_box(options.size, radius * spacing, rng)
+            X += rng.normal(0, noise * spacing, X.shape)
+            tree = cKDTree(X)
+            near = cKDTree(X[round_]).query(X)[0] < NEAR * spacing
+            for k in options.n_neighbors:
+                row = ""
+                for form in FORMS.values():
+                    estimator = RobustNormalEstimator(
+                        k, random_state=0, n_jobs=options.threads, **form
+                    )
+                    angles = unoriented_angles(estimator.fit(X).normals_[near], normals[near])
+                    row += f"{errors(angles).rmse:15.2f}"
+                members = X[tree.query(X[near], k)[1]] - X[near][:, None]
+                angles = unoriented_angles(jet_normals(members), normals[near])
+                name = f"radius {radius}, noise {noise:g} spacings, k = {k}"
+                print(f"{name:40}{row}{errors(angles).rmse:15.2f}", flush=True)
+
+
+def rounded_box(n, radius, rng):
+    """A cube of side 1 with round edges and corners: points, normals, and which are round."""
+    side = 1 - 2 * radius
+    areas = np.array([6 * side**2, 6 * np.pi * radius * side, 4 * np.pi * radius**2])
+    n_round = rng.choice(3, n, p=areas / areas.sum())  # how many axes a normal has, less one
+    normals = rng.normal(size=(n, 3))
+    axis = rng.integers(0, 3, n)
+    for turn, kinds in ((1, (0, 1)), (2, (0,))):
+        normals[np.arange(n), (axis + turn) % 3] *= ~np.isin(n_round, kinds)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    inner = np.where(normals == 0, rng.uniform(-1, 1, (n, 3)), np.sign(normals)) * side / 2
+    return inner + radius * normals, normals, n_round > 0
 
 
 def curvatures(options):
@@ -269,17 +317,19 @@ def by_method(results):
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     kinds = parser.add_subparsers(dest="kind", required=True)
-    for make in (streets, curved, clouds, curvatures):
+    for make in (streets, curved, clouds, fillets, curvatures):
         part = kinds.add_parser(make.__name__)
-        part.set_defaults(run=curvatures if make is curvatures else compare_scenes, make=make)
+        own = make in (fillets, curvatures)
+        part.set_defaults(run=make if own else compare_scenes, make=make)
         part.add_argument("--n-neighbors", type=int, nargs="+", default=[50])
         part.add_argument("--threads", type=int, default=2)
         if make is streets:
             part.add_argument("--size", type=int, default=100_000)
             part.add_argument("--share", type=float, default=0.1)
             part.add_argument("--seeds", type=int, default=3)
-        if make is curvatures:
-            part.add_argument("--size", type=int, default=5000)
+        if own:
+            size = 5000 if make is curvatures else 30_000
+            part.add_argument("--size", type=int, default=size)
         if make is clouds:
             part.add_argument("clouds", nargs="+", help="npz files with xyz, normals, edge_dist")
             part.add_argument("--noise", type=float, default=0.0, help="in spacings")

@@ -275,3 +275,25 @@ def test_the_other_commands_still_run(bench, tmp_path, capsys):
     np.savez(path, xyz=points, normals=normals, edge_dist=points[:, 0] + 2)
     bench.main(["clouds", str(path), "--n-neighbors", "20", "--threads", "1"])
     assert "least squares" in capsys.readouterr().out
+
+
+def test_a_rounded_box_has_faces_edges_and_corners(bench):
+    points, normals, is_round = bench.rounded_box(20_000, 0.1, np.random.default_rng(0))
+    np.testing.assert_allclose(np.abs(points).max(axis=0), 0.5)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1)
+    inner = points - 0.1 * normals
+    # On the cube of side 0.8 a face has one coordinate at its limit, an edge two, a corner three.
+    at_limit = np.isclose(np.abs(inner), 0.4, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(at_limit, normals != 0)
+    np.testing.assert_array_equal(at_limit.sum(axis=1) > 1, is_round)
+    faces = (at_limit.sum(axis=1) == 1).mean()
+    area = 6 * 0.8**2 + 6 * np.pi * 0.1 * 0.8 + 4 * np.pi * 0.1**2
+    assert faces == pytest.approx(6 * 0.8**2 / area, abs=0.02)
+
+
+def test_fillets_print_a_row_for_each_radius_and_noise(bench, capsys):
+    bench.main(["fillets", "--size", "3000", "--n-neighbors", "20", "--threads", "1"])
+    head, *rows = capsys.readouterr().out.splitlines()
+    assert head.split()[-1] == "quadric"
+    assert len(rows) == 12
+    assert all(float(value) < 90 for row in rows for value in row.split()[-5:])
