@@ -14,6 +14,7 @@ OUR_FORMS = {  # the largest neighborhoods first: the others reuse their search
     "ours, k = 112": {"n_neighbors": 112},
     "ours, default": {},
     "ours, borrow=False": {"borrow": False},
+    "ours, auto": {"n_neighbors": "auto"},
 }
 # Singular values of a jet's equations below this share of the largest are zero.
 JET_RCOND = 1e-12
@@ -82,7 +83,8 @@ def estimates(points, normals, rows, n_threads=1):
         found.append(Estimate(f"Open3D, k = {OPEN3D_NEIGHBORS}", OPEN3D_NEIGHBORS, angles))
     for name, estimator in our_estimators(points, n_threads).items():
         angles = unoriented_angles(estimator.normals_[rows], truth)
-        found.append(Estimate(name, estimator.n_neighbors, angles))
+        k = estimator.n_neighbors
+        found.append(Estimate(name, None if k == "auto" else k, angles))
     return found
 
 

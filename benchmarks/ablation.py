@@ -6,6 +6,7 @@ cloud with a truth, or loses (-), and the number of regions in real clouds.
 
     python benchmarks/ablation.py growing --size 20000 --seeds 2 --data ../shared/data
     python benchmarks/ablation.py normals --size 20000 --seeds 1 --data ../shared/data
+    python benchmarks/ablation.py sizes --seeds 1 --data ../shared/data
     python benchmarks/ablation.py detector --data ../shared/data
 
 The detector is measured by what it keeps of real points, what it finds of outliers (TPR), the
@@ -29,6 +30,7 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
+from _pcpnet import benchmark_clouds
 from _real_clouds import inject, load_clouds
 from sklearn.metrics import average_precision_score
 
@@ -197,6 +199,16 @@ def machined_parts(options):
             yield name, name, X, (normals, near, np.ones(len(X), dtype=bool))
 
 
+def shapes(options):
+    """A hand and a vase, clean and with two levels of noise."""
+    path = Path(options.data) / "dipole_shapes"
+    if path.is_dir():
+        for cloud in benchmark_clouds(path, ["none", "0.12 %", "0.6 %"]):
+            everyone = np.ones(len(cloud.points), dtype=bool)
+            truth = cloud.normals, everyone, everyone
+            yield f"{cloud.shape} {cloud.kind}", None, cloud.points, truth
+
+
 def spacing_of(X):
     """Side of the square that a point has for itself."""
     from scipy.spatial import cKDTree
@@ -340,6 +352,24 @@ PARTS = {
         ),
         prepare=lambda X: X,
         run=normals_of,
+        measure=normal_scores,
+    ),
+    "sizes": Part(
+        tried=(
+            Constant("normals._scales", "TILT"),
+            Constant("normals._scales", "LEAST"),
+            Constant("normals._scales", "MOST"),
+            Constant("normals._scales", "QUIET", most=0.99),
+            Constant("normals._scales", "AROUND"),
+            Constant("normals._scales", "FARTHEST"),
+            Constant("normals._scales", "TURNED", np.inf),
+            Parameter("n_neighbors", (16, 30, 50, 100, 200)),
+        ),
+        scenes=lambda options: chain(
+            simulated(options, true_normals, 0.1), machined_parts(options), shapes(options)
+        ),
+        prepare=lambda X: X,
+        run=functools.partial(normals_of, n_neighbors="auto"),
         measure=normal_scores,
     ),
     "detector": Part(

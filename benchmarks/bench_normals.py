@@ -40,6 +40,7 @@ FORMS = {
     "paper (literal)": {"refine": None},
     "own planes": {"borrow": False},
     "default": {},
+    "auto": {"n_neighbors": "auto"},
 }
 NEAR = 4.0  # spacings
 
@@ -215,9 +216,8 @@ def compare(scene, n_neighbors, options):
     print(f"{'degrees':16}{title}")
     normals = {}
     for name, form in FORMS.items():
-        estimator = RobustNormalEstimator(
-            n_neighbors, random_state=0, n_jobs=options.threads, **form
-        )
+        form = {"n_neighbors": n_neighbors, **form}
+        estimator = RobustNormalEstimator(random_state=0, n_jobs=options.threads, **form)
         normals[name] = estimator.fit(scene.data).normals_
     if scene.faces is not None:
         normals["true planes"] = nearest_true_planes(scene, n_neighbors)

@@ -11,7 +11,7 @@ from sklearn_mcmd.cli._options import (
     AllowCoarse,
     InFile,
     NJobs,
-    NNeighbors,
+    NNeighborsOrAuto,
     OutFile,
     OutlierRate,
     Quiet,
@@ -49,7 +49,7 @@ DIRECTIONS = {Orientation.none: None, Orientation.up: [0.0, 0.0, 1.0]}
 def normals(
     source: InFile,
     target: OutFile,
-    n_neighbors: NNeighbors = 50,
+    n_neighbors: NNeighborsOrAuto = 50,
     method: Annotated[
         NormalMethod,
         typer.Option(
@@ -110,8 +110,8 @@ def normals(
 
     All points are kept. New attributes, float32, are normal_x, normal_y, normal_z,
     surface_variation (0 on a plane, at most 1/3), eigenvalue_0 to eigenvalue_2
-    (ascending), removed_fraction (the share of the neighborhood that was removed) and the
-    --features.
+    (ascending), removed_fraction (the share of the neighborhood that was removed), the
+    --features, and n_neighbors with --n-neighbors auto.
     """
     viewpoint = _parse_viewpoint(orientation, viewpoint)
     features = _parse_features(features)
@@ -119,7 +119,7 @@ def normals(
         seconds = stopwatch()
         with progress("normals", quiet):
             cloud = read(source, target, "normals")
-            columns = (*_NORMAL_COLUMNS, *_feature_columns(features))
+            columns = (*_NORMAL_COLUMNS, *_feature_columns(features), *_size_column(n_neighbors))
             rehearse(target, with_results(cloud, dict.fromkeys(columns, blank(cloud))))
             results = _find_normals(
                 coordinates(cloud),
@@ -160,7 +160,14 @@ def _find_normals(xyz, **params):
         ]
     )
     names = (*_NORMAL_COLUMNS, *_feature_columns(params.get("features", ())))
-    return dict(zip(names, columns.astype(np.float32).T.copy(), strict=True))
+    results = dict(zip(names, columns.astype(np.float32).T.copy(), strict=True))
+    for name in _size_column(params["n_neighbors"]):
+        results[name] = fitted.n_neighbors_.astype(np.float32)
+    return results
+
+
+def _size_column(n_neighbors):
+    return ("n_neighbors",) if n_neighbors == "auto" else ()
 
 
 def _feature_columns(features):

@@ -11,6 +11,7 @@ __all__ = [
     "InFile",
     "NJobs",
     "NNeighbors",
+    "NNeighborsOrAuto",
     "OutFile",
     "OutlierRate",
     "Quiet",
@@ -49,6 +50,14 @@ def number_or(*words, expected="a number above 0", fits=_is_positive):
 positive = number_or()
 
 
+def _count_or_auto(text):
+    """A whole number from 4 on, or auto."""
+    whole = number_or(
+        "auto", expected="a whole number from 4 on", fits=lambda n: n >= 4 and n == int(n)
+    )(text)
+    return whole if whole == "auto" else int(whole)
+
+
 def colors_option(help):
     """The option of verbs that color their results."""
     return typer.Option("--colors/--no-colors", help=help, show_default="unless IN has colors")
@@ -68,6 +77,15 @@ NNeighbors = Annotated[
     int,
     typer.Option(
         min=4, help="Points in a neighborhood, the point itself included. More is smoother."
+    ),
+]
+NNeighborsOrAuto = Annotated[
+    int,
+    typer.Option(
+        parser=_count_or_auto,
+        metavar="NUMBER|auto",
+        help="Points in a neighborhood, the point itself included. More is smoother. auto: as many "
+        "for each point as its noise asks for; then an attribute n_neighbors tells how many.",
     ),
 ]
 OutlierRate = Annotated[

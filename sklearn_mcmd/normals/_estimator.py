@@ -1,7 +1,7 @@
 """RobustNormalEstimator: normals, curvature and features, robust to outliers and edges."""
 
 from collections.abc import Sequence
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -19,9 +19,11 @@ from sklearn_mcmd.normals._features import (
     needs_curvatures,
     settle_features,
 )
+from sklearn_mcmd.normals._scales import ScaleFinder
 from sklearn_mcmd.normals._sides import Sides
 from sklearn_mcmd.normals._surface_planes import SurfacePlanes
 from sklearn_mcmd.planes._base import BaseLocalPlanes
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._plane import surface_variation
 from sklearn_mcmd.planes._progress import progress_part
@@ -31,6 +33,8 @@ __all__ = ["RobustNormalEstimator"]
 
 # Rows whose differences are held at once, to save memory.
 ROWS_AT_ONCE = 100_000
+# Share of the work that n_neighbors="auto" takes first.
+FINDING = 0.3
 
 
 class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
@@ -43,9 +47,11 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
 
     Parameters
     ----------
-    n_neighbors : int or None, default=50
+    n_neighbors : int, "auto" or None, default=50
         Size of a neighborhood (k), at least ``n_features + 1``. A point of the fitted cloud
-        is its own first neighbor. None means one neighborhood of all points.
+        is its own first neighbor. "auto" gives each point 16 to 256 neighbors, as many as it takes
+        for the noise around it to tilt its normal by 2.5 degrees, unless the surface bends
+        before; see `n_neighbors_`. None means one neighborhood of all points.
 
     method : {"mcmd_z", "mcmd_md", "pca", "ransac", "msac", "robpca", "ulsif", "qsp"}, \
             default="mcmd_z"
@@ -173,8 +179,11 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         The row whose plane each point was given: the point's own row, or that of the neighbor
         that lent its plane.
 
-    n_neighbors_, n_support_, n_trials_ : int
-        Size of a neighborhood, of a consistent set, and the number of trials.
+    n_neighbors_, n_support_ : int or ndarray of int of shape (n_samples,)
+        Size of a neighborhood and of a consistent set; an array with ``n_neighbors="auto"``.
+
+    n_trials_ : int
+        Number of trials.
 
     n_features_in_ : int
         Number of features seen during `fit`.
@@ -258,6 +267,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
 
     _parameter_constraints: ClassVar[dict] = {
         **BaseLocalPlanes._parameter_constraints,
+        "n_neighbors": [Interval(Integral, 2, None, closed="left"), StrOptions({"auto"}), None],
         "method": [StrOptions({*METHODS, *METHOD_NAMES})],
         "method_params": [dict, None],
         "borrow": ["boolean"],
@@ -269,7 +279,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
 
     def __init__(
         self,
-        n_neighbors: int | None = 50,
+        n_neighbors: int | Literal["auto"] | None = 50,
         *,
         method: str = "mcmd_z",
         method_params: dict[str, Any] | None = None,
@@ -441,9 +451,18 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         self.plane_scale_ = planes.scale
         return X
 
+    def _make_index(self, xyz, radius):
+        if self.n_neighbors != "auto":
+            return super()._make_index(xyz, radius)
+        with progress_part(0.0, FINDING, "sizes of neighborhoods"):
+            finder = ScaleFinder(xyz, self.n_jobs)  # whose index the next one shares
+            sizes = finder.sizes()
+        return NeighborIndex(xyz, int(sizes.max()), radius, sizes)
+
     def _part_of_planes(self):
         """The part of the work that comes before the curvatures."""
-        return progress_part(0.0, 0.9 if needs_curvatures(self._feature_names) else 1.0)
+        first = FINDING if self.n_neighbors == "auto" else 0.0
+        return progress_part(first, 0.9 if needs_curvatures(self._feature_names) else 1.0)
 
     def _evaluate_features(self, planes, normals, X, find_curvatures):
         curvatures = None

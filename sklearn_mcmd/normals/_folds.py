@@ -14,7 +14,7 @@ from sklearn_mcmd.normals._quadrics import (
     PIVOT,
     back_substituted,
     decompose,
-    least_members,
+    n_terms,
     quadric_terms,
     tangents_of,
 )
@@ -136,7 +136,7 @@ def quadric_normals(points, queries, around, planes, left, compiled):
         members, valid = points[around.indices], around.valid
         quadrics = _fit(members, valid, planes, tangents)
         normals, centroids, tilt[:] = _tangent_planes(quadrics, queries, planes, tangents)
-    freedom = around.sizes - least_members(d) // 2
+    freedom = around.sizes - n_terms(d)
     with np.errstate(invalid="ignore"):
         errors = np.degrees(tilt * left) * student_factors(freedom, d)
     return normals, centroids, np.where(errors <= 90.0, errors, 90.0)
@@ -193,7 +193,7 @@ def _tangent_planes(quadrics, queries, planes, tangents):
 def _gradients(foot):
     """Derivatives (m, d - 1, terms) of the terms of a quadric by each coordinate."""
     m, d = foot.shape
-    columns = np.zeros((m, d, least_members(d + 1) // 2))
+    columns = np.zeros((m, d, n_terms(d + 1)))
     columns[:, np.arange(d), 1 + np.arange(d)] = 1.0
     pairs = [(i, j) for i in range(d) for j in range(i, d)]
     for place, (i, j) in enumerate(pairs, start=1 + d):

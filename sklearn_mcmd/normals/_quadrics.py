@@ -10,6 +10,7 @@ __all__ = [
     "back_substituted",
     "decompose",
     "least_members",
+    "n_terms",
     "quadric_terms",
     "tangents_of",
 ]
@@ -19,9 +20,14 @@ __all__ = [
 PIVOT = 1e-6
 
 
+def n_terms(d):
+    """Number of terms of a quadric over a plane."""
+    return 1 + (d - 1) + d * (d - 1) // 2
+
+
 def least_members(d):
     """Least number of members at which a quadric leaves as many degrees of freedom as it takes."""
-    return 2 * (1 + (d - 1) + d * (d - 1) // 2)
+    return 2 * n_terms(d)
 
 
 def quadric_terms(flat):

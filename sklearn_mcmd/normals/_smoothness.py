@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import fdtri, ndtr, ndtri
 
-from sklearn_mcmd.normals._quadrics import PIVOT, decompose, least_members, quadric_terms
+from sklearn_mcmd.normals._quadrics import PIVOT, decompose, least_members, n_terms, quadric_terms
 from sklearn_mcmd.planes._plane import fit_planes
 
 __all__ = ["SmoothnessLimits", "is_smooth", "whole_planes"]
@@ -62,11 +62,11 @@ class SmoothnessLimits(NamedTuple):
         """The limits for neighborhoods of up to k members in d dimensions."""
         n = np.maximum(np.arange(k + 1), least_members(d)).astype(float)
         chance = ndtr(-N_ERRORS)  # probability that a normal sample fails one of the tests
-        n_terms = least_members(d) // 2
-        left = n - n_terms
-        gained = fdtri(n_terms - d, left, 1 - chance)
+        terms = n_terms(d)
+        left = n - terms
+        gained = fdtri(terms - d, left, 1 - chance)
         return cls(
-            most_ratio=np.sqrt((left + (n_terms - d) * gained) / (n - d)),
+            most_ratio=np.sqrt((left + (terms - d) * gained) / (n - d)),
             farthest=ndtri(1 - chance / (2 * n)),
             most_skew=N_ERRORS * np.sqrt(6 * (n - 2) / ((n + 1) * (n + 3))),
             geary=N_ERRORS * GEARY_DEVIATION / np.sqrt(n),

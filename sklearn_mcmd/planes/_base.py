@@ -56,7 +56,8 @@ class BaseLocalPlanes(BaseEstimator):
         X, index = self._index_cloud(X, radius)
         d = X.shape[1]
         fraction = self._settle_support_fraction()
-        self.n_support_ = int(n_support_points(fraction, self.n_neighbors_, d))
+        n_support = n_support_points(fraction, self.n_neighbors_, d)
+        self.n_support_ = int(n_support) if index.sizes is None else n_support
         if comparator is not None:
             self._fit_comparator(comparator, X, index)
             return X
@@ -64,7 +65,7 @@ class BaseLocalPlanes(BaseEstimator):
         rule = METHODS[self.method]
         trials = draw_trials(
             self.n_trials_ if rule.needs_consistent_set else 0,
-            self.n_neighbors_,
+            int(np.max(self.n_neighbors_)),
             self.random_state,
             length=LONGEST_TRIAL if self.n_neighbors is None else None,
         )
@@ -94,7 +95,7 @@ class BaseLocalPlanes(BaseEstimator):
         # In 3D compiled code screens all trials at once, so fewer trials save no time.
         if self.outlier_rate != "auto" or not METHODS[self.method].needs_consistent_set or d <= 3:
             return StopRule.never()
-        n_support = n_support_points(fraction, np.arange(self.n_neighbors_ + 1), d)
+        n_support = n_support_points(fraction, np.arange(np.max(self.n_neighbors_) + 1), d)
         return StopRule.of(self.n_trials_, n_support, self.success_probability, d)
 
     def _settle_comparator(self):
@@ -122,7 +123,7 @@ class BaseLocalPlanes(BaseEstimator):
 
     def _fit_comparator(self, comparator, X, index):
         """Let a registered method judge the neighborhoods."""
-        self.n_trials_, _ = comparator.table_shape(self.n_neighbors_, X.shape[1])
+        self.n_trials_, _ = comparator.table_shape(int(np.max(self.n_neighbors_)), X.shape[1])
         precision, step = np.finfo(X.dtype).eps, coordinate_step(X)
         settings = PlaneSettings(self.method, precision, step, comparator=comparator)
         self._model = LocalPlaneModel(index, comparator.tables(self.random_state), settings)
@@ -131,11 +132,14 @@ class BaseLocalPlanes(BaseEstimator):
         """Validate X and return it with the index of its neighborhoods."""
         X = validate_data(self, X, dtype=[np.float64, np.float32], ensure_min_features=2)
         n, d = X.shape
-        check_sizes(n, d, self.n_neighbors)
+        fixed = None if self.n_neighbors == "auto" else self.n_neighbors
+        check_sizes(n, d, fixed)
         check_extent(X)
-        index = NeighborIndex(X.astype(np.float64, copy=False), self.n_neighbors, radius)
+        index = self._make_index(X.astype(np.float64, copy=False), radius)
         self.n_neighbors_ = n if self.n_neighbors is None else index.n_neighbors
-        if self.n_neighbors is not None and self.n_neighbors_ < self.n_neighbors:
+        if index.sizes is not None:
+            self.n_neighbors_ = index.sizes[index.places]
+        elif fixed is not None and self.n_neighbors_ < fixed:
             warnings.warn(
                 f"n_neighbors={self.n_neighbors} is more than the number of distinct points, "
                 f"{index.n_distinct} of n_samples={n}: neighborhoods of all of them are used.",
@@ -144,6 +148,9 @@ class BaseLocalPlanes(BaseEstimator):
         if X.dtype == np.float32:
             warn_if_coarse(index, stacklevel=7)
         return X, index
+
+    def _make_index(self, xyz, radius):
+        return NeighborIndex(xyz, self.n_neighbors, radius)
 
     def _check_queries(self, X):
         """Validate points to evaluate: of the fitted dimension, their squares finite."""

@@ -115,15 +115,16 @@ class IndexedCloud:
         if n_kept:
             with _lock:  # threads that begin together begin one table
                 if self.table is None or self.table.k < k:
-                    self.table = NeighborTable(self._search, len(self.points), max(k, n_kept))
+                    self.table = NeighborTable(self.search_own, len(self.points), max(k, n_kept))
                 table = self.table
             return table.query(rows, k)
         table = self.table
         if table is None or table.k < k:
-            return self._search(rows, k)
+            return self.search_own(rows, k)
         return table.query(rows, k, keep=False)
 
-    def _search(self, rows, k):
+    def search_own(self, rows, k):
+        """The k nearest points of some of the points, whatever was kept."""
         if self.search is not None and self.search.available():
             return self.search.query(rows, k)
         queries = self.points[rows]

@@ -33,17 +33,17 @@ class NeighborTable:
         Number of points.
     k : int
         Neighbors of each, itself the first.
+    sizes : ndarray of int of shape (n,), default=None
+        How many of them are asked of each. Parts then hold as many as any of their rows needs.
     """
 
-    def __init__(self, search, n, k):
-        self.search, self.n, self.k = search, n, k
+    def __init__(self, search, n, k, sizes=None):
+        self.search, self.n, self.k, self.sizes = search, n, k, sizes
         self.part_size = part_size(k)
         self.parts = [None] * -(-n // self.part_size)
-        self.codes = None
         # A block has no more groups than neighbors.
         self.block = min(64, MOST_GROUPS // k)
-        if self.block and n >= self.block and _compiled("pack") is not None:
-            self.codes = np.empty((n, k), np.uint16)
+        self.packs = bool(self.block) and n >= self.block and _compiled("pack") is not None
 
     def query(self, rows, k, keep=True):
         """Neighbors of some rows, the nearest first.
@@ -95,9 +95,10 @@ class NeighborTable:
         part = self.parts[i]
         if part is None:
             rows = slice(i * self.part_size, min((i + 1) * self.part_size, self.n))
-            part = Plain(self.search(rows, self.k))
-            if self.codes is not None:
-                part = _packed(part.indices, self.block, self.codes[rows])
+            k = self.k if self.sizes is None else int(self.sizes[rows].max())
+            part = Plain(self.search(rows, k))
+            if self.packs:
+                part = _packed(part.indices, self.block)
             self.parts[i] = part
         return part
 
@@ -108,7 +109,7 @@ class Plain(NamedTuple):
     indices: np.ndarray
 
     def take(self, rows, k):
-        return self.indices[rows, :k]
+        return _widened(self.indices[rows, :k], k)
 
 
 class Packed(NamedTuple):
@@ -134,10 +135,11 @@ class Packed(NamedTuple):
         if unpack is None:  # though it packed them: a cloud outlives a test without Numba
             codes = self.codes[rows, :k].astype(np.int64)
             places = self.starts[rows // self.block][:, None] + (codes >> BITS)
-            return (self.groups[places] << BITS) + (codes & (2**BITS - 1)).astype(np.int32)
-        found = np.empty((len(rows), k), np.int32)
+            found = (self.groups[places] << BITS) + (codes & (2**BITS - 1)).astype(np.int32)
+            return _widened(found, k)
+        found = np.empty((len(rows), min(k, self.codes.shape[1])), np.int32)
         unpack(self.codes, self.groups, self.starts, self.block, BITS, rows, found)
-        return found
+        return _widened(found, k)
 
 
 def part_size(k):
@@ -145,9 +147,18 @@ def part_size(k):
     return min(LONGEST_PART, 1 << (max(AT_ONCE // k, 1).bit_length() - 1))
 
 
-def _packed(indices, block, codes):
-    """A part of a table in half of its size; its codes are filled."""
+def _widened(indices, k):
+    """Neighbors with k columns; those that the part does not hold repeat the first."""
+    m, width = indices.shape
+    if width == k:
+        return indices
+    return np.hstack([indices, np.broadcast_to(indices[:, :1], (m, k - width))])
+
+
+def _packed(indices, block):
+    """A part of a table in half of its size."""
     m, k = indices.shape
+    codes = np.empty((m, k), np.uint16)
     groups, starts = np.empty(m * k, np.int32), np.empty(-(-m // block) + 1, np.int64)
     _compiled("pack")(indices, block, BITS, codes, groups, starts)
     return Packed(codes, groups[: starts[-1]].copy(), starts, block)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
-from sklearn_mcmd.planes._neighbor_table import part_size
+from sklearn_mcmd.planes._neighbor_table import NeighborTable, part_size
 from sklearn_mcmd.planes._record import Neighborhoods
 
 __all__ = ["NeighborIndex"]
@@ -23,6 +23,9 @@ class NeighborIndex:
     radius : float, default=None
         Largest distance of a member from the query. If it holds fewer than d + 1 points, the
         nearest d + 1 are taken.
+    sizes : ndarray of int of shape (m,), default=None
+        Members of the neighborhood of each of `points`, at most `n_neighbors`; by default all
+        have as many. A query has as many as the point nearest to it.
 
     Attributes
     ----------
@@ -34,10 +37,11 @@ class NeighborIndex:
         Row of X of each of `points`.
     """
 
-    def __init__(self, X, n_neighbors, radius=None):
+    def __init__(self, X, n_neighbors, radius=None, sizes=None):
         self.n_neighbors = n_neighbors
         self.radius = radius
-        self.cloud = None
+        self.sizes = sizes
+        self.cloud = self._table = None
         if n_neighbors is None:
             # Nearest to the mean first: this order does not depend on the order of the rows.
             distance = np.linalg.norm(X - X.mean(axis=0), axis=1)
@@ -47,6 +51,11 @@ class NeighborIndex:
         self.cloud = IndexedCloud.of(X)
         self.rows, self.points = self.cloud.rows, self.cloud.points
         self.n_neighbors = min(n_neighbors, len(self.rows))
+        self._table = self._own_table()
+
+    def __getstate__(self):
+        """Without the table, as `IndexedCloud`."""
+        return {**self.__dict__, "_table": None}
 
     @property
     def places(self):
@@ -87,12 +96,29 @@ class NeighborIndex:
             Rows of `points`. Equally distant members come in the order of their coordinates where
             compiled code searches: in 3D, from 1,000 points on.
         """
-        k = self.n_neighbors if k is None else k
-        indices = self.cloud.neighbors(rows, k, self.n_neighbors if keep else 0)
+        if k is None and self.sizes is not None:
+            indices, sizes = self._query_sized(rows, keep)
+        else:
+            k = self.n_neighbors if k is None else k
+            indices = self.cloud.neighbors(rows, k, self.n_neighbors if keep else 0)
+            sizes = np.full(len(indices), k)
         if self.radius is None:
-            return Neighborhoods(indices, np.full(len(indices), k))
+            return Neighborhoods(indices, sizes)
         distances = np.linalg.norm(self.points[indices] - self.points[rows][:, None], axis=2)
-        return self._within_radius(indices, distances)
+        return self._within_radius(indices, distances, sizes)
+
+    def _query_sized(self, rows, keep):
+        if self._table is None:  # after a pickle
+            self._table = self._own_table()
+        sizes = self.sizes[rows]
+        k = int(sizes.max(initial=1))
+        return _padded(self._table.query(rows, k, keep), sizes), sizes
+
+    def _own_table(self):
+        """Neighbors of the sizes that points have, which no other index could use."""
+        if self.sizes is None:
+            return None
+        return NeighborTable(self.cloud.search_own, len(self.points), self.n_neighbors, self.sizes)
 
     def query(self, queries):
         """Find the neighborhoods of queries (m, d), nearest members first.
@@ -107,23 +133,33 @@ class NeighborIndex:
             indices = np.broadcast_to(np.arange(n, dtype=np.int32), (len(queries), n))
             return Neighborhoods(indices, np.full(len(queries), n))
         k = self.n_neighbors
-        if self.radius is None:
-            _, indices = self.tree.query(queries, k=k)
-            indices = indices.reshape(len(queries), k).astype(np.int32)
-            return Neighborhoods(indices, np.full(len(queries), k))
+        sizes = np.full(len(queries), k)
+        if self.sizes is not None:
+            sizes = self.sizes[self.nearest(queries)]
+            k = int(sizes.max(initial=1))
         distances, indices = self.tree.query(queries, k=k)
-        return self._within_radius(indices.reshape(-1, k), distances.reshape(-1, k))
+        indices = indices.reshape(len(queries), k).astype(np.int32)
+        if self.radius is None:
+            return Neighborhoods(_padded(indices, sizes), sizes)
+        return self._within_radius(indices, distances.reshape(-1, k), sizes)
 
-    def _within_radius(self, indices, distances):
+    def _within_radius(self, indices, distances, sizes):
         """Neighborhoods of the members not farther than the radius, at least as many as a plane."""
         k = indices.shape[1]
-        sizes = np.count_nonzero(distances <= self.radius, axis=1)
-        sizes = np.maximum(sizes, min(self.points.shape[1] + 1, k))
-        indices = np.where(np.arange(k) < sizes[:, None], indices, indices[:, :1])
-        return Neighborhoods(indices.astype(np.int32), sizes)
+        near = (distances <= self.radius) & (np.arange(k) < sizes[:, None])
+        sizes = np.maximum(np.count_nonzero(near, axis=1), min(self.points.shape[1] + 1, k))
+        return Neighborhoods(_padded(indices, sizes), sizes)
 
     def nearest(self, queries, n_workers=1):
         """Row of `points` nearest to each query; 0 with one neighborhood of all points."""
         if self.n_neighbors is None:
             return np.zeros(len(queries), dtype=np.intp)
         return self.tree.query(queries, workers=n_workers)[1]
+
+
+def _padded(indices, sizes):
+    """Indices whose columns beyond the sizes repeat the first."""
+    k = indices.shape[1]
+    if (sizes == k).all():
+        return indices
+    return np.where(np.arange(k) < sizes[:, None], indices, indices[:, :1])

@@ -112,3 +112,20 @@ def test_an_unknown_feature_is_wrong_usage(room_file, tmp_path):
     assert result.exit_code == 2
     assert "flatness" in result.stderr
     assert files_in(tmp_path) == ["room.laz"]
+
+
+def test_auto_tells_how_many_neighbors_each_point_has(room, room_file, tmp_path):
+    result = run("normals", room_file, tmp_path / "out.laz", "--n-neighbors", "auto")
+    assert result.exit_code == 0, result.output
+    out = read_points(tmp_path / "out.laz").attributes
+    fitted = RobustNormalEstimator("auto", random_state=0).fit(room.xyz)
+    np.testing.assert_array_equal(out["n_neighbors"], fitted.n_neighbors_)
+    np.testing.assert_array_equal(out["normal_x"], fitted.normals_[:, 0].astype(np.float32))
+
+
+@pytest.mark.parametrize("number", ["3", "12.5", "many", "nan", "-50"])
+def test_a_wrong_number_of_neighbors_is_wrong_usage(number, room_file, tmp_path):
+    result = run("normals", room_file, tmp_path / "out.laz", "--n-neighbors", number)
+    assert result.exit_code == 2
+    assert "a whole number from 4 on" in " ".join(result.stderr.replace("│", " ").split())
+    assert files_in(tmp_path) == ["room.laz"]

@@ -30,7 +30,7 @@ def searched(monkeypatch):
     """How many rows are searched, and how many clouds are indexed."""
     gc.collect()  # of clouds that earlier tests have left
     counts = {"rows": 0, "clouds": 0}
-    search, init = IndexedCloud._search, IndexedCloud.__init__
+    search, init = IndexedCloud.search_own, IndexedCloud.__init__
 
     def counted_search(self, rows, k):
         counts["rows"] += rows.stop - rows.start
@@ -40,7 +40,7 @@ def searched(monkeypatch):
         counts["clouds"] += 1
         init(self, X)
 
-    monkeypatch.setattr(IndexedCloud, "_search", counted_search)
+    monkeypatch.setattr(IndexedCloud, "search_own", counted_search)
     monkeypatch.setattr(IndexedCloud, "__init__", counted_init)
     return counts
 

@@ -89,8 +89,23 @@ def test_neighbors_take_half_of_their_size():
     table.query(slice(None), 50)
     assert all(isinstance(part, Packed) for part in table.parts)
     lists = sum(part.groups.nbytes + part.starts.nbytes for part in table.parts)
-    assert table.codes.nbytes == indices.nbytes / 2
+    assert sum(part.codes.nbytes for part in table.parts) == indices.nbytes / 2
     assert lists < 0.02 * indices.nbytes
+
+
+@pytest.mark.parametrize("packs", [True, False])
+def test_parts_hold_as_many_as_their_rows_ask_for(packs, monkeypatch):
+    if not packs:
+        monkeypatch.setattr(_neighbor_table, "_compiled", lambda name: None)
+    indices = neighbors(3000, 300, spread=40)
+    sizes = np.full(3000, 20)
+    sizes[-1] = 300
+    table = NeighborTable(lambda rows, k: indices[rows, :k], 3000, 300, sizes)
+    found = table.query(slice(None), 30)
+    assert_array_equal(found[:, :20], indices[:, :20])
+    assert_array_equal(found[-1], indices[-1, :30])
+    assert_array_equal(found[0, 20:], found[0, 0])  # what no row of the part asks for
+    assert_array_equal(table.query(np.array([2999, 0]), 300)[0], indices[-1])
 
 
 def test_packed_neighbors_are_unpacked_without_compiled_code(monkeypatch):

@@ -1,0 +1,163 @@
+"""How many neighbors a normal needs: as many as the noise asks for, and no more.
+
+Noise tilts the normal of a large neighborhood less than that of a small one, and a small one
+follows the surface better. So each point gets the number of neighbors with which the noise tilts
+its normal by `TILT`. The noise is what quadrics leave of small neighborhoods around the point.
+Where these are too noisy to tell, neighborhoods of twice as many points are asked; but only as
+long as the planes of twice as many points turn by no more than noise explains. Where they turn by
+more, the surface bends or folds within them.
+"""
+
+import numpy as np
+from scipy.special import chdtri
+
+from sklearn_mcmd.normals._quadrics import n_terms
+from sklearn_mcmd.normals._smoothness import SmoothnessLimits, whole_planes
+from sklearn_mcmd.planes._around import quantile_around
+from sklearn_mcmd.planes._chunks import each_slice
+from sklearn_mcmd.planes._compiling import compiled_function
+from sklearn_mcmd.planes._local_planes import COMPILE_FROM
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+from sklearn_mcmd.planes._plane import normal_errors
+from sklearn_mcmd.planes._progress import progress_part
+from sklearn_mcmd.planes._record import Neighborhoods, Planes
+
+__all__ = ["LEAST", "ScaleFinder"]
+
+# Standard error of a normal, in degrees, that the noise may cause.
+TILT = 2.5
+# Fewer neighbors leave a quadric too few degrees of freedom. More are seldom worth their time.
+LEAST, MOST = 16, 256
+# A point's error is the one that this share of the neighborhoods around do not exceed. So next to
+# an edge it is the error on the faces. "Around" are this many points.
+QUIET, AROUND = 0.25, 64
+# Neighborhoods tell how many neighbors are needed, up to this many times their own.
+FARTHEST = 2
+# Planes of twice as many points may turn by this number of standard errors of the smaller ones.
+TURNED = 1.25
+# Of the work not yet done, the share that the next step is told to be: their number is not known.
+SHARE = 0.2
+
+
+class ScaleFinder:
+    """Finds the size of the neighborhood of each point of a cloud.
+
+    Parameters
+    ----------
+    X : ndarray of float64 of shape (n, d)
+    n_jobs : int or None
+    """
+
+    def __init__(self, X, n_jobs):
+        self.index = NeighborIndex(X, AROUND)
+        self.n_jobs = n_jobs
+        m, d = self.index.points.shape
+        self._done = 0.0
+        self.compiled = d == 3 and m >= COMPILE_FROM and _compiled_fit() is not None
+
+    def sizes(self):
+        """Members of the neighborhoods of the index's points: ndarray of int of shape (m,)."""
+        m, d = self.index.points.shape
+        wanted, todo = np.full(m, np.inf), np.ones(m, dtype=bool)
+        k = min(LEAST, m)
+        errors, normals = self._fit(k, todo)
+        while todo.any() and k <= min(MOST // FARTHEST, m):
+            error = self._quiet(errors, todo) / _expected_quantile(k, d)
+            # Of k points, the spread along the surface grows as k ** (1 / (d - 1)).
+            found = k * (error / TILT) ** (1 / (1 / 2 + 1 / (d - 1)))
+            known = found <= FARTHEST * k
+            if not known.all():
+                errors, larger = self._fit(2 * k, self._reached(todo))
+                turns = self._quiet(_angles(normals, larger), todo)
+                bent = ~known & (turns > TURNED * error)
+                found[bent], normals = k, larger
+                known |= bent
+            wanted[todo] = np.where(known, np.maximum(found, LEAST), np.inf)
+            todo = wanted == np.inf
+            wanted[todo] = self._quiet(wanted, todo)
+            todo = wanted == np.inf
+            k *= 2
+        wanted[todo] = MOST
+        wanted = self._quiet(wanted, np.ones(m, dtype=bool))
+        return np.rint(wanted).astype(np.int64).clip(max=m)
+
+    def _reached(self, rows):
+        """Whether each point is around any of some points: bool (m,)."""
+        if rows.all():
+            return rows
+        reached = np.zeros_like(rows)
+
+        def task(part, around):
+            reached[around.indices] = True
+
+        self._each(rows, AROUND, task)
+        return reached
+
+    def _fit(self, k, rows):
+        """Errors (m,), in degrees, and normals (m, d) of planes of the k nearest, of some points.
+
+        The error is 90 where the members do not determine a quadric.
+        """
+        errors, normals = np.full(len(rows), 90.0), np.zeros_like(self.index.points)
+
+        def task(part, around):
+            left, eigenvalues, normals[part] = self._whole(around)
+            known = np.isfinite(left)
+            found = normal_errors(np.where(known, left, 0.0), eigenvalues, around.sizes)
+            errors[part] = np.where(known, found, 90.0)
+
+        self._each(rows, k, task)
+        return errors, normals
+
+    def _whole(self, around):
+        """What quadrics leave of neighborhoods (m,), eigenvalues (m, d) and normals (m, d)."""
+        points, (m, k) = self.index.points, around.indices.shape
+        if not self.compiled:
+            _, eigenvalues, axes, _, left, _ = whole_planes(points[around.indices], around.sizes)
+            return left, eigenvalues, axes[..., 0]
+        planes, (deviation, left) = Planes.empty(m, 3), np.empty((2, m))
+        directions, ordinary = np.empty((m, 3)), np.empty(m, dtype=bool)
+        limits = SmoothnessLimits.of(k, 3)
+        _compiled_fit()(points, around, limits, planes, directions, deviation, left, ordinary)
+        return left, planes.eigenvalues, planes.normals
+
+    def _quiet(self, values, rows):
+        """The value that `QUIET` of those around do not exceed, of some points."""
+        found = np.empty(len(rows))
+
+        def task(part, around):
+            found[part] = quantile_around(values, around, QUIET, self.compiled)
+
+        self._each(rows, AROUND, task)
+        return found[rows]
+
+    def _each(self, wanted, k, work):
+        """Call ``work(rows, around)`` with rows that are wanted and their k nearest."""
+        index, m = self.index, len(wanted)
+        k = min(k, m)
+
+        def task(part):
+            rows = np.flatnonzero(wanted[part])
+            if len(rows):
+                around = index.query_own(part, max(k, index.n_neighbors)).indices[rows, :k]
+                work(part.start + rows, Neighborhoods(around, np.full(len(rows), k)))
+
+        done, self._done = self._done, self._done + (1 - self._done) * SHARE
+        with progress_part(done, self._done):
+            each_slice(m, index.chunk, task, self.n_jobs)
+
+
+def _angles(first, second):
+    """Angles (m,) between normals of either sign, in degrees."""
+    cosine = np.abs(np.einsum("md,md->m", first, second))
+    return np.degrees(np.arccos(np.minimum(cosine, 1.0)))
+
+
+def _expected_quantile(k, d):
+    """The quantile `QUIET` of what a quadric leaves of k points, in standard deviations."""
+    freedom = k - n_terms(d)
+    return np.sqrt(chdtri(freedom, 1 - QUIET) / freedom) if freedom > 0 else 1.0
+
+
+def _compiled_fit():
+    return compiled_function("normals._smoothness_numba", "whole_planes_3d")
