@@ -3,9 +3,10 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sklearn_mcmd.io._las import coordinate_system
+
 __all__ = ["summarize"]
 
-USER_DEFINED = 32767  # GeoTIFF's code for a system without a code
 SPACING_SAMPLE = 200_000  # largest number of points that the median spacing is taken from
 
 
@@ -20,7 +21,7 @@ def summarize(source, cloud):
     header = cloud.metadata.get("las_header")
     if header is not None:
         rows["format"] += f" {header.version}, point format {header.point_format.id}"
-        rows["CRS"] = _coordinate_system(header) or "not stated"
+        rows["CRS"] = coordinate_system(header) or "not stated"
     rows |= _bounds(low, high)
     if len(distinct) > 1:
         step = -(-len(distinct) // SPACING_SAMPLE)
@@ -61,18 +62,3 @@ def _bounds(low, high):
         axis: f"{least:.{digits}f} to {most:.{digits}f} (extent {most - least:.{digits}f})"
         for axis, least, most in zip("xyz", low, high, strict=True)
     }
-
-
-def _coordinate_system(header):
-    """Name or EPSG code of the coordinate system of a LAS header, or None."""
-    name = None
-    for record in [*header.vlrs, *(header.evlrs or [])]:
-        wkt = getattr(record, "string", "")
-        if wkt.count('"') >= 2:  # WKT begins with its kind and its name
-            return wkt.split('"')[1]
-        for key in getattr(record, "geo_keys", ()):
-            # GeoTIFF: 3072 is a projected system, 2048 a geographic one, both as EPSG codes.
-            if key.id == 3072 or (key.id == 2048 and name is None):
-                code = key.value_offset
-                name = "user-defined" if code == USER_DEFINED else f"EPSG:{code}"
-    return name

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = [
@@ -29,24 +30,6 @@ USUAL_NEIGHBORS = 50
 # Begin and end of the work between reading and writing, as shares of a verb's progress.
 WORKING = (0.04, 0.97)
 _COLORS = ("red", "green", "blue")
-
-
-def with_results(cloud, results):
-    """The cloud with results, which replace input attributes written under the same names."""
-    from sklearn_mcmd.io import PointCloud
-    from sklearn_mcmd.io._point_cloud import flat_columns
-
-    kept, replaced = {}, []
-    for name, values in cloud.attributes.items():
-        if name not in results and not flat_columns({name: values}).keys().isdisjoint(results):
-            replaced.append(name)
-        else:
-            kept[name] = values
-    if replaced:
-        warnings.warn(
-            f"the results replace what the input calls {', '.join(replaced)}", stacklevel=2
-        )
-    return PointCloud(cloud.xyz, {**kept, **results}, dict(cloud.metadata), cloud.n_dropped)
 
 
 def coordinates(cloud):

@@ -24,7 +24,14 @@ from sklearn_mcmd.io._scan_formats import (
 )
 from sklearn_mcmd.io._text import read_text, write_text
 
-__all__ = ["read_points", "replacing", "supported_extensions", "system_error", "write_points"]
+__all__ = [
+    "one_clear_line",
+    "read_points",
+    "replacing",
+    "supported_extensions",
+    "system_error",
+    "write_points",
+]
 
 _FORMATS = {
     ".csv": (read_text, write_text),
@@ -100,7 +107,7 @@ def read_points(path: str | os.PathLike[str]) -> PointCloud:
     (PointCloud(2 points; label), 1)
     """
     path = Path(path)
-    with _one_clear_line(path, "read"):
+    with one_clear_line(path, "read"):
         if path.is_dir():
             raise PointFileError("is a folder; a point file is needed")
         reader, _ = _FORMATS[_extension(path)]
@@ -199,7 +206,7 @@ def write_points(
     0.0 1.0 9.0 1
     """
     path = Path(path)
-    with _one_clear_line(path, "written"):
+    with one_clear_line(path, "written"):
         extension = _extension(path)
     if path.name.lower().endswith(".copc.laz"):
         raise PointFileError(f"{path}: COPC can be read but not written; write plain .laz instead")
@@ -227,7 +234,7 @@ def write_points(
             )
         else:
             cloud = cloud.with_attributes(outlier=noise)
-    with replacing(path) as temporary, _one_clear_line(path, "written"):
+    with replacing(path) as temporary, one_clear_line(path, "written"):
         writer(temporary, cloud, **options)
 
 
@@ -269,7 +276,7 @@ def _mask(noise, n_points):
 def replacing(path):
     """A temporary name beside ``path``; its file replaces ``path`` when the block succeeds."""
     target = Path(os.path.realpath(path))  # a link stays a link: the file behind it is replaced
-    with _one_clear_line(path, "written"):
+    with one_clear_line(path, "written"):
         if not target.parent.is_dir():
             raise PointFileError(f"the folder {target.parent} does not exist")
         if target.is_dir():
@@ -280,13 +287,13 @@ def replacing(path):
             raise PointFileError("the file is write-protected")
     temporary = target.with_name(f".mcmd-{secrets.token_hex(8)}{target.suffix.lower()}")
     try:
-        with _one_clear_line(path, "written"):
+        with one_clear_line(path, "written"):
             temporary.touch(exist_ok=False)
         try:
             yield temporary
         except OSError as err:
             raise system_error(path, "written", err) from err
-        with _one_clear_line(path, "written"):
+        with one_clear_line(path, "written"):
             with open(temporary, "rb+") as file:  # completely on disk before it takes the name
                 os.fsync(file.fileno())
             if target.exists():
@@ -298,7 +305,7 @@ def replacing(path):
 
 
 @contextmanager
-def _one_clear_line(path, action):
+def one_clear_line(path, action):
     """Turn any error into a PointFileError that begins with the file's name."""
     try:
         yield

@@ -10,9 +10,18 @@ from sklearn_mcmd.io._laz import read_compressed_points, write_compressed
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, flat_columns, import_extra
 from sklearn_mcmd.io._waveforms import place_waveforms
 
-__all__ = ["read_las", "write_las"]
+__all__ = [
+    "cloud_of_points",
+    "coordinate_system",
+    "import_laspy",
+    "las_of_cloud",
+    "read_header",
+    "read_las",
+    "write_las",
+]
 
 NOISE_CLASS = 7  # ASPRS "low point (noise)", the same number in every point format
+USER_DEFINED = 32767  # GeoTIFF's code for a system without a code
 LARGEST = 2**31 - 1
 COLORS = ("red", "green", "blue")
 COLORED_FORMAT = {0: 2, 1: 3, 4: 5, 6: 7, 9: 10}  # from point format to the same with colors
@@ -22,7 +31,7 @@ EXTRA_DTYPES = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"}
 def read_las(path):
     """Read LAS, LAZ or COPC in one pass. Plain attributes are views of the raw records."""
     compressed = path.name.lower().endswith(".laz")
-    laspy = _import_laspy(compressed)
+    laspy = import_laspy(compressed)
     check_structure(path)
     las = _read(laspy, path)
     records = las.points.array
@@ -30,19 +39,52 @@ def read_las(path):
         raise PointFileError(
             f"the header promises {las.header.point_count} points, the file holds {len(records)}"
         )
-    attributes = {
-        name: np.asarray(las[name])
-        for name in las.point_format.dimension_names
-        if name not in ("X", "Y", "Z")
-    }
-    metadata = {"las_header": las.header, "las_points": records}
-    return PointCloud(_coordinates(records, las.header), attributes, metadata)
+    return _cloud(las)
 
 
 def write_las(path, cloud, noise=None):
     """Write LAS or LAZ. Values that did not change since reading are written bit for bit."""
     compressed = path.name.lower().endswith(".laz")
-    laspy = _import_laspy(compressed)
+    laspy = import_laspy(compressed)
+    las = las_of_cloud(laspy, cloud, noise)
+    if compressed:
+        write_compressed(laspy, path, las)
+    else:
+        las.write(str(path))
+    place_waveforms(path, las.header)
+
+
+def read_header(path):
+    """The header of LAS, LAZ or COPC, and no points."""
+    laspy = import_laspy(path.name.lower().endswith(".laz"))
+    check_structure(path)
+    with laspy.open(path) as reader:
+        return reader.header
+
+
+def coordinate_system(header):
+    """Name or EPSG code of the coordinate system of a LAS header, or None."""
+    name = None
+    for record in [*header.vlrs, *(header.evlrs or [])]:
+        wkt = getattr(record, "string", "")
+        if wkt.count('"') >= 2:  # WKT begins with its kind and its name
+            return wkt.split('"')[1]
+        for key in getattr(record, "geo_keys", ()):
+            # GeoTIFF: 3072 is a projected system, 2048 a geographic one, both as EPSG codes.
+            if key.id == 3072 or (key.id == 2048 and name is None):
+                code = key.value_offset
+                name = "user-defined" if code == USER_DEFINED else f"EPSG:{code}"
+    return name
+
+
+def cloud_of_points(points, header):
+    """The cloud of some of a file's points, given as bytes."""
+    laspy = import_laspy(compressed=False)
+    return _cloud(laspy.LasData(header, _records(laspy, points, header)))
+
+
+def las_of_cloud(laspy, cloud, noise=None):
+    """What is to be written: laspy's header and points, with all attributes."""
     if "las_points" in cloud.metadata:
         header = copy.deepcopy(cloud.metadata["las_header"])
         _forget_copc(header)
@@ -61,11 +103,19 @@ def write_las(path, cloud, noise=None):
         classes = np.array(las.classification)
         classes[noise] = NOISE_CLASS
         las.classification = classes
-    if compressed:
-        write_compressed(laspy, path, las)
-    else:
-        las.write(str(path))
-    place_waveforms(path, header)
+    return las
+
+
+def _cloud(las):
+    """The cloud of laspy's data. Plain attributes are views of the raw records."""
+    attributes = {
+        name: np.asarray(las[name])
+        for name in las.point_format.dimension_names
+        if name not in ("X", "Y", "Z")
+    }
+    records = las.points.array
+    metadata = {"las_header": las.header, "las_points": records}
+    return PointCloud(_coordinates(records, las.header), attributes, metadata)
 
 
 def _read(laspy, path):
@@ -76,11 +126,14 @@ def _read(laspy, path):
         header = reader.header
     with open(path, "rb") as file:
         points = read_compressed_points(file, header)
+    return laspy.LasData(header, _records(laspy, points, header))
+
+
+def _records(laspy, points, header):
     points = laspy.PackedPointRecord.from_buffer(points, header.point_format)
-    points = laspy.ScaleAwarePointRecord(
+    return laspy.ScaleAwarePointRecord(
         points.array, header.point_format, header.scales, header.offsets
     )
-    return laspy.LasData(header, points)
 
 
 def _with_colors(laspy, las, attributes):
@@ -97,7 +150,7 @@ def _with_colors(laspy, las, attributes):
     return las, attributes
 
 
-def _import_laspy(compressed):
+def import_laspy(compressed):
     laspy = import_extra("laspy", "las", "LAS")
     if compressed:
         import_extra("lazrs", "las", "LAZ")
@@ -198,7 +251,7 @@ def _store_attributes(laspy, las, attributes):
                 warnings.warn(
                     f"{column!r} does not fit the LAS dimension of that name; it is stored as "
                     f"the extra dimension {column + '_value'!r}.",
-                    stacklevel=4,
+                    stacklevel=5,
                 )
                 column += "_value"
             if column in new or (column != name and column in attributes):

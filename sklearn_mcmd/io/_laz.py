@@ -17,7 +17,7 @@ import numpy as np
 
 from sklearn_mcmd.io._point_cloud import PointFileError, import_extra
 
-__all__ = ["read_compressed_points", "write_compressed"]
+__all__ = ["compressed_parts", "read_compressed_points", "write_compressed"]
 
 # LASzip's items: number -> (bytes, layers). Each "extra byte", items 0 and 14, is one layer.
 ITEMS = {
@@ -52,6 +52,22 @@ def read_compressed_points(file, header):
     -------
     ndarray of uint8
     """
+    parts = list(compressed_parts(file, header, header.point_count))
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def compressed_parts(file, header, n_points):
+    """The same in parts of whole chunks, of about `n_points` points each but at least a chunk.
+
+    Parameters
+    ----------
+    file, header : as of `read_compressed_points`
+    n_points : int
+
+    Yields
+    ------
+    ndarray of uint8
+    """
     lazrs = import_extra("lazrs", "las", "LAZ")
     names = [type(record).__name__ for record in header.vlrs]
     if "LasZipVlr" not in names:
@@ -59,18 +75,25 @@ def read_compressed_points(file, header):
     record = header.vlrs.pop(names.index("LasZipVlr")).record_data
     layout = _Layout(record, header.point_format)
     chunks = _chunks(lazrs, file, header, record, layout)
-    points = np.empty((header.point_count, header.point_format.size), dtype=np.uint8)
-    done = 0
-    for start in range(0, len(chunks), CHUNKS_A_TIME):
-        part = chunks[start : start + CHUNKS_A_TIME]
-        data = file.read(sum(n_bytes for _, n_bytes in part))
-        layout.check_chunks(data, part, start)
-        n_points = sum(n for n, _ in part)
-        lazrs.decompress_points_with_chunk_table(
-            data, record, points[done : done + n_points].reshape(-1), part
-        )
-        done += n_points
-    return points.reshape(-1)
+    first = 0
+    while first < len(chunks):
+        last, n_part = first, 0
+        while last < len(chunks) and (n_part == 0 or n_part + chunks[last][0] <= n_points):
+            n_part += chunks[last][0]
+            last += 1
+        points = np.empty((n_part, header.point_format.size), dtype=np.uint8)
+        done = 0
+        for start in range(first, last, CHUNKS_A_TIME):
+            part = chunks[start : min(start + CHUNKS_A_TIME, last)]
+            data = file.read(sum(n_bytes for _, n_bytes in part))
+            layout.check_chunks(data, part, start)
+            n = sum(n for n, _ in part)
+            lazrs.decompress_points_with_chunk_table(
+                data, record, points[done : done + n].reshape(-1), part
+            )
+            done += n
+        yield points.reshape(-1)
+        first = last
 
 
 def write_compressed(laspy, path, las):

@@ -1,5 +1,6 @@
 """The point cloud that readers return and writers take, and the one error of both."""
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -9,7 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from sklearn_mcmd import _extras
 
-__all__ = ["PointCloud", "PointFileError", "fit_dtype", "flat_columns", "import_extra"]
+__all__ = [
+    "PointCloud",
+    "PointFileError",
+    "fit_dtype",
+    "flat_columns",
+    "import_extra",
+    "with_results",
+]
 
 RESERVED = {"x", "y", "z", "xyz"}
 
@@ -163,6 +171,21 @@ def flat_columns(attributes):
                 raise PointFileError(f"two attributes would both be written as {part!r}")
             columns[part] = column
     return columns
+
+
+def with_results(cloud, results):
+    """The cloud with results, which replace input attributes written under the same names."""
+    kept, replaced = {}, []
+    for name, values in cloud.attributes.items():
+        if name not in results and not flat_columns({name: values}).keys().isdisjoint(results):
+            replaced.append(name)
+        else:
+            kept[name] = values
+    if replaced:
+        warnings.warn(
+            f"the results replace what the input calls {', '.join(replaced)}", stacklevel=2
+        )
+    return PointCloud(cloud.xyz, {**kept, **results}, dict(cloud.metadata), cloud.n_dropped)
 
 
 def fit_dtype(name, values, allowed, format_name):

@@ -1,0 +1,116 @@
+"""LAS and LAZ in parts: files that are larger than memory are read and written piece by piece."""
+
+from contextlib import contextmanager, suppress
+
+import numpy as np
+
+from sklearn_mcmd.io._files import one_clear_line
+from sklearn_mcmd.io._las import cloud_of_points, import_laspy, las_of_cloud, read_header
+from sklearn_mcmd.io._laz import compressed_parts
+from sklearn_mcmd.io._point_cloud import PointFileError
+from sklearn_mcmd.io._waveforms import place_waveforms
+
+__all__ = ["read_parts", "writing_parts"]
+
+
+def read_parts(path, n_points):
+    """The clouds of successive points of a LAS, LAZ or COPC file, as of `read_las`.
+
+    Parameters
+    ----------
+    path : Path
+    n_points : int
+        Points of a part, at most; of a compressed file a part has at least one of its chunks.
+
+    Yields
+    ------
+    PointCloud
+    """
+    with one_clear_line(path, "read"), open(path, "rb") as file:
+        header = read_header(path)
+        if header.are_points_compressed and header.point_count:
+            parts = compressed_parts(file, header, n_points)
+        else:
+            parts = _plain_parts(file, header, n_points)
+        for points in parts:
+            yield cloud_of_points(points, header)
+
+
+def _plain_parts(file, header, n_points):
+    file.seek(header.offset_to_point_data)
+    size = header.point_format.size
+    for start in range(0, header.point_count, n_points):
+        wanted = min(n_points, header.point_count - start)
+        points = np.fromfile(file, np.uint8, wanted * size)
+        if len(points) < wanted * size:
+            raise PointFileError("truncated: the points end too early")
+        yield points
+
+
+@contextmanager
+def writing_parts(path):
+    """A function that appends the points of a cloud to a new LAS or LAZ file.
+
+    All clouds must come from one file, in its order, with the same new attributes.
+    """
+    compressed = path.name.lower().endswith(".laz")
+    laspy = import_laspy(compressed)
+    writer, header = None, None
+    with open(path, "wb+") as file:
+        sink = _Sink(file)
+
+        def write(cloud):
+            nonlocal writer, header
+            las = las_of_cloud(laspy, cloud)
+            with sink.telling():
+                if writer is None:
+                    header = las.header
+                    backend = laspy.LazBackend.LazrsParallel if compressed else None
+                    writer = laspy.open(
+                        sink, "w", header=header, laz_backend=backend, closefd=False
+                    )
+                if las.point_format != writer.header.point_format:
+                    raise PointFileError(
+                        "an attribute fits its dimension in a part of the file only"
+                    )
+                writer.write_points(las.points)
+
+        try:
+            yield write
+        except BaseException:
+            if writer is not None:
+                with suppress(Exception):  # the first error counts
+                    writer.close()
+            raise
+        with sink.telling():
+            if header.version.minor >= 4 and header.evlrs is not None:
+                writer.write_evlrs(header.evlrs)
+            writer.close()
+    place_waveforms(path, header)
+
+
+class _Sink:
+    """A file for lazrs, which turns every error of Python's code into one of its own."""
+
+    def __init__(self, file):
+        self.file, self.error = file, None
+
+    def __getattr__(self, name):
+        return getattr(self.file, name)
+
+    def write(self, data):
+        try:
+            return self.file.write(data)
+        except BaseException as err:
+            self.error = err
+            raise
+
+    @contextmanager
+    def telling(self):
+        """Raise the error of the file in the place of what lazrs made of it."""
+        try:
+            yield
+        except BaseException as err:
+            if self.error is not None and err is not self.error:
+                raise self.error from err
+            raise
