@@ -18,6 +18,7 @@ ORDER_FROM = 10_000
 # ... and loading compiled code takes longer than the search.
 COMPILE_FROM = 1_000
 COARSE_LEAF = 256
+ODD = np.uint64(0x9E3779B97F4A7C15)  # of 64 bits, which multiplication spreads
 LEAF = 32
 
 
@@ -142,20 +143,34 @@ def spatial_order(X):
 def distinct_rows(X):
     """Rows of X without copies, the first row of each location; and which of these each row has.
 
-    The second is None where there are no copies.
+    The second is None where there are no copies. Only rows whose hash occurs twice are sorted.
     """
-    first = np.sort(X[:, 0])
-    if (first[1:] != first[:-1]).all():
-        return np.arange(len(X)), None
-    order = np.lexsort(X.T)  # stable: of equal rows the first of X comes first
+    suspects = _rows_of_equal_hash(X)
+    order = suspects[np.lexsort(X[suspects].T)]  # stable: of equal rows the first of X comes first
     sorted_rows = X[order]
-    new = np.append(True, (sorted_rows[1:] != sorted_rows[:-1]).any(axis=1))
+    new = np.ones(len(order), dtype=bool)
+    new[1:] = (sorted_rows[1:] != sorted_rows[:-1]).any(axis=1)
     if new.all():
         return np.arange(len(X)), None
-    locations = np.empty(len(X), dtype=np.intp)
-    locations[order] = np.cumsum(new) - 1
-    by_row = np.argsort(order[new])
-    return order[new][by_row], _inverse(by_row)[locations]
+    first = np.arange(len(X))
+    first[order] = order[new][np.cumsum(new) - 1]
+    rows = np.flatnonzero(first == np.arange(len(X)))
+    return rows, np.searchsorted(rows, first)
+
+
+def _rows_of_equal_hash(X):
+    """Rows whose hash others have too: all copies, and hardly any other row."""
+    mixed = np.zeros(len(X), np.uint64)
+    for column in X.T:
+        mixed ^= (column + 0.0).view(np.uint64)  # -0.0 and 0.0 are equal
+        mixed *= ODD
+        mixed ^= mixed >> np.uint64(32)
+    ordered = np.sort(mixed)
+    several = np.unique(ordered[1:][ordered[1:] == ordered[:-1]])
+    if not len(several):
+        return np.empty(0, np.intp)
+    places = np.minimum(np.searchsorted(several, mixed), len(several) - 1)
+    return np.flatnonzero(several[places] == mixed)
 
 
 def _inverse(order):

@@ -67,6 +67,17 @@ def test_places_lead_back_to_each_row(n, d):
         assert cloud.n_distinct == len(np.unique(X, axis=0))
 
 
+def test_rows_of_equal_hash_need_not_be_copies(monkeypatch):
+    X = np.random.default_rng(0).integers(0, 3, (200, 3)) * 0.5
+    X[:, 0] *= np.resize([1.0, -1.0], 200)  # also -0.0, which is 0.0
+    expected = distinct_rows(X)
+    assert len(expected[0]) == len(np.unique(X, axis=0))
+    assert_array_equal(X[expected[0]][expected[1]], X)
+    monkeypatch.setattr(_indexed_cloud, "_rows_of_equal_hash", lambda X: np.arange(len(X)))
+    for found, wanted in zip(distinct_rows(X), expected, strict=True):
+        assert_array_equal(found, wanted)
+
+
 def test_distinct_rows_are_the_first_of_their_places():
     X = np.array([[1.0, 2], [0, 5], [1, 2], [0, 5], [1, 3], [1, 2]])
     rows, locations = distinct_rows(X)
