@@ -47,6 +47,32 @@ class BaseLocalPlanes(BaseEstimator):
         "n_jobs": [Integral, None],
     }
 
+    # Step to which the coordinates of a cloud are rounded. `tiling` sets it, where X is a part of
+    # the cloud; with None it is found from X.
+    _step_of_cloud: float | None = None
+
+    def _locality(self):
+        """On which points the result of a point depends, which `tiling` asks.
+
+        Returns
+        -------
+        levels : int or None
+            0: the own neighborhood tells all. 1: the planes of its members count too, and each is
+            made of the member's own neighborhood. 2: the planes of the members depend on the planes
+            of their members. None: the result depends on the whole cloud.
+        n_neighbors : int or None
+            Members of a neighborhood, at most.
+        """
+        orientation = getattr(self, "orientation", None)
+        if self.n_neighbors is None or (isinstance(orientation, str) and orientation == "mst"):
+            return None, None
+        robust = self.method in METHODS and METHODS[self.method].needs_consistent_set
+        if not (robust and self.refine == "reweight"):
+            return 0, self.n_neighbors
+        # Of a normal: a smooth neighborhood is compared with the noise of its members. Then a
+        # member may lend its plane, which was compared with the noise of the member's members.
+        return (2 if getattr(self, "borrow", False) else 1), self.n_neighbors
+
     def _fit_planes(self, X, radius=None, cutoff=None):
         """Validate X, settle the parameters that depend on it, and fit its local planes.
 
@@ -72,7 +98,7 @@ class BaseLocalPlanes(BaseEstimator):
         settings = PlaneSettings(
             self.method,
             precision=np.finfo(X.dtype).eps,
-            step=coordinate_step(X),
+            step=self._coordinate_step(X),
             support_fraction=fraction,
             cutoff=rule.default_cutoff(d) if cutoff is None else float(cutoff),
             reweight=self.refine == "reweight",
@@ -80,6 +106,9 @@ class BaseLocalPlanes(BaseEstimator):
         )
         self._model = LocalPlaneModel(index, trials, settings)
         return X
+
+    def _coordinate_step(self, X):
+        return coordinate_step(X) if self._step_of_cloud is None else self._step_of_cloud
 
     def _settle_support_fraction(self):
         if self.support_fraction != "auto":
@@ -124,7 +153,7 @@ class BaseLocalPlanes(BaseEstimator):
     def _fit_comparator(self, comparator, X, index):
         """Let a registered method judge the neighborhoods."""
         self.n_trials_, _ = comparator.table_shape(int(np.max(self.n_neighbors_)), X.shape[1])
-        precision, step = np.finfo(X.dtype).eps, coordinate_step(X)
+        precision, step = np.finfo(X.dtype).eps, self._coordinate_step(X)
         settings = PlaneSettings(self.method, precision, step, comparator=comparator)
         self._model = LocalPlaneModel(index, comparator.tables(self.random_state), settings)
 
@@ -176,6 +205,10 @@ class BasePlaneOutliers(OffsetOutlierMixin, BaseLocalPlanes):
 
     `_score` returns how abnormal points are: larger is more abnormal. `fit` sets ``offset_``.
     """
+
+    def _locality(self):
+        """The whole cloud: surfaces are judged by their size, whatever their extent."""
+        return None, None
 
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
         """Opposite of the abnormality of each point in its neighborhood.

@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 
-__all__ = ["CoarseCoordinatesWarning", "coordinate_step", "warn_if_coarse"]
+__all__ = ["CoarseCoordinatesWarning", "coordinate_step", "step_of_levels", "warn_if_coarse"]
 
 # A gap is a whole number of steps if it differs from one by this share of a step at most.
 TOLERANCE = 0.02
@@ -62,14 +62,23 @@ def coordinate_step(X):
         heights is no rounded cloud. A rounded cloud that was rotated is not found. A few points
         that were not rounded do no harm.
     """
+    return step_of_levels(np.unique(axis, return_counts=True) for axis in X.T)
+
+
+def step_of_levels(levels):
+    """The same from the values of each axis, ascending, and how often each occurs.
+
+    Parameters
+    ----------
+    levels : iterable of (ndarray of shape (m,), ndarray of int of shape (m,))
+    """
     steps, flat = [], []
-    for axis in X.T:
-        values, counts = np.unique(axis, return_counts=True)
+    for values, counts in levels:
         gaps = np.diff(values[counts >= RARE * _typical(counts)])
-        rounding = 8 * np.finfo(X.dtype).eps * max(abs(values[0]), abs(values[-1]))
+        rounding = 8 * np.finfo(values.dtype).eps * max(abs(values[0]), abs(values[-1]))
         gaps = gaps[gaps > rounding]
         if gaps.size < FEWEST_GAPS:
-            flat.append(np.diff(values[counts >= LEAST_LEVEL * len(axis)]))
+            flat.append(np.diff(values[counts >= LEAST_LEVEL * counts.sum()]))
             continue
         step = _lattice_step(gaps, rounding)
         if step == 0.0:
