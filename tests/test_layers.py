@@ -24,12 +24,13 @@ ROOMS = {
     "normals": {"planes", "baselines"},
     "segmentation": {"planes", "normals"},  # estimates normals where none are given
     "edges": {"planes", "normals", "outliers"},  # likewise, of a cleaned cloud
+    "tiling": {"planes", "normals", "io"},
     "resampling": {"outliers"},
     "plotting": set(),
     "paper": {"baselines", "cli", "datasets", "edges", "io", "metrics", "normals", "outliers",
               "planes", "plotting", "segmentation"},
     "cli": {"adjustment", "datasets", "edges", "io", "metrics", "normals", "outliers", "planes",
-            "plotting", "segmentation"},
+            "plotting", "segmentation", "tiling"},
 }  # fmt: skip
 
 

@@ -1,0 +1,236 @@
+"""Points on disk in cells of few points each: a k-d tree that grows while points arrive.
+
+A cell that becomes too large is halved at the median of its longest side. So no cell has more
+points than it may have, however the density differs, and the points are read only once. Each
+point is written about two and a half times.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sklearn_mcmd.planes._certificate import SLACK
+from sklearn_mcmd.planes._indexed_cloud import distinct_rows
+
+__all__ = ["RECORD", "CellWriter", "Cells"]
+
+# A point as it is stored, with its place in the order of all inputs.
+RECORD = np.dtype([("xyz", np.float64, 3), ("row", np.int64)])
+BOXES = "cells.npz"
+LEAF = 32
+
+
+class CellWriter:
+    """Scatters points to the files of cells.
+
+    Parameters
+    ----------
+    folder : path
+        An empty folder.
+    capacity : int
+        Largest number of points in a cell; copies of one point are never divided.
+    share : float, default=0.5
+        Share of the points of a cell that are left of the cut. Results do not depend on it.
+    """
+
+    def __init__(self, folder, capacity, share=0.5):
+        self.folder, self.capacity, self.share = Path(folder), capacity, share
+        # Of each node, the axis, the place of the cut, and the first of two children; -1 of a leaf.
+        self.nodes = [(-1, 0.0, -1)]
+        self.counts = [0]
+        self.boxes = [np.array([[-np.inf] * 3, [np.inf] * 3])]
+        self.extents = [_no_extent()]
+
+    def add(self, xyz, row):
+        """Take points (n, 3); `row` is the place of the first of them."""
+        records = np.empty(len(xyz), RECORD)
+        records["xyz"], records["row"] = xyz, np.arange(row, row + len(xyz))
+        self._put(0, records)
+
+    def close(self):
+        """Write what the cells are; returns these as `Cells`."""
+        leaves = [i for i, (_, _, child) in enumerate(self.nodes) if child < 0 and self.counts[i]]
+        boxes, extents = np.array(self.boxes)[leaves], np.array(self.extents)[leaves]
+        counts = np.array(self.counts)[leaves]
+        np.savez(
+            self.folder / BOXES, names=leaves, low=boxes[:, 0], high=boxes[:, 1],
+            least=extents[:, 0], most=extents[:, 1], counts=counts,
+        )  # fmt: skip
+        return Cells(self.folder)
+
+    def _put(self, node, records):
+        waiting = [(node, records)]
+        while waiting:
+            node, records = waiting.pop()
+            axis, cut, child = self.nodes[node]
+            if child >= 0:
+                left = records["xyz"][:, axis] < cut
+                parts = (child, records[left]), (child + 1, records[~left])
+                waiting += [part for part in parts if len(part[1])]
+                continue
+            with open(_path(self.folder, node), "ab") as file:
+                records.tofile(file)
+            self.counts[node] += len(records)
+            extent, xyz = self.extents[node], records["xyz"]
+            np.minimum(extent[0], xyz.min(axis=0), out=extent[0])
+            np.maximum(extent[1], xyz.max(axis=0), out=extent[1])
+            if self.counts[node] > self.capacity:
+                waiting += self._divide(node)
+
+    def _divide(self, node):
+        """Make a leaf an inner node; returns its points, which are to be put below it."""
+        axis = int(np.argmax(self.extents[node][1] - self.extents[node][0]))
+        path = _path(self.folder, node)
+        records = np.fromfile(path, RECORD)
+        cut = _cut(records["xyz"][:, axis], self.share)
+        if cut is None:
+            return []
+        path.unlink()
+        child = len(self.nodes)
+        self.nodes[node], self.counts[node] = (axis, cut, child), 0
+        for side in (1, 0):
+            box = self.boxes[node].copy()
+            box[side, axis] = cut
+            self.nodes.append((-1, 0.0, -1))
+            self.counts.append(0)
+            self.boxes.append(box)
+            self.extents.append(_no_extent())
+        return [(node, records)]
+
+
+class Cells:
+    """The points that a `CellWriter` has scattered.
+
+    Attributes
+    ----------
+    low, high : ndarray of shape (n_cells, 3)
+        Boxes ``low <= x < high`` that together are all of space.
+    counts : ndarray of int of shape (n_cells,)
+    """
+
+    def __init__(self, folder):
+        self.folder = Path(folder)
+        with np.load(self.folder / BOXES) as stored:
+            self.low, self.high, self.counts = stored["low"], stored["high"], stored["counts"]
+            self._names, self._least, self._most = (stored[n] for n in ("names", "least", "most"))
+
+    def __len__(self):
+        return len(self.counts)
+
+    def read(self, cell):
+        """The points of a cell, as records in the order of the inputs."""
+        return np.fromfile(_path(self.folder, self._names[cell]), RECORD)
+
+    def extent(self, cell):
+        """The least and the most coordinates of a cell's points."""
+        return self._least[cell], self._most[cell]
+
+    def around(self, cell, width, most):
+        """Points outside a cell and near its box.
+
+        Parameters
+        ----------
+        cell : int
+        width : float
+            Distance from the box up to which points are taken. It is halved as often as there are
+            too many.
+        most : int
+            Points that may be taken.
+
+        Returns
+        -------
+        points : ndarray of shape (n, 3)
+        low, high : ndarray of shape (3,)
+            The box of which these and the cell's are all points.
+        """
+        low, high = self.low[cell] - width, self.high[cell] + width
+        reached = ((self._least < high) & (self._most >= low)).all(axis=1)
+        reached[cell] = False
+        points = np.empty((0, 3))
+        for other in np.flatnonzero(reached):
+            points = np.vstack([points, _inside(self.read(other)["xyz"], low, high)])
+            while len(points) > most:
+                width /= 2
+                low, high = self.low[cell] - width, self.high[cell] + width
+                points = _inside(points, low, high)
+        return points, low, high
+
+    def neighbors(self, queries, k, reach):
+        """Points of the cloud not farther from queries than the k-th nearest of each.
+
+        Parameters
+        ----------
+        queries : ndarray of shape (m, 3)
+        k : int
+            Neighbors, of points that are distinct.
+        reach : ndarray of shape (m,)
+            Distances within which each has k neighbors; inf is always right.
+
+        Returns
+        -------
+        found : ndarray of shape (n, 3)
+            Distinct.
+        farthest : float
+            The largest distance of a k-th neighbor.
+        """
+        trees, nearest, reach = {}, np.full((len(queries), k), np.inf), reach.copy()
+        low, high = queries.min(axis=0) - reach.max(), queries.max(axis=0) + reach.max()
+        near = np.flatnonzero(((self._least <= high) & (self._most >= low)).all(axis=1))
+        gaps = {cell: _gaps(queries, self._least[cell], self._most[cell]) for cell in near}
+        for cell in sorted(near, key=lambda cell: gaps[cell].min()):
+            asking = np.flatnonzero(gaps[cell] <= reach)
+            tree = self._tree(cell, queries[asking], reach[asking]) if len(asking) else None
+            if tree is None or tree.n == 0:
+                continue
+            trees[cell] = tree
+            distances = tree.query(queries[asking], np.arange(1, k + 1))[0]
+            both = np.sort(np.hstack([nearest[asking], distances]), axis=1)
+            nearest[asking] = both[:, :k]
+            reach[asking] = np.minimum(reach[asking], SLACK * both[:, k - 1])
+        found = [np.empty((0, 3))]
+        for cell, tree in trees.items():
+            asking = np.flatnonzero(gaps[cell] <= reach)
+            if len(asking):
+                found.append(tree.data[_within(tree, queries[asking], reach[asking])])
+        return np.vstack(found), reach.max()
+
+    def _tree(self, cell, queries, reach):
+        """The distinct points of a cell that may be within reach of queries."""
+        xyz = self.read(cell)["xyz"]
+        low, high = (queries - reach[:, None]).min(axis=0), (queries + reach[:, None]).max(axis=0)
+        xyz = xyz[((xyz >= low) & (xyz <= high)).all(axis=1)]
+        xyz = xyz[distinct_rows(xyz)[0]] if len(xyz) else xyz
+        return cKDTree(xyz, leafsize=LEAF, balanced_tree=False)
+
+
+def _within(tree, queries, reach):
+    """Rows of a tree's points within a distance of any query."""
+    found = tree.query_ball_point(queries, reach, return_sorted=False)
+    return np.unique(np.concatenate(found).astype(np.intp))
+
+
+def _cut(values, share):
+    """A value between the least and the most; None if there is none."""
+    cut = np.partition(values, int(share * len(values)))[int(share * len(values))]
+    if cut > values.min():
+        return float(cut)
+    above = values[values > cut]
+    return float(above.min()) if len(above) else None
+
+
+def _inside(points, low, high):
+    return points[((points >= low) & (points < high)).all(axis=1)]
+
+
+def _gaps(queries, low, high):
+    """Distances of queries from a box; 0 within it."""
+    return np.linalg.norm(np.maximum(np.maximum(low - queries, queries - high), 0.0), axis=1)
+
+
+def _no_extent():
+    return np.array([[np.inf] * 3, [-np.inf] * 3])
+
+
+def _path(folder, name):
+    return folder / f"{name}.points"

@@ -1,0 +1,104 @@
+"""How much memory a run may take, and how many points a tile then may have."""
+
+import os
+import re
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+from joblib import effective_n_jobs
+
+__all__ = ["Plan", "bytes_in_memory", "parse_memory", "plan_run", "usual_memory"]
+
+UNITS = {"": 1, "B": 1, "KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
+# Share of the machine's memory that a run may take by itself, and what it takes where the machine
+# does not tell.
+SHARE, UNKNOWN = 0.5, 4e9
+# Measured, see docs/tiling.rst: bytes of a process with its compiled code, for each point of a tile
+# while its normals are computed, for each point of a cloud in memory besides what its record has,
+# and for each value of a feature.
+PROCESS, TILE_POINT, CLOUD_POINT, FEATURE = 330e6, 650, 450, 24
+# Points read or written at once, and bytes for each while that is done.
+PART, PART_POINT = 250_000, 400
+LEAST_TILE = 20_000  # smaller tiles are mostly halo
+FILL = 0.7  # how full cells are that are halved when they are full
+
+
+class Plan(NamedTuple):
+    """How a catalog is to be divided.
+
+    n_workers : int
+    tile_size : int
+        Largest number of points in a tile.
+    n_tiles : int
+        About as many.
+    memory, disk : float
+        Bytes, about; disk is for temporary files.
+    """
+
+    n_workers: int
+    tile_size: int
+    n_tiles: int
+    memory: float
+    disk: float
+
+
+def parse_memory(memory):
+    """Bytes of a text such as "2GB" or "500 MB", or of a number."""
+    if not isinstance(memory, str):
+        return float(memory)
+    found = re.fullmatch(r"\s*([0-9]+\.?[0-9]*)\s*([KMGT]?)(i?)B?\s*", memory, re.IGNORECASE)
+    if not found or float(found[1]) == 0:
+        raise ValueError(f"memory={memory!r} is no size: write it like 2GB or 500MB.")
+    number, unit, binary = found.groups()
+    power = " KMGT".index(unit.upper() or " ")
+    return float(number) * (1024 if binary else 1000) ** power
+
+
+def usual_memory():
+    """Bytes that a run takes if it is not told: half of the machine's, or of its container's."""
+    limits = []
+    with suppress(AttributeError, OSError, ValueError):  # Windows has no sysconf
+        limits.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    for path in ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"):
+        with suppress(OSError, ValueError):  # the first may hold a word
+            limits.append(int(Path(path).read_text()))
+    return SHARE * min(limits) if limits else UNKNOWN
+
+
+def bytes_in_memory(catalog, n_features=0):
+    """What normals of a whole catalog take in memory, about."""
+    points = sum(
+        n * (size + CLOUD_POINT + FEATURE * n_features)
+        for n, size in zip(catalog.counts, catalog.record_sizes, strict=True)
+    )
+    return PROCESS + points
+
+
+def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None):
+    """Divide points so that all workers together stay within the memory.
+
+    Raises
+    ------
+    ValueError
+        If one worker with the smallest tile would take more.
+    """
+    bytes_a_point = TILE_POINT + FEATURE * n_features
+    own = PROCESS + PART * PART_POINT  # of the process that reads and writes
+    least = PROCESS + LEAST_TILE * bytes_a_point
+    if memory < own or memory < least:
+        raise ValueError(
+            f"memory={memory / 1e6:.0f}MB is too little: at least {max(own, least) / 1e6:.0f}MB "
+            "is needed."
+        )
+    n_workers = effective_n_jobs(n_jobs)
+    if n_workers > 1:  # processes of their own
+        n_workers = max(1, min(n_workers, int((memory - PROCESS) // least)))
+    for_tiles = memory - PROCESS * (n_workers + (n_workers > 1))
+    most = int(for_tiles / n_workers / bytes_a_point)
+    tile_size = min(most, n_points) if tile_size is None else tile_size
+    n_tiles = max(1, round(n_points / (FILL * tile_size))) if tile_size < n_points else 1
+    n_workers = min(n_workers, n_tiles)
+    used = PROCESS * (n_workers + (n_workers > 1)) + n_workers * tile_size * bytes_a_point
+    disk = n_points * (32 + 8 + 4 * (8 + n_features))
+    return Plan(n_workers, tile_size, n_tiles, max(own, used), disk)

@@ -1,0 +1,300 @@
+"""Normals of clouds larger than memory: points into cells, tiles in processes, outputs in order."""
+
+import gc
+import json
+import os
+import shutil
+import time
+import warnings
+from collections.abc import Iterable
+from numbers import Integral
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from joblib import Parallel, delayed
+from sklearn.base import clone
+
+from sklearn_mcmd.io import PointFileError
+from sklearn_mcmd.io._las_parts import read_parts
+from sklearn_mcmd.normals import RobustNormalEstimator
+from sklearn_mcmd.planes._base import BaseLocalPlanes
+from sklearn_mcmd.planes._progress import listen_to_progress, progress_part
+from sklearn_mcmd.planes._resolution import CoarseCoordinatesWarning
+from sklearn_mcmd.tiling._catalog import Catalog
+from sklearn_mcmd.tiling._cells import Cells, CellWriter
+from sklearn_mcmd.tiling._constants import WholeCloud
+from sklearn_mcmd.tiling._folder import WorkFolder, key_of
+from sklearn_mcmd.tiling._memory import PART, parse_memory, plan_run, usual_memory
+from sklearn_mcmd.tiling._outputs import targets_of, tell, write_outputs
+from sklearn_mcmd.tiling._tile import (
+    NORMAL_COLUMNS,
+    TileReport,
+    normal_columns,
+    normals_of_tile,
+    tile_files,
+)
+
+__all__ = ["RunReport", "TilingError", "write_normals"]
+
+# Shares of the time, for the display of progress.
+SCATTERED, COMPUTED = 0.07, 0.93
+COLLECTED = 50_000  # points of a tile whose memory is worth the time to look for it
+WARM_UP = 1_500  # points that make this process load or compile the code once, for all others
+
+
+class TilingError(ValueError):
+    """A run ended before its output was whole; the message names what is kept of it."""
+
+
+class RunReport(NamedTuple):
+    """What a run came to.
+
+    Attributes
+    ----------
+    n_points, n_tiles, n_workers : int
+    n_resumed : int
+        Tiles that an earlier run had finished.
+    n_proved : int
+        Points whose normals the first halo proved. The others were computed again, from all points
+        that they depend on.
+    removed_fraction : float
+        Mean share of a neighborhood that was removed.
+    seconds : float
+    """
+
+    n_points: int
+    n_tiles: int
+    n_workers: int
+    n_resumed: int
+    n_proved: int
+    removed_fraction: float
+    seconds: float
+
+
+def write_normals(
+    source: Catalog | str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
+    target: str | os.PathLike[str],
+    estimator: RobustNormalEstimator | None = None,
+    *,
+    memory: str | float | None = None,
+    n_jobs: int | None = None,
+    tile_size: int | None = None,
+    cut: float = 0.5,
+    as_folder: bool | None = None,
+    restart: bool = False,
+) -> RunReport:
+    """Normals of all points of large files, equal to those computed in memory.
+
+    All points are read once and divided into tiles. The normals of a tile are computed with the
+    points around it, its halo. Each is proved: if a neighborhood that it depends on reaches beyond
+    the halo, it is computed again from all points that it depends on. So the output is that of
+    ``estimator.fit`` on all points together, to the last bit, whatever the tiles are.
+
+    Parameters
+    ----------
+    source : Catalog, or what it takes
+        Files or a folder.
+    target : str or os.PathLike
+        A LAS or LAZ file for one file, or a folder for several or a folder. Outputs have the names
+        of their inputs, all attributes, and the order of the points. They may replace the inputs.
+    estimator : RobustNormalEstimator, default=None
+        With an int as `random_state`, a number of neighbors, and no ``orientation="mst"``, which
+        depends on the whole cloud. None is ``RobustNormalEstimator(random_state=0)``.
+    memory : str or float, default=None
+        What the run may take, such as "2GB" or a number of bytes. None is half of the machine's.
+    n_jobs : int, default=None
+        Processes. None means 1 unless in a :obj:`joblib.parallel_config` context, and -1 means all
+        processors; fewer, where the memory asks for it.
+    tile_size : int, default=None
+        Largest number of points in a tile; None is what the memory allows.
+    cut : float in (0, 1), default=0.5
+        Share of a tile that comes to the left when it is divided. Results do not depend on it.
+    as_folder : bool, default=None
+        Whether `target` is a folder. None means that it is, if there are several files or `source`
+        is a folder.
+    restart : bool, default=False
+        Whether to forget what an earlier run has left. By default a run with the same inputs and
+        parameters goes on where the earlier one ended.
+
+    Returns
+    -------
+    RunReport
+
+    Raises
+    ------
+    PointFileError
+        If a file cannot be read or written.
+    TilingError
+        If some tiles failed, or the run ended in another way after all points were read. Temporary
+        files are then kept, and the message names them.
+    ValueError
+        If the estimator's results depend on the whole cloud, or the memory is too little.
+
+    See Also
+    --------
+    Catalog : What files hold.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from sklearn_mcmd.datasets import make_street
+    >>> from sklearn_mcmd.io import read_points, write_points
+    >>> from sklearn_mcmd.tiling import write_normals
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     a, b = Path(folder) / "a.las", Path(folder) / "b.las"
+    ...     write_points(a, make_street(8_000, random_state=0).data)
+    ...     report = write_normals(a, b, tile_size=3_000)
+    ...     print(report.n_tiles, "tiles;", *list(read_points(b).attributes)[-8:-4])
+    4 tiles; normal_x normal_y normal_z surface_variation
+    """
+    begin = time.perf_counter()
+    if estimator is None:
+        estimator = RobustNormalEstimator(random_state=0)
+    _check(estimator)
+    catalog = source if isinstance(source, Catalog) else Catalog(source)
+    if as_folder is None:
+        as_folder = len(catalog) > 1 or (
+            isinstance(source, str | os.PathLike) and Path(source).is_dir()
+        )
+    targets = targets_of(catalog, Path(target), as_folder)
+    estimator = clone(estimator).set_params(n_jobs=1)
+    names = _warm_up(estimator)
+    memory = usual_memory() if memory is None else parse_memory(memory)
+    plan = plan_run(catalog.n_points, memory, n_jobs, len(names) - len(NORMAL_COLUMNS), tile_size)
+    _check_disk(Path(os.path.realpath(target)).parent, plan.disk)
+    key = key_of(catalog, estimator, plan.tile_size, cut, _version())
+    folder = WorkFolder(target, key)
+    if restart:
+        folder.remove()
+        folder = WorkFolder(target, key)
+    if folder.constants is None:
+        try:
+            with progress_part(0.0, SCATTERED, "reading"):
+                _scatter(catalog, folder, plan.tile_size, cut)
+        except BaseException:
+            folder.remove()
+            raise
+    try:
+        for path in targets:
+            path.parent.mkdir(exist_ok=True)
+        with progress_part(SCATTERED, COMPUTED, "normals"):
+            n_resumed = _compute(folder, estimator, plan.n_workers, catalog.n_points)
+        with progress_part(COMPUTED, 1.0, "writing"):
+            removed = write_outputs(catalog, targets, folder, names)
+    except (Exception, KeyboardInterrupt, SystemExit) as err:
+        kept = f"what was done is kept in {folder.path}, and the same run goes on from there"
+        if isinstance(err, Exception) and not isinstance(err, Warning):  # the user may raise these
+            raise TilingError(f"{str(err) or type(err).__name__}; {kept}") from err
+        warnings.warn(kept, stacklevel=2)
+        raise
+    reports = _reports(folder)
+    folder.remove()
+    return RunReport(
+        catalog.n_points, len(reports), plan.n_workers, n_resumed,
+        sum(report.n_proved for report in reports), removed, time.perf_counter() - begin,
+    )  # fmt: skip
+
+
+def _check(estimator):
+    if not isinstance(estimator, BaseLocalPlanes) or estimator._locality()[0] is None:
+        raise ValueError(
+            f"{type(estimator).__name__} cannot work by tiles with these parameters: with "
+            'n_neighbors=None or orientation="mst" results depend on the whole cloud.'
+        )
+    if not isinstance(estimator.random_state, Integral):
+        raise ValueError(
+            f"random_state={estimator.random_state!r} must be an int, so that all tiles make the "
+            "same trials."
+        )
+
+
+def _warm_up(estimator):
+    """The names of results; compiled code is then on disk for all processes."""
+    points = np.random.default_rng(0).uniform(size=(WARM_UP, 3)) * [1, 1, 0.01]
+    with warnings.catch_warnings(), progress_part(0.0, 0.0):
+        warnings.simplefilter("ignore")
+        return normal_columns(clone(estimator).fit(points))[0]
+
+
+def _check_disk(folder, wanted):
+    free = shutil.disk_usage(folder).free
+    if free < wanted:
+        raise PointFileError(
+            f"{folder}: temporary files need about {wanted / 1e9:.3g} GB, and {free / 1e9:.3g} GB "
+            "are free"
+        )
+
+
+def _scatter(catalog, folder, capacity, cut):
+    """Read all points once: into cells, and for the constants of the whole cloud."""
+    writer, whole, row = CellWriter(folder.cells, capacity, cut), WholeCloud(), 0
+    for path in catalog.paths:
+        for cloud in read_parts(path, PART):
+            writer.add(cloud.xyz, row)
+            whole.add(cloud.xyz)
+            row += len(cloud)
+            tell(row / catalog.n_points)
+    writer.close()
+    folder.finish_cells(whole.constants())
+
+
+def _compute(folder, estimator, n_workers, n_points):
+    """Results of all tiles that have none; returns how many had."""
+    cells, constants = Cells(folder.cells), folder.constants
+    todo = [cell for cell in range(len(cells)) if not folder.is_done(cell)]
+    todo.sort(key=lambda cell: -cells.counts[cell])
+    n_done, begin, failed = n_points - int(cells.counts[todo].sum()), time.monotonic(), 0
+    told = False
+    n_before = n_done
+    work = Parallel(n_jobs=n_workers, return_as="generator_unordered", batch_size=1)
+    for cell, error, coarse in work(
+        delayed(_attempt)(folder.cells, cell, estimator, constants, folder.results) for cell in todo
+    ):
+        n_done += int(cells.counts[cell])
+        if coarse is not None and not told:
+            told = True
+            warnings.warn(CoarseCoordinatesWarning(*coarse), stacklevel=3)
+        if error is not None:
+            failed += 1
+            low, high = cells.extent(cell)
+            warnings.warn(f"tile {cell} failed ({_between(low, high)}): {error}", stacklevel=3)
+        rate = (n_done - n_before) / max(time.monotonic() - begin, 1e-9)
+        tell(n_done / n_points, f"normals, {rate:,.0f} points/s")
+    if failed:
+        raise TilingError(f"{failed} of {len(cells)} tiles failed")
+    return len(cells) - len(todo)
+
+
+def _attempt(folder, cell, estimator, constants, target):
+    """The tile; in one line why it failed, which does not end the others; and what is coarse."""
+    error = None
+    with warnings.catch_warnings(record=True) as said, listen_to_progress(None):
+        warnings.simplefilter("always")
+        try:
+            report = normals_of_tile(folder, cell, estimator, constants, target)
+            if report.n_points > COLLECTED:
+                gc.collect()  # an index and its table of neighbors know each other
+        except Exception as err:
+            error = f"{type(err).__name__}: {' '.join(str(err).split())}".removesuffix(": ")
+    coarse = [w.message.args for w in said if isinstance(w.message, CoarseCoordinatesWarning)]
+    return cell, error, coarse[0] if coarse else None
+
+
+def _between(low, high):
+    return ", ".join(
+        f"{axis} {a:.6g} to {b:.6g}" for axis, a, b in zip("xyz", low, high, strict=True)
+    )
+
+
+def _reports(folder):
+    cells = Cells(folder.cells)
+    files = (tile_files(folder.results, cell)[1] for cell in range(len(cells)))
+    return [TileReport(**json.loads(file.read_text())) for file in files]
+
+
+def _version():
+    from sklearn_mcmd import __version__
+
+    return __version__

@@ -1,0 +1,29 @@
+"""Clouds in files and their normals in memory, which those by tiles must equal."""
+
+import numpy as np
+from sklearn.base import clone
+
+from sklearn_mcmd import RobustNormalEstimator
+from sklearn_mcmd.datasets import make_street
+from sklearn_mcmd.io import PointCloud, read_points, write_points
+from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.tiling._tile import normal_columns
+
+# Few neighbors, so that little lies around small tiles.
+ESTIMATOR = RobustNormalEstimator(16, random_state=0)
+
+
+def street(n, seed=0):
+    """A part of a street in national coordinates, in millimeters, with copies and attributes."""
+    xyz = make_street(n, outlier_share=0.03, random_state=seed).data
+    xyz = np.round(xyz + np.array([362_000, 5_157_000, 100]), 3)
+    xyz[-50:] = xyz[:50]
+    return PointCloud(xyz, {"intensity": np.arange(n).astype(np.uint16)})
+
+
+def in_memory(source, target, estimator=ESTIMATOR):
+    """Write what a run by tiles must equal."""
+    cloud = read_points(source)
+    names, columns = normal_columns(clone(estimator).fit(cloud.xyz))
+    write_points(target, with_results(cloud, dict(zip(names, columns.T.copy(), strict=True))))
+    return target

@@ -1,0 +1,116 @@
+"""Catalogs know what files hold, and refuse what cannot be one cloud."""
+
+import io
+
+import laspy
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from sklearn_mcmd.io import PointFileError, write_points
+from sklearn_mcmd.tiling import Catalog
+
+WKT = 'LOCAL_CS["{}",UNIT["metre",1]]'
+
+
+def write(path, n=5, crs=None, point_format=6):
+    header = laspy.LasHeader(version="1.4", point_format=point_format)
+    header.scales = [0.01] * 3
+    if crs is not None:
+        header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(WKT.format(crs)))
+    las = laspy.LasData(header)
+    las.x = las.y = las.z = np.arange(n, dtype=float)
+    las.write(path)
+    return path
+
+
+def test_a_folder_is_all_its_las_and_laz_in_the_order_of_names(tmp_path):
+    for name, n in {"b.laz": 4, "a.LAS": 3, "c.copc.laz": 2}.items():
+        write(tmp_path / name, n, "site")
+    (tmp_path / "notes.txt").write_text("of others")
+    catalog = Catalog(tmp_path)
+    assert [path.name for path in catalog.paths] == ["a.LAS", "b.laz", "c.copc.laz"]
+    assert catalog.counts == [3, 4, 2]
+    assert (catalog.n_points, len(catalog), catalog.crs) == (9, 3, "site")
+    assert catalog.record_sizes == [30, 30, 30]
+    assert_allclose([catalog.low, catalog.high], [[0] * 3, [3] * 3])
+    assert repr(catalog) == "Catalog(3 files, 9 points)"
+
+
+def test_files_are_taken_in_the_order_that_they_are_given(tmp_path):
+    paths = [write(tmp_path / "b.las"), write(tmp_path / "a.las")]
+    assert Catalog(paths).paths == paths
+
+
+def test_no_points_are_read(tmp_path):
+    path = write(tmp_path / "a.laz", 100_000)
+    content = path.read_bytes()
+    start = laspy.open(io.BytesIO(content)).header.offset_to_point_data
+    path.write_bytes(content[:start] + bytes(len(content) - start))
+    assert Catalog(path).n_points == 100_000
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("empty.las", b"", r"empty\.las: is empty \(0 bytes\)"),
+        ("junk.laz", b"x" * 999, r"junk\.laz: not a LAS/LAZ file"),
+        ("cloud.ply", b"ply", r"cloud\.ply: .* must be LAS or LAZ"),
+        ("missing.las", None, r"missing\.las: no such file"),
+    ],
+)
+def test_what_is_no_las_is_named(tmp_path, name, content, message):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(PointFileError, match=message):
+        Catalog([write(tmp_path / "good.las"), tmp_path / name])
+
+
+def test_a_file_without_points_is_named(tmp_path):
+    with pytest.raises(PointFileError, match=r"a\.las: holds no points"):
+        Catalog(write(tmp_path / "a.las", 0))
+
+
+def test_a_truncated_file_is_named(tmp_path):
+    path = write(tmp_path / "a.las", 50)
+    path.write_bytes(path.read_bytes()[:-30])
+    with pytest.raises(PointFileError, match=r"a\.las: truncated"):
+        Catalog(path)
+
+
+@pytest.mark.parametrize("crs", ["another site", None])
+def test_different_coordinate_systems_are_refused(tmp_path, crs):
+    paths = [write(tmp_path / "a.las", crs="site"), write(tmp_path / "b.las", crs=crs)]
+    with pytest.raises(
+        PointFileError, match=rf"b\.las: .* \({crs or 'no system'}\).*a\.las \(site"
+    ):
+        Catalog(paths)
+
+
+def test_two_files_of_one_name_are_refused(tmp_path):
+    (tmp_path / "x").mkdir()
+    paths = [write(tmp_path / "a.las"), write(tmp_path / "x" / "a.las")]
+    with pytest.raises(PointFileError, match="several files have this name"):
+        Catalog(paths)
+
+
+def test_wave_packets_are_refused(tmp_path):
+    with pytest.raises(PointFileError, match="wave packets"):
+        Catalog(write(tmp_path / "a.las", point_format=9))
+
+
+def test_a_scale_of_zero_is_refused(tmp_path):
+    path = write(tmp_path / "a.las")
+    with open(path, "rb+") as file:
+        file.seek(131)
+        file.write(bytes(8))
+    with pytest.raises(PointFileError, match="broken header"):
+        Catalog(path)
+
+
+def test_a_folder_without_point_files_is_refused(tmp_path):
+    write_points(tmp_path / "a.xyz", np.zeros((3, 3)))
+    with pytest.raises(PointFileError, match=r"without \.las or \.laz"):
+        Catalog(tmp_path)
+    with pytest.raises(PointFileError, match="no files"):
+        Catalog([])

@@ -1,0 +1,48 @@
+"""Plans stay within the memory."""
+
+import pytest
+
+from sklearn_mcmd.tiling._memory import PROCESS, parse_memory, plan_run, usual_memory
+
+
+@pytest.mark.parametrize(
+    ("text", "size"),
+    [("2GB", 2e9), ("500 MB", 5e8), ("1.5g", 1.5e9), ("1GiB", 2**30), ("700", 700), (5e8, 5e8)],
+)
+def test_sizes_are_read_as_people_write_them(text, size):
+    assert parse_memory(text) == size
+
+
+@pytest.mark.parametrize("text", ["much", "", "-2GB", "2XB", "0GB"])
+def test_what_is_no_size_is_refused(text):
+    with pytest.raises(ValueError, match="write it like 2GB"):
+        parse_memory(text)
+
+
+def test_the_usual_memory_is_a_share_of_the_machines():
+    assert 1e8 < usual_memory() < 1e14
+
+
+@pytest.mark.parametrize("n_jobs", [1, 2, 64])
+@pytest.mark.parametrize("memory", [1e9, 2e9, 64e9])
+def test_all_processes_together_stay_within_the_memory(n_jobs, memory):
+    plan = plan_run(10**9, memory, n_jobs, n_features=3)
+    assert 1 <= plan.n_workers <= n_jobs
+    assert plan.memory <= memory
+    assert plan.n_tiles * plan.tile_size >= 10**9
+
+
+def test_more_memory_means_larger_tiles():
+    sizes = [plan_run(10**9, memory, 1).tile_size for memory in (1e9, 2e9, 4e9)]
+    assert sizes == sorted(sizes)
+    assert sizes[0] > 5e5
+
+
+def test_a_small_cloud_is_one_tile():
+    plan = plan_run(1_000, 8e9, 4)
+    assert (plan.n_tiles, plan.n_workers) == (1, 1)
+
+
+def test_too_little_memory_is_refused_with_what_is_needed():
+    with pytest.raises(ValueError, match="at least 4"):
+        plan_run(10**6, PROCESS, 1)

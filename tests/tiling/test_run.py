@@ -1,0 +1,373 @@
+"""Normals by tiles equal those in memory, and what goes wrong has a clear outcome."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import laspy
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from sklearn.base import clone
+
+from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
+from sklearn_mcmd.datasets import make_airborne_scan, make_mobile_scan, make_street
+from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
+from sklearn_mcmd.tiling import Catalog, TilingError, _outputs, _run, _tile, write_normals
+from sklearn_mcmd.tiling._tile import normal_columns, normals_of_tile
+from tiled import ESTIMATOR, in_memory, street
+
+TILE = 5_000
+
+
+def files_in(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.mark.parametrize("tile_size", [2_000, 3_000, TILE, 8_000, 50_000])
+def test_the_output_is_that_of_memory_for_any_tile_size(street_file, tmp_path, tile_size):
+    source, expected = street_file
+    report = write_normals(source, tmp_path / "out.laz", ESTIMATOR, tile_size=tile_size)
+    assert (tmp_path / "out.laz").read_bytes() == expected.read_bytes()
+    assert report.n_tiles >= 12_000 / tile_size
+    assert (report.n_proved < report.n_points) == (report.n_tiles > 1)
+    assert files_in(tmp_path) == ["out.laz"]
+
+
+@pytest.mark.parametrize("cut", [0.3, 0.45, 0.7])
+def test_the_output_does_not_depend_on_where_tiles_begin(street_file, tmp_path, cut):
+    source, expected = street_file
+    write_normals(source, tmp_path / "out.laz", ESTIMATOR, tile_size=TILE, cut=cut)
+    assert (tmp_path / "out.laz").read_bytes() == expected.read_bytes()
+
+
+def test_the_output_does_not_depend_on_the_number_of_processes(street_file, tmp_path):
+    source, expected = street_file
+    report = write_normals(source, tmp_path / "out.laz", ESTIMATOR, tile_size=TILE, n_jobs=2)
+    assert report.n_workers == 2
+    assert (tmp_path / "out.laz").read_bytes() == expected.read_bytes()
+
+
+@pytest.mark.parametrize(
+    "params",
+    [
+        {"borrow": False},
+        {"refine": None},
+        {"method": "pca"},
+        {"method": "mcmd_md", "n_neighbors": 20},
+        {"radius": 0.2, "features": ["roughness", "mean_curvature", "max_curvature_direction"]},
+        {"orientation": "viewpoint", "viewpoint": [362_002, 5_157_002, 103]},
+    ],
+    ids=lambda params: "-".join(params),
+)
+def test_the_output_is_that_of_memory_for_all_parameters(small_file, tmp_path, params):
+    estimator = RobustNormalEstimator(**{"n_neighbors": 16, "random_state": 3, **params})
+    expected = in_memory(small_file, tmp_path / "expected.las", estimator)
+    write_normals(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
+    assert (tmp_path / "out.las").read_bytes() == expected.read_bytes()
+
+
+def test_single_precision_is_recognized_in_the_whole_cloud(tmp_path):
+    rng = np.random.default_rng(0)
+    xyz = rng.integers(0, 3000, (4_000, 3)) * [1, 1, 0.02] // 1 / 64
+    write_points(tmp_path / "a.las", xyz)
+    cloud = read_points(tmp_path / "a.las")
+    assert_array_equal(cloud.xyz.astype(np.float32), cloud.xyz)
+    fitted = clone(ESTIMATOR).fit(cloud.xyz.astype(np.float32))
+    write_normals(tmp_path / "a.las", tmp_path / "b.las", ESTIMATOR, tile_size=1_500)
+    found = read_points(tmp_path / "b.las").attributes
+    for name, values in zip(*columns_of(fitted), strict=True):
+        assert_array_equal(found[name], values)
+
+
+def columns_of(fitted):
+    names, columns = normal_columns(fitted)
+    return names, columns.T
+
+
+def test_files_of_a_folder_are_one_cloud_and_have_an_output_each(tmp_path):
+    whole = street(5_000)
+    left = whole.xyz[:, 0] < np.median(whole.xyz[:, 0])
+    (tmp_path / "in").mkdir()
+    write_points(tmp_path / "in" / "a.laz", whole.subset(left))
+    write_points(tmp_path / "in" / "b.las", whole.subset(~left))
+    report = write_normals(tmp_path / "in", tmp_path / "out", ESTIMATOR, tile_size=2_000)
+    assert files_in(tmp_path / "out") == ["a.laz", "b.las"]
+    parts = [read_points(tmp_path / "out" / name) for name in ("a.laz", "b.las")]
+    inputs = [read_points(tmp_path / "in" / name) for name in ("a.laz", "b.las")]
+    fitted = clone(ESTIMATOR).fit(np.vstack([p.xyz for p in inputs]))
+    for name, values in zip(*columns_of(fitted), strict=True):
+        assert_array_equal(np.concatenate([p.attributes[name] for p in parts]), values)
+    for before, after in zip(inputs, parts, strict=True):
+        assert_array_equal(before.attributes["intensity"], after.attributes["intensity"])
+        assert_array_equal(before.metadata["las_points"]["X"], after.metadata["las_points"]["X"])
+    removed = np.concatenate([p.attributes["removed_fraction"] for p in parts])
+    assert report.removed_fraction == pytest.approx(removed.mean(dtype=float), rel=1e-9)
+
+
+def test_mixed_point_formats_stay_as_they_are(tmp_path):
+    (tmp_path / "in").mkdir()
+    for seed, (name, colored) in enumerate({"a.las": False, "b.las": True}.items()):
+        cloud = street(2_500, seed)
+        colors = {c: np.zeros(len(cloud), np.uint16) for c in ("red", "green", "blue")}
+        write_points(tmp_path / "in" / name, cloud.with_attributes(**(colors if colored else {})))
+    write_normals(tmp_path / "in", tmp_path / "out", ESTIMATOR, tile_size=2_000)
+    formats = [
+        laspy.open(tmp_path / "out" / name).header.point_format.id for name in ("a.las", "b.las")
+    ]
+    assert formats == [6, 7]
+
+
+def test_the_same_points_in_two_files_count_once(tmp_path):
+    (tmp_path / "in").mkdir()
+    write_points(tmp_path / "in" / "a.las", street(3_000))
+    shutil.copy(tmp_path / "in" / "a.las", tmp_path / "in" / "b.las")
+    write_normals(tmp_path / "in", tmp_path / "out", ESTIMATOR, tile_size=2_000)
+    expected = in_memory(tmp_path / "in" / "a.las", tmp_path / "expected.las")
+    # The step of rounding is the same too, since all values occur twice.
+    for name in ("a.las", "b.las"):
+        assert (tmp_path / "out" / name).read_bytes() == expected.read_bytes()
+
+
+def test_bounds_in_the_header_do_not_matter(small_file, tmp_path):
+    expected = in_memory(small_file, tmp_path / "expected.las")
+    with open(small_file, "rb+") as file:
+        file.seek(179)
+        file.write(np.array([1.0, 0.0, 1.0, 0.0, 1.0, 0.0]).tobytes())
+    write_normals(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+    assert (tmp_path / "out.las").read_bytes() == expected.read_bytes()
+
+
+@pytest.mark.parametrize("small", [_tile.SMALL, 500])
+def test_densities_may_differ_a_thousandfold(tmp_path, monkeypatch, small):
+    monkeypatch.setattr(_tile, "SMALL", small)  # narrow halos, and few points computed at once
+    sparse, dense = street(3_000, 1).xyz, street(3_000, 2).xyz
+    dense = np.round(dense.min(axis=0) + (dense - dense.min(axis=0)) / 30, 3)
+    source = tmp_path / "uneven.las"
+    write_points(source, np.vstack([sparse, dense]))
+    expected = in_memory(source, tmp_path / "expected.las")
+    write_normals(source, tmp_path / "out.las", ESTIMATOR, tile_size=4_000)
+    assert (tmp_path / "out.las").read_bytes() == expected.read_bytes()
+
+
+def test_an_output_may_replace_its_input(small_file, tmp_path):
+    expected = in_memory(small_file, tmp_path / "expected.las").read_bytes()
+    write_normals(small_file, small_file, ESTIMATOR, tile_size=2_000)
+    assert small_file.read_bytes() == expected
+    # Now there are columns of these names.
+    write_normals(small_file, small_file, ESTIMATOR, tile_size=2_500)
+    assert small_file.read_bytes() == expected
+
+
+RUN = """
+import sys
+from sklearn_mcmd import RobustNormalEstimator
+from sklearn_mcmd.tiling import write_normals
+write_normals(sys.argv[1], sys.argv[2], RobustNormalEstimator(16, random_state=0), tile_size=1_500)
+"""
+
+
+def test_a_run_that_was_killed_goes_on(street_file, tmp_path):
+    source, expected = street_file
+    before = source.read_bytes()
+    target = tmp_path / "out.laz"
+    process = subprocess.Popen([sys.executable, "-c", RUN, source, target])
+    results, give_up = tmp_path / "out.laz.tiles" / "results", time.monotonic() + 60
+    while len(list(results.glob("*.results"))) < 2:
+        assert process.poll() is None
+        assert time.monotonic() < give_up
+        time.sleep(0.005)
+    process.send_signal(signal.SIGKILL if os.name == "posix" else signal.SIGTERM)
+    process.wait()
+    assert not target.exists()
+    report = write_normals(source, target, ESTIMATOR, tile_size=1_500)
+    assert report.n_resumed >= 2
+    assert target.read_bytes() == expected.read_bytes()
+    assert source.read_bytes() == before
+    assert files_in(tmp_path) == ["out.laz"]
+
+
+@pytest.fixture
+def failing(monkeypatch):
+    """Cells whose tiles fail."""
+    cells = set()
+
+    def work(folder, cell, *args):
+        if cell in cells:
+            raise MemoryError("too much\nof it")
+        return normals_of_tile(folder, cell, *args)
+
+    monkeypatch.setattr(_run, "normals_of_tile", work)
+    return cells
+
+
+def test_a_tile_that_fails_has_its_line_and_does_not_end_the_others(small_file, tmp_path, failing):
+    target = tmp_path / "out.las"
+    failing.add(1)
+    with (
+        pytest.warns(UserWarning, match=r"tile 1 failed \(x 36200\d.*\): MemoryError: too much of"),
+        pytest.raises(TilingError, match=r"1 of 4 tiles failed; .*out\.las\.tiles, and"),
+    ):
+        write_normals(small_file, target, ESTIMATOR, tile_size=2_000)
+    assert files_in(tmp_path) == ["out.las.tiles", "small.las"]
+    failing.clear()
+    report = write_normals(small_file, target, ESTIMATOR, tile_size=2_000)
+    assert (report.n_resumed, report.n_tiles) == (3, 4)
+    assert target.read_bytes() == in_memory(small_file, tmp_path / "e.las").read_bytes()
+
+
+@pytest.mark.parametrize("change", ["parameters", "input", "restart"])
+def test_other_parameters_or_inputs_begin_anew(small_file, tmp_path, failing, change):
+    failing.add(1)
+    with pytest.warns(match="tile 1 failed"), pytest.raises(TilingError):
+        write_normals(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+    failing.clear()
+    k = 20 if change == "parameters" else 16
+    if change == "input":
+        os.utime(small_file, (1, 1))
+    estimator = RobustNormalEstimator(k, random_state=0)
+    report = write_normals(
+        small_file, tmp_path / "out.las", estimator, tile_size=2_000, restart=change == "restart"
+    )
+    assert report.n_resumed == 0
+    expected = in_memory(small_file, tmp_path / "e.las", RobustNormalEstimator(k, random_state=0))
+    assert (tmp_path / "out.las").read_bytes() == expected.read_bytes()
+
+
+def test_an_input_that_vanishes_is_named(small_file, tmp_path):
+    catalog = Catalog(small_file)
+    small_file.rename(tmp_path / "elsewhere.las")
+    with pytest.raises(PointFileError, match=r"small\.las: cannot be read: no such file"):
+        write_normals(catalog, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+    assert files_in(tmp_path) == ["elsewhere.las"]
+
+
+def test_an_input_that_changes_during_the_run_is_noticed(small_file, tmp_path, monkeypatch):
+    compute = _run._compute
+
+    def shorten(*args):
+        done = compute(*args)
+        write_points(small_file, street(5_000))
+        return done
+
+    monkeypatch.setattr(_run, "_compute", shorten)
+    with pytest.raises(TilingError, match="has changed"):
+        write_normals(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+    assert not (tmp_path / "out.las").exists()
+
+
+def test_a_damaged_chunk_is_named_and_leaves_nothing(street_file, tmp_path):
+    content = bytearray(street_file[0].read_bytes())
+    path = tmp_path / "damaged.laz"
+    content[-len(content) // 2 :] = bytes(len(content[-len(content) // 2 :]))
+    path.write_bytes(content)
+    with pytest.raises(PointFileError, match=r"damaged\.laz: "):
+        write_normals(path, tmp_path / "out.laz", ESTIMATOR, tile_size=TILE)
+    assert files_in(tmp_path) == ["damaged.laz"]
+    assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [
+        ("nowhere/out.las", "does not exist"),
+        ("out.ply", r"\.las or \.laz only"),
+        ("out.copc.laz", "COPC can be read"),
+        (".", "is a folder"),
+    ],
+)
+def test_a_target_that_cannot_be_is_refused_before_the_work(small_file, tmp_path, target, message):
+    with pytest.raises(PointFileError, match=message):
+        write_normals(small_file, tmp_path / target)
+    assert files_in(tmp_path) == ["small.las"]
+
+
+def test_outputs_that_were_written_before_are_not_written_again(tmp_path, monkeypatch):
+    (tmp_path / "in").mkdir()
+    for seed, name in enumerate(("a.las", "b.las")):
+        write_points(tmp_path / "in" / name, street(2_500, seed))
+    replacing, ready = _outputs.replacing, []
+
+    def fail_at_second(target):
+        ready.append(target.name)
+        if len(ready) == 2:
+            raise OSError(28, "No space left on device", str(target))
+        return replacing(target)
+
+    monkeypatch.setattr(_outputs, "replacing", fail_at_second)
+    with pytest.raises(TilingError, match=r"No space left .*out\.tiles"):
+        write_normals(tmp_path / "in", tmp_path / "out", ESTIMATOR, tile_size=2_000)
+    assert files_in(tmp_path / "out") == ["a.las"]
+    report = write_normals(tmp_path / "in", tmp_path / "out", ESTIMATOR, tile_size=2_000)
+    assert ready == ["a.las", "b.las", "b.las"]
+    assert report.n_resumed == report.n_tiles
+    removed = [
+        read_points(tmp_path / "out" / n).attributes["removed_fraction"] for n in ("a.las", "b.las")
+    ]
+    assert report.removed_fraction == pytest.approx(np.concatenate(removed).mean(dtype=float))
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write")
+def test_a_read_only_output_is_refused_before_the_work(small_file, tmp_path):
+    target = tmp_path / "out.las"
+    target.touch(mode=0o400)
+    with pytest.raises(PointFileError, match="write-protected"):
+        write_normals(small_file, target)
+
+
+def test_outputs_of_a_folder_need_a_folder(small_file, tmp_path):
+    with pytest.raises(PointFileError, match="need a folder"):
+        write_normals(tmp_path, tmp_path / "out.laz")
+
+
+def test_a_folder_of_others_is_not_removed(small_file, tmp_path):
+    other = tmp_path / "out.las.tiles" / "mine.txt"
+    other.parent.mkdir()
+    other.write_text("mine")
+    with pytest.raises(FileExistsError, match="in the way"):
+        write_normals(small_file, tmp_path / "out.las")
+    assert other.read_text() == "mine"
+
+
+def test_too_small_a_disk_is_said_before_the_work(small_file, tmp_path, monkeypatch):
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(9, 8, 1000))
+    with pytest.raises(PointFileError, match="are free"):
+        write_normals(small_file, tmp_path / "out.las")
+
+
+@pytest.mark.parametrize(
+    ("estimator", "message"),
+    [
+        (RobustNormalEstimator(orientation="mst", random_state=0), "whole cloud"),
+        (RobustNormalEstimator(None, random_state=0), "whole cloud"),
+        (RobustNormalEstimator(), "random_state"),
+        (MCMDOutlierDetector(random_state=0), "whole cloud"),
+    ],
+)
+def test_estimators_that_need_the_whole_cloud_are_refused(small_file, tmp_path, estimator, message):
+    with pytest.raises(ValueError, match=message):
+        write_normals(small_file, tmp_path / "out.las", estimator)
+
+
+SCENES = {
+    "street": lambda: make_street(100_000, outlier_share=0.1, random_state=1).data,
+    "mobile": lambda: make_mobile_scan(100_000, random_state=1).data,
+    "airborne": lambda: make_airborne_scan(100_000, random_state=1).data,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_hundred_thousand_points_have_the_normals_of_memory(scene, tmp_path):
+    source = tmp_path / "scene.laz"
+    write_points(source, PointCloud(np.round(SCENES[scene](), 3)))
+    usual = RobustNormalEstimator(random_state=0)
+    expected = in_memory(source, tmp_path / "expected.laz", usual).read_bytes()
+    runs = [(5_000, 0.5, 1), (10_000, 0.5, 2), (20_000, 0.3, 1), (35_000, 0.6, 2), (70_000, 0.5, 1)]
+    for tile_size, cut, n_jobs in runs:
+        target = tmp_path / "out.laz"
+        write_normals(source, target, tile_size=tile_size, cut=cut, n_jobs=n_jobs)
+        assert target.read_bytes() == expected
