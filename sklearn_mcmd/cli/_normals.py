@@ -7,12 +7,13 @@ import numpy as np
 import typer
 
 from sklearn_mcmd.cli._files import WORKING, blank, coordinates, read, rehearse, with_results, write
+from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
-    InFile,
+    InFiles,
     NJobs,
     NNeighborsOrAuto,
-    OutFile,
+    OutFiles,
     OutlierRate,
     Quiet,
     RandomState,
@@ -23,11 +24,6 @@ from sklearn_mcmd.cli._waiting import progress
 from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["normals"]
-
-_NORMAL_COLUMNS = (
-    *("normal_x", "normal_y", "normal_z", "surface_variation"),
-    *("eigenvalue_0", "eigenvalue_1", "eigenvalue_2", "removed_fraction"),
-)
 
 
 class NormalMethod(StrEnum):
@@ -47,8 +43,8 @@ DIRECTIONS = {Orientation.none: None, Orientation.up: [0.0, 0.0, 1.0]}
 
 
 def normals(
-    source: InFile,
-    target: OutFile,
+    source: InFiles,
+    target: OutFiles,
     n_neighbors: NNeighborsOrAuto = 50,
     method: Annotated[
         NormalMethod,
@@ -103,10 +99,17 @@ def normals(
     outlier_rate: OutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
+    memory: Memory = None,
+    dry_run: DryRun = False,
+    restart: Restart = False,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
     """Add normals, surface variation and eigenvalues, robust to outliers and edges.
+
+    LAS and LAZ that need more than --memory, and folders of them, are divided into tiles. The
+    results are the same. Temporary files lie beside OUT, in OUT.tiles. If a run ends early, they
+    are kept, and the same command goes on from there.
 
     All points are kept. New attributes, float32, are normal_x, normal_y, normal_z,
     surface_variation (0 on a plane, at most 1/3), eigenvalue_0 to eigenvalue_2
@@ -115,52 +118,98 @@ def normals(
     """
     viewpoint = _parse_viewpoint(orientation, viewpoint)
     features = _parse_features(features)
+    params = {
+        "n_neighbors": n_neighbors,
+        "method": str(method),
+        "radius": radius,
+        "orientation": DIRECTIONS.get(orientation, str(orientation)),
+        "viewpoint": viewpoint,
+        "features": features,
+        "cutoff": cutoff,
+        "outlier_rate": outlier_rate,
+        "random_state": random_state,
+        "n_jobs": n_jobs,
+    }
     with clear_exits(allow_coarse=allow_coarse):
         seconds = stopwatch()
+        catalog = large_catalog(source, memory, len(_feature_columns(features)))
+        if catalog is not None:
+            _check_local(source, n_neighbors, orientation)
+        if dry_run:
+            print_plan(source, target, catalog, _estimator(params), memory)
+            return
+        if catalog is not None:
+            return _by_tiles(source, target, catalog, params, memory, restart, quiet, seconds)
         with progress("normals", quiet):
             cloud = read(source, target, "normals")
-            columns = (*_NORMAL_COLUMNS, *_feature_columns(features), *_size_column(n_neighbors))
+            columns = (*_columns(), *_feature_columns(features), *_size_column(n_neighbors))
             rehearse(target, with_results(cloud, dict.fromkeys(columns, blank(cloud))))
-            results = _find_normals(
-                coordinates(cloud),
-                n_neighbors=n_neighbors,
-                method=str(method),
-                radius=radius,
-                orientation=DIRECTIONS.get(orientation, str(orientation)),
-                viewpoint=viewpoint,
-                features=features,
-                cutoff=cutoff,
-                outlier_rate=outlier_rate,
-                random_state=random_state,
-                n_jobs=n_jobs,
-            )
+            results = _find_normals(coordinates(cloud), params)
             write(target, with_results(cloud, results))
         if not quiet:
             removed = float(results["removed_fraction"].mean(dtype=np.float64))
             print_summary(
                 *(source, target, len(cloud), seconds()),
-                removed=f"{100 * removed:.2f} % of an average neighborhood",
+                removed=_removed(removed),
                 **{"surface variation": f"{np.median(results['surface_variation']):.2g} (median)"},
             )
 
 
-def _find_normals(xyz, **params):
-    """The columns `_NORMAL_COLUMNS`, and those of `features`."""
+def _check_local(source, n_neighbors, orientation):
+    """Raise if normals depend on the whole cloud."""
+    for option, instead in (
+        (orientation is Orientation.mst and "--orientation mst", "--orientation viewpoint"),
+        (n_neighbors == "auto" and "--n-neighbors auto", "a number of neighbors"),
+    ):
+        if option:
+            raise ValueError(
+                f"{source}: {option} needs the whole cloud in memory; give more --memory, or "
+                f"{instead}"
+            )
+
+
+def _by_tiles(source, target, catalog, params, memory, restart, quiet, seconds):
+    from sklearn_mcmd.tiling import write_normals
+
+    with progress("normals", quiet):
+        report = write_normals(
+            catalog, target, _estimator(params), memory=memory, n_jobs=params["n_jobs"],
+            restart=restart, as_folder=source.is_dir(),
+        )  # fmt: skip
+    if not quiet:
+        again = report.n_points - report.n_proved
+        print_summary(
+            *(source, target, report.n_points, seconds()),
+            tiles=f"{report.n_tiles:,}, of which {report.n_resumed:,} were done before",
+            removed=_removed(report.removed_fraction),
+            proved=f"all; {again:,} from more points than lie around their tile",
+        )
+
+
+def _removed(share):
+    return f"{100 * share:.2f} % of an average neighborhood"
+
+
+def _estimator(params):
     from sklearn_mcmd import RobustNormalEstimator
 
+    return RobustNormalEstimator(**params)
+
+
+def _columns():
+    from sklearn_mcmd.tiling._tile import NORMAL_COLUMNS
+
+    return NORMAL_COLUMNS
+
+
+def _find_normals(xyz, params):
+    """The columns of results by their names."""
+    from sklearn_mcmd.tiling._tile import normal_columns
+
     with progress_part(*WORKING):
-        fitted = RobustNormalEstimator(**params).fit(xyz)
-    columns = np.column_stack(
-        [
-            fitted.normals_,
-            fitted.surface_variation_,
-            fitted.eigenvalues_,
-            fitted.removed_fraction_,
-            fitted.features_,
-        ]
-    )
-    names = (*_NORMAL_COLUMNS, *_feature_columns(params.get("features", ())))
-    results = dict(zip(names, columns.astype(np.float32).T.copy(), strict=True))
+        fitted = _estimator(params).fit(xyz)
+    names, columns = normal_columns(fitted)
+    results = dict(zip(names, columns.T.copy(), strict=True))
     for name in _size_column(params["n_neighbors"]):
         results[name] = fitted.n_neighbors_.astype(np.float32)
     return results

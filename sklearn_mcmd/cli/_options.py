@@ -9,10 +9,12 @@ import typer
 __all__ = [
     "AllowCoarse",
     "InFile",
+    "InFiles",
     "NJobs",
     "NNeighbors",
     "NNeighborsOrAuto",
     "OutFile",
+    "OutFiles",
     "OutlierRate",
     "Quiet",
     "RandomState",
@@ -72,6 +74,16 @@ def _not_zero(value):
 InFile = Annotated[Path, typer.Argument(metavar="IN", help="Point file to read.")]
 OutFile = Annotated[
     Path, typer.Argument(metavar="OUT", help="Point file to write, of any format; may be IN.")
+]
+InFiles = Annotated[
+    Path, typer.Argument(metavar="IN", help="Point file to read, or a folder of LAS and LAZ files.")
+]
+OutFiles = Annotated[
+    Path,
+    typer.Argument(
+        metavar="OUT",
+        help="Point file to write, of any format, or a folder for a folder; may be IN.",
+    ),
 ]
 NNeighbors = Annotated[
     int,

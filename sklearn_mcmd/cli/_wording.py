@@ -7,7 +7,7 @@ __all__ = ["in_words_of_options"]
 # Parameters that are options of a verb; `name=value` becomes `--name value`.
 OPTIONS = (
     *("alpha", "contamination", "criterion", "cutoff", "false_positive_rate", "features"),
-    *("max_angle", "max_distance", "max_gap", "method", "min_angle"),
+    *("max_angle", "max_distance", "max_gap", "memory", "method", "min_angle"),
     *("min_region_size", "n_jobs", "n_neighbors", "noise_scale", "outlier_rate", "radius"),
     *("random_state", "robust_start", "sigma0", "strictness", "surface", "threshold", "viewpoint"),
 )

@@ -66,6 +66,8 @@ class BaseLocalPlanes(BaseEstimator):
         orientation = getattr(self, "orientation", None)
         if self.n_neighbors is None or (isinstance(orientation, str) and orientation == "mst"):
             return None, None
+        if self.n_neighbors == "auto":  # sizes are smoothed many times over the neighbors
+            return None, None
         robust = self.method in METHODS and METHODS[self.method].needs_consistent_set
         if not (robust and self.refine == "reweight"):
             return 0, self.n_neighbors

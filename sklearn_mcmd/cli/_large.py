@@ -1,0 +1,103 @@
+"""Clouds larger than memory: options, and the plan that ``--dry-run`` shows."""
+
+import time
+from typing import Annotated
+
+import typer
+
+from sklearn_mcmd.cli._speech import print_table
+
+__all__ = ["DryRun", "Memory", "Restart", "large_catalog", "print_plan"]
+
+SAMPLE = 50_000  # points whose time is measured
+MORE = 1.3  # time of tiles over that in memory, about
+PARSED_SUFFIXES = (".las", ".laz")
+
+
+def _memory(text):
+    from sklearn_mcmd.tiling._memory import parse_memory
+
+    try:
+        return parse_memory(text)
+    except ValueError as err:
+        raise typer.BadParameter(str(err).partition(" ")[2]) from err
+
+
+Memory = Annotated[
+    float | None,
+    typer.Option(
+        parser=_memory,
+        metavar="SIZE",
+        help="What may be taken, such as 2GB. Files that need more are divided into tiles.",
+        show_default="half of the machine's memory",
+    ),
+]
+DryRun = Annotated[
+    bool, typer.Option("--dry-run", help="Show tiles, memory and time, as estimated, and stop.")
+]
+Restart = Annotated[
+    bool, typer.Option("--restart", help="Begin anew, whatever an earlier run has left.")
+]
+
+
+def large_catalog(source, memory, n_features):
+    """The catalog of a source that is to be divided into tiles, else None.
+
+    Faults of a single file are left to the reading of it.
+    """
+    if source.is_dir():
+        from sklearn_mcmd.tiling import Catalog
+
+        return Catalog(source)
+    if source.suffix.lower() not in PARSED_SUFFIXES:
+        return None
+    from sklearn_mcmd.io import PointFileError
+    from sklearn_mcmd.tiling import Catalog
+    from sklearn_mcmd.tiling._memory import bytes_in_memory, usual_memory
+
+    try:
+        catalog = Catalog(source)
+    except PointFileError:
+        return None
+    limit = usual_memory() if memory is None else memory
+    return catalog if bytes_in_memory(catalog, n_features) > limit else None
+
+
+def print_plan(source, target, catalog, estimator, memory):
+    """Print tiles, memory and time; the time is measured with the first points."""
+    from sklearn.base import clone
+
+    from sklearn_mcmd.io._las_parts import read_parts
+    from sklearn_mcmd.tiling import Catalog
+    from sklearn_mcmd.tiling._memory import bytes_in_memory, plan_run, usual_memory
+    from sklearn_mcmd.tiling._tile import NORMAL_COLUMNS, normal_columns
+
+    tiles = catalog is not None
+    catalog = catalog or Catalog(source)
+    xyz = next(iter(read_parts(catalog.paths[0], SAMPLE))).xyz[:SAMPLE]
+    n_jobs, estimator = estimator.n_jobs, clone(estimator).set_params(n_jobs=1)
+    names, _ = normal_columns(clone(estimator).fit(xyz[:2000]))  # loads compiled code
+    begin = time.perf_counter()
+    clone(estimator).fit(xyz)
+    seconds = (time.perf_counter() - begin) / len(xyz) * catalog.n_points
+    n_features = len(names) - len(NORMAL_COLUMNS)
+    rows = {"points": f"{catalog.n_points:,}", "files": f"{len(catalog):,}"}
+    if tiles:
+        limit = usual_memory() if memory is None else memory
+        plan = plan_run(catalog.n_points, limit, n_jobs, n_features)
+        seconds *= MORE / plan.n_workers
+        rows |= {
+            "tiles": f"about {plan.n_tiles:,} of at most {plan.tile_size:,} points",
+            "processes": f"{plan.n_workers}",
+            "memory": f"about {plan.memory / 1e9:.2g} GB",
+            "disk": f"about {plan.disk / 1e9:.2g} GB for temporary files beside {target}",
+        }
+    else:
+        rows["memory"] = f"about {bytes_in_memory(catalog, n_features) / 1e9:.2g} GB, without tiles"
+    print_table(f"{source} -> {target}", **rows, time=f"about {_in_words(seconds)}")
+
+
+def _in_words(seconds):
+    if seconds < 120:
+        return f"{seconds:.0f} seconds"
+    return f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.1f} hours"

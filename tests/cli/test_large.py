@@ -1,0 +1,118 @@
+"""mcmd on files larger than memory, and on folders."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from commands import error_line, files_in, run
+from sklearn_mcmd.io import read_points, write_points
+from sklearn_mcmd.tiling import _memory, _run
+from tiled import street
+
+ONE = ("--n-jobs", 1)
+
+
+@pytest.fixture
+def small_machine(monkeypatch):
+    """A process takes nothing, so that 2 MB are tiles of 3,000 points."""
+    for name, value in {"PROCESS": 0, "PART": 1_000, "LEAST_TILE": 1_000}.items():
+        monkeypatch.setattr(_memory, name, value)
+
+
+@pytest.fixture
+def source(tmp_path):
+    write_points(tmp_path / "street.laz", street(6_000))
+    return tmp_path / "street.laz"
+
+
+def test_a_file_larger_than_memory_gets_the_output_that_it_has_in_memory(
+    small_machine, source, tmp_path
+):
+    a, b = tmp_path / "a.laz", tmp_path / "b.laz"
+    options = ("--features", "roughness,mean_curvature", "--orientation", "up")
+    assert run("normals", source, a, *options).exit_code == 0
+    result = run("normals", source, b, *options, "--memory", "2MB", *ONE)
+    assert result.exit_code == 0, result.output
+    assert "tiles" in result.stdout
+    assert "all; " in result.stdout
+    assert a.read_bytes() == b.read_bytes()
+    assert files_in(tmp_path) == ["a.laz", "b.laz", "street.laz"]
+
+
+def test_a_file_that_fits_into_memory_has_no_tiles(source, tmp_path):
+    result = run("normals", source, tmp_path / "b.laz", "--memory", "4GB")
+    assert result.exit_code == 0, result.output
+    assert "tiles" not in result.stdout
+
+
+def test_a_folder_becomes_a_folder(source, tmp_path):
+    (tmp_path / "in").mkdir()
+    for name in ("a.laz", "b.laz"):
+        shutil.copy(source, tmp_path / "in" / name)
+    result = run("normals", tmp_path / "in", tmp_path / "out", *ONE)
+    assert result.exit_code == 0, result.output
+    assert files_in(tmp_path / "out") == ["a.laz", "b.laz"]
+    assert "normal_x" in read_points(tmp_path / "out" / "b.laz").attributes
+
+
+def test_a_dry_run_shows_the_plan_and_writes_nothing(small_machine, source, tmp_path):
+    result = run("normals", source, tmp_path / "b.laz", "--memory", "2MB", "--dry-run", *ONE)
+    assert result.exit_code == 0, result.output
+    for words in ("6,000", "about 3 of at most 3,076 points", "0.002 GB", "seconds"):
+        assert words in result.stdout
+    assert files_in(tmp_path) == ["street.laz"]
+
+
+def test_a_dry_run_of_what_fits_into_memory_says_so(source, tmp_path):
+    result = run("normals", source, tmp_path / "b.laz", "--memory", "4GB", "--dry-run")
+    assert "without tiles" in result.stdout
+    assert files_in(tmp_path) == ["street.laz"]
+
+
+def test_what_needs_the_whole_cloud_is_refused(small_machine, source, tmp_path):
+    options = ("--memory", "2MB", "--orientation", "mst")
+    assert "--orientation mst" in error_line(run("normals", source, tmp_path / "b.laz", *options))
+
+
+def test_too_little_memory_is_said_in_words_of_the_option(source, tmp_path):
+    line = error_line(run("normals", source, tmp_path / "b.laz", "--memory", "10MB"))
+    assert "--memory 10MB is too little" in line
+
+
+@pytest.mark.parametrize("size", ["much", "0GB", "-1GB"])
+def test_a_wrong_size_is_wrong_usage(source, tmp_path, size):
+    result = run("normals", source, tmp_path / "b.laz", f"--memory={size}")
+    assert result.exit_code == 2
+    assert "2GB" in result.stderr
+
+
+def test_each_tile_that_failed_has_a_line_and_the_rest_is_kept(
+    small_machine, source, tmp_path, monkeypatch
+):
+    def fail(folder, cell, *args):
+        raise MemoryError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(_run, "normals_of_tile", fail)
+        args = ("normals", source, tmp_path / "b.laz", "--memory", "2MB", *ONE)
+        result = run(*args)
+    assert result.exit_code == 1
+    *tiles, error = result.stderr.splitlines()
+    assert [line.split("(")[0] for line in sorted(tiles)] == [
+        f"mcmd: warning: tile {i} failed " for i in range(len(tiles))
+    ]
+    assert error.startswith(f"mcmd: error: {len(tiles)} of {len(tiles)} tiles failed; ")
+    assert "b.laz.tiles" in error
+    assert run(*args, "--restart").exit_code == 0
+    assert files_in(tmp_path) == ["b.laz", "street.laz"]
+
+
+def test_single_precision_that_is_too_coarse_is_refused_unless_allowed(tmp_path, small_machine):
+    rng = np.random.default_rng(0)
+    write_points(tmp_path / "coarse.las", rng.integers(0, 60, (6_000, 3)) + 16_000_000.0)
+    args = ("normals", tmp_path / "coarse.las", tmp_path / "b.las", *ONE)
+    in_memory = error_line(run(*args))
+    assert "single precision" in in_memory
+    assert "single precision" in run(*args, "--memory", "2MB").stderr
+    assert run(*args, "--memory", "2MB", "--allow-coarse").exit_code == 0
