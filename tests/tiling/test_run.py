@@ -2,10 +2,8 @@
 
 import os
 import shutil
-import signal
 import subprocess
 import sys
-import time
 
 import laspy
 import numpy as np
@@ -162,32 +160,51 @@ def test_an_output_may_replace_its_input(small_file, tmp_path):
     assert small_file.read_bytes() == expected
 
 
+# A run that kills itself: when all points are read, after two tiles, or at the first output.
 RUN = """
-import sys
+import os, signal, sys
 from sklearn_mcmd import RobustNormalEstimator
-from sklearn_mcmd.tiling import write_normals
-write_normals(sys.argv[1], sys.argv[2], RobustNormalEstimator(16, random_state=0), tile_size=1_500)
+from sklearn_mcmd.tiling import _outputs, _run, write_normals
+
+source, target, place = sys.argv[1:]
+work, done = _run.normals_of_tile, []
+
+def die(*args):
+    os.kill(os.getpid(), getattr(signal, "SIGKILL", signal.SIGTERM))
+
+def two_tiles(*args):
+    done.append(work(*args) if len(done) < 2 else die())
+    return done[-1]
+
+if place == "reading":
+    _run.WorkFolder.finish_cells = die
+elif place == "tiles":
+    _run.normals_of_tile = two_tiles
+else:
+    _outputs.with_results = die
+write_normals(source, target, RobustNormalEstimator(16, random_state=0), tile_size=1_500)
 """
 
 
-def test_a_run_that_was_killed_goes_on(street_file, tmp_path):
-    source, expected = street_file
-    before = source.read_bytes()
-    target = tmp_path / "out.laz"
-    process = subprocess.Popen([sys.executable, "-c", RUN, source, target])
-    results, give_up = tmp_path / "out.laz.tiles" / "results", time.monotonic() + 60
-    while len(list(results.glob("*.results"))) < 2:
-        assert process.poll() is None
-        assert time.monotonic() < give_up
-        time.sleep(0.005)
-    process.send_signal(signal.SIGKILL if os.name == "posix" else signal.SIGTERM)
-    process.wait()
+@pytest.mark.parametrize(
+    ("place", "n_resumed"),
+    [
+        pytest.param("reading", 0, marks=pytest.mark.slow),
+        ("tiles", 2),
+        pytest.param("writing", 4, marks=pytest.mark.slow),
+    ],
+)
+def test_a_run_that_was_killed_goes_on(small_file, tmp_path, place, n_resumed):
+    expected = in_memory(small_file, tmp_path / "expected.las").read_bytes()
+    before, target = small_file.read_bytes(), tmp_path / "out.las"
+    died = subprocess.run([sys.executable, "-c", RUN, small_file, target, place])
+    assert died.returncode != 0
     assert not target.exists()
-    report = write_normals(source, target, ESTIMATOR, tile_size=1_500)
-    assert report.n_resumed >= 2
-    assert target.read_bytes() == expected.read_bytes()
-    assert source.read_bytes() == before
-    assert files_in(tmp_path) == ["out.laz"]
+    report = write_normals(small_file, target, ESTIMATOR, tile_size=1_500)
+    assert (report.n_resumed, report.n_tiles) == (n_resumed, 4)
+    assert target.read_bytes() == expected
+    assert small_file.read_bytes() == before
+    assert not (tmp_path / "out.las.tiles").exists()
 
 
 @pytest.fixture
