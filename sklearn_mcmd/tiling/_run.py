@@ -201,7 +201,7 @@ def _check(estimator):
     if not isinstance(estimator, BaseLocalPlanes) or estimator._locality()[0] is None:
         raise ValueError(
             f"{type(estimator).__name__} cannot work by tiles with these parameters: with "
-            'n_neighbors=None or orientation="mst" results depend on the whole cloud.'
+            'n_neighbors=None or "auto", or orientation="mst", results depend on the whole cloud.'
         )
     if not isinstance(estimator.random_state, Integral):
         raise ValueError(

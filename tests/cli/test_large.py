@@ -70,9 +70,11 @@ def test_a_dry_run_of_what_fits_into_memory_says_so(source, tmp_path):
     assert files_in(tmp_path) == ["street.laz"]
 
 
-def test_what_needs_the_whole_cloud_is_refused(small_machine, source, tmp_path):
-    options = ("--memory", "2MB", "--orientation", "mst")
-    assert "--orientation mst" in error_line(run("normals", source, tmp_path / "b.laz", *options))
+@pytest.mark.parametrize("option", [("--orientation", "mst"), ("--n-neighbors", "auto")])
+def test_what_needs_the_whole_cloud_is_refused(option, small_machine, source, tmp_path):
+    options = ("--memory", "2MB", *option)
+    line = error_line(run("normals", source, tmp_path / "b.laz", *options))
+    assert f"{' '.join(option)} needs the whole cloud in memory" in line
 
 
 def test_too_little_memory_is_said_in_words_of_the_option(source, tmp_path):

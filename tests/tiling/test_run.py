@@ -359,6 +359,7 @@ def test_too_small_a_disk_is_said_before_the_work(small_file, tmp_path, monkeypa
     ("estimator", "message"),
     [
         (RobustNormalEstimator(orientation="mst", random_state=0), "whole cloud"),
+        (RobustNormalEstimator("auto", random_state=0), "whole cloud"),
         (RobustNormalEstimator(None, random_state=0), "whole cloud"),
         (RobustNormalEstimator(), "random_state"),
         (MCMDOutlierDetector(random_state=0), "whole cloud"),
