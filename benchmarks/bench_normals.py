@@ -107,8 +107,9 @@ def fillets(options):
             for k in options.n_neighbors:
                 row = ""
                 for form in FORMS.values():
+                    form = {"n_neighbors": k, **form}
                     estimator = RobustNormalEstimator(
-                        k, random_state=0, n_jobs=options.threads, **form
+                        random_state=0, n_jobs=options.threads, **form
                     )
                     angles = unoriented_angles(estimator.fit(X).normals_[near], normals[near])
                     row += f"{errors(angles).rmse:15.2f}"

@@ -245,7 +245,7 @@ def test_a_small_shape_gets_a_line_for_each_kind_and_method(bench, tmp_path, cap
         lines = list(csv.DictReader(file))
     rmse = {(line["method"], line["kind"]): float(line["rmse"]) for line in lines}
     names = {line["method"] for line in lines}
-    assert {"PCA, k = 8", "jet, k = 50", "ours, default", "ours, k = 112"} <= names
+    assert {"PCA, k = 8", "jet, k = 50", "ours, default", "ours, auto", "ours, k = 112"} <= names
     assert len(rmse) == len(lines) == len(names) * len(ALL_KINDS)
     assert all(line["judged"] == "100" for line in lines if line["points"] == "300")
     # Quadrics know that a ball bends, planes do not know how large their neighborhoods may be.
@@ -253,8 +253,8 @@ def test_a_small_shape_gets_a_line_for_each_kind_and_method(bench, tmp_path, cap
     assert rmse["PCA, k = 8", "1.2 %"] > rmse["PCA, k = 8", "none"]
 
     *_, last = capsys.readouterr().out.strip().splitlines()
-    mean = np.mean([rmse["ours, borrow=False", kind] for kind in ALL_KINDS])
-    assert last.startswith("ours, borrow=False")
+    mean = np.mean([rmse["ours, auto", kind] for kind in ALL_KINDS])
+    assert last.startswith("ours, auto")
     assert float(last.split()[-1]) == pytest.approx(mean, abs=0.006)
 
 
