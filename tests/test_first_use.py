@@ -27,9 +27,9 @@ print(len(compiled.buffer) // 2)
     ("name", "most"),
     [
         ("MCMDOutlierDetector", 70),
-        ("RobustNormalEstimator", 72),
-        ("RegionGrowing", 74),
-        ("SharpFeatureDetector", 77),
+        ("RobustNormalEstimator", 88),
+        ("RegionGrowing", 101),
+        ("SharpFeatureDetector", 94),
     ],
 )
 def test_few_functions_are_compiled(name, most, tmp_path):
