@@ -1,6 +1,7 @@
 """Tasks in threads: each is done once, and errors end the work."""
 
 from threading import Barrier, current_thread, get_ident, main_thread
+from time import sleep
 
 import pytest
 from joblib import Parallel, delayed, parallel_config
@@ -62,6 +63,7 @@ def test_an_error_in_any_thread_ends_the_work(kind, in_main):
             together.wait()  # both threads are at work
             if (current_thread() is main_thread()) == in_main:
                 raise kind("broken")
+        sleep(1e-4)  # lets the thread that fails come to its turn
 
     with pytest.raises(kind, match="broken"):
         run([(i,) for i in range(10**5)], work, 2)
