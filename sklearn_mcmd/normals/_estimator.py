@@ -472,6 +472,17 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
                 curvatures = find_curvatures(self._model, planes, X, self.n_jobs)
         return evaluate_features(self._feature_names, planes, X, curvatures)
 
+    def _locality(self):
+        if self.n_neighbors in (None, "auto"):  # "auto" smooths sizes many times over neighbors
+            return None, None
+        if isinstance(self.orientation, str) and self.orientation == "mst":
+            return None, None
+        if not self._mends_planes():
+            return 0, self.n_neighbors
+        # A smooth neighborhood is compared with the noise of its members. Then a member may lend
+        # its plane, which was compared with the noise of the member's members.
+        return 2 if self.borrow else 1, self.n_neighbors
+
     def _mends_planes(self):
         """Whether the planes of Algorithm 4 are corrected by `SurfacePlanes`."""
         robust = self.method in METHODS and METHODS[self.method].needs_consistent_set

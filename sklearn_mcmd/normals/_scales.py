@@ -20,7 +20,7 @@ from sklearn_mcmd.planes._local_planes import COMPILE_FROM
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._plane import normal_errors
 from sklearn_mcmd.planes._progress import progress_part
-from sklearn_mcmd.planes._record import Neighborhoods, Planes
+from sklearn_mcmd.planes._record import Planes
 
 __all__ = ["LEAST", "ScaleFinder"]
 
@@ -70,8 +70,9 @@ class ScaleFinder:
                 errors, larger = self._fit(2 * k, self._reached(todo))
                 turns = self._quiet(_angles(normals, larger), todo)
                 bent = ~known & (turns > TURNED * error)
-                found[bent], normals = k, larger
+                found[bent] = k
                 known |= bent
+                normals = larger
             wanted[todo] = np.where(known, np.maximum(found, LEAST), np.inf)
             todo = wanted == np.inf
             wanted[todo] = self._quiet(wanted, todo)
@@ -139,8 +140,8 @@ class ScaleFinder:
         def task(part):
             rows = np.flatnonzero(wanted[part])
             if len(rows):
-                around = index.query_own(part, max(k, index.n_neighbors)).indices[rows, :k]
-                work(part.start + rows, Neighborhoods(around, np.full(len(rows), k)))
+                around = index.query_own(part, k, keep=k <= index.n_neighbors).take(rows)
+                work(part.start + rows, around)
 
         done, self._done = self._done, self._done + (1 - self._done) * SHARE
         with progress_part(done, self._done):

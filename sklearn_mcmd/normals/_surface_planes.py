@@ -87,24 +87,27 @@ class SurfacePlanes:
             own = planes.take(rows)
             rough = _rough(own, forms[rows])
             around = index.query_own(rows.start + rough)
-            found = self._lenders(points[rows], own, rough, around, lent)
+            found = self._lenders(points[rows], own, rough, around, planes)
             lenders[rows.start + rough] = found
 
         with progress_part(0.0, 0.8, "normals"):
             each_slice(m, self.model.chunk(), sweep, self.n_jobs)
         with progress_part(0.8, 0.9, "normals next to edges"):
             each_slice(m, self.model.chunk(), bend, self.n_jobs)
-        self.lent_noise = np.where(forms == BENT, self.noise, planes.scale)
-        lent = planes._replace(scale=self.lent_noise)
+        self.bent = np.flatnonzero(forms == BENT)
         if self.borrow:
+            own_scale = planes.scale[self.bent]
+            planes.scale[self.bent] = self.noise[self.bent]
             with progress_part(0.9, 1.0, "normals next to edges"):
                 each_slice(m, self.model.chunk(), ask, self.n_jobs)
+            planes.scale[self.bent] = own_scale
         return planes, lenders
 
     def evaluate(self, queries):
         """Planes of any queries (m, d)."""
         planes, members = Planes.empty(*queries.shape), self._members()
-        lent = members._replace(scale=self.lent_noise)
+        lent = members._replace(scale=members.scale.copy())
+        lent.scale[self.bent] = self.noise[self.bent]
 
         def task(part):
             points = queries[part]
@@ -213,9 +216,12 @@ class SurfacePlanes:
         rows, near = rows[creased], near.take(creased)
         if len(rows):
             faces = self._robust(points[rows], near)
-            members, whole = self.model.index.points, planes.take(rows)
-            folded = are_folded(members, near, whole, faces, self.compiled)
-            folded |= forms[rows] == FLAT  # one plane across the faces, with noise of their heights
+            folded = forms[rows] == FLAT  # one plane across the faces, with noise of their heights
+            bent = np.flatnonzero(~folded)
+            members, whole = self.model.index.points, planes.take(rows[bent])
+            folded[bent] = are_folded(
+                members, near.take(bent), whole, faces.take(bent), self.compiled
+            )
             planes.put(rows[folded], faces.take(folded))
             forms[rows[folded]] = ROUGH
 

@@ -63,17 +63,7 @@ class BaseLocalPlanes(BaseEstimator):
         n_neighbors : int or None
             Members of a neighborhood, at most.
         """
-        orientation = getattr(self, "orientation", None)
-        if self.n_neighbors is None or (isinstance(orientation, str) and orientation == "mst"):
-            return None, None
-        if self.n_neighbors == "auto":  # sizes are smoothed many times over the neighbors
-            return None, None
-        robust = self.method in METHODS and METHODS[self.method].needs_consistent_set
-        if not (robust and self.refine == "reweight"):
-            return 0, self.n_neighbors
-        # Of a normal: a smooth neighborhood is compared with the noise of its members. Then a
-        # member may lend its plane, which was compared with the noise of the member's members.
-        return (2 if getattr(self, "borrow", False) else 1), self.n_neighbors
+        return None, None
 
     def _fit_planes(self, X, radius=None, cutoff=None):
         """Validate X, settle the parameters that depend on it, and fit its local planes.
@@ -93,7 +83,7 @@ class BaseLocalPlanes(BaseEstimator):
         rule = METHODS[self.method]
         trials = draw_trials(
             self.n_trials_ if rule.needs_consistent_set else 0,
-            int(np.max(self.n_neighbors_)),
+            index.n_neighbors or len(X),
             self.random_state,
             length=LONGEST_TRIAL if self.n_neighbors is None else None,
         )
@@ -154,7 +144,7 @@ class BaseLocalPlanes(BaseEstimator):
 
     def _fit_comparator(self, comparator, X, index):
         """Let a registered method judge the neighborhoods."""
-        self.n_trials_, _ = comparator.table_shape(int(np.max(self.n_neighbors_)), X.shape[1])
+        self.n_trials_, _ = comparator.table_shape(index.n_neighbors or len(X), X.shape[1])
         precision, step = np.finfo(X.dtype).eps, self._coordinate_step(X)
         settings = PlaneSettings(self.method, precision, step, comparator=comparator)
         self._model = LocalPlaneModel(index, comparator.tables(self.random_state), settings)
@@ -163,7 +153,7 @@ class BaseLocalPlanes(BaseEstimator):
         """Validate X and return it with the index of its neighborhoods."""
         X = validate_data(self, X, dtype=[np.float64, np.float32], ensure_min_features=2)
         n, d = X.shape
-        fixed = None if self.n_neighbors == "auto" else self.n_neighbors
+        fixed = self.n_neighbors if isinstance(self.n_neighbors, Integral) else None
         check_sizes(n, d, fixed)
         check_extent(X)
         index = self._make_index(X.astype(np.float64, copy=False), radius)
@@ -207,10 +197,6 @@ class BasePlaneOutliers(OffsetOutlierMixin, BaseLocalPlanes):
 
     `_score` returns how abnormal points are: larger is more abnormal. `fit` sets ``offset_``.
     """
-
-    def _locality(self):
-        """The whole cloud: surfaces are judged by their size, whatever their extent."""
-        return None, None
 
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
         """Opposite of the abnormality of each point in its neighborhood.

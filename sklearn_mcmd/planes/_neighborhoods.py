@@ -108,14 +108,19 @@ class NeighborIndex:
         return self._within_radius(indices, distances, sizes)
 
     def _query_sized(self, rows, keep):
-        if self._table is None:  # after a pickle
-            self._table = self._own_table()
         sizes = self.sizes[rows]
         k = int(sizes.max(initial=1))
-        return _padded(self._table.query(rows, k, keep), sizes), sizes
+        shared = self.cloud.table
+        if shared is not None and k <= shared.k:
+            indices = shared.query(rows, k, keep)
+        else:
+            if self._table is None:  # after a pickle
+                self._table = self._own_table()
+            indices = self._table.query(rows, k, keep)
+        return _padded(indices, sizes), sizes
 
     def _own_table(self):
-        """Neighbors of the sizes that points have, which no other index could use."""
+        """Neighbors where more are needed than are shared, which no other index could use."""
         if self.sizes is None:
             return None
         return NeighborTable(self.cloud.search_own, len(self.points), self.n_neighbors, self.sizes)
