@@ -35,6 +35,9 @@ BEST, NOISY = 0.1, 3.0
 # the true normal is with 95 % confidence. With less, it is the least noisy of many planes by
 # chance, and no better.
 SIGNIFICANT = 1.73
+# Half a ball deviates from its plane by this share of its width, both as standard deviations. What
+# bends more is no height over a plane, whatever a quadric makes of it.
+HALF_BALL = 0.5
 # Field of the planes that no one asks of a member.
 UNUSED = "spacing"
 
@@ -156,6 +159,8 @@ class SurfacePlanes:
         if len(rest):
             robust = self._robust(points[rest], around.take(rest))
             rough = ~is_smooth(left[rest], robust.scale)
+            bend = np.square(deviation[rest]) - np.square(left[rest])  # without the noise
+            rough |= bend > np.square(HALF_BALL) * planes.eigenvalues[rest, 1]
             forms[rest[rough]] = ROUGH
             planes.put(rest[rough], robust.take(rough))
         noise = np.maximum(np.minimum(deviation, left), self._floor(planes))
