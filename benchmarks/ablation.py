@@ -331,6 +331,7 @@ PARTS = {
             Constant("normals._surface_planes", "BEST"),
             Constant("normals._surface_planes", "LEAST_NOISE", 0.0),
             Constant("normals._surface_planes", "SIGNIFICANT", 0.0),
+            Constant("normals._surface_planes", "HALF_BALL", np.inf),
             Constant("normals._lenders", "EXPLAINED", np.inf),
             Constant("normals._lenders", "PATCH"),
             Constant("normals._folds", "LEAST_EVIDENCE", np.inf),

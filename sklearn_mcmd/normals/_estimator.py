@@ -206,12 +206,12 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     The error of a normal is that of a plane, or of a quadric's tangent where the surface bends. If
     a neighborhood bends otherwise or holds an edge, this is the wrong model, and the angle to the
     surface's normal can be larger. The error assumes that noise is independent from point to
-    point. In simulations of planes in 3D with 20, 30 and 50 neighbors, 91 to 94 % of the normals
-    are within 1.73 errors without outliers, and 92 to 95 % with 20 % of them (by "pca" 94 to 98
-    %); of noisy quadrics 93 to 95 % of the tangents are. A few normals are borrowed by chance,
-    from the least noisy of many planes, and are farther off. With ``refine=None`` the scale and
-    the error are too small. In a long, narrow neighborhood 95 % of the normals are within 1.96
-    errors.
+    point. In simulations of planes in 3D with 20, 30 and 50 neighbors, 92 to 94 % of the normals
+    are within 1.73 errors without outliers, and 93 to 95 % with 20 % of them (by "pca" 94 to 98
+    %); of noisy quadrics 93 to 95 % of the tangents are. A borrowed normal has the larger error of
+    both planes, because it is in doubt on which surface the point lies. With ``refine=None`` the
+    scale and the error are too small. In a long, narrow neighborhood 95 % of the normals are
+    within 1.96 errors.
 
     Features follow [3]_. jakteristics does not divide by the sum of the eigenvalues in
     "omnivariance" and "eigenentropy", which then depend on the unit.

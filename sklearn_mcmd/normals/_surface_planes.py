@@ -31,10 +31,10 @@ LEAST_NOISE = 0.01
 # it by NOISY standard errors of a deviation. Where a quadric leaves more, a surface may be folded:
 # a curved one is as curved next to a point as at the point.
 BEST, NOISY = 0.1, 3.0
-# A plane is borrowed only if it leans by more than this number of its standard errors, within which
-# the true normal is with 95 % confidence. With less, it is the least noisy of many planes by
-# chance, and no better.
-SIGNIFICANT = 1.73
+# A plane is borrowed only if it leans by more than this number of its standard errors. Two normals
+# of one surface that err alike differ by no more with 95 % confidence: sqrt(-2 log(0.05)). With
+# less, it is the least noisy of many planes by chance, and no better.
+SIGNIFICANT = 2.45
 # Half a ball deviates from its plane by this share of its width, both as standard deviations. What
 # bends more is no height over a plane, whatever a quadric makes of it.
 HALF_BALL = 0.5
@@ -259,9 +259,15 @@ class SurfacePlanes:
         return lenders
 
     def _lend(self, planes, rows, lent):
-        """Replace rows of planes, in place, by other planes; extents stay the rows' own."""
+        """Replace rows of planes, in place, by other planes; extents stay the rows' own.
+
+        A borrowed normal is no better known than the own one was: which surface the point lies on
+        is in doubt.
+        """
         own = planes.take(rows)
-        planes.put(rows, lent._replace(kept=own.kept, radius=own.radius, spacing=own.spacing))
+        error = np.maximum(own.normal_error, lent.normal_error)
+        lent = lent._replace(kept=own.kept, radius=own.radius, spacing=own.spacing)
+        planes.put(rows, lent._replace(normal_error=error))
 
     def _most(self, values, radius, around):
         """The largest deviation that is usual among the neighbors."""
