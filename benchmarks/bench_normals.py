@@ -9,6 +9,8 @@ can do better next to an edge.
 "fillets" prints the RMSE on and near the round edges of boxes, beside that of a quadric fitted by
 least squares.
 
+"smoothing" prints whether rounds of bilateral smoothing of normals pay where noise is heavy.
+
 "curvatures" prints the median error of the mean curvature, as a share of the larger principal one,
 and the shares of points whose curvatures are within three standard errors.
 
@@ -19,6 +21,7 @@ NAME.normals and, if there are any, NAME.pidx. Kinds of noise and density withou
     python benchmarks/bench_normals.py streets --seeds 3
     python benchmarks/bench_normals.py curved
     python benchmarks/bench_normals.py fillets
+    python benchmarks/bench_normals.py smoothing ../shared/data/cad_*/cloud.npz
     python benchmarks/bench_normals.py curvatures --n-neighbors 30 50
     python benchmarks/bench_normals.py clouds ../shared/data/cad_*/cloud.npz --n-neighbors 30 50
     python benchmarks/bench_normals.py clouds ../shared/data/cad_a*/cloud.npz --noise 0.2
@@ -117,6 +120,43 @@ def fillets(options):
                 angles = unoriented_angles(jet_normals(members), normals[near])
                 name = f"radius {radius}, noise {noise:g} spacings, k = {k}"
                 print(f"{name:40}{row}{errors(angles).rmse:15.2f}", flush=True)
+
+
+def smoothing(options):
+    """Print a row for each machined part and noise: with 30 neighbors and "auto", as found and
+    smoothed."""
+    from sklearn_mcmd import RobustNormalEstimator
+
+    print(f"{'near < 10 degrees / mean elsewhere':40}", end="")
+    print("".join(f"{name:>20}" for k in (30, "auto") for name in (f"{k}", f"{k}, smoothed")))
+    for noise in (0.5, 1.0, 2.4):
+        options.noise = noise
+        for scene in clouds(options):
+            row = ""
+            for k in (30, "auto"):
+                estimator = RobustNormalEstimator(k, random_state=0, n_jobs=options.threads)
+                found = estimator.fit(scene.data).normals_
+                for normals in (found, smoothed(scene.data, found)):
+                    angles = unoriented_angles(normals, scene.normals)
+                    share = 100 * (angles[scene.near] < 10).mean()
+                    row += f"{share:11.0f} % /{angles[~scene.near].mean():5.1f}"
+            print(f"{scene.name:40}{row}", flush=True)
+
+
+def smoothed(X, normals, n_neighbors=30, rounds=5, degrees=25.0):
+    """Normals averaged with those around that lean by less than about an angle."""
+    from scipy.spatial import cKDTree
+
+    distances, near = cKDTree(X).query(X, n_neighbors)
+    closeness = np.square(distances / (0.5 * distances[:, -1].mean()))
+    for _ in range(rounds):
+        around = normals[near]
+        cosines = np.einsum("nkd,nd->nk", around, normals)
+        angles = np.degrees(np.arccos(np.minimum(np.abs(cosines), 1.0)))
+        weights = np.exp(-0.5 * (closeness + np.square(angles / degrees))) * np.sign(cosines)
+        normals = np.einsum("nk,nkd->nd", weights, around)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals
 
 
 def rounded_box(n, radius, rng):
@@ -318,21 +358,23 @@ def by_method(results):
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     kinds = parser.add_subparsers(dest="kind", required=True)
-    for make in (streets, curved, clouds, fillets, curvatures):
+    for make in (streets, curved, clouds, fillets, smoothing, curvatures):
         part = kinds.add_parser(make.__name__)
-        own = make in (fillets, curvatures)
+        own = make in (fillets, smoothing, curvatures)
         part.set_defaults(run=make if own else compare_scenes, make=make)
-        part.add_argument("--n-neighbors", type=int, nargs="+", default=[50])
+        if make is not smoothing:
+            part.add_argument("--n-neighbors", type=int, nargs="+", default=[50])
         part.add_argument("--threads", type=int, default=2)
         if make is streets:
             part.add_argument("--size", type=int, default=100_000)
             part.add_argument("--share", type=float, default=0.1)
             part.add_argument("--seeds", type=int, default=3)
-        if own:
+        if make in (fillets, curvatures):
             size = 5000 if make is curvatures else 30_000
             part.add_argument("--size", type=int, default=size)
-        if make is clouds:
+        if make in (clouds, smoothing):
             part.add_argument("clouds", nargs="+", help="npz files with xyz, normals, edge_dist")
+        if make is clouds:
             part.add_argument("--noise", type=float, default=0.0, help="in spacings")
     part = kinds.add_parser("pcpnet")
     part.set_defaults(run=compare_pcpnet)
