@@ -7,6 +7,7 @@ import numpy as np
 from sklearn_mcmd import datasets
 from sklearn_mcmd.datasets import _airborne, _depth_frame, _mobile, _spinning
 from sklearn_mcmd.datasets._street import _street
+from sklearn_mcmd.planes._record import Planes
 
 # Makers of scanned scenes, and the worlds that they scan.
 SCANNED = {
@@ -84,3 +85,16 @@ def scanned(name, n_samples=20_000, seed=0, **parameters):
     scan = getattr(datasets, name)(n_samples, random_state=seed, **parameters)
     drawn = np.random.RandomState(seed).randint(np.iinfo(np.int32).max)
     return scan, SCANNED[name](np.random.default_rng(drawn).spawn(5)[0])
+
+
+def random_planes(points, rng):
+    """A plane near each of some points, whatever lies around."""
+    n, d = points.shape
+    planes = Planes.empty(n, d)
+    planes.centroids[:] = points + rng.normal(0, 0.05, (n, d))
+    normals = rng.normal(size=(n, d))
+    planes.normals[:] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    planes.scale[:] = rng.uniform(0.01, 0.1, n)
+    planes.kept[:] = rng.integers(5, 11, n) / 10
+    planes.radius[:] = rng.uniform(0.2, 0.6, n)
+    return planes

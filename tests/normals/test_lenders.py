@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from scenes import random_planes
 from sklearn_mcmd.normals._lenders import find_lenders
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
@@ -12,13 +13,7 @@ def scene(kind, d, m=200, n=120, k=18):
     """Points, queries, neighborhoods, planes, least and most."""
     rng = np.random.default_rng(0)
     points = rng.uniform(size=(n, d))
-    planes = Planes.empty(n, d)
-    planes.centroids[:] = points + rng.normal(0, 0.05, (n, d))
-    normals = rng.normal(size=(n, d))
-    planes.normals[:] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    planes.scale[:] = rng.uniform(0.01, 0.1, n)
-    planes.kept[:] = rng.integers(5, 11, n) / 10
-    planes.radius[:] = rng.uniform(0.2, 0.6, n)
+    planes = random_planes(points, rng)
     queries, sizes = rng.uniform(-0.1, 1.1, (m, d)), np.full(m, k)
     queries[::2] = points[rng.integers(0, n, len(queries[::2]))]  # of the points themselves
     indices = np.argsort(np.linalg.norm(queries[:, None] - points, axis=2), axis=1)[:, :k]

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from scenes import random_planes
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
-from sklearn_mcmd.planes._record import Neighborhoods, Planes
+from sklearn_mcmd.planes._record import Neighborhoods
 
 pytest.importorskip("numba")
 
@@ -21,13 +22,7 @@ def scene(kind, d, m=200, n=80, k=12, seed=0):
     """Queries, candidates, planes, usable, least and most."""
     rng = np.random.default_rng(seed)
     points = rng.uniform(size=(n, d))
-    planes = Planes.empty(n, d)
-    planes.centroids[:] = points + rng.normal(0, 0.05, (n, d))
-    normals = rng.normal(size=(n, d))
-    planes.normals[:] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    planes.scale[:] = rng.uniform(0.01, 0.1, n)
-    planes.kept[:] = rng.integers(5, 11, n) / 10
-    planes.radius[:] = rng.uniform(0.2, 0.6, n)
+    planes = random_planes(points, rng)
     usable = np.ones(n, dtype=bool)
     queries = rng.uniform(-0.1, 1.1, (m, d))
     indices = np.argsort(np.linalg.norm(queries[:, None] - points, axis=2), axis=1)[:, :k]
