@@ -4,6 +4,7 @@ This NumPy form works in any dimension; ``_quadrics_numba`` repeats it in three.
 """
 
 import numpy as np
+from scipy.special import chdtri
 
 __all__ = [
     "PIVOT",
@@ -11,6 +12,7 @@ __all__ = [
     "decompose",
     "least_members",
     "n_terms",
+    "noise_quantiles",
     "quadric_terms",
     "tangents_of",
 ]
@@ -28,6 +30,19 @@ def n_terms(d):
 def least_members(d):
     """Least number of members at which a quadric leaves as many degrees of freedom as it takes."""
     return 2 * n_terms(d)
+
+
+def noise_quantiles(share, sizes, d):
+    """What quadrics leave of neighborhoods of noise of one, at most, in a share of cases: (m,).
+
+    The least of many deviations is small by chance. Divided by this, it tells the noise.
+    """
+    quantiles = np.ones(int(np.max(sizes, initial=0)) + 1)
+    counts = np.flatnonzero(np.bincount(sizes))
+    freedom = counts - n_terms(d)
+    counts, freedom = counts[freedom > 0], freedom[freedom > 0]
+    quantiles[counts] = np.sqrt(chdtri(freedom, 1 - share) / freedom)
+    return quantiles[sizes]
 
 
 def quadric_terms(flat):

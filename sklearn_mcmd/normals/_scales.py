@@ -9,9 +9,8 @@ more, the surface bends or folds within them.
 """
 
 import numpy as np
-from scipy.special import chdtri
 
-from sklearn_mcmd.normals._quadrics import n_terms
+from sklearn_mcmd.normals._quadrics import noise_quantiles
 from sklearn_mcmd.normals._smoothness import SmoothnessLimits, whole_planes
 from sklearn_mcmd.planes._around import quantile_around
 from sklearn_mcmd.planes._chunks import each_slice
@@ -62,7 +61,7 @@ class ScaleFinder:
         k = min(LEAST, m)
         errors, normals = self._fit(k, todo)
         while todo.any() and k <= min(MOST // FARTHEST, m):
-            error = self._quiet(errors, todo) / _expected_quantile(k, d)
+            error = self._quiet(errors, todo) / noise_quantiles(QUIET, np.array([k]), d)
             # Of k points, the spread along the surface grows as k ** (1 / (d - 1)).
             found = k * (error / TILT) ** (1 / (1 / 2 + 1 / (d - 1)))
             known = found <= FARTHEST * k
@@ -152,12 +151,6 @@ def _angles(first, second):
     """Angles (m,) between normals of either sign, in degrees."""
     cosine = np.abs(np.einsum("md,md->m", first, second))
     return np.degrees(np.arccos(np.minimum(cosine, 1.0)))
-
-
-def _expected_quantile(k, d):
-    """The quantile `QUIET` of what a quadric leaves of k points, in standard deviations."""
-    freedom = k - n_terms(d)
-    return np.sqrt(chdtri(freedom, 1 - QUIET) / freedom) if freedom > 0 else 1.0
 
 
 def _compiled_fit():

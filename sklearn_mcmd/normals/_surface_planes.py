@@ -10,6 +10,7 @@ import numpy as np
 
 from sklearn_mcmd.normals._folds import are_folded, quadric_normals
 from sklearn_mcmd.normals._lenders import find_lenders
+from sklearn_mcmd.normals._quadrics import noise_quantiles
 from sklearn_mcmd.normals._smoothness import SmoothnessLimits, is_smooth, whole_planes
 from sklearn_mcmd.planes._around import extents, quantile_around
 from sklearn_mcmd.planes._chunks import each_chunk, each_slice
@@ -27,10 +28,10 @@ ROUGH, FLAT, BENT = range(3)
 REMOVED = 0.1
 # Least noise of a plane, as a share of its neighborhood's radius.
 LEAST_NOISE = 0.01
-# The usual noise around a point is the noise of the best tenth of its neighbors. A plane may exceed
-# it by NOISY standard errors of a deviation. Where a quadric leaves more, a surface may be folded:
-# a curved one is as curved next to a point as at the point.
-BEST, NOISY = 0.1, 3.0
+# The usual noise around a point is told by the best tenth of its neighbors, whose deviations are
+# small by chance as well. A plane may exceed it by NOISY standard errors of a deviation. Where a
+# quadric leaves more, a surface may be folded: a curved one is as curved next to a point as at it.
+BEST, NOISY = 0.1, 2.0
 # A plane is borrowed only if it leans by more than this number of its standard errors. Two normals
 # of one surface that err alike differ by no more with 95 % confidence: sqrt(-2 log(0.05)). With
 # less, it is the least noisy of many planes by chance, and no better.
@@ -272,6 +273,7 @@ class SurfacePlanes:
     def _most(self, values, radius, around):
         """The largest deviation that is usual among the neighbors."""
         usual = quantile_around(values, around, BEST, self.compiled)
+        usual /= noise_quantiles(BEST, around.sizes, self.model.index.points.shape[1])
         return (1 + NOISY / np.sqrt(2 * around.sizes)) * np.hypot(usual, LEAST_NOISE * radius)
 
 
