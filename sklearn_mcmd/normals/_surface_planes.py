@@ -76,16 +76,17 @@ class SurfacePlanes:
         points, (m, d) = index.points, index.points.shape
         planes, forms = Planes.empty(m, d).without(UNUSED), np.empty(m, dtype=np.int8)
         self.noise, lenders = np.empty(m), np.full(m, -1, dtype=np.int32)
+        self.left = np.empty(m, dtype=np.float32)
 
         def sweep(rows):
             own = Planes.empty(rows.stop - rows.start, d)
             found = self._own(points[rows], own, index.query_own(rows))
-            forms[rows], self.noise[rows] = found
+            forms[rows], self.noise[rows], self.left[rows] = found
             planes.put(rows, own)
 
         def bend(rows):
             own, around = planes.take(rows), index.query_own(rows)  # views, which are filled
-            self._bend(points[rows], own, forms[rows], self.noise[rows], around)
+            self._bend(points[rows], own, forms[rows], self.left[rows], around)
 
         def ask(rows):
             own = planes.take(rows)
@@ -101,7 +102,7 @@ class SurfacePlanes:
         self.bent = np.flatnonzero(forms == BENT)
         if self.borrow:
             own_scale = planes.scale[self.bent]
-            planes.scale[self.bent] = self.noise[self.bent]
+            planes.scale[self.bent] = self.left[self.bent]
             with progress_part(0.9, 1.0, "normals next to edges"):
                 each_slice(m, self.model.chunk(), ask, self.n_jobs)
             planes.scale[self.bent] = own_scale
@@ -111,14 +112,14 @@ class SurfacePlanes:
         """Planes of any queries (m, d)."""
         planes, members = Planes.empty(*queries.shape), self._members()
         lent = members._replace(scale=members.scale.copy())
-        lent.scale[self.bent] = self.noise[self.bent]
+        lent.scale[self.bent] = self.left[self.bent]
 
         def task(part):
             points = queries[part]
             around = self._query(points)
             own = Planes.empty(*points.shape)
-            forms, noise = self._own(points, own, around)
-            self._bend(points, own, forms, noise, around)
+            forms, _, left = self._own(points, own, around)
+            self._bend(points, own, forms, left, around)
             if self.borrow:
                 rough = _rough(own, forms)
                 lenders = self._lenders(points, own, rough, around.take(rough), lent)
@@ -151,8 +152,8 @@ class SurfacePlanes:
     def _own(self, points, planes, around):
         """Fill the planes of neighborhoods; smooth ones get the plane of all members.
 
-        Returns the forms (m,), where BENT ones may be folded, and the noise (m,) of the surface,
-        flat or curved.
+        Returns the forms (m,), of which `_bend` settles ROUGH and BENT, the noise (m,) of the
+        surface, flat or curved, and what is left (m,) of all members if it is smooth.
         """
         deviation, left, ordinary = self._fit_whole(points, planes, around)
         forms = np.where(ordinary, FLAT, BENT).astype(np.int8)
@@ -160,13 +161,12 @@ class SurfacePlanes:
         if len(rest):
             robust = self._robust(points[rest], around.take(rest))
             rough = ~is_smooth(left[rest], robust.scale)
-            bend = np.square(deviation[rest]) - np.square(left[rest])  # without the noise
-            rough |= bend > np.square(HALF_BALL) * planes.eigenvalues[rest, 1]
+            rough |= _bends_too_much(deviation[rest], left[rest], planes.take(rest))
             forms[rest[rough]] = ROUGH
             planes.put(rest[rough], robust.take(rough))
-        noise = np.maximum(np.minimum(deviation, left), self._floor(planes))
-        noise[forms == ROUGH] = planes.scale[forms == ROUGH]
-        return forms, noise
+        left = np.maximum(np.minimum(deviation, left), self._floor(planes)).astype(np.float32)
+        noise = np.where(forms == ROUGH, planes.scale, left)
+        return forms, noise, left
 
     def _fit_whole(self, points, planes, around):
         """Fill planes of all members; return `deviation`, `left` and `ordinary` of `whole_planes`.
@@ -195,39 +195,45 @@ class SurfacePlanes:
         planes.normal_error[:] = normal_errors(planes.scale, planes.eigenvalues, around.sizes)
         return found
 
-    def _bend(self, points, planes, forms, noise, around):
-        """Give folded neighborhoods their robust planes back, and others that bend the tangent
-        planes of their quadrics, in place."""
-        self._unfold(points, planes, forms, noise, around)
+    def _bend(self, points, planes, forms, left, around):
+        """Settle the forms of neighborhoods by what is usual around, and give those that bend the
+        tangent planes of their quadrics, in place."""
+        most = self._most(self.noise, planes.radius, around)
+        creased = ~(np.hypot(left, LEAST_NOISE * planes.radius) <= most)
+        self._smooth(points, planes, forms, np.flatnonzero(~creased & (forms == ROUGH)), around)
+        self._unfold(points, planes, forms, np.flatnonzero(creased & (forms != ROUGH)), around)
         rows = np.flatnonzero(forms == BENT)
         if len(rows):
             whole = planes.take(rows)
             queries = np.ascontiguousarray(points[rows], dtype=np.float64)
             normals, centroids, errors = quadric_normals(
-                self.model.index.points, queries, around.take(rows), whole, noise[rows],
+                self.model.index.points, queries, around.take(rows), whole, left[rows],
                 self.compiled,
             )  # fmt: skip
             planes.put(
                 rows, whole._replace(normals=normals, centroids=centroids, normal_error=errors)
             )
 
-    def _unfold(self, points, planes, forms, noise, around):
-        """Give neighborhoods that are folded their robust planes back, in place.
-
-        They are looked for where more noise is left than is usual around.
-        """
-        rows = np.flatnonzero(forms != ROUGH)
-        near, radius = around.take(rows), planes.radius[rows]
-        creased = np.hypot(noise[rows], LEAST_NOISE * radius) > self._most(self.noise, radius, near)
-        rows, near = rows[creased], near.take(creased)
+    def _smooth(self, points, planes, forms, rows, around):
+        """Give rough neighborhoods whose quadrics leave no more than usual all members back."""
         if len(rows):
+            whole = Planes.empty(len(rows), points.shape[1])
+            deviation, left, _ = self._fit_whole(points[rows], whole, around.take(rows))
+            smooth = ~_bends_too_much(deviation, left, whole)
+            planes.put(rows[smooth], whole.take(smooth))
+            forms[rows[smooth]] = BENT
+
+    def _unfold(self, points, planes, forms, rows, around):
+        """Give neighborhoods that are folded their robust planes back, in place."""
+        if len(rows):
+            near = around.take(rows)
             faces = self._robust(points[rows], near)
             folded = forms[rows] == FLAT  # one plane across the faces, with noise of their heights
             bent = np.flatnonzero(~folded)
-            members, whole = self.model.index.points, planes.take(rows[bent])
             folded[bent] = are_folded(
-                members, near.take(bent), whole, faces.take(bent), self.compiled
-            )
+                self.model.index.points, near.take(bent), planes.take(rows[bent]),
+                faces.take(bent), self.compiled,
+            )  # fmt: skip
             planes.put(rows[folded], faces.take(folded))
             forms[rows[folded]] = ROUGH
 
@@ -285,6 +291,11 @@ def _moved(planes, places):
         for column in np.atleast_2d(values.T) if len(values) else ():
             column[:] = column[places]
     return planes
+
+
+def _bends_too_much(deviation, left, planes):
+    """Whether neighborhoods bend more than half a ball, apart from noise."""
+    return np.square(deviation) - np.square(left) > HALF_BALL**2 * planes.eigenvalues[:, 1]
 
 
 def _rough(planes, forms):
