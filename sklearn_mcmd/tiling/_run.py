@@ -1,26 +1,24 @@
 """Normals of clouds larger than memory: points into cells, tiles in processes, outputs in order."""
 
-import gc
 import json
 import os
 import shutil
 import time
 import warnings
 from collections.abc import Iterable
+from functools import partial
 from numbers import Integral
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from joblib import Parallel, delayed
 from sklearn.base import clone
 
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.planes._base import BaseLocalPlanes
-from sklearn_mcmd.planes._progress import listen_to_progress, progress_part
-from sklearn_mcmd.planes._resolution import CoarseCoordinatesWarning
+from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
 from sklearn_mcmd.tiling._constants import WholeCloud
@@ -34,17 +32,13 @@ from sklearn_mcmd.tiling._tile import (
     normals_of_tile,
     tile_files,
 )
+from sklearn_mcmd.tiling._work import TilingError, compute_cells
 
 __all__ = ["RunReport", "TilingError", "write_normals"]
 
 # Shares of the time, for the display of progress.
 SCATTERED, COMPUTED = 0.07, 0.93
-COLLECTED = 50_000  # points of a tile whose memory is worth the time to look for it
 WARM_UP = 1_500  # points that make this process load or compile the code once, for all others
-
-
-class TilingError(ValueError):
-    """A run ended before its output was whole; the message names what is kept of it."""
 
 
 class RunReport(NamedTuple):
@@ -180,7 +174,13 @@ def write_normals(
         for path in targets:
             path.parent.mkdir(exist_ok=True)
         with progress_part(SCATTERED, COMPUTED, "normals"):
-            n_resumed = _compute(folder, estimator, plan.n_workers, catalog.n_points)
+            cells = Cells(folder.cells)
+            todo = [cell for cell in range(len(cells)) if not folder.is_done(cell)]
+            task = partial(
+                normals_of_tile, folder.cells, estimator=estimator, constants=folder.constants,
+                target=folder.results,
+            )  # fmt: skip
+            compute_cells(task, cells, todo, plan.n_workers, "normals")
         with progress_part(COMPUTED, 1.0, "writing"):
             removed = write_outputs(catalog, targets, folder, names)
     except (Exception, KeyboardInterrupt, SystemExit) as err:
@@ -192,7 +192,7 @@ def write_normals(
     reports = _reports(folder)
     folder.remove()
     return RunReport(
-        catalog.n_points, len(reports), plan.n_workers, n_resumed,
+        catalog.n_points, len(reports), plan.n_workers, len(cells) - len(todo),
         sum(report.n_proved for report in reports), removed, time.perf_counter() - begin,
     )  # fmt: skip
 
@@ -238,54 +238,6 @@ def _scatter(catalog, folder, capacity, cut):
             tell(row / catalog.n_points)
     writer.close()
     folder.finish_cells(whole.constants())
-
-
-def _compute(folder, estimator, n_workers, n_points):
-    """Results of all tiles that have none; returns how many had."""
-    cells, constants = Cells(folder.cells), folder.constants
-    todo = [cell for cell in range(len(cells)) if not folder.is_done(cell)]
-    todo.sort(key=lambda cell: -cells.counts[cell])
-    n_done, begin, failed = n_points - int(cells.counts[todo].sum()), time.monotonic(), 0
-    told = False
-    n_before = n_done
-    work = Parallel(n_jobs=n_workers, return_as="generator_unordered", batch_size=1)
-    for cell, error, coarse in work(
-        delayed(_attempt)(folder.cells, cell, estimator, constants, folder.results) for cell in todo
-    ):
-        n_done += int(cells.counts[cell])
-        if coarse is not None and not told:
-            told = True
-            warnings.warn(CoarseCoordinatesWarning(*coarse), stacklevel=3)
-        if error is not None:
-            failed += 1
-            low, high = cells.extent(cell)
-            warnings.warn(f"tile {cell} failed ({_between(low, high)}): {error}", stacklevel=3)
-        rate = (n_done - n_before) / max(time.monotonic() - begin, 1e-9)
-        tell(n_done / n_points, f"normals, {rate:,.0f} points/s")
-    if failed:
-        raise TilingError(f"{failed} of {len(cells)} tiles failed")
-    return len(cells) - len(todo)
-
-
-def _attempt(folder, cell, estimator, constants, target):
-    """The tile; in one line why it failed, which does not end the others; and what is coarse."""
-    error = None
-    with warnings.catch_warnings(record=True) as said, listen_to_progress(None):
-        warnings.simplefilter("always")
-        try:
-            report = normals_of_tile(folder, cell, estimator, constants, target)
-            if report.n_points > COLLECTED:
-                gc.collect()  # an index and its table of neighbors know each other
-        except Exception as err:
-            error = f"{type(err).__name__}: {' '.join(str(err).split())}".removesuffix(": ")
-    coarse = [w.message.args for w in said if isinstance(w.message, CoarseCoordinatesWarning)]
-    return cell, error, coarse[0] if coarse else None
-
-
-def _between(low, high):
-    return ", ".join(
-        f"{axis} {a:.6g} to {b:.6g}" for axis, a, b in zip("xyz", low, high, strict=True)
-    )
 
 
 def _reports(folder):

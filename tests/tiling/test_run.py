@@ -172,8 +172,8 @@ work, done = _run.normals_of_tile, []
 def die(*args):
     os.kill(os.getpid(), getattr(signal, "SIGKILL", signal.SIGTERM))
 
-def two_tiles(*args):
-    done.append(work(*args) if len(done) < 2 else die())
+def two_tiles(*args, **params):
+    done.append(work(*args, **params) if len(done) < 2 else die())
     return done[-1]
 
 if place == "reading":
@@ -212,10 +212,10 @@ def failing(monkeypatch):
     """Cells whose tiles fail."""
     cells = set()
 
-    def work(folder, cell, *args):
+    def work(folder, cell, **params):
         if cell in cells:
             raise MemoryError("too much\nof it")
-        return normals_of_tile(folder, cell, *args)
+        return normals_of_tile(folder, cell, **params)
 
     monkeypatch.setattr(_run, "normals_of_tile", work)
     return cells
@@ -263,14 +263,13 @@ def test_an_input_that_vanishes_is_named(small_file, tmp_path):
 
 
 def test_an_input_that_changes_during_the_run_is_noticed(small_file, tmp_path, monkeypatch):
-    compute = _run._compute
+    compute = _run.compute_cells
 
     def shorten(*args):
-        done = compute(*args)
+        compute(*args)
         write_points(small_file, street(5_000))
-        return done
 
-    monkeypatch.setattr(_run, "_compute", shorten)
+    monkeypatch.setattr(_run, "compute_cells", shorten)
     with pytest.raises(TilingError, match="has changed"):
         write_normals(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
     assert not (tmp_path / "out.las").exists()
