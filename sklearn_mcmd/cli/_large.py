@@ -40,12 +40,12 @@ Restart = Annotated[
 ]
 
 
-def large_catalog(source, memory, n_features):
+def large_catalog(source, memory, n_features, always=False):
     """The catalog of a source that is to be divided into tiles, else None.
 
-    Faults of a single file are left to the reading of it.
+    Faults of a single file are left to the reading of it, unless it is `always` divided.
     """
-    if source.is_dir():
+    if always or source.is_dir():
         from sklearn_mcmd.tiling import Catalog
 
         return Catalog(source)

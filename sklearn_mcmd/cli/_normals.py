@@ -6,6 +6,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from sklearn_mcmd.cli._engine import Scheduler, engine
 from sklearn_mcmd.cli._files import WORKING, blank, coordinates, read, rehearse, with_results, write
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
@@ -100,6 +101,7 @@ def normals(
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
     memory: Memory = None,
+    scheduler: Scheduler = None,
     dry_run: DryRun = False,
     restart: Restart = False,
     allow_coarse: AllowCoarse = False,
@@ -107,8 +109,8 @@ def normals(
 ) -> None:
     """Add normals, surface variation and eigenvalues, robust to outliers and edges.
 
-    LAS and LAZ that need more than --memory, and folders of them, are divided into tiles. The
-    results are the same. Temporary files lie beside OUT, in OUT.tiles. If a run ends early, they
+    LAS and LAZ that need more than --memory, and folders of them, are divided into tiles, and with
+    --scheduler all are. The results are the same. Temporary files lie beside OUT, in OUT.tiles. If a run ends early, they
     are kept, and the same command goes on from there.
 
     All points are kept. New attributes, float32, are normal_x, normal_y, normal_z,
@@ -130,9 +132,10 @@ def normals(
         "random_state": random_state,
         "n_jobs": n_jobs,
     }
-    with clear_exits(allow_coarse=allow_coarse):
+    with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = stopwatch()
-        catalog = large_catalog(source, memory, len(_feature_columns(features)))
+        n_features = len(_feature_columns(features))
+        catalog = large_catalog(source, memory, n_features, scheduler is not None)
         if catalog is not None:
             _check_local(source, n_neighbors, orientation)
         if dry_run:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from joblib import effective_n_jobs
+from joblib.parallel import get_active_backend
 
 __all__ = ["Plan", "bytes_in_memory", "parse_memory", "plan_run", "usual_memory"]
 
@@ -56,14 +57,34 @@ def parse_memory(memory):
 
 
 def usual_memory():
-    """Bytes that a run takes if it is not told: half of the machine's, or of its container's."""
+    """Bytes that a run takes if it is not told: half of the machine's, or of all workers' of dask.
+
+    The worker with the least memory for a task sets the memory of all.
+    """
+    client = getattr(get_active_backend()[0], "client", None)
+    if client is None:
+        machine = _memory_of_machine()
+        return SHARE * machine if machine else UNKNOWN
+    tasks, memory = zip(*client.run(_memory_of_worker).values(), strict=True)
+    return SHARE * sum(tasks) * min(memory)
+
+
+def _memory_of_worker(dask_worker):
+    """How many tasks a worker of dask takes at once, and bytes for each."""
+    n = dask_worker.state.nthreads
+    limit = dask_worker.memory_manager.memory_limit or _memory_of_machine() or UNKNOWN
+    return n, limit / n
+
+
+def _memory_of_machine():
+    """Bytes of the machine, or of its container; None if it does not tell."""
     limits = []
     with suppress(AttributeError, OSError, ValueError):  # Windows has no sysconf
         limits.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     for path in ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"):
         with suppress(OSError, ValueError):  # the first may hold a word
             limits.append(int(Path(path).read_text()))
-    return SHARE * min(limits) if limits else UNKNOWN
+    return min(limits, default=None)
 
 
 def bytes_in_memory(catalog, n_features=0):
@@ -92,6 +113,8 @@ def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None):
             "is needed."
         )
     n_workers = effective_n_jobs(n_jobs)
+    if n_jobs is not None and n_jobs > 0:  # dask counts all of its workers
+        n_workers = min(n_workers, n_jobs)
     if n_workers > 1:  # processes of their own
         n_workers = max(1, min(n_workers, int((memory - PROCESS) // least)))
     for_tiles = memory - PROCESS * (n_workers + (n_workers > 1))

@@ -31,7 +31,8 @@ def compute_cells(task, cells, todo, n_workers, stage):
     todo : list of int
         Cells without results. For the display of progress, all others are done.
     n_workers : int
-        Processes, if joblib is not told otherwise by :obj:`joblib.parallel_config`.
+        Cells that are computed at once, in processes or by the engine that
+        :obj:`joblib.parallel_config` names.
     stage : str
         The name of this work in the display of progress.
 
@@ -49,7 +50,10 @@ def compute_cells(task, cells, todo, n_workers, stage):
     n_points = int(cells.counts.sum())
     n_before = n_done = n_points - int(cells.counts[todo].sum())
     begin, n_failed, told = time.monotonic(), 0, False
-    work = Parallel(n_jobs=n_workers, return_as="generator_unordered", batch_size=1)
+    # No more tasks are given than may run: dask has its own number of workers.
+    work = Parallel(
+        n_jobs=n_workers, pre_dispatch=n_workers, return_as="generator_unordered", batch_size=1
+    )
     jobs = (delayed(_attempt)(task, cell, cells.counts[cell] > COLLECTED) for cell in todo)
     for cell, error, coarse in work(jobs):
         n_done += int(cells.counts[cell])
