@@ -7,6 +7,7 @@ import numpy as np
 
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import one_clear_line, replacing
+from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._las_parts import read_parts, writing_parts
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.planes._progress import current_span
@@ -21,15 +22,40 @@ __all__ = ["targets_of", "tell", "write_outputs"]
 WAITING, WAITING_BYTES = 2048, 50e6
 
 
-def targets_of(catalog, target, as_folder):
-    """The output of each input."""
+def targets_of(catalog, target, as_folder=None):
+    """The output of each input, or one for all of several inputs.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    target : Path
+    as_folder : bool, default=None
+        Whether the target is a folder. None: if there may be several inputs and its name is not
+        that of a LAS or LAZ file.
+    """
+    named_as_file = target.suffix.lower() in EXTENSIONS and not target.is_dir()
+    if as_folder is None:
+        as_folder = catalog.is_many and not named_as_file
     if not as_folder:
         targets = [target]
+        if len(catalog) > 1:
+            if os.path.realpath(target) in map(os.path.realpath, catalog.paths):
+                raise PointFileError(f"{target}: is one of the inputs; name another file")
+            joined_header(catalog.paths)
     else:
-        named_as_file = not target.exists() and target.suffix.lower() in EXTENSIONS
-        if named_as_file or (target.exists() and not target.is_dir()):
-            raise PointFileError(f"{target}: the outputs of a folder need a folder, not a file")
-        targets = [target / path.name.replace(".copc.", ".") for path in catalog.paths]
+        if target.exists() and not target.is_dir():
+            raise PointFileError(
+                f"{target}: several outputs need a folder; to join them in one file, name a .las "
+                "or .laz"
+            )
+        names = [path.name.replace(".copc.", ".") for path in catalog.paths]
+        for path, name in zip(catalog.paths, names, strict=True):
+            if names.count(name) > 1:
+                raise PointFileError(
+                    f"{path}: several files have this name, and so would the outputs; to join them "
+                    "in one file, name a .las or .laz"
+                )
+        targets = [target / name for name in names]
     for path in targets:
         if path.is_dir():
             raise PointFileError(f"{path}: is a folder; name a file in it")
@@ -48,25 +74,37 @@ def targets_of(catalog, target, as_folder):
 
 
 def write_outputs(catalog, targets, folder, names):
-    """Write each output in the order of its input; returns the mean share that was removed."""
+    """Write each output in the order of its inputs; returns the mean share that was removed."""
     results = _Results(folder.results, len(Cells(folder.cells)), len(names))
     first, total = 0, 0.0
     removed = names.index("removed_fraction")
-    for i, (path, target, n) in enumerate(zip(catalog.paths, targets, catalog.counts, strict=True)):
+    joined = len(targets) < len(catalog)
+    header = joined_header(catalog.paths) if joined else None
+    everything = range(len(catalog))
+    for i, target in enumerate(targets):
+        inputs = everything if joined else [i]
         if folder.is_written(i):
-            total += results.take(first, n)[:, removed].sum(dtype=np.float64)
+            n = sum(catalog.counts[j] for j in inputs)
+            for start in range(first, first + n, PART):
+                values = results.take(start, min(PART, first + n - start))
+                total += values[:, removed].sum(dtype=np.float64)
             first += n
             continue
-        with one_clear_line(path, "read"):
-            if stamp_of(path) != catalog.stamps[i]:
-                raise PointFileError("has changed since it was read")
+        for j in inputs:
+            with one_clear_line(catalog.paths[j], "read"):
+                if stamp_of(catalog.paths[j]) != catalog.stamps[j]:
+                    raise PointFileError("has changed since it was read")
         with replacing(target) as temporary, writing_parts(temporary) as write:
-            for cloud in read_parts(path, PART):
-                values = results.take(first, len(cloud))
-                total += values[:, removed].sum(dtype=np.float64)
-                write(with_results(cloud, dict(zip(names, values.T.copy(), strict=True))))
-                first += len(cloud)
-                tell(first / catalog.n_points)
+            for path in (catalog.paths[j] for j in inputs):
+                for cloud in read_parts(path, PART):
+                    if joined:
+                        with one_clear_line(path, "read"):
+                            cloud = joined_cloud(cloud, header)
+                    values = results.take(first, len(cloud))
+                    total += values[:, removed].sum(dtype=np.float64)
+                    write(with_results(cloud, dict(zip(names, values.T.copy(), strict=True))))
+                    first += len(cloud)
+                    tell(first / catalog.n_points)
         folder.mark_written(i)
     return float(total) / catalog.n_points
 
