@@ -145,7 +145,8 @@ def _link_to_data(assets):
     for key, asset in assets.items():
         if key == "data" or "data" in asset.get("roles", ()):
             return str(asset["href"])
-    return str(list(assets.values())[0]["href"])  # noqa: RUF015: no StopIteration
+    first, *_ = assets.values()
+    return str(first["href"])
 
 
 def _place(index, link):
