@@ -43,10 +43,12 @@ class Columns:
     def is_done(self, cell, sweep):
         return self._report(cell, sweep).exists()
 
+    def report(self, cell, sweep):
+        return json.loads(self._report(cell, sweep).read_text())
+
     def total(self, n_cells, sweep, name):
         """The sum over all cells of a number in their reports."""
-        reports = (json.loads(self._report(cell, sweep).read_text()) for cell in range(n_cells))
-        return sum(report[name] for report in reports)
+        return sum(self.report(cell, sweep)[name] for cell in range(n_cells))
 
     def remove(self, n_cells, *names):
         """Free the disk of arrays that no later sweep asks for."""

@@ -15,10 +15,19 @@ from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._memory import PART
 from sklearn_mcmd.tiling._tile import result_dtype, tile_files
 
-__all__ = ["targets_of", "tell", "write_outputs"]
+__all__ = [
+    "SCORED",
+    "scores_in_parts",
+    "targets_of",
+    "tell",
+    "write_denoised_outputs",
+    "write_outputs",
+]
 
 # Results that wait in memory to be written: of a tile, and bytes of all of them.
 WAITING, WAITING_BYTES = 2048, 50e6
+# Of the file of a tile's scores.
+SCORED = np.dtype([("row", np.int64), ("values", np.float64, (1,))])
 
 
 def targets_of(catalog, target, as_folder):
@@ -49,7 +58,7 @@ def targets_of(catalog, target, as_folder):
 
 def write_outputs(catalog, targets, folder, names):
     """Write each output in the order of its input; returns the mean share that was removed."""
-    results = _Results(folder.results, len(Cells(folder.cells)), len(names))
+    results = _Results(folder.results, len(Cells(folder.cells)), result_dtype(len(names)))
     first, total = 0, 0.0
     removed = names.index("removed_fraction")
     for i, (path, target, n) in enumerate(zip(catalog.paths, targets, catalog.counts, strict=True)):
@@ -71,19 +80,67 @@ def write_outputs(catalog, targets, folder, names):
     return float(total) / catalog.n_points
 
 
+def write_denoised_outputs(catalog, targets, folder, mode, is_outlier):
+    """Write each output without its outliers, or with marks.
+
+    Parameters
+    ----------
+    catalog, targets, folder
+        As of `write_outputs`.
+    mode : {"drop", "mark"}
+    is_outlier : callable
+        Tells which scores are those of outliers.
+
+    Returns
+    -------
+    n_outliers : int
+    """
+    results = _Results(folder.results, len(Cells(folder.cells)), SCORED)
+    first, n_outliers = 0, 0
+    for i, (path, target, n) in enumerate(zip(catalog.paths, targets, catalog.counts, strict=True)):
+        if folder.is_written(f"{i}.{mode}"):
+            n_outliers += int(is_outlier(results.take(first, n)).sum())
+            first += n
+            continue
+        with one_clear_line(path, "read"):
+            if stamp_of(path) != catalog.stamps[i]:
+                raise PointFileError("has changed since it was read")
+        with replacing(target) as temporary, writing_parts(temporary) as write:
+            for cloud in read_parts(path, PART):
+                scores = results.take(first, len(cloud))[:, 0]
+                outlier = is_outlier(scores)
+                n_outliers += int(outlier.sum())
+                if mode == "drop":
+                    write(cloud.subset(~outlier))
+                else:
+                    score = {"outlier_score": scores.astype(np.float32)}
+                    write(with_results(cloud, score), outlier)
+                first += len(cloud)
+                tell(first / catalog.n_points)
+        folder.mark_written(f"{i}.{mode}")
+    return n_outliers
+
+
+def scores_in_parts(folder):
+    """The scores of all points, tile by tile."""
+    for cell in range(len(Cells(folder.cells))):
+        yield np.fromfile(tile_files(folder.results, cell)[0], SCORED)["values"][:, 0]
+
+
 class _Results:
     """The results of all tiles in the order of the points, of which each is asked for once."""
 
-    def __init__(self, folder, n_tiles, n_columns):
+    def __init__(self, folder, n_tiles, dtype):
         self.paths = [tile_files(folder, cell)[0] for cell in range(n_tiles)]
-        self.dtype = result_dtype(n_columns)
+        self.dtype = dtype
         self.waiting = [np.empty(0, self.dtype)] * n_tiles
         self.read = [0] * n_tiles
         self.n_read = int(np.clip(WAITING_BYTES / n_tiles / self.dtype.itemsize, 16, WAITING))
 
     def take(self, first, n):
         """Results (n, n_columns) of the points from the row `first` on."""
-        values, found = np.empty((n, self.dtype["values"].shape[0]), np.float32), 0
+        of_row = self.dtype["values"]
+        values, found = np.empty((n, of_row.shape[0]), of_row.base), 0
         for tile in range(len(self.paths)):
             for part in self._parts(tile, first + n):
                 values[part["row"] - first] = part["values"]
