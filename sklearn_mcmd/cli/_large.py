@@ -1,6 +1,7 @@
 """Clouds larger than memory: options, and the plan that ``--dry-run`` shows."""
 
 import time
+from errno import ENOENT
 from typing import Annotated
 
 import typer
@@ -11,7 +12,7 @@ __all__ = ["DryRun", "Memory", "Restart", "large_catalog", "print_plan"]
 
 SAMPLE = 50_000  # points whose time is measured
 MORE = 1.3  # time of tiles over that in memory, about
-PARSED_SUFFIXES = (".las", ".laz")
+PARSED_SUFFIXES, INDEX_SUFFIX = (".las", ".laz"), ".vpc"
 
 
 def _memory(text):
@@ -45,7 +46,9 @@ def large_catalog(source, memory, n_features, always=False):
 
     Faults of a single file are left to the reading of it, unless it is `always` divided.
     """
-    if always or source.is_dir():
+    if not source.exists():
+        raise FileNotFoundError(ENOENT, "no such file or folder", str(source))
+    if always or source.is_dir() or source.suffix.lower() == INDEX_SUFFIX:
         from sklearn_mcmd.tiling import Catalog
 
         return Catalog(source)

@@ -110,8 +110,9 @@ def normals(
     """Add normals, surface variation and eigenvalues, robust to outliers and edges.
 
     LAS and LAZ that need more than --memory, and folders of them, are divided into tiles, and with
-    --scheduler all are. The results are the same. Temporary files lie beside OUT, in OUT.tiles. If a run ends early, they
-    are kept, and the same command goes on from there.
+    --scheduler all are. The results are the same. Temporary files lie beside OUT, in OUT.tiles. If
+    a run ends early, they are kept, and the same command goes on from there. If IN is a folder or
+    an index .vpc, a folder OUT gets one file for each; an OUT that ends in .las or .laz gets all.
 
     All points are kept. New attributes, float32, are normal_x, normal_y, normal_z,
     surface_variation (0 on a plane, at most 1/3), eigenvalue_0 to eigenvalue_2
@@ -177,7 +178,7 @@ def _by_tiles(source, target, catalog, params, memory, restart, quiet, seconds):
     with progress("normals", quiet):
         report = write_normals(
             catalog, target, _estimator(params), memory=memory, n_jobs=params["n_jobs"],
-            restart=restart, as_folder=source.is_dir(),
+            restart=restart,
         )  # fmt: skip
     if not quiet:
         again = report.n_points - report.n_proved

@@ -100,10 +100,9 @@ def write_denoised(
     Parameters
     ----------
     source : Catalog, or what it takes
-        Files or a folder.
+        Files, a folder, or an index.
     target : str or os.PathLike
-        A LAS or LAZ file for one file, or a folder for several or a folder. Outputs have the names
-        of their inputs, all attributes, and the order of the points. They may replace the inputs.
+        A LAS or LAZ file, or a folder, as of `write_normals`.
     estimator : MCMDOutlierDetector, default=None
         With an int as `random_state` and as `n_neighbors`. None is
         ``MCMDOutlierDetector(random_state=0)``.
@@ -154,10 +153,6 @@ def write_denoised(
         estimator = MCMDOutlierDetector(random_state=0)
     check_detector(estimator)
     catalog = source if isinstance(source, Catalog) else Catalog(source)
-    if as_folder is None:
-        as_folder = len(catalog) > 1 or (
-            isinstance(source, str | os.PathLike) and Path(source).is_dir()
-        )
     targets = targets_of(catalog, Path(target), as_folder)
     estimator = clone(estimator).set_params(n_jobs=1)
     cutoff = _warm_up(estimator)
@@ -175,9 +170,7 @@ def write_denoised(
         with progress_part(SCATTERED, COMPUTED, "outliers"):
             cutoff = _judge(job, cells, columns, folder, plan.n_workers, cutoff)
         with progress_part(COMPUTED, 1.0, "writing"):
-            n_outliers = write_denoised_outputs(
-                catalog, targets, folder, mode, lambda scores: scores > cutoff
-            )
+            n_outliers = write_denoised_outputs(catalog, targets, folder, mode, cutoff)
         if columns.is_done(0, "planes"):
             n_proved = columns.total(len(cells), "planes", "n_proved")
         else:

@@ -7,6 +7,7 @@ import numpy as np
 
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import one_clear_line, replacing
+from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._las_parts import read_parts, writing_parts
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.planes._progress import current_span
@@ -30,15 +31,40 @@ WAITING, WAITING_BYTES = 2048, 50e6
 SCORED = np.dtype([("row", np.int64), ("values", np.float64, (1,))])
 
 
-def targets_of(catalog, target, as_folder):
-    """The output of each input."""
+def targets_of(catalog, target, as_folder=None):
+    """The output of each input, or one for all of several inputs.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    target : Path
+    as_folder : bool, default=None
+        Whether the target is a folder. None: if there may be several inputs and its name is not
+        that of a LAS or LAZ file.
+    """
+    named_as_file = target.suffix.lower() in EXTENSIONS and not target.is_dir()
+    if as_folder is None:
+        as_folder = catalog.is_many and not named_as_file
     if not as_folder:
         targets = [target]
+        if len(catalog) > 1:
+            if os.path.realpath(target) in map(os.path.realpath, catalog.paths):
+                raise PointFileError(f"{target}: is one of the inputs; name another file")
+            joined_header(catalog.paths)
     else:
-        named_as_file = not target.exists() and target.suffix.lower() in EXTENSIONS
-        if named_as_file or (target.exists() and not target.is_dir()):
-            raise PointFileError(f"{target}: the outputs of a folder need a folder, not a file")
-        targets = [target / path.name.replace(".copc.", ".") for path in catalog.paths]
+        if target.exists() and not target.is_dir():
+            raise PointFileError(
+                f"{target}: several outputs need a folder; to join them in one file, name a .las "
+                "or .laz"
+            )
+        names = [path.name.replace(".copc.", ".") for path in catalog.paths]
+        for path, name in zip(catalog.paths, names, strict=True):
+            if names.count(name) > 1:
+                raise PointFileError(
+                    f"{path}: several files have this name, and so would the outputs; to join them "
+                    "in one file, name a .las or .laz"
+                )
+        targets = [target / name for name in names]
     for path in targets:
         if path.is_dir():
             raise PointFileError(f"{path}: is a folder; name a file in it")
@@ -57,30 +83,20 @@ def targets_of(catalog, target, as_folder):
 
 
 def write_outputs(catalog, targets, folder, names):
-    """Write each output in the order of its input; returns the mean share that was removed."""
-    results = _Results(folder.results, len(Cells(folder.cells)), result_dtype(len(names)))
-    first, total = 0, 0.0
+    """Write each output in the order of its inputs; returns the mean share that was removed."""
     removed = names.index("removed_fraction")
-    for i, (path, target, n) in enumerate(zip(catalog.paths, targets, catalog.counts, strict=True)):
-        if folder.is_written(i):
-            total += results.take(first, n)[:, removed].sum(dtype=np.float64)
-            first += n
-            continue
-        with one_clear_line(path, "read"):
-            if stamp_of(path) != catalog.stamps[i]:
-                raise PointFileError("has changed since it was read")
-        with replacing(target) as temporary, writing_parts(temporary) as write:
-            for cloud in read_parts(path, PART):
-                values = results.take(first, len(cloud))
-                total += values[:, removed].sum(dtype=np.float64)
-                write(with_results(cloud, dict(zip(names, values.T.copy(), strict=True))))
-                first += len(cloud)
-                tell(first / catalog.n_points)
-        folder.mark_written(i)
-    return float(total) / catalog.n_points
+
+    def with_normals(cloud, values):
+        return with_results(cloud, dict(zip(names, values.T.copy(), strict=True))), None
+
+    def total(values):
+        return values[:, removed].sum(dtype=np.float64)
+
+    dtype = result_dtype(len(names))
+    return _write(catalog, targets, folder, dtype, with_normals, total) / catalog.n_points
 
 
-def write_denoised_outputs(catalog, targets, folder, mode, is_outlier):
+def write_denoised_outputs(catalog, targets, folder, mode, cutoff):
     """Write each output without its outliers, or with marks.
 
     Parameters
@@ -88,37 +104,61 @@ def write_denoised_outputs(catalog, targets, folder, mode, is_outlier):
     catalog, targets, folder
         As of `write_outputs`.
     mode : {"drop", "mark"}
-    is_outlier : callable
-        Tells which scores are those of outliers.
+    cutoff : float
+        Score beyond which a point is an outlier.
 
     Returns
     -------
     n_outliers : int
     """
-    results = _Results(folder.results, len(Cells(folder.cells)), SCORED)
-    first, n_outliers = 0, 0
-    for i, (path, target, n) in enumerate(zip(catalog.paths, targets, catalog.counts, strict=True)):
-        if folder.is_written(f"{i}.{mode}"):
-            n_outliers += int(is_outlier(results.take(first, n)).sum())
+
+    def denoised(cloud, scores):
+        is_outlier = scores[:, 0] > cutoff
+        if mode == "drop":
+            return cloud.subset(~is_outlier), None
+        return with_results(cloud, {"outlier_score": scores[:, 0].astype(np.float32)}), is_outlier
+
+    def n_outliers(scores):
+        return np.count_nonzero(scores > cutoff)
+
+    return int(_write(catalog, targets, folder, SCORED, denoised, n_outliers, mode))
+
+
+def _write(catalog, targets, folder, dtype, make, measure, mode=""):
+    """Write each output; returns the sum of what `measure` tells of the results.
+
+    `make` returns what to write of a cloud and its results, and which points to mark in it.
+    """
+    results = _Results(folder.results, len(Cells(folder.cells)), dtype)
+    first, total = 0, 0.0
+    joined = len(targets) < len(catalog)
+    header = joined_header(catalog.paths) if joined else None
+    everything = range(len(catalog))
+    for i, target in enumerate(targets):
+        inputs = everything if joined else [i]
+        if folder.is_written(f"{i}{mode}"):
+            n = sum(catalog.counts[j] for j in inputs)
+            for start in range(first, first + n, PART):
+                total += measure(results.take(start, min(PART, first + n - start)))
             first += n
             continue
-        with one_clear_line(path, "read"):
-            if stamp_of(path) != catalog.stamps[i]:
-                raise PointFileError("has changed since it was read")
+        for j in inputs:
+            with one_clear_line(catalog.paths[j], "read"):
+                if stamp_of(catalog.paths[j]) != catalog.stamps[j]:
+                    raise PointFileError("has changed since it was read")
         with replacing(target) as temporary, writing_parts(temporary) as write:
-            for cloud in read_parts(path, PART):
-                scores = results.take(first, len(cloud))[:, 0]
-                outlier = is_outlier(scores)
-                n_outliers += int(outlier.sum())
-                if mode == "drop":
-                    write(cloud.subset(~outlier))
-                else:
-                    score = {"outlier_score": scores.astype(np.float32)}
-                    write(with_results(cloud, score), outlier)
-                first += len(cloud)
-                tell(first / catalog.n_points)
-        folder.mark_written(f"{i}.{mode}")
-    return n_outliers
+            for path in (catalog.paths[j] for j in inputs):
+                for cloud in read_parts(path, PART):
+                    if joined:
+                        with one_clear_line(path, "read"):
+                            cloud = joined_cloud(cloud, header)
+                    values = results.take(first, len(cloud))
+                    total += measure(values)
+                    write(*make(cloud, values))
+                    first += len(cloud)
+                    tell(first / catalog.n_points)
+        folder.mark_written(f"{i}{mode}")
+    return float(total)
 
 
 def scores_in_parts(folder):

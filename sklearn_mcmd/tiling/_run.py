@@ -100,10 +100,12 @@ def write_normals(
     Parameters
     ----------
     source : Catalog, or what it takes
-        Files or a folder.
+        Files, a folder, or an index.
     target : str or os.PathLike
         A LAS or LAZ file for one file, or a folder for several or a folder. Outputs have the names
         of their inputs, all attributes, and the order of the points. They may replace the inputs.
+        A name that ends in ``.las`` or ``.laz`` joins several inputs in one file: with the richest
+        point format, the finest scales and the attributes of all, in the order of the inputs.
     estimator : RobustNormalEstimator, default=None
         With an int as `random_state`, a number of neighbors, and no ``orientation="mst"``, which
         depends on the whole cloud. None is ``RobustNormalEstimator(random_state=0)``.
@@ -117,8 +119,8 @@ def write_normals(
     cut : float in (0, 1), default=0.5
         Share of a tile that comes to the left when it is divided. Results do not depend on it.
     as_folder : bool, default=None
-        Whether `target` is a folder. None means that it is, if there are several files or `source`
-        is a folder.
+        Whether `target` is a folder. None means that it is, if `source` is a folder, an index or
+        several files, and `target` is not named as a file.
     restart : bool, default=False
         Whether to forget what an earlier run has left. By default a run with the same inputs and
         parameters goes on where the earlier one ended.
@@ -160,10 +162,6 @@ def write_normals(
         estimator = RobustNormalEstimator(random_state=0)
     _check(estimator)
     catalog = source if isinstance(source, Catalog) else Catalog(source)
-    if as_folder is None:
-        as_folder = len(catalog) > 1 or (
-            isinstance(source, str | os.PathLike) and Path(source).is_dir()
-        )
     targets = targets_of(catalog, Path(target), as_folder)
     estimator = clone(estimator).set_params(n_jobs=1)
     names = _warm_up(estimator)
@@ -218,7 +216,7 @@ def kept(folder):
         kept = f"what was done is kept in {folder.path}, and the same run goes on from there"
         if isinstance(err, Exception) and not isinstance(err, Warning):  # the user may raise these
             raise TilingError(f"{str(err) or type(err).__name__}; {kept}") from err
-        warnings.warn(kept, stacklevel=4)
+        warnings.warn(kept, stacklevel=5)
         raise
 
 

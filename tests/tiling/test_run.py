@@ -334,9 +334,67 @@ def test_a_read_only_output_is_refused_before_the_work(small_file, tmp_path):
         write_normals(small_file, target)
 
 
-def test_outputs_of_a_folder_need_a_folder(small_file, tmp_path):
-    with pytest.raises(PointFileError, match="need a folder"):
-        write_normals(tmp_path, tmp_path / "out.laz")
+def test_what_files_cannot_become_is_refused_before_the_work(tmp_path):
+    (tmp_path / "x").mkdir()
+    paths = [tmp_path / "a.las", tmp_path / "x" / "a.las"]
+    for path in paths:
+        write_points(path, street(50))
+    (tmp_path / "out.ply").touch()
+    for target, message in (
+        ("out.ply", "several outputs need a folder"),
+        ("out", "several files have this name"),
+        ("a.las", "is one of the inputs"),
+    ):
+        with pytest.raises(PointFileError, match=message):
+            write_normals(paths, tmp_path / target)
+    assert files_in(tmp_path) == ["a.las", "out.ply", "x"]
+
+
+def test_several_files_may_become_one(tmp_path):
+    (tmp_path / "in").mkdir()
+    paths = [tmp_path / "in" / "b.laz", tmp_path / "in" / "a.las"]
+    for seed, path in enumerate(paths):
+        write_points(path, street(2_500, seed))
+    write_normals(paths, tmp_path / "joined.laz", ESTIMATOR, tile_size=2_000)
+    clouds = [read_points(path) for path in paths]
+    fitted = clone(ESTIMATOR).fit(np.vstack([cloud.xyz for cloud in clouds]))
+    joined = read_points(tmp_path / "joined.laz")
+    for name, values in zip(*columns_of(fitted), strict=True):
+        assert_array_equal(joined.attributes[name], values)
+    assert_array_equal(joined.xyz, np.vstack([cloud.xyz for cloud in clouds]))
+    intensity = np.concatenate([cloud.attributes["intensity"] for cloud in clouds])
+    assert_array_equal(joined.attributes["intensity"], intensity)
+    assert files_in(tmp_path) == ["in", "joined.laz"]
+
+
+def waves(path, n_channels):
+    """A street with wave packets, which are compressed well for one scanner channel only."""
+    xyz, n = street(2_500).xyz, 2_500
+    header = laspy.LasHeader(version="1.4", point_format=9)
+    header.scales, header.offsets = [0.001] * 3, np.floor(xyz[0])
+    las = laspy.LasData(header)
+    las.xyz = xyz
+    las.scanner_channel = np.arange(n) % n_channels
+    las.points.array["wavepacket_offset"] = 60 + 256 * np.arange(n)
+    las.points.array["wavepacket_size"] = 256
+    las.write(path)
+    return path
+
+
+@pytest.mark.parametrize("name", ["out.las", "out.laz"])
+def test_wave_packets_are_kept(tmp_path, name):
+    source = waves(tmp_path / "a.las", 1)
+    write_normals(source, tmp_path / name, ESTIMATOR, tile_size=2_000)
+    found, given = (laspy.read(path).points.array for path in (tmp_path / name, source))
+    for dimension in given.dtype.names:
+        assert_array_equal(found[dimension], given[dimension])
+
+
+def test_wave_packets_that_would_change_are_refused(tmp_path):
+    source = waves(tmp_path / "a.las", 2)
+    with pytest.raises(TilingError, match="lazrs cannot compress these wave packets"):
+        write_normals(source, tmp_path / "out.laz", ESTIMATOR, tile_size=2_000)
+    assert not (tmp_path / "out.laz").exists()
 
 
 def test_a_folder_of_others_is_not_removed(small_file, tmp_path):
