@@ -54,7 +54,8 @@ def _plain_parts(file, header, n_points):
 def writing_parts(path):
     """A function that appends the points of a cloud to a new LAS or LAZ file.
 
-    All clouds must come from one file, in its order, with the same new attributes.
+    It takes a cloud, and which of its points to mark as noise. All clouds must come from one file,
+    in its order, with the same new attributes.
     """
     compressed = path.name.lower().endswith(".laz")
     laspy = import_laspy(compressed)
@@ -62,9 +63,9 @@ def writing_parts(path):
     with open(path, "wb+") as file:
         sink = _Sink(file)
 
-        def write(cloud):
+        def write(cloud, noise=None):
             nonlocal writer, header
-            las = las_of_cloud(laspy, cloud)
+            las = las_of_cloud(laspy, cloud, noise)
             with sink.telling():
                 if writer is None:
                     header = las.header

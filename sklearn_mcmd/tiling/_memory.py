@@ -9,7 +9,15 @@ from typing import NamedTuple
 from joblib import effective_n_jobs
 from joblib.parallel import get_active_backend
 
-__all__ = ["Plan", "bytes_in_memory", "parse_memory", "plan_run", "usual_memory"]
+__all__ = [
+    "JUDGED_POINT",
+    "JUDGED_STORED",
+    "Plan",
+    "bytes_in_memory",
+    "parse_memory",
+    "plan_run",
+    "usual_memory",
+]
 
 UNITS = {"": 1, "B": 1, "KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
 # Share of the machine's memory that a run may take by itself, and what it takes where the machine
@@ -19,6 +27,9 @@ SHARE, UNKNOWN = 0.5, 4e9
 # while its normals are computed, for each point of a cloud in memory besides what its record has,
 # and for each value of a feature.
 PROCESS, TILE_POINT, CLOUD_POINT, FEATURE = 330e6, 650, 450, 24
+# Bytes of temporary files for each point: of normals, and of what the detector finds; and what the
+# detector takes for each point of a tile.
+TILE_STORED, JUDGED_STORED, JUDGED_POINT = 72, 220, 650
 # Points read or written at once, and bytes for each while that is done.
 PART, PART_POINT = 250_000, 400
 LEAST_TILE = 20_000  # smaller tiles are mostly halo
@@ -96,15 +107,26 @@ def bytes_in_memory(catalog, n_features=0):
     return PROCESS + points
 
 
-def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None):
+def plan_run(
+    n_points,
+    memory,
+    n_jobs=None,
+    n_features=0,
+    tile_size=None,
+    point=TILE_POINT,
+    stored=TILE_STORED,
+):
     """Divide points so that all workers together stay within the memory.
+
+    A tile takes `point` bytes for each of its points, and its temporary files `stored` bytes,
+    besides those for features.
 
     Raises
     ------
     ValueError
         If one worker with the smallest tile would take more.
     """
-    bytes_a_point = TILE_POINT + FEATURE * n_features
+    bytes_a_point = point + FEATURE * n_features
     own = PROCESS + PART * PART_POINT  # of the process that reads and writes
     least = PROCESS + LEAST_TILE * bytes_a_point
     if memory < own or memory < least:
@@ -123,5 +145,5 @@ def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None):
     n_tiles = max(1, round(n_points / (FILL * tile_size))) if tile_size < n_points else 1
     n_workers = min(n_workers, n_tiles)
     used = PROCESS * (n_workers + (n_workers > 1)) + n_workers * tile_size * bytes_a_point
-    disk = n_points * (32 + 8 + 4 * (8 + n_features))
+    disk = n_points * (stored + 4 * n_features)
     return Plan(n_workers, tile_size, n_tiles, max(own, used), disk)

@@ -16,10 +16,19 @@ from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._memory import PART
 from sklearn_mcmd.tiling._tile import result_dtype, tile_files
 
-__all__ = ["targets_of", "tell", "write_outputs"]
+__all__ = [
+    "SCORED",
+    "scores_in_parts",
+    "targets_of",
+    "tell",
+    "write_denoised_outputs",
+    "write_outputs",
+]
 
 # Results that wait in memory to be written: of a tile, and bytes of all of them.
 WAITING, WAITING_BYTES = 2048, 50e6
+# Of the file of a tile's scores.
+SCORED = np.dtype([("row", np.int64), ("values", np.float64, (1,))])
 
 
 def targets_of(catalog, target, as_folder=None):
@@ -75,19 +84,62 @@ def targets_of(catalog, target, as_folder=None):
 
 def write_outputs(catalog, targets, folder, names):
     """Write each output in the order of its inputs; returns the mean share that was removed."""
-    results = _Results(folder.results, len(Cells(folder.cells)), len(names))
-    first, total = 0, 0.0
     removed = names.index("removed_fraction")
+
+    def with_normals(cloud, values):
+        return with_results(cloud, dict(zip(names, values.T.copy(), strict=True))), None
+
+    def total(values):
+        return values[:, removed].sum(dtype=np.float64)
+
+    dtype = result_dtype(len(names))
+    return _write(catalog, targets, folder, dtype, with_normals, total) / catalog.n_points
+
+
+def write_denoised_outputs(catalog, targets, folder, mode, cutoff):
+    """Write each output without its outliers, or with marks.
+
+    Parameters
+    ----------
+    catalog, targets, folder
+        As of `write_outputs`.
+    mode : {"drop", "mark"}
+    cutoff : float
+        Score beyond which a point is an outlier.
+
+    Returns
+    -------
+    n_outliers : int
+    """
+
+    def denoised(cloud, scores):
+        is_outlier = scores[:, 0] > cutoff
+        if mode == "drop":
+            return cloud.subset(~is_outlier), None
+        return with_results(cloud, {"outlier_score": scores[:, 0].astype(np.float32)}), is_outlier
+
+    def n_outliers(scores):
+        return np.count_nonzero(scores > cutoff)
+
+    return int(_write(catalog, targets, folder, SCORED, denoised, n_outliers, mode))
+
+
+def _write(catalog, targets, folder, dtype, make, measure, mode=""):
+    """Write each output; returns the sum of what `measure` tells of the results.
+
+    `make` returns what to write of a cloud and its results, and which points to mark in it.
+    """
+    results = _Results(folder.results, len(Cells(folder.cells)), dtype)
+    first, total = 0, 0.0
     joined = len(targets) < len(catalog)
     header = joined_header(catalog.paths) if joined else None
     everything = range(len(catalog))
     for i, target in enumerate(targets):
         inputs = everything if joined else [i]
-        if folder.is_written(i):
+        if folder.is_written(f"{i}{mode}"):
             n = sum(catalog.counts[j] for j in inputs)
             for start in range(first, first + n, PART):
-                values = results.take(start, min(PART, first + n - start))
-                total += values[:, removed].sum(dtype=np.float64)
+                total += measure(results.take(start, min(PART, first + n - start)))
             first += n
             continue
         for j in inputs:
@@ -101,27 +153,34 @@ def write_outputs(catalog, targets, folder, names):
                         with one_clear_line(path, "read"):
                             cloud = joined_cloud(cloud, header)
                     values = results.take(first, len(cloud))
-                    total += values[:, removed].sum(dtype=np.float64)
-                    write(with_results(cloud, dict(zip(names, values.T.copy(), strict=True))))
+                    total += measure(values)
+                    write(*make(cloud, values))
                     first += len(cloud)
                     tell(first / catalog.n_points)
-        folder.mark_written(i)
-    return float(total) / catalog.n_points
+        folder.mark_written(f"{i}{mode}")
+    return float(total)
+
+
+def scores_in_parts(folder):
+    """The scores of all points, tile by tile."""
+    for cell in range(len(Cells(folder.cells))):
+        yield np.fromfile(tile_files(folder.results, cell)[0], SCORED)["values"][:, 0]
 
 
 class _Results:
     """The results of all tiles in the order of the points, of which each is asked for once."""
 
-    def __init__(self, folder, n_tiles, n_columns):
+    def __init__(self, folder, n_tiles, dtype):
         self.paths = [tile_files(folder, cell)[0] for cell in range(n_tiles)]
-        self.dtype = result_dtype(n_columns)
+        self.dtype = dtype
         self.waiting = [np.empty(0, self.dtype)] * n_tiles
         self.read = [0] * n_tiles
         self.n_read = int(np.clip(WAITING_BYTES / n_tiles / self.dtype.itemsize, 16, WAITING))
 
     def take(self, first, n):
         """Results (n, n_columns) of the points from the row `first` on."""
-        values, found = np.empty((n, self.dtype["values"].shape[0]), np.float32), 0
+        of_row = self.dtype["values"]
+        values, found = np.empty((n, of_row.shape[0]), of_row.base), 0
         for tile in range(len(self.paths)):
             for part in self._parts(tile, first + n):
                 values[part["row"] - first] = part["values"]

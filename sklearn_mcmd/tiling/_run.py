@@ -6,6 +6,7 @@ import shutil
 import time
 import warnings
 from collections.abc import Iterable
+from contextlib import contextmanager
 from functools import partial
 from numbers import Integral
 from pathlib import Path
@@ -34,7 +35,15 @@ from sklearn_mcmd.tiling._tile import (
 )
 from sklearn_mcmd.tiling._work import TilingError, compute_cells
 
-__all__ = ["RunReport", "TilingError", "write_normals"]
+__all__ = [
+    "COMPUTED",
+    "SCATTERED",
+    "RunReport",
+    "TilingError",
+    "kept",
+    "scattered",
+    "write_normals",
+]
 
 # Shares of the time, for the display of progress.
 SCATTERED, COMPUTED = 0.07, 0.93
@@ -48,13 +57,15 @@ class RunReport(NamedTuple):
     ----------
     n_points, n_tiles, n_workers : int
     n_resumed : int
-        Tiles that an earlier run had finished.
+        Tiles that an earlier run had finished; of `write_denoised`, those whose planes it had.
     n_proved : int
-        Points whose normals the first halo proved. The others were computed again, from all points
-        that they depend on.
+        Points whose normals or planes the first halo proved. The others were computed again, from
+        all points that they depend on.
     removed_fraction : float
-        Mean share of a neighborhood that was removed.
+        Mean share of a neighborhood that was removed; of `write_denoised`, the share of outliers.
     seconds : float
+    n_outliers : int
+        Of `write_denoised`.
     """
 
     n_points: int
@@ -64,6 +75,7 @@ class RunReport(NamedTuple):
     n_proved: int
     removed_fraction: float
     seconds: float
+    n_outliers: int = 0
 
 
 def write_normals(
@@ -155,6 +167,30 @@ def write_normals(
     names = _warm_up(estimator)
     memory = usual_memory() if memory is None else parse_memory(memory)
     plan = plan_run(catalog.n_points, memory, n_jobs, len(names) - len(NORMAL_COLUMNS), tile_size)
+    folder = scattered(catalog, target, estimator, plan, cut, restart)
+    with kept(folder):
+        for path in targets:
+            path.parent.mkdir(exist_ok=True)
+        with progress_part(SCATTERED, COMPUTED, "normals"):
+            cells = Cells(folder.cells)
+            todo = [cell for cell in range(len(cells)) if not folder.is_done(cell)]
+            task = partial(
+                normals_of_tile, folder.cells, estimator=estimator, constants=folder.constants,
+                target=folder.results,
+            )  # fmt: skip
+            compute_cells(task, cells, todo, plan.n_workers, "normals")
+        with progress_part(COMPUTED, 1.0, "writing"):
+            removed = write_outputs(catalog, targets, folder, names)
+    reports = _reports(folder)
+    folder.remove()
+    return RunReport(
+        catalog.n_points, len(reports), plan.n_workers, len(cells) - len(todo),
+        sum(report.n_proved for report in reports), removed, time.perf_counter() - begin,
+    )  # fmt: skip
+
+
+def scattered(catalog, target, estimator, plan, cut, restart):
+    """The folder of a run, with all points in cells: of an earlier run, if that was the same."""
     _check_disk(Path(os.path.realpath(target)).parent, plan.disk)
     key = key_of(catalog, estimator, plan.tile_size, cut, _version())
     folder = WorkFolder(target, key)
@@ -168,31 +204,20 @@ def write_normals(
         except BaseException:
             folder.remove()
             raise
+    return folder
+
+
+@contextmanager
+def kept(folder):
+    """Name the folder where a run ends early."""
     try:
-        for path in targets:
-            path.parent.mkdir(exist_ok=True)
-        with progress_part(SCATTERED, COMPUTED, "normals"):
-            cells = Cells(folder.cells)
-            todo = [cell for cell in range(len(cells)) if not folder.is_done(cell)]
-            task = partial(
-                normals_of_tile, folder.cells, estimator=estimator, constants=folder.constants,
-                target=folder.results,
-            )  # fmt: skip
-            compute_cells(task, cells, todo, plan.n_workers, "normals")
-        with progress_part(COMPUTED, 1.0, "writing"):
-            removed = write_outputs(catalog, targets, folder, names)
+        yield
     except (Exception, KeyboardInterrupt, SystemExit) as err:
         kept = f"what was done is kept in {folder.path}, and the same run goes on from there"
         if isinstance(err, Exception) and not isinstance(err, Warning):  # the user may raise these
             raise TilingError(f"{str(err) or type(err).__name__}; {kept}") from err
-        warnings.warn(kept, stacklevel=2)
+        warnings.warn(kept, stacklevel=5)
         raise
-    reports = _reports(folder)
-    folder.remove()
-    return RunReport(
-        catalog.n_points, len(reports), plan.n_workers, len(cells) - len(todo),
-        sum(report.n_proved for report in reports), removed, time.perf_counter() - begin,
-    )  # fmt: skip
 
 
 def _check(estimator):
