@@ -20,8 +20,8 @@ __all__ = ["RECORD", "CellWriter", "Cells"]
 RECORD = np.dtype([("xyz", np.float64, 3), ("row", np.int64)])
 BOXES = "cells.npz"
 LEAF = 32
-# Of a cell with MANY points, a tree of about SAMPLE points tells first where neighbors may be. A grid
-# of VOXELS along each side tells which points are there; that of KEPT cells is kept.
+# Of a cell with MANY points, a tree of SAMPLE points tells first where neighbors may be. VOXELS
+# along each side tell which points are there; those of KEPT cells are kept.
 MANY, SAMPLE, VOXELS, KEPT = 200_000, 60_000, 96, 6
 
 
@@ -218,25 +218,23 @@ class _Grid:
     """Points of a cell by voxels."""
 
     def __init__(self, points):
-        self.points = np.ascontiguousarray(points)
-        self.low, high = points.min(axis=0), points.max(axis=0)
-        self.size = np.maximum(high - self.low, np.finfo(float).tiny) / VOXELS
-        x, y, z = ((points[:, i] - self.low[i]) / self.size[i] for i in range(3))
-        n = VOXELS + 2
-        self.voxels = (x.astype(np.int32) * n + y.astype(np.int32)) * n + z.astype(np.int32)
+        self.points, n = np.ascontiguousarray(points), VOXELS + 1
+        low, high = points.min(axis=0), points.max(axis=0)
+        size = np.maximum(high - low, np.finfo(float).tiny) / VOXELS
+        x, y, z = (((points[:, i] - low[i]) / size[i]).astype(np.int32) for i in range(3))
+        self.voxels = (x * n + y) * n + z
+        self.taken = np.flatnonzero(np.bincount(self.voxels, minlength=n**3))
+        middles = np.stack(np.unravel_index(self.taken, (n,) * 3), axis=1) + 0.5
+        self.tree = cKDTree(low + middles * size, leafsize=LEAF, balanced_tree=False)
+        self.half = 0.501 * np.linalg.norm(size)  # a diagonal, and rounding
 
     def near(self, queries, reach):
-        """The points of all voxels that the box around a ball touches."""
-        touched, ends = np.zeros((VOXELS + 2,) * 3, np.int32), []
-        for sign, most in ((-1, VOXELS), (1, VOXELS + 1)):
-            end = (queries + sign * reach[:, None] - self.low) / self.size + sign * 1e-6
-            ends.append(np.clip(end + (sign > 0), 0, most).astype(np.intp))
-        for corner in np.ndindex(2, 2, 2):  # differences, of which sums are the numbers of balls
-            at = tuple(ends[side][:, axis] for axis, side in enumerate(corner))
-            np.add.at(touched, at, (-1) ** sum(corner))
-        for axis in range(3):
-            np.cumsum(touched, axis=axis, out=touched)
-        return self.points[(touched > 0).ravel()[self.voxels]]
+        """The points of all voxels that a ball may touch."""
+        if np.isinf(reach).any():
+            return self.points
+        touched = np.zeros((VOXELS + 1) ** 3, bool)
+        touched[self.taken[_within(self.tree, queries, reach + self.half)]] = True
+        return self.points[touched[self.voxels]]
 
 
 def _tree_of(points):
