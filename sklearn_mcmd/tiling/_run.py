@@ -216,7 +216,7 @@ def kept(folder):
         kept = f"what was done is kept in {folder.path}, and the same run goes on from there"
         if isinstance(err, Exception) and not isinstance(err, Warning):  # the user may raise these
             raise TilingError(f"{str(err) or type(err).__name__}; {kept}") from err
-        warnings.warn(kept, stacklevel=5)
+        warnings.warn(kept, stacklevel=4)
         raise
 
 

@@ -153,9 +153,9 @@ def find_links(cell, job):
     if usable.any():  # then there are as many neighbors
         index = _Searched(np.vstack([points, found.points]), width)
         order = index.order
-        planes = found.values(columns, "planes", [columns.read(cell, "planes")])[order]
-        usable_there = found.values(columns, "usable", [usable])[order]
-        farthest = found.values(columns, "farthest", [farthest])[order]
+        planes = found.after([columns.read(cell, "planes")], columns, "planes")[order]
+        usable_there = found.after([usable], columns, "usable")[order]
+        farthest = found.after([farthest], columns, "farthest")[order]
         links = link_planes(
             index, width, _record(planes), link_limits(LIMITS), usable_there, compiled=True,
             farthest=farthest,
@@ -188,7 +188,7 @@ def find_explained(cell, job):
     off = np.flatnonzero(~on_surface)
     queries, reach = points[off], planes[off, RADIUS]
     found = within_reach(cells, all_places(columns), queries, reach, skip=cell)
-    around = _measured(found.values(columns, "planes", [planes]), job.detector.noise_scale)
+    around = _measured(found.after([planes], columns, "planes"), job.detector.noise_scale)
     usable = [on_surface]
     for other, rows in found.parts:
         usable.append(_on_surface(columns, other, job.least[0])[rows])
@@ -232,7 +232,7 @@ def _evaluate(job, columns, points, counts, others):
     """
     n, detector = len(points), job.detector
     points = np.vstack([points, others.points])
-    counts = others.values(columns, "counts", [counts])
+    counts = others.after([counts], columns, "counts")
     points, counts = _with_others(points, counts, columns, detector.n_neighbors, n)
     model = fit_planes(job, points)
     index, counts = model.index, counts[model.index.rows]
