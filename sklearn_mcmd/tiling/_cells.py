@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.planes._certificate import SLACK
 from sklearn_mcmd.planes._indexed_cloud import distinct_rows
 
@@ -69,8 +70,9 @@ class CellWriter:
                 parts = (child, records[left]), (child + 1, records[~left])
                 waiting += [part for part in parts if len(part[1])]
                 continue
-            with open(_path(self.folder, node), "ab") as file:
-                records.tofile(file)
+            path = _path(self.folder, node)
+            with one_clear_line(path, "written"), open(path, "ab") as file:
+                file.write(records.data)  # unlike tofile, it says why it fails
             self.counts[node] += len(records)
             extent, xyz = self.extents[node], records["xyz"]
             np.minimum(extent[0], xyz.min(axis=0), out=extent[0])

@@ -2,6 +2,7 @@
 
 import json
 import os
+import secrets
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -206,7 +207,7 @@ def _write(folder, cell, results, report):
     """Write a tile under a temporary name, which it leaves when it is whole."""
     whole, report_file = tile_files(folder, cell)
     report_file.write_text(json.dumps(report._asdict()))
-    temporary = whole.with_name(f"{cell}.{os.getpid()}.part")
+    temporary = whole.with_name(f"{cell}.{secrets.token_hex(4)}.part")  # of many machines
     with open(temporary, "wb") as file:
-        results.tofile(file)
+        file.write(results.data)  # unlike tofile, it says why it fails
     os.replace(temporary, whole)

@@ -262,25 +262,35 @@ def test_an_input_that_vanishes_is_named(small_file, tmp_path):
     assert files_in(tmp_path) == ["elsewhere.las"]
 
 
-def test_an_input_that_changes_during_the_run_is_noticed(small_file, tmp_path, monkeypatch):
+@pytest.mark.parametrize("how", ["changes", "vanishes"])
+def test_an_input_that_changes_during_the_run_is_noticed(small_file, tmp_path, monkeypatch, how):
     compute = _run.compute_cells
 
-    def shorten(*args):
+    def change(*args):
         compute(*args)
-        write_points(small_file, street(5_000))
+        small_file.rename(tmp_path / "before.las")
+        if how == "changes":
+            write_points(small_file, street(5_000))
 
-    monkeypatch.setattr(_run, "compute_cells", shorten)
-    with pytest.raises(TilingError, match="has changed"):
+    monkeypatch.setattr(_run, "compute_cells", change)
+    message = r"small\.las: (has changed|cannot be read: no such file).*kept in .*out\.las\.tiles"
+    with pytest.raises(TilingError, match=message):
         write_normals(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
     assert not (tmp_path / "out.las").exists()
+    monkeypatch.undo()
+    (tmp_path / "before.las").replace(small_file)
+    report = write_normals(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+    assert report.n_resumed == report.n_tiles
 
 
-def test_a_damaged_chunk_is_named_and_leaves_nothing(street_file, tmp_path):
-    content = bytearray(street_file[0].read_bytes())
+def test_a_damaged_chunk_is_named_and_leaves_nothing(tmp_path):
     path = tmp_path / "damaged.laz"
-    content[-len(content) // 2 :] = bytes(len(content[-len(content) // 2 :]))
+    write_points(path, np.random.default_rng(0).uniform(size=(120_000, 3)))  # three chunks
+    content = bytearray(path.read_bytes())
+    third = len(content) // 3
+    content[third : 2 * third] = bytes(third)
     path.write_bytes(content)
-    with pytest.raises(PointFileError, match=r"damaged\.laz: "):
+    with pytest.raises(PointFileError, match=r"damaged\.laz: .*damaged"):
         write_normals(path, tmp_path / "out.laz", ESTIMATOR, tile_size=TILE)
     assert files_in(tmp_path) == ["damaged.laz"]
     assert path.read_bytes() == content
