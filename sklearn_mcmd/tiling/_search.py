@@ -18,6 +18,7 @@ LEAF = 32
 AT_ONCE = 2_000_000
 # Bounds of this many times the usual one are worth a search for better ones.
 LOOSE = 3.0
+NEVER_ZERO = 1e-150  # nor is its square; a tree finds what is nearer than a distance
 
 
 class Found:
@@ -236,7 +237,7 @@ def _in_balls(part, queries, reach):
         low = (queries[some] - reach[some, None]).min(axis=0)
         high = (queries[some] + reach[some, None]).max(axis=0)
         asked = np.flatnonzero(~near & ((points >= low) & (points <= high)).all(axis=1))
-        widest = SLACK * reach[some].max() + np.finfo(float).tiny
+        widest = SLACK * reach[some].max() + NEVER_ZERO
         gaps = _tree(queries[some]).query(points[asked], distance_upper_bound=widest)[0]
         near[asked[np.isfinite(gaps)]] = True
     return cell, points[near], rows[near]
