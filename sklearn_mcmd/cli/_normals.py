@@ -140,7 +140,8 @@ def normals(
         if catalog is not None:
             _check_local(source, n_neighbors, orientation)
         if dry_run:
-            print_plan(source, target, catalog, _estimator(params), memory)
+            estimator = _estimator(params)
+            print_plan(source, target, catalog, estimator, memory, n_features=n_features)
             return
         if catalog is not None:
             return _by_tiles(source, target, catalog, params, memory, restart, quiet, seconds)

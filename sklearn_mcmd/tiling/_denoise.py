@@ -21,13 +21,7 @@ from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._joining import join_parts
-from sklearn_mcmd.tiling._memory import (
-    JUDGED_POINT,
-    JUDGED_STORED,
-    parse_memory,
-    plan_run,
-    usual_memory,
-)
+from sklearn_mcmd.tiling._memory import parse_memory, plan_run, usual_memory
 from sklearn_mcmd.tiling._outputs import (
     SCORED,
     scores_in_parts,
@@ -157,9 +151,7 @@ def write_denoised(
     estimator = clone(estimator).set_params(n_jobs=1)
     cutoff = _warm_up(estimator)
     memory = usual_memory() if memory is None else parse_memory(memory)
-    plan = plan_run(
-        catalog.n_points, memory, n_jobs, 0, tile_size, point=JUDGED_POINT, stored=JUDGED_STORED
-    )
+    plan = plan_run(catalog.n_points, memory, n_jobs, tile_size=tile_size, judged=True)
     folder = scattered(catalog, target, estimator, plan, cut, restart)
     with kept(folder):
         for path in targets:
@@ -170,7 +162,7 @@ def write_denoised(
         with progress_part(SCATTERED, COMPUTED, "outliers"):
             cutoff = _judge(job, cells, columns, folder, plan.n_workers, cutoff)
         with progress_part(COMPUTED, 1.0, "writing"):
-            n_outliers = write_denoised_outputs(catalog, targets, folder, mode, cutoff)
+            n_outliers, n_exact = write_denoised_outputs(catalog, targets, folder, mode, cutoff)
         if columns.is_done(0, "planes"):
             n_proved = columns.total(len(cells), "planes", "n_proved")
         else:
@@ -178,7 +170,7 @@ def write_denoised(
     folder.remove()
     return RunReport(
         catalog.n_points, len(cells), plan.n_workers, n_resumed, n_proved,
-        n_outliers / catalog.n_points, time.perf_counter() - begin, n_outliers,
+        n_outliers / catalog.n_points, time.perf_counter() - begin, n_outliers, n_exact,
     )  # fmt: skip
 
 

@@ -29,7 +29,7 @@ SHARE, UNKNOWN = 0.5, 4e9
 PROCESS, TILE_POINT, CLOUD_POINT, FEATURE = 330e6, 650, 450, 24
 # Bytes of temporary files for each point: of normals, and of what the detector finds; and what the
 # detector takes for each point of a tile.
-TILE_STORED, JUDGED_STORED, JUDGED_POINT = 72, 220, 650
+TILE_STORED, JUDGED_STORED, JUDGED_POINT = 72, 200, 500
 # Points read or written at once, and bytes for each while that is done.
 PART, PART_POINT = 250_000, 400
 LEAST_TILE = 20_000  # smaller tiles are mostly halo
@@ -107,25 +107,17 @@ def bytes_in_memory(catalog, n_features=0):
     return PROCESS + points
 
 
-def plan_run(
-    n_points,
-    memory,
-    n_jobs=None,
-    n_features=0,
-    tile_size=None,
-    point=TILE_POINT,
-    stored=TILE_STORED,
-):
+def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, judged=False):
     """Divide points so that all workers together stay within the memory.
 
-    A tile takes `point` bytes for each of its points, and its temporary files `stored` bytes,
-    besides those for features.
+    With `judged`, outliers are found, else normals.
 
     Raises
     ------
     ValueError
         If one worker with the smallest tile would take more.
     """
+    point, stored = (JUDGED_POINT, JUDGED_STORED) if judged else (TILE_POINT, TILE_STORED)
     bytes_a_point = point + FEATURE * n_features
     own = PROCESS + PART * PART_POINT  # of the process that reads and writes
     least = PROCESS + LEAST_TILE * bytes_a_point

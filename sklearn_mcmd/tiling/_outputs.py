@@ -10,6 +10,7 @@ from sklearn_mcmd.io._files import one_clear_line, replacing
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._las_parts import read_parts, writing_parts
 from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
 from sklearn_mcmd.planes._progress import current_span
 from sklearn_mcmd.tiling._catalog import EXTENSIONS, stamp_of
 from sklearn_mcmd.tiling._cells import Cells
@@ -93,7 +94,7 @@ def write_outputs(catalog, targets, folder, names):
         return values[:, removed].sum(dtype=np.float64)
 
     dtype = result_dtype(len(names))
-    return _write(catalog, targets, folder, dtype, with_normals, total) / catalog.n_points
+    return float(_write(catalog, targets, folder, dtype, with_normals, total)) / catalog.n_points
 
 
 def write_denoised_outputs(catalog, targets, folder, mode, cutoff):
@@ -109,7 +110,8 @@ def write_denoised_outputs(catalog, targets, folder, mode, cutoff):
 
     Returns
     -------
-    n_outliers : int
+    n_outliers, n_exact : int
+        Outliers, and those of them that have no scale, see `EXACT_PLANE_SCORE`.
     """
 
     def denoised(cloud, scores):
@@ -118,10 +120,11 @@ def write_denoised_outputs(catalog, targets, folder, mode, cutoff):
             return cloud.subset(~is_outlier), None
         return with_results(cloud, {"outlier_score": scores[:, 0].astype(np.float32)}), is_outlier
 
-    def n_outliers(scores):
-        return np.count_nonzero(scores > cutoff)
+    def counts(scores):
+        beyond = max(cutoff, EXACT_PLANE_SCORE)
+        return np.array([np.count_nonzero(scores > limit) for limit in (cutoff, beyond)])
 
-    return int(_write(catalog, targets, folder, SCORED, denoised, n_outliers, mode))
+    return map(int, _write(catalog, targets, folder, SCORED, denoised, counts, mode))
 
 
 def _write(catalog, targets, folder, dtype, make, measure, mode=""):
@@ -158,7 +161,7 @@ def _write(catalog, targets, folder, dtype, make, measure, mode=""):
                     first += len(cloud)
                     tell(first / catalog.n_points)
         folder.mark_written(f"{i}{mode}")
-    return float(total)
+    return total
 
 
 def scores_in_parts(folder):

@@ -78,7 +78,7 @@ def find_groups(cell, job):
     found = within_reach(cells, _some(columns, _is_rest), queries, reach, skip=cell)
     n, linked = len(rest), np.empty((len(rest), WIDTH - 1), np.int32)
     own = np.arange(n, dtype=np.int32)
-    usual_there = np.append(found.values(columns, "usual", [usual]), np.inf)
+    usual_there = np.append(found.after([usual], columns, "usual"), np.inf)
 
     def link(rows, distances, near):
         steps = steps_between(usual[rows], usual_there[near[:, 1:]], distances[:, 1:])
@@ -160,9 +160,9 @@ def _separation(cell, job, cells, columns):
         rows_there = np.flatnonzero(np.isin(labels_there, some[:, 2]))
         parts.append((other, columns.read(other, "points")[rows_there], rows_there))
         groups.append([number_there[label] for label in labels_there[rows_there]])
-    found = Found.of(parts)
+    found = Found(parts)
     points = np.vstack([columns.read(cell, "points")[rows], found.points])
-    usual = found.values(columns, "usual", [columns.read(cell, "usual")[rows]])
+    usual = found.after([columns.read(cell, "usual")[rows]], columns, "usual")
     _, groups = np.unique(np.concatenate(groups).astype(np.int64), return_inverse=True)
     gaps = np.full(len(points), np.inf)
 

@@ -66,6 +66,9 @@ class RunReport(NamedTuple):
     seconds : float
     n_outliers : int
         Of `write_denoised`.
+    n_exact : int
+        Of these, those that may be outliers only because most of their neighbors lie exactly in
+        one plane.
     """
 
     n_points: int
@@ -76,6 +79,7 @@ class RunReport(NamedTuple):
     removed_fraction: float
     seconds: float
     n_outliers: int = 0
+    n_exact: int = 0
 
 
 def write_normals(
@@ -216,7 +220,7 @@ def kept(folder):
         kept = f"what was done is kept in {folder.path}, and the same run goes on from there"
         if isinstance(err, Exception) and not isinstance(err, Warning):  # the user may raise these
             raise TilingError(f"{str(err) or type(err).__name__}; {kept}") from err
-        warnings.warn(kept, stacklevel=5)
+        warnings.warn(kept, stacklevel=4)
         raise
 
 

@@ -4,8 +4,6 @@ A search among points of a cell is that of the whole cloud if it does not reach 
 cell's box. Else all points within its reach are collected from all cells, and it is done anew.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -18,30 +16,39 @@ __all__ = ["Found", "around_box", "as_near_as", "visit_nearest", "within_reach"]
 LEAF = 32
 # Distances that are kept at once, what bounds the memory.
 AT_ONCE = 2_000_000
+# Bounds of this many times the usual one are worth a search for better ones.
+LOOSE = 3.0
+NEVER_ZERO = 1e-150  # nor is its square; a tree finds what is nearer than a distance
 
 
-class Found(NamedTuple):
+class Found:
     """Points of several cells.
 
+    Parameters
+    ----------
+    parts : list of (int, ndarray of shape (m, 3), ndarray of int of shape (m,))
+        Cells, their points, and the rows of these among the cell's places.
+
+    Attributes
+    ----------
     points : ndarray of shape (n, 3)
     parts : list of (int, ndarray of int)
-        Their cells and their rows among the cell's places.
+        Cells and rows.
     """
 
-    points: np.ndarray
-    parts: list
+    def __init__(self, parts):
+        self.points = np.vstack([np.empty((0, 3)), *(points for _, points, _ in parts)])
+        self.parts = [(cell, rows) for cell, _, rows in parts]
+        self._values = {}
 
-    @classmethod
-    def of(cls, parts):
-        """From a list of cell, points and rows."""
-        points = [points for _, points, _ in parts]
-        return cls(
-            np.vstack(points) if points else np.empty((0, 3)),
-            [(cell, rows) for cell, _, rows in parts],
-        )
+    def values(self, columns, name):
+        """The values of a column, which are read once."""
+        if name not in self._values:
+            self._values[name] = self.after([], columns, name)
+        return self._values[name]
 
-    def values(self, columns, name, before=()):
-        """The values of a column, after others."""
+    def after(self, before, columns, name):
+        """The values of a column behind a list of others."""
         found = (columns.read(cell, name, mmap=True)[rows] for cell, rows in self.parts)
         return np.concatenate([*before, *found])
 
@@ -80,7 +87,7 @@ def around_box(cells, load, cell, width, most):
             width /= 2
             low, high = cells.low[cell] - width, cells.high[cell] + width
             parts = [_inside(part, low, high) for part in parts]
-    return Found.of(parts), low, high
+    return Found(parts), low, high
 
 
 def within_reach(cells, load, queries, reach, skip=None):
@@ -109,7 +116,7 @@ def within_reach(cells, load, queries, reach, skip=None):
                 part = cell, *load(cell)
                 part = _near_box(part, queries[asking], reach[asking])
                 parts.append(_in_balls(part, queries[asking], reach[asking]))
-    return Found.of(parts)
+    return Found(parts)
 
 
 def as_near_as(cells, load, queries, k, bounds):
@@ -124,9 +131,10 @@ def as_near_as(cells, load, queries, k, bounds):
         Distances within which each query has k points; inf is always right.
     """
     reach = SLACK * bounds
-    n_parts = max(1, -(-len(queries) * k // AT_ONCE))
-    for rows in np.array_split(np.arange(len(queries)), n_parts) if len(queries) else []:
-        reach[rows] = _tightened(cells, load, queries[rows], k, reach[rows])
+    if len(queries):
+        loose = np.flatnonzero(~(reach <= LOOSE * np.median(reach)) | np.isinf(reach))
+        for rows in np.array_split(loose, max(1, -(-len(loose) * k // AT_ONCE))):
+            reach[rows] = _tightened(cells, load, queries[rows], k, reach[rows])
     return within_reach(cells, load, queries, reach)
 
 
@@ -149,7 +157,7 @@ def visit_nearest(cells, load, cell, queries, k, work):
     n_far : int
         Queries whose nearest points are not all in the cell.
     """
-    own = Found.of([(cell, *load(cell))])
+    own = Found([(cell, *load(cell))])
     inside = to_border(queries, cells.low[cell], cells.high[cell])
     bounds = np.full(len(queries), np.inf)
 
@@ -178,6 +186,8 @@ def visit_nearest(cells, load, cell, queries, k, work):
 def _tightened(cells, load, queries, k, reach):
     """Distances of the k-th nearest points of the cloud, from bounds of them."""
     nearest, reach = np.full((len(queries), k), np.inf), reach.copy()
+    if not len(queries):
+        return reach
     low, high = (queries - reach[:, None]).min(axis=0), (queries + reach[:, None]).max(axis=0)
     near = _overlapping(cells, low, high)
     least, most = cells.extent(near)
@@ -217,12 +227,19 @@ def _near_box(part, queries, reach):
 
 
 def _in_balls(part, queries, reach):
+    """The points within reach of queries; some may be twice as far away."""
     cell, points, rows = part
     if not len(points) or np.isinf(reach).any():
         return part
-    found = _tree(points).query_ball_point(queries, reach, return_sorted=False)
     near = np.zeros(len(points), bool)
-    near[np.concatenate(found).astype(np.intp)] = True
+    size = np.frexp(reach)[1]
+    for some in (size == value for value in np.unique(size)):
+        low = (queries[some] - reach[some, None]).min(axis=0)
+        high = (queries[some] + reach[some, None]).max(axis=0)
+        asked = np.flatnonzero(~near & ((points >= low) & (points <= high)).all(axis=1))
+        widest = SLACK * reach[some].max() + NEVER_ZERO
+        gaps = _tree(queries[some]).query(points[asked], distance_upper_bound=widest)[0]
+        near[asked[np.isfinite(gaps)]] = True
     return cell, points[near], rows[near]
 
 

@@ -147,28 +147,28 @@ def find_links(cell, job):
     points, usable = columns.read(cell, "points"), columns.read(cell, "usable")
     farthest = columns.read(cell, "farthest")
     found = within_reach(cells, all_places(columns), points[usable], farthest[usable], skip=cell)
-    n, width = len(points), min(LIMITS.n_links, job.detector.n_neighbors)
-    linked = np.repeat(np.arange(n, dtype=np.int32)[:, None], width, axis=1)
-    rows, others = [np.empty(0, np.intp)], [np.empty(0, np.intp)]
+    n, linked, leaving = len(points), _unlinked(points, job), [np.empty((0, 2), np.int32)]
     if usable.any():  # then there are as many neighbors
+        width = linked.shape[1]
         index = _Searched(np.vstack([points, found.points]), width)
         order = index.order
-        planes = found.values(columns, "planes", [columns.read(cell, "planes")])[order]
-        usable_there = found.values(columns, "usable", [usable])[order]
-        farthest = found.values(columns, "farthest", [farthest])[order]
+        planes = _record(found.after([columns.read(cell, "planes")], columns, "planes"), order)
+        usable_there = found.after([usable], columns, "usable")[order]
+        farthest = found.after([farthest], columns, "farthest")[order]
         links = link_planes(
-            index, width, _record(planes), link_limits(LIMITS), usable_there, compiled=True,
+            index, width, planes, link_limits(LIMITS), usable_there, compiled=True,
             farthest=farthest,
         )  # fmt: skip
-        links = np.where(links < 0, -1, order[links])
-        own = order < n
-        linked[order[own]] = np.where(links[own] < 0, linked[order[own]], links[own])
-        rows, columns_out = np.nonzero(linked >= n)
-        rows, others = [rows], [linked[rows, columns_out] - n]
-        linked = np.where(linked >= n, np.arange(n, dtype=np.int32)[:, None], linked)
-    labels, _ = connected(np.ascontiguousarray(linked), compiled=True)
-    labels = np.where(usable, labels, -1)
-    rows, others = np.concatenate(rows), np.concatenate(others)
+        del planes
+        for first in range(0, len(links), CHUNK):
+            part, rows = links[first : first + CHUNK], order[first : first + CHUNK]
+            part, rows = part[rows < n], rows[rows < n]
+            to = np.where(part < 0, rows[:, None], order[part])
+            i, j = np.nonzero(to >= n)
+            leaving.append(np.stack([rows[i], to[i, j] - n], axis=1))
+            linked[rows] = np.where(to >= n, rows[:, None], to)
+    labels = np.where(usable, connected(linked, compiled=True)[0], -1)
+    rows, others = np.vstack(leaving).T
     there, rows_there = found.places
     parts = parts_of_cell(labels, np.ones(n), rows, there[others], rows_there[others])
     columns.write(cell, **{f"surface_{name}": v for name, v in parts._asdict().items()})
@@ -188,7 +188,7 @@ def find_explained(cell, job):
     off = np.flatnonzero(~on_surface)
     queries, reach = points[off], planes[off, RADIUS]
     found = within_reach(cells, all_places(columns), queries, reach, skip=cell)
-    around = _measured(found.values(columns, "planes", [planes]), job.detector.noise_scale)
+    around = _measured(found.after([planes], columns, "planes"), job.detector.noise_scale)
     usable = [on_surface]
     for other, rows in found.parts:
         usable.append(_on_surface(columns, other, job.least[0])[rows])
@@ -232,7 +232,7 @@ def _evaluate(job, columns, points, counts, others):
     """
     n, detector = len(points), job.detector
     points = np.vstack([points, others.points])
-    counts = others.values(columns, "counts", [counts])
+    counts = others.after([counts], columns, "counts")
     points, counts = _with_others(points, counts, columns, detector.n_neighbors, n)
     model = fit_planes(job, points)
     index, counts = model.index, counts[model.index.rows]
@@ -299,11 +299,17 @@ def _on_surface(columns, cell, least):
     return (whole >= least)[labels] & (labels >= 0)
 
 
-def _record(planes):
+def _unlinked(points, job):
+    """Each point linked to itself: int32 (n, width)."""
+    width = min(LIMITS.n_links, job.detector.n_neighbors)
+    return np.repeat(np.arange(len(points), dtype=np.int32)[:, None], width, axis=1)
+
+
+def _record(planes, order=slice(None)):
     """Planes (n, 8) as other code takes them."""
     unknown = np.empty((0, 3)), np.empty(0)
-    vectors = (np.ascontiguousarray(planes[:, part]) for part in (CENTROID, NORMAL))
-    scale, radius = (np.ascontiguousarray(planes[:, part]) for part in (SCALE, RADIUS))
+    vectors = (np.ascontiguousarray(planes[order, part]) for part in (CENTROID, NORMAL))
+    scale, radius = (np.ascontiguousarray(planes[order, part]) for part in (SCALE, RADIUS))
     return Planes(*vectors, unknown[0], scale, unknown[1], radius, unknown[1], unknown[1])
 
 
