@@ -18,7 +18,7 @@ ASKED = [
     ("matplotlib", "plot", "matplotlib"),
     ("typer", "cli", "typer"),
     ("rich", "cli", "typer"),
-    ("dask", "dask", "dask"),
+    ("distributed", "dask", "dask"),
 ]
 
 

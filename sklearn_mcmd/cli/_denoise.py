@@ -7,13 +7,15 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from sklearn_mcmd.cli._engine import Scheduler, engine
 from sklearn_mcmd.cli._files import WORKING, blank, coordinates, read, rehearse, with_results, write
+from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
-    InFile,
+    InFiles,
     NJobs,
     NNeighbors,
-    OutFile,
+    OutFiles,
     OutlierRate,
     Quiet,
     RandomState,
@@ -23,6 +25,7 @@ from sklearn_mcmd.cli._options import (
 from sklearn_mcmd.cli._speech import (
     clear_exits,
     count_and_share,
+    number_and_share,
     print_summary,
     stopwatch,
 )
@@ -31,8 +34,6 @@ from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["denoise"]
 
-# Score, in standard deviations, that measured noise never reaches, only the rounding of floats.
-EXACT_PLANE_SCORE = 1e6
 # Rates of false positives: the least that the simulation resolves in 3D, and the detector's limit.
 LEAST_RATE, LARGEST_RATE = 1e-4, 0.5
 
@@ -55,8 +56,8 @@ class Strictness(StrEnum):
 
 
 def denoise(
-    source: InFile,
-    target: OutFile,
+    source: InFiles,
+    target: OutFiles,
     mode: Annotated[
         Mode,
         typer.Option(
@@ -132,6 +133,10 @@ def denoise(
     outlier_rate: OutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
+    memory: Memory = None,
+    scheduler: Scheduler = None,
+    dry_run: DryRun = False,
+    restart: Restart = False,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
@@ -141,6 +146,11 @@ def denoise(
     score up to 3 means that the point is on a surface or near other points, 10 means a clear
     error, and 100 a gross error. To keep only surfaces, give --strictness surfaces. To lose a
     stated share of good points, give --false-positive-rate 0.01.
+
+    LAS and LAZ that need more than --memory, and folders of them, are divided into tiles, and with
+    --scheduler all are. The results are the same. Temporary files lie beside OUT, in OUT.tiles. If
+    a run ends early, they are kept, and the same command goes on from there. If IN is a folder or
+    an index .vpc, a folder OUT gets one file for each; an OUT that ends in .las or .laz gets all.
     """
     _at_most_one(
         {
@@ -149,31 +159,57 @@ def denoise(
             "--contamination": contamination,
         }
     )
-    with clear_exits(allow_coarse=allow_coarse):
+    params = {
+        "n_neighbors": n_neighbors,
+        "method": str(method),
+        "strictness": None if strictness is Strictness.paper else str(strictness),
+        "noise_scale": noise_scale,
+        "cutoff": cutoff,
+        "false_positive_rate": false_positive_rate,
+        "contamination": contamination,
+        "outlier_rate": outlier_rate,
+        "random_state": random_state,
+        "n_jobs": n_jobs,
+    }
+    with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = stopwatch()
+        catalog = large_catalog(source, memory, 0, scheduler is not None)
+        if dry_run:
+            print_plan(source, target, catalog, _detector(params), memory, judged=True)
+            return
+        if catalog is not None:
+            return _by_tiles(source, target, catalog, params, mode, memory, restart, quiet, seconds)
         with progress("denoise", quiet):
             mark = mode is Mode.mark
             cloud = read(source, target, "marks of outliers" if mark else None)
             nothing = blank(cloud)
             rehearse(target, *_denoised(cloud, nothing > 0, nothing, mark))
-            is_outlier, score = _find_outliers(
-                coordinates(cloud),
-                n_neighbors=n_neighbors,
-                method=str(method),
-                strictness=None if strictness is Strictness.paper else str(strictness),
-                noise_scale=noise_scale,
-                cutoff=cutoff,
-                false_positive_rate=false_positive_rate,
-                contamination=contamination,
-                outlier_rate=outlier_rate,
-                random_state=random_state,
-                n_jobs=n_jobs,
-            )
-            _warn_if_without_scale(score[is_outlier], len(cloud))
+            is_outlier, score = _find_outliers(coordinates(cloud), **params)
+            _warn_if_without_scale(_n_without_scale(score[is_outlier]), len(cloud))
             write(target, *_denoised(cloud, is_outlier, score, mark))
         if not quiet:
             found = {"marked" if mark else "removed": count_and_share(is_outlier)}
             print_summary(source, target, len(cloud), seconds(), **found)
+
+
+def _by_tiles(source, target, catalog, params, mode, memory, restart, quiet, seconds):
+    from sklearn_mcmd.tiling import write_denoised
+
+    with progress("denoise", quiet):
+        report = write_denoised(
+            catalog, target, _detector(params), mode=str(mode), memory=memory,
+            n_jobs=params["n_jobs"], restart=restart,
+        )  # fmt: skip
+    _warn_if_without_scale(report.n_exact, report.n_points)
+    if not quiet:
+        found = number_and_share(report.n_outliers, report.n_points)
+        again = report.n_points - report.n_proved
+        print_summary(
+            *(source, target, report.n_points, seconds()),
+            tiles=f"{report.n_tiles:,}, of which {report.n_resumed:,} were done before",
+            **{"marked" if mode is Mode.mark else "removed": found},
+            proved=f"all; {again:,} from more points than lie around their tile",
+        )
 
 
 def _at_most_one(options):
@@ -185,18 +221,28 @@ def _at_most_one(options):
         )
 
 
-def _find_outliers(xyz, **params):
-    """Whether each point is an outlier, and its score."""
+def _detector(params):
     from sklearn_mcmd import MCMDOutlierDetector
 
+    return MCMDOutlierDetector(**params)
+
+
+def _find_outliers(xyz, **params):
+    """Whether each point is an outlier, and its score."""
     with progress_part(*WORKING):
-        detector = MCMDOutlierDetector(**params).fit(xyz)
+        detector = _detector(params).fit(xyz)
     return detector.scores_ < detector.offset_, -detector.scores_
 
 
-def _warn_if_without_scale(scores, n_points):
+def _n_without_scale(scores):
+    from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
+
+    return np.count_nonzero(scores > EXACT_PLANE_SCORE)
+
+
+def _warn_if_without_scale(n_without, n_points):
     """Warn if many points are outliers only because an exact plane has no noise."""
-    share = np.count_nonzero(scores > EXACT_PLANE_SCORE) / n_points
+    share = n_without / n_points
     if share >= 0.01:
         warnings.warn(
             f"{100 * share:.1f} % of the points are outliers only because most of their neighbors "

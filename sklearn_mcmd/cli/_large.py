@@ -1,6 +1,7 @@
 """Clouds larger than memory: options, and the plan that ``--dry-run`` shows."""
 
 import time
+from errno import ENOENT
 from typing import Annotated
 
 import typer
@@ -10,8 +11,8 @@ from sklearn_mcmd.cli._speech import print_table
 __all__ = ["DryRun", "Memory", "Restart", "large_catalog", "print_plan"]
 
 SAMPLE = 50_000  # points whose time is measured
-MORE = 1.3  # time of tiles over that in memory, about
-PARSED_SUFFIXES = (".las", ".laz")
+MORE, MORE_JUDGED = 1.3, 1.5  # time of tiles over that in memory, about: of normals, of outliers
+PARSED_SUFFIXES, INDEX_SUFFIX = (".las", ".laz"), ".vpc"
 
 
 def _memory(text):
@@ -40,12 +41,14 @@ Restart = Annotated[
 ]
 
 
-def large_catalog(source, memory, n_features):
+def large_catalog(source, memory, n_features, always=False):
     """The catalog of a source that is to be divided into tiles, else None.
 
-    Faults of a single file are left to the reading of it.
+    Faults of a single file are left to the reading of it, unless it is `always` divided.
     """
-    if source.is_dir():
+    if not source.exists():
+        raise FileNotFoundError(ENOENT, "no such file or folder", str(source))
+    if always or source.is_dir() or source.suffix.lower() == INDEX_SUFFIX:
         from sklearn_mcmd.tiling import Catalog
 
         return Catalog(source)
@@ -63,29 +66,30 @@ def large_catalog(source, memory, n_features):
     return catalog if bytes_in_memory(catalog, n_features) > limit else None
 
 
-def print_plan(source, target, catalog, estimator, memory):
-    """Print tiles, memory and time; the time is measured with the first points."""
+def print_plan(source, target, catalog, estimator, memory, *, n_features=0, judged=False):
+    """Print tiles, memory and time; the time is measured with the first points.
+
+    With `judged`, the estimator finds outliers.
+    """
     from sklearn.base import clone
 
     from sklearn_mcmd.io._las_parts import read_parts
     from sklearn_mcmd.tiling import Catalog
     from sklearn_mcmd.tiling._memory import bytes_in_memory, plan_run, usual_memory
-    from sklearn_mcmd.tiling._tile import NORMAL_COLUMNS, normal_columns
 
     tiles = catalog is not None
     catalog = catalog or Catalog(source)
     xyz = next(iter(read_parts(catalog.paths[0], SAMPLE))).xyz[:SAMPLE]
     n_jobs, estimator = estimator.n_jobs, clone(estimator).set_params(n_jobs=1)
-    names, _ = normal_columns(clone(estimator).fit(xyz[:2000]))  # loads compiled code
+    clone(estimator).fit(xyz[:2000])  # loads compiled code
     begin = time.perf_counter()
     clone(estimator).fit(xyz)
     seconds = (time.perf_counter() - begin) / len(xyz) * catalog.n_points
-    n_features = len(names) - len(NORMAL_COLUMNS)
     rows = {"points": f"{catalog.n_points:,}", "files": f"{len(catalog):,}"}
     if tiles:
         limit = usual_memory() if memory is None else memory
-        plan = plan_run(catalog.n_points, limit, n_jobs, n_features)
-        seconds *= MORE / plan.n_workers
+        plan = plan_run(catalog.n_points, limit, n_jobs, n_features, judged=judged)
+        seconds *= (MORE_JUDGED if judged else MORE) / plan.n_workers
         rows |= {
             "tiles": f"about {plan.n_tiles:,} of at most {plan.tile_size:,} points",
             "processes": f"{plan.n_workers}",

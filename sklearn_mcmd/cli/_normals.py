@@ -6,6 +6,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from sklearn_mcmd.cli._engine import Scheduler, engine
 from sklearn_mcmd.cli._files import WORKING, blank, coordinates, read, rehearse, with_results, write
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
@@ -100,6 +101,7 @@ def normals(
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
     memory: Memory = None,
+    scheduler: Scheduler = None,
     dry_run: DryRun = False,
     restart: Restart = False,
     allow_coarse: AllowCoarse = False,
@@ -107,9 +109,10 @@ def normals(
 ) -> None:
     """Add normals, surface variation and eigenvalues, robust to outliers and edges.
 
-    LAS and LAZ that need more than --memory, and folders of them, are divided into tiles. The
-    results are the same. Temporary files lie beside OUT, in OUT.tiles. If a run ends early, they
-    are kept, and the same command goes on from there.
+    LAS and LAZ that need more than --memory, and folders of them, are divided into tiles, and with
+    --scheduler all are. The results are the same. Temporary files lie beside OUT, in OUT.tiles. If
+    a run ends early, they are kept, and the same command goes on from there. If IN is a folder or
+    an index .vpc, a folder OUT gets one file for each; an OUT that ends in .las or .laz gets all.
 
     All points are kept. New attributes, float32, are normal_x, normal_y, normal_z,
     surface_variation (0 on a plane, at most 1/3), eigenvalue_0 to eigenvalue_2
@@ -130,13 +133,15 @@ def normals(
         "random_state": random_state,
         "n_jobs": n_jobs,
     }
-    with clear_exits(allow_coarse=allow_coarse):
+    with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = stopwatch()
-        catalog = large_catalog(source, memory, len(_feature_columns(features)))
+        n_features = len(_feature_columns(features))
+        catalog = large_catalog(source, memory, n_features, scheduler is not None)
         if catalog is not None:
             _check_local(source, n_neighbors, orientation)
         if dry_run:
-            print_plan(source, target, catalog, _estimator(params), memory)
+            estimator = _estimator(params)
+            print_plan(source, target, catalog, estimator, memory, n_features=n_features)
             return
         if catalog is not None:
             return _by_tiles(source, target, catalog, params, memory, restart, quiet, seconds)
@@ -174,7 +179,7 @@ def _by_tiles(source, target, catalog, params, memory, restart, quiet, seconds):
     with progress("normals", quiet):
         report = write_normals(
             catalog, target, _estimator(params), memory=memory, n_jobs=params["n_jobs"],
-            restart=restart, as_folder=source.is_dir(),
+            restart=restart,
         )  # fmt: skip
     if not quiet:
         again = report.n_points - report.n_proved

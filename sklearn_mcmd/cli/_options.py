@@ -76,13 +76,16 @@ OutFile = Annotated[
     Path, typer.Argument(metavar="OUT", help="Point file to write, of any format; may be IN.")
 ]
 InFiles = Annotated[
-    Path, typer.Argument(metavar="IN", help="Point file to read, or a folder of LAS and LAZ files.")
+    Path,
+    typer.Argument(
+        metavar="IN", help="Point file to read, or a folder or .vpc index of LAS and LAZ files."
+    ),
 ]
 OutFiles = Annotated[
     Path,
     typer.Argument(
         metavar="OUT",
-        help="Point file to write, of any format, or a folder for a folder; may be IN.",
+        help="Point file to write, of any format, or a folder for several files; may be IN.",
     ),
 ]
 NNeighbors = Annotated[

@@ -14,6 +14,7 @@ from sklearn_mcmd.cli._wording import in_words_of_options
 __all__ = [
     "clear_exits",
     "count_and_share",
+    "number_and_share",
     "print_summary",
     "print_table",
     "stopwatch",
@@ -113,8 +114,11 @@ def print_summary(source, target, n_points, seconds, **rows):
 
 def count_and_share(mask):
     """The number of marked points, and their percentage."""
-    n = int(np.count_nonzero(mask))
-    return f"{n:,} ({100 * n / len(mask):.2f} %)"
+    return number_and_share(np.count_nonzero(mask), len(mask))
+
+
+def number_and_share(n, n_all):
+    return f"{n:,} ({100 * n / n_all:.2f} %)"
 
 
 def stopwatch():

@@ -25,6 +25,7 @@ from sklearn_mcmd.io._scan_formats import (
 from sklearn_mcmd.io._text import read_text, write_text
 
 __all__ = [
+    "check_file",
     "one_clear_line",
     "read_points",
     "replacing",
@@ -111,12 +112,7 @@ def read_points(path: str | os.PathLike[str]) -> PointCloud:
         if path.is_dir():
             raise PointFileError("is a folder; a point file is needed")
         reader, _ = _FORMATS[_extension(path)]
-        if not path.exists():
-            raise PointFileError("no such file")
-        if not path.is_file():
-            raise PointFileError("is not a regular file")
-        if path.stat().st_size == 0:
-            raise PointFileError("is empty (0 bytes)")
+        check_file(path)
         cloud = reader(path)
         finite = np.isfinite(cloud.xyz).all(axis=1)
         if not finite.all():
@@ -252,6 +248,16 @@ def supported_extensions() -> tuple[str, ...]:
     .csv .e57 .las .laz .npy .npz .pcd .ply .txt .xyz
     """
     return tuple(sorted(_FORMATS))
+
+
+def check_file(path):
+    """Refuse what is no file, or has no bytes."""
+    if not path.exists():
+        raise PointFileError("no such file")
+    if not path.is_file():
+        raise PointFileError("is not a regular file")
+    if path.stat().st_size == 0:
+        raise PointFileError("is empty (0 bytes)")
 
 
 def _extension(path):

@@ -11,8 +11,10 @@ from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, flat_column
 from sklearn_mcmd.io._waveforms import place_waveforms
 
 __all__ = [
+    "LARGEST",
     "cloud_of_points",
     "coordinate_system",
+    "forget_copc",
     "import_laspy",
     "las_of_cloud",
     "read_header",
@@ -87,7 +89,7 @@ def las_of_cloud(laspy, cloud, noise=None):
     """What is to be written: laspy's header and points, with all attributes."""
     if "las_points" in cloud.metadata:
         header = copy.deepcopy(cloud.metadata["las_header"])
-        _forget_copc(header)
+        forget_copc(header)
         records = laspy.ScaleAwarePointRecord(
             cloud.metadata["las_points"].copy(), header.point_format, header.scales, header.offsets
         )
@@ -157,7 +159,7 @@ def import_laspy(compressed):
     return laspy
 
 
-def _forget_copc(header):
+def forget_copc(header):
     """Remove the records of a COPC file's octree, which no longer describes the points."""
     for records in (header.vlrs, header.evlrs or []):
         for record in [r for r in records if r.user_id == "copc"]:

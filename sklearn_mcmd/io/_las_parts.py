@@ -1,16 +1,19 @@
 """LAS and LAZ in parts: files that are larger than memory are read and written piece by piece."""
 
 from contextlib import contextmanager, suppress
+from hashlib import sha256
 
 import numpy as np
 
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._las import cloud_of_points, import_laspy, las_of_cloud, read_header
-from sklearn_mcmd.io._laz import compressed_parts
+from sklearn_mcmd.io._laz import WAVE_PACKET_FORMATS, compressed_parts
 from sklearn_mcmd.io._point_cloud import PointFileError
 from sklearn_mcmd.io._waveforms import place_waveforms
 
 __all__ = ["read_parts", "writing_parts"]
+
+POINTS_A_TIME = 250_000
 
 
 def read_parts(path, n_points):
@@ -51,17 +54,18 @@ def _plain_parts(file, header, n_points):
 def writing_parts(path):
     """A function that appends the points of a cloud to a new LAS or LAZ file.
 
-    All clouds must come from one file, in its order, with the same new attributes.
+    It takes a cloud, and which of its points to mark as noise. All clouds must come from one file,
+    in its order, with the same new attributes.
     """
     compressed = path.name.lower().endswith(".laz")
     laspy = import_laspy(compressed)
-    writer, header = None, None
+    writer, header, written = None, None, sha256()
     with open(path, "wb+") as file:
         sink = _Sink(file)
 
-        def write(cloud):
+        def write(cloud, noise=None):
             nonlocal writer, header
-            las = las_of_cloud(laspy, cloud)
+            las = las_of_cloud(laspy, cloud, noise)
             with sink.telling():
                 if writer is None:
                     header = las.header
@@ -74,6 +78,8 @@ def writing_parts(path):
                         "an attribute fits its dimension in a part of the file only"
                     )
                 writer.write_points(las.points)
+                if header.point_format.id in WAVE_PACKET_FORMATS:
+                    written.update(las.points.array.data)
 
         try:
             yield write
@@ -86,7 +92,22 @@ def writing_parts(path):
             if header.version.minor >= 4 and header.evlrs is not None:
                 writer.write_evlrs(header.evlrs)
             writer.close()
+    if compressed and header.point_format.id in WAVE_PACKET_FORMATS:
+        _refuse_changed(path, written)
     place_waveforms(path, header)
+
+
+def _refuse_changed(path, written):
+    """Raise if the points of a LAZ are not those that were written."""
+    stored = sha256()
+    with open(path, "rb") as file:
+        for points in compressed_parts(file, read_header(path), POINTS_A_TIME):
+            stored.update(points.data)
+    if stored.digest() != written.digest():
+        raise PointFileError(
+            "lazrs cannot compress these wave packets without loss, as of several scanner "
+            "channels; write .las instead"
+        )
 
 
 class _Sink:

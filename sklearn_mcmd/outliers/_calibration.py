@@ -16,7 +16,7 @@ from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 
-__all__ = ["calibrated_cutoff"]
+__all__ = ["calibrated_cutoff", "sample_step"]
 
 SEED = 20_150
 # Flagged points wanted in the rehearsal, and what it takes at least: its own error is 14 or 30 %.
@@ -32,7 +32,7 @@ MATCHED, MATCHING_STEPS = 1_000, 4
 BATCH = 20_000  # points a batch of planes of their own
 
 
-def calibrated_cutoff(model, settings, rate):
+def calibrated_cutoff(model, settings, rate, roughness=None):
     """Cutoff beyond which a stated share of a clean plane's points is flagged.
 
     Parameters
@@ -44,6 +44,9 @@ def calibrated_cutoff(model, settings, rate):
         Of `JudgedCloud`.
     rate : float
         Share of points.
+    roughness : float, default=None
+        Median ratio of scale to radius of planes all over the cloud, if it is known. Otherwise
+        `model` tells it, which is then that of the whole cloud.
 
     Returns
     -------
@@ -64,7 +67,7 @@ def calibrated_cutoff(model, settings, rate):
     n_counted = int(np.clip(EXPECTED / rate, FEWEST[compiled], MOST[compiled]))
     if model.index.n_neighbors is None:
         return float(np.quantile(_one_plane(model, settings, n_counted), 1 - rate))
-    noise = _matching_noise(model, settings["n_jobs"])
+    noise = _matching_noise(model, roughness)
     X, counted = _clean_plane(n_counted, model.index.n_neighbors, d, noise)
     if settings["noise_scale"] is not None:
         settings = {**settings, "noise_scale": noise}
@@ -105,7 +108,12 @@ def _radius(n_neighbors, d):
     return (n_neighbors / unit_ball) ** (1 / (d - 1))
 
 
-def _matching_noise(model, n_jobs):
+def sample_step(n):
+    """Of n points in the order of their coordinates, each of so many tells how rough planes are."""
+    return max(1, n // MATCHED)
+
+
+def _matching_noise(model, wanted):
     """Noise of a clean plane, in spacings, whose planes are as rough for their size as the cloud's.
 
     Where noise reaches the size of the neighborhoods these turn from disks into balls, and
@@ -113,22 +121,24 @@ def _matching_noise(model, n_jobs):
     """
     n, d = model.index.points.shape
     k = model.index.n_neighbors
-    # Evenly along the first axis, so that neither the order of rows nor the unit matters.
-    sample = np.argsort(model.index.points[:, 0], kind="stable")[:: max(1, n // MATCHED)]
-    wanted = _roughness(model, sample, n_jobs)
+    if wanted is None:
+        # Evenly along the first axis, so that neither the order of rows nor the unit matters.
+        order = np.lexsort(model.index.points.T[::-1])
+        wanted = _roughness(model, order[:: sample_step(n)])
     noise = wanted * _radius(k, d)
     for _ in range(MATCHING_STEPS):
         noise = float(np.clip(noise, LEAST_NOISE, MOST_NOISE))
         X, counted = _clean_plane(MATCHED, k, d, noise)
         simulated = _model_over(model, X)
-        found = _roughness(simulated, counted[simulated.index.rows], n_jobs)
+        found = _roughness(simulated, np.flatnonzero(counted[simulated.index.rows]))
         noise *= wanted / found
     return float(np.clip(noise, LEAST_NOISE, MOST_NOISE))
 
 
-def _roughness(model, rows, n_jobs):
+def _roughness(model, rows):
     """Median ratio of scale to radius of the planes around some of the points."""
-    planes, _ = model.evaluate(model.index.points[rows], n_jobs=n_jobs)
+    around = model.index.query_own(rows)
+    planes, _ = model.evaluate_neighborhoods(model.index.points[rows], around)
     return float(np.median(ratio(planes.scale, planes.radius)))
 
 

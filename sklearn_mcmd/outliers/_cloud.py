@@ -17,7 +17,7 @@ from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import small_sample_inflation
 
-__all__ = ["JudgedCloud", "Judgement"]
+__all__ = ["JudgedCloud", "Judgement", "both_spacings", "joined_scores", "least_of"]
 
 # A surface has as many points as a neighborhood, a thing as many as two; or this share of a
 # small cloud.
@@ -70,7 +70,7 @@ class JudgedCloud:
     def fit(self, X):
         """The `Judgement` of the points X (n, d), those that the model has indexed."""
         if self.own_planes_only:
-            scores = self._by_own_planes(*self.model.evaluate_fitted(X, self.n_jobs))
+            scores = self.paper_scores(*self.model.evaluate_fitted(X, self.n_jobs))
             on_surface = scores <= self.surface_limits.explained
             return Judgement(scores, np.arange(len(X)), on_surface)
         index = self.model.index
@@ -79,7 +79,7 @@ class JudgedCloud:
             planes, *spacings = self._fit_planes()
         with progress_part(FITTING, 1.0):
             owners, distances = self._find_surfaces(planes)
-            least = min(THING * index.n_neighbors, LEAST_SHARE * len(X))
+            _, least = least_of(index.n_neighbors, len(index.points), len(X))
             places = Places.of(index.points, self.counts, self.explained, *spacings)
             del planes, spacings
             self.company = Company(places, least, self.company_limits, self.n_jobs)
@@ -98,7 +98,7 @@ class JudgedCloud:
         A query that is a point of the cloud has the score of that point.
         """
         if self.own_planes_only:
-            return self._by_own_planes(*self.model.evaluate(queries, self.n_jobs))
+            return self.paper_scores(*self.model.evaluate(queries, self.n_jobs))
         index, precision = self.model.index, np.finfo(queries.dtype).eps
         queries = np.ascontiguousarray(queries, dtype=np.float64)
         scores = np.empty(len(queries))
@@ -135,7 +135,8 @@ class JudgedCloud:
             isolation[rest], separation[rest] = self.company.measure(queries[rest], spacing[rest])
         return self._joined(distances, isolation, separation, queries)
 
-    def _by_own_planes(self, planes, distances):
+    def paper_scores(self, planes, distances):
+        """Scores by the own plane, from the robust distances of a model."""
         if self.noise_scale is not None:
             distances = ratio(distances * planes.scale, self.noise_scale)
         return np.minimum(distances, np.finfo(float).max)
@@ -159,21 +160,15 @@ class JudgedCloud:
         return planes, spacing, other_spacing
 
     def _spacings(self, points, near):
-        """Mean distance of the cloud's points to measurements, and to those at other places."""
         n_near = self.company_limits.n_near
-        near = near[:, : n_near + 1]
-        distances, counts = self._distances(points, near), self.counts[near]
-        counts[:, 0] -= 1  # itself
-        spacing = mean_distance(distances, counts, n_near)
-        counts[:, 0] = 0
-        return spacing, mean_distance(distances, counts, n_near)
+        return both_spacings(self.model.index.points, self.counts, points, near, n_near)
 
     def _find_surfaces(self, planes):
         """What explains points: its rows, and how far from it they are."""
         index, compiled = self.model.index, self.model.ready()
         points, n, k = index.points, len(index.points), index.n_neighbors
         limits, chunk = self.surface_limits, self.model.chunk()
-        self.planes = self._measured(planes).without("kept")
+        self.planes = self.measured(planes).without("kept")
         owners, distances = np.arange(n, dtype=np.int32), np.empty(n)
 
         def measure(rows):
@@ -181,7 +176,7 @@ class JudgedCloud:
             distances[rows] = own_distances(part, self.planes.take(rows), self._floor(part, 0.0))
 
         run([(slice(i, i + chunk),) for i in range(0, n, chunk)], measure, self.n_jobs)
-        least = min(SURFACE * k, LEAST_SHARE * n)
+        least, _ = least_of(k, n, n)
         self.explaining = find_surfaces(index, planes, distances, least, limits, compiled)
         others = np.flatnonzero(~self.explaining)
         queries = points[others]
@@ -196,11 +191,11 @@ class JudgedCloud:
             self.explained_scale = self.planes.scale[owners[self.explained]]
         return owners, distances
 
-    def _measured(self, planes):
+    def measured(self, planes):
         """The planes with the noise by which distances are measured."""
         if self.noise_scale is not None:
             return planes._replace(scale=np.full(len(planes.scale), self.noise_scale))
-        n, d = planes.normals.shape
+        n, d = self.model.index.points.shape
         if n > self.model.index.n_neighbors:
             return planes
         # All points share one plane. In larger clouds each has several, and the nearest counts,
@@ -212,25 +207,80 @@ class JudgedCloud:
         return max(self.model.rounding, 8 * precision) * np.abs(queries).max(axis=1)
 
     def _distances(self, queries, near):
-        """Distances of queries (m, d) from points of the index (m, w)."""
-        gaps = self.model.index.points[near] - queries[:, None]
-        return np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
+        return _distances(self.model.index.points, queries, near)
 
     def _joined(self, distances, isolation, separation, points):
-        """One score: a point is as wrong as the best of its excuses leaves it."""
-        apart = isolation
-        if self.strictness != "isolated":
-            apart = np.maximum(isolation, separation)
-        if self.strictness != "surfaces" or not self.explained.any():
-            rest = distances > self.surface_limits.explained
-            return np.where(rest, np.minimum(distances, apart), distances)
-        scores = distances.copy()
-        lost = np.flatnonzero(np.isinf(distances))  # which no plane of a surface reaches
-        if len(lost):
-            gaps, near = self.company.reference.query(points[lost], 1)
-            beside = ratio(gaps[:, 0], self.explained_scale[near[:, 0]])
-            scores[lost] = np.maximum(beside, apart[lost])
-        return scores
+        beside = None
+        if self.strictness == "surfaces" and self.explained.any():
+
+            def beside(rows):
+                gaps, near = self.company.reference.query(points[rows], 1)
+                return ratio(gaps[:, 0], self.explained_scale[near[:, 0]])
+
+        limit = self.surface_limits.explained
+        return joined_scores(distances, isolation, separation, self.strictness, limit, beside)
+
+
+def least_of(n_neighbors, n_places, n_points):
+    """Places that a surface has at least, and measurements of a group that is a thing."""
+    surface = min(SURFACE * n_neighbors, LEAST_SHARE * n_places)
+    return surface, min(THING * n_neighbors, LEAST_SHARE * n_points)
+
+
+def both_spacings(points, counts, queries, near, n_near):
+    """Mean distance of queries to measurements, and to those at other places.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, d)
+    counts : ndarray of int of shape (n,)
+        Measurements at each of the points.
+    queries : ndarray of shape (m, d)
+        Some of the points.
+    near : ndarray of int of shape (m, k)
+        Rows of the nearest points, itself the first.
+    n_near : int
+        Measurements that are taken.
+    """
+    near = near[:, : n_near + 1]
+    distances, counts = _distances(points, queries, near), counts[near]
+    counts[:, 0] -= 1  # itself
+    spacing = mean_distance(distances, counts, n_near)
+    counts[:, 0] = 0
+    return spacing, mean_distance(distances, counts, n_near)
+
+
+def joined_scores(distances, isolation, separation, strictness, limit, beside):
+    """One score: a point is as wrong as the best of its excuses leaves it.
+
+    Parameters
+    ----------
+    distances : ndarray of shape (m,)
+        From surfaces; inf of the lost, which none reaches.
+    isolation, separation : ndarray of shape (m,)
+    strictness : {"isolated", "groups", "surfaces"}
+    limit : float
+        Points within this distance are explained by a surface.
+    beside : callable or None
+        Of ``strictness="surfaces"`` where there are surfaces: returns how far the lost, of which it
+        gets the rows, are from the nearest point on a surface, in standard deviations.
+    """
+    apart = isolation
+    if strictness != "isolated":
+        apart = np.maximum(isolation, separation)
+    if beside is None:
+        return np.where(distances > limit, np.minimum(distances, apart), distances)
+    scores = distances.copy()
+    lost = np.flatnonzero(np.isinf(distances))
+    if len(lost):
+        scores[lost] = np.maximum(beside(lost), apart[lost])
+    return scores
+
+
+def _distances(points, queries, near):
+    """Distances of queries (m, d) from some of the points (m, w)."""
+    gaps = points[near] - queries[:, None]
+    return np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
 
 
 def _measurements(index, n):

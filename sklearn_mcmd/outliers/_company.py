@@ -8,7 +8,18 @@ from sklearn_mcmd.planes._around import quantile, ratio
 from sklearn_mcmd.planes._linking import connected
 from sklearn_mcmd.planes._nearest import NearestPoints
 
-__all__ = ["Company", "CompanyLimits", "Places", "mean_distance"]
+__all__ = [
+    "HALF",
+    "Company",
+    "CompanyLimits",
+    "Places",
+    "isolation_of",
+    "mean_distance",
+    "mean_distance_to_rest",
+    "separation_of_groups",
+    "steps_between",
+    "usual_of",
+]
 
 # Where no point is on a surface, what is usual is half of all points: the sparse quarter of them
 # would be the very points that are judged.
@@ -157,8 +168,7 @@ class Company:
         usual = np.empty(len(queries))
 
         def measure(rows, distances, near):
-            values = self.reference_spacing[near]
-            usual[rows] = quantile(values, np.ones_like(values, dtype=bool), self.quantile)
+            usual[rows] = usual_of(self.reference_spacing[near], self.quantile)
 
         self.reference.visit(queries, n_usual, measure, n_jobs)
         return usual
@@ -180,24 +190,17 @@ class Company:
         return among_rest, linked
 
     def _among_rest(self, queries, distances, near, itself):
-        """Mean distance to the nearest of the rest. Those that are missing are as far away as
-        the cloud is large with the query in it."""
         counts = np.append(self.counts, self.limits.n_near)[near]  # of a missing one: all
         counts[:, 0] -= itself
-        extent = np.maximum(queries, self.high) - np.minimum(queries, self.low)
-        extent = np.linalg.norm(extent, axis=1)
-        distances = np.where(np.isinf(distances), extent[:, None], distances)
-        return mean_distance(distances, counts, self.limits.n_near)
+        box = self.low, self.high
+        return mean_distance_to_rest(queries, distances, counts, box, self.limits.n_near)
 
     def _isolated(self, among_rest, among_all, usual):
-        """Most weight is on the rest: surfaces are poor company for what lies off them."""
-        weight = self.limits.rest_weight
-        return ratio(among_rest**weight * among_all ** (1 - weight), usual)
+        return isolation_of(among_rest, among_all, usual, self.limits.rest_weight)
 
     def _steps(self, usual, distances, near):
-        """Distances to neighbors of the rest in usual spacings, the smaller of both points'."""
         usual_there = np.append(self.usual, np.inf)[near]  # the last is that of a missing one
-        return ratio(distances, np.minimum(usual[:, None], usual_there))
+        return steps_between(usual, usual_there, distances)
 
     def _gaps(self, queries, n_jobs):
         """Distances of queries to the nearest point that is real."""
@@ -212,14 +215,66 @@ class Company:
         separation = np.zeros(len(groups))
         if len(rows) == 0:
             return separation
-        _, group, sizes = np.unique(groups[rows], return_inverse=True, return_counts=True)
-        gaps = np.full(len(sizes), np.inf)
-        np.minimum.at(gaps, group, self._gaps(self.points[rows], n_jobs))
-        size = np.bincount(group, self.usual[rows]) / sizes
-        several = sizes[group] > 1
-        size = np.maximum(size, _longest_deviation(self.points[rows], group, sizes, several))
-        separation[rows] = ratio(gaps, size)[group]
+        _, group = np.unique(groups[rows], return_inverse=True)
+        points = self.points[rows]
+        gaps = self._gaps(points, n_jobs)
+        separation[rows] = separation_of_groups(points, group, self.usual[rows], gaps)[group]
         return separation
+
+
+def usual_of(spacings, share):
+    """The spacing (m,) that is usual among the nearest points on surfaces, (m, k)."""
+    return quantile(spacings, np.ones_like(spacings, dtype=bool), share)
+
+
+def mean_distance_to_rest(queries, distances, counts, box, n_near):
+    """Mean distance to the nearest of the rest. Those that are missing are as far away as
+    the cloud, whose low and high corner are the `box`, is large with the query in it."""
+    low, high = box
+    extent = np.maximum(queries, high) - np.minimum(queries, low)
+    extent = np.linalg.norm(extent, axis=1)
+    distances = np.where(np.isinf(distances), extent[:, None], distances)
+    return mean_distance(distances, counts, n_near)
+
+
+def isolation_of(among_rest, among_all, usual, rest_weight):
+    """Most weight is on the rest: surfaces are poor company for what lies off them."""
+    return ratio(among_rest**rest_weight * among_all ** (1 - rest_weight), usual)
+
+
+def steps_between(usual, usual_there, distances):
+    """Distances (m, w) to neighbors in usual spacings, the smaller of both points'."""
+    return ratio(distances, np.minimum(usual[:, None], usual_there))
+
+
+def separation_of_groups(points, group, usual, gaps):
+    """Gap of each group over the size of the group.
+
+    Sums are taken in the order of coordinates, so they do not depend on the order of the points.
+
+    Parameters
+    ----------
+    points : ndarray of shape (m, d)
+    group : ndarray of int of shape (m,)
+        Of each point, from 0 on.
+    usual : ndarray of shape (m,)
+        Usual spacing around each point.
+    gaps : ndarray of shape (m,)
+        Distance of each point to the nearest that is real.
+
+    Returns
+    -------
+    ndarray of shape (n_groups,)
+    """
+    order = np.lexsort(points.T[::-1])
+    points, group, usual = points[order], group[order], usual[order]
+    sizes = np.bincount(group)
+    gap = np.full(len(sizes), np.inf)
+    np.minimum.at(gap, group, gaps[order])
+    size = np.bincount(group, usual) / sizes
+    several = sizes[group] > 1
+    size = np.maximum(size, _longest_deviation(points, group, sizes, several))
+    return ratio(gap, size)
 
 
 def mean_distance(distances, counts, n_near):

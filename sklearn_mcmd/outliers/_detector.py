@@ -13,10 +13,12 @@ from sklearn_mcmd.outliers._cloud import JudgedCloud
 from sklearn_mcmd.planes._base import BasePlaneOutliers
 from sklearn_mcmd.planes._progress import listen_to_progress, progress_part
 
-__all__ = ["MCMDOutlierDetector"]
+__all__ = ["EXACT_PLANE_SCORE", "MCMDOutlierDetector"]
 
 # Standard deviations off the surfaces, and own sizes away from everything real.
 CUTOFF = 3.0
+# Score, in standard deviations, that measured noise never reaches, only the rounding of floats.
+EXACT_PLANE_SCORE = 1e6
 
 
 class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):

@@ -8,7 +8,14 @@ from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._linking import LinkLimits, connected_planes
 
-__all__ = ["SurfaceLimits", "distances_to_surfaces", "find_surfaces", "own_distances"]
+__all__ = [
+    "SurfaceLimits",
+    "distances_to_surfaces",
+    "find_surfaces",
+    "link_limits",
+    "own_distances",
+    "usable_planes",
+]
 
 NEAREST = ExplainLimits(likely=False)
 
@@ -50,13 +57,22 @@ def find_surfaces(index, planes, distances, least, limits, compiled):
     limits : SurfaceLimits
     compiled : bool
     """
-    flat = (planes.scale > 0) & (planes.scale <= limits.flat * planes.radius)
-    usable = flat & (distances <= limits.explained)
-    cosine = float(np.cos(np.radians(limits.angle)))
-    links = LinkLimits(cosine, limits.explained, both_near=True)
+    usable, links = usable_planes(planes, distances, limits), link_limits(limits)
     width = min(limits.n_links, index.n_neighbors)
     labels, sizes = connected_planes(index, width, planes, links, usable, compiled)
     return usable & (sizes >= least)[labels]
+
+
+def usable_planes(planes, distances, limits):
+    """Which points may be part of a surface: bool (n,)."""
+    flat = (planes.scale > 0) & (planes.scale <= limits.flat * planes.radius)
+    return flat & (distances <= limits.explained)
+
+
+def link_limits(limits):
+    """When two of these are linked."""
+    cosine = float(np.cos(np.radians(limits.angle)))
+    return LinkLimits(cosine, limits.explained, both_near=True)
 
 
 def own_distances(queries, planes, floor):

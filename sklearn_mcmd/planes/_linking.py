@@ -9,7 +9,13 @@ from scipy.sparse.csgraph import connected_components
 from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._compiling import compiled_function
 
-__all__ = ["LinkLimits", "connected", "connected_planes", "link_planes"]
+__all__ = [
+    "LinkLimits",
+    "connected",
+    "connected_planes",
+    "farthest_neighbors",
+    "link_planes",
+]
 
 
 class LinkLimits(NamedTuple):
@@ -36,7 +42,7 @@ class LinkLimits(NamedTuple):
     both_near: bool = False
 
 
-def link_planes(index, k, planes, limits, usable, compiled, n_jobs=None):
+def link_planes(index, k, planes, limits, usable, compiled, n_jobs=None, farthest=None):
     """Link each point to those of its neighbors whose planes and its own explain each other.
 
     Parameters
@@ -53,6 +59,8 @@ def link_planes(index, k, planes, limits, usable, compiled, n_jobs=None):
     compiled : bool
         Whether to use compiled code, if Numba is there; the links are the same.
     n_jobs : int, default=None
+    farthest : ndarray of shape (n,), default=None
+        Distance of the last of each point's k neighbors, where the index does not know all.
 
     Returns
     -------
@@ -61,7 +69,7 @@ def link_planes(index, k, planes, limits, usable, compiled, n_jobs=None):
     """
     n = len(index.points)
     links = np.empty((n, k), np.int32)
-    link = _linker(index, k, planes, limits, usable, compiled, n_jobs)
+    link = _linker(index, k, planes, limits, usable, compiled, n_jobs, farthest)
 
     def task(rows):
         link(rows, links[rows])
@@ -125,18 +133,27 @@ def connected(links, compiled):
     return labels, np.bincount(labels)
 
 
-def _linker(index, k, planes, limits, usable, compiled, n_jobs=None):
+def farthest_neighbors(points, around, start, compiled):
+    """Distances of the last of the neighbors `around` the points from row `start` on: (m,)."""
+    farthest = np.empty(len(around.sizes))
+    measure = (_compiled("farthest_of_rows") if compiled else None) or _farthest_of_rows
+    measure(points, around, start, farthest)
+    return farthest
+
+
+def _linker(index, k, planes, limits, usable, compiled, n_jobs=None, farthest=None):
     """A function that fills the links of a slice of rows."""
     own = LinkLimits(*map(float, limits[:3]), *map(bool, limits[3:]))
     link = (_compiled("link_rows") if compiled else None) or _link_rows
-    measure = (_compiled("farthest_of_rows") if compiled else None) or _farthest_of_rows
-    farthest = np.empty(len(index.points) if own.both_near else 0)
 
     def measure_part(rows):
-        measure(index.points, index.query_own(rows, k), rows.start, farthest[rows])
+        around = index.query_own(rows, k)
+        farthest[rows] = farthest_neighbors(index.points, around, rows.start, compiled)
 
-    if own.both_near:
-        each_slice(len(farthest), index.chunk, measure_part, n_jobs)
+    if farthest is None:
+        farthest = np.empty(len(index.points) if own.both_near else 0)
+        if own.both_near:
+            each_slice(len(farthest), index.chunk, measure_part, n_jobs)
 
     def fill(rows, links):
         around = index.query_own(rows, k)

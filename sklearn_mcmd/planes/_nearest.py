@@ -16,10 +16,15 @@ CHUNK, AT_ONCE = 1024, 32_768
 COMPILE_FROM = 1_000
 # Queries from far off take two thirds of the time with large leaves.
 LEAF = 128
+# Squares of distances by SciPy may differ from ours by rounding.
+ALIKE = 1.0 + 1e-14
 
 
 class NearestPoints:
     """Fixed points that answer which of them are nearest to others.
+
+    Equally distant ones come in the order of their coordinates, so answers do not depend on the
+    order of the points.
 
     Parameters
     ----------
@@ -85,8 +90,7 @@ class NearestPoints:
         if not (shared and self.n >= max(k, COMPILE_FROM) and SelfSearch.available()):
 
             def ask(rows):
-                found = self.tree.query(queries[rows], k=k)
-                work(rows, *(part.reshape(-1, k) for part in found))
+                work(rows, *_ask_tree(self.tree, queries[rows], k))
 
             return each_slice(len(queries), chunk, ask, n_jobs)
         asking, points = SelfSearch(queries), self.search.points
@@ -99,3 +103,22 @@ class NearestPoints:
             work(asking.order[rows], np.sqrt(squares, out=squares), self.search.order[near])
 
         return each_slice(len(queries), chunk, ask_together, n_jobs)
+
+
+def _ask_tree(tree, queries, k):
+    """The k nearest of a tree's points in the order of the compiled search."""
+    width = max(min(k + 1, tree.n), k)  # with one more, to see whether it is as near as the last
+    distances, near = tree.query(queries, k=np.arange(1, width + 1))
+    alike = (distances[:, 1:] <= ALIKE * distances[:, :-1]) & np.isfinite(distances[:, 1:])
+    ties = np.flatnonzero(alike.any(axis=1))
+    distances, near = distances[:, :k].copy(), near[:, :k].copy()
+    for row in ties:
+        last = distances[row, np.isfinite(distances[row])].max(initial=0.0)
+        some = np.array(tree.query_ball_point(queries[row], ALIKE * last), dtype=near.dtype)
+        squares = np.zeros(len(some))
+        for axis in range(queries.shape[1]):
+            squares += np.square(tree.data[some, axis] - queries[row, axis])
+        order = np.lexsort((*tree.data[some].T[::-1], squares))[:k]
+        near[row, : len(order)] = some[order]
+        distances[row, : len(order)] = np.sqrt(squares[order])
+    return distances, near

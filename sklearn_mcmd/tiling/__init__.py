@@ -1,6 +1,7 @@
 """Clouds larger than memory: by tiles, with results equal to those in memory."""
 
 from sklearn_mcmd.tiling._catalog import Catalog
+from sklearn_mcmd.tiling._denoise import write_denoised
 from sklearn_mcmd.tiling._run import RunReport, TilingError, write_normals
 
-__all__ = ["Catalog", "RunReport", "TilingError", "write_normals"]
+__all__ = ["Catalog", "RunReport", "TilingError", "write_denoised", "write_normals"]

@@ -1,19 +1,22 @@
 """A catalog: what one or many point files hold, from their headers alone."""
 
+import json
 import os
 from collections.abc import Iterable
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
+from urllib.request import url2pathname
 
 import numpy as np
 
 from sklearn_mcmd.io import PointFileError
-from sklearn_mcmd.io._files import one_clear_line
+from sklearn_mcmd.io._files import check_file, one_clear_line
 from sklearn_mcmd.io._las import coordinate_system, read_header
-from sklearn_mcmd.io._laz import WAVE_PACKET_FORMATS
 
-__all__ = ["EXTENSIONS", "Catalog", "stamp_of"]
+__all__ = ["EXTENSIONS", "INDEX", "Catalog", "stamp_of"]
 
 EXTENSIONS = (".las", ".laz")
+INDEX = ".vpc"
 PROJECTION = "LASF_Projection"  # of the records that tell the coordinate system
 
 
@@ -24,11 +27,14 @@ class Catalog:
     ----------
     source : str, os.PathLike or an iterable of these
         Files, or a folder, of which the files ``.las`` and ``.laz`` are taken in the order of
-        their names. Folders in it are not searched.
+        their names. Folders in it are not searched. Or an index ``.vpc`` of files (a virtual point
+        cloud, as QGIS and PDAL's wrench make it), which are taken in its order.
 
     Attributes
     ----------
     paths : list of Path
+    is_many : bool
+        Whether it is a folder, an index or several files.
     counts : list of int
         Points of each file.
     record_sizes : list of int
@@ -44,8 +50,7 @@ class Catalog:
     ------
     PointFileError
         With a message of one line, if there are no files, if a file is missing, empty, truncated,
-        not LAS or without points, if two files have the same name, if files are in different
-        coordinate systems, or if a LAZ has wave packets.
+        not LAS or without points, or if files are in different coordinate systems.
 
     See Also
     --------
@@ -66,6 +71,8 @@ class Catalog:
 
     def __init__(self, source: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> None:
         self.paths = _paths(source)
+        one = isinstance(source, str | os.PathLike) and self.paths == [Path(source)]
+        self.is_many = len(self.paths) > 1 or (isinstance(source, str | os.PathLike) and not one)
         headers, self.stamps = [], []
         for path in self.paths:
             with one_clear_line(path, "read"):
@@ -110,36 +117,60 @@ def _paths(source):
         paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in EXTENSIONS)
         if not paths:
             raise PointFileError(f"{folder}: is a folder without .las or .laz files")
+    elif Path(source).suffix.lower() == INDEX:
+        with one_clear_line(source, "read"):
+            paths = _indexed(Path(source))
     else:
         paths = [Path(source)]
     if not paths:
         raise PointFileError("no files were given")
-    names = [path.name for path in paths]
-    for path in paths:
-        if names.count(path.name) > 1:
-            raise PointFileError(f"{path}: several files have this name, and so would the outputs")
     return paths
+
+
+def _indexed(index):
+    """The files of a virtual point cloud: a collection of features with assets."""
+    check_file(index)
+    try:
+        features = json.loads(index.read_text(encoding="utf-8"))["features"]
+        links = [_link_to_data(feature["assets"]) for feature in features]
+    except (ValueError, LookupError, TypeError, AttributeError) as err:
+        raise PointFileError("is not an index of a virtual point cloud") from err
+    if not links:
+        raise PointFileError("is an index without files")
+    return [_place(index, link) for link in links]
+
+
+def _link_to_data(assets):
+    """The link of the points themselves; there may be overviews and the like."""
+    for key, asset in assets.items():
+        if key == "data" or "data" in asset.get("roles", ()):
+            return str(asset["href"])
+    first, *_ = assets.values()
+    return str(first["href"])
+
+
+def _place(index, link):
+    """The path of a link, which may be relative to the index."""
+    parts = urlsplit(link)
+    if parts.scheme == "file":
+        return Path(url2pathname(parts.path))
+    if parts.netloc:
+        raise PointFileError(f"its file {link} is not on this machine; download it")
+    for path in (index.parent / link, index.parent / unquote(link)):
+        if path.exists():
+            return path
+    return index.parent / link
 
 
 def _checked_header(path):
     if path.suffix.lower() not in EXTENSIONS:
         raise PointFileError("clouds of several files, or beyond memory, must be LAS or LAZ")
-    if not path.exists():
-        raise PointFileError("no such file")
-    if not path.is_file():
-        raise PointFileError("is not a regular file")
-    if path.stat().st_size == 0:
-        raise PointFileError("is empty (0 bytes)")
+    check_file(path)
     header = read_header(path)
     if header.point_count == 0:
         raise PointFileError("holds no points")
     if not (np.isfinite([header.scales, header.offsets]).all() and np.all(header.scales)):
         raise PointFileError("broken header: scales and offsets must be numbers, and scales not 0")
-    if header.point_format.id in WAVE_PACKET_FORMATS:
-        raise PointFileError(
-            f"point format {header.point_format.id} with wave packets is read in one piece only; "
-            "give it more --memory"
-        )
     return header
 
 

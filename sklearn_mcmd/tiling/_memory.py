@@ -7,8 +7,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 from joblib import effective_n_jobs
+from joblib.parallel import get_active_backend
 
-__all__ = ["Plan", "bytes_in_memory", "parse_memory", "plan_run", "usual_memory"]
+__all__ = [
+    "JUDGED_POINT",
+    "JUDGED_STORED",
+    "Plan",
+    "bytes_in_memory",
+    "parse_memory",
+    "plan_run",
+    "usual_memory",
+]
 
 UNITS = {"": 1, "B": 1, "KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
 # Share of the machine's memory that a run may take by itself, and what it takes where the machine
@@ -18,9 +27,14 @@ SHARE, UNKNOWN = 0.5, 4e9
 # while its normals are computed, for each point of a cloud in memory besides what its record has,
 # and for each value of a feature.
 PROCESS, TILE_POINT, CLOUD_POINT, FEATURE = 330e6, 650, 450, 24
+# Bytes of temporary files for each point: of normals, and of what the detector finds; and what the
+# detector takes for each point of a tile.
+TILE_STORED, JUDGED_STORED, JUDGED_POINT = 72, 200, 500
 # Points read or written at once, and bytes for each while that is done.
 PART, PART_POINT = 250_000, 400
 LEAST_TILE = 20_000  # smaller tiles are mostly halo
+# Where there is memory for more, each process gets EACH tiles or more, of GOOD_TILE points or more.
+EACH, GOOD_TILE = 2, 1_000_000
 FILL = 0.7  # how full cells are that are halved when they are full
 
 
@@ -56,14 +70,34 @@ def parse_memory(memory):
 
 
 def usual_memory():
-    """Bytes that a run takes if it is not told: half of the machine's, or of its container's."""
+    """Bytes that a run takes if it is not told: half of the machine's, or of all workers' of dask.
+
+    The worker with the least memory for a task sets the memory of all.
+    """
+    client = getattr(get_active_backend()[0], "client", None)
+    if client is None:
+        machine = _memory_of_machine()
+        return SHARE * machine if machine else UNKNOWN
+    tasks, memory = zip(*client.run(_memory_of_worker).values(), strict=True)
+    return SHARE * sum(tasks) * min(memory)
+
+
+def _memory_of_worker(dask_worker):
+    """How many tasks a worker of dask takes at once, and bytes for each."""
+    n = dask_worker.state.nthreads
+    limit = dask_worker.memory_manager.memory_limit or _memory_of_machine() or UNKNOWN
+    return n, limit / n
+
+
+def _memory_of_machine():
+    """Bytes of the machine, or of its container; None if it does not tell."""
     limits = []
     with suppress(AttributeError, OSError, ValueError):  # Windows has no sysconf
         limits.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     for path in ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"):
         with suppress(OSError, ValueError):  # the first may hold a word
             limits.append(int(Path(path).read_text()))
-    return SHARE * min(limits) if limits else UNKNOWN
+    return min(limits, default=None)
 
 
 def bytes_in_memory(catalog, n_features=0):
@@ -75,15 +109,18 @@ def bytes_in_memory(catalog, n_features=0):
     return PROCESS + points
 
 
-def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None):
+def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, judged=False):
     """Divide points so that all workers together stay within the memory.
+
+    With `judged`, outliers are found, else normals.
 
     Raises
     ------
     ValueError
         If one worker with the smallest tile would take more.
     """
-    bytes_a_point = TILE_POINT + FEATURE * n_features
+    point, stored = (JUDGED_POINT, JUDGED_STORED) if judged else (TILE_POINT, TILE_STORED)
+    bytes_a_point = point + FEATURE * n_features
     own = PROCESS + PART * PART_POINT  # of the process that reads and writes
     least = PROCESS + LEAST_TILE * bytes_a_point
     if memory < own or memory < least:
@@ -92,13 +129,17 @@ def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None):
             "is needed."
         )
     n_workers = effective_n_jobs(n_jobs)
+    if n_jobs is not None and n_jobs > 0:  # dask counts all of its workers
+        n_workers = min(n_workers, n_jobs)
     if n_workers > 1:  # processes of their own
         n_workers = max(1, min(n_workers, int((memory - PROCESS) // least)))
     for_tiles = memory - PROCESS * (n_workers + (n_workers > 1))
     most = int(for_tiles / n_workers / bytes_a_point)
-    tile_size = min(most, n_points) if tile_size is None else tile_size
+    if tile_size is None:
+        enough = n_points if n_workers == 1 else max(GOOD_TILE, int(n_points / n_workers / EACH))
+        tile_size = min(most, enough, n_points)
     n_tiles = max(1, round(n_points / (FILL * tile_size))) if tile_size < n_points else 1
     n_workers = min(n_workers, n_tiles)
     used = PROCESS * (n_workers + (n_workers > 1)) + n_workers * tile_size * bytes_a_point
-    disk = n_points * (32 + 8 + 4 * (8 + n_features))
+    disk = n_points * (stored + 4 * n_features)
     return Plan(n_workers, tile_size, n_tiles, max(own, used), disk)

@@ -7,29 +7,65 @@ import numpy as np
 
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import one_clear_line, replacing
+from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._las_parts import read_parts, writing_parts
 from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
 from sklearn_mcmd.planes._progress import current_span
 from sklearn_mcmd.tiling._catalog import EXTENSIONS, stamp_of
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._memory import PART
 from sklearn_mcmd.tiling._tile import result_dtype, tile_files
 
-__all__ = ["targets_of", "tell", "write_outputs"]
+__all__ = [
+    "SCORED",
+    "scores_in_parts",
+    "targets_of",
+    "tell",
+    "write_denoised_outputs",
+    "write_outputs",
+]
 
 # Results that wait in memory to be written: of a tile, and bytes of all of them.
 WAITING, WAITING_BYTES = 2048, 50e6
+# Of the file of a tile's scores.
+SCORED = np.dtype([("row", np.int64), ("values", np.float64, (1,))])
 
 
-def targets_of(catalog, target, as_folder):
-    """The output of each input."""
+def targets_of(catalog, target, as_folder=None):
+    """The output of each input, or one for all of several inputs.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    target : Path
+    as_folder : bool, default=None
+        Whether the target is a folder. None: if there may be several inputs and its name is not
+        that of a LAS or LAZ file.
+    """
+    named_as_file = target.suffix.lower() in EXTENSIONS and not target.is_dir()
+    if as_folder is None:
+        as_folder = catalog.is_many and not named_as_file
     if not as_folder:
         targets = [target]
+        if len(catalog) > 1:
+            if os.path.realpath(target) in map(os.path.realpath, catalog.paths):
+                raise PointFileError(f"{target}: is one of the inputs; name another file")
+            joined_header(catalog.paths)
     else:
-        named_as_file = not target.exists() and target.suffix.lower() in EXTENSIONS
-        if named_as_file or (target.exists() and not target.is_dir()):
-            raise PointFileError(f"{target}: the outputs of a folder need a folder, not a file")
-        targets = [target / path.name.replace(".copc.", ".") for path in catalog.paths]
+        if target.exists() and not target.is_dir():
+            raise PointFileError(
+                f"{target}: several outputs need a folder; to join them in one file, name a .las "
+                "or .laz"
+            )
+        names = [path.name.replace(".copc.", ".") for path in catalog.paths]
+        for path, name in zip(catalog.paths, names, strict=True):
+            if names.count(name) > 1:
+                raise PointFileError(
+                    f"{path}: several files have this name, and so would the outputs; to join them "
+                    "in one file, name a .las or .laz"
+                )
+        targets = [target / name for name in names]
     for path in targets:
         if path.is_dir():
             raise PointFileError(f"{path}: is a folder; name a file in it")
@@ -48,42 +84,106 @@ def targets_of(catalog, target, as_folder):
 
 
 def write_outputs(catalog, targets, folder, names):
-    """Write each output in the order of its input; returns the mean share that was removed."""
-    results = _Results(folder.results, len(Cells(folder.cells)), len(names))
-    first, total = 0, 0.0
+    """Write each output in the order of its inputs; returns the mean share that was removed."""
     removed = names.index("removed_fraction")
-    for i, (path, target, n) in enumerate(zip(catalog.paths, targets, catalog.counts, strict=True)):
-        if folder.is_written(i):
-            total += results.take(first, n)[:, removed].sum(dtype=np.float64)
+
+    def with_normals(cloud, values):
+        return with_results(cloud, dict(zip(names, values.T.copy(), strict=True))), None
+
+    def total(values):
+        return values[:, removed].sum(dtype=np.float64)
+
+    dtype = result_dtype(len(names))
+    return float(_write(catalog, targets, folder, dtype, with_normals, total)) / catalog.n_points
+
+
+def write_denoised_outputs(catalog, targets, folder, mode, cutoff):
+    """Write each output without its outliers, or with marks.
+
+    Parameters
+    ----------
+    catalog, targets, folder
+        As of `write_outputs`.
+    mode : {"drop", "mark"}
+    cutoff : float
+        Score beyond which a point is an outlier.
+
+    Returns
+    -------
+    n_outliers, n_exact : int
+        Outliers, and those of them that have no scale, see `EXACT_PLANE_SCORE`.
+    """
+
+    def denoised(cloud, scores):
+        is_outlier = scores[:, 0] > cutoff
+        if mode == "drop":
+            return cloud.subset(~is_outlier), None
+        return with_results(cloud, {"outlier_score": scores[:, 0].astype(np.float32)}), is_outlier
+
+    def counts(scores):
+        beyond = max(cutoff, EXACT_PLANE_SCORE)
+        return np.array([np.count_nonzero(scores > limit) for limit in (cutoff, beyond)])
+
+    return map(int, _write(catalog, targets, folder, SCORED, denoised, counts, mode))
+
+
+def _write(catalog, targets, folder, dtype, make, measure, mode=""):
+    """Write each output; returns the sum of what `measure` tells of the results.
+
+    `make` returns what to write of a cloud and its results, and which points to mark in it.
+    """
+    results = _Results(folder.results, len(Cells(folder.cells)), dtype)
+    first, total = 0, 0.0
+    joined = len(targets) < len(catalog)
+    header = joined_header(catalog.paths) if joined else None
+    everything = range(len(catalog))
+    for i, target in enumerate(targets):
+        inputs = everything if joined else [i]
+        if folder.is_written(f"{i}{mode}"):
+            n = sum(catalog.counts[j] for j in inputs)
+            for start in range(first, first + n, PART):
+                total += measure(results.take(start, min(PART, first + n - start)))
             first += n
             continue
-        with one_clear_line(path, "read"):
-            if stamp_of(path) != catalog.stamps[i]:
-                raise PointFileError("has changed since it was read")
+        for j in inputs:
+            with one_clear_line(catalog.paths[j], "read"):
+                if stamp_of(catalog.paths[j]) != catalog.stamps[j]:
+                    raise PointFileError("has changed since it was read")
         with replacing(target) as temporary, writing_parts(temporary) as write:
-            for cloud in read_parts(path, PART):
-                values = results.take(first, len(cloud))
-                total += values[:, removed].sum(dtype=np.float64)
-                write(with_results(cloud, dict(zip(names, values.T.copy(), strict=True))))
-                first += len(cloud)
-                tell(first / catalog.n_points)
-        folder.mark_written(i)
-    return float(total) / catalog.n_points
+            for path in (catalog.paths[j] for j in inputs):
+                for cloud in read_parts(path, PART):
+                    if joined:
+                        with one_clear_line(path, "read"):
+                            cloud = joined_cloud(cloud, header)
+                    values = results.take(first, len(cloud))
+                    total += measure(values)
+                    write(*make(cloud, values))
+                    first += len(cloud)
+                    tell(first / catalog.n_points)
+        folder.mark_written(f"{i}{mode}")
+    return total
+
+
+def scores_in_parts(folder):
+    """The scores of all points, tile by tile."""
+    for cell in range(len(Cells(folder.cells))):
+        yield np.fromfile(tile_files(folder.results, cell)[0], SCORED)["values"][:, 0]
 
 
 class _Results:
     """The results of all tiles in the order of the points, of which each is asked for once."""
 
-    def __init__(self, folder, n_tiles, n_columns):
+    def __init__(self, folder, n_tiles, dtype):
         self.paths = [tile_files(folder, cell)[0] for cell in range(n_tiles)]
-        self.dtype = result_dtype(n_columns)
+        self.dtype = dtype
         self.waiting = [np.empty(0, self.dtype)] * n_tiles
         self.read = [0] * n_tiles
         self.n_read = int(np.clip(WAITING_BYTES / n_tiles / self.dtype.itemsize, 16, WAITING))
 
     def take(self, first, n):
         """Results (n, n_columns) of the points from the row `first` on."""
-        values, found = np.empty((n, self.dtype["values"].shape[0]), np.float32), 0
+        of_row = self.dtype["values"]
+        values, found = np.empty((n, of_row.shape[0]), of_row.base), 0
         for tile in range(len(self.paths)):
             for part in self._parts(tile, first + n):
                 values[part["row"] - first] = part["values"]

@@ -1,26 +1,25 @@
 """Normals of clouds larger than memory: points into cells, tiles in processes, outputs in order."""
 
-import gc
 import json
 import os
 import shutil
 import time
 import warnings
 from collections.abc import Iterable
+from contextlib import contextmanager
+from functools import partial
 from numbers import Integral
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from joblib import Parallel, delayed
 from sklearn.base import clone
 
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.planes._base import BaseLocalPlanes
-from sklearn_mcmd.planes._progress import listen_to_progress, progress_part
-from sklearn_mcmd.planes._resolution import CoarseCoordinatesWarning
+from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
 from sklearn_mcmd.tiling._constants import WholeCloud
@@ -34,17 +33,21 @@ from sklearn_mcmd.tiling._tile import (
     normals_of_tile,
     tile_files,
 )
+from sklearn_mcmd.tiling._work import TilingError, compute_cells
 
-__all__ = ["RunReport", "TilingError", "write_normals"]
+__all__ = [
+    "COMPUTED",
+    "SCATTERED",
+    "RunReport",
+    "TilingError",
+    "kept",
+    "scattered",
+    "write_normals",
+]
 
 # Shares of the time, for the display of progress.
 SCATTERED, COMPUTED = 0.07, 0.93
-COLLECTED = 50_000  # points of a tile whose memory is worth the time to look for it
 WARM_UP = 1_500  # points that make this process load or compile the code once, for all others
-
-
-class TilingError(ValueError):
-    """A run ended before its output was whole; the message names what is kept of it."""
 
 
 class RunReport(NamedTuple):
@@ -54,13 +57,18 @@ class RunReport(NamedTuple):
     ----------
     n_points, n_tiles, n_workers : int
     n_resumed : int
-        Tiles that an earlier run had finished.
+        Tiles that an earlier run had finished; of `write_denoised`, those whose planes it had.
     n_proved : int
-        Points whose normals the first halo proved. The others were computed again, from all points
-        that they depend on.
+        Points whose normals or planes the first halo proved. The others were computed again, from
+        all points that they depend on.
     removed_fraction : float
-        Mean share of a neighborhood that was removed.
+        Mean share of a neighborhood that was removed; of `write_denoised`, the share of outliers.
     seconds : float
+    n_outliers : int
+        Of `write_denoised`.
+    n_exact : int
+        Of these, those that may be outliers only because most of their neighbors lie exactly in
+        one plane.
     """
 
     n_points: int
@@ -70,6 +78,8 @@ class RunReport(NamedTuple):
     n_proved: int
     removed_fraction: float
     seconds: float
+    n_outliers: int = 0
+    n_exact: int = 0
 
 
 def write_normals(
@@ -94,10 +104,12 @@ def write_normals(
     Parameters
     ----------
     source : Catalog, or what it takes
-        Files or a folder.
+        Files, a folder, or an index.
     target : str or os.PathLike
         A LAS or LAZ file for one file, or a folder for several or a folder. Outputs have the names
         of their inputs, all attributes, and the order of the points. They may replace the inputs.
+        A name that ends in ``.las`` or ``.laz`` joins several inputs in one file: with the richest
+        point format, the finest scales and the attributes of all, in the order of the inputs.
     estimator : RobustNormalEstimator, default=None
         With an int as `random_state`, a number of neighbors, and no ``orientation="mst"``, which
         depends on the whole cloud. None is ``RobustNormalEstimator(random_state=0)``.
@@ -111,8 +123,8 @@ def write_normals(
     cut : float in (0, 1), default=0.5
         Share of a tile that comes to the left when it is divided. Results do not depend on it.
     as_folder : bool, default=None
-        Whether `target` is a folder. None means that it is, if there are several files or `source`
-        is a folder.
+        Whether `target` is a folder. None means that it is, if `source` is a folder, an index or
+        several files, and `target` is not named as a file.
     restart : bool, default=False
         Whether to forget what an earlier run has left. By default a run with the same inputs and
         parameters goes on where the earlier one ended.
@@ -154,15 +166,35 @@ def write_normals(
         estimator = RobustNormalEstimator(random_state=0)
     _check(estimator)
     catalog = source if isinstance(source, Catalog) else Catalog(source)
-    if as_folder is None:
-        as_folder = len(catalog) > 1 or (
-            isinstance(source, str | os.PathLike) and Path(source).is_dir()
-        )
     targets = targets_of(catalog, Path(target), as_folder)
     estimator = clone(estimator).set_params(n_jobs=1)
     names = _warm_up(estimator)
     memory = usual_memory() if memory is None else parse_memory(memory)
     plan = plan_run(catalog.n_points, memory, n_jobs, len(names) - len(NORMAL_COLUMNS), tile_size)
+    folder = scattered(catalog, target, estimator, plan, cut, restart)
+    with kept(folder):
+        for path in targets:
+            path.parent.mkdir(exist_ok=True)
+        with progress_part(SCATTERED, COMPUTED, "normals"):
+            cells = Cells(folder.cells)
+            todo = [cell for cell in range(len(cells)) if not folder.is_done(cell)]
+            task = partial(
+                normals_of_tile, folder.cells, estimator=estimator, constants=folder.constants,
+                target=folder.results,
+            )  # fmt: skip
+            compute_cells(task, cells, todo, plan.n_workers, "normals")
+        with progress_part(COMPUTED, 1.0, "writing"):
+            removed = write_outputs(catalog, targets, folder, names)
+    reports = _reports(folder)
+    folder.remove()
+    return RunReport(
+        catalog.n_points, len(reports), plan.n_workers, len(cells) - len(todo),
+        sum(report.n_proved for report in reports), removed, time.perf_counter() - begin,
+    )  # fmt: skip
+
+
+def scattered(catalog, target, estimator, plan, cut, restart):
+    """The folder of a run, with all points in cells: of an earlier run, if that was the same."""
     _check_disk(Path(os.path.realpath(target)).parent, plan.disk)
     key = key_of(catalog, estimator, plan.tile_size, cut, _version())
     folder = WorkFolder(target, key)
@@ -176,25 +208,20 @@ def write_normals(
         except BaseException:
             folder.remove()
             raise
+    return folder
+
+
+@contextmanager
+def kept(folder):
+    """Name the folder where a run ends early."""
     try:
-        for path in targets:
-            path.parent.mkdir(exist_ok=True)
-        with progress_part(SCATTERED, COMPUTED, "normals"):
-            n_resumed = _compute(folder, estimator, plan.n_workers, catalog.n_points)
-        with progress_part(COMPUTED, 1.0, "writing"):
-            removed = write_outputs(catalog, targets, folder, names)
+        yield
     except (Exception, KeyboardInterrupt, SystemExit) as err:
         kept = f"what was done is kept in {folder.path}, and the same run goes on from there"
         if isinstance(err, Exception) and not isinstance(err, Warning):  # the user may raise these
             raise TilingError(f"{str(err) or type(err).__name__}; {kept}") from err
-        warnings.warn(kept, stacklevel=2)
+        warnings.warn(kept, stacklevel=4)
         raise
-    reports = _reports(folder)
-    folder.remove()
-    return RunReport(
-        catalog.n_points, len(reports), plan.n_workers, n_resumed,
-        sum(report.n_proved for report in reports), removed, time.perf_counter() - begin,
-    )  # fmt: skip
 
 
 def _check(estimator):
@@ -238,54 +265,6 @@ def _scatter(catalog, folder, capacity, cut):
             tell(row / catalog.n_points)
     writer.close()
     folder.finish_cells(whole.constants())
-
-
-def _compute(folder, estimator, n_workers, n_points):
-    """Results of all tiles that have none; returns how many had."""
-    cells, constants = Cells(folder.cells), folder.constants
-    todo = [cell for cell in range(len(cells)) if not folder.is_done(cell)]
-    todo.sort(key=lambda cell: -cells.counts[cell])
-    n_done, begin, failed = n_points - int(cells.counts[todo].sum()), time.monotonic(), 0
-    told = False
-    n_before = n_done
-    work = Parallel(n_jobs=n_workers, return_as="generator_unordered", batch_size=1)
-    for cell, error, coarse in work(
-        delayed(_attempt)(folder.cells, cell, estimator, constants, folder.results) for cell in todo
-    ):
-        n_done += int(cells.counts[cell])
-        if coarse is not None and not told:
-            told = True
-            warnings.warn(CoarseCoordinatesWarning(*coarse), stacklevel=3)
-        if error is not None:
-            failed += 1
-            low, high = cells.extent(cell)
-            warnings.warn(f"tile {cell} failed ({_between(low, high)}): {error}", stacklevel=3)
-        rate = (n_done - n_before) / max(time.monotonic() - begin, 1e-9)
-        tell(n_done / n_points, f"normals, {rate:,.0f} points/s")
-    if failed:
-        raise TilingError(f"{failed} of {len(cells)} tiles failed")
-    return len(cells) - len(todo)
-
-
-def _attempt(folder, cell, estimator, constants, target):
-    """The tile; in one line why it failed, which does not end the others; and what is coarse."""
-    error = None
-    with warnings.catch_warnings(record=True) as said, listen_to_progress(None):
-        warnings.simplefilter("always")
-        try:
-            report = normals_of_tile(folder, cell, estimator, constants, target)
-            if report.n_points > COLLECTED:
-                gc.collect()  # an index and its table of neighbors know each other
-        except Exception as err:
-            error = f"{type(err).__name__}: {' '.join(str(err).split())}".removesuffix(": ")
-    coarse = [w.message.args for w in said if isinstance(w.message, CoarseCoordinatesWarning)]
-    return cell, error, coarse[0] if coarse else None
-
-
-def _between(low, high):
-    return ", ".join(
-        f"{axis} {a:.6g} to {b:.6g}" for axis, a, b in zip("xyz", low, high, strict=True)
-    )
 
 
 def _reports(folder):

@@ -1,5 +1,6 @@
 """mcmd on files larger than memory, and on folders."""
 
+import json
 import shutil
 
 import numpy as np
@@ -54,6 +55,22 @@ def test_a_folder_becomes_a_folder(source, tmp_path):
     assert result.exit_code == 0, result.output
     assert files_in(tmp_path / "out") == ["a.laz", "b.laz"]
     assert "normal_x" in read_points(tmp_path / "out" / "b.laz").attributes
+
+
+def test_a_folder_that_is_missing_is_said(tmp_path):
+    line = error_line(run("normals", f"{tmp_path}/nofolder/", f"{tmp_path}/out/"))
+    assert line.endswith("nofolder: no such file or folder")
+
+
+def test_an_index_becomes_one_file_or_a_folder(source, tmp_path):
+    shutil.copy(source, tmp_path / "b.laz")
+    features = [{"assets": {"data": {"href": name}}} for name in ("street.laz", "b.laz")]
+    (tmp_path / "drive.vpc").write_text(json.dumps({"features": features}))
+    for target in ("out.laz", "out"):
+        result = run("normals", tmp_path / "drive.vpc", tmp_path / target, *ONE)
+        assert result.exit_code == 0, result.output
+    assert len(read_points(tmp_path / "out.laz")) == 12_000
+    assert files_in(tmp_path / "out") == ["b.laz", "street.laz"]
 
 
 def test_a_dry_run_shows_the_plan_and_writes_nothing(small_machine, source, tmp_path):

@@ -67,3 +67,17 @@ def test_some_of_the_points_answer_as_if_they_were_all(n, m):
     nearest.release()
     assert_array_equal(nearest.query(queries, 5), expected)
     assert_array_equal(points, before)
+
+
+@pytest.mark.parametrize("k", [1, 3, 16, 40])
+def test_equally_distant_points_come_in_the_order_of_their_coordinates(monkeypatch, k):
+    rng = np.random.default_rng(5)
+    points = np.unique(rng.integers(0, 12, (3000, 3)), axis=0).astype(float)
+    queries = rng.integers(0, 24, (1200, 3)) / 2
+    shuffled = rng.permutation(len(points))
+    compiled = NearestPoints(points).query(queries, k)
+    monkeypatch.setattr(_nearest, "COMPILE_FROM", 10**9)
+    assert_array_equal(NearestPoints(points).query(queries, k), compiled)
+    distances, indices = NearestPoints(points[shuffled]).query(queries, k)
+    assert_array_equal(distances, compiled[0])
+    assert_array_equal(shuffled[indices], compiled[1])

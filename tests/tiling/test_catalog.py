@@ -1,6 +1,7 @@
 """Catalogs know what files hold, and refuse what cannot be one cloud."""
 
 import io
+import json
 
 import laspy
 import numpy as np
@@ -87,16 +88,48 @@ def test_different_coordinate_systems_are_refused(tmp_path, crs):
         Catalog(paths)
 
 
-def test_two_files_of_one_name_are_refused(tmp_path):
+def index_of(path, *links):
+    """A virtual point cloud, as QGIS makes it."""
+    features = [
+        {"type": "Feature", "assets": {"overview": {"href": "no.laz", "roles": ["overview"]},
+                                       "data": {"href": link, "roles": ["data"]}}}
+        for link in links
+    ]  # fmt: skip
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    return path
+
+
+def test_an_index_names_files_relative_to_itself(tmp_path):
     (tmp_path / "x").mkdir()
-    paths = [write(tmp_path / "a.las"), write(tmp_path / "x" / "a.las")]
-    with pytest.raises(PointFileError, match="several files have this name"):
-        Catalog(paths)
+    paths = [write(tmp_path / name) for name in ("b.las", "x/a b.laz", "c.las", "x/b.las")]
+    links = ("./b.las", "x/a%20b.laz", paths[2].as_uri(), str(paths[3]))
+    catalog = Catalog(index_of(tmp_path / "all.vpc", *links))
+    assert [path.resolve() for path in catalog.paths] == paths
+    assert catalog.is_many
+    assert Catalog(index_of(tmp_path / "one.vpc", "b.las")).is_many
+    assert not Catalog(paths[0]).is_many
 
 
-def test_wave_packets_are_refused(tmp_path):
-    with pytest.raises(PointFileError, match="wave packets"):
-        Catalog(write(tmp_path / "a.las", point_format=9))
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "is empty"),
+        ("{", "is not an index"),
+        ('{"features": 5}', "is not an index"),
+        ('{"features": [{"assets": {}}]}', "is not an index"),
+        ('{"features": []}', "without files"),
+        ('{"features": [{"assets": {"data": {"href": "https://x.org/a.laz"}}}]}', "download it"),
+    ],
+)
+def test_an_index_that_is_none_is_named(tmp_path, content, message):
+    (tmp_path / "all.vpc").write_text(content)
+    with pytest.raises(PointFileError, match=rf"all\.vpc: .*{message}"):
+        Catalog(tmp_path / "all.vpc")
+
+
+def test_a_file_of_an_index_that_is_missing_is_named(tmp_path):
+    with pytest.raises(PointFileError, match=r"gone\.laz: no such file"):
+        Catalog(index_of(tmp_path / "all.vpc", "gone.laz"))
 
 
 def test_a_scale_of_zero_is_refused(tmp_path):

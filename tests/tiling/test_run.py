@@ -172,8 +172,8 @@ work, done = _run.normals_of_tile, []
 def die(*args):
     os.kill(os.getpid(), getattr(signal, "SIGKILL", signal.SIGTERM))
 
-def two_tiles(*args):
-    done.append(work(*args) if len(done) < 2 else die())
+def two_tiles(*args, **params):
+    done.append(work(*args, **params) if len(done) < 2 else die())
     return done[-1]
 
 if place == "reading":
@@ -212,10 +212,10 @@ def failing(monkeypatch):
     """Cells whose tiles fail."""
     cells = set()
 
-    def work(folder, cell, *args):
+    def work(folder, cell, **params):
         if cell in cells:
             raise MemoryError("too much\nof it")
-        return normals_of_tile(folder, cell, *args)
+        return normals_of_tile(folder, cell, **params)
 
     monkeypatch.setattr(_run, "normals_of_tile", work)
     return cells
@@ -262,26 +262,35 @@ def test_an_input_that_vanishes_is_named(small_file, tmp_path):
     assert files_in(tmp_path) == ["elsewhere.las"]
 
 
-def test_an_input_that_changes_during_the_run_is_noticed(small_file, tmp_path, monkeypatch):
-    compute = _run._compute
+@pytest.mark.parametrize("how", ["changes", "vanishes"])
+def test_an_input_that_changes_during_the_run_is_noticed(small_file, tmp_path, monkeypatch, how):
+    compute = _run.compute_cells
 
-    def shorten(*args):
-        done = compute(*args)
-        write_points(small_file, street(5_000))
-        return done
+    def change(*args):
+        compute(*args)
+        small_file.rename(tmp_path / "before.las")
+        if how == "changes":
+            write_points(small_file, street(5_000))
 
-    monkeypatch.setattr(_run, "_compute", shorten)
-    with pytest.raises(TilingError, match="has changed"):
+    monkeypatch.setattr(_run, "compute_cells", change)
+    message = r"small\.las: (has changed|cannot be read: no such file).*kept in .*out\.las\.tiles"
+    with pytest.raises(TilingError, match=message):
         write_normals(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
     assert not (tmp_path / "out.las").exists()
+    monkeypatch.undo()
+    (tmp_path / "before.las").replace(small_file)
+    report = write_normals(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+    assert report.n_resumed == report.n_tiles
 
 
-def test_a_damaged_chunk_is_named_and_leaves_nothing(street_file, tmp_path):
-    content = bytearray(street_file[0].read_bytes())
+def test_a_damaged_chunk_is_named_and_leaves_nothing(tmp_path):
     path = tmp_path / "damaged.laz"
-    content[-len(content) // 2 :] = bytes(len(content[-len(content) // 2 :]))
+    write_points(path, np.random.default_rng(0).uniform(size=(120_000, 3)))  # three chunks
+    content = bytearray(path.read_bytes())
+    third = len(content) // 3
+    content[third : 2 * third] = bytes(third)
     path.write_bytes(content)
-    with pytest.raises(PointFileError, match=r"damaged\.laz: "):
+    with pytest.raises(PointFileError, match=r"damaged\.laz: .*damaged"):
         write_normals(path, tmp_path / "out.laz", ESTIMATOR, tile_size=TILE)
     assert files_in(tmp_path) == ["damaged.laz"]
     assert path.read_bytes() == content
@@ -335,9 +344,67 @@ def test_a_read_only_output_is_refused_before_the_work(small_file, tmp_path):
         write_normals(small_file, target)
 
 
-def test_outputs_of_a_folder_need_a_folder(small_file, tmp_path):
-    with pytest.raises(PointFileError, match="need a folder"):
-        write_normals(tmp_path, tmp_path / "out.laz")
+def test_what_files_cannot_become_is_refused_before_the_work(tmp_path):
+    (tmp_path / "x").mkdir()
+    paths = [tmp_path / "a.las", tmp_path / "x" / "a.las"]
+    for path in paths:
+        write_points(path, street(50))
+    (tmp_path / "out.ply").touch()
+    for target, message in (
+        ("out.ply", "several outputs need a folder"),
+        ("out", "several files have this name"),
+        ("a.las", "is one of the inputs"),
+    ):
+        with pytest.raises(PointFileError, match=message):
+            write_normals(paths, tmp_path / target)
+    assert files_in(tmp_path) == ["a.las", "out.ply", "x"]
+
+
+def test_several_files_may_become_one(tmp_path):
+    (tmp_path / "in").mkdir()
+    paths = [tmp_path / "in" / "b.laz", tmp_path / "in" / "a.las"]
+    for seed, path in enumerate(paths):
+        write_points(path, street(2_500, seed))
+    write_normals(paths, tmp_path / "joined.laz", ESTIMATOR, tile_size=2_000)
+    clouds = [read_points(path) for path in paths]
+    fitted = clone(ESTIMATOR).fit(np.vstack([cloud.xyz for cloud in clouds]))
+    joined = read_points(tmp_path / "joined.laz")
+    for name, values in zip(*columns_of(fitted), strict=True):
+        assert_array_equal(joined.attributes[name], values)
+    assert_array_equal(joined.xyz, np.vstack([cloud.xyz for cloud in clouds]))
+    intensity = np.concatenate([cloud.attributes["intensity"] for cloud in clouds])
+    assert_array_equal(joined.attributes["intensity"], intensity)
+    assert files_in(tmp_path) == ["in", "joined.laz"]
+
+
+def waves(path, n_channels):
+    """A street with wave packets, which are compressed well for one scanner channel only."""
+    xyz, n = street(2_500).xyz, 2_500
+    header = laspy.LasHeader(version="1.4", point_format=9)
+    header.scales, header.offsets = [0.001] * 3, np.floor(xyz[0])
+    las = laspy.LasData(header)
+    las.xyz = xyz
+    las.scanner_channel = np.arange(n) % n_channels
+    las.points.array["wavepacket_offset"] = 60 + 256 * np.arange(n)
+    las.points.array["wavepacket_size"] = 256
+    las.write(path)
+    return path
+
+
+@pytest.mark.parametrize("name", ["out.las", "out.laz"])
+def test_wave_packets_are_kept(tmp_path, name):
+    source = waves(tmp_path / "a.las", 1)
+    write_normals(source, tmp_path / name, ESTIMATOR, tile_size=2_000)
+    found, given = (laspy.read(path).points.array for path in (tmp_path / name, source))
+    for dimension in given.dtype.names:
+        assert_array_equal(found[dimension], given[dimension])
+
+
+def test_wave_packets_that_would_change_are_refused(tmp_path):
+    source = waves(tmp_path / "a.las", 2)
+    with pytest.raises(TilingError, match="lazrs cannot compress these wave packets"):
+        write_normals(source, tmp_path / "out.laz", ESTIMATOR, tile_size=2_000)
+    assert not (tmp_path / "out.laz").exists()
 
 
 def test_a_folder_of_others_is_not_removed(small_file, tmp_path):

@@ -1,0 +1,97 @@
+"""mcmd denoise on files larger than memory, and on folders."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from commands import error_line, files_in, run
+from sklearn_mcmd.io import read_points, write_points
+from sklearn_mcmd.tiling import _memory
+from tiled import street
+
+ONE = ("--n-jobs", 1)
+
+
+@pytest.fixture
+def small_machine(monkeypatch):
+    """A process takes nothing, so that 2 MB are tiles of few thousand points."""
+    for name, value in {"PROCESS": 0, "PART": 1_000, "LEAST_TILE": 1_000}.items():
+        monkeypatch.setattr(_memory, name, value)
+
+
+@pytest.fixture
+def source(tmp_path):
+    write_points(tmp_path / "street.laz", street(6_000))
+    return tmp_path / "street.laz"
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--mode", "mark"),
+        ("--contamination", 0.05, "--strictness", "surfaces"),
+        ("--strictness", "paper", "--n-neighbors", 20),
+    ],
+)
+def test_a_file_larger_than_memory_gets_the_output_that_it_has_in_memory(
+    options, small_machine, source, tmp_path
+):
+    a, b = tmp_path / "a.laz", tmp_path / "b.laz"
+    in_memory = run("denoise", source, a, *options)
+    assert in_memory.exit_code == 0
+    result = run("denoise", source, b, *options, "--memory", "2MB", *ONE)
+    assert result.exit_code == 0, result.output
+    assert a.read_bytes() == b.read_bytes()
+    assert "tiles" in result.stdout
+    assert "all; " in result.stdout
+    found = [
+        line
+        for output in (in_memory.stdout, result.stdout)
+        for line in output.splitlines()
+        if line.split()[0] in ("removed", "marked")
+    ]
+    assert len(found) == 2
+    assert found[0].split() == found[1].split()
+    assert files_in(tmp_path) == ["a.laz", "b.laz", "street.laz"]
+
+
+def test_a_folder_becomes_a_folder(source, tmp_path):
+    (tmp_path / "in").mkdir()
+    for name in ("a.laz", "b.laz"):
+        shutil.copy(source, tmp_path / "in" / name)
+    result = run("denoise", tmp_path / "in", tmp_path / "out", *ONE, "--quiet")
+    assert result.exit_code == 0, result.output
+    assert result.stdout == ""
+    assert files_in(tmp_path / "out") == ["a.laz", "b.laz"]
+    assert 5_000 < len(read_points(tmp_path / "out" / "a.laz")) < 6_000
+
+
+def test_a_dry_run_shows_the_plan_and_writes_nothing(small_machine, source, tmp_path):
+    result = run("denoise", source, tmp_path / "b.laz", "--memory", "2MB", "--dry-run", *ONE)
+    assert result.exit_code == 0, result.output
+    for words in ("6,000", "tiles", "0.002 GB", "seconds"):
+        assert words in result.stdout
+    assert files_in(tmp_path) == ["street.laz"]
+
+
+def test_rates_that_exclude_each_other_are_wrong_usage_of_large_files_too(source, tmp_path):
+    options = ("--memory", "2MB", "--cutoff", 3, "--contamination", 0.1)
+    assert run("denoise", source, tmp_path / "b.laz", *options).exit_code == 2
+
+
+def test_outliers_off_exact_planes_are_warned_of(small_machine, tmp_path):
+    rng = np.random.default_rng(0)
+    floor = np.round(rng.uniform(0, 30, (4_000, 3)), 3) * [1, 1, 0]
+    floor[:200, 2] = 0.6 * rng.choice([1, 2], 200)
+    write_points(tmp_path / "floor.las", floor)
+    options = ("--strictness", "paper", "--memory", "2MB", *ONE)
+    result = run("denoise", tmp_path / "floor.las", tmp_path / "b.las", *options)
+    assert result.exit_code == 0, result.output
+    in_memory = run("denoise", tmp_path / "floor.las", tmp_path / "c.las", *options[:2])
+    assert in_memory.stderr == result.stderr
+
+
+def test_too_little_memory_is_said_in_words_of_the_option(source, tmp_path):
+    line = error_line(run("denoise", source, tmp_path / "b.laz", "--memory", "10MB"))
+    assert "--memory 10MB is too little" in line

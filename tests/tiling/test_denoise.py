@@ -1,0 +1,340 @@
+"""Scores by tiles equal those in memory to the last bit, wherever tiles begin and runs end."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+from sklearn.base import clone
+
+from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
+from sklearn_mcmd.datasets import make_airborne_scan, make_street
+from sklearn_mcmd.io import PointCloud, read_points, write_points
+from sklearn_mcmd.tiling import TilingError, _denoise, _surfaces, write_denoised
+from sklearn_mcmd.tiling._cells import Cells
+from sklearn_mcmd.tiling._outputs import SCORED, _Results
+from tiled import street
+
+DETECTOR = MCMDOutlierDetector(16, random_state=0)
+RNG = np.random.default_rng(0)
+
+
+def street_with_tree(n, share=0.05, seed=0):
+    return make_street(n, outlier_share=share, tree=True, random_state=seed).data
+
+
+def with_copies():
+    X = np.round(street_with_tree(3_000), 2)
+    return np.vstack([X, X[:900], X[:900], X[-40:]])
+
+
+def far_apart():
+    X = street_with_tree(3_000)
+    X[1_500:, 0] += 1e4
+    far = RNG.uniform(-1e5, 1e5, (15, 3))
+    ghost = RNG.normal([0, 0, 2_000], 0.1, (30, 3))
+    return np.vstack([X, far, ghost])
+
+
+SCENES = {
+    "street": lambda: street_with_tree(4_000),
+    "airborne": lambda: make_airborne_scan(3_000, random_state=0).data,
+    "copies": with_copies,
+    "far apart": far_apart,
+    "volume": lambda: RNG.uniform(0, 5, (2_500, 3)),
+    "lattice": lambda: np.unique(RNG.integers(0, 14, (3_000, 3)), axis=0) * 0.25,
+    "single precision": lambda: np.round(64 * street_with_tree(3_000)) / 64,
+    "sparse beside dense": lambda: np.vstack(
+        [street_with_tree(2_000), street_with_tree(2_000, seed=1) / 30]
+    ),
+}
+
+
+def written(folder, xyz):
+    """A file of the points, and its cloud as it is read."""
+    write_points(folder / "a.las", PointCloud(xyz))
+    return folder / "a.las", read_points(folder / "a.las")
+
+
+def in_memory(cloud, detector):
+    single = cloud.xyz.astype(np.float32)
+    exact = np.array_equal(single, cloud.xyz)
+    return clone(detector).fit(single if exact else cloud.xyz)
+
+
+@pytest.fixture
+def by_tiles(monkeypatch, tmp_path):
+    """Runs by tiles; returns all scores, and the report."""
+    found = []
+    write = _denoise.write_denoised_outputs
+
+    def keep_scores(catalog, targets, folder, *args):
+        results = _Results(folder.results, len(Cells(folder.cells)), SCORED)
+        found.append(results.take(0, catalog.n_points)[:, 0])
+        return write(catalog, targets, folder, *args)
+
+    monkeypatch.setattr(_denoise, "write_denoised_outputs", keep_scores)
+
+    def run(source, detector, **options):
+        report = write_denoised(source, tmp_path / "denoised.las", detector, **options)
+        return found.pop(), report
+
+    return run
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_scores_are_those_of_memory_wherever_tiles_begin(scene, by_tiles, tmp_path, monkeypatch):
+    monkeypatch.setattr(_surfaces, "SMALL", 200)  # narrow halos
+    path, cloud = written(tmp_path, SCENES[scene]())
+    expected = in_memory(cloud, DETECTOR)
+    for tile_size, cut in ((500, 0.3), (1_500, 0.7), (10_000, 0.5)):
+        scores, report = by_tiles(path, DETECTOR, tile_size=tile_size, cut=cut)
+        assert_array_equal(scores, -expected.scores_)
+        assert report.n_outliers == (expected.scores_ < expected.offset_).sum()
+        assert report.n_tiles >= len(cloud) / tile_size
+        assert (report.n_proved < report.n_points) == (report.n_tiles > 1)
+
+
+@pytest.mark.parametrize("scene", ["street", "volume"])
+@pytest.mark.parametrize(
+    "params",
+    [
+        {"strictness": "isolated"},
+        {"strictness": "surfaces"},
+        {"strictness": None},
+        {"method": "mcmd_md"},
+        {"noise_scale": 0.02, "n_neighbors": 40},
+        {"refine": None, "support_fraction": 0.7, "n_neighbors": 6},
+    ],
+    ids=lambda params: "-".join(f"{name}={value}" for name, value in params.items()),
+)
+def test_scores_are_those_of_memory_for_all_parameters(scene, params, by_tiles, tmp_path):
+    path, cloud = written(tmp_path, SCENES[scene]())
+    detector = clone(DETECTOR).set_params(**params)
+    scores, _ = by_tiles(path, detector, tile_size=900)
+    assert_array_equal(scores, -in_memory(cloud, detector).scores_)
+
+
+@pytest.mark.parametrize(
+    "params",
+    [
+        {"contamination": 0.07},
+        {"cutoff": 10.0},
+        {"false_positive_rate": 0.02},
+        {"strictness": None, "false_positive_rate": 0.02},
+    ],
+    ids=lambda params: "-".join(params),
+)
+def test_labels_are_those_of_memory_for_all_cutoffs(params, tmp_path):
+    path, cloud = written(tmp_path, np.round(street_with_tree(3_000), 2))
+    detector = clone(DETECTOR).set_params(**params)
+    kept = in_memory(cloud, detector)
+    kept = kept.scores_ >= kept.offset_
+    write_denoised(path, tmp_path / "b.las", detector, tile_size=1_000)
+    assert_array_equal(read_points(tmp_path / "b.las").xyz, cloud.xyz[kept])
+
+
+@st.composite
+def clouds(draw):
+    """More than a thousand places: faces, clusters and single points, some rounded or copied."""
+    rng = np.random.default_rng(draw(st.integers(0, 10**6)))
+    n_face, n_volume = draw(st.integers(0, 900)), draw(st.integers(1, 500))
+    n_far, n_copies = draw(st.integers(0, 40)), draw(st.integers(0, 200))
+    n_face = max(n_face, 1_100 - n_volume - n_far)
+    face = rng.uniform(0, 4, (n_face, 3)) * [1, 1, 0] + rng.normal(0, 0.01, (n_face, 3))
+    parts = [face, rng.normal(0, 1, (n_volume, 3)), rng.uniform(-90, 90, (n_far, 3))]
+    X = np.vstack(parts)
+    digits = draw(st.sampled_from([1, 2, 4]))
+    X = np.round(X, digits)
+    return np.vstack([X, X[rng.integers(0, len(X), n_copies)]])
+
+
+@given(
+    X=clouds(),
+    tile_size=st.integers(150, 900),
+    cut=st.floats(0.2, 0.8),
+    strictness=st.sampled_from(["isolated", "groups", "surfaces", None]),
+)
+@settings(
+    max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_scores_of_any_cloud_are_those_of_memory(X, tile_size, cut, strictness, by_tiles, tmp_path):
+    path, cloud = written(tmp_path, X)
+    detector = MCMDOutlierDetector(8, strictness=strictness, random_state=1)
+    scores, _ = by_tiles(path, detector, tile_size=tile_size, cut=cut)
+    assert_array_equal(scores, -in_memory(cloud, detector).scores_)
+
+
+@pytest.mark.parametrize("n", [900, 30])
+def test_small_clouds_are_judged_as_in_memory(n, by_tiles, tmp_path):
+    path, cloud = written(tmp_path, street_with_tree(2_000)[:n])
+    scores, report = by_tiles(path, DETECTOR, tile_size=200)
+    assert_array_equal(scores, -in_memory(cloud, DETECTOR).scores_)
+    assert report.n_proved == len(cloud)
+
+
+def test_many_points_at_few_places_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(_denoise, "MOST_COPIES", 1_000)
+    path, _ = written(tmp_path, np.repeat(street_with_tree(600), 2, axis=0))
+    with pytest.raises(TilingError, match="1,200 points at 600 places"):
+        write_denoised(path, tmp_path / "b.las", DETECTOR, tile_size=500)
+
+
+@pytest.mark.parametrize("mode", ["drop", "mark"])
+@pytest.mark.parametrize("n_jobs", [1, 2])
+def test_files_are_those_that_memory_writes(mode, n_jobs, tmp_path):
+    path, expected, target = (tmp_path / name for name in ("a.laz", "b.laz", "c.laz"))
+    write_points(path, street(8_000))
+    cloud = read_points(path)
+    fitted = clone(DETECTOR).fit(cloud.xyz)
+    is_outlier = fitted.scores_ < fitted.offset_
+    if mode == "drop":
+        write_points(expected, cloud.subset(~is_outlier))
+    else:
+        scores = (-fitted.scores_).astype(np.float32)
+        write_points(expected, cloud.with_attributes(outlier_score=scores), noise=is_outlier)
+    report = write_denoised(path, target, DETECTOR, mode=mode, tile_size=3_000, n_jobs=n_jobs)
+    assert target.read_bytes() == expected.read_bytes()
+    assert report.n_workers == n_jobs
+    assert report.n_outliers == is_outlier.sum()
+    assert report.removed_fraction == is_outlier.mean()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.laz", "b.laz", "c.laz"]
+
+
+def test_files_of_a_folder_are_one_cloud(tmp_path):
+    cloud = street(5_000)
+    left = cloud.xyz[:, 0] < np.median(cloud.xyz[:, 0])
+    (tmp_path / "in").mkdir()
+    write_points(tmp_path / "in" / "a.laz", cloud.subset(left))
+    write_points(tmp_path / "in" / "b.las", cloud.subset(~left))
+    inputs = [read_points(tmp_path / "in" / name) for name in ("a.laz", "b.las")]
+    fitted = clone(DETECTOR).fit(np.vstack([part.xyz for part in inputs]))
+    kept = fitted.scores_ >= fitted.offset_
+    write_denoised(tmp_path / "in", tmp_path / "out", DETECTOR, tile_size=1_500)
+    parts = np.split(kept, [len(inputs[0])])
+    for name, part, some in zip(("a.laz", "b.las"), inputs, parts, strict=True):
+        found = read_points(tmp_path / "out" / name)
+        assert_array_equal(found.xyz, part.xyz[some])
+        assert_array_equal(found.attributes["intensity"], part.attributes["intensity"][some])
+
+
+# A run that kills itself within a sweep, or at the output.
+RUN = """
+import os, signal, sys
+from sklearn_mcmd import MCMDOutlierDetector
+from sklearn_mcmd.tiling import _denoise, _outputs, write_denoised
+
+source, target, place = sys.argv[1:]
+
+def die(*args, **kwargs):
+    os.kill(os.getpid(), getattr(signal, "SIGKILL", signal.SIGTERM))
+
+def twice(work, done=[]):
+    def some(*args, **kwargs):
+        done.append(work(*args, **kwargs) if len(done) < 2 else die())
+    return some
+
+if place == "writing":
+    _outputs.with_results = die
+else:
+    setattr(_denoise, place, twice(getattr(_denoise, place)))
+detector = MCMDOutlierDetector(16, random_state=0)
+write_denoised(source, target, detector, tile_size=1_500, mode="mark")
+"""
+
+
+@pytest.mark.parametrize(
+    ("place", "n_resumed"),
+    [
+        ("find_planes", 2),
+        ("find_isolation", 4),
+        *(
+            pytest.param(place, n, marks=pytest.mark.slow)
+            for place, n in (
+                *[("find_places", 0), ("find_links", 4), ("find_explained", 4)],
+                *[("find_groups", 4), ("find_scores", 4), ("writing", 4)],
+            )
+        ),
+    ],
+)
+def test_a_run_that_was_killed_goes_on(place, n_resumed, by_tiles, tmp_path, monkeypatch):
+    source = tmp_path / "a.las"
+    write_points(source, street(5_000))
+    expected = in_memory(read_points(source), DETECTOR)
+    target = tmp_path / "denoised.las"
+    died = subprocess.run([sys.executable, "-c", RUN, source, target, place])
+    assert died.returncode != 0
+    assert not target.exists()
+    computed = []
+    work = _denoise.find_planes
+    monkeypatch.setattr(
+        _denoise, "find_planes", lambda cell, job: computed.append(cell) or work(cell, job)
+    )
+    scores, report = by_tiles(source, DETECTOR, tile_size=1_500, mode="mark")
+    assert_array_equal(scores, -expected.scores_)
+    assert report.n_resumed == n_resumed == report.n_tiles - len(computed)
+    assert not (tmp_path / "denoised.las.tiles").exists()
+
+
+def test_a_tile_that_fails_has_its_line_and_does_not_end_the_others(tmp_path, monkeypatch):
+    path, _ = written(tmp_path, street_with_tree(4_000))
+    work = _denoise.find_explained
+
+    def fail(cell, job):
+        if cell == 1:
+            raise MemoryError("too much\nof it")
+        return work(cell, job)
+
+    monkeypatch.setattr(_denoise, "find_explained", fail)
+    with (
+        pytest.warns(UserWarning, match="tile 1 failed .*MemoryError: too much of"),
+        pytest.raises(TilingError, match=r"1 of 4 tiles failed; .*b\.las\.tiles, and"),
+    ):
+        write_denoised(path, tmp_path / "b.las", DETECTOR, tile_size=1_500)
+    monkeypatch.setattr(_denoise, "find_explained", work)
+    report = write_denoised(path, tmp_path / "b.las", DETECTOR, tile_size=1_500)
+    assert report.n_resumed == 4
+
+
+@pytest.mark.parametrize(
+    ("estimator", "message"),
+    [
+        (MCMDOutlierDetector(None, random_state=0), "n_neighbors=None"),
+        (MCMDOutlierDetector(), "random_state"),
+        (MCMDOutlierDetector(cutoff=3, contamination=0.1, random_state=0), "exclude each other"),
+        (
+            MCMDOutlierDetector(cutoff=3, false_positive_rate=0.1, random_state=0),
+            "exclude each other",
+        ),
+        (MCMDOutlierDetector(strictness="much", random_state=0), "strictness"),
+        (RobustNormalEstimator(random_state=0), "MCMDOutlierDetector"),
+    ],
+)
+def test_detectors_that_cannot_work_are_refused_before_the_work(tmp_path, estimator, message):
+    path, _ = written(tmp_path, street_with_tree(2_000))
+    with pytest.raises(ValueError, match=message):
+        write_denoised(path, tmp_path / "b.las", estimator)
+    with pytest.raises(ValueError, match="mode"):
+        write_denoised(path, tmp_path / "b.las", mode="keep")
+    assert [p.name for p in tmp_path.iterdir()] == ["a.las"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("strictness", ["groups", "surfaces"])
+@pytest.mark.parametrize("scene", ["street", "airborne"])
+def test_a_hundred_thousand_points_have_the_scores_of_memory(scene, strictness, by_tiles, tmp_path):
+    make = {
+        "street": lambda: make_street(
+            100_000, spacing=0.02, outlier_share=0.1, tree=True, random_state=1
+        ),
+        "airborne": lambda: make_airborne_scan(100_000, random_state=1),
+    }
+    path, cloud = written(tmp_path, np.round(make[scene]().data, 3))
+    detector = MCMDOutlierDetector(strictness=strictness, random_state=0)
+    expected = -in_memory(cloud, detector).scores_
+    for tile_size, cut, n_jobs in ((5_000, 0.5, 2), (20_000, 0.3, 1), (70_000, 0.6, 2)):
+        scores, _ = by_tiles(path, detector, tile_size=tile_size, cut=cut, n_jobs=n_jobs)
+        assert_array_equal(scores, expected)

@@ -1,0 +1,88 @@
+"""Disks that are full or read-only: a clear line, inputs as they were, and a way to go on."""
+
+import errno
+import subprocess
+
+import pytest
+
+from sklearn_mcmd.io import PointFileError
+from sklearn_mcmd.tiling import TilingError, _cells, _run, write_normals
+from tiled import ESTIMATOR, in_memory
+
+
+@pytest.fixture
+def disk(tmp_path):
+    """A small disk, and a function that gives it options."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+
+    def mount(options):
+        command = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)]
+        return subprocess.run(command, capture_output=True).returncode
+
+    try:
+        if mount("size=1m"):
+            pytest.skip("no right to mount a disk")
+    except FileNotFoundError:
+        pytest.skip("disks are not mounted here")
+    yield folder, lambda options: mount(f"remount,{options}")
+    subprocess.run(["umount", str(folder)], check=True)
+
+
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [
+        ("120k", "cannot be written: no space left"),  # cells
+        ("300k", "of 4 tiles failed"),  # results
+        ("480k", r"out\.las: cannot be written: no space left"),  # output
+    ],
+)
+@pytest.mark.filterwarnings("ignore:tile . failed .*No space left:UserWarning")
+def test_a_full_disk_is_said_and_more_room_helps(disk, small_file, monkeypatch, size, message):
+    folder, remount = disk
+    before = small_file.read_bytes()
+    expected = in_memory(small_file, small_file.with_name("expected.las")).read_bytes()
+    monkeypatch.setattr(_run, "_check_disk", lambda *args: None)  # others may fill it later
+    remount(f"size={size}")
+    with pytest.raises(ValueError, match=message) as caught:
+        write_normals(small_file, folder / "out.las", ESTIMATOR, tile_size=2_000)
+    kept = [path.name for path in folder.iterdir()]
+    if isinstance(caught.value, TilingError):
+        assert kept == ["out.las.tiles"]
+        assert "out.las.tiles" in str(caught.value)
+    else:
+        assert kept == []
+    remount("size=4m")
+    write_normals(small_file, folder / "out.las", ESTIMATOR, tile_size=2_000)
+    assert (folder / "out.las").read_bytes() == expected
+    assert small_file.read_bytes() == before
+
+
+def test_a_read_only_disk_is_refused_before_the_work(disk, small_file):
+    folder, remount = disk
+    remount("ro")
+    with pytest.raises(PointFileError, match=r"out\.las: cannot be written; .* write-protected"):
+        write_normals(small_file, folder / "out.las", ESTIMATOR, tile_size=2_000)
+
+
+class Full:
+    """A file on a full disk."""
+
+    def __init__(self, path, mode):
+        self.path = path
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *args):
+        pass
+
+    def write(self, data):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_disk_that_is_full_for_the_cells_is_said(small_file, tmp_path, monkeypatch):
+    monkeypatch.setattr(_cells, "open", Full, raising=False)
+    with pytest.raises(PointFileError, match=r"out\.las\.tiles.*: no space left on device"):
+        write_normals(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["small.las"]
