@@ -17,7 +17,7 @@ from sklearn_mcmd.planes._chunks import each_chunk, each_slice
 from sklearn_mcmd.planes._compiling import compiled_function
 from sklearn_mcmd.planes._orientation import point_up
 
-__all__ = ["Curvatures", "curvatures_of_fitted", "curvatures_of_new"]
+__all__ = ["Curvatures", "curvatures_of_each", "curvatures_of_fitted", "curvatures_of_new"]
 
 # Number of standard deviations within which the plane, and then the quadric, explains a member.
 EXPLAINED = 3.0
@@ -135,7 +135,7 @@ def curvatures_of_fitted(model, planes, X, n_jobs=None):
 
     def task(rows):
         own, around = planes.take(index.rows[rows]), index.query_own(rows, keep=False)
-        found.put(rows, _curvatures_of_each(model, own, index.points[rows], around))
+        found.put(rows, curvatures_of_each(model, own, index.points[rows], around))
 
     each_slice(len(index.points), model.chunk(), task, n_jobs)
     return found.take(index.places)
@@ -151,13 +151,13 @@ def curvatures_of_new(model, planes, queries, n_jobs=None):
     def task(rows):
         part = queries[rows]
         around = model.index.query(part)
-        found.put(rows, _curvatures_of_each(model, planes.take(rows), part, around))
+        found.put(rows, curvatures_of_each(model, planes.take(rows), part, around))
 
     each_chunk(queries, model.chunk(), task, n_jobs)
     return found
 
 
-def _curvatures_of_each(model, planes, queries, around):
+def curvatures_of_each(model, planes, queries, around):
     """Curvatures where each query has its neighborhood."""
     tangents = tangents_of(planes.normals)
     jets = _fit_jets(model, planes, queries, around, tangents)

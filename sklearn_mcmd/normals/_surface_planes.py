@@ -50,6 +50,8 @@ class SurfacePlanes:
     n_jobs : int or None
     """
 
+    ROUGH, BENT = ROUGH, BENT
+
     def __init__(self, model, borrow, n_jobs):
         self.model = model
         self.borrow = borrow
@@ -103,8 +105,8 @@ class SurfacePlanes:
 
     def evaluate(self, queries):
         """Planes of any queries (m, d)."""
-        planes, members = Planes.empty(*queries.shape), self._members()
-        lent = members._replace(scale=self.lent_noise)
+        planes = Planes.empty(*queries.shape)
+        members = self.members_of(np.arange(len(self.model.index.points)))
 
         def task(part):
             points = queries[part]
@@ -113,20 +115,40 @@ class SurfacePlanes:
             forms, noise = self._own(points, own, around)
             self._bend(points, own, forms, noise, around)
             if self.borrow:
-                rough = _rough(own, forms)
-                lenders = self._lenders(points, own, rough, around.take(rough), lent)
-                borrowing = lenders >= 0
-                self._lend(own, rough[borrowing], members.take(lenders[borrowing]))
+                self.lend(points, own, forms, around, members, self.lent_noise)
             planes.put(part, own)
 
         each_chunk(queries, self.model.chunk(), task, self.n_jobs)
         return planes
 
-    def _members(self):
-        """The planes of the index's points before any was lent."""
-        members = self.planes.take(self.model.index.rows)
-        members.put(self.borrowing, self.before)
+    def members_of(self, rows):
+        """The planes of some of the index's points before any was lent."""
+        members = self.planes.take(self.model.index.rows[rows])
+        if len(self.borrowing):
+            places = np.minimum(np.searchsorted(self.borrowing, rows), len(self.borrowing) - 1)
+            borrowed = np.flatnonzero(self.borrowing[places] == rows)
+            members.put(borrowed, self.before.take(places[borrowed]))
         return members
+
+    def lend(self, points, planes, forms, around, members, noise):
+        """Replace planes of queries, in place, by those of members that explain them better.
+
+        Parameters
+        ----------
+        points : ndarray of shape (m, d)
+        planes : Planes
+        forms : ndarray of int of shape (m,)
+        around : Neighborhoods
+        members : Planes
+            Of the model's points.
+        noise : ndarray
+            What a surface leaves at each of these.
+        """
+        rough = _rough(planes, forms)
+        lent = members._replace(scale=noise)
+        lenders = self._lenders(points, planes, rough, around.take(rough), lent)
+        borrowing = lenders >= 0
+        self._lend(planes, rough[borrowing], members.take(lenders[borrowing]))
 
     @property
     def compiled(self):

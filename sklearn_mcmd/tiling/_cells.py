@@ -20,6 +20,9 @@ __all__ = ["RECORD", "CellWriter", "Cells"]
 RECORD = np.dtype([("xyz", np.float64, 3), ("row", np.int64)])
 BOXES = "cells.npz"
 LEAF = 32
+# Of a cell with MANY points, a tree of SAMPLE points tells first where neighbors may be. VOXELS
+# along each side tell which points are there; those of KEPT cells are kept.
+MANY, SAMPLE, VOXELS, KEPT = 200_000, 60_000, 96, 6
 
 
 class CellWriter:
@@ -116,6 +119,7 @@ class Cells:
         with np.load(self.folder / BOXES) as stored:
             self.low, self.high, self.counts = stored["low"], stored["high"], stored["counts"]
             self._names, self._least, self._most = (stored[n] for n in ("names", "least", "most"))
+        self._grids = {}
 
     def __len__(self):
         return len(self.counts)
@@ -173,8 +177,8 @@ class Cells:
         -------
         found : ndarray of shape (n, 3)
             Distinct.
-        farthest : float
-            The largest distance of a k-th neighbor.
+        reach : ndarray of shape (m,)
+            Distances of the k-th neighbors; inf where there are fewer.
         """
         trees, nearest, reach = {}, np.full((len(queries), k), np.inf), reach.copy()
         low, high = queries.min(axis=0) - reach.max(), queries.max(axis=0) + reach.max()
@@ -182,7 +186,7 @@ class Cells:
         gaps = {cell: _gaps(queries, self._least[cell], self._most[cell]) for cell in near}
         for cell in sorted(near, key=lambda cell: gaps[cell].min()):
             asking = np.flatnonzero(gaps[cell] <= reach)
-            tree = self._tree(cell, queries[asking], reach[asking]) if len(asking) else None
+            tree = self._tree(cell, queries[asking], reach[asking], k) if len(asking) else None
             if tree is None or tree.n == 0:
                 continue
             trees[cell] = tree
@@ -195,15 +199,47 @@ class Cells:
             asking = np.flatnonzero(gaps[cell] <= reach)
             if len(asking):
                 found.append(tree.data[_within(tree, queries[asking], reach[asking])])
-        return np.vstack(found), reach.max()
+        return np.vstack(found), reach
 
-    def _tree(self, cell, queries, reach):
-        """The distinct points of a cell that may be within reach of queries."""
-        xyz = self.read(cell)["xyz"]
-        low, high = (queries - reach[:, None]).min(axis=0), (queries + reach[:, None]).max(axis=0)
-        xyz = xyz[((xyz >= low) & (xyz <= high)).all(axis=1)]
-        xyz = xyz[distinct_rows(xyz)[0]] if len(xyz) else xyz
-        return cKDTree(xyz, leafsize=LEAF, balanced_tree=False)
+    def _tree(self, cell, queries, reach, k):
+        """The distinct points of a cell that may be among the k nearest of queries."""
+        grid = self._grids.pop(cell, None) or _Grid(self.read(cell)["xyz"])
+        self._grids[cell] = grid  # the last
+        while len(self._grids) > KEPT:
+            self._grids.pop(next(iter(self._grids)))
+        if len(grid.points) > MANY:  # the k-th of some points is not nearer than the k-th of all
+            some = _tree_of(grid.points[:: len(grid.points) // SAMPLE])
+            distances = some.query(queries, [k])[0][:, 0]
+            reach = np.minimum(reach, SLACK * distances)
+        return _tree_of(grid.near(queries, reach))
+
+
+class _Grid:
+    """Points of a cell by voxels."""
+
+    def __init__(self, points):
+        self.points, n = np.ascontiguousarray(points), VOXELS + 1
+        low, high = points.min(axis=0), points.max(axis=0)
+        size = np.maximum(high - low, np.finfo(float).tiny) / VOXELS
+        x, y, z = (((points[:, i] - low[i]) / size[i]).astype(np.int32) for i in range(3))
+        self.voxels = (x * n + y) * n + z
+        self.taken = np.flatnonzero(np.bincount(self.voxels, minlength=n**3))
+        middles = np.stack(np.unravel_index(self.taken, (n,) * 3), axis=1) + 0.5
+        self.tree = cKDTree(low + middles * size, leafsize=LEAF, balanced_tree=False)
+        self.half = 0.501 * np.linalg.norm(size)  # a diagonal, and rounding
+
+    def near(self, queries, reach):
+        """The points of all voxels that a ball may touch."""
+        if np.isinf(reach).any():
+            return self.points
+        touched = np.zeros((VOXELS + 1) ** 3, bool)
+        touched[self.taken[_within(self.tree, queries, reach + self.half)]] = True
+        return self.points[touched[self.voxels]]
+
+
+def _tree_of(points):
+    points = points[distinct_rows(points)[0]] if len(points) else points
+    return cKDTree(points, leafsize=LEAF, balanced_tree=False)
 
 
 def _within(tree, queries, reach):

@@ -33,6 +33,8 @@ TILE_STORED, JUDGED_STORED, JUDGED_POINT = 72, 200, 500
 # Points read or written at once, and bytes for each while that is done.
 PART, PART_POINT = 250_000, 400
 LEAST_TILE = 20_000  # smaller tiles are mostly halo
+# Where there is memory for more, each process gets EACH tiles or more, of GOOD_TILE points or more.
+EACH, GOOD_TILE = 2, 1_000_000
 FILL = 0.7  # how full cells are that are halved when they are full
 
 
@@ -133,7 +135,9 @@ def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, jud
         n_workers = max(1, min(n_workers, int((memory - PROCESS) // least)))
     for_tiles = memory - PROCESS * (n_workers + (n_workers > 1))
     most = int(for_tiles / n_workers / bytes_a_point)
-    tile_size = min(most, n_points) if tile_size is None else tile_size
+    if tile_size is None:
+        enough = n_points if n_workers == 1 else max(GOOD_TILE, int(n_points / n_workers / EACH))
+        tile_size = min(most, enough, n_points)
     n_tiles = max(1, round(n_points / (FILL * tile_size))) if tile_size < n_points else 1
     n_workers = min(n_workers, n_tiles)
     used = PROCESS * (n_workers + (n_workers > 1)) + n_workers * tile_size * bytes_a_point

@@ -4,6 +4,7 @@ import json
 import os
 import secrets
 import time
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ from sklearn.base import clone
 from sklearn_mcmd.planes._certificate import proved_points, reaches, to_border
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM, distinct_rows
 from sklearn_mcmd.tiling._cells import Cells
+from sklearn_mcmd.tiling._mending import WiderCloud, mended
 
 __all__ = [
     "NORMAL_COLUMNS",
@@ -30,6 +32,7 @@ USUAL = 0.75
 # be a dense one.
 HALO, SMALL = 0.25, 20_000
 SAMPLE, THINNED = 500, 50_000  # queries and points that tell the size of a neighborhood
+MENDED = 20_000  # points whose results are mended at once
 MANY = 10  # times as many points as must be distinct
 NORMAL_COLUMNS = (
     *("normal_x", "normal_y", "normal_z", "surface_variation"),
@@ -84,22 +87,24 @@ def normals_of_tile(folder, cell, estimator, constants, target):
     levels, k = estimator._locality()
     width = (levels + 1) * _usual_reach(own, k, estimator.radius)
     halo, *box = cells.around(cell, width, max(int(HALO * len(own)), SMALL))
-    points = _with_others(np.vstack([own, halo]), cells, k)
-    columns, index = _fit(estimator, constants, points, len(own))
+    complete = partial(_with_others, cells=cells, k=k)
+    points = complete(np.vstack([own, halo]))
+    fitted = clone(estimator)
+    fitted._step_of_cloud = constants.step
+    fitted.fit(points.astype(constants.dtype, copy=False))
+    columns, index = normal_columns(fitted)[1][: len(own)], fitted._model.index
     reach = reaches(index)
     exact = reach < to_border(index.points, *box)
     places = index.places[: len(own)]
     rest = np.flatnonzero(~proved_points(index, exact, levels)[places])
-    n_again, waiting = 0, [rest[np.argsort(places[rest])]]  # near ones together
-    while waiting and len(rest):
-        some = waiting.pop()
-        needed = _dependence(cells, index, exact, reach, np.unique(places[some]), levels, box)
-        if len(needed) > max(len(own), SMALL) and len(some) > 1:
-            waiting += np.array_split(some, 2)
-            continue
-        points = _with_others(np.vstack([own[some], needed]), cells, k)
-        columns[some] = _fit(estimator, constants, points, len(some))[0]
-        n_again += len(needed)
+    wrong, again = np.unique(places[rest], return_inverse=True)
+    n_again = 0
+    for first in range(0, len(wrong), MENDED):  # near ones together
+        cloud = WiderCloud(cells, index, exact, reach, box, complete)
+        result = mended(fitted, cloud, wrong[first : first + MENDED], constants.dtype)
+        these = (again >= first) & (again < first + MENDED)
+        columns[rest[these]] = normal_columns(result)[1][again[these] - first]
+        n_again += cloud.n_read
     results = np.empty(len(own), result_dtype(columns.shape[1]))
     results["row"], results["values"] = rows, columns
     report = TileReport(
@@ -127,51 +132,6 @@ def result_dtype(n_columns):
 def tile_files(folder, cell):
     """The file of results of a tile, which is there when it is whole, and that of its report."""
     return Path(folder) / f"{cell}.results", Path(folder) / f"{cell}.json"
-
-
-def _fit(estimator, constants, points, n):
-    """Results (n, n_columns) of the first n points, and the index of all of them."""
-    estimator = clone(estimator)
-    estimator._step_of_cloud = constants.step
-    estimator.fit(points.astype(constants.dtype, copy=False))
-    return normal_columns(estimator)[1][:n], estimator._model.index
-
-
-def _dependence(cells, index, exact, reach, rows, levels, box):
-    """All points (n, 3) that the results of some of the index's points depend on, and some more.
-
-    Parameters
-    ----------
-    cells : Cells
-    index : NeighborIndex
-        Of all points of a box, and maybe of others.
-    exact : ndarray of bool of shape (m,)
-        Which neighborhoods the index knows. The others are searched for in all cells, ...
-    reach : ndarray of shape (m,)
-        ... not farther than this.
-    rows : ndarray of int
-        Of the index's points.
-    levels : int
-    box : pair of ndarray of shape (3,)
-    """
-    inside, beyond, new = np.zeros(len(exact), bool), np.empty((0, 3)), np.empty((0, 3))
-    inside[rows], farthest = True, 0.0
-    for _ in range(levels + 1):
-        known = exact[rows]
-        near = inside.copy()
-        near[index.query_own(rows[known]).indices] = True
-        queries = np.vstack([index.points[rows[~known]], new])
-        if len(queries):
-            # All neighbors of a point that was found lie as near to it as the ball is wide.
-            bounds = np.append(reach[rows[~known]], np.full(len(new), 2.0 * farthest))
-            found, farthest = cells.neighbors(queries, index.n_neighbors, bounds)
-            within = ((found >= box[0]) & (found < box[1])).all(axis=1)
-            near[index.nearest(found[within])] = True
-            n_before, beyond = len(beyond), np.vstack([beyond, found[~within]])
-            beyond = beyond[distinct_rows(beyond)[0]] if len(beyond) else beyond
-            new = beyond[n_before:]
-        rows, inside = np.flatnonzero(near & ~inside), near
-    return np.vstack([index.points[inside], beyond])
 
 
 def _usual_reach(points, k, radius):

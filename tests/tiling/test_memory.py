@@ -38,6 +38,12 @@ def test_more_memory_means_larger_tiles():
     assert sizes[0] > 5e5
 
 
+def test_each_process_has_work():
+    plan = plan_run(10_000_000, 1e12, 4)
+    assert plan.n_tiles >= plan.n_workers == 4
+    assert plan_run(10_000_000, 1e12, 1).n_tiles == 1
+
+
 def test_a_small_cloud_is_one_tile():
     plan = plan_run(1_000, 8e9, 4)
     assert (plan.n_tiles, plan.n_workers) == (1, 1)
