@@ -15,10 +15,8 @@ __all__ = ["Found", "around_box", "as_near_as", "visit_nearest", "within_reach"]
 
 LEAF = 32
 # Distances that are kept at once, what bounds the memory.
-AT_ONCE = 2_000_000
-# Bounds of this many times the usual one are worth a search for better ones.
-LOOSE = 3.0
-NEVER_ZERO = 1e-150  # nor is its square; a tree finds what is nearer than a distance
+AT_ONCE = 1_000_000
+ASKED_AT_ONCE = 5_000  # queries whose points are listed
 
 
 class Found:
@@ -91,7 +89,7 @@ def around_box(cells, load, cell, width, most):
 
 
 def within_reach(cells, load, queries, reach, skip=None):
-    """All points within reach of any query, and maybe a few more.
+    """All points within reach of any query, and maybe some more.
 
     Parameters
     ----------
@@ -120,7 +118,7 @@ def within_reach(cells, load, queries, reach, skip=None):
 
 
 def as_near_as(cells, load, queries, k, bounds):
-    """All points not farther from a query than the k-th nearest of it, and maybe a few more.
+    """All points not farther from a query than the k-th nearest of it, and maybe some more.
 
     Parameters
     ----------
@@ -131,10 +129,8 @@ def as_near_as(cells, load, queries, k, bounds):
         Distances within which each query has k points; inf is always right.
     """
     reach = SLACK * bounds
-    if len(queries):
-        loose = np.flatnonzero(~(reach <= LOOSE * np.median(reach)) | np.isinf(reach))
-        for rows in np.array_split(loose, max(1, -(-len(loose) * k // AT_ONCE))):
-            reach[rows] = _tightened(cells, load, queries[rows], k, reach[rows])
+    for rows in np.array_split(np.arange(len(queries)), max(1, -(-len(queries) * k // AT_ONCE))):
+        reach[rows] = _tightened(cells, load, queries[rows], k, reach[rows])
     return within_reach(cells, load, queries, reach)
 
 
@@ -227,19 +223,14 @@ def _near_box(part, queries, reach):
 
 
 def _in_balls(part, queries, reach):
-    """The points within reach of queries; some may be twice as far away."""
     cell, points, rows = part
     if not len(points) or np.isinf(reach).any():
         return part
-    near = np.zeros(len(points), bool)
-    size = np.frexp(reach)[1]
-    for some in (size == value for value in np.unique(size)):
-        low = (queries[some] - reach[some, None]).min(axis=0)
-        high = (queries[some] + reach[some, None]).max(axis=0)
-        asked = np.flatnonzero(~near & ((points >= low) & (points <= high)).all(axis=1))
-        widest = SLACK * reach[some].max() + NEVER_ZERO
-        gaps = _tree(queries[some]).query(points[asked], distance_upper_bound=widest)[0]
-        near[asked[np.isfinite(gaps)]] = True
+    near, tree = np.zeros(len(points), bool), _tree(points)
+    for first in range(0, len(queries), ASKED_AT_ONCE):
+        some = slice(first, first + ASKED_AT_ONCE)
+        found = tree.query_ball_point(queries[some], reach[some], return_sorted=False)
+        near[np.concatenate(found).astype(np.intp)] = True
     return cell, points[near], rows[near]
 
 
