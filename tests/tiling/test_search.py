@@ -65,8 +65,9 @@ def test_all_points_within_reach_are_found_and_none_far_beyond(cloud, skip):
     found = within_reach(cloud.cells, cloud.load, queries, reach, skip=skip)
     skipped = as_set(cloud.load(skip)[0]) if skip is not None else set()
     gaps = np.linalg.norm(cloud.meant[:, None] - queries, axis=2)
-    assert as_set(found.points) >= as_set(cloud.meant[(gaps <= reach).any(axis=1)]) - skipped
-    assert as_set(found.points) <= as_set(cloud.meant[(gaps <= 1.001 * reach).any(axis=1)]) - skipped
+    least, most = (cloud.meant[(gaps <= width).any(axis=1)] for width in (reach, 1.001 * reach))
+    assert as_set(found.points) >= as_set(least) - skipped
+    assert as_set(found.points) <= as_set(most) - skipped
     assert len(as_set(found.points)) == len(found.points)
     assert_places(cloud, found)
 
