@@ -137,9 +137,13 @@ def _matching_noise(model, wanted):
 
 def _roughness(model, rows):
     """Median ratio of scale to radius of the planes around some of the points."""
-    around = model.index.query_own(rows)
-    planes, _ = model.evaluate_neighborhoods(model.index.points[rows], around)
-    return float(np.median(ratio(planes.scale, planes.radius)))
+    found = []
+    for first in range(0, len(rows), model.chunk()):
+        some = rows[first : first + model.chunk()]
+        around = model.index.query_own(some)
+        planes, _ = model.evaluate_neighborhoods(model.index.points[some], around)
+        found.append(ratio(planes.scale, planes.radius))
+    return float(np.median(np.concatenate(found)))
 
 
 def _model_over(model, X):
