@@ -32,7 +32,7 @@ USUAL = 0.75
 # be a dense one.
 HALO, SMALL = 0.25, 20_000
 SAMPLE, THINNED = 500, 50_000  # queries and points that tell the size of a neighborhood
-MENDED = 20_000  # points whose results are mended at once
+MENDED = 20_000  # points whose results are mended at once, or an eighth of the tile's
 MANY = 10  # times as many points as must be distinct
 NORMAL_COLUMNS = (
     *("normal_x", "normal_y", "normal_z", "surface_variation"),
@@ -99,10 +99,11 @@ def normals_of_tile(folder, cell, estimator, constants, target):
     rest = np.flatnonzero(~proved_points(index, exact, levels)[places])
     wrong, again = np.unique(places[rest], return_inverse=True)
     n_again = 0
-    for first in range(0, len(wrong), MENDED):  # near ones together
+    at_once = max(MENDED, len(own) // 8)
+    for first in range(0, len(wrong), at_once):  # near ones together
         cloud = WiderCloud(cells, index, exact, reach, box, complete)
-        result = mended(fitted, cloud, wrong[first : first + MENDED], constants.dtype)
-        these = (again >= first) & (again < first + MENDED)
+        result = mended(fitted, cloud, wrong[first : first + at_once], constants.dtype)
+        these = (again >= first) & (again < first + at_once)
         columns[rest[these]] = normal_columns(result)[1][again[these] - first]
         n_again += cloud.n_read
     results = np.empty(len(own), result_dtype(columns.shape[1]))

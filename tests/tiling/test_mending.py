@@ -15,7 +15,7 @@ from tiled import in_memory
 @pytest.fixture
 def narrow(monkeypatch):
     """Halos of few points; points mended in small groups; and grids also in small cells."""
-    for name, value in {"SMALL": 30, "HALO": 0.0, "MENDED": 400}.items():
+    for name, value in {"SMALL": 30, "HALO": 0.0, "MENDED": 200}.items():
         monkeypatch.setattr(_tile, name, value)
     for name, value in {"MANY": 500, "SAMPLE": 200, "VOXELS": 8, "KEPT": 1}.items():
         monkeypatch.setattr(_cells, name, value)
