@@ -94,10 +94,10 @@ class CloudPage:
         ValueError
             If the name does not end so.
         """
-        path = check_suffix(path)
-        with replacing(path) as temporary:
+        target = check_suffix(path)
+        with replacing(target) as temporary:
             temporary.write_text(self.html, encoding="utf-8")
-        return path
+        return target
 
     def __repr__(self) -> str:
         size = f"{len(self.html) / 1e6:.1f} MB"
@@ -159,7 +159,7 @@ def cloud_page(
     )
 
 
-def check_suffix(path):
+def check_suffix(path: str | os.PathLike[str]) -> Path:
     """The path, if its name is that of a page."""
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
@@ -216,7 +216,7 @@ def _pack(clouds, rows, only):
 
 
 def _fill(manifest, blocks):
-    """The page with its data. JSON escapes what could end a script; base64 needs no escape."""
+    """The page with its data. JSON escapes what could end a script; blocks need no escape."""
     told = json.dumps(manifest, allow_nan=False, separators=(",", ":"))
     for character in "<>&\u2028\u2029":
         told = told.replace(character, f"\\u{ord(character):04x}")

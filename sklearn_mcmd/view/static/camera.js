@@ -128,10 +128,11 @@ class Camera {
   }
 }
 
-/** Middle and half length of the values, without the outermost hundredth on each side. */
+/** Middle and half length of the values, without a few that are far from all others. */
 function range(values) {
-  const sorted = Float64Array.from(values).sort(), n = sorted.length;
-  const cut = Math.floor(0.01 * n);
-  const low = sorted[cut], high = sorted[n - 1 - cut];
+  const sorted = Float64Array.from(values).sort(), last = sorted.length - 1;
+  const at = (share) => sorted[Math.round(share * last)];
+  const reach = 0.35 * (at(0.98) - at(0.02));
+  const low = Math.max(at(0.0005), at(0.02) - reach), high = Math.min(at(0.9995), at(0.98) + reach);
   return { middle: (low + high) / 2, half: (high - low) / 2 };
 }

@@ -244,6 +244,7 @@ class App {
     this.dark = theme === "dark";
     const page = getComputedStyle(document.documentElement).getPropertyValue("--page").trim();
     this.renderer.background = rgbOf(page.slice(1)).map((value) => value / 255);
+    this.renderer.strength = this.dark ? 60 : 34; // dark edges are harsh on a light page
     if (this.normalsOn) this.showNormals(true);
     if (this.scene.box.on) this.cut(true);
     this.renderer.changed();
@@ -369,7 +370,17 @@ function pointCard(hit, scene) {
   const add = (name, value) => list.append(node("dt", {}, name), node("dd", { dataset: { name } }, value));
   scene.coordinates(cloud, i).forEach((value, axis) => add("xyz"[axis], numberText(value, digits)));
   for (const [name, value] of scene.describe(cloud, i)) add(name, value);
-  return [node("h2", {}, `Row ${grouped(cloud.rows[i])}`, node("small", {}, cloud.name)), list];
+  return [node("h2", {}, `Row ${grouped(cloud.rows[i])}`, node("small", {}, cloud.name)), list, ...constantRows(cloud)];
+}
+
+/** Attributes that are equal for all points, folded. */
+function constantRows({ constants }) {
+  const entries = Object.entries(constants), list = node("dl");
+  if (!entries.length) return [];
+  for (const [name, value] of entries) {
+    list.append(node("dt", {}, name), node("dd", { dataset: { name } }, String(value)));
+  }
+  return [node("details", {}, node("summary", {}, `The same for all points (${entries.length})`), list)];
 }
 
 function measureCard(overlay, scene) {
@@ -416,7 +427,7 @@ function drawLegend(context, scene, write) {
   if (attribute.kind === "number") {
     paletteSteps(scene.palette).forEach(([r, g, b], i) => {
       context.fillStyle = `rgb(${r}, ${g}, ${b})`;
-      context.fillRect(18 + (i * 180) / 256, 86, 1, 9);
+      context.fillRect(18 + (i * 180) / 256, 86, 1.4, 9);
     });
     const [low, high] = scene.colorRange(attribute).map((code) => numberText(decodeNumber(attribute, code)));
     write(low, 18, 110, "12px");

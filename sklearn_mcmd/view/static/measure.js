@@ -116,7 +116,7 @@ function svgNode(name, attributes) {
 }
 
 /** Pairs of points: short lines along the normals of shown points, at most `most` of them. */
-function normalLines(scene, parts, length, most = 60_000) {
+function normalLines(scene, parts, length, most = 30_000) {
   const attribute = scene.normalAttribute(), lines = [];
   const n = parts.reduce((sum, { cloud }) => sum + cloud.loaded, 0);
   for (const { cloud } of parts) {

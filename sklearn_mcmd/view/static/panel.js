@@ -40,7 +40,7 @@ function menu(options, value, act, id, label) {
 
 /** Buttons of which one is pressed. */
 function choices(options, value, act) {
-  const box = node("div", { className: "buttons", role: "group" });
+  const box = node("div", { className: "buttons choices", role: "group" });
   for (const [key, text] of options) {
     const button = node("button", { type: "button", dataset: { key } }, text);
     button.addEventListener("click", () => {
@@ -256,12 +256,12 @@ class Panel {
         handle.set([threshold.code]);
       } else show();
     });
-    const modes = choices([["off", "Off"], ["mark", "Mark above"], ["hide", "Hide above"], ["only", "Only above"]], threshold.mode, (mode) => {
+    const modes = choices([["off", "Off"], ["mark", "Mark"], ["hide", "Hide"], ["only", "Only"]], threshold.mode, (mode) => {
       threshold.mode = mode;
       app.updateAll();
     });
     modes.id = "threshold-mode";
-    this.thresholdBody.replaceChildren(handle, row("Value", field), tally, modes);
+    this.thresholdBody.replaceChildren(handle, row("Value", field), tally, node("p", { className: "note" }, "Points above the threshold:"), modes);
     this.refreshTally = show;
     show();
   }
@@ -298,7 +298,7 @@ class Panel {
     return [
       checkbox("Show as short lines", false, (on) => app.showNormals(on), "normals"),
       row("Length", length),
-      node("p", { className: "note" }, "Lines of at most 60,000 of the points that are shown."),
+      node("p", { className: "note" }, "Lines of at most 30,000 of the points that are shown."),
     ];
   }
 

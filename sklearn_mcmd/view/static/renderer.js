@@ -85,6 +85,7 @@ class Renderer {
     this.background = [0, 0, 0];
     this.pointSize = 1; // chosen by the user
     this.shading = true;
+    this.strength = 60; // of the shading
     this.split = null; // { left, right, at }: two clouds side by side, at a share of the width
     this.budget = 1.5e6; // points in one frame
     this.moving = false;
@@ -294,7 +295,7 @@ class Renderer {
     const { near, far } = camera.planes();
     gl.uniform2f(this.shade.uniform("planes"), near, far);
     gl.uniform3fv(this.shade.uniform("background"), this.background);
-    gl.uniform1f(this.shade.uniform("strength"), this.shading ? 60 : 0);
+    gl.uniform1f(this.shade.uniform("strength"), this.shading ? this.strength : 0);
     gl.uniform1f(this.shade.uniform("flatness"), camera.flat ? 1 : 0);
     gl.uniform1f(this.shade.uniform("reach"), camera.distance);
     gl.uniform1i(this.shade.uniform("radius"), Math.max(1, Math.round(1.3 * this.ratio)));

@@ -65,8 +65,8 @@ class Scene {
 
   async loadChunk(cloud, chunk, blocks) {
     const columns = await Promise.all(
-      chunk.columns.map(async ([width, delta, block]) => {
-        const bytes = await inflate(blocks[block].textContent);
+      chunk.columns.map(async ([width, delta, block, size]) => {
+        const bytes = await inflate(blocks[block].textContent, size);
         blocks[block].textContent = ""; // frees it
         return unpack(bytes, chunk.n, width, delta);
       }),
@@ -198,14 +198,13 @@ class Scene {
     });
   }
 
-  /** Names and values of all that is known of a point. */
+  /** Names and values of all that differs from point to point. */
   describe(cloud, i) {
     const rows = [];
     for (const attribute of this.attributes) {
       const codes = cloud.codes.get(attribute);
       if (codes && !attribute.own) rows.push([attribute.name, valueText(attribute, codes, i)]);
     }
-    for (const [name, value] of Object.entries(cloud.constants)) rows.push([name, String(value)]);
     return rows;
   }
 
