@@ -53,7 +53,7 @@ def test_two_files_are_two_clouds_and_the_summary_tells_all(room, room_file, tmp
     lines = result.stdout.splitlines()
     assert lines[0] == f"{room_file}, {tmp_path / 'less.laz'} -> {page}"
     assert [line.split()[0] for line in lines[1:]] == ["points", "coordinates", "size", "seconds"]
-    assert "as in the file" in lines[2]
+    assert "(spacing 0.0457)" in lines[2]
     manifest, clouds = read_page(page.read_text(encoding="utf-8"))
     assert manifest["title"] == "Both"
     assert [len(cloud.rows) for cloud in clouds] == [930, 100]

@@ -42,33 +42,48 @@ class App {
     byId("loading").hidden = true;
     if (this.scene.threshold.mode === "off") this.scene.threshold.code = null;
     this.panel.build(); // with all counts
-    this.updateAll();
+    this.judgeAll();
+    this.paintAll();
     this.loadTime = performance.now() - started;
     this.loaded = true;
   }
 
   // What is shown
 
-  updateAll() {
-    this.each((cloud) => this.scene.update(cloud));
-  }
-
+  /** Decide anew which points are shown; colors change too if a threshold marks points. */
   judgeAll() {
-    this.updateAll();
-  }
-
-  paintAll() {
-    this.each((cloud) => this.scene.update(cloud));
-  }
-
-  each(act) {
+    const marks = this.scene.threshold.mode === "mark";
     for (const cloud of this.scene.clouds) {
-      act(cloud);
-      this.renderer.refresh(cloud);
+      this.scene.judge(cloud);
+      this.renderer.refreshVisible(cloud);
     }
+    if (marks || this.marked) this.paintAll();
+    this.marked = marks;
     if (this.normalsOn) this.showNormals(true);
     this.clearIfHidden();
     this.countAndDraw();
+  }
+
+  paintAll() {
+    for (const cloud of this.scene.clouds) {
+      this.scene.paint(cloud);
+      this.renderer.refreshColors(cloud);
+    }
+    this.countAndDraw();
+  }
+
+  /** Once before the next frame, however often a slider moves until then. */
+  soon(...acts) {
+    this.waiting ??= new Set();
+    if (!this.waiting.size) {
+      requestAnimationFrame(() => {
+        const all = [...this.waiting];
+        this.waiting.clear();
+        for (const act of all) this[act]();
+      });
+    }
+    for (const act of acts) this.waiting.add(act);
+    this.renderer.changed();
   }
 
   countAndDraw() {
@@ -80,7 +95,7 @@ class App {
   showCounts() {
     const { scene } = this, shown = scene.nVisible();
     const all = scene.clouds.reduce((sum, c) => sum + (c.shown ? c.n : 0), 0);
-    const part = shown < all ? `${grouped(shown)} of ${grouped(all)} points shown` : `${grouped(all)} points`;
+    const part = shown < all ? `${grouped(shown)} of ${grouped(all)} points shown` : `${grouped(all)} ${all === 1 ? "point" : "points"}`;
     const thinned = scene.n < scene.total ? `, thinned from ${grouped(scene.total)}` : "";
     byId("counts").textContent = part + thinned;
   }
@@ -119,9 +134,15 @@ class App {
 
   cut(on) {
     this.scene.box.on = on;
-    byId("box").checked = on;
-    this.renderer.setLines("box", on ? boxLines(this.scene.boxBounds()) : null, this.dark ? [0.45, 0.52, 0.6] : [0.5, 0.56, 0.64]);
+    this.showBox();
     this.judgeAll();
+  }
+
+  showBox() {
+    const { box } = this.scene;
+    byId("box").checked = box.on;
+    const lines = box.on ? boxLines(this.scene.boxBounds()) : null;
+    this.renderer.setLines("box", lines, this.dark ? [0.45, 0.52, 0.6] : [0.5, 0.56, 0.64]);
   }
 
   resetBox() {
@@ -246,7 +267,7 @@ class App {
     this.renderer.background = rgbOf(page.slice(1)).map((value) => value / 255);
     this.renderer.strength = this.dark ? 60 : 34; // dark edges are harsh on a light page
     if (this.normalsOn) this.showNormals(true);
-    if (this.scene.box.on) this.cut(true);
+    if (this.scene.box.on) this.showBox();
     this.renderer.changed();
   }
 

@@ -187,8 +187,11 @@ class Panel {
       min: first, max: last, values: scene.colorRange(attribute), labels: ["Low end", "High end"],
       act: (range) => {
         attribute.range = range;
-        if (scene.filters.has(attribute)) this.filterBy(attribute, range);
-        app.paintAll();
+        if (scene.filters.has(attribute)) {
+          this.filterBy(attribute, range);
+          app.soon("judgeAll");
+        }
+        app.soon("paintAll");
         draw();
       },
     });
@@ -203,7 +206,6 @@ class Panel {
   filterBy(attribute, range) {
     if (range) this.scene.filters.set(attribute, range);
     else this.scene.filters.delete(attribute);
-    if (range) for (const cloud of this.scene.clouds) this.scene.judge(cloud);
   }
 
   scoreAttributes() {
@@ -223,7 +225,7 @@ class Panel {
       threshold.attribute = this.scene.attributes[i];
       threshold.code = null;
       this.showThreshold();
-      this.app.updateAll();
+      this.app.judgeAll();
     }, "threshold-by", "Number to compare"));
   }
 
@@ -245,7 +247,7 @@ class Panel {
         modes.press("mark");
       }
       show();
-      app.updateAll();
+      app.soon("judgeAll");
     };
     const handle = slider({ min: first - 1, max: last, values: [threshold.code], act: ([code]) => move(code), labels: ["Threshold"] });
     handle.firstChild.id = "threshold";
@@ -258,7 +260,7 @@ class Panel {
     });
     const modes = choices([["off", "Off"], ["mark", "Mark"], ["hide", "Hide"], ["only", "Only"]], threshold.mode, (mode) => {
       threshold.mode = mode;
-      app.updateAll();
+      app.judgeAll();
     });
     modes.id = "threshold-mode";
     this.thresholdBody.replaceChildren(handle, row("Value", field), tally, node("p", { className: "note" }, "Points above the threshold:"), modes);
@@ -314,7 +316,8 @@ class Panel {
           scene.box.low[i] = low / 1000;
           scene.box.high[i] = high / 1000;
           this.showBoxEnds();
-          app.cut(true);
+          scene.box.on = true;
+          app.soon("showBox", "judgeAll");
         },
       });
       handles.dataset.axis = axis;

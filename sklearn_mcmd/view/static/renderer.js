@@ -110,14 +110,17 @@ class Renderer {
   grow(cloud, start, stop) {
     const { positions } = this.buffers[this.scene.clouds.indexOf(cloud)];
     upload(this.gl, positions, cloud.positions, 3 * start, 3 * stop);
-    this.refresh(cloud, start, stop);
+    this.refreshColors(cloud, start, stop);
+    this.refreshVisible(cloud, start, stop);
   }
 
-  /** Hand over what is visible, and in which colors. */
-  refresh(cloud, start = 0, stop = cloud.loaded) {
-    const { colors, visible } = this.buffers[this.scene.clouds.indexOf(cloud)];
-    upload(this.gl, colors, cloud.colors, start, stop);
-    upload(this.gl, visible, cloud.visible, start, stop);
+  refreshColors(cloud, start = 0, stop = cloud.loaded) {
+    upload(this.gl, this.buffers[this.scene.clouds.indexOf(cloud)].colors, cloud.colors, start, stop);
+    this.changed();
+  }
+
+  refreshVisible(cloud, start = 0, stop = cloud.loaded) {
+    upload(this.gl, this.buffers[this.scene.clouds.indexOf(cloud)].visible, cloud.visible, start, stop);
     this.changed();
   }
 
