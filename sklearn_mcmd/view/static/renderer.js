@@ -49,9 +49,10 @@ uniform vec2 planes;
 uniform float strength, flatness, reach;
 uniform int radius;
 out vec4 paint;
-float remoteness(ivec2 at) {
-  float d = 2.0 * texelFetch(depths, at, 0).r - 1.0;
-  float near = planes.x, far = planes.y;
+const vec2 ASIDE[8] = vec2[8](vec2(1.0, 0.0), vec2(0.7, 0.7), vec2(0.0, 1.0), vec2(-0.7, 0.7),
+  vec2(-1.0, 0.0), vec2(-0.7, -0.7), vec2(0.0, -1.0), vec2(0.7, -0.7));
+float remoteness(float depth) {
+  float d = 2.0 * depth - 1.0, near = planes.x, far = planes.y;
   if (flatness > 0.0) return 1.4427 * 0.5 * (d * (far - near) + far + near) / reach;
   return log2(2.0 * near * far / (far + near - d * (far - near)));
 }
@@ -59,12 +60,11 @@ void main() {
   ivec2 at = ivec2(gl_FragCoord.xy), last = textureSize(depths, 0) - 1;
   float depth = texelFetch(depths, at, 0).r;
   if (depth == 1.0) { paint = vec4(background, 1.0); return; }
-  float here = remoteness(at), sum = 0.0;
+  float here = remoteness(depth), sum = 0.0;
   for (int i = 0; i < 8; i++) {
-    float turn = 0.7854 * float(i);
-    ivec2 aside = at + ivec2(round(float(radius) * vec2(cos(turn), sin(turn))));
-    aside = clamp(aside, ivec2(0), last);
-    if (texelFetch(depths, aside, 0).r < 1.0) sum += clamp(here - remoteness(aside), 0.0, 0.06);
+    ivec2 aside = at + ivec2(round(float(radius) * ASIDE[i]));
+    float other = texelFetch(depths, clamp(aside, ivec2(0), last), 0).r;
+    if (other < 1.0) sum += clamp(here - remoteness(other), 0.0, 0.06);
   }
   float shade = max(exp(-strength * sum / 8.0), 0.18);
   paint = vec4(texelFetch(colors, at, 0).rgb * shade, 1.0);
@@ -89,7 +89,8 @@ class Renderer {
     this.split = null; // { left, right, at }: two clouds side by side, at a share of the width
     this.budget = 1.5e6; // points in one frame
     this.moving = false;
-    this.pass = null;
+    this.pass = null; // of the picture that is being drawn
+    this.current = false; // whether the canvas shows the newest state
     this.spacing = scene.manifest.spacing;
   }
 
@@ -166,6 +167,7 @@ class Renderer {
   /** Draw anew soon. While changes follow each other, only as many points as one frame allows. */
   changed() {
     this.moving = true;
+    this.current = false;
     this.lastChange = performance.now();
     this.pass = null;
     this.schedule();
@@ -181,33 +183,39 @@ class Renderer {
   frame(now) {
     this.scheduled = false;
     if (this.moving) this.adapt(now);
-    this.pass ??= this.begin(this.moving ? Math.min(1, this.budget / this.scene.n) : 1);
-    this.advance(this.pass, this.budget / this.scene.n);
-    if (this.pass.share >= this.pass.end) {
-      this.targets.reverse();
-      this.present();
-      this.drawnShare = this.pass.end;
-      this.afterFrame?.();
-      const whole = this.pass.end >= 1;
-      this.pass = null;
-      if (!this.moving || whole) {
-        this.moving = false;
-        this.lastFrame = null;
-        return;
-      }
-      if (performance.now() - this.lastChange > 140) this.moving = false;
+    if (!this.current) this.draw();
+    const settled = performance.now() - this.lastChange > 140;
+    if (this.moving && settled && !this.pass) {
+      this.moving = false;
+      this.current &&= this.drawnShare >= 1; // else all points are to be drawn
     }
-    this.schedule();
+    if (this.moving || !this.current) this.schedule();
+    else this.lastFrame = null;
   }
 
-  /** Aim at 30 frames a second. */
+  /** A part of the points, and the picture once it is complete. */
+  draw() {
+    this.pass ??= this.begin(this.moving ? Math.min(1, this.budget / this.scene.n) : 1);
+    this.advance(this.pass, this.budget / this.scene.n);
+    this.drew = true;
+    if (this.pass.share < this.pass.end) return;
+    this.targets.reverse();
+    this.present();
+    this.drawnShare = this.pass.end;
+    this.pass = null;
+    this.current = true;
+    this.afterFrame?.();
+  }
+
+  /** Aim at 30 frames a second, by the time since the last frame if that one drew. */
   adapt(now) {
-    if (this.lastFrame) {
-      const took = now - this.lastFrame;
-      if (took > 45) this.budget = Math.max(60_000, this.budget * Math.max(0.5, 33 / took));
+    if (this.lastFrame && this.drew) {
+      const took = now - this.lastFrame, most = Math.min(this.budget, this.scene.n);
+      if (took > 45) this.budget = Math.max(60_000, most * Math.max(0.5, 33 / took));
       else if (took < 24) this.budget = Math.min(1.12 * this.budget, 2e7);
     }
     this.lastFrame = now;
+    this.drew = false;
   }
 
   begin(end) {

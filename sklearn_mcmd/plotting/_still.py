@@ -1,24 +1,26 @@
-"""Pictures of point clouds: still ones from far to near, and a page to look around in."""
+"""Still pictures of point clouds, drawn from far to near."""
 
-import os
-from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sklearn_mcmd._extras import import_extra
+from sklearn_mcmd.plotting._views import VIEW, camera, draw_scale_bar, look
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from sklearn_mcmd.io import PointCloud
-    from sklearn_mcmd.view import CloudPage
+__all__ = [
+    "check_points",
+    "draw_ball",
+    "normal_colors",
+    "plot_before_after",
+    "plot_cloud",
+    "region_colors",
+]
 
-__all__ = ["normal_colors", "plot_before_after", "plot_cloud", "region_colors", "view"]
-
-VIEW = (-64.0, 26.0)  # azimuth and elevation of the camera, degrees
 OUTLIER_COLOR = (0.84, 0.10, 0.11)
 # Of the ball in the picture of normals: left, bottom, width and height as shares of the axes.
 BALL_PLACE, BALL_PIXELS = (0.02, 0.72, 0.18, 0.18), 121
@@ -30,8 +32,9 @@ def plot_cloud(
     *,
     color: Any = None,
     outliers: ArrayLike | None = None,
-    view: tuple[float, float] = VIEW,
+    view: str | tuple[float, float] = VIEW,
     size: float | None = None,
+    scale_bar: bool = False,
     ax: "Axes | None" = None,
 ) -> "Axes":
     """Draw a cloud as it looks from far away, with near points over far ones.
@@ -45,11 +48,15 @@ def plot_cloud(
         color for each point. None shades by distance, from light (far) to dark (near).
     outliers : array-like of bool of shape (n,), default=None
         Points to draw in red, and larger.
-    view : tuple of two floats
+    view : {"top", "front", "side", "perspective"} or tuple of two floats
         Azimuth and elevation of the camera, in degrees. The default looks along +y, a little to
-        the left, and from above.
+        the left, and from above. "top" looks down with x to the right, "front" along +y, "side"
+        along -x. All have parallel rays but "perspective", which sees near things larger, from
+        the default's side.
     size : float, default=None
         Diameter of a point in typographic points. None chooses one that covers the picture.
+    scale_bar : bool, default=False
+        Whether a bar shows a length. In perspective it is true in the middle of the cloud.
     ax : matplotlib.axes.Axes, default=None
         Axes to draw on. None makes a new figure.
 
@@ -64,7 +71,7 @@ def plot_cloud(
     ImportError
         If Matplotlib is not installed.
     ValueError
-        If `xyz` or `outliers` is not of the stated shape.
+        If `xyz` or `outliers` is not of the stated shape, or `view` is unknown.
 
     See Also
     --------
@@ -83,10 +90,8 @@ def plot_cloud(
     2000
     """
     plt = import_extra("matplotlib.pyplot", "plot", "Plotting")
-    points = _check_points(xyz)
-    right, up, toward = camera(view)
-    picture = np.column_stack([points @ right, points @ up])
-    depth = points @ toward
+    points = check_points(xyz)
+    picture, depth = look(points, view)
     order = np.argsort(depth, kind="stable")
 
     if ax is None:
@@ -120,6 +125,8 @@ def plot_cloud(
         linewidths=0,
         rasterized=True,
     )
+    if scale_bar:
+        draw_scale_bar(ax, " in the middle" if view == "perspective" else "")
     return ax
 
 
@@ -159,7 +166,7 @@ def plot_before_after(
     for ax, xyz, marked in ((axes[0], before, outliers), (axes[1], after, missed)):
         plot_cloud(xyz, outliers=marked, view=view, ax=ax)
     plot_cloud(after, color=normal_colors(normals, view=view), view=view, ax=axes[2])
-    _draw_ball(axes[2], view)
+    draw_ball(axes[2], view)
     n_marked, n_missed = np.count_nonzero(outliers), np.count_nonzero(missed)
     n_before, n_after = len(np.asarray(before)), len(np.asarray(after))
     titles = (
@@ -174,98 +181,17 @@ def plot_before_after(
     return fig
 
 
-def view(
-    *clouds: "PointCloud | ArrayLike | str | os.PathLike[str]",
-    names: Sequence[str] | None = None,
-    title: str | None = None,
-    color: str | None = None,
-    only: Collection[str] | None = None,
-    max_points: int = 5_000_000,
-    height: int = 640,
-) -> "CloudPage":
-    """Make one HTML page that shows clouds in a browser, offline, and itself in Jupyter.
-
-    Parameters
-    ----------
-    *clouds : PointCloud, array-like of shape (n, 3), or path
-        Clouds or files to show. A `PointCloud` brings attributes to color by. Of two clouds, such
-        as before and after, a slider shows each on its side.
-    names : sequence of str, default=None
-        A name for each cloud. None takes the files' names.
-    title : str, default=None
-        Title of the page. None takes the names.
-    color : str, default=None
-        Attribute to color by at first, or ``"height"``. None chooses a result, such as
-        ``region``, else colors, class, intensity or height.
-    only : collection of str, default=None
-        Attributes to put into the page. None takes all.
-    max_points : int, default=5_000_000
-        Largest number of points in the page. Of more, so many are chosen at random.
-    height : int, default=640
-        Height in Jupyter, in pixels.
-
-    Returns
-    -------
-    CloudPage
-        The page, with ``save(path)``.
-
-    Raises
-    ------
-    PointFileError
-        If a file cannot be read.
-    ValueError
-        If there is no cloud, a cloud has no points with finite coordinates, or no cloud has the
-        attribute of `color` or one of `only`.
-
-    Warns
-    -----
-    UserWarning
-        If points are left out, because there are too many or a coordinate is not finite; if
-        attributes are left out, because they hold no numbers.
-
-    See Also
-    --------
-    plot_cloud : A still picture.
-
-    Notes
-    -----
-    Coordinates in the page are those of the cloud if these are multiples of a decimal step, such
-    as a millimeter, of at least 1/128 of the spacing. Else they are off by at most a sixteenth of
-    the spacing; ``CloudPage.error`` tells. Numbers have 16 bits, and normals are within 0.06
-    degrees.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from sklearn_mcmd.io import PointCloud
-    >>> from sklearn_mcmd.plotting import view
-    >>> xyz = np.random.default_rng(0).uniform(size=(1000, 3)).round(3)
-    >>> page = view(PointCloud(xyz, {"region": np.arange(1000) % 3}), title="A cube")
-    >>> page.n_shown, page.error
-    (1000, 0.0)
-    """
-    from sklearn_mcmd.view._page import cloud_page
-
-    return cloud_page(
-        clouds,
-        names=names,
-        title=title,
-        color=color,
-        only=only,
-        max_points=max_points,
-        height=height,
-    )
-
-
-def normal_colors(normals: ArrayLike, *, view: tuple[float, float] = VIEW) -> NDArray[np.float64]:
+def normal_colors(
+    normals: ArrayLike, *, view: str | tuple[float, float] = VIEW
+) -> NDArray[np.float64]:
     """Colors of a solid lit from the camera's upper left, tinted by the direction of its faces.
 
     Parameters
     ----------
     normals : array-like of shape (n, 3)
         Unit normals; their sign does not matter. NaN gives gray.
-    view : tuple of two floats
-        Azimuth and elevation of the camera, in degrees.
+    view : {"top", "front", "side", "perspective"} or tuple of two floats
+        The camera, as in :func:`plot_cloud`.
 
     Returns
     -------
@@ -279,7 +205,7 @@ def normal_colors(normals: ArrayLike, *, view: tuple[float, float] = VIEW) -> ND
     >>> bool((up == down).all())
     True
     """
-    faces = _check_points(normals, "normals")
+    faces = check_points(normals, "normals")
     right, up, toward = camera(view)
     seen = np.where((faces @ toward < 0)[:, None], -faces, faces)
     light = 0.8 * toward - 0.5 * right + 0.5 * up
@@ -290,7 +216,7 @@ def normal_colors(normals: ArrayLike, *, view: tuple[float, float] = VIEW) -> ND
     return np.where(np.isnan(colors), 0.6, np.clip(colors, 0.0, 1.0))
 
 
-def _draw_ball(ax, view):
+def draw_ball(ax, view):
     """The legend of `normal_colors`: a ball, whose normals are known."""
     inset = ax.inset_axes(BALL_PLACE)
     right, up, toward = camera(view)
@@ -339,20 +265,6 @@ def region_colors(labels: ArrayLike) -> NDArray[np.float64]:
     return np.where((number < 0)[:, None], 0.3, colors)
 
 
-def camera(view):
-    """Unit vectors to the right, up and toward the camera."""
-    azimuth, elevation = np.radians(view)
-    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    toward = np.array(
-        [
-            np.cos(elevation) * np.cos(azimuth),
-            np.cos(elevation) * np.sin(azimuth),
-            np.sin(elevation),
-        ]
-    )
-    return right, np.cross(toward, right), toward
-
-
 def _distance_colors(depth):
     # Percentiles, because a single far point would take the contrast from all others.
     far, near = np.percentile(depth, [1, 99])
@@ -382,7 +294,7 @@ def _as_rgb(color, n_points):
     return np.broadcast_to(colors.to_rgba_array(color)[:, :3], (n_points, 3)).copy()
 
 
-def _check_points(xyz, name="xyz"):
+def check_points(xyz, name="xyz"):
     xyz = np.asarray(xyz, dtype=np.float64)
     if xyz.ndim != 2 or xyz.shape[1] != 3 or len(xyz) == 0:
         raise ValueError(f"{name} must have shape (n, 3) with n > 0, got {xyz.shape}.")
