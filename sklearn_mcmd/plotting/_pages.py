@@ -69,7 +69,7 @@ def view(
     Notes
     -----
     Coordinates in the page are those of the cloud if these are multiples of a decimal step, such
-    as a millimeter, of at least 1/128 of the spacing. Else they are off by at most a sixteenth of
+    as a millimeter, of at least 1/256 of the spacing. Else they are off by at most a sixteenth of
     the spacing; ``CloudPage.error`` tells. Numbers have 16 bits, and normals are within 0.06
     degrees.
 

@@ -17,7 +17,7 @@ __all__ = ["Grid", "PackedCloud", "pack_column", "pack_points", "shuffled"]
 FIRST_CHUNK, LARGEST_CHUNK = 1 << 16, 1 << 20
 SPACING_SAMPLE = 20_000
 # The error of a coordinate is half a step: at most a sixteenth of the spacing of the points.
-COARSEST, FINEST = 1 / 8, 1 / 128  # steps, in spacings
+COARSEST, FINEST = 1 / 8, 1 / 256  # steps, in spacings
 MOST_STEPS = 2.0**31
 # Five characters hold four bytes; base64 is 7 % longer. None of them means anything in HTML.
 DIGITS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%()*+,-./:;=?@[]^_`{"

@@ -322,6 +322,39 @@ def test_two_clouds_are_compared_at_the_divider(chromium, scan, tmp_path):
     tab.context.close()
 
 
+def test_two_fingers_come_nearer_and_move(chromium, page_file):
+    tab = Tab(chromium, page_file, has_touch=True)
+    state = "JSON.stringify([cloudPage.camera.distance, cloudPage.camera.target])"
+    before = json.loads(tab.ask(state))
+    session = tab.context.new_cdp_session(tab.tab)
+    for kind, apart in (("touchStart", 40), ("touchMove", 60), ("touchMove", 80), ("touchEnd", 0)):
+        points = [{"x": 300 + side * apart, "y": 300} for side in (-1, 1)] if apart else []
+        session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    tab.rest()
+    after = json.loads(tab.ask(state))
+    assert after[0] == pytest.approx(before[0] / 2, rel=0.05)
+    assert tab.ask("cloudPage.overlay.picked") is None
+    assert tab.said == []
+    tab.context.close()
+
+
+def test_in_a_notebook_the_page_runs_in_its_frame(chromium, scan, tmp_path):
+    notebook = tmp_path / "notebook.html"
+    notebook.write_text(f"<p>A cell</p>{view(scan)._repr_html_()}", encoding="utf-8")
+    tab = chromium.new_page()
+    said = []
+    tab.on("console", lambda message: said.append(message.text))
+    tab.goto(notebook.as_uri())
+    frame = tab.frames[1]
+    end = time.monotonic() + 60
+    while not frame.evaluate(f"Boolean(window.cloudPage && {STILL})"):
+        assert time.monotonic() < end, said
+        time.sleep(0.05)
+    assert frame.inner_text("#counts") == "100,000 points"
+    assert said == []
+    tab.close()
+
+
 def test_names_that_look_like_html_are_text(chromium, tmp_path):
     odd = "</script><img src=x onerror=alert(1)>"
     cloud = PointCloud(np.eye(3), {odd: np.array([1, 2, 3]), "region": np.array([0, 1, 1])})
