@@ -26,11 +26,12 @@ ROOMS = {
     "edges": {"planes", "normals", "outliers"},  # likewise, of a cleaned cloud
     "tiling": {"planes", "normals", "outliers", "io"},
     "resampling": {"outliers"},
-    "plotting": set(),
+    "view": {"io"},
+    "plotting": {"io", "view"},
     "paper": {"baselines", "cli", "datasets", "edges", "io", "metrics", "normals", "outliers",
               "planes", "plotting", "segmentation"},
     "cli": {"adjustment", "datasets", "edges", "io", "metrics", "normals", "outliers", "planes",
-            "plotting", "segmentation", "tiling"},
+            "plotting", "segmentation", "tiling", "view"},
 }  # fmt: skip
 
 

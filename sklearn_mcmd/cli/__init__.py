@@ -13,6 +13,7 @@ from sklearn_mcmd.cli._edges import edges
 from sklearn_mcmd.cli._normals import normals
 from sklearn_mcmd.cli._plane import plane
 from sklearn_mcmd.cli._segment import segment
+from sklearn_mcmd.cli._view import view
 
 # Libraries that take long to import, or are extras, are imported by the verb that needs them.
 
@@ -49,5 +50,5 @@ def _root(
     pass
 
 
-for verb in (denoise, normals, edges, segment, plane, info, demo):
+for verb in (denoise, normals, edges, segment, plane, view, info, demo):
     app.command()(verb)

@@ -1,4 +1,4 @@
-"""Still pictures of point clouds: an orthographic view, drawn from far to near."""
+"""Still pictures of point clouds, drawn from far to near."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -6,14 +6,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sklearn_mcmd._extras import import_extra
+from sklearn_mcmd.plotting._views import VIEW, camera, draw_scale_bar, look
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["normal_colors", "plot_before_after", "plot_cloud", "region_colors"]
+__all__ = [
+    "check_points",
+    "draw_ball",
+    "normal_colors",
+    "plot_before_after",
+    "plot_cloud",
+    "region_colors",
+]
 
-VIEW = (-64.0, 26.0)  # azimuth and elevation of the camera, degrees
 OUTLIER_COLOR = (0.84, 0.10, 0.11)
 # Of the ball in the picture of normals: left, bottom, width and height as shares of the axes.
 BALL_PLACE, BALL_PIXELS = (0.02, 0.72, 0.18, 0.18), 121
@@ -25,8 +32,9 @@ def plot_cloud(
     *,
     color: Any = None,
     outliers: ArrayLike | None = None,
-    view: tuple[float, float] = VIEW,
+    view: str | tuple[float, float] = VIEW,
     size: float | None = None,
+    scale_bar: bool = False,
     ax: "Axes | None" = None,
 ) -> "Axes":
     """Draw a cloud as it looks from far away, with near points over far ones.
@@ -40,11 +48,15 @@ def plot_cloud(
         color for each point. None shades by distance, from light (far) to dark (near).
     outliers : array-like of bool of shape (n,), default=None
         Points to draw in red, and larger.
-    view : tuple of two floats
+    view : {"top", "front", "side", "perspective"} or tuple of two floats
         Azimuth and elevation of the camera, in degrees. The default looks along +y, a little to
-        the left, and from above.
+        the left, and from above. "top" looks down with x to the right, "front" along +y, "side"
+        along -x. All have parallel rays but "perspective", which sees near things larger, from
+        the default's side.
     size : float, default=None
         Diameter of a point in typographic points. None chooses one that covers the picture.
+    scale_bar : bool, default=False
+        Whether a bar shows a length. In perspective it is true in the middle of the cloud.
     ax : matplotlib.axes.Axes, default=None
         Axes to draw on. None makes a new figure.
 
@@ -59,7 +71,7 @@ def plot_cloud(
     ImportError
         If Matplotlib is not installed.
     ValueError
-        If `xyz` or `outliers` is not of the stated shape.
+        If `xyz` or `outliers` is not of the stated shape, or `view` is unknown.
 
     See Also
     --------
@@ -78,10 +90,8 @@ def plot_cloud(
     2000
     """
     plt = import_extra("matplotlib.pyplot", "plot", "Plotting")
-    points = _check_points(xyz)
-    right, up, toward = camera(view)
-    picture = np.column_stack([points @ right, points @ up])
-    depth = points @ toward
+    points = check_points(xyz)
+    picture, depth = look(points, view)
     order = np.argsort(depth, kind="stable")
 
     if ax is None:
@@ -115,6 +125,8 @@ def plot_cloud(
         linewidths=0,
         rasterized=True,
     )
+    if scale_bar:
+        draw_scale_bar(ax, " in the middle" if view == "perspective" else "")
     return ax
 
 
@@ -154,7 +166,7 @@ def plot_before_after(
     for ax, xyz, marked in ((axes[0], before, outliers), (axes[1], after, missed)):
         plot_cloud(xyz, outliers=marked, view=view, ax=ax)
     plot_cloud(after, color=normal_colors(normals, view=view), view=view, ax=axes[2])
-    _draw_ball(axes[2], view)
+    draw_ball(axes[2], view)
     n_marked, n_missed = np.count_nonzero(outliers), np.count_nonzero(missed)
     n_before, n_after = len(np.asarray(before)), len(np.asarray(after))
     titles = (
@@ -169,15 +181,17 @@ def plot_before_after(
     return fig
 
 
-def normal_colors(normals: ArrayLike, *, view: tuple[float, float] = VIEW) -> NDArray[np.float64]:
+def normal_colors(
+    normals: ArrayLike, *, view: str | tuple[float, float] = VIEW
+) -> NDArray[np.float64]:
     """Colors of a solid lit from the camera's upper left, tinted by the direction of its faces.
 
     Parameters
     ----------
     normals : array-like of shape (n, 3)
         Unit normals; their sign does not matter. NaN gives gray.
-    view : tuple of two floats
-        Azimuth and elevation of the camera, in degrees.
+    view : {"top", "front", "side", "perspective"} or tuple of two floats
+        The camera, as in :func:`plot_cloud`.
 
     Returns
     -------
@@ -191,7 +205,7 @@ def normal_colors(normals: ArrayLike, *, view: tuple[float, float] = VIEW) -> ND
     >>> bool((up == down).all())
     True
     """
-    faces = _check_points(normals, "normals")
+    faces = check_points(normals, "normals")
     right, up, toward = camera(view)
     seen = np.where((faces @ toward < 0)[:, None], -faces, faces)
     light = 0.8 * toward - 0.5 * right + 0.5 * up
@@ -202,7 +216,7 @@ def normal_colors(normals: ArrayLike, *, view: tuple[float, float] = VIEW) -> ND
     return np.where(np.isnan(colors), 0.6, np.clip(colors, 0.0, 1.0))
 
 
-def _draw_ball(ax, view):
+def draw_ball(ax, view):
     """The legend of `normal_colors`: a ball, whose normals are known."""
     inset = ax.inset_axes(BALL_PLACE)
     right, up, toward = camera(view)
@@ -251,20 +265,6 @@ def region_colors(labels: ArrayLike) -> NDArray[np.float64]:
     return np.where((number < 0)[:, None], 0.3, colors)
 
 
-def camera(view):
-    """Unit vectors to the right, up and toward the camera."""
-    azimuth, elevation = np.radians(view)
-    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    toward = np.array(
-        [
-            np.cos(elevation) * np.cos(azimuth),
-            np.cos(elevation) * np.sin(azimuth),
-            np.sin(elevation),
-        ]
-    )
-    return right, np.cross(toward, right), toward
-
-
 def _distance_colors(depth):
     # Percentiles, because a single far point would take the contrast from all others.
     far, near = np.percentile(depth, [1, 99])
@@ -294,7 +294,7 @@ def _as_rgb(color, n_points):
     return np.broadcast_to(colors.to_rgba_array(color)[:, :3], (n_points, 3)).copy()
 
 
-def _check_points(xyz, name="xyz"):
+def check_points(xyz, name="xyz"):
     xyz = np.asarray(xyz, dtype=np.float64)
     if xyz.ndim != 2 or xyz.shape[1] != 3 or len(xyz) == 0:
         raise ValueError(f"{name} must have shape (n, 3) with n > 0, got {xyz.shape}.")

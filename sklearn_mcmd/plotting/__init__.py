@@ -1,0 +1,29 @@
+"""Pictures of point clouds and of results, and a page to look around in."""
+
+from sklearn_mcmd.plotting._displays import (
+    EdgeDisplay,
+    NormalsDisplay,
+    OutlierDisplay,
+    PlaneResidualDisplay,
+    SegmentationDisplay,
+)
+from sklearn_mcmd.plotting._pages import view
+from sklearn_mcmd.plotting._still import (
+    normal_colors,
+    plot_before_after,
+    plot_cloud,
+    region_colors,
+)
+
+__all__ = [
+    "EdgeDisplay",
+    "NormalsDisplay",
+    "OutlierDisplay",
+    "PlaneResidualDisplay",
+    "SegmentationDisplay",
+    "normal_colors",
+    "plot_before_after",
+    "plot_cloud",
+    "region_colors",
+    "view",
+]

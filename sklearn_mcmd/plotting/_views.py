@@ -1,0 +1,115 @@
+"""From where a cloud is seen, which of its points are drawn, and how long a meter is there."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+__all__ = ["VIEW", "VIEWS", "Picture", "camera", "draw_scale_bar", "look", "thinned"]
+
+VIEW = (-64.0, 26.0)  # azimuth and elevation of the camera, degrees
+VIEWS = {"top": (-90.0, 90.0), "front": (-90.0, 0.0), "side": (0.0, 0.0), "perspective": VIEW}
+# The eye of the perspective view, in radii of the cloud from its middle.
+EYE = 2.6
+NEAREST = 0.25  # no point is enlarged as if it were nearer than this share of that distance
+
+
+class Picture(NamedTuple):
+    """Points on the picture plane, in units of the cloud, and how near they are."""
+
+    places: np.ndarray
+    nearness: np.ndarray
+
+
+def look(points, view):
+    """The picture of points (n, 3) from a named view, or from an azimuth and an elevation.
+
+    In perspective a length in the middle of the cloud is true, nearer ones are enlarged.
+    """
+    right, up, toward = camera(view)
+    places, nearness = np.column_stack([points @ right, points @ up]), points @ toward
+    if isinstance(view, str) and view == "perspective":
+        low, high = np.percentile(np.column_stack([places, nearness]), [1, 99], axis=0)
+        *middle, depth = (low + high) / 2
+        eye = EYE * np.linalg.norm(high - low) / 2
+        if eye > 0:
+            enlarged = eye / np.maximum(eye - (nearness - depth), NEAREST * eye)
+            places = middle + (places - middle) * enlarged[:, None]
+    return Picture(places, nearness)
+
+
+def camera(view):
+    """Unit vectors to the right, up and toward the camera."""
+    azimuth, elevation = np.radians(_angles(view))
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    toward = np.array(
+        [
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+        ]
+    )
+    return right, np.cross(toward, right), toward
+
+
+def thinned(labels, most, seed=0):
+    """Rows of at most `most` points, in order, that keep rare classes visible.
+
+    Half of the places go to the classes by their sizes, half in equal shares; a class that needs
+    less leaves its places to the others.
+    """
+    n_points = len(labels)
+    if n_points <= most:
+        return np.arange(n_points)
+    _, classes, sizes = np.unique(labels, return_inverse=True, return_counts=True)
+    kept = np.floor(0.5 * most * sizes / n_points)
+    kept = np.minimum(sizes, kept + _equal_shares(sizes - kept, most - kept.sum()))
+    order = np.random.default_rng(seed).permutation(n_points)
+    order = order[np.argsort(classes[order], kind="stable")]
+    starts = np.r_[0, np.cumsum(sizes)[:-1]]
+    place = np.arange(n_points) - np.repeat(starts, sizes)
+    return np.sort(order[place < np.repeat(kept, sizes)])
+
+
+def draw_scale_bar(ax, note=""):
+    """A bar of 1, 2 or 5 times a power of ten in the lower left corner, and its length."""
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    length = _round_length(0.2 * (right - left))
+    x, y = left + 0.03 * (right - left), bottom + 0.03 * (top - bottom)
+    ax.plot([x, x + length], [y, y], color="0.2", lw=2, solid_capstyle="butt", zorder=5)
+    ax.annotate(
+        f"{length:g}{note}",
+        (x + length / 2, y),
+        xytext=(0, 3),
+        textcoords="offset points",
+        ha="center",
+        va="bottom",
+        fontsize=9,
+        color="0.2",
+        zorder=5,
+        bbox={"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1},
+    )
+    return length
+
+
+def _angles(view):
+    if not isinstance(view, str):
+        return view
+    if view not in VIEWS:
+        raise ValueError(
+            f"view={view!r} is unknown; known are {', '.join(VIEWS)}, or azimuth and elevation."
+        )
+    return VIEWS[view]
+
+
+def _equal_shares(wanted, places):
+    """How many of the wanted places each class gets: equal ones, as far as they are wanted."""
+    given = np.zeros(len(wanted))
+    for rank, number in enumerate(np.argsort(wanted, kind="stable")):
+        share = np.floor((places - given.sum()) / (len(wanted) - rank))
+        given[number] = min(wanted[number], share)
+    return given
+
+
+def _round_length(longest):
+    power = 10.0 ** np.floor(np.log10(longest))
+    return max(factor * power for factor in (1.0, 2.0, 5.0) if factor * power <= longest)

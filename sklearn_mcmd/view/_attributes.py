@@ -1,0 +1,266 @@
+"""Attributes of points as whole numbers of at most 16 bits, with what a page needs to read them.
+
+Clouds of one page share each attribute: its range, its classes, its code.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sklearn_mcmd.io._point_cloud import flat_columns
+
+__all__ = ["ColumnSource", "NumberCode", "code_normals", "is_wanted", "plan_attributes"]
+
+LONG_TAIL = 20  # ranges of normal values are 6 to 8 times their quartiles' distance
+TOP = 65534  # largest code of a number above the first; code 0 is "no value"
+NORMAL_TOP = 4094  # even, so that normals along the axes are exact
+FEW = 64  # this many distinct whole numbers are classes
+MANY = 65_535  # classes of an attribute that is known to hold labels
+LABELS = {"region", "segment", "label", "cluster", "instance", "classification", "class"}
+NAMES = {
+    "outlier": {0: "regular", 1: "outlier"},
+    "true_outlier": {0: "regular", 1: "outlier"},
+    "edge": {0: "surface", 1: "edge"},
+    "region": {-1: "none"},
+    "segment": {-1: "none"},
+    "classification": {
+        0: "never classified",
+        1: "unclassified",
+        2: "ground",
+        3: "low vegetation",
+        4: "medium vegetation",
+        5: "high vegetation",
+        6: "building",
+        7: "noise",
+        8: "model key point",
+        9: "water",
+        10: "rail",
+        11: "road",
+        12: "overlap",
+        13: "wire, guard",
+        14: "wire, conductor",
+        15: "transmission tower",
+        16: "wire connector",
+        17: "bridge deck",
+        18: "high noise",
+    },
+}
+NOISE = {7, 18}  # classes of LAS
+
+
+class ColumnSource(NamedTuple):
+    """An attribute: what the page is told about it, and its codes in each cloud.
+
+    `codes` holds for each cloud a list of arrays, the components, or None where the cloud lacks it.
+    """
+
+    info: dict[str, Any]
+    codes: list[list[np.ndarray] | None]
+
+
+class NumberCode(NamedTuple):
+    """Numbers as codes from 1 to 65535, evenly or by the inverse hyperbolic sine.
+
+    value = low + step * (code - 1), or center + width * sinh(low + step * (code - 1)). The second
+    is even near the center and logarithmic far away: for scores, whose largest are a million times
+    the usual ones. Code 0 stands for NaN and infinity.
+    """
+
+    low: float
+    step: float
+    center: float | None = None
+    width: float | None = None
+
+    @classmethod
+    def for_values(cls, values):
+        """The code of finite values: exact for whole numbers of a range below 65535."""
+        low, high = float(values.min()), float(values.max())
+        whole = np.array_equal(values, np.rint(values))
+        if whole and high - low <= TOP:
+            return cls(low, 1.0)
+        q25, q50, q75 = np.quantile(values, [0.25, 0.5, 0.75]).tolist()
+        usual = q75 - q25
+        if not np.isfinite(high - low) or (usual > 0 and high - low > LONG_TAIL * usual):
+            width = usual or 1.0
+            ends = np.arcsinh(np.array([low / width - q50 / width, high / width - q50 / width]))
+            return cls(float(ends[0]), float(ends[1] - ends[0]) / TOP, q50, width)
+        return cls(low, (high - low) / TOP or 1.0)
+
+    def encode(self, values):
+        known = np.isfinite(values)
+        numbers = np.where(known, values, 0.0)
+        if self.width is not None:
+            numbers = np.arcsinh(numbers / self.width - self.center / self.width)
+        codes = np.clip(np.rint((numbers - self.low) / self.step), 0, TOP) + 1
+        return np.where(known, codes, 0).astype(np.uint16)
+
+    def decode(self, codes):
+        """The values of codes, NaN for 0."""
+        values = self.low + self.step * (np.asarray(codes, np.float64) - 1)
+        if self.width is not None:
+            values = self.center + self.width * np.sinh(values)
+        return np.where(np.asarray(codes) == 0, np.nan, values)
+
+    def info(self, exact):
+        """What the page needs; `error` is absolute near the center, `relative` holds far away."""
+        told = {"low": self.low, "step": self.step}
+        if self.width is None:
+            return told | {"error": 0.0 if exact else self.step / 2}
+        error = self.width * np.sinh(self.step / 2)
+        return told | {
+            "center": self.center,
+            "width": self.width,
+            "error": float(error),
+            "relative": self.step / 2,
+        }
+
+
+def plan_attributes(clouds, only=None):
+    """The attributes of the clouds as `ColumnSource`s, and those with one value as a dictionary.
+
+    Parameters
+    ----------
+    clouds : list of dict of str to ndarray
+        Attributes of each cloud, of its points in the page.
+    only : collection of str, default=None
+        Names to keep, as in the file or in the page.
+
+    Returns
+    -------
+    sources : list of ColumnSource
+    constants : list of dict
+        For each cloud.
+    skipped : list of str
+        Names of attributes that hold no numbers.
+    """
+    tables = [_numeric(flat_columns(attributes)) for attributes in clouds]
+    skipped = sorted({name for _, others in tables for name in others})
+    columns = [known for known, _ in tables]
+    sources = []
+    normals = _join(columns, ("normal_x", "normal_y", "normal_z"), "normal", code_normals)
+    colors = _join(columns, ("red", "green", "blue"), "color", _code_colors)
+    for joined, kind in ((normals, "normal"), (colors, "rgb")):
+        if any(codes is not None for codes in joined):
+            name = "normal" if kind == "normal" else "color"
+            sources.append(ColumnSource({"name": name, "kind": kind}, joined))
+    constants = [{} for _ in columns]
+    for name in dict.fromkeys(name for table in columns for name in table):
+        arrays = [table.get(name) for table in columns]
+        value = _only_value(arrays)
+        if value is None:
+            sources.append(_single(name, arrays))
+        else:
+            for kept, values in zip(constants, arrays, strict=True):
+                if values is not None:
+                    kept[name] = value
+    if only is not None:
+        wanted = set(only)
+        sources = [source for source in sources if is_wanted(source.info, wanted)]
+        constants = [{k: v for k, v in kept.items() if k in wanted} for kept in constants]
+    return sources, constants, skipped
+
+
+def code_normals(vectors):
+    """Directions on the octahedron, unfolded to a square of 4095 x 4095; 0 for none.
+
+    The angle to the true direction is at most 0.06 degrees.
+    """
+    vectors = np.asarray(vectors, dtype=np.float64)
+    size = np.abs(vectors).sum(axis=1)
+    known = np.isfinite(size) & (size > 0)
+    unit = vectors / np.where(known, size, 1.0)[:, None]
+    unit[~known] = 0.0
+    flat = unit[:, :2]
+    folded = (1.0 - np.abs(flat[:, ::-1])) * np.where(flat >= 0, 1.0, -1.0)
+    square = np.where(unit[:, 2:] < 0, folded, flat)
+    codes = np.rint((square + 1.0) / 2.0 * NORMAL_TOP) + 1
+    return [np.where(known, codes[:, i], 0).astype(np.uint16) for i in range(2)]
+
+
+def _code_colors(colors):
+    """Colors of 8 bits; larger numbers are taken for 16 bits, and shares for shares."""
+    colors = np.nan_to_num(np.asarray(colors, dtype=np.float64))
+    largest = colors.max(initial=0.0)
+    if largest > 255:
+        colors = colors / 257.0
+    elif largest <= 1 and not np.array_equal(colors, np.rint(colors)):
+        colors = colors * 255.0
+    bits = np.rint(np.clip(colors, 0, 255)).astype(np.uint8)
+    return [bits[:, i].copy() for i in range(3)]
+
+
+def _numeric(columns):
+    """Columns of numbers, and the names of the others."""
+    known = {name: values for name, values in columns.items() if values.dtype.kind in "biuf"}
+    return known, [name for name in columns if name not in known]
+
+
+def _join(columns, names, name, code):
+    """Three columns of each cloud as one attribute; they are taken out of the clouds."""
+    joined = []
+    for table in columns:
+        if table.keys() >= set(names) and name not in table:
+            joined.append(code(np.column_stack([table.pop(part) for part in names])))
+        else:
+            joined.append(None)
+    return joined
+
+
+def _only_value(arrays):
+    """The value that all points of all clouds share, or None."""
+    given = [values for values in arrays if values is not None]
+    first = given[0].ravel()[0]
+    if all((values == first).all() for values in given):
+        return first.item()
+    return None
+
+
+def _single(name, arrays):
+    given = [values for values in arrays if values is not None]
+    numbers = np.concatenate([values.astype(np.float64) for values in given])
+    known = numbers[np.isfinite(numbers)]
+    whole = known.size > 0 and np.array_equal(known, np.rint(known))
+    if whole and len(known) == len(numbers):
+        distinct, counts = np.unique(known, return_counts=True)
+        if len(distinct) <= (MANY if name.lower() in LABELS else FEW):
+            return _classes(name, arrays, distinct, counts)
+    code = NumberCode.for_values(known) if known.size else NumberCode(0.0, 1.0)
+    codes = [None if v is None else [code.encode(v.astype(np.float64))] for v in arrays]
+    exact = whole and code.step == 1.0 and code.width is None
+    info = {"name": name, "kind": "number", **code.info(exact)}
+    return ColumnSource(info | ({"whole": True} if whole else {}), codes)
+
+
+def _classes(name, arrays, distinct, counts):
+    dtype = np.uint8 if len(distinct) <= 256 else np.uint16
+    codes = [
+        None if v is None else [np.searchsorted(distinct, v.astype(np.float64)).astype(dtype)]
+        for v in arrays
+    ]
+    values = [int(value) for value in distinct]
+    known = NAMES.get(name.lower(), {})
+    info = {
+        "name": name,
+        "kind": "class",
+        "values": values,
+        "names": {str(v): known[v] for v in values if v in known},
+    }
+    outliers = _outlier_codes(name.lower(), values)
+    return ColumnSource(info | ({"outliers": outliers} if outliers else {}), codes)
+
+
+def _outlier_codes(name, values):
+    """Which codes mean outliers, of the attributes that the package writes."""
+    if name == "outlier":
+        return [code for code, value in enumerate(values) if value == 1]
+    if name == "classification":
+        return [code for code, value in enumerate(values) if value in NOISE]
+    return []
+
+
+def is_wanted(info, wanted):
+    parts = {
+        "normal": {"normal", "normals", "normal_x", "normal_y", "normal_z"},
+        "rgb": {"color", "rgb", "red", "green", "blue"},
+    }
+    return not wanted.isdisjoint(parts.get(info["kind"], {info["name"]}))

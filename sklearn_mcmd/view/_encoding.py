@@ -1,0 +1,228 @@
+"""Points as blocks of compressed bytes that a browser unpacks.
+
+Coordinates are whole steps from the low corner of all clouds. The points are shuffled and divided
+into chunks of growing size, so that each chunk is a thinned cloud. Within a chunk they are sorted,
+and each column is written as differences of neighbors, byte by byte.
+"""
+
+import zlib
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+__all__ = ["Grid", "PackedCloud", "pack_column", "pack_points", "shuffled"]
+
+FIRST_CHUNK, LARGEST_CHUNK = 1 << 16, 1 << 20
+SPACING_SAMPLE = 20_000
+# The error of a coordinate is half a step: at most a sixteenth of the spacing of the points.
+COARSEST, FINEST = 1 / 8, 1 / 256  # steps, in spacings
+MOST_STEPS = 2.0**31
+# Five characters hold four bytes; base64 is 7 % longer. None of them means anything in HTML.
+DIGITS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%()*+,-./:;=?@[]^_`{"
+
+
+class Grid(NamedTuple):
+    """The low corner of all points, the step of coordinates, and what they are derived from."""
+
+    low: np.ndarray
+    step: float
+    error: float
+    spacing: float
+    reach: float  # how large a point must be drawn for surfaces to look closed
+
+    @classmethod
+    def of(cls, clouds):
+        """The grid of clouds (n, 3): the step of the file if it is one, else by the spacing."""
+        low = np.min([xyz.min(axis=0) for xyz in clouds], axis=0)
+        high = np.max([xyz.max(axis=0) for xyz in clouds], axis=0)
+        extent = float((high - low).max())
+        if extent == 0.0:
+            return cls(low, 1.0, 0.0, 1.0, 1.0)
+        gaps = [gap for gap in map(typical_spacing, clouds) if gap[0] > 0]
+        spacing, reach = np.min(gaps or [(extent, extent)], axis=0).tolist()
+        least = extent / MOST_STEPS
+        decimal = _decimal_step(clouds, low, max(FINEST * spacing, least), extent)
+        if decimal is not None:
+            return cls(low, decimal, 0.0, spacing, reach)
+        step = max(min(extent / 65535, COARSEST * spacing), FINEST * spacing, least)
+        return cls(low, step, step / 2, spacing, reach)
+
+    def encode(self, xyz):
+        """Steps (n, 3) of points."""
+        return np.rint((xyz - self.low) / self.step).astype(np.uint32)
+
+    def decode(self, steps):
+        return self.low + self.step * np.asarray(steps, dtype=np.float64)
+
+
+class PackedCloud(NamedTuple):
+    """Chunks as the page reads them, and blocks of text.
+
+    A chunk tells its points and, of each column, width, filter, block and bytes.
+    """
+
+    chunks: list[dict[str, Any]]
+    blocks: list[str]
+
+
+def typical_spacing(xyz):
+    """Median distances to the nearest other place and to the fourth; 0 if there is one place.
+
+    In a grid both are equal, among points at random the fourth is twice as far.
+    """
+    every = max(1, len(xyz) // SPACING_SAMPLE)
+    tree = cKDTree(xyz, balanced_tree=False)
+    distance, _ = tree.query(xyz[::every], k=range(2, 6))
+    distance[~np.isfinite(distance)] = 0.0  # fewer points than that
+    known = distance[:, -1][distance[:, -1] > 0]
+    fourth = float(np.median(known)) if known.size else float(np.ptp(xyz, axis=0).max())
+    apart = np.where(distance > 0, distance, np.inf).min(axis=1)
+    apart = apart[np.isfinite(apart)]
+    return (float(np.median(apart)) if apart.size else fourth, fourth)
+
+
+def shuffled(n_points, most, seed=0):
+    """Rows in random order, at most `most` of them."""
+    return np.random.default_rng(seed).permutation(n_points)[:most]
+
+
+def pack_points(steps, rows, columns):
+    """Pack one cloud.
+
+    Parameters
+    ----------
+    steps : ndarray of uint32 of shape (n, 3)
+        Coordinates, of points in random order.
+    rows : ndarray of int of shape (n,)
+        The row of each point in its file.
+    columns : list of ndarray of shape (n,)
+        Unsigned whole numbers of 8 or 16 bits.
+    """
+    bounds = _chunk_bounds(len(rows))
+    largest = slice(bounds[-2], bounds[-1])
+    by_place = _is_smaller_by_place(steps[largest], rows[largest], columns, largest)
+    chunks, blocks = [], []
+    for start, stop in pairwise(bounds):
+        part = slice(start, stop)
+        order = start + _order(steps[part], rows[part], by_place)
+        described = []
+        for values in (
+            *steps[order].T,
+            rows[order].astype(np.uint32),
+            *(c[order] for c in columns),
+        ):
+            width, delta, packed = pack_column(values)
+            described.append([width, int(delta), len(blocks), len(packed)])
+            blocks.append(_text(packed))
+        chunks.append({"n": stop - start, "columns": described})
+    return PackedCloud(chunks, blocks)
+
+
+def pack_column(values, level=6):
+    """Bytes of unsigned whole numbers: how many each has, whether they are differences, and all.
+
+    Differences are signed, wrap around, and are written as 0, -1, 1, -2 ... The lowest bytes of
+    all numbers come first, then the next ones.
+    """
+    width = max(1, (int(values.max()).bit_length() + 7) // 8)
+    plain = _planes(values, width)
+    steps = _planes(_differences(values, width), width)
+    sample = slice(0, 1 << 16)
+    delta = _size(steps[:, sample]) < _size(plain[:, sample])
+    return width, delta, zlib.compress((steps if delta else plain).tobytes(), level)
+
+
+def _text(data):
+    """Bytes in base 85, filled up with zeros."""
+    words = np.frombuffer(data + bytes(-len(data) % 4), dtype="<u4")
+    digits = np.empty((len(words), 5), dtype=np.uint8)
+    for place in range(4, -1, -1):
+        words, digits[:, place] = np.divmod(words, np.uint32(85))
+    return np.frombuffer(DIGITS.encode(), dtype=np.uint8)[digits].tobytes().decode("ascii")
+
+
+def _differences(values, width):
+    """Differences modulo 256 ** width as 0, -1, 1, -2 ..."""
+    half = 1 << (8 * width - 1)
+    change = np.diff(values.astype(np.int64), prepend=0)
+    change = (change + half) % (2 * half) - half
+    return np.where(change >= 0, 2 * change, -2 * change - 1)
+
+
+def _planes(values, width):
+    """Bytes (width, n), the lowest first."""
+    little = np.ascontiguousarray(values.astype("<u4"))
+    return np.ascontiguousarray(little.view(np.uint8).reshape(-1, 4)[:, :width].T)
+
+
+def _size(planes):
+    return len(zlib.compress(planes.tobytes(), 1))
+
+
+def _chunk_bounds(n_points):
+    """0, the end of the first chunk, of the second ... Chunks double up to a limit."""
+    bounds, size = [0], FIRST_CHUNK
+    while bounds[-1] < n_points:
+        bounds.append(min(bounds[-1] + size, n_points))
+        size = min(2 * size, LARGEST_CHUNK)
+    return bounds
+
+
+def _order(steps, rows, by_place):
+    return np.argsort(_morton(steps), kind="stable") if by_place else np.argsort(rows)
+
+
+def _is_smaller_by_place(steps, rows, columns, part):
+    """Whether a chunk is smaller if sorted along a curve through space than by its rows.
+
+    Scanners write neighbors one after the other: then the rows, which are kept, cost nothing.
+    """
+    sizes = []
+    for by_place in (False, True):
+        order = _order(steps, rows, by_place)[:FIRST_CHUNK]
+        tried = (*steps[order].T, rows[order], *(c[part][order] for c in columns))
+        sizes.append(sum(len(pack_column(values, 1)[2]) for values in tried))
+    return sizes[1] < sizes[0]
+
+
+def _morton(steps):
+    """Places along the Z-order curve, by the 21 highest bits of each coordinate."""
+    shift = max(int(steps.max()).bit_length() - 21, 0)
+    code = np.zeros(len(steps), dtype=np.uint64)
+    for axis in range(3):
+        code |= _spread_bits((steps[:, axis] >> shift).astype(np.uint64)) << np.uint64(axis)
+    return code
+
+
+def _spread_bits(x):
+    for by, mask in (
+        (32, 0x1F00000000FFFF),
+        (16, 0x1F0000FF0000FF),
+        (8, 0x100F00F00F00F00F),
+        (4, 0x10C30C30C30C30C3),
+        (2, 0x1249249249249249),
+    ):
+        x = (x | (x << np.uint64(by))) & np.uint64(mask)
+    return x
+
+
+def _decimal_step(clouds, low, finest, extent):
+    """The coarsest power of ten from `finest` on that all coordinates are multiples of, or None."""
+    exponent = int(np.floor(np.log10(max(extent, finest))))
+    while 10.0**exponent >= finest:
+        if all(_on_lattice(xyz, low, 10.0**exponent) for xyz in clouds):
+            return 10.0**exponent
+        exponent -= 1
+    return None
+
+
+def _on_lattice(xyz, low, step):
+    for part in (slice(0, 1000), slice(None)):  # most clouds fail at once
+        steps = (xyz[part] - low) / step
+        # Float64 coordinates of a national grid differ from decimals by a billionth of a meter.
+        rounding = 4 * np.spacing(np.abs(xyz[part]).max()) / step
+        if not (np.abs(steps - np.rint(steps)) <= max(rounding, 1e-9)).all() or rounding > 0.1:
+            return False
+    return True

@@ -1,0 +1,293 @@
+"""The page: its parts put together, shown in notebooks, and saved."""
+
+import html
+import json
+import math
+import os
+import warnings
+from collections.abc import Collection, Sequence
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sklearn_mcmd.io._files import read_points, replacing
+from sklearn_mcmd.io._point_cloud import PointCloud
+from sklearn_mcmd.view._attributes import is_wanted, plan_attributes
+from sklearn_mcmd.view._encoding import Grid, pack_points, shuffled
+
+__all__ = ["MAX_POINTS", "CloudPage", "cloud_page"]
+
+MAX_POINTS = 5_000_000
+SUFFIXES = (".html", ".htm")
+# In the order in which they are joined; together they are the page's one script.
+SCRIPTS = ("decode", "colors", "scene", "camera", "renderer", "measure", "panel", "main")
+# What the page colors by at first: the first of these that the clouds have.
+FIRST_COLORS = (
+    *("region", "edge", "outlier", "outlier_score", "normal", "color", "classification"),
+    *("surface_variation", "mean_curvature", "intensity"),
+)
+
+
+class CloudPage:
+    """One HTML page that shows point clouds, made by :func:`sklearn_mcmd.plotting.view`.
+
+    It opens in a browser without a network. In Jupyter it shows itself.
+
+    Parameters
+    ----------
+    html : str
+        The page.
+    n_points : int
+        Points of the clouds.
+    n_shown : int
+        Points in the page; fewer than `n_points` if the clouds were thinned.
+    error : float
+        Largest difference of a coordinate in the page to the cloud's, 0 if they are equal.
+    spacing : float
+        Median distance of a point to the nearest other one.
+    height : int, default=640
+        Height of the frame in Jupyter, in pixels.
+
+    See Also
+    --------
+    sklearn_mcmd.plotting.view : Makes the page.
+    """
+
+    def __init__(
+        self,
+        html: str,
+        *,
+        n_points: int,
+        n_shown: int,
+        error: float,
+        spacing: float,
+        height: int = 640,
+    ) -> None:
+        self.html = html
+        self.n_points = n_points
+        self.n_shown = n_shown
+        self.error = error
+        self.spacing = spacing
+        self.height = height
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the page. An existing file is replaced only by a complete new one.
+
+        Parameters
+        ----------
+        path : str or os.PathLike
+            A name that ends in ``.html`` or ``.htm``.
+
+        Returns
+        -------
+        pathlib.Path
+            The path of the file.
+
+        Raises
+        ------
+        PointFileError
+            If the folder is missing or the file cannot be written.
+        ValueError
+            If the name does not end so.
+        """
+        target = check_suffix(path)
+        with replacing(target) as temporary:
+            temporary.write_text(self.html, encoding="utf-8")
+        return target
+
+    def __repr__(self) -> str:
+        size = f"{len(self.html) / 1e6:.1f} MB"
+        return f"CloudPage({self.n_shown:,} of {self.n_points:,} points, {size})"
+
+    def _repr_html_(self):
+        # The sandbox keeps the page from the notebook; a picture may be downloaded.
+        return (
+            f'<iframe srcdoc="{html.escape(self.html)}" sandbox="allow-scripts allow-downloads" '
+            f'style="width:100%;height:{self.height}px;border:0;border-radius:8px" '
+            'allow="fullscreen"></iframe>'
+        )
+
+
+def cloud_page(
+    clouds: Sequence[PointCloud | ArrayLike | str | os.PathLike[str]],
+    *,
+    names: Sequence[str] | None = None,
+    title: str | None = None,
+    color: str | None = None,
+    only: Collection[str] | None = None,
+    max_points: int = MAX_POINTS,
+    height: int = 640,
+) -> CloudPage:
+    """Make a page of clouds; :func:`sklearn_mcmd.plotting.view` describes the parameters."""
+    if len(clouds) == 0:
+        raise ValueError("A page needs at least one cloud, got none.")
+    if max_points < 1:
+        raise ValueError(f"max_points must be at least 1, got {max_points}.")
+    named = names or [_name(cloud, number) for number, cloud in enumerate(clouds, 1)]
+    if len(named) != len(clouds):
+        raise ValueError(f"names must have one entry for each of {len(clouds)} clouds, got {names}")
+    whole = [_as_cloud(cloud) for cloud in clouds]
+    sizes = [len(cloud) for cloud in whole]
+    rows = [
+        shuffled(size, most) for size, most in zip(sizes, shares(sizes, max_points), strict=True)
+    ]
+    kept = [cloud.subset(chosen) for cloud, chosen in zip(whole, rows, strict=True)]
+    n_shown = sum(map(len, rows))
+    if n_shown < sum(sizes):
+        warnings.warn(
+            f"the page holds {n_shown:,} of {sum(sizes):,} points, chosen at random", stacklevel=3
+        )
+    manifest, blocks = _pack(kept, rows, only)
+    for told, name, size in zip(manifest["clouds"], named, sizes, strict=True):
+        told |= {"name": str(name), "total": size}
+    known = [attribute["name"] for attribute in manifest["attributes"]]
+    manifest |= {
+        "title": title or ", ".join(map(str, named)),
+        "start": _first_color(color, [*known, "height"]),
+    }
+    return CloudPage(
+        _fill(manifest, blocks),
+        n_points=sum(sizes),
+        n_shown=n_shown,
+        error=manifest["error"],
+        spacing=manifest["spacing"],
+        height=height,
+    )
+
+
+def check_suffix(path: str | os.PathLike[str]) -> Path:
+    """The path, if its name is that of a page."""
+    path = Path(path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise ValueError(f"{path}: the name of a page ends in .html")
+    return path
+
+
+def shares(sizes, most):
+    """How many points of each cloud a page of `most` points holds: like shares, at least one."""
+    total = sum(sizes)
+    if total <= most:
+        return sizes
+    return [max(1, math.floor(size * most / total)) for size in sizes]
+
+
+def _pack(clouds, rows, only):
+    """What the page is told, and blocks of compressed bytes as text."""
+    grid = Grid.of([cloud.xyz for cloud in clouds])
+    sources, constants, skipped = plan_attributes([c.attributes for c in clouds], only)
+    if skipped:
+        warnings.warn(
+            f"attributes that hold no numbers are left out: {', '.join(skipped)}", stacklevel=4
+        )
+    if only is not None and (missing := _missing(only, sources, constants)):
+        raise ValueError(f"no cloud has an attribute {', '.join(map(repr, missing))}")
+    told, blocks = [], []
+    for number, (cloud, order) in enumerate(zip(clouds, rows, strict=True)):
+        present = [i for i, source in enumerate(sources) if source.codes[number] is not None]
+        columns = [column for i in present for column in sources[i].codes[number]]
+        packed = pack_points(grid.encode(cloud.xyz), order, columns)
+        for chunk in packed.chunks:
+            for column in chunk["columns"]:
+                column[2] += len(blocks)
+        blocks += packed.blocks
+        told.append(
+            {
+                "n": len(order),
+                "attributes": present,
+                "constants": {k: _plain(v) for k, v in constants[number].items()},
+                "chunks": packed.chunks,
+            }
+        )
+    manifest = {
+        "low": grid.low.tolist(),
+        "step": grid.step,
+        "error": grid.error,
+        "spacing": grid.spacing,
+        "reach": grid.reach,
+        "extent": np.max([grid.encode(cloud.xyz).max(axis=0) for cloud in clouds], axis=0).tolist(),
+        "attributes": [source.info for source in sources],
+        "clouds": told,
+    }
+    return manifest, blocks
+
+
+def _fill(manifest, blocks):
+    """The page with its data. JSON escapes what could end a script; blocks need no escape."""
+    told = json.dumps(manifest, allow_nan=False, separators=(",", ":"))
+    for character in "<>&\u2028\u2029":
+        told = told.replace(character, f"\\u{ord(character):04x}")
+    scripts = (f'<script type="text/plain" class="block">{block}</script>' for block in blocks)
+    before, after = _template().split("<!--data-->")
+    title = html.escape(manifest["title"])
+    return "".join(
+        [
+            before.replace("<!--title-->", title),
+            f'<script type="application/json" id="manifest">{told}</script>\n',
+            "\n".join(scripts),
+            after,
+        ]
+    )
+
+
+@cache
+def _template():
+    """The page without data and title."""
+    folder = files("sklearn_mcmd.view") / "static"
+
+    def text(name):
+        return (folder / name).read_text(encoding="utf-8")
+
+    script = "\n".join(text(f"{name}.js") for name in SCRIPTS)
+    return (
+        text("page.html")
+        .replace("/*style*/", text("view.css"))
+        .replace("/*script*/", f'"use strict";\n{script}')
+    )
+
+
+def _first_color(color, known):
+    if color is None:
+        return next((name for name in FIRST_COLORS if name in known), "height")
+    if color not in known:
+        raise ValueError(f"no attribute {color!r} to color by; there are {', '.join(known)}")
+    return color
+
+
+def _missing(only, sources, constants):
+    return [
+        name
+        for name in only
+        if not any(is_wanted(source.info, {name}) for source in sources)
+        and not any(name in kept for kept in constants)
+    ]
+
+
+def _name(cloud, number):
+    if isinstance(cloud, str | os.PathLike):
+        return Path(cloud).name
+    return f"cloud {number}"
+
+
+def _as_cloud(cloud):
+    """A cloud of finite coordinates, at least one."""
+    if isinstance(cloud, str | os.PathLike):
+        cloud = read_points(cloud)
+    elif not isinstance(cloud, PointCloud):
+        cloud = PointCloud(np.asarray(cloud))
+    finite = np.isfinite(cloud.xyz).all(axis=1)
+    if not finite.all():
+        cloud = cloud.subset(finite)
+        n_dropped = int(np.count_nonzero(~finite))
+        warnings.warn(f"{n_dropped:,} points without finite coordinates are left out", stacklevel=4)
+    if len(cloud) == 0:
+        raise ValueError("A cloud without points (with finite coordinates) cannot be shown.")
+    return cloud
+
+
+def _plain(value: Any) -> Any:
+    """A number as JSON has it: NaN and infinity become text."""
+    return value if not isinstance(value, float) or math.isfinite(value) else str(value)

@@ -1,0 +1,98 @@
+"""``mcmd view`` makes a page of the outputs of all verbs and of all formats."""
+
+import numpy as np
+import pytest
+
+from commands import error_line, files_in, run
+from pages import read_page
+from sklearn_mcmd.io import supported_extensions, write_points
+
+
+def page_of(*args, path):
+    result = run("view", *args, "-o", path)
+    assert result.exit_code == 0, result.output
+    return read_page(path.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize(
+    ("verb", "color", "kind"),
+    [
+        (["denoise", "--mode", "mark"], "outlier_score", "number"),
+        (["normals"], "normal", "normal"),
+        (["segment"], "region", "class"),
+        (["edges"], "edge", "class"),
+    ],
+)
+def test_the_result_of_each_verb_is_what_the_page_colors_by(verb, color, kind, room_file, tmp_path):
+    result = run(*verb, room_file, tmp_path / "out.laz", "-q")
+    assert result.exit_code == 0, result.output
+    manifest, (shown,) = page_of(tmp_path / "out.laz", path=tmp_path / "page.html")
+    assert manifest["start"] == color
+    by_name = {attribute["name"]: attribute for attribute in manifest["attributes"]}
+    assert by_name[color]["kind"] == kind
+    if color == "outlier_score":
+        assert by_name["classification"]["outliers"]
+    numbers = by_name["intensity"]
+    np.testing.assert_array_equal(shown.columns["intensity"][0] - 1 + numbers["low"], shown.rows)
+
+
+@pytest.mark.parametrize("extension", supported_extensions())
+def test_each_format_can_be_shown(extension, room, tmp_path):
+    source = tmp_path / f"room{extension}"
+    write_points(source, room)
+    manifest, (shown,) = page_of(source, path=tmp_path / "page.html")
+    xyz = np.array(manifest["low"]) + manifest["step"] * shown.steps
+    np.testing.assert_allclose(xyz, room.xyz[shown.rows], atol=manifest["error"] + 1e-6)
+    assert "intensity" in {attribute["name"] for attribute in manifest["attributes"]}
+
+
+def test_two_files_are_two_clouds_and_the_summary_tells_all(room, room_file, tmp_path):
+    write_points(tmp_path / "less.laz", room.subset(slice(0, 100)))
+    page = tmp_path / "both.html"
+    result = run("view", room_file, tmp_path / "less.laz", "-o", page, "--title", "Both")
+    lines = result.stdout.splitlines()
+    assert lines[0] == f"{room_file}, {tmp_path / 'less.laz'} -> {page}"
+    assert [line.split()[0] for line in lines[1:]] == ["points", "coordinates", "size", "seconds"]
+    assert "(spacing 0.0457)" in lines[2]
+    manifest, clouds = read_page(page.read_text(encoding="utf-8"))
+    assert manifest["title"] == "Both"
+    assert [len(cloud.rows) for cloud in clouds] == [930, 100]
+
+
+def test_options_choose_color_attributes_and_number(room_file, tmp_path):
+    page = tmp_path / "page.html"
+    options = ("--color", "height", "--only", "intensity", "--max-points", "50", "-q")
+    result = run("view", room_file, "-o", page, *options)
+    assert result.exit_code == 0
+    assert result.stdout == ""
+    assert result.stderr.splitlines() == [
+        "mcmd: warning: the page holds 50 of 930 points, chosen at random"
+    ]
+    manifest, (shown,) = read_page(page.read_text(encoding="utf-8"))
+    assert (manifest["start"], list(shown.columns), len(shown.rows)) == (
+        "height",
+        ["intensity"],
+        50,
+    )
+
+
+def test_errors_are_one_line_and_leave_no_page(room_file, tmp_path):
+    page = tmp_path / "page.html"
+    assert "missing.laz: no such file" in error_line(
+        run("view", tmp_path / "missing.laz", "-o", page)
+    )
+    assert "ends in .html" in error_line(run("view", room_file, "-o", tmp_path / "page.laz"))
+    nowhere = tmp_path / "no" / "page.html"
+    assert "does not exist" in error_line(run("view", room_file, "-o", nowhere))
+    assert "'hue'" in error_line(run("view", room_file, "-o", page, "--color", "hue"))
+    assert "'hue'" in error_line(run("view", room_file, "-o", page, "--only", "hue"))
+    assert run("view", room_file).exit_code == 2
+    assert files_in(tmp_path) == ["room.laz"]
+
+
+def test_a_large_page_comes_with_advice(room_file, tmp_path, monkeypatch):
+    from sklearn_mcmd.cli import _view
+
+    monkeypatch.setattr(_view, "LARGE_PAGE", 1000)
+    result = run("view", room_file, "-o", tmp_path / "page.html")
+    assert "--only or --max-points makes it smaller" in result.stderr

@@ -1,0 +1,135 @@
+"""Attributes in a page: what is a class, what is a number, and how exact it stays."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from sklearn_mcmd.view._attributes import NumberCode, code_normals, plan_attributes
+
+numbers = arrays(np.float64, st.integers(1, 100), elements=st.floats(-1e12, 1e12))
+
+
+def plan(**columns):
+    sources, constants, skipped = plan_attributes([columns])
+    return {source.info["name"]: source for source in sources}, constants[0], skipped
+
+
+@given(numbers)
+def test_a_number_is_within_the_stated_error(values):
+    code = NumberCode.for_values(values)
+    codes = code.encode(values)
+    assert codes.min() >= 1
+    told = code.info(exact=False)
+    reach = 1.01 * (
+        told["error"] + told.get("relative", 0) * np.abs(values - told.get("center", 0))
+    )
+    rounding = 1e-9 * np.abs(values).max()
+    assert (np.abs(code.decode(codes) - values) <= reach + rounding + 1e-300).all()
+
+
+def test_scores_with_a_long_tail_keep_their_small_values_apart():
+    rng = np.random.default_rng(0)
+    scores = np.r_[rng.gamma(2, 0.5, 1000), 1e6, 1e9]
+    code = NumberCode.for_values(scores)
+    decoded = code.decode(code.encode(scores))
+    np.testing.assert_allclose(decoded[:1000], scores[:1000], atol=0.002)
+    np.testing.assert_allclose(decoded[1000:], scores[1000:], rtol=1e-3)
+    assert (np.diff(code.encode(np.sort(scores)).astype(int)) >= 0).all()
+
+
+def test_nan_and_infinity_have_no_value():
+    sources, _, _ = plan(score=np.array([0.5, np.nan, np.inf, 2.25]))
+    codes = sources["score"].codes[0][0]
+    np.testing.assert_array_equal(codes == 0, [False, True, True, False])
+    sources, _, _ = plan(score=np.array([np.nan, np.nan]))
+    assert sources["score"].codes[0][0].tolist() == [0, 0]
+
+
+def test_few_whole_numbers_are_classes_with_exact_values():
+    sources, _, _ = plan(kind=np.array([5, -1, 5, 300]), half=np.array([0.5, 1, 1.5, 2]))
+    assert sources["kind"].info["values"] == [-1, 5, 300]
+    assert sources["kind"].codes[0][0].tolist() == [1, 0, 1, 2]
+    assert sources["half"].info["kind"] == "number"
+
+
+def test_whole_numbers_of_text_files_are_classes_too():
+    sources, _, _ = plan(outlier=np.array([0.0, 1.0, 1.0]))
+    assert sources["outlier"].info["names"] == {"0": "regular", "1": "outlier"}
+    assert sources["outlier"].info["outliers"] == [1]
+
+
+def test_many_regions_are_classes_and_many_intensities_are_exact_numbers():
+    values = np.arange(3000) % 1500
+    sources, _, _ = plan(region=values - 1, intensity=values)
+    assert sources["region"].info["kind"] == "class"
+    assert sources["region"].codes[0][0].dtype == np.uint16
+    told = sources["intensity"].info
+    assert (told["kind"], told["error"]) == ("number", 0.0)
+    np.testing.assert_array_equal(sources["intensity"].codes[0][0] - 1 + told["low"], values)
+
+
+def test_noise_of_las_is_outliers():
+    sources, _, _ = plan(classification=np.array([2, 7, 18, 6], np.uint8))
+    assert sources["classification"].info["outliers"] == [2, 3]
+    assert sources["classification"].info["names"]["7"] == "noise"
+
+
+@given(arrays(np.float64, (20, 3), elements=st.floats(-1, 1)))
+def test_a_normal_is_within_0_06_degrees(vectors):
+    vectors = vectors[np.linalg.norm(vectors, axis=1) > 1e-3]
+    for true, u, v in zip(vectors, *code_normals(vectors), strict=True):
+        decoded = normal_of(int(u), int(v))
+        sine = np.linalg.norm(np.cross(decoded, true / np.linalg.norm(true)))
+        assert np.degrees(np.arcsin(min(sine, 1.0))) < 0.06
+        assert decoded @ true > 0
+
+
+def normal_of(u, v):
+    x, y = (u - 1) / 2047 - 1, (v - 1) / 2047 - 1
+    z = 1 - abs(x) - abs(y)
+    if z < 0:
+        x, y = (1 - abs(y)) * np.copysign(1, x), (1 - abs(x)) * np.copysign(1, y)
+    return np.array([x, y, z]) / np.linalg.norm([x, y, z])
+
+
+def test_axes_are_exact_and_missing_normals_have_no_code():
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    decoded = [normal_of(int(u), int(v)) for u, v in zip(*code_normals(axes), strict=True)]
+    np.testing.assert_allclose(decoded, axes, atol=1e-12)
+    u, v = code_normals([[0, 0, 0], [np.nan, 1, 0], [0, np.inf, 0]])
+    assert u.tolist() == v.tolist() == [0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("scale", "dtype"), [(1, np.uint8), (257, np.uint16), (1 / 255, np.float32)]
+)
+def test_colors_of_8_and_16_bits_and_shares_are_equal_in_the_page(scale, dtype):
+    bits = np.array([[0, 128, 255], [7, 8, 9]])
+    names = ("red", "green", "blue")
+    columns = {name: (scale * bits[:, i]).astype(dtype) for i, name in enumerate(names)}
+    sources, _, _ = plan(**columns)
+    assert list(sources) == ["color"]
+    np.testing.assert_array_equal(np.column_stack(sources["color"].codes[0]), bits)
+
+
+def test_what_is_equal_for_all_points_is_told_once_and_text_is_left_out():
+    sources, constants, skipped = plan(
+        user_data=np.zeros(3, np.uint8), name=np.array(["a", "b", "c"]), x_t=np.array([1, 2, 3])
+    )
+    assert (list(sources), constants, skipped) == (["x_t"], {"user_data": 0}, ["name"])
+
+
+def test_clouds_share_classes_and_ranges():
+    first, second = {"region": np.array([0, 1]), "a": np.array([0.5, 1])}, {"region": np.array([7])}
+    sources, _, _ = plan_attributes([first, second])
+    by_name = {source.info["name"]: source for source in sources}
+    assert by_name["region"].info["values"] == [0, 1, 7]
+    assert by_name["region"].codes[1][0].tolist() == [2]
+    assert by_name["a"].codes[1] is None
+
+
+def test_tables_become_columns_and_normals_one_attribute():
+    sources, _, _ = plan(normals=np.eye(3), moments=np.arange(6.5, 12).reshape(3, 2))
+    assert list(sources) == ["normal", "moments_0", "moments_1"]

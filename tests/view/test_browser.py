@@ -1,0 +1,376 @@
+"""The page in a browser: what a hand does there gives the numbers that NumPy knows."""
+
+import json
+import shutil
+import time
+
+import numpy as np
+import pytest
+
+from sklearn_mcmd.io import PointCloud
+from sklearn_mcmd.plotting import view
+
+playwright = pytest.importorskip("playwright.sync_api")
+pytestmark = pytest.mark.slow
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+# WebGL in software, for machines without a graphics card.
+FLAGS = [
+    *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"),
+    *("--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"),
+]
+N = 100_000
+STILL = "cloudPage.loaded && !cloudPage.renderer.moving && !cloudPage.renderer.scheduled"
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if path is None:
+        pytest.skip("no Chromium is installed")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=path, args=FLAGS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def scan():
+    """A floor with a wall, far from the origin; every fiftieth point is an outlier."""
+    rng = np.random.default_rng(0)
+    xyz = rng.uniform(0, 20, (N, 3)) * [1, 1, 0]
+    wall = np.arange(N) % 3 == 0
+    xyz[wall, 1], xyz[wall, 2] = 20, rng.uniform(0, 6, wall.sum())
+    outlier = np.arange(N) % 50 == 0
+    xyz[outlier, 2] += rng.uniform(1, 4, outlier.sum())
+    xyz = np.round(xyz, 3)
+    xyz += [356_000, 5_640_000, 80]
+    normals = np.where(wall[:, None], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
+    return PointCloud(
+        xyz,
+        {
+            "outlier_score": np.where(outlier, rng.uniform(4, 50, N), rng.uniform(0, 2.9, N)),
+            "outlier": outlier,
+            "region": np.where(outlier, -1, wall.astype(int)),
+            "intensity": (np.arange(N) % 4000).astype(np.uint16),
+            "normals": normals,
+        },
+    )
+
+
+class Tab:
+    """A page in the browser, and all that it said."""
+
+    def __init__(self, browser, path, **options):
+        self.context = browser.new_context(viewport={"width": 1000, "height": 700}, **options)
+        self.said, self.asked = [], []
+        self.tab = self.context.new_page()
+        self.tab.on("console", lambda message: self.said.append(message.text))
+        self.tab.on("pageerror", lambda error: self.said.append(str(error)))
+        self.tab.on("request", lambda request: self.asked.append(request.url))
+        self.tab.goto(path.as_uri())
+        self.rest()
+
+    def ask(self, expression):
+        return self.tab.evaluate(expression)
+
+    def rest(self):
+        """Wait until all is drawn. The page forbids the evaluation that Playwright's wait needs."""
+        end = time.monotonic() + 120
+        while not self.ask(f"Boolean(window.cloudPage && {STILL})"):
+            assert time.monotonic() < end, self.said
+            time.sleep(0.05)
+
+    def text(self, selector):
+        return self.tab.inner_text(selector)
+
+    def card(self):
+        """Names and values of the card."""
+        names, values = (self.tab.locator(f"#card > dl > {tag}") for tag in ("dt", "dd"))
+        return dict(zip(names.all_inner_texts(), values.all_inner_texts(), strict=True))
+
+    def place(self, row):
+        """Where a row of the first cloud is on the screen."""
+        return self.ask(
+            f"""(() => {{
+                const cloud = cloudPage.scene.clouds[0], i = cloud.rows.indexOf({row});
+                const at = cloudPage.camera.project(...placeOf({{ cloud, i }}));
+                return [at.x, at.y];
+            }})()"""
+        )
+
+    def picked_row(self):
+        hit = "cloudPage.overlay.picked"
+        return self.ask(f"{hit} && {hit}.cloud.rows[{hit}.i]")
+
+
+@pytest.fixture(scope="module")
+def page_file(scan, tmp_path_factory):
+    return view(scan, names=["scan"]).save(tmp_path_factory.mktemp("view") / "scan.html")
+
+
+@pytest.fixture
+def tab(chromium, page_file):
+    opened = Tab(chromium, page_file)
+    yield opened
+    assert opened.said == []
+    assert opened.asked in ([page_file.as_uri()], [page_file.as_uri(), "data:,"])
+    opened.context.close()
+
+
+def test_the_page_loads_all_points_with_their_values(tab, scan):
+    rows = np.array(tab.ask("Array.from(cloudPage.scene.clouds[0].rows)"))
+    np.testing.assert_array_equal(np.sort(rows), np.arange(N))
+    xyz = np.array(
+        tab.ask(
+            "(() => { const c = cloudPage.scene.clouds[0]; return Array.from({ length: 500 },"
+            " (_, i) => cloudPage.scene.coordinates(c, i)); })()"
+        )
+    )
+    np.testing.assert_allclose(xyz, scan.xyz[rows[:500]], rtol=0, atol=1e-6)
+    assert tab.text("#counts") == "100,000 points"
+
+
+def test_a_picture_is_drawn(tab):
+    tab.ask("cloudPage.renderer.drawWhole()")
+    colors = tab.ask(
+        """(() => {
+            const { gl, canvas } = cloudPage.renderer;
+            cloudPage.renderer.drawWhole();
+            const bits = new Uint8Array(4 * canvas.width * canvas.height);
+            gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, bits);
+            const all = new Set();
+            for (let i = 0; i < bits.length; i += 4) all.add(bits.slice(i, i + 3).join(" "));
+            return all.size;
+        })()"""
+    )
+    assert colors > 50
+
+
+def test_the_threshold_counts_while_it_moves(tab, scan):
+    scores = scan.attributes["outlier_score"]
+    assert tab.text("#n-above") == f"{np.count_nonzero(scores > 3):,}"
+    field = tab.tab.locator("#threshold-value")
+    for value in (10.0, 1.5):
+        field.fill(str(value))
+        field.press("Enter")
+        field.blur()
+        tab.rest()
+        shown = int(tab.text("#n-above").replace(",", ""))
+        # A score within the error of its 16 bits of the threshold may be on either side.
+        assert abs(shown - np.count_nonzero(scores > value)) <= np.count_nonzero(
+            np.abs(scores - value) < 0.002
+        )
+    tab.tab.click("#threshold-mode button[data-key=hide]")
+    tab.rest()
+    assert tab.text("#counts") == f"{N - shown:,} of 100,000 points shown"
+    before = shown
+    tab.tab.locator("#threshold").press("ArrowRight")
+    assert int(tab.text("#n-above").replace(",", "")) <= before
+
+
+def test_classes_and_outliers_are_hidden_and_shown(tab, scan):
+    outliers = np.count_nonzero(scan.attributes["outlier"])
+    tab.tab.click("#outliers button[data-key=hide]")
+    assert tab.text("#counts") == f"{N - outliers:,} of 100,000 points shown"
+    tab.tab.click("#outliers button[data-key=only]")
+    assert tab.text("#counts") == f"{outliers:,} of 100,000 points shown"
+    tab.tab.click("#outliers button[data-key=all]")
+    floor = np.count_nonzero(scan.attributes["region"] == 0)
+    tab.tab.locator(".classes input[data-code='1']").uncheck()  # -1, 0 and 1 are its classes
+    assert tab.text("#counts") == f"{N - floor:,} of 100,000 points shown"
+
+
+def test_a_click_tells_all_of_a_point_and_its_row(tab, scan):
+    tab.tab.keyboard.press("2")  # from above, nothing lies over a point of the floor
+    tab.tab.click("#outliers button[data-key=hide]")
+    tab.rest()
+    rng = np.random.default_rng(0)
+    floor = np.flatnonzero(scan.attributes["region"] == 0)
+    found = 0
+    for row in rng.choice(floor, 8, replace=False):
+        x, y = tab.place(row)
+        if y > 600 or (x < 330 and y > 300):
+            continue  # under the buttons or the card
+        tab.tab.mouse.click(x, y)
+        picked = tab.picked_row()
+        card = tab.card()
+        assert f"Row {picked:,}" in tab.text("#card")
+        shown = [float(card[axis]) for axis in "xyz"]
+        np.testing.assert_allclose(shown, scan.xyz[picked], atol=1e-6)
+        assert card["intensity"] == str(scan.attributes["intensity"][picked])
+        assert card["region"] == "0"
+        assert float(card["outlier_score"]) == pytest.approx(
+            scan.attributes["outlier_score"][picked], abs=0.002
+        )
+        assert card["normal"] == "0.0000 0.0000 1.0000"
+        found += picked == row
+    assert found >= 2  # elsewhere another point is as near to the pixel's middle
+
+
+def test_distances_are_those_of_the_points(tab, scan):
+    tab.tab.keyboard.press("2")
+    tab.tab.keyboard.press("m")
+    tab.rest()
+    for x, y in ((450, 300), (520, 420), (400, 480)):
+        tab.tab.mouse.click(x, y)
+        time.sleep(0.4)
+    rows = tab.ask("cloudPage.overlay.measured.map(({ cloud, i }) => cloud.rows[i])")
+    assert len(rows) == 3
+    a, b, c = scan.xyz[rows]
+    card = {name: float(value) for name, value in tab.card().items()}
+    assert card["length"] == pytest.approx(np.linalg.norm(c - b), abs=1e-3)
+    assert card["horizontal"] == pytest.approx(np.linalg.norm((c - b)[:2]), abs=1e-3)
+    np.testing.assert_allclose([card[f"d{axis}"] for axis in "xyz"], c - b, atol=1e-3)
+    total = np.linalg.norm(b - a) + np.linalg.norm(c - b)
+    assert card["all 2 parts"] == pytest.approx(total, abs=1e-3)
+    tab.tab.keyboard.press("Escape")
+    assert tab.ask("document.getElementById('card').hidden")
+
+
+def test_the_section_box_cuts_where_it_says(tab, scan):
+    tab.tab.keyboard.press("b")
+    tab.ask(
+        "Object.assign(cloudPage.scene.box, { low: [0.25, 0, 0], high: [0.75, 1, 0.5] });"
+        "cloudPage.cut(true)"
+    )
+    low, high = scan.xyz.min(axis=0), scan.xyz.max(axis=0)
+    share = (scan.xyz - low) / (high - low)
+    inside = (share[:, 0] >= 0.25) & (share[:, 0] <= 0.75) & (share[:, 2] <= 0.5)
+    shown = tab.ask("cloudPage.scene.nVisible()")
+    assert abs(shown - inside.sum()) <= 0.001 * N  # the box is a step larger on each side
+    tab.tab.keyboard.press("b")
+    assert tab.text("#counts") == "100,000 points"
+
+
+def test_every_attribute_can_color_and_normals_become_lines(tab):
+    tab.tab.keyboard.press("n")
+    assert tab.ask("cloudPage.renderer.lineSets.get('normals').n") > 10_000
+    names = tab.ask("cloudPage.scene.attributes.map((a) => a.name)")
+    assert set(names) == {
+        *("normal", "outlier_score", "outlier", "region", "intensity", "height"),
+    }
+    for _ in names:
+        tab.tab.keyboard.press("c")
+        tab.rest()
+        assert tab.ask("new Set(cloudPage.scene.clouds[0].colors).size") >= 2
+
+
+def test_keys_wheel_and_drag_move_the_camera(tab):
+    camera = "cloudPage.camera"
+    state = f"JSON.stringify([{camera}.yaw, {camera}.distance, {camera}.target])"
+    seen = [tab.ask(state)]
+    mouse = tab.tab.mouse
+    for act in (
+        lambda: tab.tab.keyboard.press("ArrowLeft"),
+        lambda: tab.tab.keyboard.press("+"),
+        lambda: mouse.wheel(0, 300),
+        lambda: (mouse.move(400, 300), mouse.down(), mouse.move(500, 350), mouse.up()),
+        lambda: tab.tab.keyboard.press("Shift+ArrowUp"),
+        lambda: tab.tab.keyboard.press("3"),
+    ):
+        mouse.move(420, 320)
+        act()
+        tab.rest()
+        seen.append(tab.ask(state))
+    assert len(set(seen)) == len(seen)
+    tab.tab.keyboard.press("1")
+    tab.rest()
+    first, last = json.loads(seen[0]), json.loads(tab.ask(state))
+    np.testing.assert_allclose(np.hstack(last), np.hstack(first), rtol=1e-6, atol=1e-6)
+
+
+def test_the_picture_button_saves_a_png(tab, tmp_path):
+    with tab.tab.expect_download() as download:
+        tab.tab.click("#tool-picture")
+    download.value.save_as(tmp_path / "picture.png")
+    assert (tmp_path / "picture.png").read_bytes().startswith(b"\x89PNG")
+    assert download.value.suggested_filename == "scan.png"
+
+
+@pytest.mark.parametrize("scheme", ["dark", "light"])
+def test_the_page_follows_the_theme_and_fits_a_phone(chromium, page_file, scheme):
+    tab = Tab(chromium, page_file, color_scheme=scheme, has_touch=True)
+    tab.tab.set_viewport_size({"width": 390, "height": 844})
+    tab.rest()
+    assert tab.ask("document.documentElement.dataset.theme") == scheme
+    assert tab.ask("document.documentElement.scrollWidth") <= 390
+    tab.tab.click("#panel-button")
+    time.sleep(0.4)
+    assert tab.tab.locator("#color-by").is_visible()
+    assert tab.said == []
+    tab.context.close()
+
+
+def test_two_clouds_are_compared_at_the_divider(chromium, scan, tmp_path):
+    kept = scan.subset(~scan.attributes["outlier"])
+    path = view(scan, kept, names=["before", "after"]).save(tmp_path / "both.html")
+    tab = Tab(chromium, path)
+    assert tab.text("#left-name") == "before"
+    assert tab.text("#right-name") == "after"
+    box = tab.tab.locator("#divider").bounding_box()
+    tab.tab.mouse.move(box["x"] + 18, 350)
+    tab.tab.mouse.down()
+    tab.tab.mouse.move(200, 350)
+    tab.tab.mouse.up()
+    tab.rest()
+    width = tab.ask("cloudPage.camera.width")
+    assert tab.ask("cloudPage.renderer.split.at") == pytest.approx(200 / width, abs=0.01)
+    parts = tab.ask("cloudPage.renderer.shownParts().map(({ cloud, to }) => [cloud.name, to])")
+    assert [name for name, _ in parts] == ["before", "after"]
+    assert tab.said == []
+    tab.context.close()
+
+
+def test_two_fingers_come_nearer_and_move(chromium, page_file):
+    tab = Tab(chromium, page_file, has_touch=True)
+    state = "JSON.stringify([cloudPage.camera.distance, cloudPage.camera.target])"
+    before = json.loads(tab.ask(state))
+    session = tab.context.new_cdp_session(tab.tab)
+    for kind, apart in (("touchStart", 40), ("touchMove", 60), ("touchMove", 80), ("touchEnd", 0)):
+        points = [{"x": 300 + side * apart, "y": 300} for side in (-1, 1)] if apart else []
+        session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    tab.rest()
+    after = json.loads(tab.ask(state))
+    assert after[0] == pytest.approx(before[0] / 2, rel=0.05)
+    assert tab.ask("cloudPage.overlay.picked") is None
+    assert tab.said == []
+    tab.context.close()
+
+
+def test_in_a_notebook_the_page_runs_in_its_frame(chromium, scan, tmp_path):
+    notebook = tmp_path / "notebook.html"
+    notebook.write_text(f"<p>A cell</p>{view(scan)._repr_html_()}", encoding="utf-8")
+    tab = chromium.new_page()
+    said = []
+    tab.on("console", lambda message: said.append(message.text))
+    tab.goto(notebook.as_uri())
+    frame = tab.frames[1]
+    end = time.monotonic() + 60
+    while not frame.evaluate(f"Boolean(window.cloudPage && {STILL})"):
+        assert time.monotonic() < end, said
+        time.sleep(0.05)
+    assert frame.inner_text("#counts") == "100,000 points"
+    assert said == []
+    tab.close()
+
+
+def test_names_that_look_like_html_are_text(chromium, tmp_path):
+    odd = "</script><img src=x onerror=alert(1)>"
+    cloud = PointCloud(np.eye(3), {odd: np.array([1, 2, 3]), "region": np.array([0, 1, 1])})
+    tab = Tab(chromium, view(cloud, names=[odd], title=odd).save(tmp_path / "odd.html"))
+    assert tab.text("#title") == odd
+    assert tab.tab.title() == odd
+    assert tab.ask("document.images.length") == 0
+    assert odd in tab.text("#color-by")
+    assert tab.said == []
+    tab.context.close()
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_few_points_are_shown(chromium, n, tmp_path):
+    xyz = np.arange(3.0 * n).reshape(n, 3)
+    tab = Tab(chromium, view(xyz).save(tmp_path / "few.html"))
+    assert tab.text("#counts") == ("1 point" if n == 1 else f"{n} points")
+    assert tab.said == []
+    tab.context.close()

@@ -1,0 +1,136 @@
+"""Packed points are those that went in, within the stated error, each with its row."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from pages import DIGITS, column, read_chunk
+from sklearn_mcmd.view import _encoding
+from sklearn_mcmd.view._encoding import Grid, pack_column, pack_points, shuffled
+
+whole = st.sampled_from([np.uint8, np.uint16, np.uint32]).flatmap(
+    lambda dtype: arrays(dtype, st.integers(1, 200))
+)
+clouds = arrays(
+    np.float64,
+    st.tuples(st.integers(1, 60), st.just(3)),
+    elements=st.floats(-1e7, 1e7, width=32, allow_subnormal=False),
+)
+
+
+def unpacked(values):
+    width, delta, data = pack_column(values)
+    return column(_encoding._text(data), len(values), width, delta, len(data))
+
+
+@given(whole)
+def test_a_column_is_read_as_it_was_written(values):
+    assert unpacked(values) == values.tolist()
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.uint32])
+def test_differences_wrap_around_at_the_ends_of_the_range(dtype):
+    top = np.iinfo(dtype).max
+    values = np.cumsum(np.tile([top // 2 + 1, 3, top - 5, 1], 500), dtype=np.uint64).astype(dtype)
+    assert unpacked(values) == values.tolist()
+
+
+def test_neighbors_of_like_value_take_little_space():
+    values = (1_000_000 + np.arange(10_000) // 3).astype(np.uint32)
+    assert len(pack_column(values)[2]) < 200
+
+
+@given(clouds)
+@settings(max_examples=60)
+def test_no_coordinate_is_off_by_more_than_the_stated_error(xyz):
+    grid = Grid.of([xyz])
+    rounding = 4 * np.spacing(np.abs(xyz).max())  # of float64 itself
+    assert (
+        np.abs(grid.decode(grid.encode(xyz)) - xyz).max()
+        <= grid.error + rounding + 1e-9 * grid.step
+    )
+
+
+@pytest.mark.parametrize("extent", [1.0, 300.0, 5000.0])
+def test_the_error_is_below_a_tenth_of_the_spacing(extent):
+    xyz = np.random.default_rng(0).uniform(0, 1, (5000, 3)) * [extent, extent, 0.01 * extent]
+    xyz[-1] = 100 * extent  # a stray point
+    grid = Grid.of([xyz])
+    nearest = np.median([np.sort(np.linalg.norm(xyz - p, axis=1))[1] for p in xyz[:300]])
+    assert 0 < grid.error < 0.1 * nearest
+    assert grid.spacing == pytest.approx(nearest, rel=0.15)
+
+
+def test_coordinates_of_a_decimal_step_are_exact_also_far_from_the_origin():
+    xyz = np.round(np.random.default_rng(0).uniform(0, 30, (4000, 3)), 2)
+    xyz += [4e5, 5e6, 1e2]
+    grid = Grid.of([xyz])
+    assert (grid.step, grid.error) == (0.01, 0.0)
+    np.testing.assert_allclose(grid.decode(grid.encode(xyz)), xyz, rtol=0, atol=1e-8)
+
+
+def test_a_finer_step_than_needed_is_not_kept():
+    xyz = np.round(np.random.default_rng(0).uniform(0, 100, (500, 3)), 6)
+    assert Grid.of([xyz]).error > 0
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_few_points_and_copies_of_one_have_a_grid(n):
+    for xyz in (np.full((n, 3), 7.5), np.arange(3.0 * n).reshape(n, 3)):
+        grid = Grid.of([xyz])
+        np.testing.assert_allclose(grid.decode(grid.encode(xyz)), xyz, atol=grid.error + 1e-12)
+
+
+@pytest.fixture
+def small_chunks(monkeypatch):
+    monkeypatch.setattr(_encoding, "FIRST_CHUNK", 64)
+    monkeypatch.setattr(_encoding, "LARGEST_CHUNK", 256)
+
+
+@pytest.mark.parametrize("order", ["scanner", "random"])
+@pytest.mark.usefixtures("small_chunks")
+def test_each_point_keeps_its_row_and_its_values(order):
+    rng = np.random.default_rng(1)
+    n = 1000
+    steps = np.column_stack([np.arange(n) * 3, rng.integers(0, 50, n), rng.integers(0, 9, n)])
+    if order == "random":
+        steps = rng.permutation(rng.integers(0, 1000, (n, 3)))
+    steps, values = steps.astype(np.uint32), rng.integers(0, 65536, n).astype(np.uint16)
+    rows = shuffled(n, n)
+    packed = pack_points(steps[rows], rows, [values[rows]])
+    assert [chunk["n"] for chunk in packed.chunks] == [64, 128, 256, 256, 256, 40]
+    parts = [read_chunk(chunk, packed.blocks) for chunk in packed.chunks]
+    x, y, z, row, value = (np.concatenate(column) for column in zip(*parts, strict=True))
+    np.testing.assert_array_equal(np.sort(row), np.arange(n))
+    np.testing.assert_array_equal(np.column_stack([x, y, z]), steps[row])
+    np.testing.assert_array_equal(value, values[row])
+
+
+@pytest.mark.parametrize("order", ["scanner", "random"])
+def test_any_first_part_is_a_thinned_cloud(order):
+    rng = np.random.default_rng(2)
+    n = 30_000
+    xy = rng.integers(0, 1000, (n, 2))
+    if order == "scanner":
+        xy = xy[np.lexsort(xy.T)]
+    steps = np.column_stack([xy, np.zeros(n, int)]).astype(np.uint32)
+    rows = shuffled(n, n)
+    packed = pack_points(steps[rows], rows, [])
+    x, y, _, _ = read_chunk(packed.chunks[0], packed.blocks)
+    for part in (500, 2000, 7000):
+        counts, _, _ = np.histogram2d(x[:part], y[:part], bins=5, range=[[0, 1000]] * 2)
+        assert np.abs(counts - part / 25).max() < 5 * np.sqrt(part / 25)
+
+
+def test_the_alphabet_means_nothing_in_html():
+    assert DIGITS == _encoding.DIGITS
+    assert len(set(DIGITS)) == 85
+    assert not set(DIGITS) & set("<>&\"'\\")
+
+
+def test_the_same_cloud_gives_the_same_page_and_another_seed_another_order():
+    np.testing.assert_array_equal(shuffled(50, 20), shuffled(50, 20))
+    assert len(set(shuffled(50, 20).tolist())) == 20
+    assert not np.array_equal(shuffled(50, 50), shuffled(50, 50, seed=1))

@@ -1,0 +1,159 @@
+"""The page is complete, asks for nothing from outside, and takes no name for HTML."""
+
+import html
+import re
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+from pages import read_page
+from sklearn_mcmd.io import PointCloud, PointFileError, write_points
+from sklearn_mcmd.plotting import view
+from sklearn_mcmd.view import CloudPage
+
+ODD = "</script><img src=x onerror=alert(1)>&\"'\u2028<!--data-->"
+
+
+def test_points_values_and_rows_are_those_of_the_cloud(cloud):
+    manifest, (shown,) = read_page(view(cloud).html)
+    xyz = np.array(manifest["low"]) + manifest["step"] * shown.steps
+    assert np.abs(xyz - cloud.xyz[shown.rows]).max() <= manifest["error"] + 1e-9
+    region = next(a for a in manifest["attributes"] if a["name"] == "region")
+    values = np.array(region["values"])[shown.columns["region"][0]]
+    np.testing.assert_array_equal(values, cloud.attributes["region"][shown.rows])
+    assert manifest["start"] == "region"
+
+
+def test_nothing_is_loaded_from_outside(cloud):
+    page = view(cloud).html
+    urls = set(re.findall(r"(?:https?:)?//[\w.-]+\.\w+[\w/.]*", page.split('class="block"')[0]))
+    urls |= set(re.findall(r"https?://[^\"'\s<]+", page))
+    assert urls <= {"http://www.w3.org/2000/svg"}  # a name, not an address
+    assert "default-src 'none'" in page
+    assert not re.search(r"<(script|img|iframe)[^>]*\ssrc=|@import|fetch\(|XMLHttpRequest", page)
+
+
+def test_the_scripts_and_styles_are_part_of_the_package():
+    static = files("sklearn_mcmd.view") / "static"
+    from sklearn_mcmd.view._page import SCRIPTS
+
+    for name in ("page.html", "view.css", *(f"{script}.js" for script in SCRIPTS)):
+        assert (static / name).is_file()
+
+
+def test_names_that_look_like_html_are_harmless(cloud):
+    odd = PointCloud(cloud.xyz, {ODD: cloud.attributes["score"], "region": np.arange(40) % 3})
+    page = view(odd, names=[ODD], title=ODD).html
+    plain = view(cloud).html
+    assert page.count("<script") == page.count("</script>")
+    assert "<img" not in page
+    manifest, (shown,) = read_page(page)
+    assert manifest["title"] == manifest["clouds"][0]["name"] == ODD
+    assert ODD in shown.columns
+    assert len(re.findall("<!--", page)) == len(re.findall("<!--", plain))
+
+
+def test_too_many_points_are_thinned_and_that_is_said(cloud):
+    with pytest.warns(UserWarning, match="the page holds 10 of 40 points, chosen at random"):
+        page = view(cloud, max_points=10)
+    manifest, (shown,) = read_page(page.html)
+    assert (page.n_points, page.n_shown, len(shown.rows)) == (40, 10, 10)
+    assert manifest["clouds"][0]["total"] == 40
+    assert len(set(shown.rows.tolist())) == 10
+
+
+def test_two_clouds_keep_their_attributes_and_share_the_grid(cloud):
+    other = PointCloud(cloud.xyz[:7] + 1, {"score": cloud.attributes["score"][:7]})
+    manifest, (first, second) = read_page(view(cloud, other, names=["a", "b"]).html)
+    assert [told["name"] for told in manifest["clouds"]] == ["a", "b"]
+    assert set(second.columns) == {"score"} < set(first.columns)
+    xyz = np.array(manifest["low"]) + manifest["step"] * second.steps
+    assert np.abs(xyz - other.xyz[second.rows]).max() <= manifest["error"] + 1e-9
+    assert manifest["title"] == "a, b"
+
+
+def test_files_and_arrays_can_be_shown(tmp_path, cloud):
+    write_points(tmp_path / "scan.csv", cloud)
+    page = view(tmp_path / "scan.csv", cloud.xyz.tolist())
+    assert [told["name"] for told in read_page(page.html)[0]["clouds"]] == ["scan.csv", "cloud 2"]
+
+
+def test_only_chosen_attributes_are_in_the_page(cloud):
+    _, (shown,) = read_page(view(cloud, only=["normal_x", "score"]).html)
+    assert set(shown.columns) == {"normal", "score"}
+    with pytest.raises(ValueError, match="no cloud has an attribute 'nothing'"):
+        view(cloud, only=["score", "nothing"])
+
+
+def test_the_first_color_can_be_chosen(cloud):
+    assert read_page(view(cloud, color="height").html)[0]["start"] == "height"
+    assert read_page(view(cloud.xyz).html)[0]["start"] == "height"
+    with pytest.raises(ValueError, match="no attribute 'hue' to color by; there are"):
+        view(cloud, color="hue")
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_few_points_make_a_page(n):
+    xyz = np.random.default_rng(0).normal(size=(n, 3))
+    manifest, (shown,) = read_page(view(xyz).html)
+    np.testing.assert_allclose(
+        np.array(manifest["low"]) + manifest["step"] * shown.steps,
+        xyz[shown.rows],
+        atol=manifest["error"] + 1e-9,
+    )
+
+
+def test_points_without_coordinates_are_left_out_with_a_warning():
+    with pytest.warns(UserWarning, match="1 points without finite coordinates"):
+        page = view([[0, 0, 0], [1, np.nan, 0], [1, 1, 1]])
+    assert page.n_shown == 2
+
+
+@pytest.mark.filterwarnings("ignore:2 points without")
+def test_an_empty_cloud_and_no_cloud_are_refused():
+    for empty in (np.empty((0, 3)), np.full((2, 3), np.nan)):
+        with pytest.raises(ValueError, match="cannot be shown"):
+            view(empty)
+    with pytest.raises(ValueError, match="at least one cloud"):
+        view()
+    with pytest.raises(ValueError, match="max_points must be at least 1"):
+        view(np.zeros((3, 3)), max_points=0)
+    with pytest.raises(ValueError, match="one entry for each of 1 clouds"):
+        view(np.zeros((3, 3)), names=["a", "b"])
+
+
+def test_text_is_left_out_with_a_warning(cloud):
+    named = cloud.with_attributes(label=np.array(["a"] * 40))
+    with pytest.warns(UserWarning, match="hold no numbers are left out: label"):
+        view(named)
+
+
+def test_in_jupyter_the_page_is_a_frame(cloud):
+    page = view(cloud, height=321)
+    frame = page._repr_html_()
+    assert html.unescape(re.search(r'srcdoc="([^"]*)"', frame)[1]) == page.html
+    assert "height:321px" in frame
+    assert "allow-same-origin" not in frame
+    assert repr(page) == "CloudPage(40 of 40 points, 0.1 MB)"
+
+
+def test_a_page_is_saved_completely_or_not_at_all(tmp_path, cloud, monkeypatch):
+    page = view(cloud)
+    path = page.save(tmp_path / "a.html")
+    assert path.read_text(encoding="utf-8") == page.html
+    monkeypatch.setattr(CloudPage, "html", property(lambda self: 1 / 0), raising=False)
+    broken = CloudPage.__new__(CloudPage)
+    with pytest.raises(ZeroDivisionError):
+        broken.save(tmp_path / "a.html")
+    assert [p.name for p in tmp_path.iterdir()] == ["a.html"]
+    assert path.stat().st_size > 1000
+
+
+def test_other_names_than_those_of_pages_are_refused(tmp_path, cloud):
+    page = view(cloud)
+    for name in ("page.laz", "page"):
+        with pytest.raises(ValueError, match=r"ends in \.html"):
+            page.save(tmp_path / name)
+    with pytest.raises(PointFileError, match="does not exist"):
+        page.save(tmp_path / "missing" / "page.html")
