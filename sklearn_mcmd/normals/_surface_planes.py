@@ -30,7 +30,8 @@ REMOVED = 0.1
 LEAST_NOISE = 0.01
 # The usual noise around a point is told by the best tenth of its neighbors, whose deviations are
 # small by chance as well. A plane may exceed it by NOISY standard errors of a deviation, as 90 % of
-# planes with this noise do not. Where a quadric leaves more, a surface may be folded: a curved one is as curved next to a point as at it.
+# planes with this noise do not. Where a quadric leaves more, a surface may be folded: a curved one
+# is as curved next to a point as at it.
 BEST, NOISY = 0.1, 1.28
 # A plane is borrowed only if it leans by more than this number of its standard errors. Two normals
 # of one surface that err alike differ by no more with 95 % confidence: sqrt(-2 log(0.05)). With
