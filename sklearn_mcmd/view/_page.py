@@ -27,7 +27,16 @@ SUFFIXES = (".html", ".htm")
 SCRIPTS = ("decode", "colors", "scene", "camera", "renderer", "measure", "panel", "main")
 # What the page colors by at first: the first of these that the clouds have.
 FIRST_COLORS = (
-    *("region", "edge", "outlier", "outlier_score", "normal", "color", "classification"),
+    *(
+        "region",
+        "edge",
+        "outlier",
+        "outlier_score",
+        "residual",
+        "normal",
+        "color",
+        "classification",
+    ),
     *("surface_variation", "mean_curvature", "intensity"),
 )
 

@@ -151,6 +151,8 @@ def test_the_threshold_counts_while_it_moves(tab, scan):
     scores = scan.attributes["outlier_score"]
     assert tab.text("#n-above") == f"{np.count_nonzero(scores > 3):,}"
     field = tab.tab.locator("#threshold-value")
+    field.press("m")  # a letter in a field is no command
+    assert not tab.ask("cloudPage.measuring")
     for value in (10.0, 1.5):
         field.fill(str(value))
         field.press("Enter")
@@ -316,6 +318,8 @@ def test_two_clouds_are_compared_at_the_divider(chromium, scan, tmp_path):
     tab.rest()
     width = tab.ask("cloudPage.camera.width")
     assert tab.ask("cloudPage.renderer.split.at") == pytest.approx(200 / width, abs=0.01)
+    tab.tab.locator("#divider").press("ArrowRight")
+    assert tab.ask("cloudPage.renderer.split.at") == pytest.approx(200 / width + 0.02, abs=0.01)
     parts = tab.ask("cloudPage.renderer.shownParts().map(({ cloud, to }) => [cloud.name, to])")
     assert [name for name, _ in parts] == ["before", "after"]
     assert tab.said == []

@@ -196,7 +196,8 @@ class Renderer {
   /** A part of the points, and the picture once it is complete. */
   draw() {
     this.pass ??= this.begin(this.moving ? Math.min(1, this.budget / this.scene.n) : 1);
-    this.advance(this.pass, this.budget / this.scene.n);
+    const step = this.moving ? this.budget : Math.max(this.budget, 0.08 * this.scene.n);
+    this.advance(this.pass, step / this.scene.n);
     this.drew = true;
     if (this.pass.share < this.pass.end) return;
     this.targets.reverse();
