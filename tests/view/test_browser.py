@@ -371,6 +371,34 @@ def test_names_that_look_like_html_are_text(chromium, tmp_path):
     tab.context.close()
 
 
+def test_a_point_at_the_origin_does_not_spoil_a_cloud_in_national_coordinates(chromium, tmp_path):
+    rng = np.random.default_rng(0)
+    xyz = np.round(rng.uniform(0, 10, (5000, 3)), 3)
+    xyz += [356_000, 5_640_000, 80]
+    xyz[17] = 0
+    page = view(xyz)
+    tab = Tab(chromium, page.save(tmp_path / "stray.html"))
+    row, shown = tab.ask(
+        "(() => { const cloud = cloudPage.scene.clouds[0];"
+        " return [cloud.rows[99], cloudPage.scene.coordinates(cloud, 99)]; })()"
+    )
+    np.testing.assert_allclose(shown, xyz[row], rtol=0, atol=page.error + 1e-8)
+    tab.tab.keyboard.press("2")
+    tab.rest()
+    wide = tab.ask("cloudPage.camera.unitsPerPixel() * cloudPage.camera.height")
+    assert 10 < wide < 30  # the cloud fills the picture
+    tab.tab.mouse.click(300, 330)
+    card = tab.card()
+    picked = tab.picked_row()
+    np.testing.assert_allclose(
+        [float(card[axis]) for axis in "xyz"], xyz[picked], rtol=0, atol=2 * page.error
+    )
+    heights = tab.ask("cloudPage.scene.colorRange(cloudPage.scene.color)")
+    assert heights[1] - heights[0] > 10_000  # the palette serves the cloud, not the stray point
+    assert tab.said == []
+    tab.context.close()
+
+
 @pytest.mark.parametrize("n", [1, 2])
 def test_few_points_are_shown(chromium, n, tmp_path):
     xyz = np.arange(3.0 * n).reshape(n, 3)

@@ -110,7 +110,9 @@ class Renderer {
   /** Hand over points that were loaded. */
   grow(cloud, start, stop) {
     const { positions } = this.buffers[this.scene.clouds.indexOf(cloud)];
-    upload(this.gl, positions, cloud.positions, 3 * start, 3 * stop);
+    const places = Float32Array.from(cloud.steps.subarray(3 * start, 3 * stop), (s) => s * cloud.step);
+    this.gl.bindBuffer(this.gl.ARRAY_BUFFER, positions);
+    this.gl.bufferSubData(this.gl.ARRAY_BUFFER, 12 * start, places);
     this.refreshColors(cloud, start, stop);
     this.refreshVisible(cloud, start, stop);
   }
