@@ -110,7 +110,8 @@ class Renderer {
   /** Hand over points that were loaded. */
   grow(cloud, start, stop) {
     const { positions } = this.buffers[this.scene.clouds.indexOf(cloud)];
-    const places = Float32Array.from(cloud.steps.subarray(3 * start, 3 * stop), (s) => s * cloud.step);
+    const places = new Float32Array(3 * (stop - start));
+    for (let i = 0; i < places.length; i++) places[i] = cloud.steps[3 * start + i] * cloud.step;
     this.gl.bindBuffer(this.gl.ARRAY_BUFFER, positions);
     this.gl.bufferSubData(this.gl.ARRAY_BUFFER, 12 * start, places);
     this.refreshColors(cloud, start, stop);

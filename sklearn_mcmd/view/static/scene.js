@@ -77,7 +77,7 @@ class Scene {
     );
     const start = cloud.loaded;
     for (let axis = 0; axis < 3; axis++) {
-      scatter(Int32Array.from(columns[axis], (s) => s - this.middle[axis]), cloud.steps, start, 3, axis);
+      scatter(columns[axis], cloud.steps, start, { stride: 3, offset: axis, less: this.middle[axis] });
     }
     scatter(columns[3], cloud.rows, start);
     let next = 4;
@@ -88,8 +88,10 @@ class Scene {
     }
     const height = this.attributes.at(-1);
     const scale = this.step / height.step, [first] = this.manifest.heights;
-    const heights = Uint16Array.from(columns[2], (s) =>
-      Math.min(Math.max(Math.round((s - first) * scale) + 1, 1), LAST_CODE));
+    const heights = columns[2];
+    for (let i = 0; i < chunk.n; i++) {
+      heights[i] = Math.min(Math.max(Math.round((heights[i] - first) * scale) + 1, 1), LAST_CODE);
+    }
     scatter(heights, cloud.codes.get(height)[0], start);
     for (const attribute of this.attributes) {
       count(attribute, cloud, start, start + chunk.n);
