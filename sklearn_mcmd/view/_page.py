@@ -27,7 +27,16 @@ SUFFIXES = (".html", ".htm")
 SCRIPTS = ("decode", "colors", "scene", "camera", "renderer", "measure", "panel", "main")
 # What the page colors by at first: the first of these that the clouds have.
 FIRST_COLORS = (
-    *("region", "edge", "outlier", "outlier_score", "normal", "color", "classification"),
+    *(
+        "region",
+        "edge",
+        "outlier",
+        "outlier_score",
+        "residual",
+        "normal",
+        "color",
+        "classification",
+    ),
     *("surface_variation", "mean_curvature", "intensity"),
 )
 
@@ -186,10 +195,11 @@ def _pack(clouds, rows, only):
     if only is not None and (missing := _missing(only, sources, constants)):
         raise ValueError(f"no cloud has an attribute {', '.join(map(repr, missing))}")
     told, blocks = [], []
-    for number, (cloud, order) in enumerate(zip(clouds, rows, strict=True)):
+    steps = [grid.encode(cloud.xyz) for cloud in clouds]
+    for number, order in enumerate(rows):
         present = [i for i, source in enumerate(sources) if source.codes[number] is not None]
         columns = [column for i in present for column in sources[i].codes[number]]
-        packed = pack_points(grid.encode(cloud.xyz), order, columns)
+        packed = pack_points(steps[number], order, columns)
         for chunk in packed.chunks:
             for column in chunk["columns"]:
                 column[2] += len(blocks)
@@ -208,11 +218,20 @@ def _pack(clouds, rows, only):
         "error": grid.error,
         "spacing": grid.spacing,
         "reach": grid.reach,
-        "extent": np.max([grid.encode(cloud.xyz).max(axis=0) for cloud in clouds], axis=0).tolist(),
+        "extent": np.max([part.max(axis=0) for part in steps], axis=0).tolist(),
+        "middle": np.rint(np.median(steps[0], axis=0)).astype(int).tolist(),
+        "heights": _usual_range(np.concatenate([part[:, 2] for part in steps])),
         "attributes": [source.info for source in sources],
         "clouds": told,
     }
     return manifest, blocks
+
+
+def _usual_range(steps):
+    """The range of whole numbers, without a few that are far from all others."""
+    low, high, least, largest = np.percentile(steps, [2, 98, 0, 100])
+    reach = high - low
+    return [int(max(least, low - reach)), int(min(largest, high + reach))]
 
 
 def _fill(manifest, blocks):

@@ -21,6 +21,7 @@ def page_of(*args, path):
         (["normals"], "normal", "normal"),
         (["segment"], "region", "class"),
         (["edges"], "edge", "class"),
+        (["plane"], "residual", "number"),
     ],
 )
 def test_the_result_of_each_verb_is_what_the_page_colors_by(verb, color, kind, room_file, tmp_path):

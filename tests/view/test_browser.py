@@ -151,6 +151,8 @@ def test_the_threshold_counts_while_it_moves(tab, scan):
     scores = scan.attributes["outlier_score"]
     assert tab.text("#n-above") == f"{np.count_nonzero(scores > 3):,}"
     field = tab.tab.locator("#threshold-value")
+    field.press("m")  # a letter in a field is no command
+    assert not tab.ask("cloudPage.measuring")
     for value in (10.0, 1.5):
         field.fill(str(value))
         field.press("Enter")
@@ -316,6 +318,8 @@ def test_two_clouds_are_compared_at_the_divider(chromium, scan, tmp_path):
     tab.rest()
     width = tab.ask("cloudPage.camera.width")
     assert tab.ask("cloudPage.renderer.split.at") == pytest.approx(200 / width, abs=0.01)
+    tab.tab.locator("#divider").press("ArrowRight")
+    assert tab.ask("cloudPage.renderer.split.at") == pytest.approx(200 / width + 0.02, abs=0.01)
     parts = tab.ask("cloudPage.renderer.shownParts().map(({ cloud, to }) => [cloud.name, to])")
     assert [name for name, _ in parts] == ["before", "after"]
     assert tab.said == []
@@ -363,6 +367,34 @@ def test_names_that_look_like_html_are_text(chromium, tmp_path):
     assert tab.tab.title() == odd
     assert tab.ask("document.images.length") == 0
     assert odd in tab.text("#color-by")
+    assert tab.said == []
+    tab.context.close()
+
+
+def test_a_point_at_the_origin_does_not_spoil_a_cloud_in_national_coordinates(chromium, tmp_path):
+    rng = np.random.default_rng(0)
+    xyz = np.round(rng.uniform(0, 10, (5000, 3)), 3)
+    xyz += [356_000, 5_640_000, 80]
+    xyz[17] = 0
+    page = view(xyz)
+    tab = Tab(chromium, page.save(tmp_path / "stray.html"))
+    row, shown = tab.ask(
+        "(() => { const cloud = cloudPage.scene.clouds[0];"
+        " return [cloud.rows[99], cloudPage.scene.coordinates(cloud, 99)]; })()"
+    )
+    np.testing.assert_allclose(shown, xyz[row], rtol=0, atol=page.error + 1e-8)
+    tab.tab.keyboard.press("2")
+    tab.rest()
+    wide = tab.ask("cloudPage.camera.unitsPerPixel() * cloudPage.camera.height")
+    assert 10 < wide < 30  # the cloud fills the picture
+    tab.tab.mouse.click(300, 330)
+    card = tab.card()
+    picked = tab.picked_row()
+    np.testing.assert_allclose(
+        [float(card[axis]) for axis in "xyz"], xyz[picked], rtol=0, atol=2 * page.error
+    )
+    heights = tab.ask("cloudPage.scene.colorRange(cloudPage.scene.color)")
+    assert heights[1] - heights[0] > 10_000  # the palette serves the cloud, not the stray point
     assert tab.said == []
     tab.context.close()
 

@@ -42,13 +42,13 @@ function unpack(bytes, n, width, delta) {
 }
 
 /**
- * Copy sorted values to `out` from `start` on, in leaps of the golden section: neighbors part, so
+ * Copy sorted values, less a number, to `out` from `start` on, in leaps of the golden section: neighbors part, so
  * that any first part of a chunk is spread over all of it.
  */
-function scatter(values, out, start, stride = 1, offset = 0) {
+function scatter(values, out, start, { stride = 1, offset = 0, less = 0 } = {}) {
   const n = values.length, leap = leapOf(n);
   for (let slot = 0, i = 0; slot < n; slot++) {
-    out[(start + slot) * stride + offset] = values[i];
+    out[(start + slot) * stride + offset] = values[i] - less;
     i += leap;
     if (i >= n) i -= n;
   }

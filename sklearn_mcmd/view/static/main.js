@@ -175,6 +175,7 @@ class App {
   moveDivider(share) {
     this.renderer.split.at = Math.min(Math.max(share, 0.02), 0.98);
     byId("divider").style.left = `${100 * this.renderer.split.at}%`;
+    byId("divider").setAttribute("aria-valuenow", Math.round(100 * this.renderer.split.at));
     this.renderer.changed();
   }
 
@@ -524,17 +525,31 @@ function listenToDivider(divider, app) {
     const { left, width } = byId("stage").getBoundingClientRect();
     app.moveDivider((event.clientX - left) / width);
   });
+  divider.addEventListener("keydown", (event) => {
+    const way = { ArrowLeft: -0.02, ArrowRight: 0.02 }[event.key];
+    if (!way) return;
+    event.preventDefault();
+    event.stopPropagation();
+    app.moveDivider(app.renderer.split.at + way);
+  });
 }
 
 function pressKey(event, app) {
-  if (event.ctrlKey || event.metaKey || event.altKey || /^(INPUT|SELECT|TEXTAREA)$/.test(event.target.tagName)) {
-    if (event.key === "Escape") event.target.blur?.();
+  if (event.ctrlKey || event.metaKey || event.altKey || isForControl(event)) {
+    if (event.key === "Escape") event.target.blur();
     return;
   }
   const act = keyAction(event, app);
   if (!act) return;
   event.preventDefault();
   act();
+}
+
+/** Whether a key means something to the control that has the focus. */
+function isForControl({ key, target }) {
+  if (target.tagName === "SELECT") return true;
+  if (target.tagName !== "INPUT" || target.type === "checkbox") return false;
+  return target.type !== "range" || /^(Arrow|Home|End|Page|[-+])/.test(key);
 }
 
 function keyAction({ key, shiftKey }, app) {

@@ -24,13 +24,13 @@ function pick(renderer, x, y, reach = REACH) {
 }
 
 function gather(cloud, m, camera, x, y, reach, found) {
-  const p = cloud.positions, visible = cloud.visible;
+  const { steps: p, step, visible } = cloud;
   const halfWidth = camera.width / 2, halfHeight = camera.height / 2;
   const { toward } = camera.axes();
   const offset = camera.distance + dot(toward, camera.target);
   for (let i = 0, j = 0; i < cloud.loaded; i++, j += 3) {
     if (!visible[i]) continue;
-    const a = p[j], b = p[j + 1], c = p[j + 2];
+    const a = p[j] * step, b = p[j + 1] * step, c = p[j + 2] * step;
     const w = m[3] * a + m[7] * b + m[11] * c + m[15];
     if (w <= 0) continue;
     const dx = ((m[0] * a + m[4] * b + m[8] * c + m[12]) / w + 1) * halfWidth - x;
@@ -48,8 +48,9 @@ function dot(a, b) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
+/** A point's place from the middle of the scene, in units of the file. */
 function placeOf({ cloud, i }) {
-  return [0, 1, 2].map((axis) => cloud.positions[3 * i + axis]);
+  return [0, 1, 2].map((axis) => cloud.steps[3 * i + axis] * cloud.step);
 }
 
 /** Marks of the picked point and of measured ones, in SVG over the picture. */

@@ -110,7 +110,10 @@ class Renderer {
   /** Hand over points that were loaded. */
   grow(cloud, start, stop) {
     const { positions } = this.buffers[this.scene.clouds.indexOf(cloud)];
-    upload(this.gl, positions, cloud.positions, 3 * start, 3 * stop);
+    const places = new Float32Array(3 * (stop - start));
+    for (let i = 0; i < places.length; i++) places[i] = cloud.steps[3 * start + i] * cloud.step;
+    this.gl.bindBuffer(this.gl.ARRAY_BUFFER, positions);
+    this.gl.bufferSubData(this.gl.ARRAY_BUFFER, 12 * start, places);
     this.refreshColors(cloud, start, stop);
     this.refreshVisible(cloud, start, stop);
   }
@@ -196,7 +199,8 @@ class Renderer {
   /** A part of the points, and the picture once it is complete. */
   draw() {
     this.pass ??= this.begin(this.moving ? Math.min(1, this.budget / this.scene.n) : 1);
-    this.advance(this.pass, this.budget / this.scene.n);
+    const step = this.moving ? this.budget : Math.max(this.budget, 0.08 * this.scene.n);
+    this.advance(this.pass, step / this.scene.n);
     this.drew = true;
     if (this.pass.share < this.pass.end) return;
     this.targets.reverse();

@@ -8,6 +8,7 @@ class Scene {
   constructor(manifest) {
     this.manifest = manifest;
     this.step = manifest.step;
+    this.middle = manifest.middle; // steps; far stray points do not move it
     this.size = manifest.extent.map((steps) => steps * manifest.step);
     this.low = manifest.low;
     this.attributes = [...manifest.attributes.map((a) => ({ ...a })), this.heightAttribute()];
@@ -23,17 +24,20 @@ class Scene {
   }
 
   heightAttribute() {
-    const step = this.size[2] / (LAST_CODE - 1) || 1;
-    return { name: "height", kind: "number", low: this.low[2], step, error: step / 2, own: true };
+    const [first, last] = this.manifest.heights; // of nearly all points, in steps
+    const step = ((last - first) * this.step) / (LAST_CODE - 1) || 1;
+    const low = this.low[2] + first * this.step;
+    return { name: "height", kind: "number", low, step, error: step / 2, own: true };
   }
 
   emptyCloud(told) {
     const cloud = {
       ...told,
+      step: this.step,
       shown: true,
       loaded: 0,
       nVisible: 0,
-      positions: new Float32Array(3 * told.n), // from the middle of the scene
+      steps: new Int32Array(3 * told.n), // from the middle
       rows: new Uint32Array(told.n),
       visible: new Uint8Array(told.n),
       colors: new Uint32Array(told.n),
@@ -73,8 +77,7 @@ class Scene {
     );
     const start = cloud.loaded;
     for (let axis = 0; axis < 3; axis++) {
-      const places = Float32Array.from(columns[axis], (s) => s * this.step - this.size[axis] / 2);
-      scatter(places, cloud.positions, start, 3, axis);
+      scatter(columns[axis], cloud.steps, start, { stride: 3, offset: axis, less: this.middle[axis] });
     }
     scatter(columns[3], cloud.rows, start);
     let next = 4;
@@ -84,8 +87,11 @@ class Scene {
       }
     }
     const height = this.attributes.at(-1);
-    const scale = this.step / height.step;
-    const heights = Uint16Array.from(columns[2], (s) => Math.round(s * scale) + 1);
+    const scale = this.step / height.step, [first] = this.manifest.heights;
+    const heights = columns[2];
+    for (let i = 0; i < chunk.n; i++) {
+      heights[i] = Math.min(Math.max(Math.round((heights[i] - first) * scale) + 1, 1), LAST_CODE);
+    }
     scatter(heights, cloud.codes.get(height)[0], start);
     for (const attribute of this.attributes) {
       count(attribute, cloud, start, start + chunk.n);
@@ -136,7 +142,8 @@ class Scene {
 
   judgeBox(cloud, start, stop) {
     const { low, high } = this.boxBounds();
-    const [a, b, c] = low, [d, e, f] = high, p = cloud.positions, visible = cloud.visible;
+    const [a, b, c] = low.map((x) => x / this.step), [d, e, f] = high.map((x) => x / this.step);
+    const p = cloud.steps, visible = cloud.visible;
     for (let i = start, j = 3 * start; i < stop; i++, j += 3) {
       const x = p[j], y = p[j + 1], z = p[j + 2];
       if (x < a || x > d || y < b || y > e || z < c || z > f) visible[i] = HIDDEN;
@@ -146,7 +153,7 @@ class Scene {
   /** The corners of the section box from the middle of the scene; a bit larger than its points. */
   boxBounds() {
     const margin = this.step;
-    const at = (share, axis) => (share - 0.5) * this.size[axis];
+    const at = (share, axis) => share * this.size[axis] - this.middle[axis] * this.step;
     return {
       low: this.box.low.map((share, axis) => at(share, axis) - margin),
       high: this.box.high.map((share, axis) => at(share, axis) + margin),
@@ -192,10 +199,8 @@ class Scene {
 
   /** Coordinates of a point as in the file. */
   coordinates(cloud, i) {
-    return [0, 1, 2].map((axis) => {
-      const steps = Math.round((cloud.positions[3 * i + axis] + this.size[axis] / 2) / this.step);
-      return this.low[axis] + steps * this.step;
-    });
+    return [0, 1, 2].map((axis) =>
+      this.low[axis] + (cloud.steps[3 * i + axis] + this.middle[axis]) * this.step);
   }
 
   /** Names and values of all that differs from point to point. */
