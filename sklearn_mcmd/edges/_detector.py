@@ -324,13 +324,15 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
         if self.normal_estimator is not None:
             return _seeded(self.normal_estimator, seed)
         plain = self.criterion in ("eigenvalue", "surface_variation")
-        return RobustNormalEstimator(
+        estimator = RobustNormalEstimator(
             self.n_neighbors,
             method="pca" if plain else "mcmd_z",
             features="removed_fraction" if self.criterion == "removed_fraction" else None,
             random_state=seed,
             n_jobs=self.n_jobs,
         )
+        estimator._tangents = False  # beside an edge they turn from one face to the other
+        return estimator
 
     def _values(self, columns):
         """The value of the criterion at points, if it is not "crease"."""

@@ -277,6 +277,9 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         "features": [StrOptions({"all", *FEATURES}), "array-like", None],
     }
 
+    # Whether normals follow the bend of a surface. Creases are sought between planes of faces.
+    _tangents = True
+
     def __init__(
         self,
         n_neighbors: int | Literal["auto"] | None = 50,
@@ -433,7 +436,9 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         self._surfaces = None
         with self._part_of_planes():
             if self._mends_planes():
-                self._surfaces = SurfacePlanes(self._model, self.borrow, self.n_jobs)
+                self._surfaces = SurfacePlanes(
+                    self._model, self.borrow, self.n_jobs, self._tangents
+                )
                 planes, self.plane_index_ = self._surfaces.fit(X)
             else:
                 with progress_part(0.0, 1.0, "normals"):

@@ -53,12 +53,16 @@ class SurfacePlanes:
         A model with neighborhoods.
     borrow : bool
     n_jobs : int or None
+    tangents : bool, default=True
+        Whether a neighborhood that bends has the tangent plane of its quadric, and not the plane of
+        all members.
     """
 
     ROUGH, BENT = ROUGH, BENT
 
-    def __init__(self, model, borrow, n_jobs):
+    def __init__(self, model, borrow, n_jobs, tangents=True):
         self.model = model
+        self.tangents = tangents
         self.borrow = borrow
         self.n_jobs = n_jobs
 
@@ -236,7 +240,7 @@ class SurfacePlanes:
         self._smooth(points, planes, forms, np.flatnonzero(~creased & (forms == ROUGH)), around)
         self._unfold(points, planes, forms, np.flatnonzero(creased & (forms != ROUGH)), around)
         rows = np.flatnonzero(forms == BENT)
-        if len(rows):
+        if self.tangents and len(rows):
             whole = planes.take(rows)
             queries = np.ascontiguousarray(points[rows], dtype=np.float64)
             normals, centroids, errors = quadric_normals(

@@ -245,7 +245,12 @@ class _Stages:
         self.planes = Planes(*(np.concatenate(values)[order] for values in both))
 
     def _stage(self, points):
-        return SurfacePlanes(_model_of(self.surfaces.model, points), self.surfaces.borrow, 1)
+        return SurfacePlanes(
+            _model_of(self.surfaces.model, points),
+            self.surfaces.borrow,
+            1,
+            self.surfaces.tangents,
+        )
 
     def _parts(self, rows):
         """Parts of rows that are computed at once."""
