@@ -83,7 +83,7 @@ class SurfacePlanes:
         points, (m, d) = index.points, index.points.shape
         planes, forms = Planes.empty(m, d).without(UNUSED), np.empty(m, dtype=np.int8)
         self.noise, lenders = np.empty(m), np.full(m, -1, dtype=np.int32)
-        self.left = np.empty(m, dtype=np.float32)
+        self.left = np.empty(m)
 
         def sweep(rows):
             own = Planes.empty(rows.stop - rows.start, d)
@@ -201,7 +201,7 @@ class SurfacePlanes:
             rough |= _bends_too_much(deviation[rest], left[rest], planes.take(rest))
             forms[rest[rough]] = ROUGH
             planes.put(rest[rough], robust.take(rough))
-        left = np.maximum(np.minimum(deviation, left), self._floor(planes)).astype(np.float32)
+        left = np.maximum(np.minimum(deviation, left), self._floor(planes))
         noise = np.where(forms == ROUGH, planes.scale, left)
         return forms, noise, left
 

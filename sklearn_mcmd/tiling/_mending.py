@@ -227,7 +227,7 @@ class _Stages:
         points = self.cloud.points()
         n_new = len(points) - len(self.noise)
         self.noise = np.append(self.noise, np.full(n_new, np.nan))
-        self.left = np.append(self.left, np.full(n_new, np.nan, np.float32))
+        self.left = np.append(self.left, np.full(n_new, np.nan))
         stage = self._stage(points)
         planes, forms = Planes.empty(len(rows), 3), np.empty(len(rows), np.int8)
         done = 0
