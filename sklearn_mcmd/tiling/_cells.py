@@ -1,10 +1,13 @@
 """Points on disk in cells of few points each: a k-d tree that grows while points arrive.
 
-A cell that becomes too large is halved at the median of its longest side. So no cell has more
-points than it may have, however the density differs, and the points are read only once. Each
-point is written about two and a half times.
+A cell that becomes too large is halved at the median of an axis, where the fewest points are near
+the cut. So no cell has more points than it may have, however the density differs, and the points
+are read only once. Each point is written about two and a half times.
 """
 
+import os
+import secrets
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +23,12 @@ __all__ = ["RECORD", "CellWriter", "Cells"]
 RECORD = np.dtype([("xyz", np.float64, 3), ("row", np.int64)])
 BOXES = "cells.npz"
 LEAF = 32
-# Of a cell with MANY points, a tree of SAMPLE points tells first where neighbors may be. VOXELS
-# along each side tell which points are there; those of KEPT cells are kept.
-MANY, SAMPLE, VOXELS, KEPT = 200_000, 60_000, 96, 6
+# VOXELS along each side of a cell tell where neighbors may be; KEPT of them stay in memory, with
+# 60 bytes each.
+GRID, VOXELS, KEPT = ".voxels", 96, 1_000_000
+# Of a cell that is cut, COUNTED points tell how many lie near the cut: nearer than NEAR of the
+# length that holds all but a share STRAY of them at each end. Only the time depends on these.
+COUNTED, NEAR, STRAY = 20_000, 0.02, 0.05
 
 
 class CellWriter:
@@ -85,10 +91,9 @@ class CellWriter:
 
     def _divide(self, node):
         """Make a leaf an inner node; returns its points, which are to be put below it."""
-        axis = int(np.argmax(self.extents[node][1] - self.extents[node][0]))
         path = _path(self.folder, node)
         records = np.fromfile(path, RECORD)
-        cut = _cut(records["xyz"][:, axis], self.share)
+        axis, cut = _best_cut(records["xyz"], self.share)
         if cut is None:
             return []
         path.unlink()
@@ -203,42 +208,87 @@ class Cells:
 
     def _tree(self, cell, queries, reach, k):
         """The distinct points of a cell that may be among the k nearest of queries."""
-        grid = self._grids.pop(cell, None) or _Grid(self.read(cell)["xyz"])
+        grid = self._grids.pop(cell, None)
+        if grid is None:
+            file = _path(self.folder, self._names[cell]).with_suffix(GRID)
+            if not file.exists():
+                _Grid.write(file, self.read(cell)["xyz"])
+            grid = _Grid(file)
         self._grids[cell] = grid  # the last
-        while len(self._grids) > KEPT:
+        while len(self._grids) > 1 and sum(len(g.counts) for g in self._grids.values()) > KEPT:
             self._grids.pop(next(iter(self._grids)))
-        if len(grid.points) > MANY:  # the k-th of some points is not nearer than the k-th of all
-            some = _tree_of(grid.points[:: len(grid.points) // SAMPLE])
-            distances = some.query(queries, [k])[0][:, 0]
-            reach = np.minimum(reach, SLACK * distances)
-        return _tree_of(grid.near(queries, reach))
+        return _tree_of(grid.near(queries, grid.bounds(queries, reach, k)))
 
 
 class _Grid:
-    """Points of a cell by voxels."""
+    """The distinct points of a cell, by voxels in a file; only what lies in the voxels is read.
 
-    def __init__(self, points):
-        self.points, n = np.ascontiguousarray(points), VOXELS + 1
+    Kept in memory are the voxels that hold points, and how many each of them has.
+
+    Parameters
+    ----------
+    file : path
+        That `write` has made.
+    """
+
+    def __init__(self, file):
+        self.file, n = file, VOXELS + 1
+        with open(file, "rb") as stored:
+            self.n_points, n_taken = (int(n) for n in np.fromfile(stored, np.int64, 2))
+            low, size = np.fromfile(stored, np.float64, 6).reshape(2, 3)
+            taken, self.counts = np.fromfile(stored, np.int32, 2 * n_taken).reshape(2, -1)
+            self.offset = stored.tell()
+        middles = low + (np.stack(np.unravel_index(taken, (n,) * 3), axis=1) + 0.5) * size
+        self.tree = cKDTree(middles, leafsize=LEAF, balanced_tree=False)
+        rounding = 4 * np.spacing(np.abs(middles).max())
+        self.half = 0.501 * np.linalg.norm(size) + rounding  # of a diagonal
+
+    @staticmethod
+    def write(file, points):
+        """Write the points of a cell by voxels; whoever else does the same writes the same."""
+        points, n = points[distinct_rows(points)[0]], VOXELS + 1
         low, high = points.min(axis=0), points.max(axis=0)
         size = np.maximum(high - low, np.finfo(float).tiny) / VOXELS
         x, y, z = (((points[:, i] - low[i]) / size[i]).astype(np.int32) for i in range(3))
-        self.voxels = (x * n + y) * n + z
-        self.taken = np.flatnonzero(np.bincount(self.voxels, minlength=n**3))
-        middles = np.stack(np.unravel_index(self.taken, (n,) * 3), axis=1) + 0.5
-        self.tree = cKDTree(low + middles * size, leafsize=LEAF, balanced_tree=False)
-        self.half = 0.501 * np.linalg.norm(size)  # a diagonal, and rounding
+        voxels = (x * n + y) * n + z
+        counts = np.bincount(voxels, minlength=n**3)
+        taken = np.flatnonzero(counts)
+        table = np.stack([taken, counts[taken]]).astype(np.int32)
+        ordered = points[np.argsort(voxels, kind="stable")]
+        temporary = file.with_name(f"{file.name}.{secrets.token_hex(4)}")  # of many processes
+        try:
+            with one_clear_line(file, "written"), open(temporary, "wb") as stored:
+                stored.write(np.array([len(points), len(taken)], np.int64).data)
+                for values in (np.stack([low, size]), table, ordered):
+                    stored.write(values.data)
+            with suppress(PermissionError):  # Windows, where another process reads the same
+                os.replace(temporary, file)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+    def bounds(self, queries, reach, k):
+        """Distances within which each query has k points of the cell, or those that are given."""
+        most = min(k, len(self.counts))
+        if not len(queries) or self.n_points < k:
+            return reach
+        distances, voxels = self.tree.query(queries, np.arange(1, most + 1))
+        enough = np.cumsum(self.counts[voxels], axis=1) >= k
+        last = np.where(enough.any(axis=1), enough.argmax(axis=1), most)
+        distances = np.append(distances, np.full((len(queries), 1), np.inf), axis=1)
+        bounds = np.take_along_axis(distances, last[:, None], axis=1)[:, 0]
+        return np.minimum(reach, SLACK * (bounds + self.half))
 
     def near(self, queries, reach):
         """The points of all voxels that a ball may touch."""
+        stored = np.memmap(self.file, np.float64, "r", self.offset, (self.n_points, 3))
         if np.isinf(reach).any():
-            return self.points
-        touched = np.zeros((VOXELS + 1) ** 3, bool)
-        touched[self.taken[_within(self.tree, queries, reach + self.half)]] = True
-        return self.points[touched[self.voxels]]
+            return np.array(stored)
+        touched = np.zeros(len(self.counts), bool)
+        touched[_within(self.tree, queries, reach + self.half)] = True
+        return np.array(stored[np.repeat(touched, self.counts)])
 
 
 def _tree_of(points):
-    points = points[distinct_rows(points)[0]] if len(points) else points
     return cKDTree(points, leafsize=LEAF, balanced_tree=False)
 
 
@@ -246,6 +296,28 @@ def _within(tree, queries, reach):
     """Rows of a tree's points within a distance of any query."""
     found = tree.query_ball_point(queries, reach, return_sorted=False)
     return np.unique(np.concatenate(found).astype(np.intp))
+
+
+def _best_cut(points, share):
+    """The axis whose cut has the fewest points near it, and the cut, None if there is none.
+
+    Of axes with as many, the longest. Stray points have no say: the longest side of a road below
+    a few of them is its height, and a cut through its noise would have half of it on each side.
+    """
+    some = points[:: -(-len(points) // COUNTED)]
+    low, high = np.quantile(some, (STRAY, 1 - STRAY), axis=0)
+    length = high - low
+    width = NEAR * length.max()
+    axes = []
+    for axis in range(3):
+        cut = np.quantile(some[:, axis], share)
+        near = np.count_nonzero(np.abs(some[:, axis] - cut) < width)
+        axes.append((near, -length[axis], axis))
+    for _, _, axis in sorted(axes):
+        cut = _cut(points[:, axis], share)
+        if cut is not None:
+            break
+    return axis, cut
 
 
 def _cut(values, share):

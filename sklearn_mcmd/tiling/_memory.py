@@ -29,7 +29,7 @@ SHARE, UNKNOWN = 0.5, 4e9
 PROCESS, TILE_POINT, CLOUD_POINT, FEATURE = 330e6, 650, 450, 24
 # Bytes of temporary files for each point: of normals, and of what the detector finds; and what the
 # detector takes for each point of a tile.
-TILE_STORED, JUDGED_STORED, JUDGED_POINT = 72, 200, 450
+TILE_STORED, JUDGED_STORED, JUDGED_POINT = 98, 200, 450
 # Points read or written at once, and bytes for each while that is done.
 PART, PART_POINT = 250_000, 400
 LEAST_TILE = 20_000  # smaller tiles are mostly halo

@@ -49,6 +49,17 @@ def test_cells_are_half_full_on_average_wherever_the_cloud_is_dense(tmp_path):
     assert cells.counts.mean() >= CAPACITY / 2
 
 
+def test_a_road_below_a_few_stray_points_is_not_cut_through_its_noise(tmp_path):
+    rng = np.random.default_rng(0)
+    road = rng.normal(size=(4_000, 3)) * [0, 0, 0.01] + rng.uniform(size=(4_000, 3)) * [3, 2, 0]
+    stray = rng.uniform(size=(40, 3)) * [3, 2, 6]
+    cells = cells_of(tmp_path, rng.permutation(np.vstack([road, stray])))
+    assert np.isinf(cells.low[:, 2]).all()
+    assert np.isinf(cells.high[:, 2]).all()
+    assert (cells.high[:, 0] < 3).any()
+    assert (cells.high[:, 1] < 2).any()
+
+
 def test_copies_of_one_place_stay_together(tmp_path):
     xyz = np.vstack([np.ones((900, 3)), uneven(1_000)])
     cells = cells_of(tmp_path, xyz)

@@ -34,7 +34,7 @@ def disk(tmp_path):
     [
         ("120k", "cannot be written: no space left"),  # cells
         ("300k", "of 4 tiles failed"),  # results
-        ("480k", r"out\.las: cannot be written: no space left"),  # output
+        ("640k", r"out\.las: cannot be written: no space left"),  # output
     ],
 )
 @pytest.mark.filterwarnings("ignore:tile . failed .*No space left:UserWarning")
