@@ -30,7 +30,15 @@ from sklearn_mcmd.tiling._outputs import (
 )
 from sklearn_mcmd.tiling._ranks import evenly_along_x, exceeded_by
 from sklearn_mcmd.tiling._rest import find_groups, find_isolation, find_scores
-from sklearn_mcmd.tiling._run import COMPUTED, SCATTERED, RunReport, kept, scattered
+from sklearn_mcmd.tiling._run import (
+    COMPUTED,
+    SCATTERED,
+    RunReport,
+    finish,
+    finished_before,
+    kept,
+    scattered,
+)
 from sklearn_mcmd.tiling._surfaces import (
     RADIUS,
     SCALE,
@@ -149,6 +157,8 @@ def write_denoised(
     catalog = source if isinstance(source, Catalog) else Catalog(source)
     targets = targets_of(catalog, Path(target), as_folder)
     estimator = clone(estimator).set_params(n_jobs=1)
+    if not restart and (report := finished_before(catalog, target, targets, estimator, mode)):
+        return report
     cutoff = _warm_up(estimator)
     memory = usual_memory() if memory is None else parse_memory(memory)
     plan = plan_run(catalog.n_points, memory, n_jobs, tile_size=tile_size, judged=True)
@@ -167,11 +177,12 @@ def write_denoised(
             n_proved = columns.total(len(cells), "planes", "n_proved")
         else:
             n_proved = catalog.n_points
-    folder.remove()
-    return RunReport(
-        catalog.n_points, len(cells), plan.n_workers, n_resumed, n_proved,
-        n_outliers / catalog.n_points, time.perf_counter() - begin, n_outliers, n_exact,
-    )  # fmt: skip
+        report = RunReport(
+            catalog.n_points, len(cells), plan.n_workers, n_resumed, int(n_proved),
+            n_outliers / catalog.n_points, time.perf_counter() - begin, n_outliers, n_exact,
+        )  # fmt: skip
+        finish(folder, catalog, targets, estimator, report, mode)
+    return report
 
 
 def check_detector(estimator):
