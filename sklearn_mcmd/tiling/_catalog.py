@@ -27,8 +27,8 @@ class Catalog:
     ----------
     source : str, os.PathLike or an iterable of these
         Files, or a folder, of which the files ``.las`` and ``.laz`` are taken in the order of
-        their names. Hidden files and folders in it are left out. Or an index ``.vpc`` of files (a virtual point
-        cloud, as QGIS and PDAL's wrench make it), which are taken in its order.
+        their names. Hidden files and folders in it are left out. Or an index ``.vpc`` of files (a
+        virtual point cloud, as QGIS and PDAL's wrench make it), which are taken in its order.
 
     Attributes
     ----------

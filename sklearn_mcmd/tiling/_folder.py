@@ -4,16 +4,19 @@ import hashlib
 import json
 import os
 import shutil
+from contextlib import suppress
 from pathlib import Path
 
 from sklearn_mcmd.tiling._catalog import stamp_of
 from sklearn_mcmd.tiling._constants import Constants
+from sklearn_mcmd.tiling._lock import Lock
 from sklearn_mcmd.tiling._tile import tile_files
 
 __all__ = ["WorkFolder", "key_of"]
 
 MANIFEST = "manifest.json"
 MOVES = "moves.json"
+LOCK = "lock"
 WRITTEN = ".written"  # the end of the name of an output's mark
 
 
@@ -22,6 +25,7 @@ class WorkFolder:
 
     The manifest is written when all points are in their cells. Its key tells whether what lies
     there was made of the same inputs, with the same parameters. What was not is removed.
+    A lock keeps other runs out until it is released, or the folder is removed.
 
     Parameters
     ----------
@@ -40,16 +44,20 @@ class WorkFolder:
         self.path = self.path_of(target)
         self.cells, self.results = self.path / "cells", self.path / "results"
         self.key = key
+        self._lock = Lock(self.path / LOCK)
         self._manifest, self._moves = self.path / MANIFEST, self.path / MOVES
-        stored = self._read()
-        if self.path.exists() and not (stored or self._is_ours()):
+        if self.path.exists() and not (self._read() or self._is_ours()):
             raise FileExistsError(
                 f"{self.path} is in the way: it is where temporary files would be; move it"
             )
-        if key is not None and stored.get("key") != key:
-            self.remove()
-            self.cells.mkdir(parents=True)
-            self.results.mkdir()
+        self.path.mkdir(exist_ok=True)
+        self._lock.acquire()
+        try:
+            if key is not None and self._read().get("key") != key:
+                self.clear()
+        except BaseException:
+            self.release()
+            raise
 
     @staticmethod
     def path_of(target):
@@ -93,8 +101,26 @@ class WorkFolder:
     def forget_moves(self):
         self._moves.unlink(missing_ok=True)
 
+    def release(self):
+        """Let other runs in."""
+        self._lock.release()
+
     def remove(self):
         """Remove the folder, and outputs that wait; last of all what tells of moves."""
+        self._empty()
+        self.forget_moves()
+        self.release()
+        with suppress(OSError):  # another run may have begun
+            self.path.rmdir()
+
+    def clear(self):
+        """Begin anew."""
+        self._empty()
+        self.forget_moves()
+        self.cells.mkdir(parents=True)
+        self.results.mkdir()
+
+    def _empty(self):
         for file in self.path.glob(f"*{WRITTEN}"):
             path = Path(_read(file).get("path", ""))
             if path.name.startswith(".mcmd-"):
@@ -102,16 +128,15 @@ class WorkFolder:
         for folder in (self.cells, self.results):
             shutil.rmtree(folder, ignore_errors=True)
         for file in self.path.glob("*"):
-            if file != self._moves and not file.is_dir():
+            if file not in (self._moves, self._lock.path) and not file.is_dir():
                 file.unlink(missing_ok=True)
-        shutil.rmtree(self.path, ignore_errors=True)
 
     def _read(self):
         return _read(self._manifest)
 
     def _is_ours(self):
         """Of a run that ended before its manifest; or an empty folder."""
-        return {entry.name for entry in self.path.iterdir()} <= {"cells", "results", MOVES}
+        return {entry.name for entry in self.path.iterdir()} <= {"cells", "results", MOVES, LOCK}
 
 
 def _read(path):

@@ -204,16 +204,17 @@ def scattered(catalog, target, estimator, plan, cut, restart):
     _check_disk(Path(os.path.realpath(target)).parent, plan.disk)
     key = key_of(catalog, estimator, plan.tile_size, cut, _version())
     folder = WorkFolder(target, key)
-    if restart:
-        folder.remove()
-        folder = WorkFolder(target, key)
-    if folder.constants is None:
-        try:
+    try:
+        if restart:
+            folder.clear()
+        if folder.constants is None:
             with progress_part(0.0, SCATTERED, "reading"):
                 _scatter(catalog, folder, plan.tile_size, cut)
-        except BaseException:
+    except BaseException:
+        if folder.constants is None:
             folder.remove()
-            raise
+        folder.release()
+        raise
     return folder
 
 
@@ -225,6 +226,8 @@ def finished_before(catalog, target, targets, estimator, content=""):
     folder = WorkFolder(target, None)
     with kept(folder):
         report = Moves(folder, catalog, targets, estimator, content, _version()).resume()
+        if report:
+            folder.remove()
     if report is False:
         raise TilingError(
             f"{target}: an earlier run ended when it had replaced some of its inputs; give the "
@@ -233,7 +236,6 @@ def finished_before(catalog, target, targets, estimator, content=""):
         )
     if report is None:
         return None
-    folder.remove()
     report = RunReport(**report)
     return report._replace(n_resumed=report.n_tiles)
 
@@ -256,6 +258,8 @@ def kept(folder):
             raise TilingError(f"{str(err) or type(err).__name__}; {kept}") from err
         warnings.warn(kept, stacklevel=4)
         raise
+    finally:
+        folder.release()
 
 
 def _check(estimator):
