@@ -49,7 +49,7 @@ from sklearn_mcmd.tiling._surfaces import (
     find_planes,
     fit_planes,
 )
-from sklearn_mcmd.tiling._tile import tile_files
+from sklearn_mcmd.tiling._tile import tile_files, write_whole
 from sklearn_mcmd.tiling._work import compute_cells
 
 __all__ = ["check_detector", "write_denoised"]
@@ -300,10 +300,6 @@ def _simulated_cutoff(job, columns, n_cells):
 
 def _write(folder, cell, rows, scores):
     """Write the scores of a tile under a temporary name, which they leave when they are whole."""
-    whole, _ = tile_files(folder, cell)
     results = np.empty(len(rows), SCORED)
     results["row"], results["values"][:, 0] = rows, scores
-    temporary = whole.with_name(f"{cell}.{os.getpid()}.part")
-    with open(temporary, "wb") as file:
-        results.tofile(file)
-    os.replace(temporary, whole)
+    write_whole(tile_files(folder, cell)[0], results)
