@@ -201,13 +201,13 @@ def write_normals(
 
 def scattered(catalog, target, estimator, plan, cut, restart):
     """The folder of a run, with all points in cells: of an earlier run, if that was the same."""
-    _check_disk(Path(os.path.realpath(target)).parent, plan.disk)
     key = key_of(catalog, estimator, plan.tile_size, cut, _version())
     folder = WorkFolder(target, key)
     try:
         if restart:
             folder.clear()
         if folder.constants is None:
+            _check_disk(folder.path.parent, plan.disk)
             with progress_part(0.0, SCATTERED, "reading"):
                 _scatter(catalog, folder, plan.tile_size, cut)
     except BaseException:
