@@ -27,8 +27,8 @@ class Catalog:
     ----------
     source : str, os.PathLike or an iterable of these
         Files, or a folder, of which the files ``.las`` and ``.laz`` are taken in the order of
-        their names. Folders in it are not searched. Or an index ``.vpc`` of files (a virtual point
-        cloud, as QGIS and PDAL's wrench make it), which are taken in its order.
+        their names. Hidden files and folders in it are left out. Or an index ``.vpc`` of files (a
+        virtual point cloud, as QGIS and PDAL's wrench make it), which are taken in its order.
 
     Attributes
     ----------
@@ -115,6 +115,7 @@ def _paths(source):
         paths = [Path(path) for path in source]
     elif (folder := Path(source)).is_dir():
         paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in EXTENSIONS)
+        paths = [p for p in paths if not p.name.startswith(".")]  # of others, or left over
         if not paths:
             raise PointFileError(f"{folder}: is a folder without .las or .laz files")
     elif Path(source).suffix.lower() == INDEX:

@@ -2,6 +2,8 @@
 
 import json
 import os
+import secrets
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -32,13 +34,13 @@ class Columns:
 
     def write(self, cell, **arrays):
         for name, values in arrays.items():
-            np.save(self._path(cell, name), values)
+            with _replacing(self._path(cell, name)) as temporary, open(temporary, "wb") as file:
+                np.save(file, values)
 
     def finish(self, cell, sweep, **report):
         """Remember that a sweep has written all of a cell, and what it tells of it."""
-        temporary = self.folder / f"{cell}.{sweep}.{os.getpid()}.part"
-        temporary.write_text(json.dumps(report))
-        os.replace(temporary, self._report(cell, sweep))
+        with _replacing(self._report(cell, sweep)) as temporary:
+            temporary.write_text(json.dumps(report))
 
     def is_done(self, cell, sweep):
         return self._report(cell, sweep).exists()
@@ -61,3 +63,14 @@ class Columns:
 
     def _report(self, cell, sweep):
         return self.folder / f"{cell}.{sweep}.json"
+
+
+@contextmanager
+def _replacing(path):
+    """A name that no other process takes; its file replaces `path`, which others may read."""
+    temporary = path.with_name(f"{path.name}.{secrets.token_hex(4)}.part")
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -30,7 +30,15 @@ from sklearn_mcmd.tiling._outputs import (
 )
 from sklearn_mcmd.tiling._ranks import evenly_along_x, exceeded_by
 from sklearn_mcmd.tiling._rest import find_groups, find_isolation, find_scores
-from sklearn_mcmd.tiling._run import COMPUTED, SCATTERED, RunReport, kept, scattered
+from sklearn_mcmd.tiling._run import (
+    COMPUTED,
+    SCATTERED,
+    RunReport,
+    finish,
+    finished_before,
+    kept,
+    scattered,
+)
 from sklearn_mcmd.tiling._surfaces import (
     RADIUS,
     SCALE,
@@ -41,7 +49,7 @@ from sklearn_mcmd.tiling._surfaces import (
     find_planes,
     fit_planes,
 )
-from sklearn_mcmd.tiling._tile import tile_files
+from sklearn_mcmd.tiling._tile import tile_files, write_whole
 from sklearn_mcmd.tiling._work import compute_cells
 
 __all__ = ["check_detector", "write_denoised"]
@@ -149,6 +157,8 @@ def write_denoised(
     catalog = source if isinstance(source, Catalog) else Catalog(source)
     targets = targets_of(catalog, Path(target), as_folder)
     estimator = clone(estimator).set_params(n_jobs=1)
+    if not restart and (report := finished_before(catalog, target, targets, estimator, mode)):
+        return report
     cutoff = _warm_up(estimator)
     memory = usual_memory() if memory is None else parse_memory(memory)
     plan = plan_run(catalog.n_points, memory, n_jobs, tile_size=tile_size, judged=True)
@@ -167,11 +177,12 @@ def write_denoised(
             n_proved = columns.total(len(cells), "planes", "n_proved")
         else:
             n_proved = catalog.n_points
-    folder.remove()
-    return RunReport(
-        catalog.n_points, len(cells), plan.n_workers, n_resumed, n_proved,
-        n_outliers / catalog.n_points, time.perf_counter() - begin, n_outliers, n_exact,
-    )  # fmt: skip
+        report = RunReport(
+            catalog.n_points, len(cells), plan.n_workers, n_resumed, int(n_proved),
+            n_outliers / catalog.n_points, time.perf_counter() - begin, n_outliers, n_exact,
+        )  # fmt: skip
+        finish(folder, catalog, targets, estimator, report, mode)
+    return report
 
 
 def check_detector(estimator):
@@ -289,10 +300,6 @@ def _simulated_cutoff(job, columns, n_cells):
 
 def _write(folder, cell, rows, scores):
     """Write the scores of a tile under a temporary name, which they leave when they are whole."""
-    whole, _ = tile_files(folder, cell)
     results = np.empty(len(rows), SCORED)
     results["row"], results["values"][:, 0] = rows, scores
-    temporary = whole.with_name(f"{cell}.{os.getpid()}.part")
-    with open(temporary, "wb") as file:
-        results.tofile(file)
-    os.replace(temporary, whole)
+    write_whole(tile_files(folder, cell)[0], results)

@@ -4,14 +4,20 @@ import hashlib
 import json
 import os
 import shutil
+from contextlib import suppress
 from pathlib import Path
 
+from sklearn_mcmd.tiling._catalog import stamp_of
 from sklearn_mcmd.tiling._constants import Constants
+from sklearn_mcmd.tiling._lock import Lock
 from sklearn_mcmd.tiling._tile import tile_files
 
 __all__ = ["WorkFolder", "key_of"]
 
 MANIFEST = "manifest.json"
+MOVES = "moves.json"
+LOCK = "lock"
+WRITTEN = ".written"  # the end of the name of an output's mark
 
 
 class WorkFolder:
@@ -19,12 +25,14 @@ class WorkFolder:
 
     The manifest is written when all points are in their cells. Its key tells whether what lies
     there was made of the same inputs, with the same parameters. What was not is removed.
+    A lock keeps other runs out until it is released, or the folder is removed.
 
     Parameters
     ----------
     target : path
         The output.
-    key : str
+    key : str or None
+        None looks at what is there, and removes nothing.
 
     Attributes
     ----------
@@ -33,19 +41,27 @@ class WorkFolder:
     """
 
     def __init__(self, target, key):
-        self.path = Path(f"{os.path.realpath(target)}.tiles")
+        self.path = self.path_of(target)
         self.cells, self.results = self.path / "cells", self.path / "results"
         self.key = key
-        self._manifest = self.path / MANIFEST
-        stored = self._read()
-        if self.path.exists() and not (stored or self._is_ours()):
+        self._lock = Lock(self.path / LOCK)
+        self._manifest, self._moves = self.path / MANIFEST, self.path / MOVES
+        if self.path.exists() and not (self._read() or self._is_ours()):
             raise FileExistsError(
                 f"{self.path} is in the way: it is where temporary files would be; move it"
             )
-        if stored.get("key") != key:
-            self.remove()
-            self.cells.mkdir(parents=True)
-            self.results.mkdir()
+        self.path.mkdir(exist_ok=True)
+        self._lock.acquire()
+        try:
+            if key is not None and self._read().get("key") != key:
+                self.clear()
+        except BaseException:
+            self.release()
+            raise
+
+    @staticmethod
+    def path_of(target):
+        return Path(f"{os.path.realpath(target)}.tiles")
 
     @property
     def constants(self):
@@ -55,33 +71,92 @@ class WorkFolder:
 
     def finish_cells(self, constants):
         """Remember that all points are in cells."""
-        temporary = self._manifest.with_suffix(".part")
-        temporary.write_text(json.dumps({"key": self.key, "constants": constants._asdict()}))
-        os.replace(temporary, self._manifest)
+        _write(self._manifest, {"key": self.key, "constants": constants._asdict()})
 
     def is_done(self, cell):
         """Whether the results of a tile are there."""
         return tile_files(self.results, cell)[0].exists()
 
-    def is_written(self, i):
-        """Whether the i-th output was written before."""
-        return (self.path / f"{i}.written").exists()
+    def staged(self, i, target):
+        """Where the i-th output waits if it may not replace its input before all are written."""
+        target = Path(os.path.realpath(target))
+        return target.with_name(f".mcmd-{self.key[:16]}-{i}{target.suffix.lower()}")
 
-    def mark_written(self, i):
-        (self.path / f"{i}.written").touch()
+    def is_written(self, i, path, content):
+        """Whether the i-th output was written before, with this content, and is there."""
+        mark = _read(self.path / f"{i}{WRITTEN}")
+        return mark == _mark(path, content) and mark["stamp"] is not None
+
+    def mark_written(self, i, path, content):
+        _write(self.path / f"{i}{WRITTEN}", _mark(path, content))
+
+    def finish_outputs(self, **moves):
+        """Remember that all outputs are written; a run that ends now has only to move them."""
+        _write(self._moves, moves)
+
+    def moves(self):
+        """What `finish_outputs` has remembered, or nothing."""
+        return _read(self._moves)
+
+    def forget_moves(self):
+        self._moves.unlink(missing_ok=True)
+
+    def release(self):
+        """Let other runs in."""
+        self._lock.release()
 
     def remove(self):
-        shutil.rmtree(self.path, ignore_errors=True)
+        """Remove the folder, and outputs that wait; last of all what tells of moves."""
+        self._empty()
+        self.forget_moves()
+        self.release()
+        with suppress(OSError):  # another run may have begun
+            self.path.rmdir()
+
+    def clear(self):
+        """Begin anew."""
+        self._empty()
+        self.forget_moves()
+        self.cells.mkdir(parents=True)
+        self.results.mkdir()
+
+    def _empty(self):
+        for file in self.path.glob(f"*{WRITTEN}"):
+            path = Path(_read(file).get("path", ""))
+            if path.name.startswith(".mcmd-"):
+                path.unlink(missing_ok=True)
+        for folder in (self.cells, self.results):
+            shutil.rmtree(folder, ignore_errors=True)
+        for file in self.path.glob("*"):
+            if file not in (self._moves, self._lock.path) and not file.is_dir():
+                file.unlink(missing_ok=True)
 
     def _read(self):
-        try:
-            return json.loads(self._manifest.read_text())
-        except (OSError, ValueError):
-            return {}
+        return _read(self._manifest)
 
     def _is_ours(self):
         """Of a run that ended before its manifest; or an empty folder."""
-        return {entry.name for entry in self.path.iterdir()} <= {"cells", "results"}
+        return {entry.name for entry in self.path.iterdir()} <= {"cells", "results", MOVES, LOCK}
+
+
+def _read(path):
+    try:
+        return json.loads(path.read_text())
+    except (OSError, ValueError):
+        return {}
+
+
+def _write(path, content):
+    temporary = path.with_suffix(".part")
+    temporary.write_text(json.dumps(content))
+    os.replace(temporary, path)
+
+
+def _mark(path, content):
+    """What is remembered of an output: where it is, what it holds, and its stamp."""
+    path = Path(os.path.realpath(path))
+    stamp = list(stamp_of(path)) if path.exists() else None
+    return {"path": str(path), "content": content, "stamp": stamp}
 
 
 def key_of(catalog, estimator, tile_size, share, version):

@@ -15,6 +15,7 @@ from sklearn_mcmd.planes._progress import current_span
 from sklearn_mcmd.tiling._catalog import EXTENSIONS, stamp_of
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._memory import PART
+from sklearn_mcmd.tiling._moves import places_of
 from sklearn_mcmd.tiling._tile import result_dtype, tile_files
 
 __all__ = [
@@ -94,7 +95,8 @@ def write_outputs(catalog, targets, folder, names):
         return values[:, removed].sum(dtype=np.float64)
 
     dtype = result_dtype(len(names))
-    return float(_write(catalog, targets, folder, dtype, with_normals, total)) / catalog.n_points
+    whole = _write(catalog, targets, folder, dtype, with_normals, total, names)
+    return float(whole) / catalog.n_points
 
 
 def write_denoised_outputs(catalog, targets, folder, mode, cutoff):
@@ -127,19 +129,20 @@ def write_denoised_outputs(catalog, targets, folder, mode, cutoff):
     return map(int, _write(catalog, targets, folder, SCORED, denoised, counts, mode))
 
 
-def _write(catalog, targets, folder, dtype, make, measure, mode=""):
+def _write(catalog, targets, folder, dtype, make, measure, content):
     """Write each output; returns the sum of what `measure` tells of the results.
 
     `make` returns what to write of a cloud and its results, and which points to mark in it.
+    `content` tells this from other outputs of the same results.
     """
     results = _Results(folder.results, len(Cells(folder.cells)), dtype)
     first, total = 0, 0.0
     joined = len(targets) < len(catalog)
     header = joined_header(catalog.paths) if joined else None
     everything = range(len(catalog))
-    for i, target in enumerate(targets):
+    for i, place in enumerate(places_of(catalog, targets, folder)):
         inputs = everything if joined else [i]
-        if folder.is_written(f"{i}{mode}"):
+        if folder.is_written(i, place, content):
             n = sum(catalog.counts[j] for j in inputs)
             for start in range(first, first + n, PART):
                 total += measure(results.take(start, min(PART, first + n - start)))
@@ -149,7 +152,7 @@ def _write(catalog, targets, folder, dtype, make, measure, mode=""):
             with one_clear_line(catalog.paths[j], "read"):
                 if stamp_of(catalog.paths[j]) != catalog.stamps[j]:
                     raise PointFileError("has changed since it was read")
-        with replacing(target) as temporary, writing_parts(temporary) as write:
+        with replacing(place) as temporary, writing_parts(temporary) as write:
             for path in (catalog.paths[j] for j in inputs):
                 for cloud in read_parts(path, PART):
                     if joined:
@@ -160,7 +163,7 @@ def _write(catalog, targets, folder, dtype, make, measure, mode=""):
                     write(*make(cloud, values))
                     first += len(cloud)
                     tell(first / catalog.n_points)
-        folder.mark_written(f"{i}{mode}")
+        folder.mark_written(i, place, content)
     return total
 
 

@@ -25,6 +25,7 @@ from sklearn_mcmd.tiling._cells import Cells, CellWriter
 from sklearn_mcmd.tiling._constants import WholeCloud
 from sklearn_mcmd.tiling._folder import WorkFolder, key_of
 from sklearn_mcmd.tiling._memory import PART, parse_memory, plan_run, usual_memory
+from sklearn_mcmd.tiling._moves import Moves
 from sklearn_mcmd.tiling._outputs import targets_of, tell, write_outputs
 from sklearn_mcmd.tiling._tile import (
     NORMAL_COLUMNS,
@@ -40,6 +41,8 @@ __all__ = [
     "SCATTERED",
     "RunReport",
     "TilingError",
+    "finish",
+    "finished_before",
     "kept",
     "scattered",
     "write_normals",
@@ -168,6 +171,8 @@ def write_normals(
     catalog = source if isinstance(source, Catalog) else Catalog(source)
     targets = targets_of(catalog, Path(target), as_folder)
     estimator = clone(estimator).set_params(n_jobs=1)
+    if not restart and (report := finished_before(catalog, target, targets, estimator)):
+        return report
     names = _warm_up(estimator)
     memory = usual_memory() if memory is None else parse_memory(memory)
     plan = plan_run(catalog.n_points, memory, n_jobs, len(names) - len(NORMAL_COLUMNS), tile_size)
@@ -185,30 +190,61 @@ def write_normals(
             compute_cells(task, cells, todo, plan.n_workers, "normals")
         with progress_part(COMPUTED, 1.0, "writing"):
             removed = write_outputs(catalog, targets, folder, names)
-    reports = _reports(folder)
-    folder.remove()
-    return RunReport(
-        catalog.n_points, len(reports), plan.n_workers, len(cells) - len(todo),
-        sum(report.n_proved for report in reports), removed, time.perf_counter() - begin,
-    )  # fmt: skip
+        reports = _reports(folder)
+        report = RunReport(
+            catalog.n_points, len(reports), plan.n_workers, len(cells) - len(todo),
+            sum(report.n_proved for report in reports), removed, time.perf_counter() - begin,
+        )  # fmt: skip
+        finish(folder, catalog, targets, estimator, report)
+    return report
 
 
 def scattered(catalog, target, estimator, plan, cut, restart):
     """The folder of a run, with all points in cells: of an earlier run, if that was the same."""
-    _check_disk(Path(os.path.realpath(target)).parent, plan.disk)
     key = key_of(catalog, estimator, plan.tile_size, cut, _version())
     folder = WorkFolder(target, key)
-    if restart:
-        folder.remove()
-        folder = WorkFolder(target, key)
-    if folder.constants is None:
-        try:
+    try:
+        if restart:
+            folder.clear()
+        if folder.constants is None:
+            _check_disk(folder.path.parent, plan.disk)
             with progress_part(0.0, SCATTERED, "reading"):
                 _scatter(catalog, folder, plan.tile_size, cut)
-        except BaseException:
+    except BaseException:
+        if folder.constants is None:
             folder.remove()
-            raise
+        folder.release()
+        raise
     return folder
+
+
+def finished_before(catalog, target, targets, estimator, content=""):
+    """The report of an earlier run that had only to move its outputs, which is done; or None."""
+    path = WorkFolder.path_of(target)
+    if not path.exists():
+        return None
+    folder = WorkFolder(target, None)
+    with kept(folder):
+        report = Moves(folder, catalog, targets, estimator, content, _version()).resume()
+        if report:
+            folder.remove()
+    if report is False:
+        raise TilingError(
+            f"{target}: an earlier run ended when it had replaced some of its inputs; give the "
+            "same command again to replace the others, or begin anew with files as they are "
+            "(restart)"
+        )
+    if report is None:
+        return None
+    report = RunReport(**report)
+    return report._replace(n_resumed=report.n_tiles)
+
+
+def finish(folder, catalog, targets, estimator, report, content=""):
+    """Move outputs that replace inputs, and remove the folder."""
+    moves = Moves(folder, catalog, targets, estimator, content, _version())
+    moves.finish(report._asdict())
+    folder.remove()
 
 
 @contextmanager
@@ -222,6 +258,8 @@ def kept(folder):
             raise TilingError(f"{str(err) or type(err).__name__}; {kept}") from err
         warnings.warn(kept, stacklevel=4)
         raise
+    finally:
+        folder.release()
 
 
 def _check(estimator):

@@ -24,6 +24,7 @@ __all__ = [
     "normals_of_tile",
     "result_dtype",
     "tile_files",
+    "write_whole",
 ]
 
 # The halo is as wide as each level's neighborhoods, of which this share is no larger.
@@ -165,10 +166,15 @@ def _with_others(points, cells, k):
 
 
 def _write(folder, cell, results, report):
-    """Write a tile under a temporary name, which it leaves when it is whole."""
+    """Write the report of a tile, and then its results, which tell that both are there."""
     whole, report_file = tile_files(folder, cell)
     report_file.write_text(json.dumps(report._asdict()))
-    temporary = whole.with_name(f"{cell}.{secrets.token_hex(4)}.part")  # of many machines
+    write_whole(whole, results)
+
+
+def write_whole(path, results):
+    """Write results of a tile under a temporary name, of which there is one on all machines."""
+    temporary = path.with_name(f"{path.stem}.{secrets.token_hex(4)}.part")
     with open(temporary, "wb") as file:
         file.write(results.data)  # unlike tofile, it says why it fails
-    os.replace(temporary, whole)
+    os.replace(temporary, path)

@@ -420,6 +420,19 @@ def test_too_small_a_disk_is_said_before_the_work(small_file, tmp_path, monkeypa
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(9, 8, 1000))
     with pytest.raises(PointFileError, match="are free"):
         write_normals(small_file, tmp_path / "out.las")
+    assert files_in(tmp_path) == ["small.las"]
+
+
+def test_a_run_that_goes_on_needs_no_room_for_what_is_there(
+    small_file, tmp_path, monkeypatch, failing
+):
+    failing.add(1)
+    with pytest.warns(match="tile 1 failed"), pytest.raises(TilingError):
+        write_normals(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+    failing.clear()
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(9, 8, 1000))
+    report = write_normals(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+    assert report.n_resumed == 3
 
 
 @pytest.mark.parametrize(

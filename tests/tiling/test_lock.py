@@ -1,0 +1,50 @@
+"""Two runs with one output: the second is refused, and the first goes on."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+
+import pytest
+
+from sklearn_mcmd.tiling import TilingError, _run, write_normals
+from sklearn_mcmd.tiling._lock import Lock
+from tiled import ESTIMATOR
+
+
+def test_a_second_run_is_refused_while_the_first_works(small_file, tmp_path, monkeypatch):
+    target, compute = tmp_path / "out.las", _run.compute_cells
+
+    def second(*args):
+        with pytest.raises(TilingError, match=rf"lock: another run .*process {os.getpid()} on"):
+            write_normals(small_file, target, ESTIMATOR, tile_size=4_000)
+        compute(*args)
+
+    monkeypatch.setattr(_run, "compute_cells", second)
+    write_normals(small_file, target, ESTIMATOR, tile_size=3_000)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.las", "small.las"]
+
+
+def test_a_lock_whose_process_is_no_more_is_taken_over(tmp_path):
+    gone = subprocess.run(
+        [sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True
+    )
+    path = tmp_path / "lock"
+    path.write_text(json.dumps({"host": socket.gethostname(), "pid": int(gone.stdout)}))
+    lock = Lock(path)
+    if os.name == "nt":
+        pytest.skip("one cannot ask there")
+    lock.acquire()
+    assert json.loads(path.read_text())["pid"] == os.getpid()
+    with pytest.raises(TilingError, match="another run"):
+        Lock(path).acquire()
+    lock.release()
+    assert not path.exists()
+
+
+@pytest.mark.parametrize("content", ["", '{"host": "elsewhere", "pid": 1}'])
+def test_a_lock_of_another_machine_is_respected(content, tmp_path):
+    (tmp_path / "lock").write_text(content)
+    with pytest.raises(TilingError, match="remove this file if it is no more"):
+        Lock(tmp_path / "lock").acquire()
