@@ -18,7 +18,7 @@ FIRST_CHUNK, LARGEST_CHUNK = 1 << 16, 1 << 20
 SPACING_SAMPLE = 20_000
 # The error of a coordinate is half a step: at most a sixteenth of the spacing of the points.
 COARSEST, FINEST = 1 / 8, 1 / 256  # steps, in spacings
-MOST_STEPS = 2.0**31
+MOST_STEPS = 2.0**31 - 1  # so that differences of steps fit 32 bits with a sign
 # Five characters hold four bytes; base64 is 7 % longer. None of them means anything in HTML.
 DIGITS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%()*+,-./:;=?@[]^_`{"
 

@@ -56,10 +56,15 @@ class CloudPage:
         Points in the page; fewer than `n_points` if the clouds were thinned.
     error : float
         Largest difference of a coordinate in the page to the cloud's, 0 if they are equal.
+        Cards, lengths and the section box have these coordinates.
     spacing : float
         Median distance of a point to the nearest other one.
     height : int, default=640
         Height of the frame in Jupyter, in pixels.
+    drawn_error : float, default=0.0
+        Largest distance along an axis of a point in the picture to its coordinate in the page.
+        The graphics card takes float32 from the median on, so a stray point 1000 km away is drawn
+        within 3 cm.
 
     See Also
     --------
@@ -75,6 +80,7 @@ class CloudPage:
         error: float,
         spacing: float,
         height: int = 640,
+        drawn_error: float = 0.0,
     ) -> None:
         self.html = html
         self.n_points = n_points
@@ -82,6 +88,7 @@ class CloudPage:
         self.error = error
         self.spacing = spacing
         self.height = height
+        self.drawn_error = drawn_error
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the page. An existing file is replaced only by a complete new one.
@@ -165,6 +172,7 @@ def cloud_page(
         error=manifest["error"],
         spacing=manifest["spacing"],
         height=height,
+        drawn_error=manifest["drawn"],
     )
 
 
@@ -212,6 +220,8 @@ def _pack(clouds, rows, only):
                 "chunks": packed.chunks,
             }
         )
+    middle = np.rint(np.median(steps[0], axis=0)).astype(np.int64)
+    reach = max(int(np.abs(part.astype(np.int64) - middle).max()) for part in steps)
     manifest = {
         "low": grid.low.tolist(),
         "step": grid.step,
@@ -219,7 +229,8 @@ def _pack(clouds, rows, only):
         "spacing": grid.spacing,
         "reach": grid.reach,
         "extent": np.max([part.max(axis=0) for part in steps], axis=0).tolist(),
-        "middle": np.rint(np.median(steps[0], axis=0)).astype(int).tolist(),
+        "middle": middle.tolist(),
+        "drawn": float(np.spacing(np.float32(reach * grid.step)) / 2),
         "heights": _usual_range(np.concatenate([part[:, 2] for part in steps])),
         "attributes": [source.info for source in sources],
         "clouds": told,

@@ -395,6 +395,9 @@ def test_a_point_at_the_origin_does_not_spoil_a_cloud_in_national_coordinates(ch
     )
     heights = tab.ask("cloudPage.scene.colorRange(cloudPage.scene.color)")
     assert heights[1] - heights[0] > 10_000  # the palette serves the cloud, not the stray point
+    assert "The picture rounds places far from the middle" in tab.ask(
+        "document.getElementById('panel').textContent"
+    )
     assert tab.said == []
     tab.context.close()
 

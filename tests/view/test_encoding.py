@@ -53,6 +53,12 @@ def test_no_coordinate_is_off_by_more_than_the_stated_error(xyz):
     )
 
 
+def test_differences_of_steps_fit_32_bits_with_a_sign():
+    xyz = np.random.default_rng(0).uniform(size=(100, 3))
+    xyz[0] = 1e12
+    assert Grid.of([xyz]).encode(xyz).max() < 2**31
+
+
 @pytest.mark.parametrize("extent", [1.0, 300.0, 5000.0])
 def test_the_error_is_below_a_tenth_of_the_spacing(extent):
     xyz = np.random.default_rng(0).uniform(0, 1, (5000, 3)) * [extent, extent, 0.01 * extent]

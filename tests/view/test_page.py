@@ -25,6 +25,21 @@ def test_points_values_and_rows_are_those_of_the_cloud(cloud):
     assert manifest["start"] == "region"
 
 
+def test_a_stray_point_leaves_coordinates_exact_and_what_the_picture_rounds_is_told():
+    xyz = np.round(np.random.default_rng(0).uniform(size=(1000, 3)), 3)
+    near = view(xyz)
+    xyz[0] = [1e6, 0, 0]
+    page = view(xyz)
+    manifest, (shown,) = read_page(page.html)
+    places = (shown.steps.astype(np.int64) - manifest["middle"]) * manifest["step"]
+    rounded = np.abs(places.astype(np.float32) - places)
+    assert near.drawn_error < 1e-7
+    assert rounded.max() <= page.drawn_error == manifest["drawn"] == 2.0**-5
+    assert np.median(rounded) < 1e-7  # the others are drawn where they are
+    exact = np.array(manifest["low"]) + manifest["step"] * shown.steps
+    np.testing.assert_allclose(exact, xyz[shown.rows], rtol=0, atol=page.error + 1e-9)
+
+
 def test_nothing_is_loaded_from_outside(cloud):
     page = view(cloud).html
     urls = set(re.findall(r"(?:https?:)?//[\w.-]+\.\w+[\w/.]*", page.split('class="block"')[0]))

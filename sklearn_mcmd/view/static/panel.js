@@ -363,9 +363,12 @@ class Panel {
     const error = manifest.error > 0
       ? `Coordinates are off by at most ${numberText(manifest.error)}; points are ${numberText(manifest.spacing)} apart (median).`
       : "Coordinates are those of the file.";
+    const drawn = manifest.drawn > manifest.step / 2
+      ? [`The picture rounds places far from the middle by at most ${numberText(manifest.drawn)}; cards and lengths do not.`]
+      : [];
     const coarse = this.scene.attributes.filter((a) => a.error > 0 && !a.own);
     const notes = coarse.map((a) => `${a.name}: within ${numberText(a.error)}` + (a.relative ? `, or ${(100 * a.relative).toPrecision(2)} % far from the median` : ""));
-    return [thinned, error, ...notes, "Lengths are in the units of the file. Rows count from 0."].map((text) => node("p", { className: "note" }, text));
+    return [thinned, error, ...drawn, ...notes, "Lengths are in the units of the file. Rows count from 0."].map((text) => node("p", { className: "note" }, text));
   }
 }
 
