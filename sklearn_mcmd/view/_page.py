@@ -146,20 +146,21 @@ def cloud_page(
     named = names or [_name(cloud, number) for number, cloud in enumerate(clouds, 1)]
     if len(named) != len(clouds):
         raise ValueError(f"names must have one entry for each of {len(clouds)} clouds, got {names}")
-    whole = [_as_cloud(cloud) for cloud in clouds]
-    sizes = [len(cloud) for cloud in whole]
+    finite = [_as_cloud(cloud) for cloud in clouds]
+    sizes = [len(rows) for _, rows in finite]
     rows = [
-        shuffled(size, most) for size, most in zip(sizes, shares(sizes, max_points), strict=True)
+        known[shuffled(size, most)]
+        for (_, known), size, most in zip(finite, sizes, shares(sizes, max_points), strict=True)
     ]
-    kept = [cloud.subset(chosen) for cloud, chosen in zip(whole, rows, strict=True)]
+    kept = [cloud.subset(chosen) for (cloud, _), chosen in zip(finite, rows, strict=True)]
     n_shown = sum(map(len, rows))
     if n_shown < sum(sizes):
         warnings.warn(
             f"the page holds {n_shown:,} of {sum(sizes):,} points, chosen at random", stacklevel=3
         )
     manifest, blocks = _pack(kept, rows, only)
-    for told, name, size in zip(manifest["clouds"], named, sizes, strict=True):
-        told |= {"name": str(name), "total": size}
+    for told, name, size, cloud in zip(manifest["clouds"], named, sizes, kept, strict=True):
+        told |= {"name": str(name), "total": size, "dropped": cloud.n_dropped}
     known = [attribute["name"] for attribute in manifest["attributes"]]
     manifest |= {
         "title": title or ", ".join(map(str, named)),
@@ -303,19 +304,20 @@ def _name(cloud, number):
 
 
 def _as_cloud(cloud):
-    """A cloud of finite coordinates, at least one."""
+    """A cloud, and its rows with finite coordinates, at least one."""
     if isinstance(cloud, str | os.PathLike):
         cloud = read_points(cloud)
     elif not isinstance(cloud, PointCloud):
         cloud = PointCloud(np.asarray(cloud))
-    finite = np.isfinite(cloud.xyz).all(axis=1)
-    if not finite.all():
-        cloud = cloud.subset(finite)
-        n_dropped = int(np.count_nonzero(~finite))
-        warnings.warn(f"{n_dropped:,} points without finite coordinates are left out", stacklevel=4)
-    if len(cloud) == 0:
+    rows = np.flatnonzero(np.isfinite(cloud.xyz).all(axis=1))
+    if len(rows) < len(cloud):
+        n_left_out = len(cloud) - len(rows)
+        warnings.warn(
+            f"{n_left_out:,} points without finite coordinates are left out", stacklevel=4
+        )
+    if len(rows) == 0:
         raise ValueError("A cloud without points (with finite coordinates) cannot be shown.")
-    return cloud
+    return cloud, rows
 
 
 def _plain(value: Any) -> Any:

@@ -402,6 +402,16 @@ def test_a_point_at_the_origin_does_not_spoil_a_cloud_in_national_coordinates(ch
     tab.context.close()
 
 
+@pytest.mark.parametrize("read", [True, False])
+def test_a_row_among_points_with_coordinates_is_called_so(chromium, read, tmp_path):
+    cloud = PointCloud(np.eye(3), n_dropped=int(read))
+    tab = Tab(chromium, view(cloud).save(tmp_path / "few.html"))
+    tab.ask("cloudPage.overlay.picked = { cloud: cloudPage.scene.clouds[0], i: 0 }")
+    tab.ask("cloudPage.showCard()")
+    assert ("Row among the points with coordinates" in tab.text("#card")) is read
+    tab.context.close()
+
+
 @pytest.mark.parametrize("n", [1, 2])
 def test_few_points_are_shown(chromium, n, tmp_path):
     xyz = np.arange(3.0 * n).reshape(n, 3)

@@ -125,6 +125,19 @@ def test_points_without_coordinates_are_left_out_with_a_warning():
     assert page.n_shown == 2
 
 
+@pytest.mark.filterwarnings("ignore:1 points without")
+def test_rows_are_those_of_the_array_also_after_points_that_are_left_out(tmp_path):
+    xyz = np.round(np.random.default_rng(0).uniform(size=(20, 3)), 3)
+    xyz[3] = np.nan
+    manifest, (shown,) = read_page(view(xyz).html)
+    places = np.array(manifest["low"]) + manifest["step"] * shown.steps
+    np.testing.assert_allclose(places, xyz[shown.rows], rtol=0, atol=1e-9)
+    assert manifest["clouds"][0]["dropped"] == 0
+    np.savetxt(tmp_path / "scan.xyz", xyz)
+    read, _ = read_page(view(tmp_path / "scan.xyz").html)
+    assert read["clouds"][0]["dropped"] == 1  # the reader left it out: the card says so
+
+
 @pytest.mark.filterwarnings("ignore:2 points without")
 def test_an_empty_cloud_and_no_cloud_are_refused():
     for empty in (np.empty((0, 3)), np.full((2, 3), np.nan)):

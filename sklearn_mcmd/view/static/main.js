@@ -392,7 +392,9 @@ function pointCard(hit, scene) {
   const add = (name, value) => list.append(node("dt", {}, name), node("dd", { dataset: { name } }, value));
   scene.coordinates(cloud, i).forEach((value, axis) => add("xyz"[axis], numberText(value, digits)));
   for (const [name, value] of scene.describe(cloud, i)) add(name, value);
-  return [node("h2", {}, `Row ${grouped(cloud.rows[i])}`, node("small", {}, cloud.name)), list, ...constantRows(cloud)];
+  const among = cloud.dropped ? [node("p", { className: "note" }, "Row among the points with coordinates.")] : [];
+  const title = node("h2", {}, `Row ${grouped(cloud.rows[i])}`, node("small", {}, cloud.name));
+  return [title, ...among, list, ...constantRows(cloud)];
 }
 
 /** Attributes that are equal for all points, folded. */
