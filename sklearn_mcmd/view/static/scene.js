@@ -17,7 +17,7 @@ class Scene {
     this.n = this.clouds.reduce((sum, cloud) => sum + cloud.n, 0);
     this.total = this.clouds.reduce((sum, cloud) => sum + cloud.total, 0);
     this.filters = new Map(); // attribute -> [lowest code, highest code] of what is shown
-    this.threshold = { attribute: null, code: LAST_CODE, mode: "off" };
+    this.threshold = { attribute: null, code: LAST_CODE, mode: "off", chosen: false }; // chosen: the code is the user's
     this.box = { on: false, low: [0, 0, 0], high: [1, 1, 1] };
     this.color = this.attributes.find((a) => a.name === manifest.start) ?? this.attributes.at(-1);
     this.palette = "viridis";
