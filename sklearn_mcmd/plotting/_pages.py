@@ -53,8 +53,8 @@ def view(
     PointFileError
         If a file cannot be read.
     ValueError
-        If there is no cloud, a cloud has no points with finite coordinates, or no cloud has the
-        attribute of `color` or one of `only`.
+        If there is no cloud, a cloud has no points with finite coordinates, coordinates are more
+        than 1e18 apart, or no cloud has the attribute of `color` or one of `only`.
 
     Warns
     -----

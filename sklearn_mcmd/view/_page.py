@@ -22,6 +22,8 @@ from sklearn_mcmd.view._encoding import Grid, pack_points, shuffled
 __all__ = ["MAX_POINTS", "CloudPage", "cloud_page"]
 
 MAX_POINTS = 5_000_000
+# WebGL takes float32; the products of its matrices must be finite too.
+LARGEST_EXTENT = 1e18
 SUFFIXES = (".html", ".htm")
 # In the order in which they are joined; together they are the page's one script.
 SCRIPTS = ("decode", "colors", "scene", "camera", "renderer", "measure", "panel", "main")
@@ -147,6 +149,7 @@ def cloud_page(
     if len(named) != len(clouds):
         raise ValueError(f"names must have one entry for each of {len(clouds)} clouds, got {names}")
     finite = [_as_cloud(cloud) for cloud in clouds]
+    _check_extent(finite, named)
     sizes = [len(rows) for _, rows in finite]
     rows = [
         known[shuffled(size, most)]
@@ -318,6 +321,21 @@ def _as_cloud(cloud):
     if len(rows) == 0:
         raise ValueError("A cloud without points (with finite coordinates) cannot be shown.")
     return cloud, rows
+
+
+def _check_extent(clouds, names):
+    """Refuse coordinates so far apart that float32 cannot hold their squares."""
+    ends = []
+    for (cloud, rows), name in zip(clouds, names, strict=True):
+        xyz = cloud.xyz[rows]
+        ends += [xyz.min(axis=0), xyz.max(axis=0)]
+        low, high = np.min(ends, axis=0), np.max(ends, axis=0)
+        if (high / 2 - low / 2 > LARGEST_EXTENT / 2).any():
+            axis = int(np.argmax(high / 2 - low / 2))
+            raise ValueError(
+                f"{name}: {'xyz'[axis]} reaches from {low[axis]:.3g} to {high[axis]:.3g}; "
+                f"a page holds extents up to {LARGEST_EXTENT:g}"
+            )
 
 
 def _plain(value: Any) -> Any:
