@@ -39,7 +39,8 @@ def view(
     only : collection of str, default=None
         Attributes to put into the page. None takes all.
     max_points : int, default=5_000_000
-        Largest number of points in the page. Of more, so many are chosen at random.
+        Largest number of points in the page, at least one for each cloud. Of more, so many are
+        chosen at random.
     height : int, default=640
         Height in Jupyter, in pixels.
 
@@ -54,7 +55,9 @@ def view(
         If a file cannot be read.
     ValueError
         If there is no cloud, a cloud has no points with finite coordinates, coordinates are more
-        than 1e18 apart, or no cloud has the attribute of `color` or one of `only`.
+        than 1e18 apart, or no cloud has the attribute of `color` or one of `only`; if `names` has
+        another length than the clouds, `max_points` is less than their number, or `height` is no
+        whole number of at least 1.
 
     Warns
     -----

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Collection, Sequence
 from functools import cache
 from importlib.resources import files
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +90,7 @@ class CloudPage:
         self.n_shown = n_shown
         self.error = error
         self.spacing = spacing
+        _check_count(height, "height")
         self.height = height
         self.drawn_error = drawn_error
 
@@ -143,11 +145,21 @@ def cloud_page(
     """Make a page of clouds; :func:`sklearn_mcmd.plotting.view` describes the parameters."""
     if len(clouds) == 0:
         raise ValueError("A page needs at least one cloud, got none.")
-    if max_points < 1:
-        raise ValueError(f"max_points must be at least 1, got {max_points}.")
-    named = names or [_name(cloud, number) for number, cloud in enumerate(clouds, 1)]
-    if len(named) != len(clouds):
-        raise ValueError(f"names must have one entry for each of {len(clouds)} clouds, got {names}")
+    _check_count(max_points, "max_points")
+    if max_points < len(clouds):
+        raise ValueError(
+            f"max_points must be at least the number of clouds, {len(clouds)}, got {max_points}."
+        )
+    if isinstance(only, str):
+        raise ValueError(f"only must be a collection of names, got the string {only!r}.")
+    if names is None:
+        named = [_name(cloud, number) for number, cloud in enumerate(clouds, 1)]
+    elif isinstance(names, str) or len(names) != len(clouds):
+        raise ValueError(
+            f"names must have one entry for each of {len(clouds)} clouds, got {names!r}."
+        )
+    else:
+        named = list(names)
     finite = [_as_cloud(cloud) for cloud in clouds]
     _check_extent(finite, named)
     sizes = [len(rows) for _, rows in finite]
@@ -189,11 +201,12 @@ def check_suffix(path: str | os.PathLike[str]) -> Path:
 
 
 def shares(sizes, most):
-    """How many points of each cloud a page of `most` points holds: like shares, at least one."""
+    """How many points of each cloud a page of `most` points holds: one, and of the rest a share."""
     total = sum(sizes)
     if total <= most:
         return sizes
-    return [max(1, math.floor(size * most / total)) for size in sizes]
+    n_clouds = len(sizes)
+    return [1 + (size - 1) * (most - n_clouds) // (total - n_clouds) for size in sizes]
 
 
 def _pack(clouds, rows, only):
@@ -321,6 +334,11 @@ def _as_cloud(cloud):
     if len(rows) == 0:
         raise ValueError("A cloud without points (with finite coordinates) cannot be shown.")
     return cloud, rows
+
+
+def _check_count(value, name):
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
+        raise ValueError(f"{name} must be a whole number of at least 1, got {value!r}.")
 
 
 def _check_extent(clouds, names):

@@ -78,6 +78,14 @@ def test_too_many_points_are_thinned_and_that_is_said(cloud):
     assert len(set(shown.rows.tolist())) == 10
 
 
+@pytest.mark.filterwarnings("ignore:the page holds")
+def test_clouds_of_unlike_size_together_are_no_more_than_asked_for():
+    xyz = np.random.default_rng(0).uniform(size=(1000, 3))
+    page = view(xyz, xyz[:1], xyz[:2], max_points=3)
+    assert [len(cloud.rows) for cloud in read_page(page.html)[1]] == [1, 1, 1]
+    assert view(xyz, xyz[:300], max_points=100).n_shown in (99, 100)
+
+
 def test_two_clouds_keep_their_attributes_and_share_the_grid(cloud):
     other = PointCloud(cloud.xyz[:7] + 1, {"score": cloud.attributes["score"][:7]})
     manifest, (first, second) = read_page(view(cloud, other, names=["a", "b"]).html)
@@ -145,10 +153,27 @@ def test_an_empty_cloud_and_no_cloud_are_refused():
             view(empty)
     with pytest.raises(ValueError, match="at least one cloud"):
         view()
-    with pytest.raises(ValueError, match="max_points must be at least 1"):
+    with pytest.raises(ValueError, match="max_points must be a whole number of at least 1"):
         view(np.zeros((3, 3)), max_points=0)
     with pytest.raises(ValueError, match="one entry for each of 1 clouds"):
         view(np.zeros((3, 3)), names=["a", "b"])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"names": []}, "names must have one entry for each of 2 clouds"),
+        ({"names": "ab"}, "names must have one entry for each of 2 clouds, got 'ab'"),
+        ({"max_points": 1}, "max_points must be at least the number of clouds, 2, got 1"),
+        ({"max_points": 2.5}, "max_points must be a whole number of at least 1, got 2.5"),
+        ({"height": '"><script>'}, "height must be a whole number of at least 1"),
+        ({"height": -1}, "height must be a whole number of at least 1"),
+        ({"only": "score"}, "only must be a collection of names"),
+    ],
+)
+def test_wrong_arguments_are_refused_by_name(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        view(np.eye(3), np.eye(3), **wrong)
 
 
 def test_text_is_left_out_with_a_warning(cloud):
