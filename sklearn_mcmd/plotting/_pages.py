@@ -34,7 +34,8 @@ def view(
     title : str, default=None
         Title of the page. None takes the names.
     color : str, default=None
-        Attribute to color by at first, or ``"height"``. None chooses a result, such as
+        Attribute to color by at first, or ``"height"``, which is z unless the clouds have an
+        attribute of that name; then z is ``"height (2)"``. None chooses a result, such as
         ``region``, else colors, class, intensity or height.
     only : collection of str, default=None
         Attributes to put into the page. None takes all.

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from sklearn_mcmd.io._files import read_points, replacing
 from sklearn_mcmd.io._point_cloud import PointCloud
-from sklearn_mcmd.view._attributes import is_wanted, plan_attributes
+from sklearn_mcmd.view._attributes import free_name, is_wanted, plan_attributes
 from sklearn_mcmd.view._encoding import Grid, pack_points, shuffled
 
 __all__ = ["MAX_POINTS", "CloudPage", "cloud_page"]
@@ -179,7 +179,8 @@ def cloud_page(
     known = [attribute["name"] for attribute in manifest["attributes"]]
     manifest |= {
         "title": title or ", ".join(map(str, named)),
-        "start": _first_color(color, [*known, "height"]),
+        "own_height": free_name("height", known),
+        "start": _first_color(color, [*known, free_name("height", known)]),
     }
     return CloudPage(
         _fill(manifest, blocks),
@@ -298,7 +299,7 @@ def _template():
 
 def _first_color(color, known):
     if color is None:
-        return next((name for name in FIRST_COLORS if name in known), "height")
+        return next((name for name in FIRST_COLORS if name in known), known[-1])
     if color not in known:
         raise ValueError(f"no attribute {color!r} to color by; there are {', '.join(known)}")
     return color

@@ -447,6 +447,18 @@ def test_what_is_set_while_points_load_stays(tab):
     }
 
 
+@pytest.mark.parametrize("color", ["height", "height (2)"])
+def test_a_height_of_the_file_is_beside_that_of_the_page(chromium, color, tmp_path):
+    xyz = np.random.default_rng(0).uniform(size=(50, 3))
+    cloud = PointCloud(xyz, {"height": -xyz[:, 2]})
+    tab = Tab(chromium, view(cloud, color=color).save(tmp_path / "height.html"))
+    names = tab.ask("cloudPage.scene.attributes.map((a) => a.name)")
+    assert names == ["height", "height (2)"]
+    assert tab.ask("cloudPage.scene.color.name") == color
+    assert tab.said == []
+    tab.context.close()
+
+
 @pytest.mark.parametrize("read", [True, False])
 def test_a_row_among_points_with_coordinates_is_called_so(chromium, read, tmp_path):
     cloud = PointCloud(np.eye(3), n_dropped=int(read))

@@ -116,6 +116,22 @@ def test_the_first_color_can_be_chosen(cloud):
         view(cloud, color="hue")
 
 
+def test_each_attribute_has_a_name_of_its_own(cloud):
+    rng = np.random.default_rng(0)
+    own = PointCloud(cloud.xyz, {"height": rng.uniform(size=40)})
+    manifest, _ = read_page(view(own, color="height").html)
+    assert (manifest["start"], manifest["own_height"]) == ("height", "height (2)")
+    assert read_page(view(own, color="height (2)").html)[0]["start"] == "height (2)"
+    assert read_page(view(own).html)[0]["start"] == "height (2)"
+    bits = {name: np.arange(40, dtype=np.uint8) for name in ("red", "green", "blue")}
+    clouds = (PointCloud(cloud.xyz, bits), PointCloud(cloud.xyz, {"color": rng.uniform(size=40)}))
+    manifest, (first, second) = read_page(view(*clouds).html)
+    assert [a["name"] for a in manifest["attributes"]] == ["color (2)", "color"]
+    assert (set(first.columns), set(second.columns)) == ({"color (2)"}, {"color"})
+    manifest, _ = read_page(view(*clouds, only=["color (2)"]).html)
+    assert [a["kind"] for a in manifest["attributes"]] == ["rgb"]
+
+
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_few_points_make_a_page(n):
     xyz = np.random.default_rng(0).normal(size=(n, 3))

@@ -27,7 +27,7 @@ class Scene {
     const [first, last] = this.manifest.heights; // of nearly all points, in steps
     const step = ((last - first) * this.step) / (LAST_CODE - 1) || 1;
     const low = this.low[2] + first * this.step;
-    return { name: "height", kind: "number", low, step, error: step / 2, own: true };
+    return { name: this.manifest.own_height, kind: "number", low, step, error: step / 2, own: true };
   }
 
   emptyCloud(told) {
