@@ -183,3 +183,33 @@ def test_wrong_views_and_lengths_are_refused(xyz):
 def test_a_few_points_can_be_drawn():
     for n in (1, 2):
         EdgeDisplay(np.zeros((n, 3)), np.zeros(n, bool)).plot().figure_.canvas.draw()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"show": "score"}, "show='score' is unknown"),
+        ({"max_points": 0}, "max_points must be a whole number of at least 1, got 0"),
+        ({"max_points": -1}, "max_points must be"),
+        ({"max_points": 2.5}, "max_points must be"),
+        ({"view": (1, 2, 3)}, "view must be a name or azimuth and elevation"),
+        ({"view": (1, np.nan)}, "view must be"),
+        ({"view": None}, "view must be"),
+    ],
+)
+def test_wrong_options_are_refused_by_name(xyz, wrong, message):
+    with pytest.raises(ValueError, match=message):
+        OutlierDisplay.from_predictions(xyz, np.ones(400), **wrong)
+
+
+def test_missing_coordinates_and_labels_are_refused_by_name(xyz):
+    with pytest.raises(ValueError, match="labels must be whole numbers without NaN"):
+        SegmentationDisplay.from_predictions(xyz, np.full(400, np.nan))
+    with pytest.raises(ValueError, match="labels must be whole numbers"):
+        SegmentationDisplay.from_predictions(xyz, np.full(400, 0.5))
+    broken = np.where(xyz > 0.9, np.nan, xyz)
+    with pytest.raises(ValueError, match="xyz must be finite"):
+        OutlierDisplay.from_predictions(broken, np.ones(400))
+    with pytest.raises(ValueError, match="xyz must be finite"):
+        plot_cloud(broken)
+    NormalsDisplay.from_predictions(xyz, np.full((400, 3), np.nan))  # gray

@@ -1,5 +1,6 @@
 """Results of estimators as pictures, in the manner of scikit-learn's displays."""
 
+from numbers import Integral
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -46,6 +47,7 @@ class _CloudDisplay:
 
     def _draw(self, colors, labels, title, *, view, max_points, ax, outliers=None, scale_bar=True):
         """Draw at most `max_points` points; rare labels keep more of theirs."""
+        _check_count(max_points, "max_points")
         rows = thinned(labels, max_points)
         self.ax_ = plot_cloud(
             self.xyz[rows],
@@ -116,7 +118,7 @@ class OutlierDisplay(_CloudDisplay):
         scores: ArrayLike | None = None,
         is_true_outlier: ArrayLike | None = None,
     ) -> None:
-        self.xyz = check_points(xyz)
+        self.xyz = check_points(xyz, finite=True)
         self.is_outlier = _column(is_outlier, self.xyz, "is_outlier").astype(bool)
         self.scores = None if scores is None else _column(scores, self.xyz, "scores")
         self.is_true_outlier = (
@@ -211,6 +213,8 @@ class OutlierDisplay(_CloudDisplay):
         OutlierDisplay
             The display.
         """
+        if show not in ("verdict", "scores"):
+            raise ValueError(f"show={show!r} is unknown; known are 'verdict' and 'scores'.")
         flagged, true = self.is_outlier, self.is_true_outlier
         n, n_all = np.count_nonzero(flagged), len(flagged)
         title = f"{n:,} of {n_all:,} points are outliers ({100 * n / n_all:.2f} %)"
@@ -266,7 +270,7 @@ class NormalsDisplay(_CloudDisplay):
     """
 
     def __init__(self, xyz: ArrayLike, normals: ArrayLike) -> None:
-        self.xyz = check_points(xyz)
+        self.xyz = check_points(xyz, finite=True)
         self.normals = check_points(normals, "normals")
         if len(self.normals) != len(self.xyz):
             raise ValueError(f"normals has {len(self.normals)} rows, the cloud {len(self.xyz)}.")
@@ -367,8 +371,8 @@ class SegmentationDisplay(_CloudDisplay):
     """
 
     def __init__(self, xyz: ArrayLike, labels: ArrayLike) -> None:
-        self.xyz = check_points(xyz)
-        self.labels = _column(labels, self.xyz, "labels").astype(np.int64)
+        self.xyz = check_points(xyz, finite=True)
+        self.labels = _whole(_column(labels, self.xyz, "labels"), "labels")
 
     @classmethod
     def from_estimator(cls, estimator: Any, X: ArrayLike, **options: Any) -> "Self":
@@ -466,7 +470,7 @@ class EdgeDisplay(_CloudDisplay):
     """
 
     def __init__(self, xyz: ArrayLike, is_edge: ArrayLike) -> None:
-        self.xyz = check_points(xyz)
+        self.xyz = check_points(xyz, finite=True)
         self.is_edge = _column(is_edge, self.xyz, "is_edge").astype(bool)
 
     @classmethod
@@ -566,7 +570,7 @@ class PlaneResidualDisplay(_CloudDisplay):
     """
 
     def __init__(self, xyz: ArrayLike, residuals: ArrayLike, is_outlier: ArrayLike) -> None:
-        self.xyz = check_points(xyz)
+        self.xyz = check_points(xyz, finite=True)
         self.residuals = _column(residuals, self.xyz, "residuals").astype(np.float64)
         self.is_outlier = _column(is_outlier, self.xyz, "is_outlier").astype(bool)
 
@@ -671,6 +675,19 @@ def _choose(masks, chosen, otherwise):
     for mask, color in zip(masks, chosen, strict=True):
         colors[mask] = to_rgb(color)
     return colors
+
+
+def _check_count(value, name):
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
+        raise ValueError(f"{name} must be a whole number of at least 1, got {value!r}.")
+
+
+def _whole(values, name):
+    """Numbers as int64, if they are whole."""
+    numbers = values.dtype.kind in "biuf" and np.isfinite(values).all()
+    if not numbers or not np.array_equal(values, np.rint(values)):
+        raise ValueError(f"{name} must be whole numbers without NaN.")
+    return values.astype(np.int64)
 
 
 def _column(values, points, name):

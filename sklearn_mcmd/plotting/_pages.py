@@ -34,12 +34,14 @@ def view(
     title : str, default=None
         Title of the page. None takes the names.
     color : str, default=None
-        Attribute to color by at first, or ``"height"``. None chooses a result, such as
+        Attribute to color by at first, or ``"height"``, which is z unless the clouds have an
+        attribute of that name; then z is ``"height (2)"``. None chooses a result, such as
         ``region``, else colors, class, intensity or height.
     only : collection of str, default=None
         Attributes to put into the page. None takes all.
     max_points : int, default=5_000_000
-        Largest number of points in the page. Of more, so many are chosen at random.
+        Largest number of points in the page, at least one for each cloud. Of more, so many are
+        chosen at random.
     height : int, default=640
         Height in Jupyter, in pixels.
 
@@ -53,8 +55,10 @@ def view(
     PointFileError
         If a file cannot be read.
     ValueError
-        If there is no cloud, a cloud has no points with finite coordinates, or no cloud has the
-        attribute of `color` or one of `only`.
+        If there is no cloud, a cloud has no points with finite coordinates, coordinates are more
+        than 1e18 apart, or no cloud has the attribute of `color` or one of `only`; if `names` has
+        another length than the clouds, `max_points` is less than their number, or `height` is no
+        whole number of at least 1.
 
     Warns
     -----

@@ -90,7 +90,7 @@ def plot_cloud(
     2000
     """
     plt = import_extra("matplotlib.pyplot", "plot", "Plotting")
-    points = check_points(xyz)
+    points = check_points(xyz, finite=True)
     picture, depth = look(points, view)
     order = np.argsort(depth, kind="stable")
 
@@ -294,8 +294,10 @@ def _as_rgb(color, n_points):
     return np.broadcast_to(colors.to_rgba_array(color)[:, :3], (n_points, 3)).copy()
 
 
-def check_points(xyz, name="xyz"):
+def check_points(xyz, name="xyz", finite=False):
     xyz = np.asarray(xyz, dtype=np.float64)
     if xyz.ndim != 2 or xyz.shape[1] != 3 or len(xyz) == 0:
         raise ValueError(f"{name} must have shape (n, 3) with n > 0, got {xyz.shape}.")
+    if finite and not np.isfinite(xyz).all():
+        raise ValueError(f"{name} must be finite, got NaN or infinity.")
     return xyz

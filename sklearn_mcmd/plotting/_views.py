@@ -93,7 +93,11 @@ def draw_scale_bar(ax, note=""):
 
 def _angles(view):
     if not isinstance(view, str):
-        return view
+        angles = np.asarray(view)
+        numbers = angles.dtype.kind in "biuf"
+        if not numbers or angles.shape != (2,) or not np.isfinite(angles).all():
+            raise ValueError(f"view must be a name or azimuth and elevation, got {view!r}.")
+        return angles
     if view not in VIEWS:
         raise ValueError(
             f"view={view!r} is unknown; known are {', '.join(VIEWS)}, or azimuth and elevation."

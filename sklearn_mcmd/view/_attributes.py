@@ -9,7 +9,7 @@ import numpy as np
 
 from sklearn_mcmd.io._point_cloud import flat_columns
 
-__all__ = ["ColumnSource", "NumberCode", "code_normals", "is_wanted", "plan_attributes"]
+__all__ = ["ColumnSource", "NumberCode", "code_normals", "free_name", "is_wanted", "plan_attributes"]
 
 LONG_TAIL = 20  # ranges of normal values are 6 to 8 times their quartiles' distance
 TOP = 65534  # largest code of a number above the first; code 0 is "no value"
@@ -142,6 +142,7 @@ def plan_attributes(clouds, only=None):
     for joined, kind in ((normals, "normal"), (colors, "rgb")):
         if any(codes is not None for codes in joined):
             name = "normal" if kind == "normal" else "color"
+            name = free_name(name, {other for table in columns for other in table})
             sources.append(ColumnSource({"name": name, "kind": kind}, joined))
     constants = [{} for _ in columns]
     for name in dict.fromkeys(name for table in columns for name in table):
@@ -158,6 +159,14 @@ def plan_attributes(clouds, only=None):
         sources = [source for source in sources if is_wanted(source.info, wanted)]
         constants = [{k: v for k, v in kept.items() if k in wanted} for kept in constants]
     return sources, constants, skipped
+
+
+def free_name(name, taken):
+    """The name, or with a number if another attribute has it."""
+    free, number = name, 2
+    while free in taken:
+        free, number = f"{name} ({number})", number + 1
+    return free
 
 
 def code_normals(vectors):
@@ -263,4 +272,4 @@ def is_wanted(info, wanted):
         "normal": {"normal", "normals", "normal_x", "normal_y", "normal_z"},
         "rgb": {"color", "rgb", "red", "green", "blue"},
     }
-    return not wanted.isdisjoint(parts.get(info["kind"], {info["name"]}))
+    return not wanted.isdisjoint({info["name"]} | parts.get(info["kind"], set()))

@@ -18,7 +18,7 @@ FIRST_CHUNK, LARGEST_CHUNK = 1 << 16, 1 << 20
 SPACING_SAMPLE = 20_000
 # The error of a coordinate is half a step: at most a sixteenth of the spacing of the points.
 COARSEST, FINEST = 1 / 8, 1 / 256  # steps, in spacings
-MOST_STEPS = 2.0**31
+MOST_STEPS = 2.0**31 - 1  # so that differences of steps fit 32 bits with a sign
 # Five characters hold four bytes; base64 is 7 % longer. None of them means anything in HTML.
 DIGITS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%()*+,-./:;=?@[]^_`{"
 
@@ -45,9 +45,23 @@ class Grid(NamedTuple):
         least = extent / MOST_STEPS
         decimal = _decimal_step(clouds, low, max(FINEST * spacing, least), extent)
         if decimal is not None:
-            return cls(low, decimal, 0.0, spacing, reach)
+            exact = cls(low, decimal, 0.0, spacing, reach)
+            return exact._replace(error=max(map(exact.merging_error, clouds)))
         step = max(min(extent / 65535, COARSEST * spacing), FINEST * spacing, least)
         return cls(low, step, step / 2, spacing, reach)
+
+    def merging_error(self, xyz):
+        """How far coordinates are off if the grid makes one of several of them, else 0.
+
+        Float64 numbers near the same decimal are not several: they differ by rounding.
+        """
+        decimals = np.round(xyz, -round(np.log10(self.step)))
+        if (np.abs(xyz - decimals) <= 4 * np.spacing(np.abs(xyz))).all():
+            return 0.0
+        steps = self.encode(xyz)
+        if all(len(np.unique(xyz[:, i])) == len(np.unique(steps[:, i])) for i in range(3)):
+            return 0.0
+        return float(np.abs(self.decode(steps) - xyz).max())
 
     def encode(self, xyz):
         """Steps (n, 3) of points."""

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Collection, Sequence
 from functools import cache
 from importlib.resources import files
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +17,14 @@ from numpy.typing import ArrayLike
 
 from sklearn_mcmd.io._files import read_points, replacing
 from sklearn_mcmd.io._point_cloud import PointCloud
-from sklearn_mcmd.view._attributes import is_wanted, plan_attributes
+from sklearn_mcmd.view._attributes import free_name, is_wanted, plan_attributes
 from sklearn_mcmd.view._encoding import Grid, pack_points, shuffled
 
 __all__ = ["MAX_POINTS", "CloudPage", "cloud_page"]
 
 MAX_POINTS = 5_000_000
+# WebGL takes float32; the products of its matrices must be finite too.
+LARGEST_EXTENT = 1e18
 SUFFIXES = (".html", ".htm")
 # In the order in which they are joined; together they are the page's one script.
 SCRIPTS = ("decode", "colors", "scene", "camera", "renderer", "measure", "panel", "main")
@@ -56,10 +59,15 @@ class CloudPage:
         Points in the page; fewer than `n_points` if the clouds were thinned.
     error : float
         Largest difference of a coordinate in the page to the cloud's, 0 if they are equal.
+        Cards, lengths and the section box have these coordinates.
     spacing : float
         Median distance of a point to the nearest other one.
     height : int, default=640
         Height of the frame in Jupyter, in pixels.
+    drawn_error : float, default=0.0
+        Largest distance along an axis of a point in the picture to its coordinate in the page.
+        The graphics card takes float32 from the median on, so a stray point 1000 km away is drawn
+        within 3 cm.
 
     See Also
     --------
@@ -75,13 +83,16 @@ class CloudPage:
         error: float,
         spacing: float,
         height: int = 640,
+        drawn_error: float = 0.0,
     ) -> None:
         self.html = html
         self.n_points = n_points
         self.n_shown = n_shown
         self.error = error
         self.spacing = spacing
+        _check_count(height, "height")
         self.height = height
+        self.drawn_error = drawn_error
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the page. An existing file is replaced only by a complete new one.
@@ -134,29 +145,42 @@ def cloud_page(
     """Make a page of clouds; :func:`sklearn_mcmd.plotting.view` describes the parameters."""
     if len(clouds) == 0:
         raise ValueError("A page needs at least one cloud, got none.")
-    if max_points < 1:
-        raise ValueError(f"max_points must be at least 1, got {max_points}.")
-    named = names or [_name(cloud, number) for number, cloud in enumerate(clouds, 1)]
-    if len(named) != len(clouds):
-        raise ValueError(f"names must have one entry for each of {len(clouds)} clouds, got {names}")
-    whole = [_as_cloud(cloud) for cloud in clouds]
-    sizes = [len(cloud) for cloud in whole]
+    _check_count(max_points, "max_points")
+    if max_points < len(clouds):
+        raise ValueError(
+            f"max_points must be at least the number of clouds, {len(clouds)}, got {max_points}."
+        )
+    if isinstance(only, str):
+        raise ValueError(f"only must be a collection of names, got the string {only!r}.")
+    if names is None:
+        named = [_name(cloud, number) for number, cloud in enumerate(clouds, 1)]
+    elif isinstance(names, str) or len(names) != len(clouds):
+        raise ValueError(
+            f"names must have one entry for each of {len(clouds)} clouds, got {names!r}."
+        )
+    else:
+        named = list(names)
+    finite = [_as_cloud(cloud) for cloud in clouds]
+    _check_extent(finite, named)
+    sizes = [len(rows) for _, rows in finite]
     rows = [
-        shuffled(size, most) for size, most in zip(sizes, shares(sizes, max_points), strict=True)
+        known[shuffled(size, most)]
+        for (_, known), size, most in zip(finite, sizes, shares(sizes, max_points), strict=True)
     ]
-    kept = [cloud.subset(chosen) for cloud, chosen in zip(whole, rows, strict=True)]
+    kept = [cloud.subset(chosen) for (cloud, _), chosen in zip(finite, rows, strict=True)]
     n_shown = sum(map(len, rows))
     if n_shown < sum(sizes):
         warnings.warn(
             f"the page holds {n_shown:,} of {sum(sizes):,} points, chosen at random", stacklevel=3
         )
     manifest, blocks = _pack(kept, rows, only)
-    for told, name, size in zip(manifest["clouds"], named, sizes, strict=True):
-        told |= {"name": str(name), "total": size}
+    for told, name, size, cloud in zip(manifest["clouds"], named, sizes, kept, strict=True):
+        told |= {"name": str(name), "total": size, "dropped": cloud.n_dropped}
     known = [attribute["name"] for attribute in manifest["attributes"]]
     manifest |= {
         "title": title or ", ".join(map(str, named)),
-        "start": _first_color(color, [*known, "height"]),
+        "own_height": free_name("height", known),
+        "start": _first_color(color, [*known, free_name("height", known)]),
     }
     return CloudPage(
         _fill(manifest, blocks),
@@ -165,6 +189,7 @@ def cloud_page(
         error=manifest["error"],
         spacing=manifest["spacing"],
         height=height,
+        drawn_error=manifest["drawn"],
     )
 
 
@@ -177,11 +202,12 @@ def check_suffix(path: str | os.PathLike[str]) -> Path:
 
 
 def shares(sizes, most):
-    """How many points of each cloud a page of `most` points holds: like shares, at least one."""
+    """How many points of each cloud a page of `most` points holds: one, and of the rest a share."""
     total = sum(sizes)
     if total <= most:
         return sizes
-    return [max(1, math.floor(size * most / total)) for size in sizes]
+    n_clouds = len(sizes)
+    return [1 + (size - 1) * (most - n_clouds) // (total - n_clouds) for size in sizes]
 
 
 def _pack(clouds, rows, only):
@@ -212,6 +238,8 @@ def _pack(clouds, rows, only):
                 "chunks": packed.chunks,
             }
         )
+    middle = np.rint(np.median(steps[0], axis=0)).astype(np.int64)
+    reach = max(int(np.abs(part.astype(np.int64) - middle).max()) for part in steps)
     manifest = {
         "low": grid.low.tolist(),
         "step": grid.step,
@@ -219,7 +247,8 @@ def _pack(clouds, rows, only):
         "spacing": grid.spacing,
         "reach": grid.reach,
         "extent": np.max([part.max(axis=0) for part in steps], axis=0).tolist(),
-        "middle": np.rint(np.median(steps[0], axis=0)).astype(int).tolist(),
+        "middle": middle.tolist(),
+        "drawn": float(np.spacing(np.float32(reach * grid.step)) / 2),
         "heights": _usual_range(np.concatenate([part[:, 2] for part in steps])),
         "attributes": [source.info for source in sources],
         "clouds": told,
@@ -270,7 +299,7 @@ def _template():
 
 def _first_color(color, known):
     if color is None:
-        return next((name for name in FIRST_COLORS if name in known), "height")
+        return next((name for name in FIRST_COLORS if name in known), known[-1])
     if color not in known:
         raise ValueError(f"no attribute {color!r} to color by; there are {', '.join(known)}")
     return color
@@ -292,19 +321,40 @@ def _name(cloud, number):
 
 
 def _as_cloud(cloud):
-    """A cloud of finite coordinates, at least one."""
+    """A cloud, and its rows with finite coordinates, at least one."""
     if isinstance(cloud, str | os.PathLike):
         cloud = read_points(cloud)
     elif not isinstance(cloud, PointCloud):
         cloud = PointCloud(np.asarray(cloud))
-    finite = np.isfinite(cloud.xyz).all(axis=1)
-    if not finite.all():
-        cloud = cloud.subset(finite)
-        n_dropped = int(np.count_nonzero(~finite))
-        warnings.warn(f"{n_dropped:,} points without finite coordinates are left out", stacklevel=4)
-    if len(cloud) == 0:
+    rows = np.flatnonzero(np.isfinite(cloud.xyz).all(axis=1))
+    if len(rows) < len(cloud):
+        n_left_out = len(cloud) - len(rows)
+        warnings.warn(
+            f"{n_left_out:,} points without finite coordinates are left out", stacklevel=4
+        )
+    if len(rows) == 0:
         raise ValueError("A cloud without points (with finite coordinates) cannot be shown.")
-    return cloud
+    return cloud, rows
+
+
+def _check_count(value, name):
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
+        raise ValueError(f"{name} must be a whole number of at least 1, got {value!r}.")
+
+
+def _check_extent(clouds, names):
+    """Refuse coordinates so far apart that float32 cannot hold their squares."""
+    ends = []
+    for (cloud, rows), name in zip(clouds, names, strict=True):
+        xyz = cloud.xyz[rows]
+        ends += [xyz.min(axis=0), xyz.max(axis=0)]
+        low, high = np.min(ends, axis=0), np.max(ends, axis=0)
+        if (high / 2 - low / 2 > LARGEST_EXTENT / 2).any():
+            axis = int(np.argmax(high / 2 - low / 2))
+            raise ValueError(
+                f"{name}: {'xyz'[axis]} reaches from {low[axis]:.3g} to {high[axis]:.3g}; "
+                f"a page holds extents up to {LARGEST_EXTENT:g}"
+            )
 
 
 def _plain(value: Any) -> Any:

@@ -395,7 +395,77 @@ def test_a_point_at_the_origin_does_not_spoil_a_cloud_in_national_coordinates(ch
     )
     heights = tab.ask("cloudPage.scene.colorRange(cloudPage.scene.color)")
     assert heights[1] - heights[0] > 10_000  # the palette serves the cloud, not the stray point
+    assert "The picture rounds places far from the middle" in tab.ask(
+        "document.getElementById('panel').textContent"
+    )
     assert tab.said == []
+    tab.context.close()
+
+
+SET_WHILE_LOADING = """
+async () => {
+  const app = cloudPage, change = new Event("change");
+  const byId = (id) => document.getElementById(id);
+  app.loaded = false;
+  const index = app.scene.attributes.findIndex((a) => a.name === "intensity");
+  byId("threshold-by").value = index;
+  byId("threshold-by").dispatchEvent(change);
+  byId("threshold-value").value = "1000";
+  byId("threshold-value").dispatchEvent(change);
+  document.querySelector("#threshold-mode [data-key=off]").click();
+  document.querySelector("#outliers [data-key=hide]").click();
+  app.showNormals(true);
+  byId("shading").click();
+  document.querySelector("#panel details:last-child").open = true;
+  app.scene.load = async () => {};
+  await app.load(); // its end, when all points are there
+  const pressed = (id) => document.querySelector(`#${id} [aria-pressed=true]`).dataset.key;
+  return {
+    by: app.scene.threshold.attribute.name,
+    chosen: byId("threshold-by").selectedOptions[0].text,
+    value: byId("threshold-value").value,
+    mode: pressed("threshold-mode"),
+    outliers: pressed("outliers"),
+    normals: byId("normals").checked,
+    shading: byId("shading").checked,
+    open: document.querySelector("#panel details:last-child").open,
+  };
+}
+"""
+
+
+def test_what_is_set_while_points_load_stays(tab):
+    assert tab.ask(SET_WHILE_LOADING) == {
+        "by": "intensity",
+        "chosen": "intensity",
+        "value": "1000",
+        "mode": "off",
+        "outliers": "hide",
+        "normals": True,
+        "shading": False,
+        "open": True,
+    }
+
+
+@pytest.mark.parametrize("color", ["height", "height (2)"])
+def test_a_height_of_the_file_is_beside_that_of_the_page(chromium, color, tmp_path):
+    xyz = np.random.default_rng(0).uniform(size=(50, 3))
+    cloud = PointCloud(xyz, {"height": -xyz[:, 2]})
+    tab = Tab(chromium, view(cloud, color=color).save(tmp_path / "height.html"))
+    names = tab.ask("cloudPage.scene.attributes.map((a) => a.name)")
+    assert names == ["height", "height (2)"]
+    assert tab.ask("cloudPage.scene.color.name") == color
+    assert tab.said == []
+    tab.context.close()
+
+
+@pytest.mark.parametrize("read", [True, False])
+def test_a_row_among_points_with_coordinates_is_called_so(chromium, read, tmp_path):
+    cloud = PointCloud(np.eye(3), n_dropped=int(read))
+    tab = Tab(chromium, view(cloud).save(tmp_path / "few.html"))
+    tab.ask("cloudPage.overlay.picked = { cloud: cloudPage.scene.clouds[0], i: 0 }")
+    tab.ask("cloudPage.showCard()")
+    assert ("Row among the points with coordinates" in tab.text("#card")) is read
     tab.context.close()
 
 

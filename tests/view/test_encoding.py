@@ -53,6 +53,12 @@ def test_no_coordinate_is_off_by_more_than_the_stated_error(xyz):
     )
 
 
+def test_differences_of_steps_fit_32_bits_with_a_sign():
+    xyz = np.random.default_rng(0).uniform(size=(100, 3))
+    xyz[0] = 1e12
+    assert Grid.of([xyz]).encode(xyz).max() < 2**31
+
+
 @pytest.mark.parametrize("extent", [1.0, 300.0, 5000.0])
 def test_the_error_is_below_a_tenth_of_the_spacing(extent):
     xyz = np.random.default_rng(0).uniform(0, 1, (5000, 3)) * [extent, extent, 0.01 * extent]
@@ -69,6 +75,24 @@ def test_coordinates_of_a_decimal_step_are_exact_also_far_from_the_origin():
     grid = Grid.of([xyz])
     assert (grid.step, grid.error) == (0.01, 0.0)
     np.testing.assert_allclose(grid.decode(grid.encode(xyz)), xyz, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("gap", [1e-10, 1e-9])
+def test_a_grid_that_makes_one_of_two_points_tells_its_error(gap):
+    xyz = np.random.default_rng(0).integers(0, 30, (500, 3)).astype(np.float64)
+    assert Grid.of([xyz]).error == 0.0
+    assert Grid.of([xyz + 0.5]).error == 0.0  # no multiples, but whole steps from the corner
+    xyz[7] = xyz[8] + gap
+    grid = Grid.of([xyz])
+    off = np.abs(grid.decode(grid.encode(xyz)) - xyz).max()
+    assert 0 < off <= grid.error
+
+
+def test_decimals_off_by_rounding_are_still_those_of_the_file():
+    whole = np.random.default_rng(0).integers(0, 3000, (4000, 3))
+    xyz = whole * 0.001 + [356_000.5, 5_640_000, -80]  # as LAS makes them
+    assert Grid.of([xyz]).error == 0.0
+    assert Grid.of([whole * 0.001 - 15]).error == 0.0
 
 
 def test_a_finer_step_than_needed_is_not_kept():

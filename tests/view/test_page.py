@@ -25,6 +25,21 @@ def test_points_values_and_rows_are_those_of_the_cloud(cloud):
     assert manifest["start"] == "region"
 
 
+def test_a_stray_point_leaves_coordinates_exact_and_what_the_picture_rounds_is_told():
+    xyz = np.round(np.random.default_rng(0).uniform(size=(1000, 3)), 3)
+    near = view(xyz)
+    xyz[0] = [1e6, 0, 0]
+    page = view(xyz)
+    manifest, (shown,) = read_page(page.html)
+    places = (shown.steps.astype(np.int64) - manifest["middle"]) * manifest["step"]
+    rounded = np.abs(places.astype(np.float32) - places)
+    assert near.drawn_error < 1e-7
+    assert rounded.max() <= page.drawn_error == manifest["drawn"] == 2.0**-5
+    assert np.median(rounded) < 1e-7  # the others are drawn where they are
+    exact = np.array(manifest["low"]) + manifest["step"] * shown.steps
+    np.testing.assert_allclose(exact, xyz[shown.rows], rtol=0, atol=page.error + 1e-9)
+
+
 def test_nothing_is_loaded_from_outside(cloud):
     page = view(cloud).html
     urls = set(re.findall(r"(?:https?:)?//[\w.-]+\.\w+[\w/.]*", page.split('class="block"')[0]))
@@ -63,6 +78,14 @@ def test_too_many_points_are_thinned_and_that_is_said(cloud):
     assert len(set(shown.rows.tolist())) == 10
 
 
+@pytest.mark.filterwarnings("ignore:the page holds")
+def test_clouds_of_unlike_size_together_are_no_more_than_asked_for():
+    xyz = np.random.default_rng(0).uniform(size=(1000, 3))
+    page = view(xyz, xyz[:1], xyz[:2], max_points=3)
+    assert [len(cloud.rows) for cloud in read_page(page.html)[1]] == [1, 1, 1]
+    assert view(xyz, xyz[:300], max_points=100).n_shown in (99, 100)
+
+
 def test_two_clouds_keep_their_attributes_and_share_the_grid(cloud):
     other = PointCloud(cloud.xyz[:7] + 1, {"score": cloud.attributes["score"][:7]})
     manifest, (first, second) = read_page(view(cloud, other, names=["a", "b"]).html)
@@ -93,6 +116,22 @@ def test_the_first_color_can_be_chosen(cloud):
         view(cloud, color="hue")
 
 
+def test_each_attribute_has_a_name_of_its_own(cloud):
+    rng = np.random.default_rng(0)
+    own = PointCloud(cloud.xyz, {"height": rng.uniform(size=40)})
+    manifest, _ = read_page(view(own, color="height").html)
+    assert (manifest["start"], manifest["own_height"]) == ("height", "height (2)")
+    assert read_page(view(own, color="height (2)").html)[0]["start"] == "height (2)"
+    assert read_page(view(own).html)[0]["start"] == "height (2)"
+    bits = {name: np.arange(40, dtype=np.uint8) for name in ("red", "green", "blue")}
+    clouds = (PointCloud(cloud.xyz, bits), PointCloud(cloud.xyz, {"color": rng.uniform(size=40)}))
+    manifest, (first, second) = read_page(view(*clouds).html)
+    assert [a["name"] for a in manifest["attributes"]] == ["color (2)", "color"]
+    assert (set(first.columns), set(second.columns)) == ({"color (2)"}, {"color"})
+    manifest, _ = read_page(view(*clouds, only=["color (2)"]).html)
+    assert [a["kind"] for a in manifest["attributes"]] == ["rgb"]
+
+
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_few_points_make_a_page(n):
     xyz = np.random.default_rng(0).normal(size=(n, 3))
@@ -110,6 +149,19 @@ def test_points_without_coordinates_are_left_out_with_a_warning():
     assert page.n_shown == 2
 
 
+@pytest.mark.filterwarnings("ignore:1 points without")
+def test_rows_are_those_of_the_array_also_after_points_that_are_left_out(tmp_path):
+    xyz = np.round(np.random.default_rng(0).uniform(size=(20, 3)), 3)
+    xyz[3] = np.nan
+    manifest, (shown,) = read_page(view(xyz).html)
+    places = np.array(manifest["low"]) + manifest["step"] * shown.steps
+    np.testing.assert_allclose(places, xyz[shown.rows], rtol=0, atol=1e-9)
+    assert manifest["clouds"][0]["dropped"] == 0
+    np.savetxt(tmp_path / "scan.xyz", xyz)
+    read, _ = read_page(view(tmp_path / "scan.xyz").html)
+    assert read["clouds"][0]["dropped"] == 1  # the reader left it out: the card says so
+
+
 @pytest.mark.filterwarnings("ignore:2 points without")
 def test_an_empty_cloud_and_no_cloud_are_refused():
     for empty in (np.empty((0, 3)), np.full((2, 3), np.nan)):
@@ -117,10 +169,27 @@ def test_an_empty_cloud_and_no_cloud_are_refused():
             view(empty)
     with pytest.raises(ValueError, match="at least one cloud"):
         view()
-    with pytest.raises(ValueError, match="max_points must be at least 1"):
+    with pytest.raises(ValueError, match="max_points must be a whole number of at least 1"):
         view(np.zeros((3, 3)), max_points=0)
     with pytest.raises(ValueError, match="one entry for each of 1 clouds"):
         view(np.zeros((3, 3)), names=["a", "b"])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"names": []}, "names must have one entry for each of 2 clouds"),
+        ({"names": "ab"}, "names must have one entry for each of 2 clouds, got 'ab'"),
+        ({"max_points": 1}, "max_points must be at least the number of clouds, 2, got 1"),
+        ({"max_points": 2.5}, "max_points must be a whole number of at least 1, got 2.5"),
+        ({"height": '"><script>'}, "height must be a whole number of at least 1"),
+        ({"height": -1}, "height must be a whole number of at least 1"),
+        ({"only": "score"}, "only must be a collection of names"),
+    ],
+)
+def test_wrong_arguments_are_refused_by_name(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        view(np.eye(3), np.eye(3), **wrong)
 
 
 def test_text_is_left_out_with_a_warning(cloud):

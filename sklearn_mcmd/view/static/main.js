@@ -11,13 +11,15 @@ class App {
     this.normalsOn = false;
     this.measuring = false;
     this.pair = [0, 1];
+    this.outlierMode = "all";
     this.loaded = false;
     byId("title").textContent = manifest.title;
+    this.comparing = this.scene.clouds.length > 1;
     this.panel = new Panel(this);
     this.buildTools();
     this.buildHelp();
     this.setTheme(matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark");
-    this.compare(this.scene.clouds.length > 1);
+    this.compare(this.comparing);
     this.renderer.afterFrame = () => this.drawOverlays();
     new ResizeObserver(() => this.renderer.resize()).observe(byId("stage"));
     this.renderer.resize();
@@ -40,8 +42,9 @@ class App {
     });
     this.fit();
     byId("loading").hidden = true;
-    if (this.scene.threshold.mode === "off") this.scene.threshold.code = null;
-    this.panel.build(); // with all counts
+    const { threshold } = this.scene;
+    if (threshold.mode === "off" && !threshold.chosen) threshold.code = null;
+    this.panel.build(); // with all counts, and what the user set meanwhile
     this.judgeAll();
     this.paintAll();
     this.loadTime = performance.now() - started;
@@ -155,6 +158,7 @@ class App {
 
   compare(on) {
     const able = on && this.scene.clouds.length > 1;
+    this.comparing = able;
     const [left, right] = this.pair.map((i) => this.scene.clouds[i]);
     this.renderer.split = able ? { left, right, at: this.renderer.split?.at ?? 0.5 } : null;
     byId("divider").hidden = !able;
@@ -392,7 +396,9 @@ function pointCard(hit, scene) {
   const add = (name, value) => list.append(node("dt", {}, name), node("dd", { dataset: { name } }, value));
   scene.coordinates(cloud, i).forEach((value, axis) => add("xyz"[axis], numberText(value, digits)));
   for (const [name, value] of scene.describe(cloud, i)) add(name, value);
-  return [node("h2", {}, `Row ${grouped(cloud.rows[i])}`, node("small", {}, cloud.name)), list, ...constantRows(cloud)];
+  const among = cloud.dropped ? [node("p", { className: "note" }, "Row among the points with coordinates.")] : [];
+  const title = node("h2", {}, `Row ${grouped(cloud.rows[i])}`, node("small", {}, cloud.name));
+  return [title, ...among, list, ...constantRows(cloud)];
 }
 
 /** Attributes that are equal for all points, folded. */

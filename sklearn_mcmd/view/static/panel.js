@@ -77,7 +77,9 @@ class Panel {
     this.build();
   }
 
+  /** Make all controls, from what the app and the scene hold. */
   build() {
+    const before = [...this.root.children], { scrollTop } = this.root;
     this.colorBody = node("div");
     const parts = [];
     if (this.scene.clouds.length > 1) parts.push(section("Clouds", true, ...this.cloudControls()));
@@ -91,7 +93,12 @@ class Panel {
     parts.push(section("Section box", false, ...this.boxControls()));
     parts.push(section("Points", false, ...this.pointControls()));
     parts.push(section("About this page", false, ...this.about()));
+    for (const part of parts) {
+      const same = before.find((old) => old.firstChild.textContent === part.firstChild.textContent);
+      if (same) part.open = same.open;
+    }
     this.root.replaceChildren(...parts);
+    this.root.scrollTop = scrollTop;
     this.showColor();
     this.showThreshold();
   }
@@ -110,10 +117,10 @@ class Panel {
     }
     const names = scene.clouds.map((cloud, i) => [String(i), cloud.name]);
     const pair = [0, 1].map((side) =>
-      menu(names, String(side), (value) => app.compareWith(side, Number(value)), "", ["Left", "Right"][side]));
+      menu(names, String(app.pair[side]), (value) => app.compareWith(side, Number(value)), "", ["Left", "Right"][side]));
     return [
       list,
-      checkbox("Compare two with a slider", true, (on) => app.compare(on), "compare"),
+      checkbox("Compare two with a slider", app.comparing, (on) => app.compare(on), "compare"),
       row("Left", pair[0]),
       row("Right", pair[1]),
     ];
@@ -220,10 +227,12 @@ class Panel {
   thresholdMenu() {
     const options = this.scoreAttributes().map((a) => [String(this.scene.attributes.indexOf(a)), a.name]);
     const { threshold } = this.scene;
-    threshold.attribute = this.scoreAttributes()[0];
-    return row("Number", menu(options, options[0][0], (i) => {
+    threshold.attribute ??= this.scoreAttributes()[0];
+    const chosen = String(this.scene.attributes.indexOf(threshold.attribute));
+    return row("Number", menu(options, chosen, (i) => {
       threshold.attribute = this.scene.attributes[i];
       threshold.code = null;
+      threshold.chosen = false;
       this.showThreshold();
       this.app.judgeAll();
     }, "threshold-by", "Number to compare"));
@@ -242,6 +251,7 @@ class Panel {
     };
     const move = (code) => {
       threshold.code = code;
+      threshold.chosen = true;
       if (threshold.mode === "off") {
         threshold.mode = "mark";
         modes.press("mark");
@@ -279,7 +289,7 @@ class Panel {
 
   outlierControls() {
     const attribute = this.scene.outlierAttribute();
-    const box = choices([["all", "Show"], ["hide", "Hide"], ["only", "Only these"]], "all", (mode) => this.app.showOutliers(mode));
+    const box = choices([["all", "Show"], ["hide", "Hide"], ["only", "Only these"]], this.app.outlierMode, (mode) => this.app.showOutliers(mode));
     box.id = "outliers";
     this.outlierBox = box;
     const n = () => attribute.outliers.reduce((sum, code) => sum + attribute.counts[code], 0);
@@ -293,12 +303,12 @@ class Panel {
 
   normalControls() {
     const { app } = this;
-    const length = slider({ min: 0.5, max: 20, step: 0.5, values: [4], labels: ["Length"], act: ([value]) => {
+    const length = slider({ min: 0.5, max: 20, step: 0.5, values: [app.normalLength], labels: ["Length"], act: ([value]) => {
       app.normalLength = value;
       app.showNormals(app.normalsOn);
     } });
     return [
-      checkbox("Show as short lines", false, (on) => app.showNormals(on), "normals"),
+      checkbox("Show as short lines", app.normalsOn, (on) => app.showNormals(on), "normals"),
       row("Length", length),
       node("p", { className: "note" }, "Lines of at most 30,000 of the points that are shown."),
     ];
@@ -344,13 +354,13 @@ class Panel {
 
   pointControls() {
     const { app } = this;
-    const size = slider({ min: -2, max: 2, step: 0.1, values: [0], labels: ["Size"], act: ([value]) => {
+    const size = slider({ min: -2, max: 2, step: 0.1, values: [Math.log2(app.renderer.pointSize)], labels: ["Size"], act: ([value]) => {
       app.renderer.pointSize = 2 ** value;
       app.renderer.changed();
     } });
     return [
       row("Size", size),
-      checkbox("Shade by depth", true, (on) => {
+      checkbox("Shade by depth", app.renderer.shading, (on) => {
         app.renderer.shading = on;
         app.renderer.changed();
       }, "shading"),
@@ -363,9 +373,12 @@ class Panel {
     const error = manifest.error > 0
       ? `Coordinates are off by at most ${numberText(manifest.error)}; points are ${numberText(manifest.spacing)} apart (median).`
       : "Coordinates are those of the file.";
+    const drawn = manifest.drawn > manifest.step / 2
+      ? [`The picture rounds places far from the middle by at most ${numberText(manifest.drawn)}; cards and lengths do not.`]
+      : [];
     const coarse = this.scene.attributes.filter((a) => a.error > 0 && !a.own);
     const notes = coarse.map((a) => `${a.name}: within ${numberText(a.error)}` + (a.relative ? `, or ${(100 * a.relative).toPrecision(2)} % far from the median` : ""));
-    return [thinned, error, ...notes, "Lengths are in the units of the file. Rows count from 0."].map((text) => node("p", { className: "note" }, text));
+    return [thinned, error, ...drawn, ...notes, "Lengths are in the units of the file. Rows count from 0."].map((text) => node("p", { className: "note" }, text));
   }
 }
 

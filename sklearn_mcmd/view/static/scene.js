@@ -17,7 +17,7 @@ class Scene {
     this.n = this.clouds.reduce((sum, cloud) => sum + cloud.n, 0);
     this.total = this.clouds.reduce((sum, cloud) => sum + cloud.total, 0);
     this.filters = new Map(); // attribute -> [lowest code, highest code] of what is shown
-    this.threshold = { attribute: null, code: LAST_CODE, mode: "off" };
+    this.threshold = { attribute: null, code: LAST_CODE, mode: "off", chosen: false }; // chosen: the code is the user's
     this.box = { on: false, low: [0, 0, 0], high: [1, 1, 1] };
     this.color = this.attributes.find((a) => a.name === manifest.start) ?? this.attributes.at(-1);
     this.palette = "viridis";
@@ -27,7 +27,7 @@ class Scene {
     const [first, last] = this.manifest.heights; // of nearly all points, in steps
     const step = ((last - first) * this.step) / (LAST_CODE - 1) || 1;
     const low = this.low[2] + first * this.step;
-    return { name: "height", kind: "number", low, step, error: step / 2, own: true };
+    return { name: this.manifest.own_height, kind: "number", low, step, error: step / 2, own: true };
   }
 
   emptyCloud(told) {
