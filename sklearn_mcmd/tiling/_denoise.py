@@ -21,7 +21,7 @@ from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._joining import join_parts
-from sklearn_mcmd.tiling._memory import parse_memory, plan_run, usual_memory
+from sklearn_mcmd.tiling._memory import check_division, parse_memory, plan_run, usual_memory
 from sklearn_mcmd.tiling._outputs import (
     SCORED,
     scores_in_parts,
@@ -154,13 +154,14 @@ def write_denoised(
     if estimator is None:
         estimator = MCMDOutlierDetector(random_state=0)
     check_detector(estimator)
+    check_division(tile_size, cut)
+    memory = usual_memory() if memory is None else parse_memory(memory)
     catalog = source if isinstance(source, Catalog) else Catalog(source)
     targets = targets_of(catalog, Path(target), as_folder)
     estimator = clone(estimator).set_params(n_jobs=1)
     if not restart and (report := finished_before(catalog, target, targets, estimator, mode)):
         return report
     cutoff = _warm_up(estimator)
-    memory = usual_memory() if memory is None else parse_memory(memory)
     plan = plan_run(catalog.n_points, memory, n_jobs, tile_size=tile_size, judged=True)
     folder = scattered(catalog, target, estimator, plan, cut, restart)
     with kept(folder):
