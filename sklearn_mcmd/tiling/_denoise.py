@@ -109,8 +109,9 @@ def write_denoised(
         With an int as `random_state` and as `n_neighbors`. None is
         ``MCMDOutlierDetector(random_state=0)``.
     mode : {"drop", "mark"}, default="drop"
-        "drop" leaves out outliers. "mark" keeps all points, gives outliers the classification 7
-        (noise), and adds an attribute ``outlier_score``.
+        "drop" leaves out outliers; a file of nothing else becomes one without points. "mark" keeps
+        all points, gives outliers the classification 7 (noise), and adds an attribute
+        ``outlier_score``.
     memory, n_jobs, tile_size, cut, as_folder, restart
         As of `write_normals`.
 
@@ -127,6 +128,11 @@ def write_denoised(
         files are then kept, and the message names them.
     ValueError
         If the estimator cannot work by tiles, or the memory is too little.
+
+    Warns
+    -----
+    UserWarning
+        If an output has no points, because all were outliers.
 
     See Also
     --------

@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import warnings
 
 import numpy as np
 
@@ -152,6 +153,7 @@ def _write(catalog, targets, folder, dtype, make, measure, content):
             with one_clear_line(catalog.paths[j], "read"):
                 if stamp_of(catalog.paths[j]) != catalog.stamps[j]:
                     raise PointFileError("has changed since it was read")
+        n_written = 0
         with replacing(place) as temporary, writing_parts(temporary) as write:
             for path in (catalog.paths[j] for j in inputs):
                 for cloud in read_parts(path, PART):
@@ -160,10 +162,16 @@ def _write(catalog, targets, folder, dtype, make, measure, content):
                             cloud = joined_cloud(cloud, header)
                     values = results.take(first, len(cloud))
                     total += measure(values)
-                    write(*make(cloud, values))
+                    made, marked = make(cloud, values)
+                    write(made, marked)
+                    n_written += len(made)
                     first += len(cloud)
                     tell(first / catalog.n_points)
         folder.mark_written(i, place, content)
+        if n_written == 0:
+            warnings.warn(
+                f"{targets[i]}: all points are outliers, so the file has none", stacklevel=4
+            )
     return total
 
 
