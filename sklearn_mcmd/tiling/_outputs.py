@@ -6,7 +6,7 @@ import warnings
 
 import numpy as np
 
-from sklearn_mcmd.io import PointFileError
+from sklearn_mcmd.io import PointFileError, supported_extensions
 from sklearn_mcmd.io._files import one_clear_line, replacing
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._las_parts import read_parts, writing_parts
@@ -48,6 +48,11 @@ def targets_of(catalog, target, as_folder=None):
     named_as_file = target.suffix.lower() in EXTENSIONS and not target.is_dir()
     if as_folder is None:
         as_folder = catalog.is_many and not named_as_file
+        if as_folder and target.suffix.lower() in supported_extensions() and not target.exists():
+            raise PointFileError(
+                f"{target}: several files become a folder, or one .las or .laz; {target.suffix} is "
+                "no name for either"
+            )
     if not as_folder:
         targets = [target]
         if len(catalog) > 1:
