@@ -34,7 +34,10 @@ Memory = Annotated[
     ),
 ]
 DryRun = Annotated[
-    bool, typer.Option("--dry-run", help="Show tiles, memory and time, as estimated, and stop.")
+    bool,
+    typer.Option(
+        "--dry-run", help="Show tiles, memory and time of LAS or LAZ, as estimated, and stop."
+    ),
 ]
 Restart = Annotated[
     bool, typer.Option("--restart", help="Begin anew, whatever an earlier run has left.")
@@ -73,10 +76,13 @@ def print_plan(source, target, catalog, estimator, memory, *, n_features=0, judg
     """
     from sklearn.base import clone
 
+    from sklearn_mcmd.io import PointFileError
     from sklearn_mcmd.io._las_parts import read_parts
     from sklearn_mcmd.tiling import Catalog
     from sklearn_mcmd.tiling._memory import bytes_in_memory, plan_run, usual_memory
 
+    if catalog is None and source.suffix.lower() not in PARSED_SUFFIXES:
+        raise PointFileError(f"{source}: --dry-run needs LAS or LAZ")
     tiles = catalog is not None
     catalog = catalog or Catalog(source)
     xyz = next(iter(read_parts(catalog.paths[0], SAMPLE))).xyz[:SAMPLE]

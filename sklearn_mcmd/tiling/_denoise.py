@@ -21,7 +21,7 @@ from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._joining import join_parts
-from sklearn_mcmd.tiling._memory import parse_memory, plan_run, usual_memory
+from sklearn_mcmd.tiling._memory import check_division, parse_memory, plan_run, usual_memory
 from sklearn_mcmd.tiling._outputs import (
     SCORED,
     scores_in_parts,
@@ -109,8 +109,9 @@ def write_denoised(
         With an int as `random_state` and as `n_neighbors`. None is
         ``MCMDOutlierDetector(random_state=0)``.
     mode : {"drop", "mark"}, default="drop"
-        "drop" leaves out outliers. "mark" keeps all points, gives outliers the classification 7
-        (noise), and adds an attribute ``outlier_score``.
+        "drop" leaves out outliers; a file of nothing else becomes one without points. "mark" keeps
+        all points, gives outliers the classification 7 (noise), and adds an attribute
+        ``outlier_score``.
     memory, n_jobs, tile_size, cut, as_folder, restart
         As of `write_normals`.
 
@@ -127,6 +128,11 @@ def write_denoised(
         files are then kept, and the message names them.
     ValueError
         If the estimator cannot work by tiles, or the memory is too little.
+
+    Warns
+    -----
+    UserWarning
+        If an output has no points, because all were outliers.
 
     See Also
     --------
@@ -154,13 +160,14 @@ def write_denoised(
     if estimator is None:
         estimator = MCMDOutlierDetector(random_state=0)
     check_detector(estimator)
+    check_division(tile_size, cut)
+    memory = usual_memory() if memory is None else parse_memory(memory)
     catalog = source if isinstance(source, Catalog) else Catalog(source)
     targets = targets_of(catalog, Path(target), as_folder)
     estimator = clone(estimator).set_params(n_jobs=1)
     if not restart and (report := finished_before(catalog, target, targets, estimator, mode)):
         return report
     cutoff = _warm_up(estimator)
-    memory = usual_memory() if memory is None else parse_memory(memory)
     plan = plan_run(catalog.n_points, memory, n_jobs, tile_size=tile_size, judged=True)
     folder = scattered(catalog, target, estimator, plan, cut, restart)
     with kept(folder):

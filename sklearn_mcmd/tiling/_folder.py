@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import re
 import shutil
 from contextlib import suppress
 from pathlib import Path
@@ -17,6 +18,7 @@ __all__ = ["WorkFolder", "key_of"]
 MANIFEST = "manifest.json"
 MOVES = "moves.json"
 LOCK = "lock"
+STAGED = re.compile(r"\.mcmd-[0-9a-f]{16}-\d+\.la[sz]")  # names of outputs that wait
 WRITTEN = ".written"  # the end of the name of an output's mark
 
 
@@ -123,7 +125,7 @@ class WorkFolder:
     def _empty(self):
         for file in self.path.glob(f"*{WRITTEN}"):
             path = Path(_read(file).get("path", ""))
-            if path.name.startswith(".mcmd-"):
+            if STAGED.fullmatch(path.name):
                 path.unlink(missing_ok=True)
         for folder in (self.cells, self.results):
             shutil.rmtree(folder, ignore_errors=True)

@@ -3,9 +3,11 @@
 import os
 import re
 from contextlib import suppress
+from numbers import Integral, Real
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 from joblib import effective_n_jobs
 from joblib.parallel import get_active_backend
 
@@ -14,6 +16,7 @@ __all__ = [
     "JUDGED_STORED",
     "Plan",
     "bytes_in_memory",
+    "check_division",
     "parse_memory",
     "plan_run",
     "usual_memory",
@@ -60,6 +63,8 @@ class Plan(NamedTuple):
 def parse_memory(memory):
     """Bytes of a text such as "2GB" or "500 MB", or of a number."""
     if not isinstance(memory, str):
+        if not 0 < memory < np.inf:  # nor NaN
+            raise ValueError(f"memory={memory!r} must be positive and finite, or a size like 2GB.")
         return float(memory)
     found = re.fullmatch(r"\s*([0-9]+\.?[0-9]*)\s*([KMGT]?)(i?)B?\s*", memory, re.IGNORECASE)
     if not found or float(found[1]) == 0:
@@ -67,6 +72,16 @@ def parse_memory(memory):
     number, unit, binary = found.groups()
     power = " KMGT".index(unit.upper() or " ")
     return float(number) * (1024 if binary else 1000) ** power
+
+
+def check_division(tile_size, cut):
+    """Raise if a cloud cannot be divided like this."""
+    if tile_size is not None and not (
+        isinstance(tile_size, Integral) and not isinstance(tile_size, bool) and tile_size >= 1
+    ):
+        raise ValueError(f"tile_size={tile_size!r} must be an int of 1 or more, or None.")
+    if not (isinstance(cut, Real) and 0 < cut < 1):
+        raise ValueError(f"cut={cut!r} must be between 0 and 1.")
 
 
 def usual_memory():

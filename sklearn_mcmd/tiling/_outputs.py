@@ -2,10 +2,11 @@
 
 import dataclasses
 import os
+import warnings
 
 import numpy as np
 
-from sklearn_mcmd.io import PointFileError
+from sklearn_mcmd.io import PointFileError, supported_extensions
 from sklearn_mcmd.io._files import one_clear_line, replacing
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._las_parts import read_parts, writing_parts
@@ -47,6 +48,11 @@ def targets_of(catalog, target, as_folder=None):
     named_as_file = target.suffix.lower() in EXTENSIONS and not target.is_dir()
     if as_folder is None:
         as_folder = catalog.is_many and not named_as_file
+        if as_folder and target.suffix.lower() in supported_extensions() and not target.exists():
+            raise PointFileError(
+                f"{target}: several files become a folder, or one .las or .laz; {target.suffix} is "
+                "no name for either"
+            )
     if not as_folder:
         targets = [target]
         if len(catalog) > 1:
@@ -152,6 +158,7 @@ def _write(catalog, targets, folder, dtype, make, measure, content):
             with one_clear_line(catalog.paths[j], "read"):
                 if stamp_of(catalog.paths[j]) != catalog.stamps[j]:
                     raise PointFileError("has changed since it was read")
+        n_written = 0
         with replacing(place) as temporary, writing_parts(temporary) as write:
             for path in (catalog.paths[j] for j in inputs):
                 for cloud in read_parts(path, PART):
@@ -160,10 +167,16 @@ def _write(catalog, targets, folder, dtype, make, measure, content):
                             cloud = joined_cloud(cloud, header)
                     values = results.take(first, len(cloud))
                     total += measure(values)
-                    write(*make(cloud, values))
+                    made, marked = make(cloud, values)
+                    write(made, marked)
+                    n_written += len(made)
                     first += len(cloud)
                     tell(first / catalog.n_points)
         folder.mark_written(i, place, content)
+        if n_written == 0:
+            warnings.warn(
+                f"{targets[i]}: all points are outliers, so the file has none", stacklevel=4
+            )
     return total
 
 

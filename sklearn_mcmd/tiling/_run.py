@@ -24,7 +24,7 @@ from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
 from sklearn_mcmd.tiling._constants import WholeCloud
 from sklearn_mcmd.tiling._folder import WorkFolder, key_of
-from sklearn_mcmd.tiling._memory import PART, parse_memory, plan_run, usual_memory
+from sklearn_mcmd.tiling._memory import PART, check_division, parse_memory, plan_run, usual_memory
 from sklearn_mcmd.tiling._moves import Moves
 from sklearn_mcmd.tiling._outputs import targets_of, tell, write_outputs
 from sklearn_mcmd.tiling._tile import (
@@ -168,13 +168,14 @@ def write_normals(
     if estimator is None:
         estimator = RobustNormalEstimator(random_state=0)
     _check(estimator)
+    check_division(tile_size, cut)
+    memory = usual_memory() if memory is None else parse_memory(memory)
     catalog = source if isinstance(source, Catalog) else Catalog(source)
     targets = targets_of(catalog, Path(target), as_folder)
     estimator = clone(estimator).set_params(n_jobs=1)
     if not restart and (report := finished_before(catalog, target, targets, estimator)):
         return report
     names = _warm_up(estimator)
-    memory = usual_memory() if memory is None else parse_memory(memory)
     plan = plan_run(catalog.n_points, memory, n_jobs, len(names) - len(NORMAL_COLUMNS), tile_size)
     folder = scattered(catalog, target, estimator, plan, cut, restart)
     with kept(folder):

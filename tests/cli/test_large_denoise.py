@@ -75,6 +75,12 @@ def test_a_dry_run_shows_the_plan_and_writes_nothing(small_machine, source, tmp_
     assert files_in(tmp_path) == ["street.laz"]
 
 
+def test_a_dry_run_of_another_format_is_refused(tmp_path):
+    write_points(tmp_path / "a.xyz", street(50))
+    line = error_line(run("denoise", tmp_path / "a.xyz", tmp_path / "b.las", "--dry-run"))
+    assert "a.xyz: --dry-run needs LAS or LAZ" in line
+
+
 def test_rates_that_exclude_each_other_are_wrong_usage_of_large_files_too(source, tmp_path):
     options = ("--memory", "2MB", "--cutoff", 3, "--contamination", 0.1)
     assert run("denoise", source, tmp_path / "b.laz", *options).exit_code == 2

@@ -12,7 +12,7 @@ from sklearn.base import clone
 
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_airborne_scan, make_street
-from sklearn_mcmd.io import PointCloud, read_points, write_points
+from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.tiling import TilingError, _denoise, _surfaces, write_denoised
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._outputs import SCORED, _Results
@@ -219,6 +219,16 @@ def test_files_of_a_folder_are_one_cloud(tmp_path):
         found = read_points(tmp_path / "out" / name)
         assert_array_equal(found.xyz, part.xyz[some])
         assert_array_equal(found.attributes["intensity"], part.attributes["intensity"][some])
+
+
+def test_a_file_of_nothing_but_outliers_is_warned_of(tmp_path):
+    (tmp_path / "in").mkdir()
+    write_points(tmp_path / "in" / "a.las", street(1_500))
+    write_points(tmp_path / "in" / "b.las", [[3e5, 0, 5e3], [4e5, 9e3, 0]])
+    with pytest.warns(UserWarning, match=r"out.b\.las: all points are outliers"):
+        write_denoised(tmp_path / "in", tmp_path / "out", DETECTOR)
+    with pytest.raises(PointFileError, match="holds no points"):
+        read_points(tmp_path / "out" / "b.las")
 
 
 # A run that kills itself within a sweep, or at the output.

@@ -105,6 +105,12 @@ def test_beginning_anew_leaves_nothing_beside_the_outputs(drive, monkeypatch):
     assert sorted(contents(folder)) == NAMES
 
 
+def test_an_output_with_a_hidden_name_is_kept(drive):
+    source = drive("in")
+    write_normals(source / "a.las", source / ".mcmd-mine.las", ESTIMATOR, **SIZE)
+    assert ".mcmd-mine.las" in contents(source)
+
+
 @pytest.mark.parametrize("change", ["mode", "gone", "touched"])
 def test_outputs_that_are_not_as_they_were_written_are_written_again(drive, monkeypatch, change):
     source, target = drive("in"), drive("out")

@@ -311,6 +311,13 @@ def test_a_target_that_cannot_be_is_refused_before_the_work(small_file, tmp_path
     assert files_in(tmp_path) == ["small.las"]
 
 
+@pytest.mark.parametrize("name", ["out.ply", "out.TXT"])
+def test_a_folder_is_not_named_as_a_file_of_another_format(small_file, tmp_path, name):
+    with pytest.raises(PointFileError, match=r"become a folder, or one \.las or \.laz"):
+        write_normals(tmp_path, tmp_path / name)
+    assert files_in(tmp_path) == ["small.las"]
+
+
 def test_outputs_that_were_written_before_are_not_written_again(tmp_path, monkeypatch):
     (tmp_path / "in").mkdir()
     for seed, name in enumerate(("a.las", "b.las")):
