@@ -61,7 +61,8 @@ class CloudPage:
         Largest difference of a coordinate in the page to the cloud's, 0 if they are equal.
         Cards, lengths and the section box have these coordinates.
     spacing : float
-        Median distance of a point to the nearest other one.
+        Median distance of a point in the page to the nearest other one; of a thinned cloud it is
+        larger than in the file.
     height : int, default=640
         Height of the frame in Jupyter, in pixels.
     drawn_error : float, default=0.0

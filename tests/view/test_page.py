@@ -72,6 +72,7 @@ def test_names_that_look_like_html_are_harmless(cloud):
 def test_too_many_points_are_thinned_and_that_is_said(cloud):
     with pytest.warns(UserWarning, match="the page holds 10 of 40 points, chosen at random"):
         page = view(cloud, max_points=10)
+    assert page.spacing > view(cloud).spacing  # of the points that were kept
     manifest, (shown,) = read_page(page.html)
     assert (page.n_points, page.n_shown, len(shown.rows)) == (40, 10, 10)
     assert manifest["clouds"][0]["total"] == 40
