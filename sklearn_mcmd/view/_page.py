@@ -73,6 +73,16 @@ class CloudPage:
     See Also
     --------
     sklearn_mcmd.plotting.view : Makes the page.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn_mcmd.plotting import view
+    >>> xyz = np.random.default_rng(0).uniform(size=(1000, 3)).round(3)
+    >>> page = view(xyz, names=["A cube"])
+    >>> page.n_shown, page.error
+    (1000, 0.0)
+    >>> page.save("cube.html")  # doctest: +SKIP
     """
 
     def __init__(

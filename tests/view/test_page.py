@@ -45,7 +45,8 @@ def test_nothing_is_loaded_from_outside(cloud):
     urls = set(re.findall(r"(?:https?:)?//[\w.-]+\.\w+[\w/.]*", page.split('class="block"')[0]))
     urls |= set(re.findall(r"https?://[^\"'\s<]+", page))
     assert urls <= {"http://www.w3.org/2000/svg"}  # a name, not an address
-    assert "default-src 'none'" in page
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page)[1].split("; ")
+    assert {"default-src 'none'", "base-uri 'none'", "form-action 'none'"} <= set(policy)
     assert not re.search(r"<(script|img|iframe)[^>]*\ssrc=|@import|fetch\(|XMLHttpRequest", page)
 
 
