@@ -13,6 +13,7 @@ from sklearn_mcmd.plotting import (
     plot_cloud,
 )
 from sklearn_mcmd.plotting._views import VIEWS, camera, look, thinned
+from sklearn_mcmd.view import CloudPage
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("agg")
@@ -183,6 +184,21 @@ def test_wrong_views_and_lengths_are_refused(xyz):
 def test_a_few_points_can_be_drawn():
     for n in (1, 2):
         EdgeDisplay(np.zeros((n, 3)), np.zeros(n, bool)).plot().figure_.canvas.draw()
+
+
+@pytest.mark.parametrize(
+    "shown",
+    [
+        NormalsDisplay,
+        SegmentationDisplay,
+        EdgeDisplay,
+        PlaneResidualDisplay,
+        OutlierDisplay,
+        CloudPage,
+    ],
+)
+def test_each_display_has_an_example(shown):
+    assert ">>> " in shown.__doc__
 
 
 @pytest.mark.parametrize(

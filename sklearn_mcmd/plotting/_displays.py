@@ -267,6 +267,18 @@ class NormalsDisplay(_CloudDisplay):
     --------
     sklearn_mcmd.RobustNormalEstimator : Estimates normals.
     normal_colors : The colors.
+
+    Examples
+    --------
+    >>> import matplotlib
+    >>> matplotlib.use("agg")
+    >>> import numpy as np
+    >>> from sklearn_mcmd.plotting import NormalsDisplay
+    >>> ball = np.random.default_rng(0).normal(size=(500, 3))
+    >>> ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+    >>> display = NormalsDisplay.from_predictions(ball, ball)
+    >>> display.ax_.get_title()
+    'Normals of 500 points'
     """
 
     def __init__(self, xyz: ArrayLike, normals: ArrayLike) -> None:
@@ -368,6 +380,18 @@ class SegmentationDisplay(_CloudDisplay):
     --------
     sklearn_mcmd.RegionGrowing : Finds regions.
     region_colors : The colors.
+
+    Examples
+    --------
+    >>> import matplotlib
+    >>> matplotlib.use("agg")
+    >>> import numpy as np
+    >>> from sklearn_mcmd.plotting import SegmentationDisplay
+    >>> xyz = np.random.default_rng(0).uniform(size=(500, 3))
+    >>> labels = np.where(xyz[:, 0] < 0.1, -1, xyz[:, 1] > 0.5)
+    >>> display = SegmentationDisplay.from_predictions(xyz, labels, view="top")
+    >>> display.ax_.get_title()
+    '2 regions, 89.00 % of 500 points'
     """
 
     def __init__(self, xyz: ArrayLike, labels: ArrayLike) -> None:
@@ -467,6 +491,17 @@ class EdgeDisplay(_CloudDisplay):
     See Also
     --------
     sklearn_mcmd.SharpFeatureDetector : Finds edges.
+
+    Examples
+    --------
+    >>> import matplotlib
+    >>> matplotlib.use("agg")
+    >>> import numpy as np
+    >>> from sklearn_mcmd.plotting import EdgeDisplay
+    >>> xyz = np.random.default_rng(0).uniform(size=(500, 3))
+    >>> display = EdgeDisplay.from_predictions(xyz, np.where(xyz[:, 0] < 0.05, -1, 1))
+    >>> display.ax_.get_title()
+    '29 of 500 points are edges (5.80 %)'
     """
 
     def __init__(self, xyz: ArrayLike, is_edge: ArrayLike) -> None:
@@ -567,6 +602,18 @@ class PlaneResidualDisplay(_CloudDisplay):
     See Also
     --------
     sklearn_mcmd.adjustment.plot_report : All figures of a plane test.
+
+    Examples
+    --------
+    >>> import matplotlib
+    >>> matplotlib.use("agg")
+    >>> import numpy as np
+    >>> from sklearn_mcmd.plotting import PlaneResidualDisplay
+    >>> xyz = np.random.default_rng(0).normal(size=(500, 3)) * [1, 1, 0.01]
+    >>> outliers = np.where(abs(xyz[:, 2]) > 0.025, -1, 1)
+    >>> display = PlaneResidualDisplay.from_predictions(xyz, xyz[:, 2], outliers)
+    >>> display.ax_.get_title()
+    'Residuals of 500 points, 7 outliers'
     """
 
     def __init__(self, xyz: ArrayLike, residuals: ArrayLike, is_outlier: ArrayLike) -> None:

@@ -61,7 +61,8 @@ class CloudPage:
         Largest difference of a coordinate in the page to the cloud's, 0 if they are equal.
         Cards, lengths and the section box have these coordinates.
     spacing : float
-        Median distance of a point to the nearest other one.
+        Median distance of a point in the page to the nearest other one; of a thinned cloud it is
+        larger than in the file.
     height : int, default=640
         Height of the frame in Jupyter, in pixels.
     drawn_error : float, default=0.0
@@ -72,6 +73,16 @@ class CloudPage:
     See Also
     --------
     sklearn_mcmd.plotting.view : Makes the page.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn_mcmd.plotting import view
+    >>> xyz = np.random.default_rng(0).uniform(size=(1000, 3)).round(3)
+    >>> page = view(xyz, names=["A cube"])
+    >>> page.n_shown, page.error
+    (1000, 0.0)
+    >>> page.save("cube.html")  # doctest: +SKIP
     """
 
     def __init__(

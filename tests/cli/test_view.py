@@ -1,5 +1,8 @@
 """``mcmd view`` makes a page of the outputs of all verbs and of all formats."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -45,6 +48,14 @@ def test_each_format_can_be_shown(extension, room, tmp_path):
     xyz = np.array(manifest["low"]) + manifest["step"] * shown.steps
     np.testing.assert_allclose(xyz, room.xyz[shown.rows], atol=manifest["error"] + 1e-6)
     assert "intensity" in {attribute["name"] for attribute in manifest["attributes"]}
+
+
+def test_the_attributes_that_the_documentation_chooses_are_those_of_results(room_file, tmp_path):
+    text = (Path(__file__).parents[2] / "docs" / "view.rst").read_text(encoding="utf-8")
+    (names,) = re.findall(r"``--only (\S+)``", text)
+    run("denoise", "--mode", "mark", room_file, tmp_path / "out.laz", "-q")
+    manifest, _ = page_of(tmp_path / "out.laz", "--only", names, path=tmp_path / "page.html")
+    assert {attribute["name"] for attribute in manifest["attributes"]} == set(names.split(","))
 
 
 def test_coordinates_that_no_page_can_hold_are_refused_by_the_name_of_the_file(tmp_path):

@@ -45,7 +45,8 @@ def test_nothing_is_loaded_from_outside(cloud):
     urls = set(re.findall(r"(?:https?:)?//[\w.-]+\.\w+[\w/.]*", page.split('class="block"')[0]))
     urls |= set(re.findall(r"https?://[^\"'\s<]+", page))
     assert urls <= {"http://www.w3.org/2000/svg"}  # a name, not an address
-    assert "default-src 'none'" in page
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page)[1].split("; ")
+    assert {"default-src 'none'", "base-uri 'none'", "form-action 'none'"} <= set(policy)
     assert not re.search(r"<(script|img|iframe)[^>]*\ssrc=|@import|fetch\(|XMLHttpRequest", page)
 
 
@@ -72,6 +73,7 @@ def test_names_that_look_like_html_are_harmless(cloud):
 def test_too_many_points_are_thinned_and_that_is_said(cloud):
     with pytest.warns(UserWarning, match="the page holds 10 of 40 points, chosen at random"):
         page = view(cloud, max_points=10)
+    assert page.spacing > view(cloud).spacing  # of the points that were kept
     manifest, (shown,) = read_page(page.html)
     assert (page.n_points, page.n_shown, len(shown.rows)) == (40, 10, 10)
     assert manifest["clouds"][0]["total"] == 40
