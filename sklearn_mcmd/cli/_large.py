@@ -11,7 +11,7 @@ from sklearn_mcmd.cli._speech import print_table
 __all__ = ["DryRun", "Memory", "Restart", "large_catalog", "print_plan"]
 
 SAMPLE = 50_000  # points whose time is measured
-MORE, MORE_JUDGED = 1.3, 1.5  # time of tiles over that in memory, about: of normals, of outliers
+MORE, MORE_JUDGED = 1.4, 1.5  # time of tiles over that in memory, about: of normals, of outliers
 PARSED_SUFFIXES, INDEX_SUFFIX = (".las", ".laz"), ".vpc"
 
 
