@@ -23,6 +23,7 @@ from sklearn_mcmd.normals._scales import ScaleFinder
 from sklearn_mcmd.normals._sides import Sides
 from sklearn_mcmd.normals._surface_planes import SurfacePlanes
 from sklearn_mcmd.planes._base import BaseLocalPlanes
+from sklearn_mcmd.planes._columns import joined_columns, plane_offsets
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._plane import surface_variation
@@ -31,8 +32,6 @@ from sklearn_mcmd.planes._rules import METHODS
 
 __all__ = ["RobustNormalEstimator"]
 
-# Rows whose differences are held at once, to save memory.
-ROWS_AT_ONCE = 100_000
 # Share of the work that n_neighbors="auto" takes first.
 FINDING = 0.3
 
@@ -356,7 +355,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         """
         xyz = self._fit_columns(X)
         planes = self.eigenvalues_, self.plane_offset_[:, None], self.plane_scale_[:, None]
-        return _columns(xyz, self.normals_, *planes, self.features_)
+        return joined_columns(xyz, self.normals_, *planes, self.features_)
 
     def transform(self, X: ArrayLike) -> NDArray[np.floating]:
         """Normals and curvature at points, by their neighborhoods in the fitted cloud.
@@ -381,8 +380,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         normals = point_up(planes.normals)
         self._sides.orient(self._model.index, normals, xyz, self.n_jobs)
         features = self._evaluate_features(planes, normals, xyz, curvatures_of_new)
-        offset = _offset(planes, normals, xyz)
-        return _columns(
+        offset = plane_offsets(planes, normals, xyz)
+        return joined_columns(
             xyz, normals, planes.eigenvalues, offset[:, None], planes.scale[:, None], features
         )
 
@@ -452,7 +451,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         self._sides.fit(self._model.index, self.normals_, X, self.n_jobs)
         self._sides.orient(self._model.index, self.normals_, X, self.n_jobs)
         self.features_ = self._evaluate_features(planes, self.normals_, X, curvatures_of_fitted)
-        self.plane_offset_ = _offset(planes, self.normals_, X)
+        self.plane_offset_ = plane_offsets(planes, self.normals_, X)
         self.plane_scale_ = planes.scale
         return X
 
@@ -492,18 +491,3 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         """Whether the planes of Algorithm 4 are corrected by `SurfacePlanes`."""
         robust = self.method in METHODS and METHODS[self.method].needs_consistent_set
         return robust and self.refine == "reweight" and self.n_neighbors is not None
-
-
-def _columns(X, normals, eigenvalues, *others):
-    variation = surface_variation(eigenvalues)[:, None]
-    columns = np.hstack([X, normals, variation, eigenvalues, *others])
-    return columns.astype(X.dtype, copy=False)
-
-
-def _offset(planes, normals, X):
-    """Signed distances (n,) of planes from their points X, along the normals."""
-    offset = np.empty(len(X))
-    for start in range(0, len(X), ROWS_AT_ONCE):
-        rows = slice(start, start + ROWS_AT_ONCE)
-        np.einsum("nd,nd->n", planes.centroids[rows] - X[rows], normals[rows], out=offset[rows])
-    return offset

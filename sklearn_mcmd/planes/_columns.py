@@ -1,4 +1,4 @@
-"""The columns of ``RobustNormalEstimator.transform``, read back by the stages that follow it."""
+"""The columns of ``RobustNormalEstimator.transform``: written, and read back by later stages."""
 
 from typing import NamedTuple
 
@@ -6,14 +6,17 @@ import numpy as np
 
 from sklearn_mcmd._validation import check_extent
 from sklearn_mcmd.planes._chunks import run
+from sklearn_mcmd.planes._plane import surface_variation
 from sklearn_mcmd.planes._record import Planes
 
-__all__ = ["Columns", "split_columns"]
+__all__ = ["Columns", "joined_columns", "plane_offsets", "split_columns"]
 
 # How far the length of a normal may be from 1. A file may have stored it with few digits.
 TOLERANCE = 1e-3
 # Rows at once: their columns stay in the processor's cache.
 CHUNK = 4096
+# Rows at once whose distances from planes are computed; it limits the memory.
+ROWS_AT_ONCE = 100_000
 
 
 class Columns(NamedTuple):
@@ -56,6 +59,22 @@ class Columns(NamedTuple):
 
         run([(part,) for part in _chunks(len(rows))], task, n_jobs)
         return planes
+
+
+def joined_columns(X, normals, eigenvalues, *others):
+    """Columns in their order, in the dtype of X: coordinates first, then `Columns` and features."""
+    variation = surface_variation(eigenvalues)[:, None]
+    columns = np.hstack([X, normals, variation, eigenvalues, *others])
+    return columns.astype(X.dtype, copy=False)
+
+
+def plane_offsets(planes, normals, X):
+    """Signed distances (n,) of planes from their points X, along the normals."""
+    offset = np.empty(len(X))
+    for start in range(0, len(X), ROWS_AT_ONCE):
+        rows = slice(start, start + ROWS_AT_ONCE)
+        np.einsum("nd,nd->n", planes.centroids[rows] - X[rows], normals[rows], out=offset[rows])
+    return offset
 
 
 def split_columns(X, d=None, n_jobs=None):
