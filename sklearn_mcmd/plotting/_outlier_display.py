@@ -1,0 +1,199 @@
+"""Verdicts about outliers as a picture."""
+
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sklearn_mcmd.plotting._cloud_display import (
+    FOUND,
+    MOST_DRAWN,
+    REGULAR,
+    CloudDisplay,
+    View,
+    choose_colors,
+    one_for_each,
+)
+from sklearn_mcmd.plotting._still import check_points
+
+if TYPE_CHECKING:
+    from typing import Self
+
+    from matplotlib.axes import Axes
+
+__all__ = ["OutlierDisplay"]
+
+MISSED, WRONG = "#0072b2", "#e69f00"  # beside FOUND, of the same palette
+
+
+class OutlierDisplay(CloudDisplay):
+    """Outliers of a cloud; with the truth, also missed ones and wrongly flagged points.
+
+    Make it by :meth:`from_estimator` or :meth:`from_predictions`.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        The cloud.
+    is_outlier : array-like of bool of shape (n,)
+        The verdict.
+    scores : array-like of shape (n,), default=None
+        Scores, larger for outliers.
+    is_true_outlier : array-like of bool of shape (n,), default=None
+        The truth.
+
+    Attributes
+    ----------
+    ax_ : matplotlib.axes.Axes
+        Axes of the last plot.
+    figure_ : matplotlib.figure.Figure
+        Its figure.
+
+    See Also
+    --------
+    sklearn_mcmd.MCMDOutlierDetector : Finds outliers.
+
+    Examples
+    --------
+    >>> import matplotlib
+    >>> matplotlib.use("agg")
+    >>> import numpy as np
+    >>> from sklearn_mcmd.plotting import OutlierDisplay
+    >>> xyz = np.random.default_rng(0).normal(size=(500, 3))
+    >>> display = OutlierDisplay.from_predictions(xyz, np.where(xyz[:, 2] > 2, -1, 1))
+    >>> display.ax_.get_title()
+    '8 of 500 points are outliers (1.60 %)'
+    """
+
+    def __init__(
+        self,
+        xyz: ArrayLike,
+        is_outlier: ArrayLike,
+        *,
+        scores: ArrayLike | None = None,
+        is_true_outlier: ArrayLike | None = None,
+    ) -> None:
+        self.xyz = check_points(xyz, finite=True)
+        self.is_outlier = one_for_each(is_outlier, self.xyz, "is_outlier").astype(bool)
+        self.scores = None if scores is None else one_for_each(scores, self.xyz, "scores")
+        self.is_true_outlier = (
+            None
+            if is_true_outlier is None
+            else one_for_each(is_true_outlier, self.xyz, "is_true_outlier").astype(bool)
+        )
+
+    @classmethod
+    def from_estimator(
+        cls, estimator: Any, X: ArrayLike, y: ArrayLike | None = None, **options: Any
+    ) -> "Self":
+        """Draw the verdict of a fitted detector.
+
+        Parameters
+        ----------
+        estimator : fitted outlier detector
+            With `predict` and `score_samples`, such as
+            :class:`~sklearn_mcmd.MCMDOutlierDetector`.
+        X : array-like of shape (n, 3)
+            Points to judge.
+        y : array-like of shape (n,), default=None
+            The truth, -1 for outliers.
+        **options : dict
+            For :meth:`plot`.
+
+        Returns
+        -------
+        OutlierDisplay
+            The display, drawn.
+        """
+        scores = -estimator.score_samples(X)
+        return cls.from_predictions(X, estimator.predict(X), scores=scores, y_true=y, **options)
+
+    @classmethod
+    def from_predictions(
+        cls,
+        X: ArrayLike,
+        y_pred: ArrayLike,
+        *,
+        scores: ArrayLike | None = None,
+        y_true: ArrayLike | None = None,
+        **options: Any,
+    ) -> "Self":
+        """Draw a verdict.
+
+        Parameters
+        ----------
+        X : array-like of shape (n, 3)
+            The cloud.
+        y_pred : array-like of shape (n,)
+            -1 for outliers, as detectors of scikit-learn have it.
+        scores : array-like of shape (n,), default=None
+            Scores, larger for outliers.
+        y_true : array-like of shape (n,), default=None
+            The truth, -1 for outliers.
+        **options : dict
+            For :meth:`plot`.
+
+        Returns
+        -------
+        OutlierDisplay
+            The display, drawn.
+        """
+        true = None if y_true is None else np.asarray(y_true) == -1
+        display = cls(X, np.asarray(y_pred) == -1, scores=scores, is_true_outlier=true)
+        return display.plot(**options)
+
+    def plot(
+        self,
+        *,
+        show: Literal["verdict", "scores"] = "verdict",
+        view: View = "perspective",
+        max_points: int = MOST_DRAWN,
+        ax: "Axes | None" = None,
+    ) -> "Self":
+        """Draw the cloud.
+
+        Parameters
+        ----------
+        show : {"verdict", "scores"}, default="verdict"
+            Colors by the verdict, or by scores up to 10, a clear error.
+        view : {"top", "front", "side", "perspective"} or tuple of two floats
+            The camera, as in :func:`plot_cloud`.
+        max_points : int, default=200_000
+            Points to draw. Of more, so many are chosen at random, rare classes more often.
+        ax : matplotlib.axes.Axes, default=None
+            Axes to draw on. None makes a figure.
+
+        Returns
+        -------
+        OutlierDisplay
+            The display.
+        """
+        if show not in ("verdict", "scores"):
+            raise ValueError(f"show={show!r} is unknown; known are 'verdict' and 'scores'.")
+        flagged, true = self.is_outlier, self.is_true_outlier
+        n, n_all = np.count_nonzero(flagged), len(flagged)
+        title = f"{n:,} of {n_all:,} points are outliers ({100 * n / n_all:.2f} %)"
+        options = {"view": view, "max_points": max_points, "ax": ax}
+        if show == "scores":
+            if self.scores is None:
+                raise ValueError("show='scores' needs scores.")
+            return self._draw_scores(title, options)
+        if true is None:
+            colors = choose_colors([flagged], [FOUND], REGULAR)
+            return self._draw(colors, flagged, title, **options)
+        kinds = [flagged & true, ~flagged & true, flagged & ~true]
+        colors = choose_colors(kinds, [FOUND, MISSED, WRONG], REGULAR)
+        self._draw(colors, np.select(kinds, [1, 2, 3], 0), title, **options)
+        names = ("found", "missed", "wrongly flagged")
+        texts = [f"{name}: {np.count_nonzero(k):,}" for name, k in zip(names, kinds, strict=True)]
+        self._key(zip((FOUND, MISSED, WRONG), texts, strict=True))
+        return self
+
+    def _draw_scores(self, title, options):
+        from matplotlib import cm, colors
+
+        norm = colors.Normalize(0, 10, clip=True)
+        shade = cm.ScalarMappable(norm, "viridis")
+        self._draw(shade.to_rgba(self.scores)[:, :3], self.is_outlier, title, **options)
+        self.figure_.colorbar(shade, ax=self.ax_, label="score", shrink=0.6, extend="max")
+        return self
