@@ -5,7 +5,6 @@ import time
 import warnings
 from collections.abc import Iterable
 from functools import partial
-from numbers import Integral
 from pathlib import Path
 from typing import Literal
 
@@ -34,6 +33,7 @@ from sklearn_mcmd.tiling._run import (
     COMPUTED,
     SCATTERED,
     RunReport,
+    check_seed,
     finish,
     finished_before,
     kept,
@@ -203,11 +203,7 @@ def check_detector(estimator):
         raise ValueError(
             "n_neighbors=None cannot work by tiles: the whole cloud is one neighborhood."
         )
-    if not isinstance(estimator.random_state, Integral):
-        raise ValueError(
-            f"random_state={estimator.random_state!r} must be an int, so that all tiles make the "
-            "same trials."
-        )
+    check_seed(estimator)
 
 
 def _warm_up(estimator):

@@ -263,17 +263,22 @@ def kept(folder):
         folder.release()
 
 
+def check_seed(estimator):
+    """Raise if trials would differ from tile to tile."""
+    if not isinstance(estimator.random_state, Integral):
+        raise ValueError(
+            f"random_state={estimator.random_state!r} must be an int, so that all tiles make the "
+            "same trials."
+        )
+
+
 def _check(estimator):
     if not isinstance(estimator, BaseLocalPlanes) or estimator._locality()[0] is None:
         raise ValueError(
             f"{type(estimator).__name__} cannot work by tiles with these parameters: with "
             'n_neighbors=None or "auto", or orientation="mst", results depend on the whole cloud.'
         )
-    if not isinstance(estimator.random_state, Integral):
-        raise ValueError(
-            f"random_state={estimator.random_state!r} must be an int, so that all tiles make the "
-            "same trials."
-        )
+    check_seed(estimator)
 
 
 def _warm_up(estimator):

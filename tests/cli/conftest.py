@@ -3,9 +3,26 @@
 import pytest
 
 from sklearn_mcmd.cli import _waiting
+from sklearn_mcmd.io import write_points
+from sklearn_mcmd.tiling import _memory
+from tiled import street
 
 
 @pytest.fixture(autouse=True)
 def patient(monkeypatch):
     """However slow the machine is, no line of progress comes between those a test asks for."""
     monkeypatch.setattr(_waiting, "PATIENCE", 3600.0)
+
+
+@pytest.fixture
+def small_machine(monkeypatch):
+    """A process takes nothing, so that 2 MB are tiles of few thousand points."""
+    for name, value in {"PROCESS": 0, "PART": 1_000, "LEAST_TILE": 1_000}.items():
+        monkeypatch.setattr(_memory, name, value)
+
+
+@pytest.fixture
+def source(tmp_path):
+    """A street of 6,000 points in a file."""
+    write_points(tmp_path / "street.laz", street(6_000))
+    return tmp_path / "street.laz"

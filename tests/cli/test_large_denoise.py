@@ -7,23 +7,9 @@ import pytest
 
 from commands import error_line, files_in, run
 from sklearn_mcmd.io import read_points, write_points
-from sklearn_mcmd.tiling import _memory
 from tiled import street
 
 ONE = ("--n-jobs", 1)
-
-
-@pytest.fixture
-def small_machine(monkeypatch):
-    """A process takes nothing, so that 2 MB are tiles of few thousand points."""
-    for name, value in {"PROCESS": 0, "PART": 1_000, "LEAST_TILE": 1_000}.items():
-        monkeypatch.setattr(_memory, name, value)
-
-
-@pytest.fixture
-def source(tmp_path):
-    write_points(tmp_path / "street.laz", street(6_000))
-    return tmp_path / "street.laz"
 
 
 @pytest.mark.parametrize(
