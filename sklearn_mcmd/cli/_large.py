@@ -11,7 +11,7 @@ from sklearn_mcmd.cli._speech import print_table
 __all__ = ["DryRun", "Memory", "Restart", "large_catalog", "print_plan"]
 
 SAMPLE = 50_000  # points whose time is measured
-MORE, MORE_JUDGED = 1.4, 1.5  # time of tiles over that in memory, about: of normals, of outliers
+MORE, MORE_JUDGED = 1.3, 1.5  # time of tiles over that in memory, about: of normals, of outliers
 PARSED_SUFFIXES, INDEX_SUFFIX = (".las", ".laz"), ".vpc"
 
 
@@ -95,10 +95,11 @@ def print_plan(source, target, catalog, estimator, memory, *, n_features=0, judg
     if tiles:
         limit = usual_memory() if memory is None else memory
         plan = plan_run(catalog.n_points, limit, n_jobs, n_features, judged=judged)
-        seconds *= (MORE_JUDGED if judged else MORE) / plan.n_workers
+        seconds *= (MORE_JUDGED if judged else MORE) / (plan.n_workers * plan.n_threads)
         rows |= {
             "tiles": f"about {plan.n_tiles:,} of at most {plan.tile_size:,} points",
-            "processes": f"{plan.n_workers}",
+            "processes": f"{plan.n_workers}"
+            + (f" with {plan.n_threads} threads" if plan.n_threads > 1 else ""),
             "memory": f"about {plan.memory / 1e9:.2g} GB",
             "disk": f"about {plan.disk / 1e9:.2g} GB for temporary files beside {target}",
         }

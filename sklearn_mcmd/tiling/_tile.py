@@ -63,7 +63,7 @@ class TileReport(NamedTuple):
     seconds: float
 
 
-def normals_of_tile(folder, cell, estimator, constants, target):
+def normals_of_tile(folder, cell, estimator, constants, target, n_threads=1):
     """Write the results of a tile; it depends on nothing but its arguments and the cells.
 
     Parameters
@@ -75,6 +75,7 @@ def normals_of_tile(folder, cell, estimator, constants, target):
     constants : Constants
     target : path
         Of a folder. The file of results has the dtype `result_dtype`, sorted by rows.
+    n_threads : int, default=1
 
     Returns
     -------
@@ -90,14 +91,14 @@ def normals_of_tile(folder, cell, estimator, constants, target):
     halo, *box = cells.around(cell, width, max(int(HALO * len(own)), SMALL))
     complete = partial(_with_others, cells=cells, k=k)
     points = complete(np.vstack([own, halo]))
-    fitted = clone(estimator)
+    fitted = clone(estimator).set_params(n_jobs=n_threads)
     fitted._step_of_cloud = constants.step
     fitted.fit(points.astype(constants.dtype, copy=False))
     columns, index = normal_columns(fitted)[1][: len(own)], fitted._model.index
-    reach = reaches(index)
+    reach = reaches(index, n_threads)
     exact = reach < to_border(index.points, *box)
     places = index.places[: len(own)]
-    rest = np.flatnonzero(~proved_points(index, exact, levels)[places])
+    rest = np.flatnonzero(~proved_points(index, exact, levels, n_threads)[places])
     wrong, again = np.unique(places[rest], return_inverse=True)
     n_again = 0
     at_once = max(MENDED, len(own) // 8)
