@@ -487,11 +487,10 @@ def segments_street():
 
 
 def wall(n=8_000, seed=0):
-    """A wall with 4 mm of noise, and something 3 cm thick that stands before one edge of it."""
+    """The wall of guide_planes.rst: 4 mm of noise, and a strip that stands 3 cm before it."""
     rng = np.random.default_rng(seed)
-    points = np.column_stack(
-        [rng.uniform(0, 4, n), rng.normal(0, 0.004, n), rng.uniform(0, 2.5, n)]
-    )
+    points = rng.uniform((0, 0, 0), (4, 0, 2.5), (n, 3))
+    points[:, 1] = rng.normal(0, 0.004, n)
     front = points[:, 0] > 3.1
     points[front, 1] -= 0.03
     return points, front
