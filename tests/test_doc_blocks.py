@@ -10,6 +10,7 @@ import pytest
 
 from doc_blocks import blocks, run_console, run_python
 from sklearn_mcmd.cli import _waiting
+from sklearn_mcmd.cli._demo_run import write_street
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import PointCloud, write_points
 
@@ -73,9 +74,9 @@ def reader(tmp_path, monkeypatch):
     return tmp_path
 
 
-def give_files(folder, n_points):
+def give_files(folder):
     """The files that commands of the pages read: a street, a wall, and a drive of two files."""
-    street = PointCloud(np.round(make_street(n_points, random_state=0).data, 4))
+    street = PointCloud(np.round(make_street(6_000, random_state=0).data, 4))
     (folder / "drive").mkdir()
     for name in ("street", "yours", "scan", "drive"):
         write_points(folder / f"{name}.laz", street)
@@ -88,7 +89,9 @@ def give_files(folder, n_points):
 
 @pytest.mark.parametrize("name", with_blocks())
 def test_the_blocks_of_a_page_run_and_print_what_it_shows(name, reader):
-    give_files(reader, 60_000 if name in DEMO else 6_000)
+    give_files(reader)
+    if name in DEMO:
+        write_street(reader / "street.laz")
     if name in FROM_NOTHING:
         (reader / "street.laz").unlink()
     names = {"__name__": f"docs/{name}.rst", "xyz": make_street(6_000, random_state=0).data}
