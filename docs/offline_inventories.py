@@ -101,7 +101,7 @@ def dotted_names():
 def _inventory(project):
     """An inventory in Sphinx's format, version 2: four lines of text, then compressed lines."""
     lines = [
-        f"{name} py:{_role(name)} 1 {page} -"
+        f"{name} py:{_role(name)} 1 {page.replace('$', name)} -"
         for page, names in NAMES[project].items()
         for name in names
     ]

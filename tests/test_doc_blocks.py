@@ -1,0 +1,152 @@
+"""Every code block of the documentation runs, and prints what the page shows."""
+
+import json
+import pkgutil
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from doc_blocks import blocks, run_console, run_python
+from sklearn_mcmd.cli import _waiting
+from sklearn_mcmd.cli._demo_run import write_street
+from sklearn_mcmd.datasets import make_street
+from sklearn_mcmd.io import PointCloud, write_points
+
+ROOT = Path(__file__).resolve().parents[1]
+if not (ROOT / "docs").is_dir():
+    pytest.skip("a checkout is needed", allow_module_level=True)
+PAGES = {path.stem: path for path in sorted((ROOT / "docs").glob("*.rst"))}
+
+# Pages whose clouds are large, or that search parameters: pytest -m slow runs them.
+SLOW = {"command_line", "datasets", "first_scan", "install", "outliers", "pipelines", "tiling"}
+# Pages that show the numbers of the street of `mcmd demo`.
+DEMO = {"command_line"}
+# Pages that make `street.laz` themselves.
+FROM_NOTHING = {"first_scan", "install"}
+# What a page takes as known to its reader, beside a cloud `xyz` and the file `street.laz`.
+GIVEN = {
+    "command_line": next(  # the wall of another page
+        block.text for block in blocks(PAGES["guide_planes"].read_text("utf-8"))
+    ),
+    "comparators": """
+import numpy as np
+xyz = xyz[:300]  # ROBPCA takes milliseconds for each point
+samples = np.random.default_rng(0).normal(size=(20, 50, 3)) * [1, 1, 0.1]
+""",
+    "normals": "from sklearn_mcmd import RobustNormalEstimator",
+    "pipelines": """
+import numpy as np
+import pandas as pd
+from sklearn_mcmd.datasets import make_street
+cloud = pd.DataFrame(xyz, columns=list("xyz"))
+scenes = [make_street(2_000, random_state=seed) for seed in range(2)]
+X = np.vstack([s.data for s in scenes])
+surface = np.concatenate([s.surface for s in scenes])
+scene = np.repeat([0, 1], 2_000)
+""",
+    "user_guide": "X = xyz",
+    "view": """
+from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
+detector = MCMDOutlierDetector(random_state=0).fit(xyz)
+normals = RobustNormalEstimator(random_state=0).fit(xyz).normals_
+labels = RegionGrowing(random_state=0).fit_predict(xyz)
+ax = None
+""",
+}
+
+
+def with_blocks():
+    return [
+        pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else [])
+        for name, path in PAGES.items()
+        if any(b.language in ("python", "console") for b in blocks(path.read_text("utf-8")))
+    ]
+
+
+@pytest.fixture
+def reader(tmp_path, monkeypatch):
+    """Where a reader works: a folder of its own, no lines of progress, no windows of pictures."""
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("agg")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(_waiting, "PATIENCE", 3600.0)
+    return tmp_path
+
+
+def give_files(folder):
+    """The files that commands of the pages read: a street, a wall, and a drive of two files."""
+    street = PointCloud(np.round(make_street(6_000, random_state=0).data, 4))
+    (folder / "drive").mkdir()
+    for name in ("street", "yours", "scan", "drive"):
+        write_points(folder / f"{name}.laz", street)
+    halves = [{"assets": {"data": {"href": f"drive/{i}.laz", "roles": ["data"]}}} for i in (0, 1)]
+    for i in (0, 1):
+        write_points(folder / "drive" / f"{i}.laz", street.subset(slice(i, None, 2)))
+    index = {"type": "FeatureCollection", "features": [{"type": "Feature"} | h for h in halves]}
+    (folder / "drive.vpc").write_text(json.dumps(index))
+
+
+@pytest.mark.parametrize("name", with_blocks())
+def test_the_blocks_of_a_page_run_and_print_what_it_shows(name, reader):
+    give_files(reader)
+    if name in DEMO:
+        write_street(reader / "street.laz")
+    if name in FROM_NOTHING:
+        (reader / "street.laz").unlink()
+    names = {"__name__": f"docs/{name}.rst", "xyz": make_street(6_000, random_state=0).data}
+    exec(GIVEN.get(name, ""), names)
+    found = blocks(PAGES[name].read_text("utf-8"))
+    for block, after in zip(found, [*found[1:], None], strict=True):
+        if block.language == "console":
+            run_console(block)
+        elif block.language == "python":
+            run_python(block, names, after if after and after.language == "none" else None)
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_scripts_that_a_page_names_exist_and_have_the_options_it_gives(name):
+    text = PAGES[name].read_text("utf-8").replace("\\\n", " ")
+    for script, options in re.findall(
+        r"((?:benchmarks|examples|docs)/\w+\.py)((?: +[^\s`]+)*)", text
+    ):
+        path = ROOT / script
+        assert path.is_file(), script
+        code = path.read_text("utf-8")
+        for option in re.findall(r"(?<= )--[a-z][a-z-]+", options):
+            assert f'"{option}"' in code, f"{script} {option}"
+
+
+def test_functions_and_tests_that_the_papers_page_names_exist():
+    text = PAGES["papers"].read_text("utf-8")
+    rows = re.findall(r"^     [- ] \| (.*)$", text, re.MULTILINE)
+    names = [name for row in rows for name in re.findall(r"``([\w./]+)``", row)]
+    for name in names:
+        if "/" in name:
+            path = ROOT / (name if name.startswith("tests/") else f"tests/{name}.py")
+            assert path.is_file(), name
+        else:
+            room = "adjustment." if name.startswith("_memberships.") else ""
+            pkgutil.resolve_name(f"sklearn_mcmd.{room}{name}")
+    assert len(names) > 80
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_pictures_have_words_for_those_who_do_not_see_them(name):
+    text = PAGES[name].read_text("utf-8")
+    for directive in re.finditer(
+        r"^ *\.\. (?:image|figure):: .*\n((?: +:.*\n)*)", text, re.MULTILINE
+    ):
+        assert ":alt:" in directive[1], directive[0]
+    assert text.count(":img-top:") == text.count(":img-alt:")
+
+
+def test_pictures_of_the_guides_are_shown_and_small():
+    shown = "".join(path.read_text("utf-8") for path in PAGES.values())
+    pictures = sorted((ROOT / "docs" / "images" / "guide").iterdir())
+    assert pictures
+    for picture in pictures:
+        assert picture.name in shown
+        assert picture.stat().st_size < 150_000, picture.name
+    assert sum(picture.stat().st_size for picture in pictures) < 2_500_000
