@@ -4,12 +4,17 @@ import sys
 from pathlib import Path
 
 from sphinx.ext import autosummary
+from sphinx_gallery.sorting import ExplicitOrder
 
 import sklearn_mcmd
+from sklearn_mcmd import _sklearn
 
 HERE = Path(__file__).parent
 sys.path.append(str(HERE))
 import offline_inventories  # noqa: E402
+
+# Estimators on pages of the gallery link to the API beside them, and not to a site.
+_sklearn.documentation_site = lambda: "../.."
 
 project = "sklearn_mcmd"
 author = "The sklearn_mcmd developers"
@@ -57,11 +62,19 @@ intersphinx_timeout = 5
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "auto_examples",
+    "subsection_order": ExplicitOrder(
+        [
+            f"../examples/{group}"
+            for group in ("cleaning", "normals", "segments", "planes", "pipelines", "papers")
+        ]
+    ),
+    "within_subsection_order": "gallery_order.ByUse",
     "filename_pattern": r"/plot_",
     "ignore_pattern": r"adjustment_paper\.py",
     "download_all_examples": False,
     "show_memory": False,
-    # What scripts print is part of the answer; what an expression returns is not.
-    "capture_repr": (),
+    # What scripts print is part of the answer; of what expressions return, only estimators are.
+    "capture_repr": ("_repr_html_",),
+    "show_signature": False,
     "min_reported_time": 1e9,
 }

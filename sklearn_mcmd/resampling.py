@@ -6,13 +6,13 @@ import numpy as np
 from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_consistent_length, validate_data
 
-from sklearn_mcmd._sklearn import fit_context
+from sklearn_mcmd._sklearn import DocLinkMixin, fit_context
 from sklearn_mcmd.outliers._detector import MCMDOutlierDetector
 
 __all__ = ["DenoisingSampler"]
 
 
-class DenoisingSampler(BaseEstimator):
+class DenoisingSampler(DocLinkMixin, BaseEstimator):
     """Drop outliers from X and y together, by `fit_resample` as in imbalanced-learn.
 
     Steps of scikit-learn's Pipeline never change the number of rows, but steps of

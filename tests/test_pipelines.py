@@ -1,8 +1,6 @@
-"""Whole pipelines: the examples run, and tables of pandas and polars go through unchanged."""
+"""Whole pipelines: tables of pandas and polars go through unchanged."""
 
-import runpy
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,42 +9,6 @@ from sklearn.pipeline import Pipeline, make_pipeline
 
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator, SharpFeatureDetector
 from sklearn_mcmd.datasets import make_box
-
-EXAMPLES = Path(__file__).parents[1] / "examples"
-NEEDS = {"resampling": "imblearn", "segments": "pandas"}
-
-
-@pytest.mark.parametrize(
-    ("name", "points", "expected"),
-    [
-        ("segments", "3000", "polars gives the same segments: True"),
-        ("edges", "1200", "area under ROC"),
-        ("search", "1200", "defaults, unseen"),
-        ("resampling", "2000", "2000 points labeled"),
-    ],
-)
-def test_an_example_prints_its_result(name, points, expected, monkeypatch, capsys):
-    script = EXAMPLES / f"plot_pipeline_{name}.py"
-    if not script.exists():
-        pytest.skip("examples/ isn't installed")
-    plt = pytest.importorskip("matplotlib.pyplot")
-    pytest.importorskip(NEEDS.get(name, "sklearn"))
-    if name == "segments":
-        pytest.importorskip("polars")
-    plt.switch_backend("agg")
-    monkeypatch.setattr(sys, "argv", [str(script), "--points", points])
-    runpy.run_path(str(script), run_name="__main__")
-    plt.close("all")
-    assert expected in capsys.readouterr().out
-
-
-def test_every_example_of_a_pipeline_begins_with_a_question():
-    scripts = sorted(EXAMPLES.glob("plot_pipeline_*.py"))
-    if not scripts:
-        pytest.skip("examples/ isn't installed")
-    for script in scripts:
-        title = script.read_text(encoding="utf-8").splitlines()[1]
-        assert title.endswith("?"), script.name
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_array, check_is_fitted, validate_data
 
-from sklearn_mcmd._sklearn import Interval, StrOptions
+from sklearn_mcmd._sklearn import DocLinkMixin, Interval, StrOptions
 from sklearn_mcmd._validation import OffsetOutlierMixin
 from sklearn_mcmd.adjustment._determinacy import (
     AS_THICK_AS_WIDE,
@@ -31,7 +31,7 @@ STEEP_SHARE = 0.05
 FLATNESS = 0.1
 
 
-class PlaneDetector(OffsetOutlierMixin, BaseEstimator):
+class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
     """Base class of plane tests; a subclass has `fit` and `score_samples`."""
 
     _parameter_constraints: ClassVar[dict] = {

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_is_fitted, check_random_state, validate_data
 
-from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
+from sklearn_mcmd._sklearn import DocLinkMixin, Interval, StrOptions, fit_context
 from sklearn_mcmd._validation import FittedScoresMixin, check_extent, check_sizes
 from sklearn_mcmd.edges._creases import FAR, CreaseModel
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
@@ -26,7 +26,7 @@ EDGE_WIDTH = 2.0
 ROBUST_STD, PAPER_STD = 3.0, 1.0
 
 
-class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
+class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
     """Edges and corners: points next to a line in which two faces meet (Eq. 25 and better).
 
     The detector cleans the cloud first, because outliers look like edges. It gives each point

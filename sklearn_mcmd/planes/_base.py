@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from sklearn_mcmd._sklearn import Interval, StrOptions
+from sklearn_mcmd._sklearn import DocLinkMixin, Interval, StrOptions
 from sklearn_mcmd._validation import OffsetOutlierMixin, check_extent, check_sizes
 from sklearn_mcmd.planes._adaptive_trials import StopRule
 from sklearn_mcmd.planes._comparators import settle_comparator
@@ -29,7 +29,7 @@ LONGEST_TRIAL = 4096
 MAX_TRIALS_BEYOND_SPACE = 300
 
 
-class BaseLocalPlanes(BaseEstimator):
+class BaseLocalPlanes(DocLinkMixin, BaseEstimator):
     """Parameters and fitting of all estimators that fit a plane to each neighborhood.
 
     Subclasses store the parameters named in `_parameter_constraints` and call `_fit_planes`.

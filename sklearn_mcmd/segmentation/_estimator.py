@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClusterMixin, clone
 from sklearn.utils.validation import validate_data
 
-from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
+from sklearn_mcmd._sklearn import DocLinkMixin, Interval, StrOptions, fit_context
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.planes._columns import split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
@@ -24,7 +24,7 @@ from sklearn_mcmd.segmentation._narrow_faces import RestFaces
 __all__ = ["RegionGrowing"]
 
 
-class RegionGrowing(ClusterMixin, BaseEstimator):
+class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
     """Surfaces of a point cloud, grown from the flattest points (section 5.2.3).
 
     A region starts at the point of least curvature. It takes in neighbors that lie in the plane

@@ -9,7 +9,7 @@ import pytest
 import reference_adjustment as reference
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "examples" / "papers"))
 paper = pytest.importorskip("adjustment_paper", reason="examples/ isn't installed")
 
 

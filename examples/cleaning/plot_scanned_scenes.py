@@ -1,6 +1,6 @@
 """
-Scenes as scanners see them
-===========================
+Which scenes can I try it on?
+=============================
 
 Streets of even density hide what real scans lose points by. These four scenes have it: stripes of
 ten times the density, swaths that overlap, rings that part a hundredfold, depth in steps, and

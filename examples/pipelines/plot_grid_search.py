@@ -1,6 +1,6 @@
 """
 Which parameters find the most outliers, and do other detectors do better?
-===========================================================================
+==========================================================================
 
 `GridSearchCV` searches ``n_neighbors``, ``outlier_rate`` and ``success_probability`` on a labeled,
 simulated street. `LocalOutlierFactor` and `IsolationForest` are candidates in the same search.
@@ -30,6 +30,7 @@ from sklearn.pipeline import Pipeline
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.model_selection import SpatialBlockSplit, spatial_blocks
+from sklearn_mcmd.plotting import OutlierDisplay
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--points", type=int, default=8000, help="points of each street")
@@ -104,7 +105,7 @@ with warnings.catch_warnings():
 results = search.cv_results_
 kinds = np.array([id(params["detector"]) for params in results["params"]])
 unseen = make_street(n_points, outlier_share=0.1, random_state=1)
-best = {}
+best, verdicts = {}, {}
 print(f"\n{'best of each family':<28}{'search':>14}{'unseen street':>20}")
 for name, (model, _) in families.items():
     rows = np.flatnonzero(kinds == id(model))
@@ -122,8 +123,20 @@ for name, (model, _) in families.items():
     searched = [results[f"mean_test_{score}"][row] for score in SCORES]
     final = [balanced_accuracy_score(unseen.target, labels), roc_auc_score(unseen.target, scores)]
     best[name] = (searched, final)
+    verdicts[name] = labels
     print(f"{name:<28}{searched[0]:>7.3f}{searched[1]:>7.3f}{final[0]:>13.3f}{final[1]:>7.3f}")
     print(f"    {params}")
+
+# %%
+# The verdicts of the best of each family on that street.
+figure, axes = plt.subplots(2, 2, figsize=(12, 9), layout="constrained")
+OutlierDisplay.from_predictions(unseen.data, unseen.target, ax=axes[1, 1])
+axes[1, 1].set_title("the truth", fontsize=13)
+shown = [name for name in families if name != "MCMD, own planes"]
+for ax, name in zip(axes.flat, shown, strict=False):
+    OutlierDisplay.from_predictions(unseen.data, verdicts[name], y_true=unseen.target, ax=ax)
+    ax.set_title(name, fontsize=13)
+plt.show()
 
 # %%
 figure, axes = plt.subplots(1, 2, figsize=(11, 4), layout="constrained")

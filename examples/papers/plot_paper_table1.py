@@ -21,7 +21,7 @@ import matplotlib.pyplot as plt
 from sklearn_mcmd.paper import figure4, table1
 
 parser = argparse.ArgumentParser()
-parser.add_argument("--runs", type=int, default=100, help="simulated clouds of each kind")
+parser.add_argument("--runs", type=int, default=50, help="simulated clouds of each kind")
 runs = parser.parse_args().runs
 
 # %%

@@ -52,8 +52,10 @@ for name, detector in detectors.items():
     print(f"{name:<12} F1 {f1_score(on_edge, found[name]):.2f}, area under ROC {area:.3f}")
 
 # %%
-figure, axes = plt.subplots(1, 3, figsize=(14, 4.5), layout="constrained")
-for ax, (name, flagged) in zip(axes, found.items(), strict=True):
+figure, axes = plt.subplots(2, 2, figsize=(12, 9), layout="constrained")
+plot_cloud(roof.data, color="#b8bec9", outliers=on_edge, view=(-60, 45), size=3.0, ax=axes[1, 1])
+axes[1, 1].set_title(f"the truth: {on_edge.sum()} points of edges")
+for ax, (name, flagged) in zip(axes.flat, found.items(), strict=False):
     plot_cloud(roof.data, color="#b8bec9", outliers=flagged, view=(-60, 45), size=3.0, ax=ax)
     ax.set_title(f"{name}: {flagged.sum()} points of edges")
 plt.show()

@@ -40,7 +40,7 @@ from sklearn_mcmd.adjustment import (
 )
 
 parser = argparse.ArgumentParser()
-parser.add_argument("--runs", type=int, default=5, help="clouds for each cell")
+parser.add_argument("--runs", type=int, default=2, help="clouds for each cell")
 runs = parser.parse_args().runs
 
 SHAPE = (20, 10)

@@ -18,7 +18,7 @@ import matplotlib.pyplot as plt
 from sklearn_mcmd.paper import figure5
 
 parser = argparse.ArgumentParser()
-parser.add_argument("--runs", type=int, default=20, help="simulated clouds of each kind")
+parser.add_argument("--runs", type=int, default=10, help="simulated clouds of each kind")
 runs = parser.parse_args().runs
 
 # %%

@@ -26,9 +26,10 @@ from sklearn.pipeline import Pipeline
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.model_selection import WholeSceneSplit, score_segments
+from sklearn_mcmd.plotting import SegmentationDisplay
 
 parser = argparse.ArgumentParser()
-parser.add_argument("--points", type=int, default=25_000, help="points of each street")
+parser.add_argument("--points", type=int, default=15_000, help="points of each street")
 n_points = parser.parse_args().points
 
 streets = [make_street(n_points, outlier_share=0.0, random_state=seed) for seed in range(3)]
@@ -72,6 +73,23 @@ default = score_segments(pipeline, unseen.data, unseen.surface)
 print("defaults, unseen:", {name: round(value, 3) for name, value in default.items()})
 
 # %%
+# The unseen street with a small angle, the best one and a large one. Too small an angle tears faces
+# into pieces. Too large a one joins what meets at a blunt edge.
+best_params = results["params"][np.argmin(results["rank_test_f_score"])]
+changes = [{"segment__max_angle": 5.0}, {}, {"segment__max_angle": 40.0}]
+figure, axes = plt.subplots(2, 2, figsize=(12, 9), layout="constrained")
+SegmentationDisplay.from_predictions(unseen.data, unseen.surface, ax=axes[1, 1])
+axes[1, 1].set_title("the truth", fontsize=13)
+for ax, change in zip(axes.flat, changes, strict=False):
+    chosen = clone(pipeline).set_params(**best_params | change)
+    labels = chosen.fit_predict(unseen.data)
+    SegmentationDisplay.from_predictions(unseen.data, labels, ax=ax)
+    angle = chosen.get_params()["segment__max_angle"]
+    ax.set_title(f"max_angle={angle:g}: {labels.max() + 1} regions", fontsize=13)
+plt.show()
+
+# %%
+# The scores of all candidates.
 figure, axes = plt.subplots(1, 2, figsize=(11, 4), layout="constrained", sharex=True)
 chosen = np.array([params["normals__n_neighbors"] for params in results["params"]])
 for ax, name in zip(axes, ("f_score", "adjusted_rand"), strict=True):

@@ -1,0 +1,75 @@
+"""The scripts of examples/: each answers a question, has its place in the gallery, and is quick."""
+
+import os
+import re
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+SCRIPTS = sorted(EXAMPLES.rglob("plot_*.py"))
+if not SCRIPTS:
+    pytest.skip("examples/ isn't installed", allow_module_level=True)
+
+# What a script prints, as part of its answer.
+PRINTED = {
+    "plot_adjustment_figures": "grid: data snooping                  finds  100 of 100 outliers",
+    "plot_adjustment_table4": "largest ratio after / before in 300 clouds: 0.",
+    "plot_grid_search": "unseen street",
+    "plot_one_plane": "finds 360 of 360, and 0 good points",
+    "plot_paper_planes": "angle to the true plane, degrees",
+    "plot_paper_table1": "Figure 4: bias angles (degrees) of 50 points",
+    "plot_paper_table4": "Table 4: classification of 100 points",
+    "plot_pipeline_edges": "area under ROC",
+    "plot_pipeline_resampling": "10000 points labeled",
+    "plot_pipeline_search": "defaults, unseen",
+    "plot_pipeline_segments": "polars gives the same segments: True",
+    "plot_tiles": "other scores:      0\nother verdicts:    0",
+}
+LONGEST = 60  # seconds of a processor: half a minute on two cores
+
+
+@pytest.fixture(params=SCRIPTS, ids=lambda script: script.stem)
+def script(request):
+    return request.param
+
+
+def test_the_title_is_a_question(script):
+    title, line = script.read_text(encoding="utf-8").splitlines()[1:3]
+    assert title.endswith("?")
+    assert line == "=" * len(title)
+
+
+def test_the_gallery_has_its_group(script):
+    assert (script.parent / "README.txt").is_file()
+    conf = (EXAMPLES.parent / "docs" / "conf.py").read_text(encoding="utf-8")
+    assert f'"{script.parent.name}"' in conf
+
+
+def test_a_chosen_thumbnail_is_one_of_its_figures(script):
+    text = script.read_text(encoding="utf-8")
+    chosen = re.search(r"^# sphinx_gallery_thumbnail_number = (\d+)$", text, re.M)
+    assert chosen is None or int(chosen[1]) <= text.count("plt.show()")
+
+
+def test_what_is_printed_is_asked_of_scripts_that_there_are():
+    assert set(PRINTED) <= {script.stem for script in SCRIPTS}
+
+
+@pytest.mark.slow
+def test_it_answers_in_time(script):
+    for library in ("matplotlib", "pandas", "polars", "imblearn", "laspy"):
+        pytest.importorskip(library)
+    path = os.pathsep.join([str(EXAMPLES.parent), os.environ.get("PYTHONPATH", "")])
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, check=False,
+        cwd=script.parent, env=os.environ | {"MPLBACKEND": "agg", "PYTHONPATH": path},
+    )  # fmt: skip
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert done.returncode == 0, done.stderr
+    assert PRINTED.get(script.stem, "") in done.stdout
+    assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < LONGEST
