@@ -33,6 +33,8 @@ PROCESS, TILE_POINT, CLOUD_POINT, FEATURE = 330e6, 650, 450, 24
 # Bytes of temporary files for each point: of normals, and of what the detector finds; and what the
 # detector takes for each point of a tile.
 TILE_STORED, JUDGED_STORED, JUDGED_POINT = 98, 200, 450
+# Of regions: temporary files, and for each point of the cloud, what joins regions across tiles.
+GROWN_STORED, GROWN_POINT = 420, 60
 # Points read or written at once, and bytes for each while that is done.
 PART, PART_POINT = 250_000, 400
 LEAST_TILE = 20_000  # smaller tiles are mostly halo
@@ -124,10 +126,12 @@ def bytes_in_memory(catalog, n_features=0):
     return PROCESS + points
 
 
-def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, judged=False):
+def plan_run(
+    n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, judged=False, grown=False
+):
     """Divide points so that all workers together stay within the memory.
 
-    With `judged`, outliers are found, else normals.
+    With `judged`, outliers are found, with `grown` regions, else normals.
 
     Raises
     ------
@@ -137,6 +141,8 @@ def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, jud
     point, stored = (JUDGED_POINT, JUDGED_STORED) if judged else (TILE_POINT, TILE_STORED)
     bytes_a_point = point + FEATURE * n_features
     own = PROCESS + PART * PART_POINT  # of the process that reads and writes
+    if grown:
+        stored, own = GROWN_STORED, max(own, PROCESS + GROWN_POINT * n_points)
     least = PROCESS + LEAST_TILE * bytes_a_point
     if memory < own or memory < least:
         raise ValueError(
