@@ -11,7 +11,8 @@ from sklearn_mcmd.cli._speech import print_table
 __all__ = ["DryRun", "Memory", "Restart", "large_catalog", "print_plan"]
 
 SAMPLE = 50_000  # points whose time is measured
-MORE, MORE_JUDGED = 1.4, 1.5  # time of tiles over that in memory, about: of normals, of outliers
+# Time of tiles over that in memory, about: of normals, of outliers, of regions.
+MORE, MORE_JUDGED, MORE_GROWN = 1.4, 1.5, 1.6
 PARSED_SUFFIXES, INDEX_SUFFIX = (".las", ".laz"), ".vpc"
 
 
@@ -69,10 +70,12 @@ def large_catalog(source, memory, n_features, always=False):
     return catalog if bytes_in_memory(catalog, n_features) > limit else None
 
 
-def print_plan(source, target, catalog, estimator, memory, *, n_features=0, judged=False):
+def print_plan(
+    source, target, catalog, estimator, memory, *, n_features=0, judged=False, grown=False
+):
     """Print tiles, memory and time; the time is measured with the first points.
 
-    With `judged`, the estimator finds outliers.
+    With `judged`, the estimator finds outliers, with `grown` regions.
     """
     from sklearn.base import clone
 
@@ -86,7 +89,8 @@ def print_plan(source, target, catalog, estimator, memory, *, n_features=0, judg
     tiles = catalog is not None
     catalog = catalog or Catalog(source)
     xyz = next(iter(read_parts(catalog.paths[0], SAMPLE))).xyz[:SAMPLE]
-    n_jobs, estimator = estimator.n_jobs, clone(estimator).set_params(n_jobs=1)
+    n_jobs, estimator = estimator.n_jobs, clone(estimator)
+    estimator.set_params(**{name: 1 for name in estimator.get_params() if name.endswith("n_jobs")})
     clone(estimator).fit(xyz[:2000])  # loads compiled code
     begin = time.perf_counter()
     clone(estimator).fit(xyz)
@@ -94,8 +98,8 @@ def print_plan(source, target, catalog, estimator, memory, *, n_features=0, judg
     rows = {"points": f"{catalog.n_points:,}", "files": f"{len(catalog):,}"}
     if tiles:
         limit = usual_memory() if memory is None else memory
-        plan = plan_run(catalog.n_points, limit, n_jobs, n_features, judged=judged)
-        seconds *= (MORE_JUDGED if judged else MORE) / plan.n_workers
+        plan = plan_run(catalog.n_points, limit, n_jobs, n_features, judged=judged, grown=grown)
+        seconds *= (MORE_JUDGED if judged else MORE_GROWN if grown else MORE) / plan.n_workers
         rows |= {
             "tiles": f"about {plan.n_tiles:,} of at most {plan.tile_size:,} points",
             "processes": f"{plan.n_workers}",
