@@ -212,7 +212,8 @@ def _segment(job, cells, columns, folder, n_workers):
         nonlocal begin
         todo = [cell for cell in range(n_cells) if not columns.is_done(cell, name)]
         with progress_part(begin, ENDS[name], name):
-            compute_cells(partial(work, job=job), cells, todo, n_workers, name)
+            task = partial(work, job=job)
+            compute_cells(task, cells, todo, n_workers, name, collect=name == "planes")
         begin = ENDS[name]
 
     sweep("planes", find_planes)
@@ -231,7 +232,7 @@ def _segment(job, cells, columns, folder, n_workers):
         labels = _grow(whole)
     with progress_part(ENDS["growth"], ENDS["steps"]):
         labels = finish_regions(
-            labels, StoredIndex(whole), whole.planes(), whole.open("floor"),
+            labels, StoredIndex(whole), whole.planes(changing=True), whole.open("floor"),
             whole.open("copies"), job.growing, 1,
         )  # fmt: skip
     for cell in range(n_cells):
@@ -244,7 +245,9 @@ def _segment(job, cells, columns, folder, n_workers):
 def _grow(whole):
     """Regions of all places, by links on disk."""
     seeds = seed_order(whole.open("variation"), whole.open("points"), whole.planes())
-    return grow_regions(whole.open("links"), seeds)
+    labels = grow_regions(whole.open("links"), seeds)
+    whole.release()
+    return labels
 
 
 def _segment_together(job, cells, columns, n_places):
