@@ -12,7 +12,7 @@ __all__ = ["DryRun", "Memory", "Restart", "large_catalog", "print_plan"]
 
 SAMPLE = 50_000  # points whose time is measured
 # Time of tiles over that in memory, about: of normals, of outliers, of regions.
-MORE, MORE_JUDGED, MORE_GROWN = 1.4, 1.5, 1.6
+MORE, MORE_JUDGED, MORE_GROWN = 1.3, 1.5, 1.6
 PARSED_SUFFIXES, INDEX_SUFFIX = (".las", ".laz"), ".vpc"
 
 
@@ -99,10 +99,12 @@ def print_plan(
     if tiles:
         limit = usual_memory() if memory is None else memory
         plan = plan_run(catalog.n_points, limit, n_jobs, n_features, judged=judged, grown=grown)
-        seconds *= (MORE_JUDGED if judged else MORE_GROWN if grown else MORE) / plan.n_workers
+        more = MORE_JUDGED if judged else MORE_GROWN if grown else MORE
+        seconds *= more / (plan.n_workers * plan.n_threads)
         rows |= {
             "tiles": f"about {plan.n_tiles:,} of at most {plan.tile_size:,} points",
-            "processes": f"{plan.n_workers}",
+            "processes": f"{plan.n_workers}"
+            + (f" with {plan.n_threads} threads" if plan.n_threads > 1 else ""),
             "memory": f"about {plan.memory / 1e9:.2g} GB",
             "disk": f"about {plan.disk / 1e9:.2g} GB for temporary files beside {target}",
         }

@@ -38,12 +38,15 @@ class GrowthJob(NamedTuple):
     growing : RegionGrowing
         With an estimator of normals.
     constants : Constants
+    n_threads : int
+        Of each worker.
     """
 
     cells: Path
     columns: Path
     growing: RegionGrowing
     constants: Constants
+    n_threads: int = 1
 
     def open(self):
         """The cells, and the columns of their places."""
@@ -71,7 +74,7 @@ def find_planes(cell, job):
         )  # fmt: skip
 
     _, found, report = columns_of_tile(
-        cells, cell, job.growing.normal_estimator, job.constants, of_fitted
+        cells, cell, job.growing.normal_estimator, job.constants, of_fitted, job.n_threads
     )
     points = cells.read(cell)["xyz"]
     rows, place_of = distinct_rows(points)

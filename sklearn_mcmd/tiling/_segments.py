@@ -144,9 +144,9 @@ def write_segments(
             path.parent.mkdir(exist_ok=True)
         cells, columns = Cells(folder.cells), Columns(folder.results)
         n_resumed = sum(columns.is_done(cell, "planes") for cell in range(len(cells)))
-        job = GrowthJob(folder.cells, folder.results, estimator, folder.constants)
+        job = GrowthJob(folder.cells, folder.results, estimator, folder.constants, plan.n_threads)
         with progress_part(SCATTERED, COMPUTED, "regions"):
-            _segment(job, cells, columns, folder, plan.n_workers)
+            _segment(job, cells, columns, plan.n_workers)
         with progress_part(COMPUTED, 1.0, "writing"):
             make = partial(segmented, colors=colors)
             write_segmented_outputs(catalog, targets, folder, make, content)
@@ -202,7 +202,7 @@ def _warm_up(estimator):
         clone(estimator).fit(points)
 
 
-def _segment(job, cells, columns, folder, n_workers):
+def _segment(job, cells, columns, n_workers):
     """Find the region of all points, and write them for each cell."""
     n_cells, begin = len(cells), 0.0
     if columns.is_done(ALL, "regions"):
@@ -233,7 +233,7 @@ def _segment(job, cells, columns, folder, n_workers):
     with progress_part(ENDS["growth"], ENDS["steps"]):
         labels = finish_regions(
             labels, StoredIndex(whole), whole.planes(changing=True), whole.open("floor"),
-            whole.open("copies"), job.growing, 1,
+            whole.open("copies"), job.growing, n_workers * job.n_threads,
         )  # fmt: skip
     for cell in range(n_cells):
         own = labels[whole.rows(cell)]

@@ -64,7 +64,7 @@ class TileReport(NamedTuple):
     seconds: float
 
 
-def normals_of_tile(folder, cell, estimator, constants, target):
+def normals_of_tile(folder, cell, estimator, constants, target, n_threads=1):
     """Write the results of a tile; it depends on nothing but its arguments and the cells.
 
     Parameters
@@ -76,21 +76,23 @@ def normals_of_tile(folder, cell, estimator, constants, target):
     constants : Constants
     target : path
         Of a folder. The file of results has the dtype `result_dtype`, sorted by rows.
+    n_threads : int, default=1
 
     Returns
     -------
     TileReport
     """
     rows, columns, report = columns_of_tile(
-        Cells(folder), cell, estimator, constants, lambda fitted: normal_columns(fitted)[1]
-    )
+        Cells(folder), cell, estimator, constants, lambda fitted: normal_columns(fitted)[1],
+        n_threads,
+    )  # fmt: skip
     results = np.empty(len(rows), result_dtype(columns.shape[1]))
     results["row"], results["values"] = rows, columns
     _write(target, cell, results, report)
     return report
 
 
-def columns_of_tile(cells, cell, estimator, constants, columns_of):
+def columns_of_tile(cells, cell, estimator, constants, columns_of, n_threads=1):
     """What is found of the points of a cell, each proved to be that of the whole cloud.
 
     Parameters
@@ -101,6 +103,7 @@ def columns_of_tile(cells, cell, estimator, constants, columns_of):
     constants : Constants
     columns_of : callable
         Takes the fitted estimator, and returns the columns (n, n_columns) of its points.
+    n_threads : int, default=1
 
     Returns
     -------
@@ -118,14 +121,14 @@ def columns_of_tile(cells, cell, estimator, constants, columns_of):
     halo, *box = cells.around(cell, width, max(int(HALO * len(own)), SMALL))
     complete = partial(_with_others, cells=cells, k=k)
     points = complete(np.vstack([own, halo]))
-    fitted = clone(estimator)
+    fitted = clone(estimator).set_params(n_jobs=n_threads)
     fitted._step_of_cloud = constants.step
     fitted.fit(points.astype(constants.dtype, copy=False))
     columns, index = columns_of(fitted)[: len(own)], fitted._model.index
-    reach = reaches(index)
+    reach = reaches(index, n_threads)
     exact = reach < to_border(index.points, *box)
     places = index.places[: len(own)]
-    rest = np.flatnonzero(~proved_points(index, exact, levels)[places])
+    rest = np.flatnonzero(~proved_points(index, exact, levels, n_threads)[places])
     wrong, again = np.unique(places[rest], return_inverse=True)
     n_again = 0
     at_once = max(MENDED, len(own) // 8)
