@@ -45,10 +45,11 @@ Restart = Annotated[
 ]
 
 
-def large_catalog(source, memory, n_features, always=False):
+def large_catalog(source, memory, n_features, always=False, *, grown=False):
     """The catalog of a source that is to be divided into tiles, else None.
 
-    Faults of a single file are left to the reading of it, unless it is `always` divided.
+    Faults of a single file are left to the reading of it, unless it is `always` divided. With
+    `grown`, regions are asked for, which take more memory than normals.
     """
     if not source.exists():
         raise FileNotFoundError(ENOENT, "no such file or folder", str(source))
@@ -67,7 +68,7 @@ def large_catalog(source, memory, n_features, always=False):
     except PointFileError:
         return None
     limit = usual_memory() if memory is None else memory
-    return catalog if bytes_in_memory(catalog, n_features) > limit else None
+    return catalog if bytes_in_memory(catalog, n_features, grown=grown) > limit else None
 
 
 def print_plan(
@@ -109,7 +110,8 @@ def print_plan(
             "disk": f"about {plan.disk / 1e9:.2g} GB for temporary files beside {target}",
         }
     else:
-        rows["memory"] = f"about {bytes_in_memory(catalog, n_features) / 1e9:.2g} GB, without tiles"
+        needed = bytes_in_memory(catalog, n_features, grown=grown)
+        rows["memory"] = f"about {needed / 1e9:.2g} GB, without tiles"
     print_table(f"{source} -> {target}", **rows, time=f"about {_in_words(seconds)}")
 
 

@@ -163,7 +163,7 @@ def segment(
     }
     with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = stopwatch()
-        catalog = large_catalog(source, memory, 0, scheduler is not None)
+        catalog = large_catalog(source, memory, 0, scheduler is not None, grown=True)
         if dry_run:
             growing = _growing(normals, params)
             print_plan(source, target, catalog, growing, memory, grown=True)

@@ -28,7 +28,7 @@ __all__ = [
 # Points at once; it limits the memory.
 PART = 2**18
 # Medians of so many values are sought at once, or of one region with more.
-AT_ONCE = 4_000_000
+AT_ONCE = 2_000_000
 # Medians of smaller regions are sought together: each by itself would take longer.
 FEW = 128
 # Bits of a number of double precision.

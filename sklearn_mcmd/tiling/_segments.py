@@ -90,8 +90,8 @@ def write_segments(
         Whether to write colors, one for each region. None means that each file without colors
         gets them.
     memory, n_jobs, tile_size, cut, as_folder, restart
-        As of `write_normals`. The joining of regions takes 60 bytes for each point of the cloud,
-        however small the tiles are.
+        As of `write_normals`. One process grows and joins regions, and takes about 60 bytes for
+        each point of the cloud, however small the tiles are.
 
     Returns
     -------
@@ -226,10 +226,14 @@ def _segment(job, cells, columns, n_workers):
     whole.join(*JOINED["planes"])
     sweep("neighbors", find_neighbors)
     whole.join(*(name for name in JOINED["neighbors"] if whole.has(name)))
-    sweep("links", find_links)
-    whole.join(*JOINED["links"])
-    with progress_part(begin, ENDS["growth"], "growing regions"):
-        labels = _grow(whole)
+    if not columns.is_done(ALL, "grown"):
+        sweep("links", find_links)
+        whole.join(*JOINED["links"])
+        with progress_part(begin, ENDS["growth"], "growing regions"):
+            columns.write(ALL, grown=_grow(whole))
+        columns.finish(ALL, "grown")
+    whole.remove("links", "limit", "usable", "variation")
+    labels = columns.read(ALL, "grown")
     with progress_part(ENDS["growth"], ENDS["steps"]):
         labels = finish_regions(
             labels, StoredIndex(whole), whole.planes(changing=True), whole.open("floor"),
