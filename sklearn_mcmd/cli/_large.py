@@ -11,7 +11,8 @@ from sklearn_mcmd.cli._speech import print_table
 __all__ = ["DryRun", "Memory", "Restart", "large_catalog", "print_plan"]
 
 SAMPLE = 50_000  # points whose time is measured
-MORE, MORE_JUDGED = 1.3, 1.5  # time of tiles over that in memory, about: of normals, of outliers
+# Time of tiles over that in memory, about: of normals, of outliers, of regions.
+MORE, MORE_JUDGED, MORE_GROWN = 1.3, 1.5, 1.6
 PARSED_SUFFIXES, INDEX_SUFFIX = (".las", ".laz"), ".vpc"
 
 
@@ -44,10 +45,11 @@ Restart = Annotated[
 ]
 
 
-def large_catalog(source, memory, n_features, always=False):
+def large_catalog(source, memory, n_features, always=False, *, grown=False):
     """The catalog of a source that is to be divided into tiles, else None.
 
-    Faults of a single file are left to the reading of it, unless it is `always` divided.
+    Faults of a single file are left to the reading of it, unless it is `always` divided. With
+    `grown`, regions are asked for, which take more memory than normals.
     """
     if not source.exists():
         raise FileNotFoundError(ENOENT, "no such file or folder", str(source))
@@ -66,13 +68,15 @@ def large_catalog(source, memory, n_features, always=False):
     except PointFileError:
         return None
     limit = usual_memory() if memory is None else memory
-    return catalog if bytes_in_memory(catalog, n_features) > limit else None
+    return catalog if bytes_in_memory(catalog, n_features, grown=grown) > limit else None
 
 
-def print_plan(source, target, catalog, estimator, memory, *, n_features=0, judged=False):
+def print_plan(
+    source, target, catalog, estimator, memory, *, n_features=0, judged=False, grown=False
+):
     """Print tiles, memory and time; the time is measured with the first points.
 
-    With `judged`, the estimator finds outliers.
+    With `judged`, the estimator finds outliers, with `grown` regions.
     """
     from sklearn.base import clone
 
@@ -86,7 +90,8 @@ def print_plan(source, target, catalog, estimator, memory, *, n_features=0, judg
     tiles = catalog is not None
     catalog = catalog or Catalog(source)
     xyz = next(iter(read_parts(catalog.paths[0], SAMPLE))).xyz[:SAMPLE]
-    n_jobs, estimator = estimator.n_jobs, clone(estimator).set_params(n_jobs=1)
+    n_jobs, estimator = estimator.n_jobs, clone(estimator)
+    estimator.set_params(**{name: 1 for name in estimator.get_params() if name.endswith("n_jobs")})
     clone(estimator).fit(xyz[:2000])  # loads compiled code
     begin = time.perf_counter()
     clone(estimator).fit(xyz)
@@ -94,8 +99,9 @@ def print_plan(source, target, catalog, estimator, memory, *, n_features=0, judg
     rows = {"points": f"{catalog.n_points:,}", "files": f"{len(catalog):,}"}
     if tiles:
         limit = usual_memory() if memory is None else memory
-        plan = plan_run(catalog.n_points, limit, n_jobs, n_features, judged=judged)
-        seconds *= (MORE_JUDGED if judged else MORE) / (plan.n_workers * plan.n_threads)
+        plan = plan_run(catalog.n_points, limit, n_jobs, n_features, judged=judged, grown=grown)
+        more = MORE_JUDGED if judged else MORE_GROWN if grown else MORE
+        seconds *= more / (plan.n_workers * plan.n_threads)
         rows |= {
             "tiles": f"about {plan.n_tiles:,} of at most {plan.tile_size:,} points",
             "processes": f"{plan.n_workers}"
@@ -104,7 +110,8 @@ def print_plan(source, target, catalog, estimator, memory, *, n_features=0, judg
             "disk": f"about {plan.disk / 1e9:.2g} GB for temporary files beside {target}",
         }
     else:
-        rows["memory"] = f"about {bytes_in_memory(catalog, n_features) / 1e9:.2g} GB, without tiles"
+        needed = bytes_in_memory(catalog, n_features, grown=grown)
+        rows["memory"] = f"about {needed / 1e9:.2g} GB, without tiles"
     print_table(f"{source} -> {target}", **rows, time=f"about {_in_words(seconds)}")
 
 

@@ -5,6 +5,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from sklearn_mcmd.cli._engine import Scheduler, engine
 from sklearn_mcmd.cli._files import (
     WORKING,
     color_columns,
@@ -15,12 +16,13 @@ from sklearn_mcmd.cli._files import (
     with_results,
     write,
 )
+from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
-    InFile,
+    InFiles,
     NJobs,
     NNeighbors,
-    OutFile,
+    OutFiles,
     OutlierRate,
     Quiet,
     RandomState,
@@ -31,6 +33,7 @@ from sklearn_mcmd.cli._options import (
 from sklearn_mcmd.cli._speech import (
     clear_exits,
     count_and_share,
+    number_and_share,
     print_summary,
     stopwatch,
 )
@@ -43,8 +46,8 @@ LARGEST_SHOWN = 3
 
 
 def segment(
-    source: InFile,
-    target: OutFile,
+    source: InFiles,
+    target: OutFiles,
     max_angle: Annotated[
         float,
         typer.Option(
@@ -123,57 +126,98 @@ def segment(
     outlier_rate: OutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
+    memory: Memory = None,
+    scheduler: Scheduler = None,
+    dry_run: DryRun = False,
+    restart: Restart = False,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
     """Divide a cloud into surfaces: road, kerb and footpath, walls, signs, poles.
 
+    LAS and LAZ that need more than --memory, and folders of them, are divided into tiles, and with
+    --scheduler all are. The results are the same. Temporary files lie beside OUT, in OUT.tiles. If
+    a run ends early, they are kept, and the same command goes on from there. If IN is a folder or
+    an index .vpc, a folder OUT gets one file for each; an OUT that ends in .las or .laz gets all.
+
     All points are kept. New attributes are region (int32; 0 is the largest, -1 is none) and red,
     green and blue (8 bits, one color for each region). Denoise a cloud with outliers first.
     """
-    with clear_exits(allow_coarse=allow_coarse):
+    normals = {
+        "n_neighbors": n_neighbors,
+        "outlier_rate": outlier_rate,
+        "random_state": random_state,
+        "n_jobs": n_jobs,
+    }
+    params = {
+        "n_neighbors": growth_neighbors,
+        "max_angle": max_angle,
+        "max_distance": max_distance,
+        "max_gap": max_gap,
+        "min_region_size": min_region_size,
+        "regrow_rest": regrow_rest,
+        "join_coplanar": join_coplanar,
+        "join_curved": join_curved,
+        "assign_rest": assign_rest,
+        "n_jobs": n_jobs,
+    }
+    with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = stopwatch()
+        catalog = large_catalog(source, memory, 0, scheduler is not None, grown=True)
+        if dry_run:
+            growing = _growing(normals, params)
+            print_plan(source, target, catalog, growing, memory, grown=True)
+            return
+        if catalog is not None:
+            growing = _growing(normals, params)
+            return _by_tiles(
+                source, target, catalog, growing, colors, memory, restart, quiet, seconds
+            )
         with progress("segment", quiet):
             cloud = read(source, target, "regions")
             if colors is None:
                 colors = not has_colors(cloud)
             rehearse(target, _segmented(cloud, np.zeros(len(cloud), np.int64), colors))
-            fitted = _find_regions(
-                coordinates(cloud),
-                {
-                    "n_neighbors": n_neighbors,
-                    "outlier_rate": outlier_rate,
-                    "random_state": random_state,
-                    "n_jobs": n_jobs,
-                },
-                n_neighbors=growth_neighbors,
-                max_angle=max_angle,
-                max_distance=max_distance,
-                max_gap=max_gap,
-                min_region_size=min_region_size,
-                regrow_rest=regrow_rest,
-                join_coplanar=join_coplanar,
-                join_curved=join_curved,
-                assign_rest=assign_rest,
-                n_jobs=n_jobs,
-            )
+            with progress_part(*WORKING):
+                fitted = _growing(normals, params).fit(coordinates(cloud))
             write(target, _segmented(cloud, fitted.labels_, colors))
         if not quiet:
-            largest = ", ".join(f"{size:,}" for size in fitted.region_sizes_[:LARGEST_SHOWN])
             print_summary(
                 *(source, target, len(cloud), seconds()),
                 regions=f"{fitted.n_regions_:,}",
                 inside=count_and_share(fitted.labels_ >= 0),
-                largest=largest or "none",
+                largest=_in_words(fitted.region_sizes_[:LARGEST_SHOWN]),
             )
 
 
-def _find_regions(xyz, normals, **params):
+def _by_tiles(source, target, catalog, growing, colors, memory, restart, quiet, seconds):
+    from sklearn_mcmd.tiling import write_segments
+
+    with progress("segment", quiet):
+        report = write_segments(
+            catalog, target, growing, colors=colors, memory=memory, n_jobs=growing.n_jobs,
+            restart=restart,
+        )  # fmt: skip
+    if not quiet:
+        again = report.n_points - report.n_proved
+        print_summary(
+            *(source, target, report.n_points, seconds()),
+            tiles=f"{report.n_tiles:,}, of which {report.n_resumed:,} were done before",
+            regions=f"{report.n_regions:,}",
+            inside=number_and_share(report.n_inside, report.n_points),
+            largest=_in_words(report.largest[:LARGEST_SHOWN]),
+            proved=f"all; {again:,} from more points than lie around their tile",
+        )
+
+
+def _in_words(sizes):
+    return ", ".join(f"{size:,}" for size in sizes) or "none"
+
+
+def _growing(normals, params):
     from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 
-    with progress_part(*WORKING):
-        estimator = RobustNormalEstimator(**normals)
-        return RegionGrowing(normal_estimator=estimator, **params).fit(xyz)
+    return RegionGrowing(normal_estimator=RobustNormalEstimator(**normals), **params)
 
 
 def _segmented(cloud, labels, colors):

@@ -15,6 +15,7 @@ __all__ = [
     "connected_planes",
     "farthest_neighbors",
     "link_planes",
+    "row_linker",
 ]
 
 
@@ -69,7 +70,7 @@ def link_planes(index, k, planes, limits, usable, compiled, n_jobs=None, farthes
     """
     n = len(index.points)
     links = np.empty((n, k), np.int32)
-    link = _linker(index, k, planes, limits, usable, compiled, n_jobs, farthest)
+    link = row_linker(index, k, planes, limits, usable, compiled, n_jobs, farthest)
 
     def task(rows):
         link(rows, links[rows])
@@ -91,7 +92,7 @@ def connected_planes(index, k, planes, limits, usable, compiled):
 
 def _join_planes(join, roots, index, k, planes, limits, usable):
     """Join the parts of linked rows, chunk by chunk; `roots` are those of compiled code."""
-    link = _linker(index, k, planes, limits, usable, compiled=True)
+    link = row_linker(index, k, planes, limits, usable, compiled=True)
     links = np.empty((index.chunk, k), np.int32)
 
     def task(rows):
@@ -141,8 +142,8 @@ def farthest_neighbors(points, around, start, compiled):
     return farthest
 
 
-def _linker(index, k, planes, limits, usable, compiled, n_jobs=None, farthest=None):
-    """A function that fills the links of a slice of rows."""
+def row_linker(index, k, planes, limits, usable, compiled, n_jobs=None, farthest=None):
+    """A function that fills the links of a slice of rows, with the parameters of `link_planes`."""
     own = LinkLimits(*map(float, limits[:3]), *map(bool, limits[3:]))
     link = (_compiled("link_rows") if compiled else None) or _link_rows
 

@@ -5,12 +5,15 @@ import numpy as np
 from sklearn_mcmd.planes._chunks import run
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.segmentation._graph import COMPILE_FROM, CUTOFF
+from sklearn_mcmd.segmentation._region_sums import region_sizes, relabeled, rows_of
 
 __all__ = ["Claims"]
 
 MAX_ROUNDS = 50
 # Neighbors looked at at once: what they need stays in the processor's cache.
 CHUNK = 30_000
+# More neighbors than these are not kept from round to round.
+KEPT = 16_000_000
 # Of planes that claim a point the nearest does, in units of their limits.
 NEAREST = ExplainLimits(likely=False)
 
@@ -33,12 +36,12 @@ class Claims:
     def __init__(self, index, planes, rules, n_jobs=None):
         n = len(index.points)
         self.index, self.n_jobs = index, n_jobs
-        limit, reach = CUTOFF * planes.scale, planes.radius
+        scale, reach, self.cutoff = planes.scale, planes.radius, CUTOFF
         if rules.max_distance is not None:
-            limit = np.full(n, float(rules.max_distance))
+            scale, self.cutoff = np.full(n, float(rules.max_distance)), 1.0
         if rules.max_gap is not None:
             reach = np.full(n, float(rules.max_gap))
-        self.planes = planes._replace(scale=limit, radius=reach)
+        self.planes = planes._replace(scale=scale, radius=reach)
 
     def absorb_fragments(self, labels):
         """Give fragments to the region whose planes claim most of their points.
@@ -54,13 +57,13 @@ class Claims:
         -------
         labels : ndarray of int of shape (n,)
         """
-        sizes = np.bincount(labels[labels >= 0])
+        sizes = region_sizes(labels, int(labels.max(initial=-1)) + 1).astype(np.int64)
         fragment = np.append(sizes <= self.index.n_neighbors, False)  # the last is -1
-        rows = np.flatnonzero(fragment[labels])
+        rows = rows_of(labels, fragment)
         if rows.size == 0:
             return labels
         large = np.append(sizes > self.index.n_neighbors, False)
-        owner = self._owners(labels, rows, self.index.query_own(rows), large[labels])
+        owner = self._owners(labels, rows, _Around(self.index, rows), large[labels])
         rows, owner = rows[owner >= 0], owner[owner >= 0]
         pairs, counts = np.unique(
             np.column_stack([labels[rows], owner]), axis=0, return_counts=True
@@ -69,7 +72,7 @@ class Claims:
         number = np.arange(len(sizes) + 1)
         number[-1] = -1
         number[pairs[most, 0]] = pairs[most, 1]
-        return number[labels]
+        return relabeled(labels, number)
 
     def assign_rest(self, labels, content=()):
         """Give points without a region to that of the neighbor whose plane is nearest.
@@ -92,8 +95,8 @@ class Claims:
         claiming = np.append(np.ones(int(labels.max(initial=-1)) + 1, dtype=bool), False)
         claiming[np.asarray(content, dtype=np.intp)] = False
         usable, fresh = claiming[labels], np.zeros(len(labels), dtype=bool)
-        rest = asked = np.flatnonzero(labels < 0)
-        around = neighbors = self.index.query_own(rest)
+        rest = asked = rows_of(labels, np.append(np.zeros(len(claiming) - 1, dtype=bool), True))
+        around = neighbors = _Around(self.index, rest)
         for _ in range(MAX_ROUNDS):
             owner = self._owners(labels, asked, neighbors, usable)
             claimed = owner >= 0
@@ -105,7 +108,7 @@ class Claims:
             rest, around = rest[left], around.take(left)
             # Only those beside the new ones have new answers.
             fresh[new] = True
-            beside = np.flatnonzero(fresh[around.indices].any(axis=1))
+            beside = around.beside(fresh)
             fresh[new] = False
             asked, neighbors = rest[beside], around.take(beside)
         return labels
@@ -118,10 +121,10 @@ class Claims:
         def task(part):
             queries, m = self.index.points[rows[part]], len(rows[part])
             found, share = explain(
-                queries, around.take(part), self.planes, NEAREST, usable,
+                queries, around.of(part), self.planes, NEAREST, usable,
                 np.zeros(m), np.full(m, np.inf), compiled,
             )  # fmt: skip
-            owner[part] = np.where(share <= 1, labels[found], -1)
+            owner[part] = np.where(share <= self.cutoff, labels[found], -1)
 
         self._each_part(len(rows), task)
         return owner
@@ -129,3 +132,31 @@ class Claims:
     def _each_part(self, m, task):
         step = max(1, CHUNK // self.index.n_neighbors)
         run([(slice(start, start + step),) for start in range(0, m, step)], task, self.n_jobs)
+
+
+class _Around:
+    """Neighborhoods of rows, which are kept if they are few, else asked for again."""
+
+    def __init__(self, index, rows, found=None):
+        self.index, self.rows = index, rows
+        self.found = found
+        if found is None and len(rows) * index.n_neighbors <= KEPT:
+            self.found = index.query_own(rows)
+
+    def of(self, part):
+        """The neighborhoods of a slice of the rows."""
+        return (
+            self.index.query_own(self.rows[part]) if self.found is None else self.found.take(part)
+        )
+
+    def take(self, places):
+        found = None if self.found is None else self.found.take(places)
+        return _Around(self.index, self.rows[places], found)
+
+    def beside(self, chosen):
+        """Places of the rows with a neighbor that is chosen."""
+        places, step = [np.empty(0, np.intp)], max(1, KEPT // self.index.n_neighbors)
+        for start in range(0, len(self.rows), step):
+            near = self.of(slice(start, start + step)).indices
+            places.append(start + np.flatnonzero(chosen[near].any(axis=1)))
+        return np.concatenate(places)

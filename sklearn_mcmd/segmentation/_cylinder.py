@@ -42,9 +42,11 @@ class Cylinder:
 
     def distances(self, points):
         """Signed distances of points (n, 3) from the surface, positive outside."""
-        deviations = points - self.point
-        deviations = deviations - np.outer(deviations @ self.axis, self.axis)
-        return np.linalg.norm(deviations, axis=1) - self.radius
+        # Each by itself, whereas a product of matrices depends on where in them a point is.
+        gaps = [points[:, i] - self.point[i] for i in range(3)]
+        along = gaps[0] * self.axis[0] + gaps[1] * self.axis[1] + gaps[2] * self.axis[2]
+        x, y, z = (gap - along * step for gap, step in zip(gaps, self.axis, strict=True))
+        return np.sqrt(x * x + y * y + z * z) - self.radius
 
 
 def fit_cylinder(points, normals, *, compiled=True):

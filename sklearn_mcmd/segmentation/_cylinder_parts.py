@@ -8,8 +8,9 @@ from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd.planes._chunks import run
 from sklearn_mcmd.segmentation._cylinder import N_PARAMETERS, Cylinder, fit_cylinder
-from sklearn_mcmd.segmentation._graph import COMPILE_FROM, CUTOFF, n_within_median
-from sklearn_mcmd.segmentation._joining import MOST_NOISE, region_planes
+from sklearn_mcmd.segmentation._graph import COMPILE_FROM, CUTOFF, by_place, n_within_median
+from sklearn_mcmd.segmentation._joining import MOST_NOISE
+from sklearn_mcmd.segmentation._region_sums import region_moments, rows_of, sums_by_region
 
 __all__ = ["CylinderParts"]
 
@@ -30,7 +31,7 @@ LEAST_SIZE = 2 * N_PARAMETERS
 class _Part:
     """A narrow region, or several joined.
 
-    members : rows of the points
+    members : rows of the points, in an order that depends on nothing but their places
     around : their neighbors, (n, n_around)
     floor : mean square below which deviations are rounding
     ceiling : mean square above which they are those of a volume
@@ -118,15 +119,18 @@ class CylinderParts:
         """The parts that may be joined, by label: narrow regions, and regions found curved."""
         n_regions = int(labels.max(initial=-1)) + 1
         wide = np.zeros(n_regions, dtype=bool) if self.wide is None else self.wide[:n_regions]
-        rows = np.flatnonzero(~np.append(wide, True)[labels])
-        own = labels[rows]
-        points = self.index.points[rows]
-        sizes, *_, values, _ = region_planes(points, own, n_regions, n_jobs=self.n_jobs)
-        reach = np.bincount(own, self.planes.radius[rows], n_regions) / np.maximum(sizes, 1)
+        number = np.append(np.where(wide, -1, np.arange(n_regions)), -1)
+        found = region_moments(
+            self.index.points, labels, n_regions, number=number, n_jobs=self.n_jobs
+        )
+        reach = sums_by_region(self.planes.radius, labels, n_regions, number, self.n_jobs)
+        reach /= np.maximum(found.sizes, 1)
+        values = np.maximum(np.linalg.eigvalsh(found.covariances), 0.0)
         # Points spread evenly over a width have its root 12th as standard deviation.
         self.wide = wide | (np.sqrt(12 * values[:, 1]) > MOST_WIDE * reach)
         self.wide[self.curved] = False
-        rows = rows[(~self.wide & (sizes >= 4))[own]]
+        rows = rows_of(labels, np.append(~self.wide & (found.sizes >= 4), False))
+        rows = by_place(self.index.points, rows)
         rows = rows[np.argsort(labels[rows], kind="stable")]
         names, starts = np.unique(labels[rows], return_index=True)
         groups = np.split(rows, starts[1:]) if len(rows) else []
@@ -256,7 +260,7 @@ class CylinderParts:
             labels[claimed] = owner
             spreading = {}
             for name in np.unique(owner).tolist():
-                rows = claimed[owner == name]
+                rows = by_place(self.index.points, claimed[owner == name])
                 gained[name].append(rows)
                 size = len(parts[name].members)
                 if sum(map(len, gained[name])) < (GROWTH - 1) * size:

@@ -15,11 +15,9 @@ from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._resolution import coordinate_step
-from sklearn_mcmd.segmentation._claims import Claims
-from sklearn_mcmd.segmentation._cylinder_parts import CylinderParts
-from sklearn_mcmd.segmentation._graph import GrowthRules, grow_regions, link_neighbors
-from sklearn_mcmd.segmentation._joining import join_coplanar, region_planes
-from sklearn_mcmd.segmentation._narrow_faces import RestFaces
+from sklearn_mcmd.segmentation._graph import grow_regions, link_neighbors, seed_order
+from sklearn_mcmd.segmentation._joining import region_planes
+from sklearn_mcmd.segmentation._steps import finish_regions, least_scales, rules_of
 
 __all__ = ["RegionGrowing"]
 
@@ -271,39 +269,20 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         xyz = columns.coordinates
         index = NeighborIndex(xyz.astype(np.float64, copy=False), self.n_neighbors)
         points, rows = index.points, index.rows
-        floor = 8 * float(np.finfo(xyz.dtype).eps) * np.abs(points).max(axis=1)
-        # At the usual cutoff one step of rounded coordinates is then no outlier.
-        floor = np.maximum(floor, 1.25 * coordinate_step(xyz))
+        floor = least_scales(points, xyz.dtype, coordinate_step(xyz))
         planes = columns.planes(rows, self.n_jobs)
         planes.scale[:] = np.maximum(planes.scale, floor)
-        cosine = np.cos(np.radians(self.max_angle))
-        rules = GrowthRules(cosine, self.max_distance, self.max_gap, self.mutual)
+        rules = rules_of(self)
         with progress_part(0.35, 0.5, "links of neighbors"):
             links, planes.radius[:] = link_neighbors(index, planes, floor, rules, self.n_jobs)
         with progress_part(0.5, 0.55, "growing regions"):
-            labels = grow_regions(links, _seeds(columns.surface_variation[rows], points, planes))
+            seeds = seed_order(columns.surface_variation[rows], points, planes)
+            labels = grow_regions(links, seeds)
+            del links, seeds
         owners = index.places
         copies = np.bincount(owners, minlength=len(points))
-        labels = _renumber(labels, copies, self.min_region_size)
-        if self.regrow_rest:
-            with progress_part(0.55, 0.75, "narrow faces"):
-                labels, planes = RestFaces(index, floor, rules, self.n_jobs).grow(labels, planes)
-                labels = _renumber(labels, copies, self.min_region_size)
-        claims = Claims(index, planes, rules, self.n_jobs)
-        with progress_part(0.75, 0.85, "joining regions"):
-            if self.assign_rest:
-                labels = _renumber(claims.absorb_fragments(labels), copies)
-            if self.join_coplanar:
-                labels = join_coplanar(points, labels, planes.scale, self.n_jobs)
-        curved = self.join_curved and points.shape[1] == 3
-        cylinders = CylinderParts(index, planes, floor, self.max_gap, self.n_jobs)
-        with progress_part(0.85, 1.0, "cylinders and the rest"):
-            if self.assign_rest:
-                labels = cylinders.grow(labels) if curved else labels
-                labels = claims.assign_rest(labels, cylinders.curved)
-            if curved:  # once gaps between parts are filled
-                labels = cylinders.join(labels)
-        labels = _renumber(labels, copies)
+        with progress_part(0.55, 1.0):
+            labels = finish_regions(labels, index, planes, floor, copies, self, self.n_jobs)
         self.n_regions_ = int(labels.max(initial=-1)) + 1
         weights = copies if len(points) < len(xyz) else None
         sizes, centroids, _, values, axes = region_planes(
@@ -313,7 +292,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         self.region_centroids_ = centroids
         self.region_normals_ = point_up(axes[..., 0].copy())
         self.region_errors_ = np.sqrt(values[:, 0])
-        self.labels_ = labels[owners]
+        self.labels_ = labels[owners].astype(np.int64)
         return self
 
     def _settle_columns(self, X):
@@ -327,29 +306,3 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         self.normal_estimator_ = clone(estimator)
         columns = np.asarray(self.normal_estimator_.fit_transform(X))
         return split_columns(columns, X.shape[1], self.n_jobs)
-
-
-def _seeds(variation, points, planes):
-    """Rows in the order in which regions start at them: least curvature first.
-
-    Points that borrowed the same plane have the same curvature. Among them those nearest to the
-    plane come first, so that the order of rows does not decide.
-    """
-    seeds = np.argsort(variation)  # not stable, which takes longer
-    same = np.diff(variation[seeds]) == 0
-    tied = np.flatnonzero(np.append(same, False) | np.append(False, same))
-    equal = seeds[tied]
-    gaps = points[equal] - planes.centroids[equal]
-    heights = np.abs(np.einsum("nd,nd->n", gaps, planes.normals[equal]))
-    seeds[tied] = equal[np.lexsort((equal, heights, variation[equal]))]
-    return seeds
-
-
-def _renumber(labels, copies, min_size=1):
-    """Labels in order of size, 0 for the largest region; -1 for regions below `min_size`."""
-    sizes = np.bincount(labels + 1, copies)[1:]  # those of -1 come first
-    order = np.argsort(-sizes, kind="stable")
-    order = order[sizes[order] >= max(min_size, 1)]
-    number = np.full(len(sizes) + 1, -1, dtype=np.int64)  # -1 is the last
-    number[order] = np.arange(len(order))
-    return number[labels]

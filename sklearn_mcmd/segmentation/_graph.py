@@ -7,10 +7,18 @@ import numpy as np
 from sklearn_mcmd.planes._around import quantile_around
 from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._compiling import compiled_function
-from sklearn_mcmd.planes._linking import LinkLimits, link_planes
+from sklearn_mcmd.planes._linking import LinkLimits, row_linker
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 
-__all__ = ["GrowthRules", "grow_regions", "link_neighbors", "n_within_median"]
+__all__ = [
+    "GrowthRules",
+    "Linking",
+    "by_place",
+    "grow_regions",
+    "link_neighbors",
+    "n_within_median",
+    "seed_order",
+]
 
 # Smaller clouds take NumPy: loading compiled code would take longer than the work.
 COMPILE_FROM = 2_000
@@ -75,32 +83,74 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
     radius : ndarray of shape (n,)
         Distance of the farthest neighbor looked at.
     """
-    n, max_gap = len(index.points), rules.max_gap
-    # Neighbors beyond the median distance are never linked, and need not be found.
-    k = index.n_neighbors if max_gap is not None else n_within_median(index.n_neighbors) + 1
+    linking = Linking(index, planes, floor, rules)
+    n = len(index.points)
     radius, limit, usable = np.empty(n), planes.scale, np.ones(n, dtype=bool)
-    if rules.max_distance is not None:
-        limit = np.full(n, float(rules.max_distance))
-    elif not rules.mutual:
+    if linking.has_limits:
         limit = np.empty(n)
 
-    def measured(rows):
-        around = index.query_own(rows, k)
-        farthest = index.points[around.indices[:, -1]] - index.points[rows]
-        radius[rows] = np.linalg.norm(farthest, axis=1)
-        if rules.mutual:
-            usable[rows] = _is_quiet(planes.scale, rows, around, radius, index.n_neighbors, rules)
-        elif rules.max_distance is None:
-            found = _rule_a(index.points, planes.take(rows), around)
-            limit[rows] = np.maximum(found, floor[rows])
+    def measure(rows):
+        radius[rows], found, usable[rows] = linking.measured(rows)
+        if linking.has_limits:
+            limit[rows] = found
 
-    each_slice(n, index.chunk, measured, n_jobs)
-    explained = CUTOFF if limit is planes.scale else 1.0
-    limits = LinkLimits(
-        rules.min_cosine, explained, np.inf if max_gap is None else max_gap, rules.mutual
-    )
-    planes, compiled = planes._replace(scale=limit), n >= COMPILE_FROM
-    return link_planes(index, k, planes, limits, usable, compiled, n_jobs), radius
+    each_slice(n, index.chunk, measure, n_jobs)
+    links, link = np.empty((n, linking.k), np.int32), linking.linker(limit, usable)
+    each_slice(n, index.chunk, lambda rows: link(rows, links[rows]), n_jobs)
+    return links, radius
+
+
+class Linking:
+    """The work of `link_neighbors` on some rows; the parameters are the same.
+
+    Attributes
+    ----------
+    k : int
+        Neighbors that are looked at. Those beyond the median distance are never linked.
+    has_limits : bool
+        Whether each plane has a distance of its own up to which it explains points, which is not
+        told by its scale alone.
+    """
+
+    def __init__(self, index, planes, floor, rules):
+        self.index, self.planes, self.floor, self.rules = index, planes, floor, rules
+        k = index.n_neighbors
+        self.k = k if rules.max_gap is not None else n_within_median(k) + 1
+        self.has_limits = rules.max_distance is not None or not rules.mutual
+
+    def measured(self, rows):
+        """Radii of rows, a slice, their planes' limits (None by scale), and which may be linked."""
+        index, rules, planes = self.index, self.rules, self.planes
+        around = index.query_own(rows, self.k)
+        farthest = index.points[around.indices[:, -1]] - index.points[rows]
+        radius = np.linalg.norm(farthest, axis=1)
+        limit, usable = None, np.ones(len(radius), dtype=bool)
+        if rules.max_distance is not None:
+            limit = np.full(len(radius), float(rules.max_distance))
+        if rules.mutual:
+            usable = _is_quiet(planes.scale, rows, around, radius, index.n_neighbors, rules)
+        elif rules.max_distance is None:
+            limit = np.maximum(_rule_a(index.points, planes.take(rows), around), self.floor[rows])
+        return radius, limit, usable
+
+    def linker(self, limit, usable):
+        """What fills the links of rows: it takes a slice, and int32 (m, k).
+
+        Parameters
+        ----------
+        limit : ndarray of shape (n,)
+            The planes' scales, or what `measured` has found.
+        usable : ndarray of bool of shape (n,)
+        """
+        n, max_gap = len(self.index.points), self.rules.max_gap
+        limits = LinkLimits(
+            self.rules.min_cosine,
+            1.0 if self.has_limits else CUTOFF,
+            np.inf if max_gap is None else max_gap,
+            self.rules.mutual,
+        )
+        planes = self.planes._replace(scale=limit)
+        return row_linker(self.index, self.k, planes, limits, usable, n >= COMPILE_FROM)
 
 
 def grow_regions(links, seeds):
@@ -126,6 +176,28 @@ def grow_regions(links, seeds):
     return grow(links, seeds)
 
 
+def seed_order(variation, points, planes):
+    """Rows in the order in which regions start at them: least curvature first.
+
+    Points that borrowed the same plane have the same curvature. Among them those nearest to the
+    plane come first, so that the order of rows does not decide, and last their coordinates tell.
+    """
+    seeds = np.argsort(variation)  # not stable, which takes longer
+    same = np.diff(variation[seeds]) == 0
+    tied = np.flatnonzero(np.append(same, False) | np.append(False, same))
+    equal = seeds[tied]
+    own = points[equal]
+    gaps = own - planes.centroids[equal]
+    heights = np.abs(np.einsum("nd,nd->n", gaps, planes.normals[equal]))
+    seeds[tied] = equal[np.lexsort((*own.T, heights, variation[equal]))]
+    return seeds
+
+
+def by_place(points, rows):
+    """Rows in the order of their points' coordinates, in which all sums over few points are."""
+    return rows[np.lexsort(points[rows].T)]
+
+
 def n_within_median(k):
     """Neighbors not farther than their median distance, of k with the point itself."""
     return k // 2
@@ -134,7 +206,7 @@ def n_within_median(k):
 def _is_quiet(scale, rows, around, radius, n_neighbors, rules):
     """Whether planes are no noisier than is usual around, and than curvature makes them."""
     usual = quantile_around(scale, around, USUAL, compiled=len(scale) >= COMPILE_FROM)
-    bent = BENT * np.arccos(min(rules.min_cosine, 1.0)) * radius[rows]
+    bent = BENT * np.arccos(min(rules.min_cosine, 1.0)) * radius
     # The standard error of a standard deviation that so many neighbors tell.
     most = 1 + N_ERRORS / np.sqrt(2 * n_neighbors)
     return scale[rows] <= most * np.hypot(usual, bent)

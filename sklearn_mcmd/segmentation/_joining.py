@@ -6,8 +6,14 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from sklearn_mcmd.planes._chunks import run
+from sklearn_mcmd.segmentation._region_sums import (
+    median_by_region,
+    parts_of,
+    region_moments,
+    relabeled,
+)
 
-__all__ = ["MOST_NOISE", "join_coplanar", "median_by_region", "region_planes"]
+__all__ = ["MOST_NOISE", "join_coplanar", "region_planes"]
 
 # Largest ratio of two root mean squares that count as equal. A region is flat if the distances from
 # its plane are at most this many times the noise of its neighborhoods. Another region lies in that
@@ -20,13 +26,14 @@ MOST_GAP = 0.5
 ROUNDING = 16 * np.finfo(np.float64).eps
 # Number of regions whose pairs are tried at once; it limits the memory.
 CHUNK = 256
-# Medians of smaller regions are sought together: each by itself would take longer. And one point
-# in so many is asked first whether a region is near.
+# One point in so many is asked first whether a region is near.
 FEW = 128
+# A search reaches farther than the largest gap by more than rounding.
+WIDER = 1.0 + 1e-9
 
 
 def region_planes(points, labels, n_regions, weights=None, n_jobs=None):
-    """Sizes, centroids, covariances and principal axes of regions.
+    """Sizes, centroids, covariances and principal axes of regions, in any order of the points.
 
     Parameters
     ----------
@@ -34,7 +41,7 @@ def region_planes(points, labels, n_regions, weights=None, n_jobs=None):
     labels : ndarray of int of shape (n,)
         Points of label -1 belong to none.
     n_regions : int
-    weights : ndarray of shape (n,), default=None
+    weights : ndarray of int of shape (n,), default=None
         Copies of each point.
     n_jobs : int, default=None
 
@@ -47,63 +54,9 @@ def region_planes(points, labels, n_regions, weights=None, n_jobs=None):
     axes : ndarray of shape (n_regions, d, d)
         As columns; the first is the normal.
     """
-    d = points.shape[1]
-    inside = np.flatnonzero(labels >= 0)
-    labels, columns = labels[inside], np.empty((d, len(inside)))
-    weights = np.ones(len(inside)) if weights is None else weights[inside].astype(float)
-    share = _grouping(labels, n_regions, weights)
-    sizes = share.sum(axis=1)
-    divisor = np.maximum(sizes, 1.0)
-    centroids, covariances = np.zeros((d, n_regions)), np.empty((n_regions, d, d))
-
-    def center(i):
-        columns[i] = points[inside, i]
-        for _ in range(2):  # twice, because the first mean of large coordinates is rounded
-            mean = (share @ columns[i]) / divisor
-            centroids[i] += mean
-            columns[i] -= mean[labels]
-
-    def multiply(i, j):
-        moment = (share @ (columns[i] * columns[j])) / divisor
-        covariances[:, i, j] = covariances[:, j, i] = moment
-
-    run([(i,) for i in range(d)], center, n_jobs)
-    run([(i, j) for i in range(d) for j in range(i + 1)], multiply, n_jobs)
-    eigenvalues, axes = np.linalg.eigh(covariances)
-    return sizes, centroids.T.copy(), covariances, np.maximum(eigenvalues, 0.0), axes
-
-
-def median_by_region(values, labels, n_regions):
-    """Median of the values of each region; for an even number the upper one.
-
-    Parameters
-    ----------
-    values : ndarray of shape (n,)
-    labels : ndarray of int of shape (n,)
-        Points of label -1 belong to none; each region has at least one point.
-    n_regions : int
-
-    Returns
-    -------
-    medians : ndarray of shape (n_regions,)
-    """
-    inside = np.flatnonzero(labels >= 0)
-    groups = _grouping(labels[inside], n_regions)
-    values, first, sizes = (
-        values[inside[groups.indices]],
-        groups.indptr[:-1],
-        np.diff(groups.indptr),
-    )
-    middle, medians = sizes // 2, np.empty(n_regions)
-    few = sizes < FEW
-    for region in np.flatnonzero(~few).tolist():
-        own = values[first[region] : first[region] + sizes[region]]
-        medians[region] = np.partition(own, middle[region])[middle[region]]
-    region = np.repeat(np.flatnonzero(few), sizes[few])
-    own = values[np.repeat(few, sizes)]
-    order = np.lexsort((own, region))
-    medians[few] = own[order[np.cumsum(sizes[few]) - sizes[few] + middle[few]]]
-    return medians
+    found = region_moments(points, labels, n_regions, weights, n_jobs=n_jobs)
+    eigenvalues, axes = np.linalg.eigh(found.covariances)
+    return *found[:3], np.maximum(eigenvalues, 0.0), axes
 
 
 def join_coplanar(points, labels, noise, n_jobs=None):
@@ -130,25 +83,24 @@ def join_coplanar(points, labels, noise, n_jobs=None):
     n_regions = int(labels.max(initial=-1)) + 1
     if n_regions < 2:
         return labels
-    planes = region_planes(points, labels, n_regions, n_jobs=n_jobs)[:3]
+    found = region_moments(points, labels, n_regions, n_jobs=n_jobs)
+    planes, boxes = found[:3], (found.low, found.high)
     scale = median_by_region(noise, labels, n_regions)
-    inside = np.flatnonzero(labels >= 0)
-    members = inside[_grouping(labels[inside], n_regions).indices]
-    whole = np.arange(n_regions)  # the joined region to which each region belongs
+    whole = np.append(np.arange(n_regions), -1)  # the joined region to which each region belongs
     while True:  # each round joins at least two parts
         pairs, most = _pairs_in_a_plane(*planes, scale, n_jobs)
         if len(pairs) > 0:
-            ends = np.searchsorted(whole[labels[members]], np.arange(len(scale) + 1))
-            pairs = pairs[_near(points, members, ends, pairs, most, n_jobs)]
+            parts = _parts(points, labels, whole, pairs, most, boxes)
+            pairs = pairs[_near(parts, pairs, most, n_jobs)]
         if len(pairs) == 0:
             break
         graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(scale), len(scale)))
         # Parts are numbered by their first region, which keeps the order of regions.
         _, part = connected_components(graph, directed=False)
         planes, scale = _pool(*planes, scale, part)
-        whole = part[whole]
-        members = members[np.argsort(whole[labels[members]], kind="stable")]
-    return np.where(labels >= 0, whole[labels], -1)
+        boxes = _joined_boxes(*boxes, part)
+        whole = np.append(part, -1)[whole]
+    return relabeled(labels, whole)
 
 
 def _pool(sizes, centroids, covariances, scale, part):
@@ -204,23 +156,56 @@ def _pairs_in_a_plane(sizes, centroids, covariances, scale, n_jobs=None):
     return np.concatenate(found), MOST_GAP * length
 
 
-def _near(points, members, ends, pairs, most, n_jobs=None):
+def _joined_boxes(low, high, part):
+    """The boxes of joined regions."""
+    shape = (int(part.max()) + 1, low.shape[1])
+    least, most = np.full(shape, np.inf), np.full(shape, -np.inf)
+    np.minimum.at(least, part, low)
+    np.maximum.at(most, part, high)
+    return least, most
+
+
+def _parts(points, labels, whole, pairs, most, boxes):
+    """Points of the regions in pairs, by region: those that another of a pair may be near to."""
+    small, large = pairs.T
+    low, high = boxes
+    reach = WIDER * most[small][:, None]
+    reach = reach + ROUNDING * np.maximum(np.abs(low), np.abs(high)).max(initial=0.0)
+    least, highest = np.full(low.shape, np.inf), np.full(low.shape, -np.inf)
+    for one, other in ((small, large), (large, small)):
+        np.minimum.at(least, one, low[other] - reach)
+        np.maximum.at(highest, one, high[other] + reach)
+    asked = np.append(np.isfinite(least[:, 0]), False)
+    parts = {region: [] for region in np.flatnonzero(asked).tolist()}
+    for rows in parts_of(len(labels)):
+        region = whole[labels[rows]]
+        inside = np.flatnonzero(asked[region])
+        some, region = points[rows][inside], region[inside]
+        near = ((some >= least[region]) & (some <= highest[region])).all(axis=1)
+        some, region = some[near], region[near]
+        order = np.argsort(region, kind="stable")
+        regions, starts = np.unique(region[order], return_index=True)
+        groups = np.split(some[order], starts[1:]) if len(regions) else []
+        for name, group in zip(regions.tolist(), groups, strict=True):
+            parts[name].append(group)
+    nothing = np.empty((0, points.shape[1]))
+    return {name: np.concatenate([nothing, *groups]) for name, groups in parts.items()}
+
+
+def _near(parts, pairs, most, n_jobs=None):
     """Whether the gap between the regions of each pair is small enough for the first region."""
-
-    def part(region):
-        return points[members[ends[region] : ends[region + 1]]]
-
-    parts = {region: part(region) for region in np.unique(pairs).tolist()}
     near = np.zeros(len(pairs), dtype=bool)
 
     def search(large):
         own, tree = parts[large], None
+        if len(own) == 0:
+            return
         low, high = own.min(axis=0), own.max(axis=0)
         rounding = ROUNDING * np.maximum(np.abs(low), np.abs(high))
         for row in np.flatnonzero(pairs[:, 1] == large).tolist():
             small = pairs[row, 0]
-            queries, reach = parts[small], (1 + ROUNDING) * most[small] + rounding
-            for axis in range(points.shape[1]):  # those beyond the box are too far away
+            queries, reach = parts[small], WIDER * most[small] + rounding
+            for axis in range(own.shape[1]):  # those beyond the box are too far away
                 column = queries[:, axis]
                 inside = (column >= low[axis] - reach[axis]) & (column <= high[axis] + reach[axis])
                 queries = queries if inside.all() else queries[inside]
@@ -228,8 +213,8 @@ def _near(points, members, ends, pairs, most, n_jobs=None):
                 continue
             tree = cKDTree(own, balanced_tree=False) if tree is None else tree
             for some in (queries[::FEW], queries):  # a few mostly tell
-                gaps, _ = tree.query(some, distance_upper_bound=most[small])
-                near[row] = np.isfinite(gaps).any()
+                gaps, _ = tree.query(some, distance_upper_bound=WIDER * most[small])
+                near[row] = (gaps <= most[small]).any()
                 if near[row]:
                     break
 

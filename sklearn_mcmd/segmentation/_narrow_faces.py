@@ -9,11 +9,13 @@ from sklearn_mcmd.planes._plane import fit_planes
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.segmentation._graph import (
     CUTOFF,
+    by_place,
     grow_regions,
     link_neighbors,
     n_within_median,
 )
-from sklearn_mcmd.segmentation._joining import MOST_NOISE, join_coplanar, median_by_region
+from sklearn_mcmd.segmentation._joining import MOST_NOISE, join_coplanar
+from sklearn_mcmd.segmentation._region_sums import median_by_region, region_sizes, rows_of
 
 __all__ = ["RestFaces"]
 
@@ -70,11 +72,11 @@ class RestFaces:
             Faces come last. They are larger than a neighborhood, as are the regions that count
             as surfaces; the smaller ones are part of what growth left over.
         planes : Planes
-            The points of faces have planes of their own, a copy; the others' are as they were.
+            Changed in place: the points of faces have planes of their own.
         """
-        sizes = np.bincount(labels[labels >= 0])
+        sizes = region_sizes(labels, int(labels.max(initial=-1)) + 1)
         surface = np.append(sizes > self.k, False)  # the last is -1
-        rest = np.flatnonzero(~surface[labels])
+        rest = rows_of(labels, ~surface)
         if len(rest) <= self.k or not surface.any():
             return labels, planes
         usual = median_by_region(planes.scale, labels, len(sizes))
@@ -82,18 +84,19 @@ class RestFaces:
         # Many points, of which most are in the tails of the noise: the nearer half tells.
         surfaces = labels, planes, outer
         _, share, flattest = self._nearest(rest, n_within_median(self.k) + 1, *surfaces)
-        off = (share > CUTOFF) & np.isfinite(share)
+        off = np.flatnonzero((share > CUTOFF) & np.isfinite(share))
+        off = off[np.lexsort(self.index.points[rest[off]].T)]  # as `by_place`
         rows, face = self._faces(rest[off], flattest[off], planes)
         if len(rows) == 0:
             return labels, planes
         first = len(sizes)
         labels = labels.copy()
         labels[rows] = first + face
-        planes = self._refit(labels, rows, planes)  # points of other faces were among those asked
+        self._refit(labels, rows, planes)  # points of other faces were among those asked
         own = median_by_region(planes.scale[rows], face, int(face.max()) + 1)
         own = np.maximum(own, LEAST_NOISE)
         usual = np.concatenate([outer[:-1], own, [np.inf]])
-        members = fresh = rows
+        fresh, members = rows, by_place(self.index.points, rows)
         for _ in range(MAX_ROUNDS):
             around = np.unique(self.index.query_own(fresh, self.k).indices)
             around = around[labels[around] < first]
@@ -104,8 +107,8 @@ class RestFaces:
                 break
             labels[fresh] = owner[won]
             # Handed on as it is, a plane leads off no face; one fitted to an edge's points would.
-            planes = self._lend(labels, members, fresh, planes)
-            members = np.union1d(members, fresh)
+            self._lend(labels, members, fresh, planes)
+            members = by_place(self.index.points, np.union1d(members, fresh))
         return labels, planes
 
     def _nearest(self, rows, k, labels, planes, usual):
@@ -210,7 +213,7 @@ class RestFaces:
         fitted = np.isfinite(found.scale)
         rows, found = rows[fitted], found.take(fitted)
         scale = np.maximum(found.scale, self.floor[rows])
-        return planes.replaced(rows, centroids=found.centroids, normals=found.normals, scale=scale)
+        _replace(planes, rows, found._replace(scale=scale))
 
     def _lend(self, labels, members, rows, planes):
         """Planes of which rows have that of the nearest member of their face."""
@@ -219,10 +222,7 @@ class RestFaces:
         for face in np.unique(labels[rows]).tolist():
             own, others = labels[rows] == face, members[labels[members] == face]
             lenders[own] = others[cKDTree(points[others]).query(points[rows[own]])[1]]
-        lent = planes.take(lenders)
-        return planes.replaced(
-            rows, centroids=lent.centroids, normals=lent.normals, scale=lent.scale
-        )
+        _replace(planes, rows, planes.take(lenders))
 
     def _planes(self, rows, group, reach):
         """Centroids, normals and scales of planes of the rows of the same group within reach.
@@ -252,3 +252,9 @@ class RestFaces:
     def _each_part(self, m, task):
         step = max(1, CHUNK // self.k)
         run([(slice(start, start + step),) for start in range(0, m, step)], task, self.n_jobs)
+
+
+def _replace(planes, rows, others):
+    """Overwrite what tells of the faces of rows."""
+    planes.centroids[rows], planes.normals[rows] = others.centroids, others.normals
+    planes.scale[rows] = others.scale

@@ -3,5 +3,13 @@
 from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._denoise import write_denoised
 from sklearn_mcmd.tiling._run import RunReport, TilingError, write_normals
+from sklearn_mcmd.tiling._segments import write_segments
 
-__all__ = ["Catalog", "RunReport", "TilingError", "write_denoised", "write_normals"]
+__all__ = [
+    "Catalog",
+    "RunReport",
+    "TilingError",
+    "write_denoised",
+    "write_normals",
+    "write_segments",
+]

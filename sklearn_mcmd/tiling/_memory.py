@@ -33,6 +33,9 @@ PROCESS, TILE_POINT, CLOUD_POINT, FEATURE = 330e6, 650, 450, 24
 # Bytes of temporary files for each point: of normals, and of what the detector finds; and what the
 # detector takes for each point of a tile.
 TILE_STORED, JUDGED_STORED, JUDGED_POINT = 98, 200, 450
+# Of regions: temporary files; what the growing and joining of regions takes, for each point of the
+# cloud, and of so many points at once; and what a cloud takes in memory besides its records.
+GROWN_STORED, GROWN_POINT, JOINED_POINT, JOINED_AT_ONCE, GROWN_CLOUD = 420, 60, 150, 1_000_000, 720
 # Points read or written at once, and bytes for each while that is done.
 PART, PART_POINT = 250_000, 400
 LEAST_TILE = 20_000  # smaller tiles are mostly halo
@@ -120,19 +123,22 @@ def _memory_of_machine():
     return min(limits, default=None)
 
 
-def bytes_in_memory(catalog, n_features=0):
-    """What normals of a whole catalog take in memory, about."""
+def bytes_in_memory(catalog, n_features=0, *, grown=False):
+    """What normals of a whole catalog take in memory, about; regions with `grown`."""
+    point = GROWN_CLOUD if grown else CLOUD_POINT
     points = sum(
-        n * (size + CLOUD_POINT + FEATURE * n_features)
+        n * (size + point + FEATURE * n_features)
         for n, size in zip(catalog.counts, catalog.record_sizes, strict=True)
     )
     return PROCESS + points
 
 
-def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, judged=False):
+def plan_run(
+    n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, judged=False, grown=False
+):
     """Divide points so that all workers together stay within the memory.
 
-    With `judged`, outliers are found, else normals.
+    With `judged`, outliers are found, with `grown` regions, else normals.
 
     Raises
     ------
@@ -142,6 +148,9 @@ def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, jud
     point, stored = (JUDGED_POINT, JUDGED_STORED) if judged else (TILE_POINT, TILE_STORED)
     bytes_a_point = point + FEATURE * n_features
     own = PROCESS + PART * PART_POINT  # of the process that reads and writes
+    if grown:
+        joining = GROWN_POINT * n_points + JOINED_POINT * min(n_points, JOINED_AT_ONCE)
+        stored, own = GROWN_STORED, max(own, PROCESS + joining)
     least = PROCESS + LEAST_TILE * bytes_a_point
     if memory < own or memory < least:
         raise ValueError(

@@ -20,18 +20,22 @@ from sklearn_mcmd.tiling._moves import places_of
 from sklearn_mcmd.tiling._tile import result_dtype, tile_files
 
 __all__ = [
+    "LABELED",
     "SCORED",
     "scores_in_parts",
     "targets_of",
     "tell",
     "write_denoised_outputs",
     "write_outputs",
+    "write_segmented_outputs",
 ]
 
 # Results that wait in memory to be written: of a tile, and bytes of all of them.
 WAITING, WAITING_BYTES = 2048, 50e6
 # Of the file of a tile's scores.
 SCORED = np.dtype([("row", np.int64), ("values", np.float64, (1,))])
+# Of the file of a tile's regions.
+LABELED = np.dtype([("row", np.int64), ("values", np.int32, (1,))])
 
 
 def targets_of(catalog, target, as_folder=None):
@@ -133,6 +137,25 @@ def write_denoised_outputs(catalog, targets, folder, mode, cutoff):
         return np.array([np.count_nonzero(scores > limit) for limit in (cutoff, beyond)])
 
     return map(int, _write(catalog, targets, folder, SCORED, denoised, counts, mode))
+
+
+def write_segmented_outputs(catalog, targets, folder, make, content):
+    """Write each output with the regions of its points.
+
+    Parameters
+    ----------
+    catalog, targets, folder
+        As of `write_outputs`.
+    make : callable
+        Takes a cloud and its labels, and returns the cloud to write.
+    content : str
+        What tells this from other outputs of the same labels.
+    """
+
+    def segmented(cloud, labels):
+        return make(cloud, labels[:, 0]), None
+
+    _write(catalog, targets, folder, LABELED, segmented, len, content)
 
 
 def _write(catalog, targets, folder, dtype, make, measure, content):

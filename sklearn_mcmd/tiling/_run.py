@@ -5,7 +5,7 @@ import os
 import shutil
 import time
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import contextmanager
 from functools import partial
 from numbers import Integral
@@ -72,6 +72,10 @@ class RunReport(NamedTuple):
     n_exact : int
         Of these, those that may be outliers only because most of their neighbors lie exactly in
         one plane.
+    n_regions, n_inside : int
+        Of `write_segments`, regions, and points in any of them.
+    largest : list of int
+        Points of the largest regions.
     """
 
     n_points: int
@@ -83,6 +87,9 @@ class RunReport(NamedTuple):
     seconds: float
     n_outliers: int = 0
     n_exact: int = 0
+    n_regions: int = 0
+    n_inside: int = 0
+    largest: Sequence[int] = ()
 
 
 def write_normals(
@@ -167,7 +174,7 @@ def write_normals(
     begin = time.perf_counter()
     if estimator is None:
         estimator = RobustNormalEstimator(random_state=0)
-    _check(estimator)
+    check_local(estimator)
     check_division(tile_size, cut)
     memory = usual_memory() if memory is None else parse_memory(memory)
     catalog = source if isinstance(source, Catalog) else Catalog(source)
@@ -272,7 +279,8 @@ def check_seed(estimator):
         )
 
 
-def _check(estimator):
+def check_local(estimator):
+    """Raise if an estimator of normals cannot work by tiles."""
     if not isinstance(estimator, BaseLocalPlanes) or estimator._locality()[0] is None:
         raise ValueError(
             f"{type(estimator).__name__} cannot work by tiles with these parameters: with "

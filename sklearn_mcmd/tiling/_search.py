@@ -11,7 +11,7 @@ from sklearn_mcmd.planes._certificate import SLACK, to_border
 from sklearn_mcmd.planes._indexed_cloud import ORDER_FROM, spatial_order
 from sklearn_mcmd.planes._nearest import NearestPoints
 
-__all__ = ["Found", "around_box", "as_near_as", "visit_nearest", "within_reach"]
+__all__ = ["Found", "around_box", "as_near_as", "visit_far", "visit_nearest", "within_reach"]
 
 LEAF = 32
 # Distances that are kept at once, what bounds the memory.
@@ -165,6 +165,15 @@ def visit_nearest(cells, load, cell, queries, k, work):
 
     if len(own.points):
         NearestPoints(own.points).visit(queries, k, answer)
+    return visit_far(cells, load, cell, queries, k, bounds, work)
+
+
+def visit_far(cells, load, cell, queries, k, bounds, work):
+    """As `visit_nearest` of those queries whose nearest points may not all be in the cell.
+
+    The distances of the k nearest points of the cell are `bounds` (m,), inf where there are fewer.
+    """
+    inside = to_border(queries, cells.low[cell], cells.high[cell])
     far = np.flatnonzero(~(SLACK * bounds < inside))
     if len(far) >= ORDER_FROM:
         far = far[spatial_order(queries[far])]

@@ -20,6 +20,7 @@ from sklearn_mcmd.tiling._mending import WiderCloud, mended
 __all__ = [
     "NORMAL_COLUMNS",
     "TileReport",
+    "columns_of_tile",
     "normal_columns",
     "normals_of_tile",
     "result_dtype",
@@ -81,8 +82,37 @@ def normals_of_tile(folder, cell, estimator, constants, target, n_threads=1):
     -------
     TileReport
     """
+    rows, columns, report = columns_of_tile(
+        Cells(folder), cell, estimator, constants, lambda fitted: normal_columns(fitted)[1],
+        n_threads,
+    )  # fmt: skip
+    results = np.empty(len(rows), result_dtype(columns.shape[1]))
+    results["row"], results["values"] = rows, columns
+    _write(target, cell, results, report)
+    return report
+
+
+def columns_of_tile(cells, cell, estimator, constants, columns_of, n_threads=1):
+    """What is found of the points of a cell, each proved to be that of the whole cloud.
+
+    Parameters
+    ----------
+    cells : Cells
+    cell : int
+    estimator : RobustNormalEstimator
+    constants : Constants
+    columns_of : callable
+        Takes the fitted estimator, and returns the columns (n, n_columns) of its points.
+    n_threads : int, default=1
+
+    Returns
+    -------
+    rows : ndarray of int of shape (n,)
+        Of the inputs.
+    columns : ndarray of shape (n, n_columns)
+    report : TileReport
+    """
     begin = time.perf_counter()
-    cells = Cells(folder)
     records = cells.read(cell)
     own, rows = np.ascontiguousarray(records["xyz"]), records["row"].copy()
     del records
@@ -94,7 +124,7 @@ def normals_of_tile(folder, cell, estimator, constants, target, n_threads=1):
     fitted = clone(estimator).set_params(n_jobs=n_threads)
     fitted._step_of_cloud = constants.step
     fitted.fit(points.astype(constants.dtype, copy=False))
-    columns, index = normal_columns(fitted)[1][: len(own)], fitted._model.index
+    columns, index = columns_of(fitted)[: len(own)], fitted._model.index
     reach = reaches(index, n_threads)
     exact = reach < to_border(index.points, *box)
     places = index.places[: len(own)]
@@ -106,15 +136,12 @@ def normals_of_tile(folder, cell, estimator, constants, target, n_threads=1):
         cloud = WiderCloud(cells, index, exact, reach, box, complete)
         result = mended(fitted, cloud, wrong[first : first + at_once], constants.dtype)
         these = (again >= first) & (again < first + at_once)
-        columns[rest[these]] = normal_columns(result)[1][again[these] - first]
+        columns[rest[these]] = columns_of(result)[again[these] - first]
         n_again += cloud.n_read
-    results = np.empty(len(own), result_dtype(columns.shape[1]))
-    results["row"], results["values"] = rows, columns
     report = TileReport(
         *map(int, (len(own), len(halo), len(own) - len(rest), n_again)), time.perf_counter() - begin
     )
-    _write(target, cell, results, report)
-    return report
+    return rows, columns, report
 
 
 def normal_columns(fitted):

@@ -19,7 +19,7 @@ class TilingError(ValueError):
     """A run ended before its output was whole; the message names what is kept of it."""
 
 
-def compute_cells(task, cells, todo, n_workers, stage):
+def compute_cells(task, cells, todo, n_workers, stage, collect=True):
     """Run a task for some cells, the largest first.
 
     Parameters
@@ -35,6 +35,8 @@ def compute_cells(task, cells, todo, n_workers, stage):
         :obj:`joblib.parallel_config` names.
     stage : str
         The name of this work in the display of progress.
+    collect : bool, default=True
+        Whether a task leaves memory that only a search for it frees.
 
     Raises
     ------
@@ -54,7 +56,8 @@ def compute_cells(task, cells, todo, n_workers, stage):
     work = Parallel(
         n_jobs=n_workers, pre_dispatch=n_workers, return_as="generator_unordered", batch_size=1
     )
-    jobs = (delayed(_attempt)(task, cell, cells.counts[cell] > COLLECTED) for cell in todo)
+    large = cells.counts > COLLECTED
+    jobs = (delayed(_attempt)(task, cell, collect and large[cell]) for cell in todo)
     for cell, error, coarse in work(jobs):
         n_done += int(cells.counts[cell])
         if coarse is not None and not told:

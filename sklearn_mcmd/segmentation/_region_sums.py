@@ -1,0 +1,320 @@
+"""Counts, sums and medians of regions, which depend neither on the order of points nor on parts.
+
+Sums are of numbers that are rounded to a grid first, so coarse that no sum is rounded again, and of
+what is left, to a finer one (Demmel and Nguyen, "Parallel reproducible summation", IEEE
+Transactions on Computers 64, 2015). So they are exact in any order, and nearly those of the numbers
+themselves. Points are taken in parts, whose arrays may lie on disk.
+"""
+
+from threading import Lock
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_array
+
+from sklearn_mcmd.planes._chunks import run
+
+__all__ = [
+    "Moments",
+    "median_by_region",
+    "parts_of",
+    "region_moments",
+    "region_sizes",
+    "relabeled",
+    "rows_of",
+    "sums_by_region",
+]
+
+# Points at once; it limits the memory.
+PART = 2**18
+# Medians of so many values are sought at once, or of one region with more.
+AT_ONCE = 2_000_000
+# Medians of smaller regions are sought together: each by itself would take longer.
+FEW = 128
+# Bits of a number of double precision.
+BITS = 52
+
+
+class Moments(NamedTuple):
+    """What is known of regions.
+
+    sizes : ndarray of shape (n_regions,)
+        Points, or the sum of their weights.
+    centroids : ndarray of shape (n_regions, d)
+    covariances : ndarray of shape (n_regions, d, d)
+    low, high : ndarray of shape (n_regions, d)
+        Corners of their boxes.
+    """
+
+    sizes: np.ndarray
+    centroids: np.ndarray
+    covariances: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+def parts_of(n):
+    """Slices of n rows."""
+    return [slice(start, min(start + PART, n)) for start in range(0, n, PART)]
+
+
+def region_sizes(labels, n_regions, weights=None):
+    """Points of each region from 0 on, or the sum of their whole weights: float64."""
+    sizes = np.zeros(n_regions + 1)
+    for rows in parts_of(len(labels)):
+        some = None if weights is None else weights[rows]
+        sizes += np.bincount(labels[rows] + 1, some, n_regions + 1)  # those of -1 come first
+    return sizes[1:]
+
+
+def relabeled(labels, number):
+    """The new number of each point's region: the last of `number` is that of -1."""
+    found = np.empty(len(labels), labels.dtype)
+    for rows in parts_of(len(labels)):
+        found[rows] = number[labels[rows]]
+    return found
+
+
+def rows_of(labels, wanted):
+    """Rows whose region is wanted; the last of `wanted` tells of -1."""
+    rows = [np.empty(0, np.intp)]
+    for part in parts_of(len(labels)):
+        rows.append(part.start + np.flatnonzero(wanted[labels[part]]))
+    return np.concatenate(rows)
+
+
+def region_moments(points, labels, n_regions, weights=None, number=None, n_jobs=None):
+    """The `Moments` of regions.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, d)
+    labels : ndarray of int of shape (n,)
+        Points of label -1 belong to none.
+    n_regions : int
+    weights : ndarray of int of shape (n,), default=None
+        Copies of each point.
+    number : ndarray of int of shape (n_regions + 1,), default=None
+        Takes the place of each label, the last that of -1.
+    n_jobs : int, default=None
+    """
+    d = points.shape[1]
+    sizes = np.zeros(n_regions)
+    low, high = np.full((d, n_regions), np.inf), np.full((d, n_regions), -np.inf)
+
+    def measure(groups, lock):
+        weight = groups.counts if weights is None else groups.sum(groups.take(weights) * 1.0)
+        own = [groups.take(points[:, i]) for i in range(d)]
+        least = [np.minimum.reduceat(column, groups.starts) for column in own]
+        most = [np.maximum.reduceat(column, groups.starts) for column in own]
+        with lock:
+            sizes[groups.regions] += weight
+            for i in range(d):
+                low[i, groups.regions] = np.minimum(low[i, groups.regions], least[i])
+                high[i, groups.regions] = np.maximum(high[i, groups.regions], most[i])
+
+    _each_part(labels, number, measure, n_jobs)
+    inside = np.isfinite(low[0])
+    low[:, ~inside] = high[:, ~inside] = 0.0
+    # A power of two is the unit, so that squares are near 1.
+    unit = int(np.frexp((high - low).max(initial=0.0))[1])
+    extent = np.frexp(np.ldexp(high - low, -unit))[1]
+    bits = np.frexp(np.maximum(sizes, 1.0))[1] + (weights is not None)
+    divisor = np.maximum(sizes, 1.0)
+
+    def local(groups, i):
+        gaps = groups.take(points[:, i]) - np.repeat(low[i, groups.regions], groups.counts)
+        return np.ldexp(gaps, -unit)
+
+    def weighted(groups, values):
+        return values if weights is None else values * groups.take(weights)
+
+    sums = np.zeros((d, 2, n_regions))
+
+    def add(groups, lock):
+        found = [
+            _two_sums(groups, weighted(groups, local(groups, i)), extent[i], bits) for i in range(d)
+        ]
+        with lock:
+            for i in range(d):
+                sums[i][:, groups.regions] += found[i]
+
+    _each_part(labels, number, add, n_jobs)
+    means = sums.sum(axis=1) / divisor
+    products = np.zeros((d, d, 2, n_regions))
+
+    def multiply(groups, lock):
+        gaps = [
+            local(groups, i) - np.repeat(means[i, groups.regions], groups.counts) for i in range(d)
+        ]
+        found = {}
+        for i in range(d):
+            for j in range(i + 1):
+                # Rounding may make a deviation longer than the extent.
+                most = extent[i] + extent[j] + 2
+                values = weighted(groups, gaps[i] * gaps[j])
+                found[i, j] = _two_sums(groups, values, most, bits)
+        with lock:
+            for (i, j), pair in found.items():
+                products[i, j][:, groups.regions] += pair
+
+    _each_part(labels, number, multiply, n_jobs)
+    covariances = np.empty((n_regions, d, d))
+    with np.errstate(over="ignore"):
+        for i in range(d):
+            for j in range(i + 1):
+                moment = np.ldexp(products[i, j].sum(axis=0) / divisor, 2 * unit)
+                covariances[:, i, j] = covariances[:, j, i] = moment
+    centroids = np.where(inside, low + np.ldexp(means, unit), 0.0)
+    return Moments(sizes, centroids.T.copy(), covariances, low.T.copy(), high.T.copy())
+
+
+def sums_by_region(values, labels, n_regions, number=None, n_jobs=None):
+    """Sums (n_regions,) of values that are not negative; the other parameters as above."""
+    parts = parts_of(len(labels))
+    most = max((float(values[rows].max(initial=0.0)) for rows in parts), default=0.0)
+    extent = np.full(n_regions, np.frexp(most)[1])
+    bits = np.full(n_regions, np.frexp(float(max(len(labels), 1)))[1])
+    sums = np.zeros((2, n_regions))
+
+    def add(groups, lock):
+        found = _two_sums(groups, groups.take(values), extent, bits)
+        with lock:
+            sums[:, groups.regions] += found
+
+    _each_part(labels, number, add, n_jobs)
+    return sums.sum(axis=0)
+
+
+def median_by_region(values, labels, n_regions):
+    """Median of the values of each region; for an even number the upper one.
+
+    Parameters
+    ----------
+    values : ndarray of shape (n,)
+    labels : ndarray of int of shape (n,)
+        Points of label -1 belong to none; each region has at least one point.
+    n_regions : int
+
+    Returns
+    -------
+    medians : ndarray of shape (n_regions,)
+    """
+    sizes = region_sizes(labels, n_regions).astype(np.int64)
+    medians, first = np.empty(n_regions), 0
+    before = np.concatenate([[0], np.cumsum(sizes)])
+    while first < n_regions:  # as many regions as have few enough points, or one with more
+        last = int(np.searchsorted(before, before[first] + AT_ONCE, side="right")) - 1
+        last = max(last, first + 1)
+        number = np.full(n_regions + 1, -1, np.int64)
+        number[first:last] = np.arange(last - first)
+        medians[first:last] = _medians(values, labels, number, last - first)
+        first = last
+    return medians
+
+
+def _medians(values, labels, number, n_regions):
+    """Medians of some regions, which `number` numbers anew."""
+    own, numbers = [], []
+    for rows in parts_of(len(labels)):
+        some = number[labels[rows]]
+        inside = np.flatnonzero(some >= 0)
+        own.append(values[rows][inside])
+        if n_regions > 1:
+            numbers.append(some[inside].astype(np.int32))
+    own = np.concatenate(own)
+    if n_regions == 1:
+        middle = len(own) // 2
+        own.partition(middle)
+        return own[middle]
+    numbers = np.concatenate(numbers)
+    groups = _grouped(numbers, n_regions)
+    own = own[groups.rows]
+    middle, medians = groups.counts // 2, np.empty(len(groups.counts))
+    few = groups.counts < FEW
+    for place in np.flatnonzero(~few).tolist():
+        start = groups.starts[place]
+        some = own[start : start + groups.counts[place]]
+        medians[place] = np.partition(some, middle[place])[middle[place]]
+    region = np.repeat(np.flatnonzero(few), groups.counts[few])
+    own = own[np.repeat(few, groups.counts)]
+    order = np.lexsort((own, region))
+    sizes = groups.counts[few]
+    medians[few] = own[order[np.cumsum(sizes) - sizes + middle[few]]]
+    found = np.empty(n_regions)
+    found[groups.regions] = medians
+    return found
+
+
+class _Groups(NamedTuple):
+    """Rows of a part by their regions.
+
+    rows : ndarray of int, region after region
+    regions : ndarray of int of shape (m,), ascending
+    starts, counts : ndarray of int of shape (m,)
+        Where the rows of each region start, and how many they are.
+    part : slice
+    """
+
+    rows: np.ndarray
+    regions: np.ndarray
+    starts: np.ndarray
+    counts: np.ndarray
+    part: slice
+
+    def take(self, values):
+        return values[self.part][self.rows]
+
+    def sum(self, values):
+        return np.add.reduceat(values, self.starts)
+
+
+def _grouped(labels, n_regions, part=slice(None)):
+    """The `_Groups` of labels; None if there are none. It sorts by counting, if that is short."""
+    inside = np.flatnonzero(labels >= 0)
+    own = labels[inside]
+    if not len(own):
+        return None
+    least = own.min()
+    n_labels = int(own.max() - least) + 1
+    if n_labels <= 4 * len(own):
+        ones = np.ones(len(own), np.int8)
+        own, shape = own - least, (n_labels, len(own))
+        groups = coo_array((ones, (own, np.arange(len(own)))), shape=shape).tocsr()
+        rows, counts = groups.indices, np.diff(groups.indptr)
+        some = np.flatnonzero(counts)
+        regions, starts, counts = some + least, groups.indptr[some], counts[some]
+    else:
+        rows = np.argsort(own, kind="stable")
+        regions, starts, counts = np.unique(own[rows], return_index=True, return_counts=True)
+    rows = rows if len(inside) == len(labels) else inside[rows]
+    return _Groups(rows, regions, starts, counts, part)
+
+
+def _each_part(labels, number, work, n_jobs):
+    """Call ``work(groups, lock)`` for the groups of each part."""
+    lock = Lock()
+
+    def task(part):
+        some = labels[part] if number is None else number[labels[part]]
+        groups = _grouped(some, None, part)
+        if groups is not None:
+            work(groups, lock)
+
+    run([(part,) for part in parts_of(len(labels))], task, n_jobs)
+
+
+def _two_sums(groups, values, extent, bits):
+    """Sums (2, m) of values rounded to a coarse grid, and of what is left, to a fine one.
+
+    Values are below 2 ** extent, and there are less than 2 ** bits; both by region.
+    """
+    extent, bits = extent[groups.regions], bits[groups.regions]
+    sums = np.empty((2, len(groups.regions)))
+    for level in range(2):
+        # Beside this number, doubles have the step of the grid.
+        large = np.repeat(np.ldexp(1.5, extent + bits + level * (bits - BITS)), groups.counts)
+        rounded = (values + large) - large
+        sums[level] = groups.sum(rounded)
+        values = values - rounded
+    return sums

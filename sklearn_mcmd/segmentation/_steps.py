@@ -1,0 +1,86 @@
+"""The steps of `RegionGrowing` that follow growth, of points in memory or on disk."""
+
+import numpy as np
+
+from sklearn_mcmd.planes._progress import progress_part
+from sklearn_mcmd.segmentation._claims import Claims
+from sklearn_mcmd.segmentation._cylinder_parts import CylinderParts
+from sklearn_mcmd.segmentation._graph import GrowthRules
+from sklearn_mcmd.segmentation._joining import join_coplanar
+from sklearn_mcmd.segmentation._narrow_faces import RestFaces
+from sklearn_mcmd.segmentation._region_sums import region_sizes, relabeled
+
+__all__ = ["finish_regions", "least_scales", "rules_of"]
+
+
+def rules_of(growing):
+    """The `GrowthRules` of a `RegionGrowing`."""
+    cosine = np.cos(np.radians(growing.max_angle))
+    return GrowthRules(cosine, growing.max_distance, growing.max_gap, growing.mutual)
+
+
+def least_scales(points, dtype, step):
+    """Least standard deviation of a plane at each of the points (n, d): what rounding amounts to.
+
+    `dtype` is that of the coordinates, and `step` the one to which they were rounded.
+    """
+    floor = 8 * float(np.finfo(dtype).eps) * np.abs(points).max(axis=1)
+    # At the usual cutoff one step of rounded coordinates is then no outlier.
+    return np.maximum(floor, 1.25 * step)
+
+
+def finish_regions(labels, index, planes, floor, copies, growing, n_jobs=None):
+    """The regions of a `RegionGrowing` from those that have grown.
+
+    Parameters
+    ----------
+    labels : ndarray of int of shape (n,)
+        From `grow_regions`.
+    index : NeighborIndex
+        Or what answers as one.
+    planes : Planes
+        Of ``index.points``. What tells of their faces may be changed.
+    floor : ndarray of shape (n,)
+        As by `least_scales`.
+    copies : ndarray of int of shape (n,)
+        Points at each place.
+    growing : RegionGrowing
+        Its parameters.
+    n_jobs : int, default=None
+
+    Returns
+    -------
+    labels : ndarray of int of shape (n,)
+        The largest region is 0, and -1 is none.
+    """
+    rules = rules_of(growing)
+    labels = _renumber(labels, copies, growing.min_region_size)
+    if growing.regrow_rest:
+        with progress_part(0.0, 0.45, "narrow faces"):
+            labels, planes = RestFaces(index, floor, rules, n_jobs).grow(labels, planes)
+            labels = _renumber(labels, copies, growing.min_region_size)
+    claims = Claims(index, planes, rules, n_jobs)
+    with progress_part(0.45, 0.65, "joining regions"):
+        if growing.assign_rest:
+            labels = _renumber(claims.absorb_fragments(labels), copies)
+        if growing.join_coplanar:
+            labels = join_coplanar(index.points, labels, planes.scale, n_jobs)
+    curved = growing.join_curved and index.points.shape[1] == 3
+    cylinders = CylinderParts(index, planes, floor, growing.max_gap, n_jobs)
+    with progress_part(0.65, 1.0, "cylinders and the rest"):
+        if growing.assign_rest:
+            labels = cylinders.grow(labels) if curved else labels
+            labels = claims.assign_rest(labels, cylinders.curved)
+        if curved:  # once gaps between parts are filled
+            labels = cylinders.join(labels)
+    return _renumber(labels, copies)
+
+
+def _renumber(labels, copies, min_size=1):
+    """Labels in order of size, 0 for the largest region; -1 for regions below `min_size`."""
+    sizes = region_sizes(labels, int(labels.max(initial=-1)) + 1, copies)
+    order = np.argsort(-sizes, kind="stable")
+    order = order[sizes[order] >= max(min_size, 1)]
+    number = np.full(len(sizes) + 1, -1, dtype=labels.dtype)  # -1 is the last
+    number[order] = np.arange(len(order))
+    return relabeled(labels, number)

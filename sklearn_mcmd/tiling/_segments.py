@@ -1,0 +1,285 @@
+"""Regions of clouds larger than memory: planes and links by tiles, growth along links on disk."""
+
+import os
+import time
+import warnings
+from collections.abc import Iterable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from sklearn.base import clone
+
+from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.normals import RobustNormalEstimator
+from sklearn_mcmd.planes._progress import progress_part
+from sklearn_mcmd.segmentation import RegionGrowing
+from sklearn_mcmd.segmentation._graph import COMPILE_FROM, grow_regions, seed_order
+from sklearn_mcmd.segmentation._region_sums import region_sizes
+from sklearn_mcmd.segmentation._steps import finish_regions
+from sklearn_mcmd.tiling._catalog import Catalog
+from sklearn_mcmd.tiling._cells import Cells
+from sklearn_mcmd.tiling._columns import Columns
+from sklearn_mcmd.tiling._links import GrowthJob, find_links, find_neighbors, find_planes
+from sklearn_mcmd.tiling._memory import check_division, parse_memory, plan_run, usual_memory
+from sklearn_mcmd.tiling._outputs import LABELED, targets_of, write_segmented_outputs
+from sklearn_mcmd.tiling._run import (
+    COMPUTED,
+    SCATTERED,
+    RunReport,
+    check_local,
+    finish,
+    finished_before,
+    kept,
+    scattered,
+)
+from sklearn_mcmd.tiling._tile import tile_files, write_whole
+from sklearn_mcmd.tiling._whole import ALL, StoredIndex, WholeColumns
+from sklearn_mcmd.tiling._work import compute_cells
+
+__all__ = ["check_growing", "write_segments"]
+
+WARM_UP = 3_000  # points that make this process load or compile the code once, for all others
+# Points at so few places that compiled code does not segment them.
+MOST_COPIES = 1_000_000
+# Rows are numbers of 32 bits.
+MOST_PLACES = 2**31 - 1
+LARGEST = 3  # regions whose points are counted in the report
+# The end of each sweep and step, as a share of the time.
+ENDS = {"planes": 0.6, "neighbors": 0.72, "links": 0.77, "growth": 0.82, "steps": 1.0}
+# What is joined to one file when a sweep has ended.
+JOINED = {
+    "planes": ("points", "copies", "floor", "centroids", "normals", "scale", "variation"),
+    "neighbors": ("near", "radius", "usable", "limit"),
+    "links": ("links",),
+}
+
+
+def write_segments(
+    source: Catalog | str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
+    target: str | os.PathLike[str],
+    estimator: RegionGrowing | None = None,
+    *,
+    colors: bool | None = None,
+    memory: str | float | None = None,
+    n_jobs: int | None = None,
+    tile_size: int | None = None,
+    cut: float = 0.5,
+    as_folder: bool | None = None,
+    restart: bool = False,
+) -> RunReport:
+    """Large files with the regions of their points, equal to those found in memory.
+
+    All points are read once and divided into tiles. The planes of a tile's points, their neighbors
+    and the links along which regions grow are found with the points around it, and each is proved
+    to be that of the whole cloud. They are kept on disk, and one process grows regions along them
+    and joins their parts. So the labels are those of ``estimator.fit`` on all points together,
+    whatever the tiles are.
+
+    Parameters
+    ----------
+    source : Catalog, or what it takes
+        Files, a folder, or an index.
+    target : str or os.PathLike
+        A LAS or LAZ file, or a folder, as of `write_normals`.
+    estimator : RegionGrowing, default=None
+        With ``normals="estimate"``. Its `normal_estimator` needs an int as `random_state` and a
+        number of neighbors; where it has none, `random_state` must be an int. None is
+        ``RegionGrowing(random_state=0)``.
+    colors : bool, default=None
+        Whether to write colors, one for each region. None means that each file without colors
+        gets them.
+    memory, n_jobs, tile_size, cut, as_folder, restart
+        As of `write_normals`. One process grows and joins regions, and takes about 60 bytes for
+        each point of the cloud, however small the tiles are.
+
+    Returns
+    -------
+    RunReport
+
+    Raises
+    ------
+    PointFileError
+        If a file cannot be read or written.
+    TilingError
+        If some tiles failed, or the run ended in another way after all points were read. Temporary
+        files are then kept, and the message names them.
+    ValueError
+        If the estimator cannot work by tiles, or the memory is too little.
+
+    See Also
+    --------
+    Catalog : What files hold.
+    write_normals : Normals of such files.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from sklearn_mcmd.datasets import make_street
+    >>> from sklearn_mcmd.io import read_points, write_points
+    >>> from sklearn_mcmd.tiling import write_segments
+    >>> street = make_street(8_000, outlier_share=0, random_state=0).data
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     a, b = Path(folder) / "a.las", Path(folder) / "b.las"
+    ...     write_points(a, street)
+    ...     report = write_segments(a, b, tile_size=3_000)
+    ...     print(report.n_tiles, "tiles;", read_points(b).attributes["region"].dtype)
+    4 tiles; int32
+    """
+    begin = time.perf_counter()
+    estimator = check_growing(estimator)
+    check_division(tile_size, cut)
+    memory = usual_memory() if memory is None else parse_memory(memory)
+    catalog = source if isinstance(source, Catalog) else Catalog(source)
+    targets = targets_of(catalog, Path(target), as_folder)
+    content = f"colors={colors}"
+    if not restart and (report := finished_before(catalog, target, targets, estimator, content)):
+        return report
+    _warm_up(estimator)
+    plan = plan_run(catalog.n_points, memory, n_jobs, tile_size=tile_size, grown=True)
+    folder = scattered(catalog, target, estimator, plan, cut, restart)
+    with kept(folder):
+        for path in targets:
+            path.parent.mkdir(exist_ok=True)
+        cells, columns = Cells(folder.cells), Columns(folder.results)
+        n_resumed = sum(columns.is_done(cell, "planes") for cell in range(len(cells)))
+        job = GrowthJob(folder.cells, folder.results, estimator, folder.constants, plan.n_threads)
+        with progress_part(SCATTERED, COMPUTED, "regions"):
+            _segment(job, cells, columns, plan.n_workers)
+        with progress_part(COMPUTED, 1.0, "writing"):
+            make = partial(segmented, colors=colors)
+            write_segmented_outputs(catalog, targets, folder, make, content)
+        found = columns.report(ALL, "regions")
+        report = RunReport(
+            catalog.n_points, len(cells), plan.n_workers, n_resumed,
+            int(columns.total(len(cells), "planes", "n_proved")), 0.0,
+            time.perf_counter() - begin, **found,
+        )  # fmt: skip
+        finish(folder, catalog, targets, estimator, report, content)
+    return report
+
+
+def check_growing(estimator):
+    """The estimator as tiles take it; raise if it cannot work by them."""
+    if estimator is None:
+        estimator = RegionGrowing(random_state=0)
+    if not isinstance(estimator, RegionGrowing):
+        raise ValueError(
+            f"{type(estimator).__name__} cannot work by tiles: regions are found by RegionGrowing."
+        )
+    estimator = clone(estimator)
+    estimator._validate_params()
+    if estimator.normals != "estimate":
+        raise ValueError(
+            f"normals={estimator.normals!r} cannot work by tiles: files have no columns of planes; "
+            'normals="estimate" finds them.'
+        )
+    if estimator.normal_estimator is None:
+        normals = RobustNormalEstimator(random_state=estimator.random_state)
+        estimator.set_params(normal_estimator=normals)
+    check_local(estimator.normal_estimator)
+    return estimator.set_params(n_jobs=1, normal_estimator__n_jobs=1)
+
+
+def segmented(cloud, labels, colors=None):
+    """The cloud with its regions, and colors of them if it has none of its own."""
+    results = {"region": labels.astype(np.int32)}
+    names = ("red", "green", "blue")
+    if cloud.attributes.keys().isdisjoint(names) if colors is None else colors:
+        from sklearn_mcmd.plotting import region_colors
+
+        bits = np.rint(255 * region_colors(labels)).astype(np.uint8)
+        results |= dict(zip(names, bits.T.copy(), strict=True))
+    return with_results(cloud, results)
+
+
+def _warm_up(estimator):
+    """Compiled code is then on disk for all processes."""
+    points = np.random.default_rng(0).uniform(size=(WARM_UP, 3)) * [1, 1, 0.01]
+    with warnings.catch_warnings(), progress_part(0.0, 0.0):
+        warnings.simplefilter("ignore")
+        clone(estimator).fit(points)
+
+
+def _segment(job, cells, columns, n_workers):
+    """Find the region of all points, and write them for each cell."""
+    n_cells, begin = len(cells), 0.0
+    if columns.is_done(ALL, "regions"):
+        return
+
+    def sweep(name, work):
+        nonlocal begin
+        todo = [cell for cell in range(n_cells) if not columns.is_done(cell, name)]
+        with progress_part(begin, ENDS[name], name):
+            task = partial(work, job=job)
+            compute_cells(task, cells, todo, n_workers, name, collect=name == "planes")
+        begin = ENDS[name]
+
+    sweep("planes", find_planes)
+    whole = WholeColumns(columns, n_cells)
+    sizes = job.growing.n_neighbors, job.growing.normal_estimator.n_neighbors + 1
+    if len(whole) < max(COMPILE_FROM, *sizes):
+        return _segment_together(job, cells, columns, len(whole))
+    if len(whole) > MOST_PLACES:
+        raise ValueError(f"{len(whole):,} different points are more than {MOST_PLACES:,}")
+    whole.join(*JOINED["planes"])
+    sweep("neighbors", find_neighbors)
+    whole.join(*(name for name in JOINED["neighbors"] if whole.has(name)))
+    if not columns.is_done(ALL, "grown"):
+        sweep("links", find_links)
+        whole.join(*JOINED["links"])
+        with progress_part(begin, ENDS["growth"], "growing regions"):
+            columns.write(ALL, grown=_grow(whole))
+        columns.finish(ALL, "grown")
+    whole.remove("links", "limit", "usable", "variation")
+    labels = columns.read(ALL, "grown")
+    with progress_part(ENDS["growth"], ENDS["steps"]):
+        labels = finish_regions(
+            labels, StoredIndex(whole), whole.planes(changing=True), whole.open("floor"),
+            whole.open("copies"), job.growing, n_workers * job.n_threads,
+        )  # fmt: skip
+    for cell in range(n_cells):
+        own = labels[whole.rows(cell)]
+        _write(columns, cell, cells.read(cell)["row"], own[columns.read(cell, "place_of")])
+    sizes = region_sizes(labels, int(labels.max(initial=-1)) + 1, whole.open("copies"))
+    _finish(columns, sizes)
+
+
+def _grow(whole):
+    """Regions of all places, by links on disk."""
+    seeds = seed_order(whole.open("variation"), whole.open("points"), whole.planes())
+    labels = grow_regions(whole.open("links"), seeds)
+    whole.release()
+    return labels
+
+
+def _segment_together(job, cells, columns, n_places):
+    """Regions of a cloud of few places, which other code finds than that of tiles."""
+    n_points = int(cells.counts.sum())
+    if n_points > MOST_COPIES:
+        raise ValueError(
+            f"{n_points:,} points at {n_places:,} places are no cloud to be segmented by tiles"
+        )
+    records = [cells.read(cell) for cell in range(len(cells))]
+    rows, points = (np.concatenate([part[name] for part in records]) for name in ("row", "xyz"))
+    points = points[np.argsort(rows)].astype(job.constants.dtype)
+    fitted = clone(job.growing).fit(points)
+    for cell, part in enumerate(records):
+        _write(columns, cell, part["row"], fitted.labels_[part["row"]])
+    _finish(columns, fitted.region_sizes_)
+
+
+def _write(columns, cell, rows, labels):
+    """Write the labels of a tile under a temporary name, which they leave when they are whole."""
+    results = np.empty(len(rows), LABELED)
+    results["row"], results["values"][:, 0] = rows, labels
+    write_whole(tile_files(columns.folder, cell)[0], results)
+
+
+def _finish(columns, sizes):
+    """Remember that the regions of all points are written, and what they are."""
+    sizes = [int(size) for size in sizes]
+    columns.finish(
+        ALL, "regions", n_regions=len(sizes), n_inside=sum(sizes), largest=sizes[:LARGEST]
+    )

@@ -1,0 +1,131 @@
+"""Moments and medians of regions: exact in any order, and in any parts."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from sklearn_mcmd.segmentation import _region_sums
+from sklearn_mcmd.segmentation._region_sums import (
+    median_by_region,
+    region_moments,
+    region_sizes,
+    relabeled,
+    rows_of,
+    sums_by_region,
+)
+
+N_REGIONS = 40
+
+
+@pytest.fixture
+def cloud():
+    """Regions of one to many points, of sizes from millimeters to kilometers."""
+    rng = np.random.default_rng(0)
+    n = 5_000
+    labels = rng.integers(-1, N_REGIONS - 1, n).astype(np.int32) // rng.integers(1, 4, n)
+    labels[7] = N_REGIONS - 1
+    size = 10.0 ** rng.uniform(-3, 3, N_REGIONS + 1)
+    points = rng.normal(size=(n, 3)) * size[labels][:, None] * [1, 1, 1e-3] + [4e5, 5e6, 100]
+    return points, labels, rng.uniform(0, 1, n)
+
+
+def test_neither_order_nor_parts_nor_threads_change_a_bit(cloud, monkeypatch):
+    points, labels, values = cloud
+    expected = (
+        *region_moments(points, labels, N_REGIONS),
+        sums_by_region(values, labels, N_REGIONS),
+    )
+    weights = np.arange(len(labels)) % 5 + 1
+    weighted = region_moments(points, labels, N_REGIONS, weights)
+    for part in (2**18, 617):
+        monkeypatch.setattr(_region_sums, "PART", part)
+        order = np.random.default_rng(part).permutation(len(labels))
+        P, L = points[order], labels[order]
+        found = (
+            *region_moments(P, L, N_REGIONS, n_jobs=2),
+            sums_by_region(values[order], L, N_REGIONS),
+        )
+        for a, b in zip(found, expected, strict=True):
+            assert_array_equal(a, b)
+        for a, b in zip(region_moments(P, L, N_REGIONS, weights[order]), weighted, strict=True):
+            assert_array_equal(a, b)
+
+
+def test_moments_are_those_of_each_region(cloud):
+    points, labels, _ = cloud
+    found = region_moments(points, labels, N_REGIONS)
+    for region in range(N_REGIONS):
+        own = points[labels == region]
+        assert found.sizes[region] == len(own)
+        if not len(own):
+            continue
+        assert_allclose(found.centroids[region], own.mean(axis=0), rtol=1e-15)
+        assert_array_equal(found.low[region], own.min(axis=0))
+        assert_array_equal(found.high[region], own.max(axis=0))
+        gaps = own - own.mean(axis=0)
+        expected = gaps.T @ gaps / len(own)
+        assert_allclose(found.covariances[region], expected, atol=1e-12 * expected.max())
+
+
+def test_moments_are_nearly_those_of_exact_arithmetic():
+    rng = np.random.default_rng(1)
+    X = rng.uniform(0, 100, (400, 2)) * [1, 1e-6]
+    exact = [[Fraction(x) for x in row] for row in X]
+    means = [sum(column) / len(X) for column in zip(*exact, strict=True)]
+    gaps = [[x - m for x, m in zip(row, means, strict=True)] for row in exact]
+    least = sum(g[1] * g[1] for g in gaps) / len(X)
+    found = region_moments(X, np.zeros(len(X), np.int32), 1)
+    assert_allclose(found.covariances[0, 1, 1], float(least), rtol=1e-14)
+    assert_allclose(found.centroids[0], [float(m) for m in means], rtol=1e-15)
+
+
+def test_copies_count_as_points(cloud):
+    points, labels, _ = cloud
+    weights = np.arange(len(labels)) % 4 + 1
+    found = region_moments(points, labels, N_REGIONS, weights)
+    expected = region_moments(np.repeat(points, weights, axis=0), np.repeat(labels, weights), 40)
+    assert_array_equal(found.sizes, expected.sizes)
+    assert_allclose(found.centroids, expected.centroids, rtol=1e-14)
+    assert_allclose(found.covariances, expected.covariances, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("unit", [1e-150, 1e-3, 1e150])
+def test_the_unit_does_not_matter(cloud, unit):
+    points, labels, _ = cloud
+    local = points - points.mean(axis=0)
+    found = region_moments(local * unit, labels, N_REGIONS).covariances
+    expected = region_moments(local, labels, N_REGIONS).covariances
+    assert_allclose(found / unit / unit, expected, rtol=1e-6, atol=1e-12)
+
+
+def test_regions_of_one_point_and_none_are_plain():
+    points = np.array([[1.0, 2, 3], [4, 5, 6]])
+    found = region_moments(points, np.array([0, -1]), 2)
+    assert_array_equal(found.sizes, [1, 0])
+    assert_array_equal(found.centroids, [[1, 2, 3], [0, 0, 0]])
+    assert not found.covariances.any()
+
+
+@pytest.mark.parametrize("at_once", [2_000_000, 100, 1])
+def test_medians_are_the_upper_ones_whatever_is_sought_at_once(cloud, at_once, monkeypatch):
+    _, labels, values = cloud
+    labels = relabeled(labels, np.append(np.arange(N_REGIONS) // 2, -1))
+    n_regions = labels.max() + 1
+    monkeypatch.setattr(_region_sums, "AT_ONCE", at_once)
+    monkeypatch.setattr(_region_sums, "PART", 999)
+    found = median_by_region(values, labels, n_regions)
+    for region in range(n_regions):
+        own = np.sort(values[labels == region])
+        assert found[region] == own[len(own) // 2]
+
+
+def test_sizes_rows_and_numbers(cloud, monkeypatch):
+    monkeypatch.setattr(_region_sums, "PART", 700)
+    _, labels, _ = cloud
+    assert_array_equal(region_sizes(labels, N_REGIONS), np.bincount(labels + 1)[1:])
+    wanted = np.arange(N_REGIONS + 1) % 3 == 1
+    assert_array_equal(rows_of(labels, wanted), np.flatnonzero(wanted[labels]))
+    number = np.append(np.arange(N_REGIONS)[::-1], -1)
+    assert_array_equal(relabeled(labels, number), number[labels])
