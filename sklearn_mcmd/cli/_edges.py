@@ -3,13 +3,11 @@
 from enum import StrEnum
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from sklearn_mcmd.cli._files import (
     WORKING,
     blank,
-    color_columns,
     coordinates,
     has_colors,
     read,
@@ -38,9 +36,6 @@ from sklearn_mcmd.cli._waiting import progress
 from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["edges"]
-
-# Red, green, blue of surfaces and of edges.
-SURFACE_COLOR, EDGE_COLOR = (170, 170, 170), (215, 30, 30)
 
 
 class Criterion(StrEnum):
@@ -130,8 +125,6 @@ def _find_edges(xyz, **params):
 
 def _results(is_edge, score, brightest):
     """The columns to write, with colors up to `brightest` if that is a number."""
-    columns = {"edge": is_edge.astype(np.uint8), "edge_score": score.astype(np.float32)}
-    if brightest is not None:
-        paint = np.where(is_edge[:, None], EDGE_COLOR, SURFACE_COLOR) * (brightest // 255)
-        columns |= color_columns(paint.astype(np.min_scalar_type(brightest)))
-    return columns
+    from sklearn_mcmd.edges._painting import edge_columns
+
+    return edge_columns(is_edge, score, brightest)

@@ -12,10 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gamma
 
-from sklearn_mcmd.planes._chunks import run
+from sklearn_mcmd.planes._chunks import each_chunk, run
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._local_planes import COMPILE_FROM
-from sklearn_mcmd.planes._nearest import NearestPoints
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._record import Neighborhoods
 
@@ -132,7 +131,6 @@ class CreaseModel:
         """Find the creases of points with planes, the `Columns` of a transformer."""
         points = columns.coordinates.astype(np.float64)
         self.index = NeighborIndex(points, self.n_neighbors)
-        self.nearest = NearestPoints(self.index.points)
         self.origin = middle(self.index.points.min(axis=0), self.index.points.max(axis=0))
         self.points = self.index.points - self.origin
         self.planes = columns.planes(self.index.rows)
@@ -176,15 +174,14 @@ class CreaseModel:
         return Neighborhoods(indices, np.full(n, k))
 
     def _search(self, queries):
-        """The neighborhoods of queries; a point of the cloud has the one that it has there."""
+        """The neighborhoods of queries."""
         m, k = len(queries), self.index.n_neighbors
         indices = np.empty((m, k), dtype=np.int32)
 
-        def keep(rows, _, near):
-            indices[rows] = near
+        def task(rows):
+            indices[rows] = self.index.query(queries[rows]).indices
 
-        self.nearest.visit(queries, k, keep, self.n_jobs)
-        self.nearest.release()
+        each_chunk(queries, self.index.chunk, task, self.n_jobs)
         return Neighborhoods(indices, np.full(m, k))
 
     def _in_chunks(self, around, work, width=None):
