@@ -11,7 +11,7 @@ from sklearn_mcmd.cli._speech import print_table
 __all__ = ["DryRun", "Memory", "Restart", "large_catalog", "print_plan"]
 
 SAMPLE = 50_000  # points whose time is measured
-MORE, MORE_JUDGED = 1.4, 1.5  # time of tiles over that in memory, about: of normals, of outliers
+MORE = {"normals": 1.4, "outliers": 1.5, "edges": 1.3}  # time of tiles over that in memory, about
 PARSED_SUFFIXES, INDEX_SUFFIX = (".las", ".laz"), ".vpc"
 
 
@@ -69,10 +69,10 @@ def large_catalog(source, memory, n_features, always=False):
     return catalog if bytes_in_memory(catalog, n_features) > limit else None
 
 
-def print_plan(source, target, catalog, estimator, memory, *, n_features=0, judged=False):
+def print_plan(source, target, catalog, estimator, memory, *, n_features=0, work="normals"):
     """Print tiles, memory and time; the time is measured with the first points.
 
-    With `judged`, the estimator finds outliers.
+    `work` is what the estimator finds, as of `plan_run`.
     """
     from sklearn.base import clone
 
@@ -94,8 +94,8 @@ def print_plan(source, target, catalog, estimator, memory, *, n_features=0, judg
     rows = {"points": f"{catalog.n_points:,}", "files": f"{len(catalog):,}"}
     if tiles:
         limit = usual_memory() if memory is None else memory
-        plan = plan_run(catalog.n_points, limit, n_jobs, n_features, judged=judged)
-        seconds *= (MORE_JUDGED if judged else MORE) / plan.n_workers
+        plan = plan_run(catalog.n_points, limit, n_jobs, n_features, work=work)
+        seconds *= MORE[work] / plan.n_workers
         rows |= {
             "tiles": f"about {plan.n_tiles:,} of at most {plan.tile_size:,} points",
             "processes": f"{plan.n_workers}",

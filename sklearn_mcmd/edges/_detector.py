@@ -11,7 +11,7 @@ from sklearn.utils.validation import check_is_fitted, check_random_state, valida
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd._validation import FittedScoresMixin, check_extent, check_sizes
 from sklearn_mcmd.edges._creases import FAR, CreaseModel
-from sklearn_mcmd.edges._limits import least_of_edge
+from sklearn_mcmd.edges._limits import column_of_criterion, least_of_edge
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.outliers._detector import MCMDOutlierDetector
 from sklearn_mcmd.planes._columns import Columns, split_columns
@@ -232,12 +232,12 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
         xyz = columns.coordinates
         self._n_dimensions = xyz.shape[1]
         self._check_parameters(xyz)
-        seed = self._make_seed()
+        detector, normal_estimator = self._make_steps()
         with progress_part(0.0, 0.6):
-            self.inlier_mask_ = self._clean(xyz, seed)
+            self.inlier_mask_ = self._clean(xyz, detector)
         kept = self.inlier_mask_
         if self.normals == "estimate":
-            self.normal_estimator_ = self._make_normal_estimator(seed)
+            self.normal_estimator_ = normal_estimator
             with progress_part(0.6, 0.8):
                 members = np.asarray(self.normal_estimator_.fit_transform(xyz[kept]))
         else:
@@ -299,9 +299,8 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
                 f"criterion='crease', and creases farther than {farthest:g} are not told: lower it."
             )
 
-    def _clean(self, xyz, seed):
+    def _clean(self, xyz, detector):
         """Mask of the points to keep; all points if too few would be left for a plane."""
-        detector = self._make_outlier_detector(seed)
         if detector is None:
             return np.ones(len(xyz), dtype=bool)
         self.outlier_detector_ = detector
@@ -312,12 +311,13 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
         """Spacings from a crease within which a point belongs to the edge."""
         return EDGE_WIDTH if self.threshold is None else float(self.threshold)
 
-    def _make_seed(self):
-        """The seed of both steps, drawn once, because a RandomState would give them two."""
-        return check_random_state(self.random_state).randint(np.iinfo(np.int32).max)
+    def _make_steps(self):
+        """The detector that cleans the cloud, None if nothing does, and the normal estimator."""
+        # Both get one seed, drawn once, because a RandomState would give them two.
+        seed = check_random_state(self.random_state).randint(np.iinfo(np.int32).max)
+        return self._make_outlier_detector(seed), self._make_normal_estimator(seed)
 
     def _make_outlier_detector(self, seed):
-        """The detector that cleans the cloud; None if nothing does."""
         detector = self.outlier_detector
         if isinstance(detector, str) and detector == "passthrough":
             return None
@@ -367,7 +367,7 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
     def _value_column(self):
         """Which column of the normal estimator holds the criterion."""
         names = list(self.normal_estimator_.get_feature_names_out())
-        name = "eigenvalue_0" if self.criterion == "eigenvalue" else self.criterion
+        name = column_of_criterion(self.criterion)
         if name not in names:
             raise ValueError(
                 f"criterion={self.criterion!r} needs the column {name} of "

@@ -8,11 +8,16 @@ import numpy as np
 
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 
-__all__ = ["least_of_edge"]
+__all__ = ["column_of_criterion", "least_of_edge"]
 
 # Number of standard deviations above the center from which on there is an edge: by the robust
 # limit, and by Eq. 25.
 ROBUST_STD, PAPER_STD = 3.0, 1.0
+
+
+def column_of_criterion(criterion):
+    """The column of ``RobustNormalEstimator.transform`` that holds a criterion."""
+    return "eigenvalue_0" if criterion == "eigenvalue" else criterion
 
 
 def least_of_edge(parts, threshold, n_std, median=None):

@@ -2,6 +2,7 @@
 
 from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._denoise import write_denoised
+from sklearn_mcmd.tiling._edges import write_edges
 from sklearn_mcmd.tiling._run import RunReport, TilingError, write_normals
 
-__all__ = ["Catalog", "RunReport", "TilingError", "write_denoised", "write_normals"]
+__all__ = ["Catalog", "RunReport", "TilingError", "write_denoised", "write_edges", "write_normals"]

@@ -31,8 +31,14 @@ SHARE, UNKNOWN = 0.5, 4e9
 # and for each value of a feature.
 PROCESS, TILE_POINT, CLOUD_POINT, FEATURE = 330e6, 650, 450, 24
 # Bytes of temporary files for each point: of normals, and of what the detector finds; and what the
-# detector takes for each point of a tile.
+# detector takes for each point of a tile. The same of edges. By the work, the latter first.
 TILE_STORED, JUDGED_STORED, JUDGED_POINT = 98, 200, 450
+EDGES_STORED, EDGES_POINT = 330, 650
+COSTS = {
+    "normals": (TILE_POINT, TILE_STORED),
+    "outliers": (JUDGED_POINT, JUDGED_STORED),
+    "edges": (EDGES_POINT, EDGES_STORED),
+}
 # Points read or written at once, and bytes for each while that is done.
 PART, PART_POINT = 250_000, 400
 LEAST_TILE = 20_000  # smaller tiles are mostly halo
@@ -124,17 +130,17 @@ def bytes_in_memory(catalog, n_features=0):
     return PROCESS + points
 
 
-def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, judged=False):
+def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, work="normals"):
     """Divide points so that all workers together stay within the memory.
 
-    With `judged`, outliers are found, else normals.
+    `work` is a key of `COSTS`.
 
     Raises
     ------
     ValueError
         If one worker with the smallest tile would take more.
     """
-    point, stored = (JUDGED_POINT, JUDGED_STORED) if judged else (TILE_POINT, TILE_STORED)
+    point, stored = COSTS[work]
     bytes_a_point = point + FEATURE * n_features
     own = PROCESS + PART * PART_POINT  # of the process that reads and writes
     least = PROCESS + LEAST_TILE * bytes_a_point

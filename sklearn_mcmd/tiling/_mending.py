@@ -13,6 +13,7 @@ import numpy as np
 
 from sklearn_mcmd.normals._curvature import curvatures_of_each
 from sklearn_mcmd.normals._surface_planes import SurfacePlanes
+from sklearn_mcmd.planes._columns import plane_offsets
 from sklearn_mcmd.planes._indexed_cloud import distinct_rows
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._orientation import point_up
@@ -151,6 +152,8 @@ def mended(estimator, cloud, rows, dtype):
     result._sides.orient(None, result.normals_, X, 1)
     result.eigenvalues_, result.removed_fraction_ = planes.eigenvalues, 1.0 - planes.kept
     result.surface_variation_ = surface_variation(planes.eigenvalues)
+    result.plane_offset_ = plane_offsets(planes, result.normals_, X)
+    result.plane_scale_ = planes.scale
 
     def curvatures(_, planes, *args):
         return curvatures_of_each(model, planes, points, around)

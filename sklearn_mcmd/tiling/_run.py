@@ -41,9 +41,12 @@ __all__ = [
     "SCATTERED",
     "RunReport",
     "TilingError",
+    "check_normals",
+    "check_seed",
     "finish",
     "finished_before",
     "kept",
+    "reports_of",
     "scattered",
     "write_normals",
 ]
@@ -68,10 +71,12 @@ class RunReport(NamedTuple):
         Mean share of a neighborhood that was removed; of `write_denoised`, the share of outliers.
     seconds : float
     n_outliers : int
-        Of `write_denoised`.
+        Of `write_denoised`, and of `write_edges` before it looks for edges.
     n_exact : int
         Of these, those that may be outliers only because most of their neighbors lie exactly in
         one plane.
+    n_edges : int
+        Points of edges, of `write_edges`.
     """
 
     n_points: int
@@ -83,6 +88,7 @@ class RunReport(NamedTuple):
     seconds: float
     n_outliers: int = 0
     n_exact: int = 0
+    n_edges: int = 0
 
 
 def write_normals(
@@ -167,7 +173,7 @@ def write_normals(
     begin = time.perf_counter()
     if estimator is None:
         estimator = RobustNormalEstimator(random_state=0)
-    _check(estimator)
+    check_normals(estimator)
     check_division(tile_size, cut)
     memory = usual_memory() if memory is None else parse_memory(memory)
     catalog = source if isinstance(source, Catalog) else Catalog(source)
@@ -191,7 +197,7 @@ def write_normals(
             compute_cells(task, cells, todo, plan.n_workers, "normals")
         with progress_part(COMPUTED, 1.0, "writing"):
             removed = write_outputs(catalog, targets, folder, names)
-        reports = _reports(folder)
+        reports = reports_of(folder.results, range(len(cells)))
         report = RunReport(
             catalog.n_points, len(reports), plan.n_workers, len(cells) - len(todo),
             sum(report.n_proved for report in reports), removed, time.perf_counter() - begin,
@@ -272,7 +278,8 @@ def check_seed(estimator):
         )
 
 
-def _check(estimator):
+def check_normals(estimator):
+    """Raise if normals depend on the whole cloud."""
     if not isinstance(estimator, BaseLocalPlanes) or estimator._locality()[0] is None:
         raise ValueError(
             f"{type(estimator).__name__} cannot work by tiles with these parameters: with "
@@ -311,9 +318,9 @@ def _scatter(catalog, folder, capacity, cut):
     folder.finish_cells(whole.constants())
 
 
-def _reports(folder):
-    cells = Cells(folder.cells)
-    files = (tile_files(folder.results, cell)[1] for cell in range(len(cells)))
+def reports_of(results, cells):
+    """What the work on some tiles came to: list of `TileReport`."""
+    files = (tile_files(results, cell)[1] for cell in cells)
     return [TileReport(**json.loads(file.read_text())) for file in files]
 
 

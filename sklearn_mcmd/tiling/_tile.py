@@ -63,7 +63,7 @@ class TileReport(NamedTuple):
     seconds: float
 
 
-def normals_of_tile(folder, cell, estimator, constants, target):
+def normals_of_tile(folder, cell, estimator, constants, target, columns_of=None):
     """Write the results of a tile; it depends on nothing but its arguments and the cells.
 
     Parameters
@@ -75,6 +75,8 @@ def normals_of_tile(folder, cell, estimator, constants, target):
     constants : Constants
     target : path
         Of a folder. The file of results has the dtype `result_dtype`, sorted by rows.
+    columns_of : callable, default=None
+        What is stored of a fitted estimator: names and values; `normal_columns` with None.
 
     Returns
     -------
@@ -90,10 +92,11 @@ def normals_of_tile(folder, cell, estimator, constants, target):
     halo, *box = cells.around(cell, width, max(int(HALO * len(own)), SMALL))
     complete = partial(_with_others, cells=cells, k=k)
     points = complete(np.vstack([own, halo]))
+    columns_of = normal_columns if columns_of is None else columns_of
     fitted = clone(estimator)
-    fitted._step_of_cloud = constants.step
+    fitted._tangents, fitted._step_of_cloud = estimator._tangents, constants.step
     fitted.fit(points.astype(constants.dtype, copy=False))
-    columns, index = normal_columns(fitted)[1][: len(own)], fitted._model.index
+    columns, index = columns_of(fitted)[1][: len(own)], fitted._model.index
     reach = reaches(index)
     exact = reach < to_border(index.points, *box)
     places = index.places[: len(own)]
@@ -105,9 +108,9 @@ def normals_of_tile(folder, cell, estimator, constants, target):
         cloud = WiderCloud(cells, index, exact, reach, box, complete)
         result = mended(fitted, cloud, wrong[first : first + at_once], constants.dtype)
         these = (again >= first) & (again < first + at_once)
-        columns[rest[these]] = normal_columns(result)[1][again[these] - first]
+        columns[rest[these]] = columns_of(result)[1][again[these] - first]
         n_again += cloud.n_read
-    results = np.empty(len(own), result_dtype(columns.shape[1]))
+    results = np.empty(len(own), result_dtype(columns.shape[1], columns.dtype))
     results["row"], results["values"] = rows, columns
     report = TileReport(
         *map(int, (len(own), len(halo), len(own) - len(rest), n_again)), time.perf_counter() - begin
@@ -126,9 +129,9 @@ def normal_columns(fitted):
     return names, columns
 
 
-def result_dtype(n_columns):
+def result_dtype(n_columns, dtype=np.float32):
     """The dtype of the file of a tile: the place of a point in the input, and its results."""
-    return np.dtype([("row", np.int64), ("values", np.float32, n_columns)])
+    return np.dtype([("row", np.int64), ("values", dtype, (n_columns,))])
 
 
 def tile_files(folder, cell):
