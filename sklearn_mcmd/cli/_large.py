@@ -11,7 +11,7 @@ from sklearn_mcmd.cli._speech import print_table
 __all__ = ["DryRun", "Memory", "Restart", "large_catalog", "print_plan"]
 
 SAMPLE = 50_000  # points whose time is measured
-MORE = {"normals": 1.4, "outliers": 1.5, "edges": 1.3}  # time of tiles over that in memory, about
+MORE = {"normals": 1.3, "outliers": 1.5, "edges": 1.3}  # time of tiles over that in memory, about
 PARSED_SUFFIXES, INDEX_SUFFIX = (".las", ".laz"), ".vpc"
 
 
@@ -95,10 +95,11 @@ def print_plan(source, target, catalog, estimator, memory, *, n_features=0, work
     if tiles:
         limit = usual_memory() if memory is None else memory
         plan = plan_run(catalog.n_points, limit, n_jobs, n_features, work=work)
-        seconds *= MORE[work] / plan.n_workers
+        seconds *= MORE[work] / (plan.n_workers * plan.n_threads)
         rows |= {
             "tiles": f"about {plan.n_tiles:,} of at most {plan.tile_size:,} points",
-            "processes": f"{plan.n_workers}",
+            "processes": f"{plan.n_workers}"
+            + (f" with {plan.n_threads} threads" if plan.n_threads > 1 else ""),
             "memory": f"about {plan.memory / 1e9:.2g} GB",
             "disk": f"about {plan.disk / 1e9:.2g} GB for temporary files beside {target}",
         }

@@ -332,7 +332,7 @@ def _moved(planes, places):
 
 def _bends_too_much(deviation, left, planes):
     """Whether neighborhoods bend more than half a ball, apart from noise."""
-    return np.square(deviation) - np.square(left) > HALF_BALL**2 * planes.eigenvalues[:, 1]
+    return np.square(deviation) > np.square(left) + HALF_BALL**2 * planes.eigenvalues[:, 1]
 
 
 def _rough(planes, forms):

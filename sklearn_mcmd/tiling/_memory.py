@@ -43,6 +43,7 @@ COSTS = {
 PART, PART_POINT = 250_000, 400
 LEAST_TILE = 20_000  # smaller tiles are mostly halo
 # Where there is memory for more, each process gets EACH tiles or more, of GOOD_TILE points or more.
+# Where there is less, fewer processes with more threads each have tiles as large.
 EACH, GOOD_TILE = 2, 1_000_000
 FILL = 0.7  # how full cells are that are halved when they are full
 
@@ -51,6 +52,9 @@ class Plan(NamedTuple):
     """How a catalog is to be divided.
 
     n_workers : int
+        Tiles that are computed at once.
+    n_threads : int
+        Of each worker.
     tile_size : int
         Largest number of points in a tile.
     n_tiles : int
@@ -60,6 +64,7 @@ class Plan(NamedTuple):
     """
 
     n_workers: int
+    n_threads: int
     tile_size: int
     n_tiles: int
     memory: float
@@ -149,18 +154,38 @@ def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, wor
             f"memory={memory / 1e6:.0f}MB is too little: at least {max(own, least) / 1e6:.0f}MB "
             "is needed."
         )
-    n_workers = effective_n_jobs(n_jobs)
-    if n_jobs is not None and n_jobs > 0:  # dask counts all of its workers
-        n_workers = min(n_workers, n_jobs)
+    n_jobs = n_workers = _n_jobs(n_jobs)
     if n_workers > 1:  # processes of their own
         n_workers = max(1, min(n_workers, int((memory - PROCESS) // least)))
-    for_tiles = memory - PROCESS * (n_workers + (n_workers > 1))
-    most = int(for_tiles / n_workers / bytes_a_point)
+
+    def capacity(n_workers):
+        for_tiles = memory - PROCESS * (n_workers + (n_workers > 1))
+        return int(for_tiles / n_workers / bytes_a_point)
+
+    shares = work == "normals" and not _is_elsewhere()  # other work does not take threads
+    if tile_size is None and shares:
+        while n_workers > 1 and capacity(n_workers) < min(GOOD_TILE, n_points / n_workers):
+            n_workers -= 1
+    most = capacity(n_workers)
     if tile_size is None:
         enough = n_points if n_workers == 1 else max(GOOD_TILE, int(n_points / n_workers / EACH))
         tile_size = min(most, enough, n_points)
     n_tiles = max(1, round(n_points / (FILL * tile_size))) if tile_size < n_points else 1
     n_workers = min(n_workers, n_tiles)
+    n_threads = max(1, n_jobs // n_workers) if shares else 1
     used = PROCESS * (n_workers + (n_workers > 1)) + n_workers * tile_size * bytes_a_point
     disk = n_points * (stored + 4 * n_features)
-    return Plan(n_workers, tile_size, n_tiles, max(own, used), disk)
+    return Plan(n_workers, n_threads, tile_size, n_tiles, max(own, used), disk)
+
+
+def _n_jobs(n_jobs):
+    """How many threads of execution the caller asks for."""
+    n_workers = effective_n_jobs(n_jobs)
+    if n_jobs is not None and n_jobs > 0:  # dask counts all of its workers
+        n_workers = min(n_workers, n_jobs)
+    return n_workers
+
+
+def _is_elsewhere():
+    """Whether an engine computes tiles that has its own processes, on this machine or others."""
+    return hasattr(get_active_backend()[0], "client")

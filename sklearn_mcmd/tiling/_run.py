@@ -192,7 +192,7 @@ def write_normals(
             todo = [cell for cell in range(len(cells)) if not folder.is_done(cell)]
             task = partial(
                 normals_of_tile, folder.cells, estimator=estimator, constants=folder.constants,
-                target=folder.results,
+                target=folder.results, n_threads=plan.n_threads,
             )  # fmt: skip
             compute_cells(task, cells, todo, plan.n_workers, "normals")
         with progress_part(COMPUTED, 1.0, "writing"):

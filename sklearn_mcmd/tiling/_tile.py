@@ -63,7 +63,7 @@ class TileReport(NamedTuple):
     seconds: float
 
 
-def normals_of_tile(folder, cell, estimator, constants, target, columns_of=None):
+def normals_of_tile(folder, cell, estimator, constants, target, n_threads=1, columns_of=None):
     """Write the results of a tile; it depends on nothing but its arguments and the cells.
 
     Parameters
@@ -75,6 +75,7 @@ def normals_of_tile(folder, cell, estimator, constants, target, columns_of=None)
     constants : Constants
     target : path
         Of a folder. The file of results has the dtype `result_dtype`, sorted by rows.
+    n_threads : int, default=1
     columns_of : callable, default=None
         What is stored of a fitted estimator: names and values; `normal_columns` with None.
 
@@ -93,14 +94,14 @@ def normals_of_tile(folder, cell, estimator, constants, target, columns_of=None)
     complete = partial(_with_others, cells=cells, k=k)
     points = complete(np.vstack([own, halo]))
     columns_of = normal_columns if columns_of is None else columns_of
-    fitted = clone(estimator)
+    fitted = clone(estimator).set_params(n_jobs=n_threads)
     fitted._tangents, fitted._step_of_cloud = estimator._tangents, constants.step
     fitted.fit(points.astype(constants.dtype, copy=False))
     columns, index = columns_of(fitted)[1][: len(own)], fitted._model.index
-    reach = reaches(index)
+    reach = reaches(index, n_threads)
     exact = reach < to_border(index.points, *box)
     places = index.places[: len(own)]
-    rest = np.flatnonzero(~proved_points(index, exact, levels)[places])
+    rest = np.flatnonzero(~proved_points(index, exact, levels, n_threads)[places])
     wrong, again = np.unique(places[rest], return_inverse=True)
     n_again = 0
     at_once = max(MENDED, len(own) // 8)

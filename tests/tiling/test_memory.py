@@ -29,7 +29,7 @@ def test_the_usual_memory_is_a_share_of_the_machines():
 @pytest.mark.parametrize("memory", [1e9, 2e9, 64e9])
 def test_all_processes_together_stay_within_the_memory(n_jobs, memory):
     plan = plan_run(10**9, memory, n_jobs, n_features=3)
-    assert 1 <= plan.n_workers <= n_jobs
+    assert 1 <= plan.n_workers * plan.n_threads <= n_jobs
     assert plan.memory <= memory
     assert plan.n_tiles * plan.tile_size >= 10**9
 
@@ -44,6 +44,14 @@ def test_each_process_has_work():
     plan = plan_run(10_000_000, 1e12, 4)
     assert plan.n_tiles >= plan.n_workers == 4
     assert plan_run(10_000_000, 1e12, 1).n_tiles == 1
+
+
+def test_threads_share_a_large_tile_where_each_process_would_have_a_small_one():
+    plan = plan_run(10**9, 2e9, 2)
+    assert (plan.n_workers, plan.n_threads) == (1, 2)
+    assert plan.tile_size > 1.5 * plan_run(10**9, 2e9, 2, work="outliers").tile_size
+    plan = plan_run(10**9, 8e9, 2)
+    assert (plan.n_workers, plan.n_threads) == (2, 1)
 
 
 def test_a_small_cloud_is_one_tile():

@@ -42,6 +42,14 @@ def test_the_output_does_not_depend_on_where_tiles_begin(street_file, tmp_path, 
     assert (tmp_path / "out.laz").read_bytes() == expected.read_bytes()
 
 
+def test_the_output_does_not_depend_on_the_number_of_threads(street_file, tmp_path, monkeypatch):
+    source, expected = street_file
+    plan = _run.plan_run(12_000, 8e9, 1, tile_size=TILE)._replace(n_threads=2)
+    monkeypatch.setattr(_run, "plan_run", lambda *args, **kwargs: plan)
+    write_normals(source, tmp_path / "out.laz", ESTIMATOR)
+    assert (tmp_path / "out.laz").read_bytes() == expected.read_bytes()
+
+
 def test_the_output_does_not_depend_on_the_number_of_processes(street_file, tmp_path):
     source, expected = street_file
     report = write_normals(source, tmp_path / "out.laz", ESTIMATOR, tile_size=TILE, n_jobs=2)
