@@ -35,7 +35,7 @@ __all__ = [
     "find_creases",
     "find_distances",
     "find_faces",
-    "find_kept_places",
+    "find_ordered_places",
     "find_spacing",
     "kept_places",
 ]
@@ -106,7 +106,7 @@ def face_columns(fitted, dtype):
     return [*"xyz", "offset", "scale"], columns
 
 
-def find_kept_places(cell, job):
+def find_ordered_places(cell, job):
     """Write the distinct points of a cell, near ones together, and the place of each point.
 
     Columns: points; place_of.

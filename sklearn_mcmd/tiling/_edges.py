@@ -25,7 +25,7 @@ from sklearn_mcmd.tiling._creases import (
     find_creases,
     find_distances,
     find_faces,
-    find_kept_places,
+    find_ordered_places,
     find_spacing,
 )
 from sklearn_mcmd.tiling._criteria import ValueJob, find_values, value_column, values_in_parts
@@ -197,6 +197,8 @@ def check_edges(estimator):
     if detector is not None:
         check_detector(detector)
     check_normals(normals)
+    if normals.n_neighbors == "auto":
+        raise ValueError('n_neighbors="auto" of normal_estimator cannot work by tiles here.')
     return detector, normals
 
 
@@ -232,7 +234,7 @@ class _Run:
             self.folder.cells, kept.folder, self.folder.results, self.faces, self.estimator,
             self.folder.constants.dtype,
         )  # fmt: skip
-        self._sweep("places", find_kept_places, kept, job)
+        self._sweep("places", find_ordered_places, kept, job)
         some = np.flatnonzero(kept.counts)
         n_places = sum(self.columns.report(cell, "places")["n_places"] for cell in some)
         k = max(self.estimator.n_neighbors, self.normals.n_neighbors)
