@@ -24,7 +24,7 @@ ROOMS = {
     "normals": {"planes", "baselines"},
     "segmentation": {"planes", "normals"},  # estimates normals where none are given
     "edges": {"planes", "normals", "outliers"},  # likewise, of a cleaned cloud
-    "tiling": {"planes", "normals", "outliers", "segmentation", "plotting", "io"},
+    "tiling": {"planes", "normals", "outliers", "edges", "segmentation", "plotting", "io"},
     "resampling": {"outliers"},
     "view": {"io"},
     "plotting": {"io", "view"},

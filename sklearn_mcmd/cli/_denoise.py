@@ -175,7 +175,7 @@ def denoise(
         seconds = stopwatch()
         catalog = large_catalog(source, memory, 0, scheduler is not None)
         if dry_run:
-            print_plan(source, target, catalog, _detector(params), memory, judged=True)
+            print_plan(source, target, catalog, _detector(params), memory, work="outliers")
             return
         if catalog is not None:
             return _by_tiles(source, target, catalog, params, mode, memory, restart, quiet, seconds)

@@ -3,13 +3,12 @@
 from enum import StrEnum
 from typing import Annotated
 
-import numpy as np
 import typer
 
+from sklearn_mcmd.cli._engine import Scheduler, engine
 from sklearn_mcmd.cli._files import (
     WORKING,
     blank,
-    color_columns,
     coordinates,
     has_colors,
     read,
@@ -17,12 +16,13 @@ from sklearn_mcmd.cli._files import (
     with_results,
     write,
 )
+from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
-    InFile,
+    InFiles,
     NJobs,
     NNeighbors,
-    OutFile,
+    OutFiles,
     Quiet,
     RandomState,
     colors_option,
@@ -31,6 +31,7 @@ from sklearn_mcmd.cli._options import (
 from sklearn_mcmd.cli._speech import (
     clear_exits,
     count_and_share,
+    number_and_share,
     print_summary,
     stopwatch,
 )
@@ -38,9 +39,6 @@ from sklearn_mcmd.cli._waiting import progress
 from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["edges"]
-
-# Red, green, blue of surfaces and of edges.
-SURFACE_COLOR, EDGE_COLOR = (170, 170, 170), (215, 30, 30)
 
 
 class Criterion(StrEnum):
@@ -51,8 +49,8 @@ class Criterion(StrEnum):
 
 
 def edges(
-    source: InFile,
-    target: OutFile,
+    source: InFiles,
+    target: OutFiles,
     n_neighbors: NNeighbors = 40,
     criterion: Annotated[
         Criterion,
@@ -82,6 +80,10 @@ def edges(
     ] = None,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
+    memory: Memory = None,
+    scheduler: Scheduler = None,
+    dry_run: DryRun = False,
+    restart: Restart = False,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
@@ -90,9 +92,31 @@ def edges(
     All points are kept. New attributes are edge (1 or 0, 8 bits) and edge_score (float32: the
     distance to the nearest crease in spacings, at most 20, or the criterion's value). If the input
     has no colors, or with --colors, also red, green and blue.
+
+    LAS and LAZ that need more than --memory, and folders of them, are divided into tiles, and with
+    --scheduler all are. The results are the same. Temporary files lie beside OUT, in OUT.tiles. If
+    a run ends early, they are kept, and the same command goes on from there. If IN is a folder or
+    an index .vpc, a folder OUT gets one file for each; an OUT that ends in .las or .laz gets all.
     """
-    with clear_exits(allow_coarse=allow_coarse):
+    params = {
+        "n_neighbors": n_neighbors,
+        "criterion": str(criterion),
+        "threshold": threshold,
+        "min_angle": min_angle,
+        "outlier_detector": None if denoise else "passthrough",
+        "random_state": random_state,
+        "n_jobs": n_jobs,
+    }
+    with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = stopwatch()
+        catalog = large_catalog(source, memory, 0, scheduler is not None)
+        if dry_run:
+            print_plan(source, target, catalog, _detector(params), memory, work="edges")
+            return
+        if catalog is not None:
+            return _by_tiles(
+                source, target, catalog, params, colors, memory, restart, quiet, seconds
+            )
         with progress("edges", quiet):
             cloud = read(source, target, "edges")
             if colors is None:
@@ -102,36 +126,47 @@ def edges(
             brightest = largest if colors else None
             nothing = blank(cloud)
             rehearse(target, with_results(cloud, _results(nothing > 0, nothing, brightest)))
-            is_edge, score = _find_edges(
-                coordinates(cloud),
-                n_neighbors=n_neighbors,
-                criterion=str(criterion),
-                threshold=threshold,
-                min_angle=min_angle,
-                outlier_detector=None if denoise else "passthrough",
-                random_state=random_state,
-                n_jobs=n_jobs,
-            )
+            is_edge, score = _find_edges(coordinates(cloud), params)
             write(target, with_results(cloud, _results(is_edge, score, brightest)))
         if not quiet:
             edges = count_and_share(is_edge)
             print_summary(source, target, len(cloud), seconds(), edges=edges)
 
 
-def _find_edges(xyz, **params):
-    """Whether each point belongs to an edge, and its distance or the criterion's value."""
+def _by_tiles(source, target, catalog, params, colors, memory, restart, quiet, seconds):
+    from sklearn_mcmd.tiling import write_edges
+
+    with progress("edges", quiet):
+        report = write_edges(
+            catalog, target, _detector(params), colors=colors, memory=memory,
+            n_jobs=params["n_jobs"], restart=restart,
+        )  # fmt: skip
+    if not quiet:
+        again = report.n_points - report.n_proved
+        print_summary(
+            *(source, target, report.n_points, seconds()),
+            tiles=f"{report.n_tiles:,}, of which {report.n_resumed:,} were done before",
+            edges=number_and_share(report.n_edges, report.n_points),
+            proved=f"all; {again:,} from more points than lie around their tile",
+        )
+
+
+def _detector(params):
     from sklearn_mcmd import SharpFeatureDetector
 
+    return SharpFeatureDetector(**params)
+
+
+def _find_edges(xyz, params):
+    """Whether each point belongs to an edge, and its distance or the criterion's value."""
     with progress_part(*WORKING):
-        detector = SharpFeatureDetector(**params).fit(xyz)
+        detector = _detector(params).fit(xyz)
     scores = detector.scores_
     return scores < detector.offset_, scores if params["criterion"] == "crease" else -scores
 
 
 def _results(is_edge, score, brightest):
     """The columns to write, with colors up to `brightest` if that is a number."""
-    columns = {"edge": is_edge.astype(np.uint8), "edge_score": score.astype(np.float32)}
-    if brightest is not None:
-        paint = np.where(is_edge[:, None], EDGE_COLOR, SURFACE_COLOR) * (brightest // 255)
-        columns |= color_columns(paint.astype(np.min_scalar_type(brightest)))
-    return columns
+    from sklearn_mcmd.edges._painting import edge_columns
+
+    return edge_columns(is_edge, score, brightest)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.io._point_cloud import COLORS, has_colors, with_results
 from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = [
@@ -29,7 +29,6 @@ __all__ = [
 USUAL_NEIGHBORS = 50
 # Begin and end of the work between reading and writing, as shares of a verb's progress.
 WORKING = (0.04, 0.97)
-_COLORS = ("red", "green", "blue")
 
 
 def coordinates(cloud):
@@ -67,13 +66,9 @@ def blank(cloud):
     return np.zeros(len(cloud), dtype=np.float32)
 
 
-def has_colors(cloud):
-    return not cloud.attributes.keys().isdisjoint(_COLORS)
-
-
 def color_columns(paint):
     """The columns of colors (n, 3)."""
-    return dict(zip(_COLORS, paint.T.copy(), strict=True))
+    return dict(zip(COLORS, paint.T.copy(), strict=True))
 
 
 def read(source, target=None, results=None):

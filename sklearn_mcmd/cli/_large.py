@@ -11,8 +11,8 @@ from sklearn_mcmd.cli._speech import print_table
 __all__ = ["DryRun", "Memory", "Restart", "large_catalog", "print_plan"]
 
 SAMPLE = 50_000  # points whose time is measured
-# Time of tiles over that in memory, about: of normals, of outliers, of regions.
-MORE, MORE_JUDGED, MORE_GROWN = 1.3, 1.5, 1.6
+# Time of tiles over that in memory, about.
+MORE = {"normals": 1.3, "outliers": 1.5, "edges": 1.3, "regions": 1.6}
 PARSED_SUFFIXES, INDEX_SUFFIX = (".las", ".laz"), ".vpc"
 
 
@@ -45,11 +45,11 @@ Restart = Annotated[
 ]
 
 
-def large_catalog(source, memory, n_features, always=False, *, grown=False):
+def large_catalog(source, memory, n_features, always=False, *, work="normals"):
     """The catalog of a source that is to be divided into tiles, else None.
 
-    Faults of a single file are left to the reading of it, unless it is `always` divided. With
-    `grown`, regions are asked for, which take more memory than normals.
+    Faults of a single file are left to the reading of it, unless it is `always` divided. `work` is
+    what is asked for, as of `plan_run`.
     """
     if not source.exists():
         raise FileNotFoundError(ENOENT, "no such file or folder", str(source))
@@ -68,15 +68,13 @@ def large_catalog(source, memory, n_features, always=False, *, grown=False):
     except PointFileError:
         return None
     limit = usual_memory() if memory is None else memory
-    return catalog if bytes_in_memory(catalog, n_features, grown=grown) > limit else None
+    return catalog if bytes_in_memory(catalog, n_features, work=work) > limit else None
 
 
-def print_plan(
-    source, target, catalog, estimator, memory, *, n_features=0, judged=False, grown=False
-):
+def print_plan(source, target, catalog, estimator, memory, *, n_features=0, work="normals"):
     """Print tiles, memory and time; the time is measured with the first points.
 
-    With `judged`, the estimator finds outliers, with `grown` regions.
+    `work` is what the estimator finds, as of `plan_run`.
     """
     from sklearn.base import clone
 
@@ -99,9 +97,8 @@ def print_plan(
     rows = {"points": f"{catalog.n_points:,}", "files": f"{len(catalog):,}"}
     if tiles:
         limit = usual_memory() if memory is None else memory
-        plan = plan_run(catalog.n_points, limit, n_jobs, n_features, judged=judged, grown=grown)
-        more = MORE_JUDGED if judged else MORE_GROWN if grown else MORE
-        seconds *= more / (plan.n_workers * plan.n_threads)
+        plan = plan_run(catalog.n_points, limit, n_jobs, n_features, work=work)
+        seconds *= MORE[work] / (plan.n_workers * plan.n_threads)
         rows |= {
             "tiles": f"about {plan.n_tiles:,} of at most {plan.tile_size:,} points",
             "processes": f"{plan.n_workers}"
@@ -110,7 +107,7 @@ def print_plan(
             "disk": f"about {plan.disk / 1e9:.2g} GB for temporary files beside {target}",
         }
     else:
-        needed = bytes_in_memory(catalog, n_features, grown=grown)
+        needed = bytes_in_memory(catalog, n_features, work=work)
         rows["memory"] = f"about {needed / 1e9:.2g} GB, without tiles"
     print_table(f"{source} -> {target}", **rows, time=f"about {_in_words(seconds)}")
 

@@ -138,7 +138,7 @@ def normals(
         n_features = len(_feature_columns(features))
         catalog = large_catalog(source, memory, n_features, scheduler is not None)
         if catalog is not None:
-            _check_local(source, n_neighbors, orientation)
+            _check_local(source, orientation)
         if dry_run:
             estimator = _estimator(params)
             print_plan(source, target, catalog, estimator, memory, n_features=n_features)
@@ -160,17 +160,13 @@ def normals(
             )
 
 
-def _check_local(source, n_neighbors, orientation):
+def _check_local(source, orientation):
     """Raise if normals depend on the whole cloud."""
-    for option, instead in (
-        (orientation is Orientation.mst and "--orientation mst", "--orientation viewpoint"),
-        (n_neighbors == "auto" and "--n-neighbors auto", "a number of neighbors"),
-    ):
-        if option:
-            raise ValueError(
-                f"{source}: {option} needs the whole cloud in memory; give more --memory, or "
-                f"{instead}"
-            )
+    if orientation is Orientation.mst:
+        raise ValueError(
+            f"{source}: --orientation mst needs the whole cloud in memory; give more --memory, or "
+            "--orientation viewpoint"
+        )
 
 
 def _by_tiles(source, target, catalog, params, memory, restart, quiet, seconds):

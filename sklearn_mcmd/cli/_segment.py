@@ -163,10 +163,10 @@ def segment(
     }
     with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = stopwatch()
-        catalog = large_catalog(source, memory, 0, scheduler is not None, grown=True)
+        catalog = large_catalog(source, memory, 0, scheduler is not None, work="regions")
         if dry_run:
             growing = _growing(normals, params)
-            print_plan(source, target, catalog, growing, memory, grown=True)
+            print_plan(source, target, catalog, growing, memory, work="regions")
             return
         if catalog is not None:
             growing = _growing(normals, params)

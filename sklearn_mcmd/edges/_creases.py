@@ -12,13 +12,28 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gamma
 
-from sklearn_mcmd.planes._chunks import run
+from sklearn_mcmd.planes._chunks import each_chunk, run
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._local_planes import COMPILE_FROM
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._record import Neighborhoods, Planes
+from sklearn_mcmd.planes._record import Neighborhoods
 
-__all__ = ["FAR", "CreaseModel"]
+__all__ = [
+    "FAR",
+    "REACH",
+    "CreaseModel",
+    "Faces",
+    "are_flat",
+    "flatness_limit",
+    "flatness_of",
+    "give_faces",
+    "least_cosine",
+    "measure_spacing",
+    "meet_faces",
+    "middle",
+    "pool_evidence",
+    "told_distances",
+]
 
 #: Distance, in spacings, of points without a crease in their neighborhood.
 FAR = 20.0
@@ -50,16 +65,45 @@ LIKELIEST = ExplainLimits(likely=True)
 
 
 class Faces(NamedTuple):
-    """The plane given to each of m points."""
+    """The plane given to each of m points.
 
-    planes: Planes  # `spacing` is that of the point's neighbors
-    levels: np.ndarray  # n . x of the plane's points
-    height: np.ndarray  # of the point above its plane
-    flat: np.ndarray  # whether the plane is that of a face, not of foliage or a cluster
+    normals : ndarray of shape (m, d)
+    levels : ndarray of shape (m,)
+        n . x of the plane's points.
+    height : ndarray of shape (m,)
+        Of the point above its plane.
+    scale : ndarray of shape (m,)
+        Standard deviation of the noise.
+    spacing : ndarray of shape (m,)
+        Of the points around.
+    flat : ndarray of bool of shape (m,)
+        Whether the plane is that of a face, not of foliage or a cluster.
+    on_face : ndarray of bool of shape (m,)
+        Whether the point lies on such a plane.
+    """
+
+    normals: np.ndarray
+    levels: np.ndarray
+    height: np.ndarray
+    scale: np.ndarray
+    spacing: np.ndarray
+    flat: np.ndarray
+    on_face: np.ndarray
+
+    @classmethod
+    def empty(cls, m, d):
+        """A record to be filled."""
+        numbers, answers = (np.empty(m) for _ in range(4)), (np.empty(m, bool) for _ in range(2))
+        return cls(np.empty((m, d)), *numbers, *answers)
 
     def take(self, rows):
         """The planes of some of the points."""
-        return Faces(self.planes.take(rows), self.levels[rows], self.height[rows], self.flat[rows])
+        return Faces(*(values[rows] for values in self))
+
+    def put(self, rows, part):
+        """Overwrite the planes of some of the points."""
+        for values, some in zip(self, part, strict=True):
+            values[rows] = some
 
 
 class CreaseModel:
@@ -80,25 +124,23 @@ class CreaseModel:
 
     def __init__(self, n_neighbors, min_angle, n_jobs=None):
         self.n_neighbors = n_neighbors
-        self.cosine = np.cos(np.radians(min_angle))
+        self.cosine = least_cosine(min_angle)
         self.n_jobs = n_jobs
 
     def fit(self, columns):
         """Find the creases of points with planes, the `Columns` of a transformer."""
         points = columns.coordinates.astype(np.float64)
         self.index = NeighborIndex(points, self.n_neighbors)
-        # Heights are differences of coordinates, which may be large.
-        self.origin = self.index.points.mean(axis=0)
+        self.origin = middle(self.index.points.min(axis=0), self.index.points.max(axis=0))
         self.points = self.index.points - self.origin
         self.planes = columns.planes(self.index.rows)
         self.planes.centroids[:] -= self.origin
-        around = self._search(len(self.points), self.index.query_own)
+        around = self._search_own()
         self._in_chunks(around, self._measure_spacing)
-        self.usable = np.ones(len(self.points), dtype=bool)
         # Decided by the fitted cloud, so that any query is the same arithmetic.
         self.compiled = len(self.points) >= COMPILE_FROM
-        flatness = self.planes.scale / np.maximum(self.planes.radius, np.finfo(float).tiny)
-        self.flat = flatness <= max(FLATNESS, FLATNESS_FACTOR * np.median(flatness))
+        limit = flatness_limit(np.median(flatness_of(self.planes)))
+        self.flat = are_flat(self.planes, limit)
         self.faces = self._give_planes(self.points, around)
         distance, self.evidence = self._meet(self.points, self.faces, around)
         self.evidence[~(distance <= REACH)] = np.nan
@@ -113,149 +155,247 @@ class CreaseModel:
         Where no crease is found it is between half of `FAR` and `FAR`, the less, the less flat
         the neighborhood.
         """
-        around = self._search(len(queries), lambda part: self.index.query(queries[part]))
+        around = self._search(queries)
         queries = queries - self.origin
         faces = self._give_planes(queries, around)
         distance, _ = self._meet(queries, faces, around)
         return self._judge(faces, distance, around)
 
-    def _search(self, m, query):
-        """The neighborhoods of m points, of slices by `query`: one search for all that follows."""
-        k = self.index.n_neighbors
-        indices = np.empty((m, k), dtype=np.int32)
+    def _search_own(self):
+        """The neighborhoods of all points: one search for all that follows."""
+        (n, d), k = self.points.shape, self.index.n_neighbors
+        indices = np.empty((n, k), dtype=np.int32)
 
         def task(part):
-            indices[part] = query(part).indices
+            indices[part] = self.index.query_own(part).indices
 
-        step = max(1, CHUNK // (k * self.points.shape[1]))
-        run([(slice(i, i + step),) for i in range(0, m, step)], task, self.n_jobs, told=True)
+        step = max(1, CHUNK // (k * d))
+        run([(slice(i, i + step),) for i in range(0, n, step)], task, self.n_jobs, told=True)
+        return Neighborhoods(indices, np.full(n, k))
+
+    def _search(self, queries):
+        """The neighborhoods of queries."""
+        m, k = len(queries), self.index.n_neighbors
+        indices = np.empty((m, k), dtype=np.int32)
+
+        def task(rows):
+            indices[rows] = self.index.query(queries[rows]).indices
+
+        each_chunk(queries, self.index.chunk, task, self.n_jobs)
         return Neighborhoods(indices, np.full(m, k))
 
-    def _judge(self, faces, distance, around):
-        """Distances as told, from those to the crease and what the neighbors say of it."""
-        pooled, flat = np.full(len(distance), np.nan), np.empty(len(distance))
-
-        def pool(part, around, pooled, flat):
-            indices = around.indices
-            pooled[part] = _median(self.evidence[indices])
-            flat[part] = 1.0 - 0.5 * _roundness(self.points[indices])
-
-        self._in_chunks(around, pool, pooled, flat)
-        # Continuous: as far as it is where an edge is the better model, farther where not.
-        smooth = np.exp(np.minimum(STEEPNESS * np.maximum(pooled, 0.0), 50.0))
-        off = np.maximum(np.abs(faces.height) / (OFF * faces.planes.scale), 1.0) ** OFF_STEEPNESS
-        found = np.isfinite(distance) & np.isfinite(pooled)
-        distance = np.where(found, distance * smooth * off, FAR)
-        return np.minimum(distance, FAR * flat)
-
-    def _in_chunks(self, around, work, *arrays, width=None):
-        """Call `work` with rows of queries, their neighborhoods and the arrays to fill."""
+    def _in_chunks(self, around, work, width=None):
+        """Call `work` with rows of queries and their neighborhoods."""
         n, k = around.indices.shape
         step = max(1, CHUNK // (k * (self.points.shape[1] if width is None else width)))
         parts = [np.arange(start, min(start + step, n)) for start in range(0, n, step)]
 
         def task(part):
-            work(part, around.take(part), *arrays)
+            work(part, around.take(part))
 
         run([(part,) for part in parts], task, self.n_jobs, told=True)
 
     def _measure_spacing(self, part, around):
-        """Spacing of the points around each one, and their reach; no plane is known better."""
-        gaps = self.points[around.indices] - self.points[part][:, None]
-        distances = np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
-        spacing, planes = _spacing(distances, self.points.shape[1]), self.planes
-        planes.spacing[part], planes.radius[part] = spacing, distances.max(axis=1)
-        planes.scale[part] = np.maximum(planes.scale[part], LEAST_NOISE * spacing)
+        planes = self.planes
+        planes.spacing[part], planes.radius[part], planes.scale[part] = measure_spacing(
+            self.points, self.points[part], around, planes.scale[part]
+        )
 
     def _give_planes(self, queries, around):
         """Of the planes of its neighbors, the one that explains each query best."""
-        owners, spacing = np.empty(len(queries), dtype=np.intp), np.empty(len(queries))
-        # What no plane reaches is given the likeliest as if all were boundless.
-        boundless = self.planes._replace(radius=np.full_like(self.planes.radius, np.inf))
+        faces, usable = Faces.empty(*queries.shape), np.ones(len(self.points), dtype=bool)
 
-        def choose(part, around, owners, spacing):
-            spacing[part] = np.median(self.planes.spacing[around.indices], axis=1)
-            owners[part] = self._likeliest(queries, part, around, self.planes, spacing)
-            far = owners[part] < 0
-            if far.any():
-                found = self._likeliest(queries, part[far], around.take(far), boundless, spacing)
-                # Points in one place have no planes.
-                owners[part[far]] = np.where(found < 0, around.indices[far, 0], found)
+        def give(part, around):
+            given = give_faces(queries[part], around, self.planes, self.flat, usable, self.compiled)
+            faces.put(part, given)
 
-        self._in_chunks(around, choose, owners, spacing)
-        given = self.planes.take(owners)
-        levels = np.einsum("md,md->m", given.centroids, given.normals)
-        height = np.einsum("md,md->m", queries, given.normals) - levels
-        scale = np.maximum(given.scale, LEAST_NOISE * spacing)
-        scale = np.maximum(scale, np.finfo(float).tiny)
-        given = given._replace(scale=scale, spacing=spacing)
-        return Faces(given, levels, height, self.flat[owners])
-
-    def _likeliest(self, queries, part, around, planes, spacing):
-        """Whose plane explains queries[part] best, -1 where none does."""
-        most = np.full(len(part), np.inf)
-        least = np.maximum(LEAST_NOISE * spacing[part], np.finfo(float).tiny)
-        owners, _ = explain(
-            queries[part], around, planes, LIKELIEST, self.usable, least, most, self.compiled
-        )
-        return owners
+        self._in_chunks(around, give)
+        return faces
 
     def _meet(self, queries, faces, around):
-        """Distance to the nearest crease in spacings, inf if none, and the evidence for it.
+        """Distance to the nearest crease in spacings, and the evidence for it."""
+        distance, evidence = np.empty(len(queries)), np.empty(len(queries))
 
-        The evidence is the logarithm of the residuals of the best two or three faces over those
-        of the best smooth surface: negative where there is an edge.
-        """
-        distance = np.full(len(queries), np.inf)
-        evidence = np.full(len(queries), np.nan)
-        on_face = self.faces.flat & (np.abs(self.faces.height) <= OFF * self.faces.planes.scale)
+        def meet(part, around):
+            distance[part], evidence[part] = meet_faces(
+                queries[part], faces.take(part), around, self.points, self.faces, self.cosine
+            )
 
-        def meet(part, around, distance, evidence):
-            indices = around.indices
-            own = faces.take(part)
-            normals = self.faces.planes.normals[indices]
-            cosines = np.abs(np.einsum("md,mkd->mk", own.planes.normals, normals))
-            other = (cosines < self.cosine) & on_face[indices]
-            busy = np.flatnonzero(other.sum(axis=1) >= LEAST_COMPANY)
-            busy = busy[own.flat[busy] & (own.planes.spacing[busy] > 0)]
-            if busy.size:
-                results = self._faces_or_smooth(
-                    queries[part[busy]], own.take(busy), indices[busy], cosines[busy], other[busy]
-                )
-                distance[part[busy]], evidence[part[busy]] = results
-
-        width = min(self.index.n_neighbors, 1_000)
-        self._in_chunks(around, meet, distance, evidence, width=width)
+        self._in_chunks(around, meet, width=min(self.index.n_neighbors, 1_000))
         return distance, evidence
 
-    def _faces_or_smooth(self, queries, own, indices, cosines, other):
-        """Distance and evidence of queries (m, d) with other faces among their neighbors."""
-        neighbors, normals = self.points[indices], self.faces.planes.normals[indices]
-        levels = self.faces.levels[indices]
-        # Heights (m, k, k) of each neighbor above the plane given to each other one.
-        heights = np.matmul(neighbors, normals.swapaxes(1, 2)) - levels[:, None]
-        surface = np.einsum("mkd,md->mk", neighbors, own.planes.normals) - own.levels[:, None]
-        above = np.einsum("md,mkd->mk", queries, normals) - levels
-        limit = OFF * own.planes.scale[:, None]
-        each = np.arange(len(queries))
+    def _judge(self, faces, distance, around):
+        """Distances as told, from those to the crease and what the neighbors say of it."""
 
-        second, squares, surface = _join(surface, heights, other, limit)
-        distance = _to_line(above[each, second], cosines[each, second])
-        between = np.abs(np.einsum("md,mkd->mk", normals[each, second], normals))
-        third_faces = other & (between < self.cosine)
-        third, fewer, corner = _join(surface, heights, third_faces, limit)
-        meets = fewer < THIRD_FACE * squares
-        to_third = _to_line(above[each, third], cosines[each, third])
-        distance = np.where(meets, np.minimum(distance, to_third), distance)
-        surface = np.where(meets[:, None], corner, surface)
+        def judge(part, around):
+            pooled, most = pool_evidence(around, self.points, self.evidence)
+            distance[part] = told_distances(faces.take(part), distance[part], pooled, most)
 
-        least = 1e-4 * own.planes.scale**2  # of exact faces
-        sharp = np.mean(np.clip(surface, -limit, limit) ** 2, axis=1) + least
-        smooth = _smooth_residuals(neighbors, own.planes.scale)
-        if smooth is None:
-            return distance / own.planes.spacing, np.full(len(queries), -1.0)
-        smooth = np.mean(np.minimum(smooth, limit) ** 2, axis=1) + least
-        return distance / own.planes.spacing, 0.5 * np.log(sharp / smooth)
+        self._in_chunks(around, judge)
+        return distance
+
+
+def least_cosine(min_angle):
+    """Normals of two faces have a smaller cosine."""
+    return np.cos(np.radians(min_angle))
+
+
+def middle(low, high):
+    """The origin of a cloud's heights, which are differences of coordinates that may be large."""
+    return 0.5 * (low + high)
+
+
+def measure_spacing(points, queries, around, scale):
+    """Spacing of the points around each query, how far they reach, and its plane's noise: no plane
+    is known better."""
+    gaps = points[around.indices] - queries[:, None]
+    distances = np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
+    spacing = _spacing(distances, points.shape[1])
+    return spacing, distances.max(axis=1), np.maximum(scale, LEAST_NOISE * spacing)
+
+
+def flatness_of(planes):
+    """Noise of planes over their radius."""
+    return planes.scale / np.maximum(planes.radius, np.finfo(float).tiny)
+
+
+def flatness_limit(usual):
+    """The largest flatness of a face, from the median of a cloud."""
+    return max(FLATNESS, FLATNESS_FACTOR * usual)
+
+
+def are_flat(planes, limit):
+    return flatness_of(planes) <= limit
+
+
+def give_faces(queries, around, planes, flat, usable, compiled):
+    """Of the planes of its neighbors, the one that explains each query best.
+
+    Parameters
+    ----------
+    queries : ndarray of shape (m, d)
+    around : Neighborhoods
+        Rows of `planes`.
+    planes : Planes
+        Of n points, with the radius and spacing of `measure_spacing`.
+    flat : ndarray of bool of shape (n,)
+    usable : ndarray of bool of shape (n,)
+        True; an array, so that it is made once.
+    compiled : bool
+
+    Returns
+    -------
+    Faces
+    """
+    spacing = np.median(planes.spacing[around.indices], axis=1)
+    least = np.maximum(LEAST_NOISE * spacing, np.finfo(float).tiny)
+    owners = _likeliest(queries, around, planes, usable, least, compiled)
+    far = np.flatnonzero(owners < 0)
+    if len(far):
+        # What no plane reaches is given the likeliest as if all were boundless.
+        near = around.take(far)
+        members = np.unique(near.indices)
+        boundless = planes.take(members)
+        boundless = boundless._replace(radius=np.full_like(boundless.radius, np.inf))
+        near = near._replace(indices=np.searchsorted(members, near.indices).astype(np.int32))
+        found = _likeliest(
+            queries[far], near, boundless, usable[: len(members)], least[far], compiled
+        )
+        # Points in one place have no planes.
+        owners[far] = members[np.where(found < 0, near.indices[:, 0], found)]
+    normals = planes.normals[owners]
+    levels = np.einsum("md,md->m", planes.centroids[owners], normals)
+    height = np.einsum("md,md->m", queries, normals) - levels
+    scale = np.maximum(planes.scale[owners], least)
+    flat = flat[owners]
+    on_face = flat & (np.abs(height) <= OFF * scale)
+    return Faces(normals, levels, height, scale, spacing, flat, on_face)
+
+
+def _likeliest(queries, around, planes, usable, least, compiled):
+    """Whose plane explains each query best, -1 where none does."""
+    most = np.full(len(queries), np.inf)
+    return explain(queries, around, planes, LIKELIEST, usable, least, most, compiled)[0]
+
+
+def meet_faces(queries, own, around, points, faces, cosine):
+    """Distance to the nearest crease in spacings, inf if none, and the evidence for it.
+
+    The evidence is the logarithm of the residuals of the best two or three faces over those
+    of the best smooth surface: negative where there is an edge.
+
+    Parameters
+    ----------
+    queries : ndarray of shape (m, d)
+    own : Faces
+        Of the queries.
+    around : Neighborhoods
+        Rows of `points`.
+    points : ndarray of shape (n, d)
+    faces : Faces
+        Of the points.
+    cosine : float
+
+    Returns
+    -------
+    distance, evidence : ndarray of shape (m,)
+    """
+    distance, evidence = np.full(len(queries), np.inf), np.full(len(queries), np.nan)
+    indices = around.indices
+    cosines = np.abs(np.einsum("md,mkd->mk", own.normals, faces.normals[indices]))
+    other = (cosines < cosine) & faces.on_face[indices]
+    busy = np.flatnonzero(other.sum(axis=1) >= LEAST_COMPANY)
+    busy = busy[own.flat[busy] & (own.spacing[busy] > 0)]
+    if busy.size:
+        near = indices[busy]
+        distance[busy], evidence[busy] = _faces_or_smooth(
+            queries[busy], own.take(busy), points[near], faces.normals[near], faces.levels[near],
+            cosines[busy], other[busy], cosine,
+        )  # fmt: skip
+    return distance, evidence
+
+
+def _faces_or_smooth(queries, own, neighbors, normals, levels, cosines, other, cosine):
+    """Distance and evidence of queries (m, d) with other faces among their neighbors (m, k, d)."""
+    # Heights (m, k, k) of each neighbor above the plane given to each other one.
+    heights = np.matmul(neighbors, normals.swapaxes(1, 2)) - levels[:, None]
+    surface = np.einsum("mkd,md->mk", neighbors, own.normals) - own.levels[:, None]
+    above = np.einsum("md,mkd->mk", queries, normals) - levels
+    limit = OFF * own.scale[:, None]
+    each = np.arange(len(queries))
+
+    second, squares, surface = _join(surface, heights, other, limit)
+    distance = _to_line(above[each, second], cosines[each, second])
+    between = np.abs(np.einsum("md,mkd->mk", normals[each, second], normals))
+    third_faces = other & (between < cosine)
+    third, fewer, corner = _join(surface, heights, third_faces, limit)
+    meets = fewer < THIRD_FACE * squares
+    to_third = _to_line(above[each, third], cosines[each, third])
+    distance = np.where(meets, np.minimum(distance, to_third), distance)
+    surface = np.where(meets[:, None], corner, surface)
+
+    least = 1e-4 * own.scale**2  # of exact faces
+    sharp = np.mean(np.clip(surface, -limit, limit) ** 2, axis=1) + least
+    smooth = _smooth_residuals(neighbors, own.scale)
+    if smooth is None:
+        return distance / own.spacing, np.full(len(queries), -1.0)
+    smooth = np.mean(np.minimum(smooth, limit) ** 2, axis=1) + least
+    return distance / own.spacing, 0.5 * np.log(sharp / smooth)
+
+
+def pool_evidence(around, points, evidence):
+    """What the neighbors say of an edge (m,), and the largest distance (m,) that is told."""
+    pooled = _median(evidence[around.indices])
+    return pooled, FAR * (1.0 - 0.5 * _roundness(points[around.indices]))
+
+
+def told_distances(faces, distance, pooled, most):
+    """Distances (m,) as told; where an edge is the better model, those to the crease."""
+    # Continuous: as far as it is where an edge is the better model, farther where not.
+    smooth = np.exp(np.minimum(STEEPNESS * np.maximum(pooled, 0.0), 50.0))
+    off = np.maximum(np.abs(faces.height) / (OFF * faces.scale), 1.0) ** OFF_STEEPNESS
+    found = np.isfinite(distance) & np.isfinite(pooled)
+    return np.minimum(np.where(found, distance * smooth * off, FAR), most)
 
 
 def _join(surface, heights, allowed, limit):

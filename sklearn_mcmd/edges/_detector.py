@@ -11,19 +11,16 @@ from sklearn.utils.validation import check_is_fitted, check_random_state, valida
 from sklearn_mcmd._sklearn import DocLinkMixin, Interval, StrOptions, fit_context
 from sklearn_mcmd._validation import FittedScoresMixin, check_extent, check_sizes
 from sklearn_mcmd.edges._creases import FAR, CreaseModel
+from sklearn_mcmd.edges._limits import column_of_criterion, least_of_edge
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.outliers._detector import MCMDOutlierDetector
 from sklearn_mcmd.planes._columns import Columns, split_columns
 from sklearn_mcmd.planes._progress import progress_part
-from sklearn_mcmd.planes._rules import MAD_TO_SD
 
 __all__ = ["SharpFeatureDetector"]
 
 # Number of spacings within which a point belongs to the edge.
 EDGE_WIDTH = 2.0
-# Number of standard deviations above the center from which on there is an edge: by the robust
-# limit, and by Eq. 25.
-ROBUST_STD, PAPER_STD = 3.0, 1.0
 
 
 class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
@@ -235,13 +232,12 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
         xyz = columns.coordinates
         self._n_dimensions = xyz.shape[1]
         self._check_parameters(xyz)
-        # Both steps get one seed, drawn once, because a RandomState would give them two.
-        seed = check_random_state(self.random_state).randint(np.iinfo(np.int32).max)
+        detector, normal_estimator = self._make_steps()
         with progress_part(0.0, 0.6):
-            self.inlier_mask_ = self._clean(xyz, seed)
+            self.inlier_mask_ = self._clean(xyz, detector)
         kept = self.inlier_mask_
         if self.normals == "estimate":
-            self.normal_estimator_ = self._make_normal_estimator(seed)
+            self.normal_estimator_ = normal_estimator
             with progress_part(0.6, 0.8):
                 members = np.asarray(self.normal_estimator_.fit_transform(xyz[kept]))
         else:
@@ -250,13 +246,13 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
             self._model = CreaseModel(self.n_neighbors, self.min_angle, self.n_jobs)
             with progress_part(0.8, 1.0, "creases"):
                 self._model.fit(split_columns(members, self._n_dimensions))
-            self.offset_ = EDGE_WIDTH if self.threshold is None else float(self.threshold)
+            self.offset_ = self._crease_width()
             self.scores_ = np.empty(len(xyz))
             self.scores_[kept] = self._model.distances
             self.scores_[~kept] = self._model.distance(xyz[~kept].astype(np.float64))
         else:
-            values = self._values(columns)
-            self.offset_ = -self._settle_threshold(values[kept])
+            values = self._values(columns, members)
+            self.offset_ = -least_of_edge(lambda: [values[kept]], self.threshold, self.n_std)
             self.scores_ = -values
         return self
 
@@ -303,22 +299,37 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
                 f"criterion='crease', and creases farther than {farthest:g} are not told: lower it."
             )
 
-    def _clean(self, xyz, seed):
+    def _clean(self, xyz, detector):
         """Mask of the points to keep; all points if too few would be left for a plane."""
+        if detector is None:
+            return np.ones(len(xyz), dtype=bool)
+        self.outlier_detector_ = detector
+        kept = np.asarray(detector.fit_predict(xyz)) == 1
+        return kept if kept.sum() > xyz.shape[1] else np.ones(len(xyz), dtype=bool)
+
+    def _crease_width(self):
+        """Spacings from a crease within which a point belongs to the edge."""
+        return EDGE_WIDTH if self.threshold is None else float(self.threshold)
+
+    def _make_steps(self):
+        """The detector that cleans the cloud, None if nothing does, and the normal estimator."""
+        # Both get one seed, drawn once, because a RandomState would give them two.
+        seed = check_random_state(self.random_state).randint(np.iinfo(np.int32).max)
+        return self._make_outlier_detector(seed), self._make_normal_estimator(seed)
+
+    def _make_outlier_detector(self, seed):
         detector = self.outlier_detector
         if isinstance(detector, str) and detector == "passthrough":
-            return np.ones(len(xyz), dtype=bool)
+            return None
         if self.normals == "precomputed" and self.criterion != "crease":
-            return np.ones(len(xyz), dtype=bool)
+            return None
         if detector is None:
             detector = MCMDOutlierDetector(
                 strictness="groups" if self.criterion == "crease" else "surfaces",
                 random_state=seed,
                 n_jobs=self.n_jobs,
             )
-        self.outlier_detector_ = _seeded(detector, seed)
-        kept = np.asarray(self.outlier_detector_.fit_predict(xyz)) == 1
-        return kept if kept.sum() > xyz.shape[1] else np.ones(len(xyz), dtype=bool)
+        return _seeded(detector, seed)
 
     def _make_normal_estimator(self, seed):
         if self.normal_estimator is not None:
@@ -334,33 +345,35 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
         estimator._tangents = False  # beside an edge they turn from one face to the other
         return estimator
 
-    def _values(self, columns):
-        """The value of the criterion at points, if it is not "crease"."""
+    def _values(self, columns, members=None):
+        """The value of the criterion at points, if it is not "crease".
+
+        `members` is what the normal estimator has returned for those that were kept.
+        """
         if self.normals == "precomputed":
             values = columns.surface_variation
             if self.criterion == "eigenvalue":
                 values = columns.eigenvalues[:, 0]
             return values.astype(np.float64)
+        column, xyz = self._value_column(), columns.coordinates
+        values, rest = np.empty(len(xyz)), np.ones(len(xyz), dtype=bool)
+        if members is not None:
+            rest = ~self.inlier_mask_
+            values[~rest] = members[:, column]
+        if rest.any():
+            values[rest] = np.asarray(self.normal_estimator_.transform(xyz[rest]))[:, column]
+        return values
+
+    def _value_column(self):
+        """Which column of the normal estimator holds the criterion."""
         names = list(self.normal_estimator_.get_feature_names_out())
-        name = "eigenvalue_0" if self.criterion == "eigenvalue" else self.criterion
+        name = column_of_criterion(self.criterion)
         if name not in names:
             raise ValueError(
                 f"criterion={self.criterion!r} needs the column {name} of "
                 f"normal_estimator.transform, which has {names}: ask for it by features=[{name!r}]."
             )
-        transformed = self.normal_estimator_.transform(columns.coordinates)
-        return np.asarray(transformed)[:, names.index(name)].astype(np.float64)
-
-    def _settle_threshold(self, values):
-        """Value of the criterion above which a point belongs to an edge."""
-        if isinstance(self.threshold, Real):
-            return float(self.threshold)
-        if self.threshold == "mean":  # Eq. 25
-            n_std = PAPER_STD if self.n_std is None else self.n_std
-            return float(values.mean() + n_std * values.std(ddof=1))
-        n_std = ROBUST_STD if self.n_std is None else self.n_std
-        median = np.median(values)
-        return float(median + n_std * MAD_TO_SD * np.median(np.abs(values - median)))
+        return names.index(name)
 
 
 def _seeded(estimator, seed):

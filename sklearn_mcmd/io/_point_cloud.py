@@ -15,11 +15,13 @@ __all__ = [
     "PointFileError",
     "fit_dtype",
     "flat_columns",
+    "has_colors",
     "import_extra",
     "with_results",
 ]
 
 RESERVED = {"x", "y", "z", "xyz"}
+COLORS = ("red", "green", "blue")
 
 
 class PointFileError(ValueError):
@@ -171,6 +173,10 @@ def flat_columns(attributes):
                 raise PointFileError(f"two attributes would both be written as {part!r}")
             columns[part] = column
     return columns
+
+
+def has_colors(cloud):
+    return not cloud.attributes.keys().isdisjoint(COLORS)
 
 
 def with_results(cloud, results):

@@ -19,11 +19,12 @@ from sklearn_mcmd.normals._features import (
     needs_curvatures,
     settle_features,
 )
-from sklearn_mcmd.normals._scales import ScaleFinder
+from sklearn_mcmd.normals._scales import MOST, ScaleFinder
 from sklearn_mcmd.normals._sides import Sides
 from sklearn_mcmd.normals._surface_planes import SurfacePlanes
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.planes._columns import joined_columns, plane_offsets
+from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._plane import surface_variation
@@ -278,6 +279,9 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
 
     # Whether normals follow the bend of a surface. Creases are sought between planes of faces.
     _tangents = True
+    # With "auto", the largest number of neighbors in a cloud, and that of each row of X. `tiling`
+    # sets it, where X is a part of the cloud; with None they are found from X.
+    _sizes_of_cloud: tuple[int, np.ndarray] | None = None
 
     def __init__(
         self,
@@ -458,6 +462,9 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     def _make_index(self, xyz, radius):
         if self.n_neighbors != "auto":
             return super()._make_index(xyz, radius)
+        if self._sizes_of_cloud is not None:
+            largest, sizes = self._sizes_of_cloud
+            return NeighborIndex(xyz, largest, radius, sizes[IndexedCloud.of(xyz).rows])
         with progress_part(0.0, FINDING, "sizes of neighborhoods"):
             finder = ScaleFinder(xyz, self.n_jobs)  # whose index the next one shares
             sizes = finder.sizes()
@@ -477,15 +484,16 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         return evaluate_features(self._feature_names, planes, X, curvatures)
 
     def _locality(self):
-        if self.n_neighbors in (None, "auto"):  # "auto" smooths sizes many times over neighbors
+        if self.n_neighbors is None:
             return None, None
+        k = MOST if self.n_neighbors == "auto" else self.n_neighbors
         if isinstance(self.orientation, str) and self.orientation == "mst":
             return None, None
         if not self._mends_planes():
-            return 0, self.n_neighbors
+            return 0, k
         # A smooth neighborhood is compared with the noise of its members. Then a member may lend
         # its plane, which was compared with the noise of the member's members.
-        return 2 if self.borrow else 1, self.n_neighbors
+        return 2 if self.borrow else 1, k
 
     def _mends_planes(self):
         """Whether the planes of Algorithm 4 are corrected by `SurfacePlanes`."""

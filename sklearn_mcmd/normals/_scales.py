@@ -21,7 +21,20 @@ from sklearn_mcmd.planes._plane import normal_errors
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._record import Planes
 
-__all__ = ["LEAST", "ScaleFinder"]
+__all__ = [
+    "AROUND",
+    "FARTHEST",
+    "LEAST",
+    "MOST",
+    "QUIET",
+    "TURNED",
+    "ScaleFinder",
+    "angles",
+    "compiles",
+    "errors_of",
+    "sizes_of",
+    "wanted_by",
+]
 
 # Standard error of a normal, in degrees, that the noise may cause.
 TILT = 2.5
@@ -52,7 +65,7 @@ class ScaleFinder:
         self.n_jobs = n_jobs
         m, d = self.index.points.shape
         self._done = 0.0
-        self.compiled = d == 3 and m >= COMPILE_FROM and _compiled_fit() is not None
+        self.compiled = compiles(m, d)
 
     def sizes(self):
         """Members of the neighborhoods of the index's points: ndarray of int of shape (m,)."""
@@ -61,13 +74,11 @@ class ScaleFinder:
         k = min(LEAST, m)
         errors, normals = self._fit(k, todo)
         while todo.any() and k <= min(MOST // FARTHEST, m):
-            error = self._quiet(errors, todo) / noise_quantiles(QUIET, np.array([k]), d)
-            # Of k points, the spread along the surface grows as k ** (1 / (d - 1)).
-            found = k * (error / TILT) ** (1 / (1 / 2 + 1 / (d - 1)))
+            error, found = wanted_by(self._quiet(errors, todo), k, d)
             known = found <= FARTHEST * k
             if not known.all():
                 errors, larger = self._fit(2 * k, self._reached(todo))
-                turns = self._quiet(_angles(normals, larger), todo)
+                turns = self._quiet(angles(normals, larger), todo)
                 bent = ~known & (turns > TURNED * error)
                 found[bent] = k
                 known |= bent
@@ -79,7 +90,7 @@ class ScaleFinder:
             k *= 2
         wanted[todo] = MOST
         wanted = self._quiet(wanted, np.ones(m, dtype=bool))
-        return np.rint(wanted).astype(np.int64).clip(max=m)
+        return sizes_of(wanted, m)
 
     def _reached(self, rows):
         """Whether each point is around any of some points: bool (m,)."""
@@ -94,32 +105,14 @@ class ScaleFinder:
         return reached
 
     def _fit(self, k, rows):
-        """Errors (m,), in degrees, and normals (m, d) of planes of the k nearest, of some points.
-
-        The error is 90 where the members do not determine a quadric.
-        """
+        """Errors (m,) and normals (m, d) of planes of the k nearest, of some points."""
         errors, normals = np.full(len(rows), 90.0), np.zeros_like(self.index.points)
 
         def task(part, around):
-            left, eigenvalues, normals[part] = self._whole(around)
-            known = np.isfinite(left)
-            found = normal_errors(np.where(known, left, 0.0), eigenvalues, around.sizes)
-            errors[part] = np.where(known, found, 90.0)
+            errors[part], normals[part] = errors_of(self.index.points, around, self.compiled)
 
         self._each(rows, k, task)
         return errors, normals
-
-    def _whole(self, around):
-        """What quadrics leave of neighborhoods (m,), eigenvalues (m, d) and normals (m, d)."""
-        points, (m, k) = self.index.points, around.indices.shape
-        if not self.compiled:
-            _, eigenvalues, axes, _, left, _ = whole_planes(points[around.indices], around.sizes)
-            return left, eigenvalues, axes[..., 0]
-        planes, (deviation, left) = Planes.empty(m, 3), np.empty((2, m))
-        directions, ordinary = np.empty((m, 3)), np.empty(m, dtype=bool)
-        limits = SmoothnessLimits.of(k, 3)
-        _compiled_fit()(points, around, limits, planes, directions, deviation, left, ordinary)
-        return left, planes.eigenvalues, planes.normals
 
     def _quiet(self, values, rows):
         """The value that `QUIET` of those around do not exceed, of some points."""
@@ -147,10 +140,54 @@ class ScaleFinder:
             each_slice(m, index.chunk, task, self.n_jobs)
 
 
-def _angles(first, second):
+def compiles(m, d):
+    """Whether compiled code does the work of m points in d dimensions."""
+    return d == 3 and m >= COMPILE_FROM and _compiled_fit() is not None
+
+
+def errors_of(points, around, compiled):
+    """Errors (m,), in degrees, and normals (m, d) of planes of neighborhoods.
+
+    The error is 90 where the members do not determine a quadric.
+    """
+    left, eigenvalues, normals = _whole(points, around, compiled)
+    known = np.isfinite(left)
+    found = normal_errors(np.where(known, left, 0.0), eigenvalues, around.sizes)
+    return np.where(known, found, 90.0), normals
+
+
+def wanted_by(quiet, k, d):
+    """The usual error (m,) of planes of k points, and how many points (m,) would have `TILT`.
+
+    `quiet` is the error that `QUIET` of those around do not exceed.
+    """
+    error = quiet / noise_quantiles(QUIET, np.array([k]), d)
+    # Of k points, the spread along the surface grows as k ** (1 / (d - 1)).
+    return error, k * (error / TILT) ** (1 / (1 / 2 + 1 / (d - 1)))
+
+
+def sizes_of(wanted, m):
+    """Whole numbers (n,) of neighbors in a cloud of m points."""
+    return np.rint(wanted).astype(np.int64).clip(max=m)
+
+
+def angles(first, second):
     """Angles (m,) between normals of either sign, in degrees."""
     cosine = np.abs(np.einsum("md,md->m", first, second))
     return np.degrees(np.arccos(np.minimum(cosine, 1.0)))
+
+
+def _whole(points, around, compiled):
+    """What quadrics leave of neighborhoods (m,), eigenvalues (m, d) and normals (m, d)."""
+    m, k = around.indices.shape
+    if not compiled:
+        _, eigenvalues, axes, _, left, _ = whole_planes(points[around.indices], around.sizes)
+        return left, eigenvalues, axes[..., 0]
+    planes, (deviation, left) = Planes.empty(m, 3), np.empty((2, m))
+    directions, ordinary = np.empty((m, 3)), np.empty(m, dtype=bool)
+    limits = SmoothnessLimits.of(k, 3)
+    _compiled_fit()(points, around, limits, planes, directions, deviation, left, ordinary)
+    return left, planes.eigenvalues, planes.normals
 
 
 def _compiled_fit():

@@ -124,6 +124,22 @@ class IndexedCloud:
             return self.search_own(rows, k)
         return table.query(rows, k, keep=False)
 
+    def nearest(self, queries, k):
+        """Distances (m, k) of the k nearest points of any queries, and their rows: int32 (m, k).
+
+        Equally distant ones come in the order of `neighbors`.
+        """
+        if self.search is None or not len(queries) or not self.search.available():
+            distances, near = self.tree.query(queries, k=np.arange(1, k + 1))
+            return distances, near.astype(np.int32)
+        asking = SelfSearch(queries)  # together they are searched faster
+        near = np.empty((len(queries), k), np.int32)
+        near[asking.order] = asking.query(slice(None), k, among=self.search)
+        squares = np.zeros(near.shape)
+        for axis in range(3):
+            squares += np.square(self.points[near, axis] - queries[:, axis, None])
+        return np.sqrt(squares, out=squares), near
+
     def search_own(self, rows, k):
         """The k nearest points of some of the points, whatever was kept."""
         if self.search is not None and self.search.available():

@@ -128,6 +128,8 @@ class NeighborIndex:
     def query(self, queries):
         """Find the neighborhoods of queries (m, d), nearest members first.
 
+        Equally distant members come in the order of `query_own`.
+
         Returns
         -------
         Neighborhoods
@@ -142,11 +144,10 @@ class NeighborIndex:
         if self.sizes is not None:
             sizes = self.sizes[self.nearest(queries)]
             k = int(sizes.max(initial=1))
-        distances, indices = self.tree.query(queries, k=k)
-        indices = indices.reshape(len(queries), k).astype(np.int32)
+        distances, indices = self.cloud.nearest(queries, k)
         if self.radius is None:
             return Neighborhoods(_padded(indices, sizes), sizes)
-        return self._within_radius(indices, distances.reshape(-1, k), sizes)
+        return self._within_radius(indices, distances, sizes)
 
     def _within_radius(self, indices, distances, sizes):
         """Neighborhoods of the members not farther than the radius, at least as many as a plane."""

@@ -2,6 +2,7 @@
 
 from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._denoise import write_denoised
+from sklearn_mcmd.tiling._edges import write_edges
 from sklearn_mcmd.tiling._run import RunReport, TilingError, write_normals
 from sklearn_mcmd.tiling._segments import write_segments
 
@@ -10,6 +11,7 @@ __all__ = [
     "RunReport",
     "TilingError",
     "write_denoised",
+    "write_edges",
     "write_normals",
     "write_segments",
 ]

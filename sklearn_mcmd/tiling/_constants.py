@@ -37,9 +37,9 @@ class WholeCloud:
         for axis, values in zip(self.axes, xyz.T, strict=True):
             axis.add(*np.unique(values, return_counts=True))
 
-    def constants(self):
-        """The `Constants` of all points that were taken."""
-        dtype = np.dtype(np.float32 if self.single else np.float64)
+    def constants(self, dtype=None):
+        """The `Constants` of all points that were taken, in a given precision or that of these."""
+        dtype = np.dtype(dtype or (np.float32 if self.single else np.float64))
         levels = (axis.merged() for axis in self.axes)
         step = step_of_levels((values.astype(dtype), counts) for values, counts in levels)
         return Constants(dtype.name, float(step))

@@ -23,6 +23,7 @@ from sklearn_mcmd.tiling._joining import join_parts
 from sklearn_mcmd.tiling._memory import check_division, parse_memory, plan_run, usual_memory
 from sklearn_mcmd.tiling._outputs import (
     SCORED,
+    has_scores,
     scores_in_parts,
     targets_of,
     write_denoised_outputs,
@@ -52,7 +53,7 @@ from sklearn_mcmd.tiling._surfaces import (
 from sklearn_mcmd.tiling._tile import tile_files, write_whole
 from sklearn_mcmd.tiling._work import compute_cells
 
-__all__ = ["check_detector", "write_denoised"]
+__all__ = ["check_detector", "cutoff_of", "judge_cells", "write_denoised"]
 
 WARM_UP = 3_000  # points that make this process load or compile the code once, for all others
 # Points at so few places that compiled code does not judge them.
@@ -167,8 +168,8 @@ def write_denoised(
     estimator = clone(estimator).set_params(n_jobs=1)
     if not restart and (report := finished_before(catalog, target, targets, estimator, mode)):
         return report
-    cutoff = _warm_up(estimator)
-    plan = plan_run(catalog.n_points, memory, n_jobs, tile_size=tile_size, judged=True)
+    cutoff = cutoff_of(estimator)
+    plan = plan_run(catalog.n_points, memory, n_jobs, tile_size=tile_size, work="outliers")
     folder = scattered(catalog, target, estimator, plan, cut, restart)
     with kept(folder):
         for path in targets:
@@ -177,7 +178,7 @@ def write_denoised(
         n_resumed = sum(columns.is_done(cell, "planes") for cell in range(len(cells)))
         job = Job(folder.cells, folder.results, estimator, folder.constants, catalog.n_points)
         with progress_part(SCATTERED, COMPUTED, "outliers"):
-            cutoff = _judge(job, cells, columns, folder, plan.n_workers, cutoff)
+            cutoff = judge_cells(job, cells, columns, plan.n_workers, cutoff)
         with progress_part(COMPUTED, 1.0, "writing"):
             n_outliers, n_exact = write_denoised_outputs(catalog, targets, folder, mode, cutoff)
         if columns.is_done(0, "planes"):
@@ -206,7 +207,7 @@ def check_detector(estimator):
     check_seed(estimator)
 
 
-def _warm_up(estimator):
+def cutoff_of(estimator):
     """The cutoff, where the cloud has no part in it; compiled code is then on disk for all."""
     points = np.random.default_rng(0).uniform(size=(WARM_UP, 3)) * [1, 1, 0.01]
     points[: WARM_UP // 2, 2] *= 100
@@ -218,8 +219,23 @@ def _warm_up(estimator):
         return -detector.fit(points).offset_
 
 
-def _judge(job, cells, columns, folder, n_workers, cutoff):
-    """Find the scores of all points; returns the one beyond which they are outliers'."""
+def judge_cells(job, cells, columns, n_workers, cutoff):
+    """Find the scores of all points, which are written as results beside the columns.
+
+    Parameters
+    ----------
+    job : Job
+    cells : Cells
+    columns : Columns
+    n_workers : int
+    cutoff : float
+        By `cutoff_of`.
+
+    Returns
+    -------
+    cutoff : float
+        The score beyond which points are outliers.
+    """
     n_cells, begin = len(cells), 0.0
 
     def sweep(name, work, is_done=None):
@@ -253,9 +269,11 @@ def _judge(job, cells, columns, folder, n_workers, cutoff):
             sweep("groups", find_groups)
             joined("group", job.least[1])
             job = job._replace(largest=columns.report("all", "group")["largest"])
-    sweep("scores", partial(find_scores, target=partial(_write, job.columns)), folder.is_done)
+    write = partial(_write, job.columns)
+    sweep("scores", partial(find_scores, target=write), lambda cell: has_scores(job.columns, cell))
     if job.detector.contamination is not None:
-        return exceeded_by(partial(scores_in_parts, folder), job.detector.contamination)
+        parts = partial(scores_in_parts, job.columns, n_cells)
+        return exceeded_by(parts, job.detector.contamination)
     return cutoff
 
 

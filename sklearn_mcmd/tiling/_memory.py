@@ -31,11 +31,18 @@ SHARE, UNKNOWN = 0.5, 4e9
 # and for each value of a feature.
 PROCESS, TILE_POINT, CLOUD_POINT, FEATURE = 330e6, 650, 450, 24
 # Bytes of temporary files for each point: of normals, and of what the detector finds; and what the
-# detector takes for each point of a tile.
+# detector takes for each point of a tile. The same of edges. By the work, the latter first.
 TILE_STORED, JUDGED_STORED, JUDGED_POINT = 98, 200, 450
+EDGES_STORED, EDGES_POINT = 330, 650
 # Of regions: temporary files; what the growing and joining of regions takes, for each point of the
 # cloud, and of so many points at once; and what a cloud takes in memory besides its records.
 GROWN_STORED, GROWN_POINT, JOINED_POINT, JOINED_AT_ONCE, GROWN_CLOUD = 420, 60, 150, 1_000_000, 720
+COSTS = {
+    "normals": (TILE_POINT, TILE_STORED),
+    "outliers": (JUDGED_POINT, JUDGED_STORED),
+    "edges": (EDGES_POINT, EDGES_STORED),
+    "regions": (TILE_POINT, GROWN_STORED),
+}
 # Points read or written at once, and bytes for each while that is done.
 PART, PART_POINT = 250_000, 400
 LEAST_TILE = 20_000  # smaller tiles are mostly halo
@@ -123,9 +130,9 @@ def _memory_of_machine():
     return min(limits, default=None)
 
 
-def bytes_in_memory(catalog, n_features=0, *, grown=False):
-    """What normals of a whole catalog take in memory, about; regions with `grown`."""
-    point = GROWN_CLOUD if grown else CLOUD_POINT
+def bytes_in_memory(catalog, n_features=0, *, work="normals"):
+    """What a whole catalog takes in memory, about; `work` is a key of `COSTS`."""
+    point = GROWN_CLOUD if work == "regions" else CLOUD_POINT
     points = sum(
         n * (size + point + FEATURE * n_features)
         for n, size in zip(catalog.counts, catalog.record_sizes, strict=True)
@@ -133,24 +140,22 @@ def bytes_in_memory(catalog, n_features=0, *, grown=False):
     return PROCESS + points
 
 
-def plan_run(
-    n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, judged=False, grown=False
-):
+def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, work="normals"):
     """Divide points so that all workers together stay within the memory.
 
-    With `judged`, outliers are found, with `grown` regions, else normals.
+    `work` is a key of `COSTS`.
 
     Raises
     ------
     ValueError
         If one worker with the smallest tile would take more.
     """
-    point, stored = (JUDGED_POINT, JUDGED_STORED) if judged else (TILE_POINT, TILE_STORED)
+    point, stored = COSTS[work]
     bytes_a_point = point + FEATURE * n_features
     own = PROCESS + PART * PART_POINT  # of the process that reads and writes
-    if grown:
+    if work == "regions":
         joining = GROWN_POINT * n_points + JOINED_POINT * min(n_points, JOINED_AT_ONCE)
-        stored, own = GROWN_STORED, max(own, PROCESS + joining)
+        own = max(own, PROCESS + joining)
     least = PROCESS + LEAST_TILE * bytes_a_point
     if memory < own or memory < least:
         raise ValueError(
@@ -165,7 +170,8 @@ def plan_run(
         for_tiles = memory - PROCESS * (n_workers + (n_workers > 1))
         return int(for_tiles / n_workers / bytes_a_point)
 
-    if tile_size is None and not judged and not _is_elsewhere():
+    shares = work == "normals" and not _is_elsewhere()  # other work does not take threads
+    if tile_size is None and shares:
         while n_workers > 1 and capacity(n_workers) < min(GOOD_TILE, n_points / n_workers):
             n_workers -= 1
     most = capacity(n_workers)
@@ -174,7 +180,7 @@ def plan_run(
         tile_size = min(most, enough, n_points)
     n_tiles = max(1, round(n_points / (FILL * tile_size))) if tile_size < n_points else 1
     n_workers = min(n_workers, n_tiles)
-    n_threads = 1 if judged or _is_elsewhere() else max(1, n_jobs // n_workers)
+    n_threads = max(1, n_jobs // n_workers) if shares else 1
     used = PROCESS * (n_workers + (n_workers > 1)) + n_workers * tile_size * bytes_a_point
     disk = n_points * (stored + 4 * n_features)
     return Plan(n_workers, n_threads, tile_size, n_tiles, max(own, used), disk)

@@ -6,11 +6,12 @@ import warnings
 
 import numpy as np
 
+from sklearn_mcmd.edges._painting import edge_columns
 from sklearn_mcmd.io import PointFileError, supported_extensions
 from sklearn_mcmd.io._files import one_clear_line, replacing
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._las_parts import read_parts, writing_parts
-from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
 from sklearn_mcmd.planes._progress import current_span
 from sklearn_mcmd.tiling._catalog import EXTENSIONS, stamp_of
@@ -22,10 +23,12 @@ from sklearn_mcmd.tiling._tile import result_dtype, tile_files
 __all__ = [
     "LABELED",
     "SCORED",
+    "has_scores",
     "scores_in_parts",
     "targets_of",
     "tell",
     "write_denoised_outputs",
+    "write_edge_outputs",
     "write_outputs",
     "write_segmented_outputs",
 ]
@@ -36,6 +39,7 @@ WAITING, WAITING_BYTES = 2048, 50e6
 SCORED = np.dtype([("row", np.int64), ("values", np.float64, (1,))])
 # Of the file of a tile's regions.
 LABELED = np.dtype([("row", np.int64), ("values", np.int32, (1,))])
+BRIGHTEST = 65535  # color in LAS
 
 
 def targets_of(catalog, target, as_folder=None):
@@ -203,10 +207,45 @@ def _write(catalog, targets, folder, dtype, make, measure, content):
     return total
 
 
-def scores_in_parts(folder):
+def write_edge_outputs(catalog, targets, folder, limit, by_distance, colors, content):
+    """Write each output with its edges; returns the number of their points.
+
+    Parameters
+    ----------
+    catalog, targets, folder
+        As of `write_outputs`.
+    limit : float
+        Score below which a point belongs to an edge.
+    by_distance : bool
+        Whether scores are written as they are, or their opposites.
+    colors : bool or None
+        Whether edges are painted; None paints where there are no colors.
+    content : str
+        What tells this from other outputs of the same results.
+    """
+
+    def with_edges(cloud, scores):
+        scores = scores[:, 0]
+        paints = not has_colors(cloud) if colors is None else colors
+        values = scores if by_distance else -scores
+        columns = edge_columns(scores < limit, values, BRIGHTEST if paints else None)
+        return with_results(cloud, columns), None
+
+    def count(scores):
+        return np.count_nonzero(scores < limit)
+
+    return int(_write(catalog, targets, folder, SCORED, with_edges, count, content))
+
+
+def has_scores(results, cell):
+    """Whether the scores of a tile are there."""
+    return tile_files(results, cell)[0].exists()
+
+
+def scores_in_parts(results, n_cells):
     """The scores of all points, tile by tile."""
-    for cell in range(len(Cells(folder.cells))):
-        yield np.fromfile(tile_files(folder.results, cell)[0], SCORED)["values"][:, 0]
+    for cell in range(n_cells):
+        yield np.fromfile(tile_files(results, cell)[0], SCORED)["values"][:, 0]
 
 
 class _Results:

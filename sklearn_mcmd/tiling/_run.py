@@ -20,6 +20,7 @@ from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.planes._progress import progress_part
+from sklearn_mcmd.tiling._auto import find_auto_normals
 from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
 from sklearn_mcmd.tiling._constants import WholeCloud
@@ -41,9 +42,12 @@ __all__ = [
     "SCATTERED",
     "RunReport",
     "TilingError",
+    "check_normals",
+    "check_seed",
     "finish",
     "finished_before",
     "kept",
+    "reports_of",
     "scattered",
     "write_normals",
 ]
@@ -68,7 +72,7 @@ class RunReport(NamedTuple):
         Mean share of a neighborhood that was removed; of `write_denoised`, the share of outliers.
     seconds : float
     n_outliers : int
-        Of `write_denoised`.
+        Of `write_denoised`, and of `write_edges` before it looks for edges.
     n_exact : int
         Of these, those that may be outliers only because most of their neighbors lie exactly in
         one plane.
@@ -76,6 +80,8 @@ class RunReport(NamedTuple):
         Of `write_segments`, regions, and points in any of them.
     largest : list of int
         Points of the largest regions.
+    n_edges : int
+        Points of edges, of `write_edges`.
     """
 
     n_points: int
@@ -90,6 +96,7 @@ class RunReport(NamedTuple):
     n_regions: int = 0
     n_inside: int = 0
     largest: Sequence[int] = ()
+    n_edges: int = 0
 
 
 def write_normals(
@@ -121,8 +128,9 @@ def write_normals(
         A name that ends in ``.las`` or ``.laz`` joins several inputs in one file: with the richest
         point format, the finest scales and the attributes of all, in the order of the inputs.
     estimator : RobustNormalEstimator, default=None
-        With an int as `random_state`, a number of neighbors, and no ``orientation="mst"``, which
-        depends on the whole cloud. None is ``RobustNormalEstimator(random_state=0)``.
+        With an int as `random_state`, a number of neighbors or "auto", and no
+        ``orientation="mst"``, which depends on the whole cloud. "auto" adds an attribute
+        ``n_neighbors``. None is ``RobustNormalEstimator(random_state=0)``.
     memory : str or float, default=None
         What the run may take, such as "2GB" or a number of bytes. None is half of the machine's.
     n_jobs : int, default=None
@@ -174,7 +182,7 @@ def write_normals(
     begin = time.perf_counter()
     if estimator is None:
         estimator = RobustNormalEstimator(random_state=0)
-    check_local(estimator)
+    check_normals(estimator)
     check_division(tile_size, cut)
     memory = usual_memory() if memory is None else parse_memory(memory)
     catalog = source if isinstance(source, Catalog) else Catalog(source)
@@ -190,21 +198,27 @@ def write_normals(
             path.parent.mkdir(exist_ok=True)
         with progress_part(SCATTERED, COMPUTED, "normals"):
             cells = Cells(folder.cells)
-            todo = [cell for cell in range(len(cells)) if not folder.is_done(cell)]
-            task = partial(
-                normals_of_tile, folder.cells, estimator=estimator, constants=folder.constants,
-                target=folder.results, n_threads=plan.n_threads,
-            )  # fmt: skip
-            compute_cells(task, cells, todo, plan.n_workers, "normals")
+            find = find_auto_normals if estimator.n_neighbors == "auto" else _find_normals
+            n_resumed = find(folder, cells, estimator, folder.constants, plan, folder.is_done)
         with progress_part(COMPUTED, 1.0, "writing"):
             removed = write_outputs(catalog, targets, folder, names)
-        reports = _reports(folder)
+        reports = reports_of(folder.results, range(len(cells)))
         report = RunReport(
-            catalog.n_points, len(reports), plan.n_workers, len(cells) - len(todo),
+            catalog.n_points, len(reports), plan.n_workers, n_resumed,
             sum(report.n_proved for report in reports), removed, time.perf_counter() - begin,
         )  # fmt: skip
         finish(folder, catalog, targets, estimator, report)
     return report
+
+
+def _find_normals(folder, cells, estimator, constants, plan, is_done):
+    todo = [cell for cell in range(len(cells)) if not is_done(cell)]
+    task = partial(
+        normals_of_tile, folder.cells, estimator=estimator, constants=constants,
+        target=folder.results, n_threads=plan.n_threads,
+    )  # fmt: skip
+    compute_cells(task, cells, todo, plan.n_workers, "normals")
+    return len(cells) - len(todo)
 
 
 def scattered(catalog, target, estimator, plan, cut, restart):
@@ -279,12 +293,12 @@ def check_seed(estimator):
         )
 
 
-def check_local(estimator):
-    """Raise if an estimator of normals cannot work by tiles."""
+def check_normals(estimator):
+    """Raise if normals depend on the whole cloud."""
     if not isinstance(estimator, BaseLocalPlanes) or estimator._locality()[0] is None:
         raise ValueError(
             f"{type(estimator).__name__} cannot work by tiles with these parameters: with "
-            'n_neighbors=None or "auto", or orientation="mst", results depend on the whole cloud.'
+            'n_neighbors=None or orientation="mst", results depend on the whole cloud.'
         )
     check_seed(estimator)
 
@@ -294,7 +308,8 @@ def _warm_up(estimator):
     points = np.random.default_rng(0).uniform(size=(WARM_UP, 3)) * [1, 1, 0.01]
     with warnings.catch_warnings(), progress_part(0.0, 0.0):
         warnings.simplefilter("ignore")
-        return normal_columns(clone(estimator).fit(points))[0]
+        names = normal_columns(clone(estimator).fit(points))[0]
+    return [*names, "n_neighbors"] if estimator.n_neighbors == "auto" else names
 
 
 def _check_disk(folder, wanted):
@@ -319,9 +334,9 @@ def _scatter(catalog, folder, capacity, cut):
     folder.finish_cells(whole.constants())
 
 
-def _reports(folder):
-    cells = Cells(folder.cells)
-    files = (tile_files(folder.results, cell)[1] for cell in range(len(cells)))
+def reports_of(results, cells):
+    """What the work on some tiles came to: list of `TileReport`."""
+    files = (tile_files(results, cell)[1] for cell in cells)
     return [TileReport(**json.loads(file.read_text())) for file in files]
 
 

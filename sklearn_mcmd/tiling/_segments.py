@@ -27,7 +27,7 @@ from sklearn_mcmd.tiling._run import (
     COMPUTED,
     SCATTERED,
     RunReport,
-    check_local,
+    check_normals,
     finish,
     finished_before,
     kept,
@@ -137,7 +137,7 @@ def write_segments(
     if not restart and (report := finished_before(catalog, target, targets, estimator, content)):
         return report
     _warm_up(estimator)
-    plan = plan_run(catalog.n_points, memory, n_jobs, tile_size=tile_size, grown=True)
+    plan = plan_run(catalog.n_points, memory, n_jobs, tile_size=tile_size, work="regions")
     folder = scattered(catalog, target, estimator, plan, cut, restart)
     with kept(folder):
         for path in targets:
@@ -178,7 +178,7 @@ def check_growing(estimator):
     if estimator.normal_estimator is None:
         normals = RobustNormalEstimator(random_state=estimator.random_state)
         estimator.set_params(normal_estimator=normals)
-    check_local(estimator.normal_estimator)
+    check_normals(estimator.normal_estimator)
     return estimator.set_params(n_jobs=1, normal_estimator__n_jobs=1)
 
 

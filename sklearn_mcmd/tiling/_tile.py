@@ -64,7 +64,7 @@ class TileReport(NamedTuple):
     seconds: float
 
 
-def normals_of_tile(folder, cell, estimator, constants, target, n_threads=1):
+def normals_of_tile(folder, cell, estimator, constants, target, n_threads=1, columns_of=None):
     """Write the results of a tile; it depends on nothing but its arguments and the cells.
 
     Parameters
@@ -77,16 +77,18 @@ def normals_of_tile(folder, cell, estimator, constants, target, n_threads=1):
     target : path
         Of a folder. The file of results has the dtype `result_dtype`, sorted by rows.
     n_threads : int, default=1
+    columns_of : callable, default=None
+        What is stored of a fitted estimator: names and values; `normal_columns` with None.
 
     Returns
     -------
     TileReport
     """
+    named = normal_columns if columns_of is None else columns_of
     rows, columns, report = columns_of_tile(
-        Cells(folder), cell, estimator, constants, lambda fitted: normal_columns(fitted)[1],
-        n_threads,
-    )  # fmt: skip
-    results = np.empty(len(rows), result_dtype(columns.shape[1]))
+        Cells(folder), cell, estimator, constants, lambda fitted: named(fitted)[1], n_threads
+    )
+    results = np.empty(len(rows), result_dtype(columns.shape[1], columns.dtype))
     results["row"], results["values"] = rows, columns
     _write(target, cell, results, report)
     return report
@@ -122,7 +124,7 @@ def columns_of_tile(cells, cell, estimator, constants, columns_of, n_threads=1):
     complete = partial(_with_others, cells=cells, k=k)
     points = complete(np.vstack([own, halo]))
     fitted = clone(estimator).set_params(n_jobs=n_threads)
-    fitted._step_of_cloud = constants.step
+    fitted._tangents, fitted._step_of_cloud = estimator._tangents, constants.step
     fitted.fit(points.astype(constants.dtype, copy=False))
     columns, index = columns_of(fitted)[: len(own)], fitted._model.index
     reach = reaches(index, n_threads)
@@ -154,9 +156,9 @@ def normal_columns(fitted):
     return names, columns
 
 
-def result_dtype(n_columns):
+def result_dtype(n_columns, dtype=np.float32):
     """The dtype of the file of a tile: the place of a point in the input, and its results."""
-    return np.dtype([("row", np.int64), ("values", np.float32, n_columns)])
+    return np.dtype([("row", np.int64), ("values", dtype, (n_columns,))])
 
 
 def tile_files(folder, cell):

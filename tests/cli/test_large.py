@@ -73,11 +73,19 @@ def test_a_dry_run_of_what_fits_into_memory_says_so(source, tmp_path):
     assert files_in(tmp_path) == ["street.laz"]
 
 
-@pytest.mark.parametrize("option", [("--orientation", "mst"), ("--n-neighbors", "auto")])
-def test_what_needs_the_whole_cloud_is_refused(option, small_machine, source, tmp_path):
-    options = ("--memory", "2MB", *option)
+def test_what_needs_the_whole_cloud_is_refused(small_machine, source, tmp_path):
+    options = ("--memory", "2MB", "--orientation", "mst")
     line = error_line(run("normals", source, tmp_path / "b.laz", *options))
-    assert f"{' '.join(option)} needs the whole cloud in memory" in line
+    assert "--orientation mst needs the whole cloud in memory" in line
+
+
+def test_sizes_of_neighborhoods_are_found_by_tiles_too(small_machine, source, tmp_path):
+    a, b = tmp_path / "a.laz", tmp_path / "b.laz"
+    assert run("normals", source, a, "--n-neighbors", "auto").exit_code == 0
+    result = run("normals", source, b, "--n-neighbors", "auto", "--memory", "2MB", *ONE)
+    assert result.exit_code == 0, result.output
+    assert "tiles" in result.stdout
+    assert a.read_bytes() == b.read_bytes()
 
 
 def test_too_little_memory_is_said_in_words_of_the_option(source, tmp_path):

@@ -49,7 +49,7 @@ def test_each_process_has_work():
 def test_threads_share_a_large_tile_where_each_process_would_have_a_small_one():
     plan = plan_run(10**9, 2e9, 2)
     assert (plan.n_workers, plan.n_threads) == (1, 2)
-    assert plan.tile_size > 1.5 * plan_run(10**9, 2e9, 2, judged=True).tile_size
+    assert plan.tile_size > 1.5 * plan_run(10**9, 2e9, 2, work="outliers").tile_size
     plan = plan_run(10**9, 8e9, 2)
     assert (plan.n_workers, plan.n_threads) == (2, 1)
 

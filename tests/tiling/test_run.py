@@ -454,7 +454,6 @@ def test_a_run_that_goes_on_needs_no_room_for_what_is_there(
     ("estimator", "message"),
     [
         (RobustNormalEstimator(orientation="mst", random_state=0), "whole cloud"),
-        (RobustNormalEstimator("auto", random_state=0), "whole cloud"),
         (RobustNormalEstimator(None, random_state=0), "whole cloud"),
         (RobustNormalEstimator(), "random_state"),
         (MCMDOutlierDetector(random_state=0), "whole cloud"),

@@ -1,0 +1,54 @@
+"""The value of a criterion above which there is an edge, of numbers that may be on disk."""
+
+from itertools import chain
+from math import fsum, sqrt
+from numbers import Real
+
+import numpy as np
+
+from sklearn_mcmd.planes._rules import MAD_TO_SD
+
+__all__ = ["column_of_criterion", "least_of_edge"]
+
+# Number of standard deviations above the center from which on there is an edge: by the robust
+# limit, and by Eq. 25.
+ROBUST_STD, PAPER_STD = 3.0, 1.0
+
+
+def column_of_criterion(criterion):
+    """The column of ``RobustNormalEstimator.transform`` that holds a criterion."""
+    return "eigenvalue_0" if criterion == "eigenvalue" else criterion
+
+
+def least_of_edge(parts, threshold, n_std, median=None):
+    """The limit that a threshold means; it depends on neither the parts nor their order.
+
+    Parameters
+    ----------
+    parts : callable
+        Returns an iterable of arrays, the values of a cloud.
+    threshold : float, "mean" or None
+    n_std : float or None
+    median : callable, default=None
+        The median of what such a callable returns; by default all values are put together.
+    """
+    if isinstance(threshold, Real):
+        return float(threshold)
+    if threshold == "mean":  # Eq. 25
+        n = sum(len(values) for values in parts())
+        mean = _sum(parts()) / n
+        variance = _sum(np.square(values - mean) for values in parts()) / (n - 1)
+        return mean + (PAPER_STD if n_std is None else n_std) * sqrt(variance)
+    median = _median if median is None else median
+    usual = median(parts)
+    deviation = median(lambda: (np.abs(values - usual) for values in parts()))
+    return float(usual + (ROBUST_STD if n_std is None else n_std) * MAD_TO_SD * deviation)
+
+
+def _sum(parts):
+    """The sum as if it were exact, and rounded once."""
+    return fsum(chain.from_iterable(values.tolist() for values in parts))
+
+
+def _median(parts):
+    return np.median(np.concatenate(list(parts())))

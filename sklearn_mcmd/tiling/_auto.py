@@ -1,0 +1,103 @@
+"""Normals with ``n_neighbors="auto"``: sizes of neighborhoods in sweeps, then tiles of those."""
+
+from functools import partial
+
+import numpy as np
+from sklearn.base import clone
+
+from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
+from sklearn_mcmd.planes._progress import progress_part
+from sklearn_mcmd.tiling._columns import Columns
+from sklearn_mcmd.tiling._creases import find_ordered_places
+from sklearn_mcmd.tiling._scales import (
+    STEPS,
+    ScaleJob,
+    fill_wanted,
+    find_errors,
+    find_sizes,
+    find_wanted,
+)
+from sklearn_mcmd.tiling._sized import SizedJob, normals_of_sized_tile
+from sklearn_mcmd.tiling._tile import TileReport, _write, normal_columns, result_dtype
+from sklearn_mcmd.tiling._work import compute_cells
+
+__all__ = ["find_auto_normals"]
+
+# Points at so few places that compiled code does not find their normals.
+MOST_COPIES = 1_000_000
+# The end of the sweeps before the normals, as a share of the time, and of the first.
+SIZED, FIRST = 0.4, 0.15
+
+
+def find_auto_normals(folder, cells, estimator, constants, plan, is_done):
+    """Write the results of all tiles; returns how many tiles an earlier run had done.
+
+    Parameters
+    ----------
+    folder : WorkFolder
+    cells : Cells
+    estimator : RobustNormalEstimator
+    constants : Constants
+    plan : Plan
+    is_done : callable
+        Whether the results of a tile are there.
+    """
+    columns, n_cells = Columns(folder.results), len(cells)
+    todo = [cell for cell in range(n_cells) if not is_done(cell)]
+    job = ScaleJob(folder.cells, folder.results, 0)
+
+    def sweep(begin, end, name, work, **options):
+        rest = [cell for cell in range(n_cells) if not columns.is_done(cell, name)]
+        with progress_part(begin, end, "sizes of neighborhoods"):
+            compute_cells(partial(work, job=job, **options), cells, rest, plan.n_workers, "sizes")
+
+    sweep(0.0, 0.02, "places", find_ordered_places)
+    n_places = int(columns.total(n_cells, "places", "n_places"))
+    if n_places < COMPILE_FROM:
+        _find_together(folder, cells, estimator, constants, n_places)
+        return n_cells - len(todo)
+    job = job._replace(n_places=n_places)
+    if not columns.is_done("all", "largest"):
+        sweep(0.02, FIRST, "errors", find_errors)
+        width, last = (SIZED - FIRST) / (len(STEPS) + 2), 0
+        for last in range(len(STEPS)):
+            begin, name = FIRST + last * width, f"wanted {last}"
+            sweep(begin, begin + width, name, find_wanted, step=last)
+            columns.remove(n_cells, *(f"{of}_{last}" for of in ("error", "normal", "rows")))
+            if last:
+                columns.remove(n_cells, f"wanted_{last - 1}")
+            if not columns.total(n_cells, name, "n_todo"):
+                break
+        sweep(SIZED - 2 * width, SIZED - width, "wanted", fill_wanted, step=last)
+        sweep(SIZED - width, SIZED, "sizes", find_sizes)
+        largest = max(columns.report(cell, "sizes")["largest"] for cell in range(n_cells))
+        columns.finish("all", "largest", largest=largest)
+        old = (f"{of}_{step}" for of in ("wanted", "error", "normal", "rows")
+               for step in (last, last + 1))  # fmt: skip
+        columns.remove(n_cells, "wanted", "far_around", *old)
+    largest = columns.report("all", "largest")["largest"]
+    work = SizedJob(folder.cells, folder.results, estimator, constants, largest, plan.n_threads)
+    with progress_part(SIZED, 1.0, "normals"):
+        task = partial(normals_of_sized_tile, job=work)
+        compute_cells(task, cells, todo, plan.n_workers, "normals")
+    return n_cells - len(todo)
+
+
+def _find_together(folder, cells, estimator, constants, n_places):
+    """Results of a cloud of few places, which other code finds than tiles."""
+    n_points = int(cells.counts.sum())
+    if n_points > MOST_COPIES:
+        raise ValueError(
+            f"{n_points:,} points at {n_places:,} places are no cloud to be divided into tiles"
+        )
+    records = [cells.read(cell) for cell in range(len(cells))]
+    rows, points = (np.concatenate([part[name] for part in records]) for name in ("row", "xyz"))
+    fitted = clone(estimator)
+    fitted.fit(points[np.argsort(rows)].astype(constants.dtype))
+    columns = normal_columns(fitted)[1]
+    for cell, part in enumerate(records):
+        results = np.empty(len(part), result_dtype(columns.shape[1] + 1))
+        results["row"] = part["row"]
+        results["values"][:, :-1] = columns[part["row"]]
+        results["values"][:, -1] = fitted.n_neighbors_[part["row"]]
+        _write(folder.results, cell, results, TileReport(len(part), 0, len(part), 0, 0.0))

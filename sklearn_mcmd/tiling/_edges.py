@@ -1,0 +1,368 @@
+"""Edges of clouds larger than memory: in sweeps over cells, with the scores of memory."""
+
+import os
+import shutil
+import time
+import warnings
+from collections.abc import Iterable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from sklearn.base import clone
+
+from sklearn_mcmd.edges import SharpFeatureDetector
+from sklearn_mcmd.edges._creases import flatness_limit, middle
+from sklearn_mcmd.edges._limits import least_of_edge
+from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
+from sklearn_mcmd.planes._progress import progress_part
+from sklearn_mcmd.tiling._catalog import Catalog
+from sklearn_mcmd.tiling._cells import BOXES, Cells
+from sklearn_mcmd.tiling._columns import Columns
+from sklearn_mcmd.tiling._creases import (
+    EdgeJob,
+    face_columns,
+    find_creases,
+    find_distances,
+    find_faces,
+    find_ordered_places,
+    find_spacing,
+)
+from sklearn_mcmd.tiling._criteria import ValueJob, find_values, value_column, values_in_parts
+from sklearn_mcmd.tiling._denoise import check_detector, cutoff_of, judge_cells
+from sklearn_mcmd.tiling._kept import close_kept, find_kept, kept_constants
+from sklearn_mcmd.tiling._memory import check_division, parse_memory, plan_run, usual_memory
+from sklearn_mcmd.tiling._outputs import SCORED, scores_in_parts, targets_of, write_edge_outputs
+from sklearn_mcmd.tiling._ranks import median_of
+from sklearn_mcmd.tiling._run import (
+    COMPUTED,
+    SCATTERED,
+    RunReport,
+    check_normals,
+    check_seed,
+    finish,
+    finished_before,
+    kept,
+    reports_of,
+    scattered,
+)
+from sklearn_mcmd.tiling._surfaces import Job
+from sklearn_mcmd.tiling._tile import normals_of_tile, tile_files, write_whole
+from sklearn_mcmd.tiling._work import compute_cells
+
+__all__ = ["check_edges", "write_edges"]
+
+WARM_UP = 3_000  # points that make this process load or compile the code once, for all others
+# Points of which so few places are kept that compiled code does not judge them.
+MOST_COPIES = 1_000_000
+# The end of each step, as a share of the time.
+ENDS = {
+    "outliers": 0.45,
+    "kept": 0.46,
+    "places": 0.47,
+    "normals": 0.7,
+    "spacing": 0.75,
+    "faces": 0.8,
+    "creases": 0.95,
+    "edges": 1.0,
+}
+# What no sweep asks for when all are done that did.
+DONE_WITH = {"spacing": ("first_rows",)}
+
+
+def write_edges(
+    source: Catalog | str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
+    target: str | os.PathLike[str],
+    estimator: SharpFeatureDetector | None = None,
+    *,
+    colors: bool | None = None,
+    memory: str | float | None = None,
+    n_jobs: int | None = None,
+    tile_size: int | None = None,
+    cut: float = 0.5,
+    as_folder: bool | None = None,
+    restart: bool = False,
+) -> RunReport:
+    """Large files with their edges, found as they are in memory.
+
+    All points are read once and divided into tiles. Outliers are found, and the normals of what is
+    left, as by `write_denoised` and `write_normals`. Creases follow in sweeps over the tiles, each
+    of which writes what the next asks of a point's neighbors. Neighbors are searched for in other
+    tiles wherever these may hold nearer ones. So the scores are those of ``estimator.fit`` on all
+    points together, to the last bit, whatever the tiles are.
+
+    Parameters
+    ----------
+    source : Catalog, or what it takes
+        Files, a folder, or an index.
+    target : str or os.PathLike
+        A LAS or LAZ file, or a folder, as of `write_normals`. All points are kept. New attributes
+        are ``edge``, 1 or 0, and ``edge_score``: the distance to the nearest crease in spacings, or
+        the value of another criterion.
+    estimator : SharpFeatureDetector, default=None
+        With an int as `random_state` and ``normals="estimate"``. Its `outlier_detector` is None,
+        "passthrough" or a :class:`~sklearn_mcmd.MCMDOutlierDetector`, and its `normal_estimator`
+        None or what `write_normals` takes. None is ``SharpFeatureDetector(random_state=0)``.
+    colors : bool, default=None
+        Whether to paint edges red and surfaces gray. None paints files that have no colors.
+    memory, n_jobs, tile_size, cut, as_folder, restart
+        As of `write_normals`.
+
+    Returns
+    -------
+    RunReport
+
+    Raises
+    ------
+    PointFileError
+        If a file cannot be read or written.
+    TilingError
+        If some tiles failed, or the run ended in another way after all points were read. Temporary
+        files are then kept, and the message names them.
+    ValueError
+        If the estimator cannot work by tiles, or the memory is too little.
+
+    See Also
+    --------
+    Catalog : What files hold.
+    write_denoised : Such files without outliers.
+    write_normals : Normals of such files.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from sklearn_mcmd.datasets import make_street
+    >>> from sklearn_mcmd.io import read_points, write_points
+    >>> from sklearn_mcmd.tiling import write_edges
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     a, b = Path(folder) / "a.las", Path(folder) / "b.las"
+    ...     write_points(a, make_street(8_000, random_state=0).data)
+    ...     report = write_edges(a, b, tile_size=3_000)
+    ...     print(report.n_tiles, "tiles;", *list(read_points(b).attributes)[-2:])
+    4 tiles; edge edge_score
+    """
+    begin = time.perf_counter()
+    if estimator is None:
+        estimator = SharpFeatureDetector(random_state=0)
+    steps = check_edges(estimator)
+    check_division(tile_size, cut)
+    memory = usual_memory() if memory is None else parse_memory(memory)
+    catalog = source if isinstance(source, Catalog) else Catalog(source)
+    targets = targets_of(catalog, Path(target), as_folder)
+    estimator = clone(estimator).set_params(n_jobs=1)
+    content = f"colors={colors}"
+    if not restart and (report := finished_before(catalog, target, targets, estimator, content)):
+        return report
+    _warm_up(estimator)
+    plan = plan_run(catalog.n_points, memory, n_jobs, tile_size=tile_size, work="edges")
+    folder = scattered(catalog, target, estimator, plan, cut, restart)
+    with kept(folder):
+        for path in targets:
+            path.parent.mkdir(exist_ok=True)
+        run = _Run(catalog, folder, estimator, steps, plan.n_workers)
+        with progress_part(SCATTERED, COMPUTED, "edges"):
+            limit = run.find_scores()
+        with progress_part(COMPUTED, 1.0, "writing"):
+            n_edges = write_edge_outputs(
+                catalog, targets, folder, limit, estimator.criterion == "crease", colors, content
+            )
+        n_removed = catalog.n_points - run.n_kept
+        report = RunReport(
+            catalog.n_points, len(run.cells), plan.n_workers, run.n_resumed,
+            run.n_proved + n_removed, n_removed / catalog.n_points, time.perf_counter() - begin,
+            n_removed, n_edges=n_edges,
+        )  # fmt: skip
+        finish(folder, catalog, targets, estimator, report, content)
+    return report
+
+
+def check_edges(estimator):
+    """The detector and the normal estimator of a detector of edges that can work by tiles.
+
+    The first is None if nothing is removed. Raises if it cannot.
+    """
+    if not isinstance(estimator, SharpFeatureDetector):
+        raise ValueError(
+            f"{type(estimator).__name__} cannot work by tiles: edges are found by "
+            "SharpFeatureDetector."
+        )
+    check_seed(estimator)
+    if estimator.normals != "estimate":
+        raise ValueError(
+            f"normals={estimator.normals!r} cannot work by tiles, which hold coordinates only: "
+            "take normals='estimate'."
+        )
+    detector, normals = estimator._make_steps()
+    if detector is not None:
+        check_detector(detector)
+    check_normals(normals)
+    if normals.n_neighbors == "auto":
+        raise ValueError('n_neighbors="auto" of normal_estimator cannot work by tiles here.')
+    return detector, normals
+
+
+class _Run:
+    """The steps of a run, of which those are left out that an earlier run has done.
+
+    Attributes
+    ----------
+    n_kept : int
+        Points that are no outliers.
+    n_proved : int
+        Of these, those whose normals the first halo proved.
+    n_resumed : int
+        Tiles whose normals an earlier run had.
+    """
+
+    def __init__(self, catalog, folder, estimator, steps, n_workers):
+        self.catalog, self.folder, self.estimator = catalog, folder, estimator
+        self.detector, self.normals = steps
+        for step in steps:
+            if step is not None:
+                step.set_params(n_jobs=1)
+        self.n_workers, self.begin = n_workers, 0.0
+        self.cells, self.columns = Cells(folder.cells), Columns(folder.results)
+        self.scores, self.faces = folder.results / "outliers", folder.results / "faces"
+        self.n_kept, self.n_proved, self.n_resumed = catalog.n_points, 0, 0
+
+    def find_scores(self):
+        """Find the scores of all points; returns the one below which they are edges'."""
+        kept = self._clean()
+        self.n_kept = int(kept.counts.sum())
+        job = EdgeJob(
+            self.folder.cells, kept.folder, self.folder.results, self.faces, self.estimator,
+            self.folder.constants.dtype,
+        )  # fmt: skip
+        self._sweep("places", find_ordered_places, kept, job)
+        some = np.flatnonzero(kept.counts)
+        n_places = sum(self.columns.report(cell, "places")["n_places"] for cell in some)
+        k = max(self.estimator.n_neighbors, self.normals.n_neighbors)
+        if n_places < max(COMPILE_FROM, k + 1):
+            return self._judge_together(n_places)
+        crease = self.estimator.criterion == "crease"
+        columns_of = face_columns
+        if not crease:
+            columns_of = partial(value_column, criterion=self.estimator.criterion)
+        constants = self._find_normals(kept, columns_of)
+        if crease:
+            return self._find_creases(kept, some, job)
+        sweep_job = ValueJob(job, self.normals, constants)
+        self._sweep("edges", find_values, self.cells, sweep_job, self.folder.is_done)
+        parts = partial(values_in_parts, self.faces, some, constants.dtype)
+        return -least_of_edge(parts, self.estimator.threshold, self.estimator.n_std, median_of)
+
+    def _find_creases(self, kept, some, job):
+        """Distances to creases; returns the one within which points are edges'."""
+        low, high = kept.extent(some)
+        job = job._replace(origin=tuple(middle(low.min(axis=0), high.max(axis=0)).tolist()))
+        self._sweep("spacing", find_spacing, kept, job)
+        if not self.columns.is_done("all", "flatness"):
+            usual = median_of(lambda: (self.columns.read(cell, "flatness") for cell in some))
+            self.columns.finish("all", "flatness", usual=usual)
+        usual = self.columns.report("all", "flatness")["usual"]
+        job = job._replace(flatness=flatness_limit(usual))
+        self._sweep("faces", find_faces, kept, job)
+        self._sweep("creases", find_creases, kept, job)
+        self._sweep("edges", find_distances, self.cells, job, self.folder.is_done)
+        return self.estimator._crease_width()
+
+    def _clean(self):
+        """The cells of the points that the detector leaves."""
+        target = self.folder.cells / "kept"
+        if self.detector is None:
+            self.begin = ENDS["kept"]
+            return self.cells
+        if not (target / BOXES).exists():
+            self.scores.mkdir(exist_ok=True)
+            target.mkdir(exist_ok=True)
+            constants, n_points = self.folder.constants, self.catalog.n_points
+            job = Job(self.folder.cells, self.scores, self.detector, constants, n_points)
+            with progress_part(0.0, ENDS["outliers"], "outliers"):
+                cutoff = judge_cells(
+                    job, self.cells, Columns(self.scores), self.n_workers, cutoff_of(self.detector)
+                )
+            self.begin = ENDS["outliers"]
+            scores = scores_in_parts(self.scores, len(self.cells))
+            if sum(np.count_nonzero(values <= cutoff) for values in scores) <= 3:
+                cutoff = np.inf  # too few would be left for a plane
+            self._keep(target, cutoff)
+            close_kept(self.cells, target, self.columns)
+        self.begin = ENDS["kept"]
+        shutil.rmtree(self.scores, ignore_errors=True)
+        return Cells(target)
+
+    def _keep(self, target, cutoff):
+        work = partial(
+            find_kept, folder=self.folder.cells, target=target, columns=self.folder.results,
+            scores=self.scores, cutoff=cutoff,
+        )  # fmt: skip
+        self._compute("kept", work, self.cells, partial(self.columns.is_done, sweep="kept"))
+
+    def _find_normals(self, kept, columns_of):
+        """What is stored of the normals of the kept points; returns the constants of these."""
+        self.faces.mkdir(exist_ok=True)
+        constants = self.folder.constants
+        if self.detector is not None:
+            constants = self._kept_constants(kept)
+        work = partial(
+            normals_of_tile, kept.folder, estimator=self.normals, constants=constants,
+            target=self.faces, columns_of=partial(columns_of, dtype=constants.dtype),
+        )  # fmt: skip
+        some = np.flatnonzero(kept.counts)
+
+        def is_done(cell):
+            return tile_files(self.faces, cell)[0].exists()
+
+        self.n_resumed = sum(map(is_done, some))
+        self._compute("normals", work, kept, is_done)
+        self.n_proved = sum(report.n_proved for report in reports_of(self.faces, some))
+        return constants
+
+    def _kept_constants(self, kept):
+        constants = self.folder.constants
+        if not self.columns.is_done("all", "kept constants"):
+            found = kept_constants(kept, constants.dtype)
+            self.columns.finish("all", "kept constants", step=found.step)
+        return constants._replace(step=self.columns.report("all", "kept constants")["step"])
+
+    def _sweep(self, name, work, cells, job, is_done=None):
+        is_done = is_done or partial(self.columns.is_done, sweep=name)
+        self._compute(name, partial(work, job=job), cells, is_done)
+        self.columns.remove(len(self.cells), *DONE_WITH.get(name, ()))
+
+    def _compute(self, name, work, cells, is_done):
+        """Do some work on all cells with points."""
+        todo = [cell for cell in range(len(cells)) if cells.counts[cell] and not is_done(cell)]
+        with progress_part(self.begin, ENDS[name], name):
+            compute_cells(work, cells, todo, self.n_workers, name)
+        self.begin = ENDS[name]
+
+    def _judge_together(self, n_places):
+        """Scores of a cloud of which few places are kept, which other code judges than tiles."""
+        n_points = self.catalog.n_points
+        if n_points > MOST_COPIES:
+            raise ValueError(
+                f"{n_points:,} points, of which {n_places:,} places are no outliers, are no cloud "
+                "to be judged by tiles"
+            )
+        records = [self.cells.read(cell) for cell in range(len(self.cells))]
+        rows, points = (np.concatenate([part[name] for part in records]) for name in ("row", "xyz"))
+        points = points[np.argsort(rows)].astype(self.folder.constants.dtype)
+        detector = clone(self.estimator).fit(points)
+        for cell, part in enumerate(records):
+            results = np.empty(len(part), SCORED)
+            results["row"] = part["row"]
+            results["values"][:, 0] = detector.scores_[part["row"]]
+            write_whole(tile_files(self.folder.results, cell)[0], results)
+        self.n_proved = self.n_kept
+        return detector.offset_
+
+
+def _warm_up(estimator):
+    """Raise for parameters that are wrong; compiled code is then on disk for all processes."""
+    points = np.random.default_rng(0).uniform(size=(WARM_UP, 3)) * [1, 1, 0.01]
+    points[: WARM_UP // 2, 2] *= 100
+    with warnings.catch_warnings(), progress_part(0.0, 0.0):
+        warnings.simplefilter("ignore")
+        clone(estimator).fit(points)

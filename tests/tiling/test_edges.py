@@ -1,0 +1,332 @@
+"""Edges by tiles are those in memory to the last bit, wherever tiles begin and runs end."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+from sklearn.base import clone
+from sklearn.ensemble import IsolationForest
+
+from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, SharpFeatureDetector
+from sklearn_mcmd.datasets import make_box, make_crown_roof, make_street
+from sklearn_mcmd.edges._painting import edge_columns
+from sklearn_mcmd.io import PointCloud, read_points, write_points
+from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.tiling import TilingError, _edges, write_edges
+from sklearn_mcmd.tiling._cells import Cells
+from sklearn_mcmd.tiling._outputs import SCORED, _Results
+from tiled import street
+
+DETECTOR = SharpFeatureDetector(12, random_state=0)
+RNG = np.random.default_rng(0)
+
+
+def street_of(n, share=0.05, seed=0):
+    return make_street(n, outlier_share=share, random_state=seed).data
+
+
+def machined():
+    """A block with a slot, whose faces meet inward and outward, with displaced points."""
+    rng = np.random.default_rng(2)
+    box = make_box(3_000, random_state=2).data
+    low, high = box.min(axis=0), box.max(axis=0)
+    inside = (np.abs((box - low) / (high - low) - [0.5, 0.5, 1.0]) < [0.6, 0.2, 0.4]).all(axis=1)
+    box[inside, 2] -= 0.4 * (high - low)[2]
+    moved = rng.choice(len(box), 300, replace=False)
+    box[moved] += rng.normal(0, 0.05, (300, 3)) * (high - low)
+    return box
+
+
+def with_copies():
+    X = np.round(street_of(2_200), 2)
+    return np.vstack([X, X[:500], X[:500], X[-40:]])
+
+
+def far_apart():
+    X = street_of(2_400)
+    X[1_200:, 0] += 1e4
+    return np.vstack([X, RNG.uniform(-1e5, 1e5, (15, 3)), RNG.normal([0, 0, 2_000], 0.1, (30, 3))])
+
+
+SCENES = {
+    "street": lambda: street_of(3_000),
+    "machined": machined,
+    "roof": lambda: make_crown_roof(outlier_share=0.2, random_state=0).data[:3_000],
+    "copies": with_copies,
+    "far apart": far_apart,
+    "lattice": lambda: np.unique(np.round(street_of(4_000), 1), axis=0),
+    "single precision": lambda: np.round(64 * street_of(2_500)) / 64,
+    "without surfaces": lambda: RNG.uniform(0, 5, (1_500, 3)),
+}
+
+
+def written(folder, xyz):
+    """A file of the points, and its cloud as it is read."""
+    write_points(folder / "a.las", PointCloud(xyz))
+    return folder / "a.las", read_points(folder / "a.las")
+
+
+def in_memory(cloud, detector=DETECTOR):
+    single = cloud.xyz.astype(np.float32)
+    exact = np.array_equal(single, cloud.xyz)
+    return clone(detector).fit(single if exact else cloud.xyz)
+
+
+@pytest.fixture
+def by_tiles(monkeypatch, tmp_path):
+    """Runs by tiles; returns all scores, and the report."""
+    found = []
+    write = _edges.write_edge_outputs
+
+    def keep_scores(catalog, targets, folder, limit, *args):
+        results = _Results(folder.results, len(Cells(folder.cells)), SCORED)
+        found.append((results.take(0, catalog.n_points)[:, 0], limit))
+        return write(catalog, targets, folder, limit, *args)
+
+    monkeypatch.setattr(_edges, "write_edge_outputs", keep_scores)
+
+    def run(source, detector=DETECTOR, **options):
+        report = write_edges(source, tmp_path / "edges.las", detector, **options)
+        return *found.pop(), report
+
+    return run
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_scores_are_those_of_memory_wherever_tiles_begin(scene, by_tiles, tmp_path):
+    path, cloud = written(tmp_path, SCENES[scene]())
+    expected = in_memory(cloud)
+    for tile_size, cut in ((800, 0.3), (10_000, 0.5)):
+        scores, limit, report = by_tiles(path, tile_size=tile_size, cut=cut)
+        assert_array_equal(scores, expected.scores_)
+        assert limit == expected.offset_
+        assert report.n_edges == (expected.scores_ < expected.offset_).sum()
+        assert report.n_outliers == (~expected.inlier_mask_).sum()
+        assert report.removed_fraction == (~expected.inlier_mask_).mean()
+        assert report.n_tiles >= len(cloud) / tile_size
+
+
+PARAMETERS = {
+    "narrow": {"n_neighbors": 6, "min_angle": 45.0, "threshold": 1.0},
+    "passthrough": {"outlier_detector": "passthrough"},
+    "strict": {"outlier_detector": MCMDOutlierDetector(16, strictness="surfaces")},
+    "share": {"outlier_detector": MCMDOutlierDetector(16, contamination=0.1)},
+    "tangents": {"normal_estimator": RobustNormalEstimator(16)},
+    "pca": {"normal_estimator": RobustNormalEstimator(20, method="pca", radius=0.5)},
+    "eigenvalue": {"criterion": "eigenvalue"},
+    "variation": {"criterion": "surface_variation", "threshold": 0.05},
+    "removed": {"criterion": "removed_fraction"},
+    "robust": {"criterion": "eigenvalue", "normal_estimator": RobustNormalEstimator(12)},
+    "Eq. 25": {
+        "criterion": "eigenvalue",
+        "threshold": "mean",
+        "outlier_detector": "passthrough",
+        "normal_estimator": RobustNormalEstimator(12, refine=None),
+    },
+}
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_scores_and_limits_are_those_of_memory_for_all_parameters(name, by_tiles, tmp_path):
+    path, cloud = written(tmp_path, np.round(street_of(2_500, seed=1), 2))
+    detector = clone(DETECTOR).set_params(**PARAMETERS[name])
+    expected = in_memory(cloud, detector)
+    scores, limit, _ = by_tiles(path, detector, tile_size=1_200)
+    assert_array_equal(scores, expected.scores_)
+    assert limit == expected.offset_
+
+
+@st.composite
+def clouds(draw):
+    """More than a thousand places: faces at right angles and single points, rounded or copied."""
+    rng = np.random.default_rng(draw(st.integers(0, 10**6)))
+    n_face, n_far = draw(st.integers(500, 700)), draw(st.integers(0, 60))
+    parts = []
+    for flat in ([1, 1, 0], [1, 0, 1], [0, 1, 1]):
+        parts.append(rng.uniform(0, 4, (n_face, 3)) * flat + rng.normal(0, 0.01, (n_face, 3)))
+    X = np.vstack([*parts, rng.uniform(-9, 9, (n_far, 3))])
+    X = np.round(X, draw(st.sampled_from([1, 2, 4])))
+    return np.vstack([X, X[rng.integers(0, len(X), draw(st.integers(0, 200)))]])
+
+
+@given(
+    X=clouds(),
+    tile_size=st.integers(200, 1_500),
+    cut=st.floats(0.2, 0.8),
+    cleaner=st.sampled_from([None, "passthrough"]),
+)
+@settings(
+    max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_scores_of_any_cloud_are_those_of_memory(X, tile_size, cut, cleaner, by_tiles, tmp_path):
+    path, cloud = written(tmp_path, X)
+    detector = SharpFeatureDetector(10, outlier_detector=cleaner, random_state=1)
+    scores, _, _ = by_tiles(path, detector, tile_size=tile_size, cut=cut)
+    assert_array_equal(scores, in_memory(cloud, detector).scores_)
+
+
+@pytest.mark.parametrize("n", [900, 30])
+@pytest.mark.parametrize("criterion", ["crease", "eigenvalue"])
+def test_small_clouds_are_judged_as_in_memory(n, criterion, by_tiles, tmp_path):
+    path, cloud = written(tmp_path, street_of(2_000)[:n])
+    detector = clone(DETECTOR).set_params(criterion=criterion)
+    scores, limit, report = by_tiles(path, detector, tile_size=200)
+    expected = in_memory(cloud, detector)
+    assert_array_equal(scores, expected.scores_)
+    assert limit == expected.offset_
+    assert report.n_proved == len(cloud)
+
+
+def test_clouds_of_which_hardly_anything_is_kept_are_judged_as_in_memory(by_tiles, tmp_path):
+    path, cloud = written(tmp_path, street_of(1_500))
+    cleaner = MCMDOutlierDetector(16, strictness="surfaces", cutoff=1e-9)
+    detector = clone(DETECTOR).set_params(outlier_detector=cleaner)
+    scores, _, report = by_tiles(path, detector, tile_size=500)
+    expected = in_memory(cloud, detector)
+    assert_array_equal(scores, expected.scores_)
+    assert report.n_outliers == (~expected.inlier_mask_).sum()
+
+
+def test_many_points_of_which_few_are_kept_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(_edges, "MOST_COPIES", 1_000)
+    path, _ = written(tmp_path, np.repeat(street_of(600), 2, axis=0))
+    detector = clone(DETECTOR).set_params(outlier_detector="passthrough")
+    with pytest.raises(TilingError, match="1,200 points, of which 600 places are no outliers"):
+        write_edges(path, tmp_path / "b.las", detector, tile_size=500)
+
+
+@pytest.mark.parametrize(("n_jobs", "colors"), [(1, None), (2, False)])
+def test_files_are_those_that_memory_writes(n_jobs, colors, tmp_path):
+    path, expected, target = (tmp_path / name for name in ("a.laz", "b.laz", "c.laz"))
+    write_points(path, street(5_000))
+    cloud = read_points(path)
+    fitted = clone(DETECTOR).fit(cloud.xyz)
+    is_edge = fitted.scores_ < fitted.offset_
+    brightest = 65535 if colors is None else None
+    results = edge_columns(is_edge, fitted.scores_, brightest)
+    write_points(expected, with_results(cloud, results))
+    report = write_edges(path, target, DETECTOR, colors=colors, tile_size=2_000, n_jobs=n_jobs)
+    assert target.read_bytes() == expected.read_bytes()
+    assert report.n_workers == n_jobs
+    assert report.n_edges == is_edge.sum()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.laz", "b.laz", "c.laz"]
+
+
+def test_files_of_a_folder_are_one_cloud_and_keep_their_colors(tmp_path):
+    cloud = street(3_000)
+    left = cloud.xyz[:, 0] < np.median(cloud.xyz[:, 0])
+    gray = dict.fromkeys(("red", "green", "blue"), np.full(left.sum(), 7, np.uint16))
+    (tmp_path / "in").mkdir()
+    write_points(tmp_path / "in" / "a.laz", cloud.subset(left).with_attributes(**gray))
+    write_points(tmp_path / "in" / "b.las", cloud.subset(~left))
+    inputs = [read_points(tmp_path / "in" / name) for name in ("a.laz", "b.las")]
+    fitted = clone(DETECTOR).fit(np.vstack([part.xyz for part in inputs]))
+    is_edge = fitted.scores_ < fitted.offset_
+    write_edges(tmp_path / "in", tmp_path / "out", DETECTOR, tile_size=1_500)
+    parts = np.split(is_edge, [len(inputs[0])])
+    a, b = (read_points(tmp_path / "out" / name) for name in ("a.laz", "b.las"))
+    for found, part, some in zip((a, b), inputs, parts, strict=True):
+        assert_array_equal(found.xyz, part.xyz)
+        assert_array_equal(found.attributes["edge"], some)
+        assert_array_equal(found.attributes["intensity"], part.attributes["intensity"])
+    assert (a.attributes["red"] == 7).all()
+    assert len(np.unique(b.attributes["red"])) == 2
+
+
+# A run that kills itself within a sweep, or at the output.
+RUN = """
+import os, signal, sys
+from sklearn_mcmd import SharpFeatureDetector
+from sklearn_mcmd.tiling import _denoise, _edges, _outputs, write_edges
+
+source, target, place = sys.argv[1:]
+
+def die(*args, **kwargs):
+    os.kill(os.getpid(), getattr(signal, "SIGKILL", signal.SIGTERM))
+
+def twice(work, done=[]):
+    def some(*args, **kwargs):
+        done.append(work(*args, **kwargs) if len(done) < 2 else die())
+    return some
+
+if place == "writing":
+    _outputs.with_results = die
+elif place == "close_kept":
+    _edges.close_kept = die
+else:
+    module = _edges if hasattr(_edges, place) else _denoise
+    setattr(module, place, twice(getattr(module, place)))
+detector = SharpFeatureDetector(12, random_state=0)
+write_edges(source, target, detector, tile_size=1_500)
+"""
+
+
+@pytest.mark.parametrize(
+    ("place", "n_resumed"),
+    [
+        ("find_kept", 0),
+        ("find_creases", 4),
+        *(
+            pytest.param(place, n, marks=pytest.mark.slow)
+            for place, n in (
+                *[("find_planes", 0), ("close_kept", 0), ("find_ordered_places", 0)],
+                *[("normals_of_tile", 2), ("find_spacing", 4), ("find_faces", 4)],
+                *[("find_distances", 4), ("writing", 4)],
+            )
+        ),
+    ],
+)
+def test_a_run_that_was_killed_goes_on(place, n_resumed, by_tiles, tmp_path):
+    path = tmp_path / "a.las"
+    write_points(path, street(4_500))
+    expected = in_memory(read_points(path))
+    died = subprocess.run([sys.executable, "-c", RUN, path, tmp_path / "edges.las", place])
+    assert died.returncode != 0
+    assert not (tmp_path / "edges.las").exists()
+    scores, _, report = by_tiles(path, tile_size=1_500)
+    assert_array_equal(scores, expected.scores_)
+    assert report.n_resumed == n_resumed
+    assert not (tmp_path / "edges.las.tiles").exists()
+
+
+@pytest.mark.parametrize(
+    ("estimator", "message"),
+    [
+        (SharpFeatureDetector(), "random_state"),
+        (clone(DETECTOR).set_params(normals="precomputed"), "normals='precomputed'"),
+        (clone(DETECTOR).set_params(threshold="mean"), "threshold='mean' is for eigenvalues"),
+        (clone(DETECTOR).set_params(outlier_detector=IsolationForest()), "IsolationForest"),
+        (
+            clone(DETECTOR).set_params(normal_estimator=RobustNormalEstimator(orientation="mst")),
+            "orientation",
+        ),
+        (
+            clone(DETECTOR).set_params(
+                criterion="removed_fraction", normal_estimator=RobustNormalEstimator(10)
+            ),
+            "needs the column removed_fraction",
+        ),
+        (RobustNormalEstimator(random_state=0), "SharpFeatureDetector"),
+    ],
+)
+def test_detectors_that_cannot_work_are_refused_before_the_work(tmp_path, estimator, message):
+    path, _ = written(tmp_path, street_of(2_000))
+    with pytest.raises(ValueError, match=message):
+        write_edges(path, tmp_path / "b.las", estimator)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.las"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("criterion", ["crease", "removed_fraction"])
+def test_a_hundred_thousand_points_have_the_scores_of_memory(criterion, by_tiles, tmp_path):
+    path, cloud = written(tmp_path, np.round(street_of(100_000), 3))
+    detector = SharpFeatureDetector(criterion=criterion, random_state=0)
+    expected = in_memory(cloud, detector)
+    for tile_size, cut, n_jobs in ((5_000, 0.5, 2), (20_000, 0.3, 1), (70_000, 0.6, 2)):
+        scores, limit, _ = by_tiles(path, detector, tile_size=tile_size, cut=cut, n_jobs=n_jobs)
+        assert_array_equal(scores, expected.scores_)
+        assert limit == expected.offset_
