@@ -28,6 +28,7 @@ from sklearn_mcmd.cli._options import (
     colors_option,
     positive,
 )
+from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.cli._speech import (
     clear_exits,
     count_and_share,
@@ -82,6 +83,7 @@ def edges(
     ] = None,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
+    report: ReportFolder = None,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
@@ -102,7 +104,7 @@ def edges(
             brightest = largest if colors else None
             nothing = blank(cloud)
             rehearse(target, with_results(cloud, _results(nothing > 0, nothing, brightest)))
-            is_edge, score = _find_edges(
+            detector = _find_edges(
                 coordinates(cloud),
                 n_neighbors=n_neighbors,
                 criterion=str(criterion),
@@ -112,20 +114,32 @@ def edges(
                 random_state=random_state,
                 n_jobs=n_jobs,
             )
+            is_edge, score = _verdict(detector)
             write(target, with_results(cloud, _results(is_edge, score, brightest)))
+            write_report_of(report, source, target, seconds, lambda: _contents(cloud, detector))
         if not quiet:
             edges = count_and_share(is_edge)
             print_summary(source, target, len(cloud), seconds(), edges=edges)
 
 
 def _find_edges(xyz, **params):
-    """Whether each point belongs to an edge, and its distance or the criterion's value."""
+    """The fitted detector."""
     from sklearn_mcmd import SharpFeatureDetector
 
     with progress_part(*WORKING):
-        detector = SharpFeatureDetector(**params).fit(xyz)
+        return SharpFeatureDetector(**params).fit(xyz)
+
+
+def _verdict(detector):
+    """Whether each point belongs to an edge, and its distance or the criterion's value."""
     scores = detector.scores_
-    return scores < detector.offset_, scores if params["criterion"] == "crease" else -scores
+    return scores < detector.offset_, scores if detector.criterion == "crease" else -scores
+
+
+def _contents(cloud, detector):
+    from sklearn_mcmd.report._edges import edges_contents
+
+    return edges_contents(cloud, detector)
 
 
 def _results(is_edge, score, brightest):

@@ -28,6 +28,7 @@ from sklearn_mcmd.cli._options import (
     number_or,
     positive,
 )
+from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.cli._speech import (
     clear_exits,
     count_and_share,
@@ -123,6 +124,7 @@ def segment(
     outlier_rate: OutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
+    report: ReportFolder = None,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
@@ -158,6 +160,7 @@ def segment(
                 n_jobs=n_jobs,
             )
             write(target, _segmented(cloud, fitted.labels_, colors))
+            write_report_of(report, source, target, seconds, lambda: _contents(cloud, fitted))
         if not quiet:
             largest = ", ".join(f"{size:,}" for size in fitted.region_sizes_[:LARGEST_SHOWN])
             print_summary(
@@ -174,6 +177,12 @@ def _find_regions(xyz, normals, **params):
     with progress_part(*WORKING):
         estimator = RobustNormalEstimator(**normals)
         return RegionGrowing(normal_estimator=estimator, **params).fit(xyz)
+
+
+def _contents(cloud, fitted):
+    from sklearn_mcmd.report._segment import segment_contents
+
+    return segment_contents(cloud, fitted)
 
 
 def _segmented(cloud, labels, colors):
