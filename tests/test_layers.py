@@ -28,10 +28,11 @@ ROOMS = {
     "resampling": {"outliers"},
     "view": {"io"},
     "plotting": {"io", "view"},
+    "report": {"adjustment", "io", "outliers", "planes", "plotting", "view"},
     "paper": {"baselines", "cli", "datasets", "edges", "io", "metrics", "normals", "outliers",
               "planes", "plotting", "segmentation"},
     "cli": {"adjustment", "datasets", "edges", "io", "metrics", "normals", "outliers", "planes",
-            "plotting", "segmentation", "tiling", "view"},
+            "plotting", "report", "segmentation", "tiling", "view"},
 }  # fmt: skip
 
 

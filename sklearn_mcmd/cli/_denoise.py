@@ -22,6 +22,7 @@ from sklearn_mcmd.cli._options import (
     number_or,
     positive,
 )
+from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.cli._speech import (
     clear_exits,
     count_and_share,
@@ -137,6 +138,7 @@ def denoise(
     scheduler: Scheduler = None,
     dry_run: DryRun = False,
     restart: Restart = False,
+    report: ReportFolder = None,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
@@ -178,38 +180,56 @@ def denoise(
             print_plan(source, target, catalog, _detector(params), memory, work="outliers")
             return
         if catalog is not None:
-            return _by_tiles(source, target, catalog, params, mode, memory, restart, quiet, seconds)
+            return _by_tiles(
+                *(source, target, catalog, params, mode, memory, restart, report, quiet, seconds)
+            )
         with progress("denoise", quiet):
             mark = mode is Mode.mark
             cloud = read(source, target, "marks of outliers" if mark else None)
             nothing = blank(cloud)
             rehearse(target, *_denoised(cloud, nothing > 0, nothing, mark))
-            is_outlier, score = _find_outliers(coordinates(cloud), **params)
+            detector = _find_outliers(coordinates(cloud), **params)
+            is_outlier, score = detector.scores_ < detector.offset_, -detector.scores_
             _warn_if_without_scale(_n_without_scale(score[is_outlier]), len(cloud))
             write(target, *_denoised(cloud, is_outlier, score, mark))
+            write_report_of(
+                report, source, target, seconds, lambda: _contents(cloud, detector, mark)
+            )
         if not quiet:
             found = {"marked" if mark else "removed": count_and_share(is_outlier)}
             print_summary(source, target, len(cloud), seconds(), **found)
 
 
-def _by_tiles(source, target, catalog, params, mode, memory, restart, quiet, seconds):
+def _by_tiles(source, target, catalog, params, mode, memory, restart, report, quiet, seconds):
     from sklearn_mcmd.tiling import write_denoised
 
     with progress("denoise", quiet):
-        report = write_denoised(
+        told = write_denoised(
             catalog, target, _detector(params), mode=str(mode), memory=memory,
             n_jobs=params["n_jobs"], restart=restart,
         )  # fmt: skip
-    _warn_if_without_scale(report.n_exact, report.n_points)
+        write_report_of(
+            report, source, target, seconds,
+            lambda: _tile_contents(catalog, target, params, told, mode is Mode.mark),
+        )  # fmt: skip
+    _warn_if_without_scale(told.n_exact, told.n_points)
     if not quiet:
-        found = number_and_share(report.n_outliers, report.n_points)
-        again = report.n_points - report.n_proved
+        found = number_and_share(told.n_outliers, told.n_points)
+        again = told.n_points - told.n_proved
         print_summary(
-            *(source, target, report.n_points, seconds()),
-            tiles=f"{report.n_tiles:,}, of which {report.n_resumed:,} were done before",
+            *(source, target, told.n_points, seconds()),
+            tiles=f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
             **{"marked" if mode is Mode.mark else "removed": found},
             proved=f"all; {again:,} from more points than lie around their tile",
         )
+
+
+def _tile_contents(catalog, target, params, told, mark):
+    from sklearn_mcmd.report._tiles import denoised_tiles
+    from sklearn_mcmd.tiling._outputs import targets_of
+
+    outputs = targets_of(catalog, target)
+    return denoised_tiles(catalog, outputs, _detector(params), told, marked=mark)
 
 
 def _at_most_one(options):
@@ -228,10 +248,15 @@ def _detector(params):
 
 
 def _find_outliers(xyz, **params):
-    """Whether each point is an outlier, and its score."""
+    """The fitted detector."""
     with progress_part(*WORKING):
-        detector = _detector(params).fit(xyz)
-    return detector.scores_ < detector.offset_, -detector.scores_
+        return _detector(params).fit(xyz)
+
+
+def _contents(cloud, detector, mark):
+    from sklearn_mcmd.report._denoise import denoise_contents
+
+    return denoise_contents(cloud, detector, marked=mark)
 
 
 def _n_without_scale(scores):

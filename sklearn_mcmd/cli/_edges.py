@@ -28,6 +28,7 @@ from sklearn_mcmd.cli._options import (
     colors_option,
     positive,
 )
+from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.cli._speech import (
     clear_exits,
     count_and_share,
@@ -84,6 +85,7 @@ def edges(
     scheduler: Scheduler = None,
     dry_run: DryRun = False,
     restart: Restart = False,
+    report: ReportFolder = None,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
@@ -126,8 +128,11 @@ def edges(
             brightest = largest if colors else None
             nothing = blank(cloud)
             rehearse(target, with_results(cloud, _results(nothing > 0, nothing, brightest)))
-            is_edge, score = _find_edges(coordinates(cloud), params)
+            with progress_part(*WORKING):
+                detector = _detector(params).fit(coordinates(cloud))
+            is_edge, score = _verdict(detector)
             write(target, with_results(cloud, _results(is_edge, score, brightest)))
+            write_report_of(report, source, target, seconds, lambda: _contents(cloud, detector))
         if not quiet:
             edges = count_and_share(is_edge)
             print_summary(source, target, len(cloud), seconds(), edges=edges)
@@ -157,12 +162,16 @@ def _detector(params):
     return SharpFeatureDetector(**params)
 
 
-def _find_edges(xyz, params):
+def _verdict(detector):
     """Whether each point belongs to an edge, and its distance or the criterion's value."""
-    with progress_part(*WORKING):
-        detector = _detector(params).fit(xyz)
     scores = detector.scores_
-    return scores < detector.offset_, scores if params["criterion"] == "crease" else -scores
+    return scores < detector.offset_, scores if detector.criterion == "crease" else -scores
+
+
+def _contents(cloud, detector):
+    from sklearn_mcmd.report._edges import edges_contents
+
+    return edges_contents(cloud, detector)
 
 
 def _results(is_edge, score, brightest):

@@ -4,19 +4,16 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sklearn_mcmd.io._las import coordinate_system
+from sklearn_mcmd.report._facts import distinct_points, median_spacing
 
 __all__ = ["summarize"]
-
-SPACING_SAMPLE = 200_000  # largest number of points that the median spacing is taken from
 
 
 def summarize(source, cloud):
     """Names and values of the table that `mcmd info` prints."""
     xyz = cloud.xyz
     low, high = xyz.min(axis=0), xyz.max(axis=0)
-    order = np.lexsort(xyz.T)
-    first = np.r_[True, (np.diff(xyz[order], axis=0) != 0).any(axis=1)]
-    distinct = xyz[order[first]]
+    distinct = distinct_points(xyz)
     rows = {"format": source.suffix[1:].upper(), "points": f"{len(xyz):,}"}
     header = cloud.metadata.get("las_header")
     if header is not None:
@@ -24,9 +21,8 @@ def summarize(source, cloud):
         rows["CRS"] = coordinate_system(header) or "not stated"
     rows |= _bounds(low, high)
     if len(distinct) > 1:
-        step = -(-len(distinct) // SPACING_SAMPLE)
-        distance, _ = cKDTree(distinct, balanced_tree=False).query(distinct[::step], k=2)
-        rows["spacing"] = f"{np.median(distance[:, 1]):.4g} (median distance to the nearest)"
+        spacing = median_spacing(cKDTree(distinct, balanced_tree=False))
+        rows["spacing"] = f"{spacing:.4g} (median distance to the nearest)"
     n_duplicates = len(xyz) - len(distinct)
     rows["duplicates"] = f"{n_duplicates:,} ({100 * n_duplicates / len(xyz):.2f} %)"
     constant = []

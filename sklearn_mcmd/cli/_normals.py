@@ -20,6 +20,7 @@ from sklearn_mcmd.cli._options import (
     RandomState,
     positive,
 )
+from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.cli._speech import clear_exits, print_summary, stopwatch
 from sklearn_mcmd.cli._waiting import progress
 from sklearn_mcmd.planes._progress import progress_part
@@ -104,6 +105,7 @@ def normals(
     scheduler: Scheduler = None,
     dry_run: DryRun = False,
     restart: Restart = False,
+    report: ReportFolder = None,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
@@ -144,13 +146,18 @@ def normals(
             print_plan(source, target, catalog, estimator, memory, n_features=n_features)
             return
         if catalog is not None:
-            return _by_tiles(source, target, catalog, params, memory, restart, quiet, seconds)
+            return _by_tiles(
+                source, target, catalog, params, memory, restart, report, quiet, seconds
+            )
         with progress("normals", quiet):
             cloud = read(source, target, "normals")
             columns = (*_columns(), *_feature_columns(features), *_size_column(n_neighbors))
             rehearse(target, with_results(cloud, dict.fromkeys(columns, blank(cloud))))
-            results = _find_normals(coordinates(cloud), params)
+            fitted, results = _find_normals(coordinates(cloud), params)
             write(target, with_results(cloud, results))
+            write_report_of(
+                report, source, target, seconds, lambda: _contents(cloud, fitted, results)
+            )
         if not quiet:
             removed = float(results["removed_fraction"].mean(dtype=np.float64))
             print_summary(
@@ -169,22 +176,33 @@ def _check_local(source, orientation):
         )
 
 
-def _by_tiles(source, target, catalog, params, memory, restart, quiet, seconds):
+def _by_tiles(source, target, catalog, params, memory, restart, report, quiet, seconds):
     from sklearn_mcmd.tiling import write_normals
 
     with progress("normals", quiet):
-        report = write_normals(
+        told = write_normals(
             catalog, target, _estimator(params), memory=memory, n_jobs=params["n_jobs"],
             restart=restart,
         )  # fmt: skip
+        write_report_of(
+            report, source, target, seconds, lambda: _tile_contents(catalog, target, params, told)
+        )
     if not quiet:
-        again = report.n_points - report.n_proved
+        again = told.n_points - told.n_proved
         print_summary(
-            *(source, target, report.n_points, seconds()),
-            tiles=f"{report.n_tiles:,}, of which {report.n_resumed:,} were done before",
-            removed=_removed(report.removed_fraction),
+            *(source, target, told.n_points, seconds()),
+            tiles=f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
+            removed=_removed(told.removed_fraction),
             proved=f"all; {again:,} from more points than lie around their tile",
         )
+
+
+def _tile_contents(catalog, target, params, told):
+    from sklearn_mcmd.report._tiles import normals_of_tiles
+    from sklearn_mcmd.tiling._outputs import targets_of
+
+    names = (*_columns(), *_feature_columns(params["features"]))
+    return normals_of_tiles(catalog, targets_of(catalog, target), names, told)
 
 
 def _removed(share):
@@ -204,7 +222,7 @@ def _columns():
 
 
 def _find_normals(xyz, params):
-    """The columns of results by their names."""
+    """The fitted estimator, and the columns of results by their names."""
     from sklearn_mcmd.tiling._tile import normal_columns
 
     with progress_part(*WORKING):
@@ -213,7 +231,13 @@ def _find_normals(xyz, params):
     results = dict(zip(names, columns.T.copy(), strict=True))
     for name in _size_column(params["n_neighbors"]):
         results[name] = fitted.n_neighbors_.astype(np.float32)
-    return results
+    return fitted, results
+
+
+def _contents(cloud, fitted, results):
+    from sklearn_mcmd.report._normals import normals_contents
+
+    return normals_contents(cloud, fitted, results)
 
 
 def _size_column(n_neighbors):

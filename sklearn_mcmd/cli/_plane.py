@@ -22,6 +22,7 @@ from sklearn_mcmd.cli._files import (
     write,
 )
 from sklearn_mcmd.cli._options import AllowCoarse, InFile, OutFile, Quiet, RandomState, number_or
+from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.cli._speech import (
     clear_exits,
     count_and_share,
@@ -134,7 +135,7 @@ def plane(
             show_default="robust-start",
         ),
     ] = None,
-    report: Annotated[
+    text: Annotated[
         Path | None,
         typer.Option(
             help="Text report to write.", show_default="OUT, its extension replaced by _report.txt"
@@ -151,6 +152,7 @@ def plane(
         str, typer.Option(help="Unit of the file, such as m. It is only printed.")
     ] = "",
     random_state: RandomState = 0,
+    report: ReportFolder = None,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
@@ -166,7 +168,7 @@ def plane(
     )
     if method is Method.baarda:
         params["random_state"] = random_state
-    sheets = _choose_sheets(source, target, report, plot)
+    sheets = _choose_sheets(source, target, text, plot)
     with clear_exits(allow_coarse=allow_coarse):
         seconds = stopwatch()
         with progress("plane", quiet):
@@ -178,7 +180,11 @@ def plane(
             none = blank(cloud)
             rehearse(target, *_tested(cloud, none > 0, none, none))
             detector, residuals = _test_plane(cloud.xyz, method, params)
-            _write_all(source, target, sheets, cloud, detector, residuals, unit)
+            words = _write_all(source, target, sheets, cloud, detector, residuals, unit)
+            write_report_of(
+                report, source, target, seconds,
+                lambda: _contents(cloud, detector, residuals, words, unit),
+            )  # fmt: skip
         if not quiet:
             _summarize(source, target, sheets, detector, residuals, unit, seconds())
 
@@ -200,27 +206,27 @@ def _detector_params(method, alpha, test, sigma0, correction, elimination, surfa
     return params
 
 
-def _choose_sheets(source, target, report, plot):
+def _choose_sheets(source, target, text, plot):
     """Paths of the text and the figure, which must not be those of the point files."""
     # Not OUT with .txt, which may be the name of a point file.
-    report = report or target.with_name(f"{target.stem}_report.txt")
+    text = text or target.with_name(f"{target.stem}_report.txt")
     plot = plot or target.with_name(f"{target.stem}_report.png")
     if plot.suffix.lower() not in FIGURE_EXTENSIONS:
         raise typer.BadParameter(
             f"{plot}: a figure ends in {', '.join(FIGURE_EXTENSIONS)}.", param_hint="--plot"
         )
     taken = {os.path.realpath(source): "IN", os.path.realpath(target): "OUT"}
-    for option, path in (("--report", report), ("--plot", plot)):
+    for option, path in (("--text", text), ("--plot", plot)):
         other = taken.setdefault(os.path.realpath(path), option)
         if other != option:
             raise typer.BadParameter(f"{path} is {other} as well.", param_hint=option)
-    return report, plot
+    return text, plot
 
 
 def _rehearse_sheets(sheets, plot_wanted):
     """The paths of text and figure after a trial; None for a figure that cannot be drawn."""
-    report, plot = sheets
-    with standing_in(report):
+    text, plot = sheets
+    with standing_in(text):
         pass
     try:
         import matplotlib  # noqa: F401
@@ -229,10 +235,10 @@ def _rehearse_sheets(sheets, plot_wanted):
         if plot_wanted is not None:
             raise ImportError(message) from err
         warnings.warn(f"{message}; the text alone is written", stacklevel=2)
-        return report, None
+        return text, None
     with standing_in(plot):
         pass
-    return report, plot
+    return text, plot
 
 
 def _test_plane(xyz, method, params):
@@ -276,18 +282,21 @@ def _tested(cloud, is_outlier, statistic, residuals):
 
 
 def _write_all(source, target, sheets, cloud, detector, residuals, unit):
-    """Write the points and both sheets; no file is replaced before all are on the disk."""
+    """Write the points and both sheets; no file is replaced before all are on the disk.
+
+    Returns the text.
+    """
     from contextlib import ExitStack
 
     from sklearn_mcmd.adjustment import plot_report, text_report
     from sklearn_mcmd.io._files import replacing
 
-    report, plot = sheets
+    text_file, plot = sheets
     title = f"Plane test of {source.name}"
     with ExitStack() as stack:
-        temporary = stack.enter_context(replacing(report))
+        temporary = stack.enter_context(replacing(text_file))
         text = text_report(detector, cloud.xyz, title=title, unit=unit)
-        with naming(report):
+        with naming(text_file):
             temporary.write_text(text + _record(source, target, plot), encoding="utf-8")
         if plot is not None:
             temporary = stack.enter_context(replacing(plot))
@@ -296,6 +305,13 @@ def _write_all(source, target, sheets, cloud, detector, residuals, unit):
                 figure.savefig(temporary, dpi=150)
         is_outlier = detector.labels_ == -1
         write(target, *_tested(cloud, is_outlier, detector.test_statistic_, residuals))
+    return text
+
+
+def _contents(cloud, detector, residuals, text, unit):
+    from sklearn_mcmd.report._plane import plane_contents
+
+    return plane_contents(cloud, detector, residuals, text, unit)
 
 
 def _record(source, target, plot):

@@ -30,6 +30,7 @@ from sklearn_mcmd.cli._options import (
     number_or,
     positive,
 )
+from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.cli._speech import (
     clear_exits,
     count_and_share,
@@ -130,6 +131,7 @@ def segment(
     scheduler: Scheduler = None,
     dry_run: DryRun = False,
     restart: Restart = False,
+    report: ReportFolder = None,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
@@ -181,6 +183,7 @@ def segment(
             with progress_part(*WORKING):
                 fitted = _growing(normals, params).fit(coordinates(cloud))
             write(target, _segmented(cloud, fitted.labels_, colors))
+            write_report_of(report, source, target, seconds, lambda: _contents(cloud, fitted))
         if not quiet:
             print_summary(
                 *(source, target, len(cloud), seconds()),
@@ -218,6 +221,12 @@ def _growing(normals, params):
     from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 
     return RegionGrowing(normal_estimator=RobustNormalEstimator(**normals), **params)
+
+
+def _contents(cloud, fitted):
+    from sklearn_mcmd.report._segment import segment_contents
+
+    return segment_contents(cloud, fitted)
 
 
 def _segmented(cloud, labels, colors):

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-__all__ = ["PlaneResidualDisplay"]
+__all__ = ["PlaneResidualDisplay", "along_normal"]
 
 
 class PlaneResidualDisplay(CloudDisplay):
@@ -135,13 +135,13 @@ class PlaneResidualDisplay(CloudDisplay):
         n = np.count_nonzero(self.is_outlier)
         title = f"Residuals of {len(self.xyz):,} points, {n:,} outliers"
         paint = shade.to_rgba(self.residuals)[:, :3]
-        view = _along_normal(self.xyz[kept]) if view is None else view
+        view = along_normal(self.xyz[kept]) if view is None else view
         self._draw(paint, self.is_outlier, title, view=view, max_points=max_points, ax=ax)
         self.figure_.colorbar(shade, ax=self.ax_, label="residual", shrink=0.7, extend="both")
         return self
 
 
-def _along_normal(points):
+def along_normal(points):
     """The camera that looks at a plane from its front, upright."""
     centered = points - points.mean(axis=0)
     x, y, z = np.linalg.eigh(centered.T @ centered)[1][:, 0]

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
+    "ball_picture",
     "check_points",
     "draw_ball",
     "normal_colors",
@@ -219,6 +220,16 @@ def normal_colors(
 def draw_ball(ax, view):
     """The legend of `normal_colors`: a ball, whose normals are known."""
     inset = ax.inset_axes(BALL_PLACE)
+    picture = ball_picture(view)
+    inset.imshow(picture, origin="lower", extent=(-1, 1, -1, 1), interpolation="antialiased")
+    inset.set(aspect="equal", xlim=(-1.05, 1.05), ylim=(-1.05, 1.05))
+    inset.set_axis_off()
+    inset.set_title("a ball in these colors", fontsize=9, color="0.25", pad=3)
+    return inset
+
+
+def ball_picture(view):
+    """A ball in the colors of its normals, transparent around it; the first row is the lowest."""
     right, up, toward = camera(view)
     x = np.linspace(-1.0, 1.0, BALL_PIXELS)
     across, height = np.meshgrid(x, x)
@@ -226,12 +237,7 @@ def draw_ball(ax, view):
     depth = np.sqrt(np.maximum(1.0 - square, 0.0))
     normals = np.stack([across, height, depth], axis=-1) @ np.stack([right, up, toward])
     colors = normal_colors(normals.reshape(-1, 3), view=view).reshape(*square.shape, 3)
-    picture = np.dstack([colors, square <= 1.0])  # transparent around the ball
-    inset.imshow(picture, origin="lower", extent=(-1, 1, -1, 1), interpolation="antialiased")
-    inset.set(aspect="equal", xlim=(-1.05, 1.05), ylim=(-1.05, 1.05))
-    inset.set_axis_off()
-    inset.set_title("a ball in these colors", fontsize=9, color="0.25", pad=3)
-    return inset
+    return np.dstack([colors, square <= 1.0])
 
 
 def region_colors(labels: ArrayLike) -> NDArray[np.float64]:

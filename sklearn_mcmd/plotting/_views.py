@@ -4,7 +4,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["VIEW", "VIEWS", "Picture", "camera", "draw_scale_bar", "look", "thinned"]
+__all__ = [
+    "VIEW",
+    "VIEWS",
+    "Picture",
+    "camera",
+    "draw_scale_bar",
+    "look",
+    "round_length",
+    "thinned",
+]
 
 VIEW = (-64.0, 26.0)  # azimuth and elevation of the camera, degrees
 VIEWS = {"top": (-90.0, 90.0), "front": (-90.0, 0.0), "side": (0.0, 0.0), "perspective": VIEW}
@@ -73,7 +82,7 @@ def thinned(labels, most, seed=0):
 def draw_scale_bar(ax, note=""):
     """A bar of 1, 2 or 5 times a power of ten in the lower left corner, and its length."""
     (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
-    length = _round_length(0.2 * (right - left))
+    length = round_length(0.2 * (right - left))
     x, y = left + 0.03 * (right - left), bottom + 0.03 * (top - bottom)
     ax.plot([x, x + length], [y, y], color="0.2", lw=2, solid_capstyle="butt", zorder=5)
     ax.annotate(
@@ -114,6 +123,7 @@ def _equal_shares(wanted, places):
     return given
 
 
-def _round_length(longest):
+def round_length(longest):
+    """The largest of 1, 2 or 5 times a power of ten that is no longer."""
     power = 10.0 ** np.floor(np.log10(longest))
     return max(factor * power for factor in (1.0, 2.0, 5.0) if factor * power <= longest)

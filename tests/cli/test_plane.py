@@ -98,7 +98,7 @@ def test_report_and_figure_go_where_they_are_told(wall_file, tmp_path):
     text, figure = tmp_path / "filed" / "a.md", tmp_path / "filed" / "a.pdf"
     result = run(
         *("plane", wall_file, tmp_path / "out.laz", "--unit", "m"),
-        *("--report", text, "--plot", figure),
+        *("--text", text, "--plot", figure),
     )
     assert result.exit_code == 0, result.output
     assert files_in(tmp_path) == ["filed", "out.laz", "wall.laz"]
@@ -157,13 +157,13 @@ def test_wrong_options_of_plane_are_wrong_usage(options, wall_file, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("option", "name"), [("--report", "wall.laz"), ("--report", "out.laz"), ("--plot", "sheet.png")]
+    ("option", "name"), [("--text", "wall.laz"), ("--text", "out.laz"), ("--plot", "sheet.png")]
 )
 def test_a_sheet_never_overwrites_points_or_the_other_sheet(option, name, wall_file, tmp_path):
     before = wall_file.read_bytes()
     options = [option, tmp_path / name]
     if option == "--plot":
-        options += ["--report", tmp_path / name]
+        options += ["--text", tmp_path / name]
     result = run("plane", wall_file, tmp_path / "out.laz", *options)
     assert result.exit_code == 2
     assert option in result.stderr
@@ -184,7 +184,7 @@ def refuse_to_work(monkeypatch):
     monkeypatch.setattr(_plane, "_test_plane", work)
 
 
-@pytest.mark.parametrize("option", ["OUT", "--report", "--plot"])
+@pytest.mark.parametrize("option", ["OUT", "--text", "--plot"])
 @pytest.mark.parametrize("place", ["nowhere/x.png", "taken.png"])
 def test_a_place_that_cannot_be_written_is_refused_before_the_work(
     option, place, wall_file, tmp_path, monkeypatch

@@ -1,0 +1,109 @@
+"""``--report``: the option, and the pages when the work is done."""
+
+import shlex
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import typer
+
+from sklearn_mcmd.cli._speech import clear_exits
+from sklearn_mcmd.planes._progress import progress_part
+
+__all__ = ["ReportFolder", "write_report_of"]
+
+
+class Report(NamedTuple):
+    """The folder of a report, and the context of the command that it tells of."""
+
+    folder: Path
+    context: typer.Context
+
+
+def _check(context: typer.Context, folder: Path | None):
+    """Refuse a folder that cannot be written, before the work."""
+    if folder is None:
+        return None
+    with clear_exits():
+        from sklearn_mcmd.report._folder import check_folder
+
+        check_folder(folder)
+    return Report(folder, context)
+
+
+ReportFolder = Annotated[
+    Report | None,
+    typer.Option(
+        "--report",
+        metavar="DIR",
+        parser=Path,  # also keeps the value that the callback returns
+        callback=_check,
+        help="Folder for a report: index.html with counts, maps and warnings in plain words, and "
+        "view.html to look around in. It is made if missing.",
+    ),
+]
+
+
+def write_report_of(report, source, target, seconds, contents):
+    """Write a report, if one is asked for.
+
+    Parameters
+    ----------
+    report : Report or None
+    source, target : Path
+    seconds : callable
+        Of the work so far.
+    contents : callable
+        Makes the `Contents`; it takes time.
+    """
+    if report is None:
+        return
+    from sklearn_mcmd.report._contents import Run
+    from sklearn_mcmd.report._folder import write_report
+
+    context = report.context
+    command, parameters = _command(context), tuple(_parameters(context))
+    run = Run(context.command.name, command, parameters, source, target, seconds())
+    with progress_part(1.0, 1.0, "report"):
+        write_report(report.folder, run, contents())
+
+
+def _command(context):
+    """What was typed, as far as options have meaning."""
+    words = ["mcmd", context.command.name]
+    for parameter in context.command.params:
+        value = context.params.get(parameter.name)
+        if parameter.param_type_name == "argument":
+            words += map(str, value if isinstance(value, list | tuple) else [value])
+        elif _given(context, parameter):
+            if getattr(parameter, "is_flag", False):
+                words.append((parameter.opts if value else parameter.secondary_opts)[0])
+            else:
+                words += [parameter.opts[0], _words(value)]
+    return shlex.join(words)
+
+
+def _parameters(context):
+    from sklearn_mcmd.report._contents import Parameter
+
+    for parameter in context.command.params:
+        if parameter.param_type_name != "option" or parameter.name == "help":
+            continue
+        value = context.params.get(parameter.name)
+        is_default = not _given(context, parameter)
+        shown = getattr(parameter, "show_default", None)
+        words = shown if is_default and value is None and isinstance(shown, str) else _words(value)
+        yield Parameter(max(parameter.opts, key=len), words, is_default)
+
+
+def _given(context, parameter):
+    return context.get_parameter_source(parameter.name).name == "COMMANDLINE"
+
+
+def _words(value):
+    if value is None:
+        return "none"
+    if isinstance(value, Report):
+        return str(value.folder)
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:g}" if isinstance(value, float) else str(value)

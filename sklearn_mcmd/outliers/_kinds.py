@@ -1,0 +1,35 @@
+"""Kinds of outliers: single points, groups, and what lies on no surface."""
+
+import numpy as np
+
+__all__ = ["KINDS", "kinds_of_outliers"]
+
+KINDS = ("isolated", "in groups", "off surfaces")
+
+
+def kinds_of_outliers(detector):
+    """Why each fitted point is an outlier: its place in `KINDS`, and -1 of all others.
+
+    Isolated points are farther from their neighbors than the cutoff, in usual spacings. Those in
+    groups are not, but their group stands off by more than the cutoff. The others lie on no
+    surface, and ``strictness="surfaces"`` flags them for that alone, as does the paper's form.
+
+    Parameters
+    ----------
+    detector : MCMDOutlierDetector
+        Fitted.
+
+    Returns
+    -------
+    ndarray of int8 of shape (n_samples,)
+    """
+    cloud, is_outlier = detector._cloud, detector.scores_ < detector.offset_
+    kinds = np.where(is_outlier, np.int8(2), np.int8(-1))
+    if cloud.own_planes_only:
+        return kinds
+    index, company = cloud.model.index, cloud.company
+    of_places = np.full(len(index.points), 2, np.int8)
+    cutoff = -detector.offset_
+    of_places[company.rest[company.separation > cutoff]] = 1
+    of_places[company.rest[company.isolation > cutoff]] = 0
+    return np.where(is_outlier, of_places[index.places], kinds)

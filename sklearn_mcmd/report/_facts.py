@@ -1,0 +1,147 @@
+"""What a cloud is like, measured: bounds, spacing, copies, steps of its coordinates."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sklearn_mcmd.io._las import coordinate_system
+from sklearn_mcmd.planes._resolution import COARSE_ROUNDING, coordinate_step
+
+__all__ = ["Facts", "distinct_points", "median_spacing", "usual_rows"]
+
+SPACING_SAMPLE = 200_000  # largest number of points that the median spacing is taken from
+RADIUS_SAMPLE = 20_000  # and radii of neighborhoods: their median is then known to 1 %
+SPARSE = 0.95  # the quantile that tells how large the largest neighborhoods are
+
+
+class Facts(NamedTuple):
+    """Measurements of a cloud of n points.
+
+    n_points, n_distinct : int
+    low, high : ndarray of shape (3,)
+    near : ndarray of bool of shape (n,)
+        Points that are not far from all others.
+    n_neighbors : int
+        Of a neighborhood, as far as there are so many points.
+    spacing : float
+        Median distance of a point to the nearest other place.
+    radius, sparse_radius : float
+        Of neighborhoods: the median, and what 5 % of the points exceed.
+    step : float
+        To which coordinates are rounded; 0 if none was found.
+    rounding : float
+        Step of float32 at a typical coordinate, if float32 holds the coordinates and is too coarse
+        for the neighborhoods; else 0.
+    noise : float
+        Median standard deviation of points about the planes of their neighborhoods; NaN if planes
+        are not known.
+    """
+
+    n_points: int
+    n_distinct: int
+    low: np.ndarray
+    high: np.ndarray
+    near: np.ndarray
+    n_neighbors: int
+    spacing: float
+    radius: float
+    sparse_radius: float
+    step: float
+    rounding: float
+    noise: float
+
+    @classmethod
+    def of(cls, xyz, n_neighbors, scales=None):
+        """Measure a cloud whose planes have these standard deviations."""
+        distinct = distinct_points(xyz)
+        n_members = min(n_neighbors, len(distinct))
+        radius = sparse = spacing = np.nan
+        if len(distinct) > 1:
+            tree = cKDTree(distinct, balanced_tree=False)
+            spacing = median_spacing(tree)
+            sample = distinct[:: -(-len(distinct) // RADIUS_SAMPLE)]
+            radii = tree.query(sample, k=[n_members])[0][:, 0]
+            radius, sparse = (float(value) for value in np.quantile(radii, [0.5, SPARSE]))
+        noise = np.nan
+        if scales is not None:
+            known = scales[np.isfinite(scales)]
+            noise = float(np.median(known)) if known.size else np.nan
+        return cls(
+            len(xyz),
+            len(distinct),
+            xyz.min(axis=0),
+            xyz.max(axis=0),
+            usual_rows(xyz),
+            n_members,
+            spacing,
+            radius,
+            sparse,
+            float(coordinate_step(xyz)),
+            _coarse_rounding(xyz, radius),
+            noise,
+        )
+
+    def rows(self, cloud):
+        """Names and values of a table about the cloud, as it was read."""
+        rows = [("points", f"{self.n_points:,}")]
+        if cloud.n_dropped:
+            rows.append(("left out", f"{cloud.n_dropped:,} without finite coordinates"))
+        rows += bounds_rows(self.low, self.high)
+        header = cloud.metadata.get("las_header")
+        if header is not None:
+            rows.append(("CRS", coordinate_system(header) or "not stated"))
+        rows.append(("attributes", ", ".join(cloud.attributes) or "none"))
+        if np.isfinite(self.spacing):
+            rows.append(("spacing", f"{self.spacing:.3g} (median distance to the nearest)"))
+            rows.append(
+                (
+                    f"neighborhoods of {self.n_neighbors}",
+                    f"radius {self.radius:.3g} (median); 5 % are larger than "
+                    f"{self.sparse_radius:.3g}",
+                )
+            )
+        if np.isfinite(self.noise):
+            rows.append(("noise about planes", f"{self.noise:.2g} (median standard deviation)"))
+        if self.step:
+            rows.append(("coordinates", f"rounded to steps of {self.step:.3g}"))
+        n_copies = self.n_points - self.n_distinct
+        rows.append(("duplicates", f"{n_copies:,} ({100 * n_copies / self.n_points:.2f} %)"))
+        return rows
+
+
+def bounds_rows(low, high):
+    return [
+        (axis, f"{a:,.7g} to {b:,.7g} (extent {b - a:.4g})".replace(",", ""))
+        for axis, a, b in zip("xyz", low.tolist(), high.tolist(), strict=True)
+    ]
+
+
+def distinct_points(xyz):
+    """Each place once, in the order of coordinates."""
+    order = np.lexsort(xyz.T)
+    first = np.r_[True, (np.diff(xyz[order], axis=0) != 0).any(axis=1)]
+    return xyz[order[first]]
+
+
+def median_spacing(tree):
+    """Median distance of distinct points to the nearest other one."""
+    step = -(-tree.n // SPACING_SAMPLE)
+    return float(np.median(tree.query(tree.data[::step], k=[2])[0]))
+
+
+def usual_rows(xyz):
+    """Points that are not farther from the middle 98 % than these reach, along each axis."""
+    low, high = np.quantile(xyz, [0.01, 0.99], axis=0)
+    reach = (high - low).max()
+    return ((xyz >= low - reach) & (xyz <= high + reach)).all(axis=1)
+
+
+def _coarse_rounding(xyz, radius):
+    with np.errstate(over="ignore"):
+        single = xyz.astype(np.float32)
+    if not np.isfinite(radius) or not np.array_equal(single, xyz):
+        return 0.0
+    largest = np.float32(np.median(np.abs(single).max(axis=1)))
+    rounding = float(np.spacing(largest))
+    return rounding if rounding > COARSE_ROUNDING * radius else 0.0

@@ -1,0 +1,149 @@
+"""Maps of a cloud from above, from the front and from the side, as pictures inside the page."""
+
+import base64
+import io
+
+import numpy as np
+
+from sklearn_mcmd._extras import import_extra
+from sklearn_mcmd.plotting._still import ball_picture
+from sklearn_mcmd.plotting._views import look, round_length, thinned
+from sklearn_mcmd.report._html import chips, figure, text
+
+__all__ = ["DIM", "ball", "found_maps", "maps"]
+
+# Points that were not found, from far to near: to be seen on white and on black.
+FAR, NEAR = (0.72, 0.76, 0.81), (0.46, 0.51, 0.58)
+DIM = "#98a4b3"  # between them
+LEAST_FOUND, ENLARGED = 1.6, 1.15  # size of a point that was found, and over that of the others
+
+VIEWS = {
+    "top": "From above: x to the right, y up",
+    "front": "From the front: x to the right, z up",
+    "side": "From the side: y to the right, z up",
+}
+MOST_DRAWN = 120_000  # points of a map; more cover each other at this size
+WIDTH, DPI = 10.0, 144  # inches of a map, and its pixels
+# Height over width of a map. Narrower clouds have margins.
+LEAST_SHAPE, LARGEST_SHAPE = 0.12, 0.9
+PALETTE = 255  # colors of a picture; half of the bytes of true color
+
+
+def maps(draw, xyz, near, legend=(), views=tuple(VIEWS)):
+    """Figures of a cloud.
+
+    Parameters
+    ----------
+    draw : callable
+        ``draw(rows, view, ax, max_points)`` draws some of the points by a display, from a view,
+        into axes.
+    xyz : ndarray of shape (n, 3)
+    near : ndarray of bool of shape (n,)
+        Points that are not far from all others; they alone are drawn.
+    legend : iterable of (color, str)
+    views : sequence of str or of (view, caption)
+    """
+    rows = np.flatnonzero(near)
+    figures = [_map(draw, xyz, rows, *_view(view)) for view in views]
+    outside = len(xyz) - len(rows)
+    words = '<p class="soft">Lengths are in units of the file.'
+    words += f" {outside:,} points far from the others are not drawn.</p>" if outside else "</p>"
+    return f'{chips(legend) if legend else ""}<div class="maps">{"".join(figures)}</div>{words}'
+
+
+def found_maps(xyz, found, near, noun):
+    """Maps of which points were `found`, on top of the others, which are shaded by distance."""
+    from sklearn_mcmd.plotting import plot_cloud
+    from sklearn_mcmd.plotting._cloud_display import FOUND
+
+    def draw(rows, view, ax, max_points):
+        rows = rows[thinned(found[rows], max_points)]
+        marked = found[rows]
+        part, size = xyz[rows[~marked]], LEAST_FOUND
+        if len(part):
+            nearness = look(part, view).nearness
+            far, close = np.quantile(nearness, [0.01, 0.99])
+            share = np.clip((nearness - far) / max(close - far, 1e-300), 0.0, 1.0)[:, None]
+            colors = (1 - share) * np.array(FAR) + share * np.array(NEAR)
+            plot_cloud(part, color=colors, view=view, ax=ax)
+            size = max(size, ENLARGED * float(np.sqrt(ax.collections[0].get_sizes()[0])))
+        if marked.any():
+            plot_cloud(xyz[rows[marked]], color=FOUND, view=view, size=size, ax=ax)
+
+    n = int(np.count_nonzero(found))
+    return maps(draw, xyz, near, [(FOUND, f"{n:,} {noun}"), (DIM, f"{len(found) - n:,} others")])
+
+
+def ball(view="top"):
+    """The legend of colors of normals."""
+    from PIL import Image
+
+    pixels = np.rint(255 * np.clip(np.flipud(ball_picture(view)), 0.0, 1.0)).astype(np.uint8)
+    inner = f'<img src="{_encoded(Image.fromarray(pixels, "RGBA"))}" alt="">'
+    return figure(inner, "A ball in these colors", "ball")
+
+
+def _view(view):
+    return (view, VIEWS[view]) if isinstance(view, str) else view
+
+
+def _map(draw, xyz, rows, view, caption):
+    new_figure = import_extra("matplotlib.figure", "plot", "--report").Figure
+    places = look(xyz[rows], view).places
+    low, high = places.min(axis=0), places.max(axis=0)
+    width, height = high - low
+    # A cloud at one place, or along a line, has some width too.
+    least = max(1e-9 * max(width, height), 1e-6 * np.abs(places).max(), 1e-100)
+    width, height = max(width, least), max(height, least)
+    width, height = 1.03 * width, 1.03 * height
+    shape = float(np.clip(height / width, LEAST_SHAPE, LARGEST_SHAPE))
+    width, height = max(width, height / shape), max(height, shape * width)
+    drawn = new_figure(figsize=(WIDTH, WIDTH * shape), dpi=DPI)
+    ax = drawn.add_axes((0.0, 0.0, 1.0, 1.0))
+    draw(rows, view, ax, MOST_DRAWN)
+    _strip(drawn, ax)
+    middle = (low + high) / 2
+    ax.set(
+        xlim=(middle[0] - width / 2, middle[0] + width / 2),
+        ylim=(middle[1] - height / 2, middle[1] + height / 2),
+    )
+    buffer = io.BytesIO()
+    drawn.savefig(buffer, format="png", transparent=True)
+    length = round_length(0.2 * width)
+    bar = (
+        f'<div class="scale" style="width:{100 * length / width:.2f}%">'
+        f"<span>{length:g}</span></div>"
+    )
+    image = f'<img src="{_encoded(_opened(buffer))}" alt="{text(caption)}">'
+    kind = "high" if shape > 0.5 else "wide"
+    inner = f'<div class="map" style="--shape:{shape:.4f}">{image}{bar}</div>'
+    return figure(inner, caption, kind)
+
+
+def _strip(drawn, ax):
+    """Leave the points alone: words, bars and legends are those of the page."""
+    ax.set_title("")
+    for artist in (*ax.lines, *ax.texts, *ax.child_axes):
+        artist.remove()
+    for other in drawn.axes:
+        if other is not ax:  # a bar of colors
+            other.remove()
+    if ax.get_legend() is not None:
+        ax.get_legend().remove()
+    ax.set_position((0.0, 0.0, 1.0, 1.0))
+
+
+def _opened(buffer):
+    from PIL import Image
+
+    return Image.open(buffer).convert("RGBA")
+
+
+def _encoded(image):
+    """The address of a PNG of few colors."""
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    image = image.quantize(PALETTE, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    image.save(buffer, format="png", optimize=True)
+    return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"

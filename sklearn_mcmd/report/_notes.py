@@ -1,0 +1,146 @@
+"""Warnings in plain words, each from a measurement, with what to do."""
+
+import numpy as np
+
+from sklearn_mcmd.report._contents import Note, percent
+
+__all__ = ["CHECKS", "CHECKS_OF_ALL", "cloud_notes", "lost_places"]
+
+CHECKS_OF_ALL = (
+    "duplicates, coordinates that are rounded or too coarse, and points far from all others"
+)
+CHECKS = "too few points, sparse parts, noise that hides surfaces, " + CHECKS_OF_ALL
+# The detector judges clouds of fewer neighborhoods than this by other shares (`LEAST_SHARE`).
+FEW = 10
+# Copies count once in planes. Below this share they change no picture; scanners repeat some.
+COPIES = 0.01
+# Half a step is the least scale of a plane. Where the usual scale is no larger, the step sets it.
+STEP = 0.505
+# The noise of a flat plane is below this share of its radius (`SurfaceLimits.flat`), which 50
+# neighbors have at noise of 0.6 spacings.
+FLAT = 0.15
+# Density falls with the square of the radius: five times the radius is a twenty-fifth of it.
+SPARSE = 5.0
+# A group of more than two neighborhoods is kept as a thing. So many outliers in one cell, and the
+# larger part of its points, are things that were cut to pieces, or a noisy part of the scan.
+THINGS, MOST = 2, 0.5
+
+
+def cloud_notes(facts, *, local=True):
+    """What is the matter with the cloud itself; not `local`: where no neighborhoods are taken."""
+    makers = (*OF_ALL, *OF_NEIGHBORHOODS) if local else OF_ALL
+    return [note for note in (make(facts) for make in makers) if note is not None]
+
+
+def _few(facts):
+    if facts.n_distinct >= FEW * facts.n_neighbors and facts.n_neighbors < facts.n_distinct:
+        return None
+    return Note(
+        "Few points.",
+        f"The cloud has {facts.n_distinct:,} distinct points, and a neighborhood takes "
+        f"{facts.n_neighbors:,} of them. What is a surface and what is usual is then a guess.",
+        "Give a larger part of the scan, or a smaller --n-neighbors.",
+    )
+
+
+def _copies(facts):
+    n = facts.n_points - facts.n_distinct
+    if n <= COPIES * facts.n_points:
+        return None
+    return Note(
+        "Duplicates.",
+        f"{n:,} points ({percent(n, facts.n_points)}) lie exactly where another one does. They "
+        "count once in planes, and say nothing about noise.",
+        "Look for a strip that was merged twice, or thin the cloud to distinct points first.",
+    )
+
+
+def _rounded(facts):
+    if not facts.step or not facts.noise <= STEP * facts.step:
+        return None
+    return Note(
+        "Rounded coordinates.",
+        f"Coordinates are multiples of {facts.step:.3g}, which is coarser than the noise. "
+        "Distances from surfaces are told in steps and no longer in noise; what is off by less "
+        "than a step and a half is not seen.",
+        "Export the scan with more decimals, if it has them.",
+    )
+
+
+def _coarse(facts):
+    if not facts.rounding:
+        return None
+    return Note(
+        "Single precision far from the origin.",
+        f"The coordinates have the digits of float32, which rounds to {facts.rounding:.2g} so far "
+        f"from the origin. Neighborhoods have a radius of {facts.radius:.2g}: their planes follow "
+        "the rounding.",
+        "Write the file in double precision, as LAS, LAZ or text, or subtract an offset before.",
+    )
+
+
+def _far(facts):
+    n = int(np.count_nonzero(~facts.near))
+    if n == 0:
+        return None
+    return Note(
+        "Points far from all others.",
+        f"{n:,} points ({percent(n, facts.n_points)}) lie farther from the rest than this is "
+        f"wide: the file spans {_spans(facts.high - facts.low)}. Maps leave them out.",
+        "Check them, and cut them off if they are no part of the scan.",
+    )
+
+
+def _sparse(facts):
+    if not facts.sparse_radius > SPARSE * facts.radius:
+        return None
+    return Note(
+        "Sparse parts.",
+        f"A neighborhood of {facts.n_neighbors} points usually has a radius of {facts.radius:.2g}. "
+        f"For 5 % of the points it is more than {facts.sparse_radius:.2g}: smaller things are not "
+        "seen there, and normals are averages over that width.",
+        "Trust these parts less, cut them off, or give a smaller --n-neighbors.",
+    )
+
+
+def _noisy(facts):
+    if not facts.noise > FLAT * facts.radius:
+        return None
+    return Note(
+        "Noise hides the surfaces.",
+        f"Points scatter by {facts.noise:.2g} about their planes, and neighborhoods have a radius "
+        f"of {facts.radius:.2g}. From 0.15 of the radius on (0.6 spacings with 50 neighbors) "
+        "nothing counts as a surface. The cloud is noise, or foliage.",
+        "Give more neighbors, such as --n-neighbors 200, or a cloud of surfaces.",
+    )
+
+
+OF_ALL = (_copies, _rounded, _coarse, _far)
+OF_NEIGHBORHOODS = (_few, _sparse, _noisy)
+
+
+def lost_places(places, n_neighbors):
+    """The note on cells of which most points were flagged; None if there are none.
+
+    Parameters
+    ----------
+    places : Places
+    n_neighbors : int
+    """
+    lost = places.n_found > np.maximum(THINGS * n_neighbors, MOST * places.n_all)
+    if not lost.any():
+        return None
+    worst = int(np.argmax(np.where(lost, places.n_found, 0)))
+    n = int(np.count_nonzero(lost))
+    cells = f"{n:,} cells" if n > 1 else "one cell"
+    return Note(
+        "Many points lost in one place.",
+        f"In {cells} of the table below, more than half of the points are outliers. The worst "
+        f"has {places.n_found[worst]:,} of {places.n_all[worst]:,}, at {places.where(worst)}. That "
+        "may be one large error, such as a reflection, or a thing that you want.",
+        "Look at it before it is dropped; a higher --cutoff or --strictness isolated keeps more.",
+    )
+
+
+def _spans(extent):
+    return " x ".join(f"{value:.4g}" for value in extent)

@@ -1,0 +1,131 @@
+"""What a report says about the test of one plane."""
+
+import warnings
+
+import numpy as np
+
+from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.report._contents import Contents, Note, Section, percent, share
+from sklearn_mcmd.report._facts import Facts
+from sklearn_mcmd.report._histogram import histogram
+from sklearn_mcmd.report._html import chips, pre
+from sklearn_mcmd.report._maps import maps
+from sklearn_mcmd.report._notes import CHECKS_OF_ALL, cloud_notes
+
+__all__ = ["plane_contents"]
+
+NEIGHBORS = 50  # whose radius tells what spacing there is; the test itself has no neighborhoods
+# Share of outliers from which on "one plane" is doubtful: the robust start takes a half.
+MANY = 0.25
+RED, BLUE = "#b2182b", "#2166ac"  # the ends of the palette of residuals
+
+
+def plane_contents(cloud, detector, residuals, text, unit):
+    """The contents of a report of `mcmd plane`.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        As it was read.
+    detector : BaardaPlaneDetector or FuzzyPlaneDetector
+        Fitted to it.
+    residuals : ndarray of shape (n,)
+    text : str
+        The text report.
+    unit : str
+    """
+    found, n_all = detector.labels_ == -1, len(cloud)
+    n = int(np.count_nonzero(found))
+    facts = Facts.of(cloud.xyz, NEIGHBORS, np.array([detector.sigma0_]))
+    unit = f" {unit}" if unit else ""
+    rms = float(np.sqrt(np.mean(residuals[~found] ** 2))) if n < n_all else np.nan
+    tilt = float(np.degrees(np.arccos(min(abs(detector.normal_[-1]), 1.0))))
+    results = {"residual": residuals, "test_statistic": detector.test_statistic_}
+    results = {name: values.astype(np.float32) for name, values in results.items()}
+    return Contents(
+        headline=f"{share(n, n_all)} do not belong to the plane; the others are within "
+        f"{rms:.3g}{unit} of it (rms).",
+        cards=[
+            (f"{n:,}", f"outliers, {percent(n, n_all)}"),
+            (f"{rms:.3g}{unit}", "rms without outliers"),
+            (f"{tilt:.2f}°", "tilt from the horizontal"),
+            (f"{detector.sigma0_:.3g}{unit}", f"sigma0 ({_origin(detector)})"),
+        ],
+        notes=_notes(detector, n, n_all, unit) + cloud_notes(facts, local=False),
+        checks=f"many outliers, a rejected plane, {CHECKS_OF_ALL}",
+        sections=[
+            Section("Residuals", _maps(cloud.xyz, residuals, found, facts.near, rms, unit)),
+            Section(
+                "How far off",
+                histogram(
+                    np.abs(detector.test_statistic_),
+                    cutoff=float(detector.critical_value_),
+                    cutoff_name="critical value",
+                    name="test statistic",
+                    least=0.01,
+                ),
+            ),
+            Section("All figures", pre(text)),
+        ],
+        cloud_rows=facts.rows(cloud),
+        output=f"{n_all:,} points, with residual, test_statistic and marks of outliers",
+        shown=with_results(cloud, {"outlier": found.astype(np.uint8), **results}),
+    )
+
+
+def _origin(detector):
+    from sklearn_mcmd.adjustment._report import sigma0_origin
+
+    return sigma0_origin(detector)
+
+
+def _maps(xyz, residuals, found, near, rms, unit):
+    from sklearn_mcmd.plotting import PlaneResidualDisplay
+    from sklearn_mcmd.plotting._residual_display import along_normal
+
+    def draw(rows, view, ax, max_points):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a layout that bars of colors cannot have here
+            display = PlaneResidualDisplay(xyz[rows], residuals[rows], found[rows])
+            display.plot(view=view, ax=ax, max_points=max_points)
+
+    kept = ~found if not found.all() else found
+    views = [(along_normal(xyz[kept]), "Along the normal of the plane"), "top"]
+    ends = [
+        (RED, f"{3 * rms:.2g}{unit} or more to the side of the normal"),
+        (BLUE, f"{3 * rms:.2g}{unit} or more to the other side"),
+    ]
+    return chips(ends) + maps(draw, xyz, near, views=views)
+
+
+def _notes(detector, n, n_all, unit):
+    notes = []
+    if n > MANY * n_all:
+        notes.append(
+            Note(
+                "Many outliers.",
+                f"{share(n, n_all)} do not belong to the plane. It may be two planes, or a curved "
+                "one.",
+                "Look at the map of residuals, and cut out one plane.",
+            )
+        )
+    if detector._sigma0_is_rounding:
+        notes.append(
+            Note(
+                "No noise to test against.",
+                f"sigma0 is {detector.sigma0_:.2g}{unit}, the rounding of float64: the points lie "
+                "exactly on the plane, or a smaller sigma0 was given.",
+                "Give --sigma0, the standard deviation of the scanner.",
+            )
+        )
+    elif detector.sigma0 != "auto" and detector.global_test_pvalue_ < detector.alpha:
+        notes.append(
+            Note(
+                "The plane and sigma0 do not fit.",
+                f"The global test rejects them (p = {detector.global_test_pvalue_:.2g}): the "
+                f"points without outliers scatter otherwise than sigma0 = {detector.sigma0_:.3g}"
+                f"{unit} says.",
+                "Check --sigma0, or whether the surface is a plane.",
+            )
+        )
+    return notes

@@ -1,0 +1,173 @@
+"""mcmd VERB --report: a page for each verb, refused before the work, with all parameters."""
+
+import html
+import os
+import re
+import sys
+
+import numpy as np
+import pytest
+
+from commands import error_line, files_in, run
+from pages import read_page
+from sklearn_mcmd.cli import _denoise
+from sklearn_mcmd.io import PointCloud, read_points, write_points
+
+VERBS = ("denoise", "normals", "segment", "edges")
+
+
+def text_of(path):
+    """The words of a page."""
+    body = path.read_text(encoding="utf-8").partition("</style>")[2]
+    return html.unescape(re.sub(r"<[^>]+>", " ", body))
+
+
+def words_of(path):
+    return " ".join(text_of(path).split())
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_each_verb_writes_a_page_and_one_to_look_around_in(verb, room_file, tmp_path):
+    folder = tmp_path / "report"
+    result = run(verb, room_file, tmp_path / "out.laz", "--report", folder)
+    assert result.exit_code == 0, result.output
+    assert files_in(folder) == ["index.html", "view.html"]
+    words = words_of(folder / "index.html")
+    n = len(read_points(room_file))
+    assert f"{n:,}" in words
+    assert "room.laz" in words
+    for axis in "xyz":
+        assert re.search(rf" {axis} -?\d", words)
+    assert (folder / "index.html").read_text().count("data:image/png") >= 3
+    manifest, (shown,) = read_page((folder / "view.html").read_text())
+    assert len(shown.rows) == n
+    names = [attribute["name"] for attribute in manifest["attributes"]]
+    wanted = {"denoise": "outlier_score", "segment": "region", "edges": "edge", "normals": "normal"}
+    assert wanted[verb] in names
+
+
+def test_the_output_is_the_same_with_a_report_and_without(room_file, tmp_path):
+    a, b = tmp_path / "a.laz", tmp_path / "b.laz"
+    assert run("denoise", room_file, a).exit_code == 0
+    assert run("denoise", room_file, b, "--report", tmp_path / "r").exit_code == 0
+    assert a.read_bytes() == b.read_bytes()
+
+
+def test_the_report_of_a_plane_has_the_figures_of_its_text(tmp_path):
+    rng = np.random.default_rng(0)
+    wall = rng.uniform(0, 4, (600, 3)) * [1, 0, 1] + rng.normal(0, 0.004, (600, 3)) * [0, 1, 0]
+    wall[:60, 1] += 0.2
+    write_points(tmp_path / "wall.laz", PointCloud(np.round(wall, 4)))
+    folder = tmp_path / "report"
+    result = run(
+        "plane", tmp_path / "wall.laz", tmp_path / "o.laz", "--unit", "m", "--report", folder
+    )
+    assert result.exit_code == 0, result.output
+    words = words_of(folder / "index.html")
+    assert "60 of 600 points (10.0 %) do not belong to the plane" in words
+    text = (tmp_path / "o_report.txt").read_text()
+    for line in ("critical value", "variance factor", "level of one point"):
+        value = re.search(rf"{line} +(.*)", text)[1]
+        assert f"{line} {value}" in words
+
+
+def test_counts_are_those_of_the_output(room_file, tmp_path):
+    out = tmp_path / "out.laz"
+    run("denoise", room_file, out, "--mode", "mark", "--report", tmp_path / "r")
+    found = int((read_points(out).attributes["classification"] == 7).sum())
+    words = words_of(tmp_path / "r" / "index.html")
+    assert f"{found:,} of {len(read_points(out)):,} points" in words
+    assert "they are marked" in words
+
+
+def test_parameters_are_all_there_and_defaults_are_marked(room_file, tmp_path):
+    options = ("--cutoff", 4, "--strictness", "isolated", "--report", tmp_path / "r")
+    assert run("denoise", room_file, tmp_path / "out.laz", *options).exit_code == 0
+    words = words_of(tmp_path / "r" / "index.html")
+    assert "--strictness isolated --cutoff 4 --report" in words  # the command
+    assert "--cutoff 4 --false-positive-rate none (default)" in words  # the table
+    assert "--n-neighbors 50 (default)" in words
+    assert "--strictness isolated --noise-scale the noise around each point (default)" in words
+    assert "--quiet no (default)" in words
+
+
+def test_flags_are_in_the_command_as_typed(room_file, tmp_path):
+    options = ("--no-join-curved", "--quiet", "--report", tmp_path / "a b")
+    assert run("segment", room_file, tmp_path / "out.laz", *options).exit_code == 0
+    words = words_of(tmp_path / "a b" / "index.html")
+    assert "--no-join-curved" in words
+    assert "--report '" in words
+    assert "--quiet" in words
+
+
+def test_names_of_files_and_attributes_are_escaped(tmp_path):
+    rng = np.random.default_rng(0)
+    name = "<script>alert(1)</script>"
+    cloud = PointCloud(rng.uniform(size=(300, 3)), {name: np.arange(300)})
+    source = tmp_path / ("<i>&.npz" if os.name == "posix" else "&.npz")
+    write_points(source, cloud)
+    assert run("denoise", source, tmp_path / "o.npz", "--report", tmp_path / "r").exit_code == 0
+    page = (tmp_path / "r" / "index.html").read_text()
+    assert "<script" not in page
+    assert "<i>&." not in page
+    assert html.escape(name) in page
+
+
+def refuse_to_work(monkeypatch):
+    def work(*args, **kwargs):
+        raise AssertionError("the long work began")
+
+    monkeypatch.setattr(_denoise, "_find_outliers", work)
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_the_work(
+    room_file, tmp_path, monkeypatch
+):
+    refuse_to_work(monkeypatch)
+    (tmp_path / "taken").write_text("")
+    line = error_line(run("denoise", room_file, tmp_path / "o.laz", "--report", tmp_path / "taken"))
+    assert "taken" in line
+    assert files_in(tmp_path) == ["room.laz", "taken"]
+
+
+def test_without_matplotlib_the_error_says_what_to_install(room_file, tmp_path, monkeypatch):
+    refuse_to_work(monkeypatch)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    line = error_line(run("denoise", room_file, tmp_path / "o.laz", "--report", tmp_path / "r"))
+    assert "--report needs matplotlib" in line
+    assert "pip install" in line
+
+
+@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("n", [5, 60])
+def test_tiny_clouds_have_reports(verb, n, tmp_path):
+    xyz = np.random.default_rng(0).uniform(size=(n, 3))
+    write_points(tmp_path / "a.laz", PointCloud(xyz))
+    result = run(verb, tmp_path / "a.laz", tmp_path / "b.laz", "--report", tmp_path / "r")
+    assert result.exit_code == 0, result.output
+    assert "Few points." in words_of(tmp_path / "r" / "index.html")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [("--strictness", "paper"), ("--strictness", "surfaces"), ("--contamination", 0.05)],
+)
+def test_every_kind_of_verdict_has_a_report(options, room_file, tmp_path):
+    result = run("denoise", room_file, tmp_path / "o.laz", *options, "--report", tmp_path / "r")
+    assert result.exit_code == 0, result.output
+
+
+@pytest.mark.parametrize("criterion", ["eigenvalue", "surface_variation", "removed_fraction"])
+def test_every_criterion_of_edges_has_a_report(criterion, room_file, tmp_path):
+    options = ("--criterion", criterion, "--report", tmp_path / "r")
+    result = run("edges", room_file, tmp_path / "o.laz", *options)
+    assert result.exit_code == 0, result.output
+    assert f"limit of {criterion}" in words_of(tmp_path / "r" / "index.html")
+
+
+def test_normals_by_least_squares_of_chosen_sizes_have_a_report(room_file, tmp_path):
+    options = ("--n-neighbors", "auto", "--method", "mcmd_md", "--report", tmp_path / "r")
+    assert run("normals", room_file, tmp_path / "o.laz", *options).exit_code == 0
+    pca = ("--method", "pca", "--features", "all", "--report", tmp_path / "r")
+    assert run("normals", room_file, tmp_path / "o.laz", *pca).exit_code == 0
+    assert files_in(tmp_path / "r") == ["index.html", "view.html"]

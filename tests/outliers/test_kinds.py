@@ -1,0 +1,41 @@
+"""Kinds of outliers, of clouds whose outliers are known."""
+
+import numpy as np
+import pytest
+
+from sklearn_mcmd import MCMDOutlierDetector
+from sklearn_mcmd.outliers._kinds import KINDS, kinds_of_outliers
+
+
+def cloud():
+    """A plane, single points far above it, and a ghost of 20 points."""
+    rng = np.random.default_rng(0)
+    plane = np.column_stack([rng.uniform(0, 10, (4000, 2)), rng.normal(0, 0.01, 4000)])
+    single = np.array([[1.0, 1, 4], [9, 1, 5], [1, 9, 6], [9, 9, 4]])
+    ghost = rng.normal([5, 5, 5], 0.1, (20, 3))
+    return np.vstack([plane, single, ghost])
+
+
+def test_single_points_are_isolated_and_a_ghost_is_a_group():
+    detector = MCMDOutlierDetector(random_state=0).fit(cloud())
+    kinds = kinds_of_outliers(detector)
+    assert (kinds[4000:4004] == KINDS.index("isolated")).all()
+    assert (kinds[4004:] == KINDS.index("in groups")).all()
+    assert ((kinds >= 0) == (detector.scores_ < detector.offset_)).all()
+
+
+@pytest.mark.parametrize("strictness", ["isolated", "groups", "surfaces", None])
+def test_every_outlier_has_a_kind_and_nothing_else(strictness):
+    detector = MCMDOutlierDetector(strictness=strictness, random_state=0).fit(cloud())
+    kinds = kinds_of_outliers(detector)
+    assert ((kinds >= 0) == (detector.scores_ < detector.offset_)).all()
+    if strictness in ("isolated", "groups"):
+        assert not (kinds == KINDS.index("off surfaces")).any()
+    if strictness is None:
+        assert set(kinds[kinds >= 0]) <= {KINDS.index("off surfaces")}
+
+
+def test_copies_share_a_kind():
+    xyz = cloud()
+    kinds = kinds_of_outliers(MCMDOutlierDetector(random_state=0).fit(np.vstack([xyz, xyz])))
+    assert (kinds[: len(xyz)] == kinds[len(xyz) :]).all()

@@ -1,0 +1,71 @@
+"""Maps: what is drawn is where it is, and the bar is as long as it says."""
+
+import base64
+import io
+import re
+
+import numpy as np
+import pytest
+
+from sklearn_mcmd.report._maps import ball, found_maps
+
+Image = pytest.importorskip("PIL.Image")
+pytest.importorskip("matplotlib")
+
+
+def pictures(markup):
+    for data in re.findall(r"data:image/png;base64,([A-Za-z0-9+/=]+)", markup):
+        yield np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGBA"))
+
+
+def cloud():
+    rng = np.random.default_rng(0)
+    xyz = rng.uniform(0, 1, (3000, 3)) * [10, 5, 1]
+    found = (xyz[:, 0] > 8) & (xyz[:, 1] > 4)
+    return xyz, found
+
+
+def orange(pixels):
+    red, green, blue, alpha = np.moveaxis(pixels.astype(int), -1, 0)
+    return (red > 180) & (green < 140) & (blue < 60) & (alpha > 200)
+
+
+def test_what_was_found_is_drawn_where_it_is_and_the_rest_is_clear():
+    xyz, found = cloud()
+    top, front, side = pictures(found_maps(xyz, found, np.ones(len(xyz), bool), "outliers"))
+    rows, columns = np.nonzero(orange(top))
+    assert columns.min() > 0.7 * top.shape[1]  # to the right
+    assert rows.max() < 0.35 * top.shape[0]  # and far up
+    assert (top[..., 3] == 0).any()
+    assert orange(front).any()
+    assert orange(side).any()
+
+
+def test_the_bar_is_a_fifth_of_the_map_at_most():
+    xyz, found = cloud()
+    markup = found_maps(xyz, found, np.ones(len(xyz), bool), "outliers")
+    bars = re.findall(r'class="scale" style="width:([\d.]+)%"><span>([\d.]+)<', markup)
+    assert [length for _, length in bars] == ["2", "2", "1"]
+    assert float(bars[0][0]) == pytest.approx(100 * 2 / 10.3, abs=0.2)  # 3 % of margins
+
+
+def test_far_points_are_not_drawn_but_told():
+    xyz, found = cloud()
+    near = np.ones(len(xyz), bool)
+    near[:7] = False
+    xyz[:7] += 1e6
+    markup = found_maps(xyz, found, near, "outliers")
+    assert "7 points far from the others are not drawn" in markup
+
+
+@pytest.mark.parametrize("xyz", [np.zeros((1, 3)), np.eye(3)[:2] * 1e9, np.ones((5, 3)) * 1e-9])
+def test_clouds_without_extent_are_drawn(xyz):
+    n = len(xyz)
+    for found in (np.zeros(n, bool), np.ones(n, bool)):
+        assert len(list(pictures(found_maps(xyz, found, np.ones(n, bool), "outliers")))) == 3
+
+
+def test_the_ball_is_a_picture_that_is_clear_at_its_corners():
+    (pixels,) = pictures(ball())
+    assert pixels[0, 0, 3] == 0
+    assert pixels[60, 60, 3] == 255
