@@ -8,7 +8,7 @@ simulated street: road, kerb, footpath, facade with a window and a door, a sign 
 of its points are wrong; they are left out of the picture, but not of the neighborhoods.
 
 ``n_neighbors="auto"`` gives each point its own number of neighbors, by its noise. Here it takes
-about 30. Faces are a little noisier, and narrow things such as the pole are better. It pays most on
+about 30. Faces are a little noisier, and the thin post of the sign is better. It pays most on
 machined parts and on noisy scans.
 
     python plot_street_normals.py --points 60000

@@ -22,8 +22,8 @@ parser.add_argument("--runs", type=int, default=4, help="simulated clouds of eac
 runs = parser.parse_args().runs
 
 # %%
-# By sample size and percentage of outliers.
-report = figure6(runs)
+# By sample size and percentage of outliers, of which the paper has all from 1 to 45.
+report = figure6(runs, percentages=(10, 20, 30, 40))
 print(report)
 report.plot()
 plt.show()

@@ -73,8 +73,9 @@ default = score_segments(pipeline, unseen.data, unseen.surface)
 print("defaults, unseen:", {name: round(value, 3) for name, value in default.items()})
 
 # %%
-# The unseen street with a small angle, the best one and a large one. Too small an angle tears faces
-# into pieces. Too large a one joins what meets at a blunt edge.
+# The unseen street with a small angle, the best one and a large one. With 5 degrees some narrow
+# faces belong to none. From 10 degrees on little changes, because neighbors are linked only where
+# their planes explain each other.
 best_params = results["params"][np.argmin(results["rank_test_f_score"])]
 changes = [{"segment__max_angle": 5.0}, {}, {"segment__max_angle": 40.0}]
 figure, axes = plt.subplots(2, 2, figsize=(12, 9), layout="constrained")
