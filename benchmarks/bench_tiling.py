@@ -24,7 +24,8 @@ def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--points", type=int, default=10_000_000)
     parser.add_argument("--memory", default="2GB", help="of the run by tiles")
-    parser.add_argument("--verbs", nargs="+", choices=["normals", "denoise"], default=["normals"])
+    verbs = ["normals", "denoise", "segment"]
+    parser.add_argument("--verbs", nargs="+", choices=verbs, default=verbs[:1])
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--only-tiles", action="store_true", help="leave out the run in memory")
     options = parser.parse_args(arguments)

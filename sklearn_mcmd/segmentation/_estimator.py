@@ -151,9 +151,10 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
     and by the deviation of a surface whose normals turn by `max_angle` over the distance of the
     farthest neighbor. So no threshold depends on the unit or on the density of the points.
 
-    A region holds all points that can be reached from its seed. So labels depend neither on the
-    order of rows, up to exact ties, nor on `n_jobs`. Copies of a point count once in
-    neighborhoods and get the same label.
+    A region holds all points that can be reached from its seed. Sums over regions are exact in any
+    order, and ties end at coordinates. So labels depend neither on the order of rows nor on
+    `n_jobs`; only below 1,000 points, or beyond three dimensions, may equally distant neighbors
+    matter. Copies of a point count once in neighborhoods and get the same label.
 
     Time and memory grow in proportion to ``n_samples * n_neighbors``, but for the search of
     neighbors, which adds a logarithm. In 3D and from 2,000 points on the work is done by

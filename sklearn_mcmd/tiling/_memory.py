@@ -153,16 +153,20 @@ def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, wor
     point, stored = COSTS[work]
     bytes_a_point = point + FEATURE * n_features
     own = PROCESS + PART * PART_POINT  # of the process that reads and writes
+    least, why = PROCESS + LEAST_TILE * bytes_a_point, ""
     if work == "regions":
         joining = GROWN_POINT * n_points + JOINED_POINT * min(n_points, JOINED_AT_ONCE)
         own = max(own, PROCESS + joining)
-    least = PROCESS + LEAST_TILE * bytes_a_point
+        if own > least:
+            why = f", because one process joins the regions of all {n_points:,} points"
     if memory < own or memory < least:
         raise ValueError(
             f"memory={memory / 1e6:.0f}MB is too little: at least {max(own, least) / 1e6:.0f}MB "
-            "is needed."
+            f"is needed{why}."
         )
     n_jobs = n_workers = _n_jobs(n_jobs)
+    if work == "regions":  # other processes stay, while regions are joined
+        n_workers = max(1, min(n_workers, int((memory - own) // max(PROCESS, 1))))
     if n_workers > 1:  # processes of their own
         n_workers = max(1, min(n_workers, int((memory - PROCESS) // least)))
 
@@ -183,6 +187,8 @@ def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, wor
     n_threads = max(1, n_jobs // n_workers) if shares else 1
     used = PROCESS * (n_workers + (n_workers > 1)) + n_workers * tile_size * bytes_a_point
     disk = n_points * (stored + 4 * n_features)
+    if work == "regions" and n_workers > 1:
+        own += PROCESS * n_workers
     return Plan(n_workers, n_threads, tile_size, n_tiles, max(own, used), disk)
 
 

@@ -108,6 +108,18 @@ def test_labels_do_not_depend_on_row_order_where_points_share_a_plane_that_was_l
     assert_array_equal(growing.fit_predict(columns)[order], growing.fit_predict(columns[order]))
 
 
+@pytest.mark.parametrize("step", [0.25, 0.01])
+def test_labels_do_not_depend_on_row_order_where_distances_tie(step):
+    rng = np.random.default_rng(3)
+    lattice = np.unique(rng.integers(0, 14, (2500, 3)), axis=0) * step
+    floor = np.indices((30, 40, 1)).reshape(3, -1).T * step + [20 * step, 0, 0]
+    X = np.vstack([lattice, floor, np.roll(floor, 1, axis=1)])
+    growing, order = RegionGrowing(random_state=0), rng.permutation(len(X))
+    labels = growing.fit_predict(X)
+    assert labels.max() > 1
+    assert_array_equal(labels[order], growing.fit_predict(X[order]))
+
+
 def test_labels_do_not_depend_on_threads(street, monkeypatch):
     monkeypatch.setattr("sklearn_mcmd.planes._neighbor_table.AT_ONCE", 3000)
     X, _ = street

@@ -59,6 +59,15 @@ def test_a_small_cloud_is_one_tile():
     assert (plan.n_tiles, plan.n_workers) == (1, 1)
 
 
+def test_regions_of_many_points_need_memory_however_small_tiles_are():
+    with pytest.raises(ValueError, match=r"at least 6480MB .*regions of all 100,000,000 points"):
+        plan_run(10**8, 4e9, 4, work="regions")
+    plan = plan_run(10**8, 8e9, 2, work="regions")
+    assert plan.n_workers == 2
+    assert plan.memory <= 8e9
+    assert plan_run(10**8, 6.9e9, 2, work="regions").n_workers == 1
+
+
 def test_too_little_memory_is_refused_with_what_is_needed():
     with pytest.raises(ValueError, match="at least 4"):
         plan_run(10**6, PROCESS, 1)
