@@ -13,7 +13,7 @@ from sklearn_mcmd.outliers._calibration import LEAST_EXPECTED, MOST
 VERBS = {
     "denoise": (_denoise, "_find_outliers"),
     "normals": (_normals, "_find_normals"),
-    "segment": (_segment, "_find_regions"),
+    "segment": (_segment, "_growing"),
 }
 
 
@@ -125,8 +125,9 @@ def test_a_word_and_the_ends_of_the_range_are_parsed(
 ):
     asked = []
 
-    def work(xyz, normals=None, **params):
-        asked.append((normals or params)["outlier_rate"])
+    def work(*given, **params):
+        settings = [part for part in (*given, params) if isinstance(part, dict)]
+        asked.extend(part["outlier_rate"] for part in settings if "outlier_rate" in part)
         raise ValueError("enough is known")
 
     monkeypatch.setattr(*VERBS[verb], work)
