@@ -35,6 +35,8 @@ exclude_patterns = ["_build"]
 html_theme = "pydata_sphinx_theme"
 html_title = "sklearn_mcmd"
 html_theme_options = {"show_prev_next": False, "navigation_with_keys": False}
+html_static_path = ["_static"]
+html_css_files = ["gallery.css"]
 html_copy_source = False
 html_show_sphinx = False
 

@@ -46,22 +46,24 @@ def sheets():
         f"suspect: {100 * suspect[wrong & high].mean():.0f} % of the sheets that were kept, "
         f"{100 * suspect[~wrong & high].mean():.1f} % of the real points above 20 cm"
     )
-    figure, axes = plt.subplots(1, 3, figsize=(15, 4.6), layout="constrained")
+    figure, axes = plt.subplots(2, 2, figsize=(11, 8), layout="constrained")
     OutlierDisplay.from_predictions(
-        xyz[near], labels[near], y_true=truth[near], view=(-35, 20), ax=axes[0]
+        xyz[near], labels[near], y_true=truth[near], view=(-35, 20), ax=axes[0, 0]
     )
-    axes[0].set_title("blue: sheets of mixed pixels, kept", fontsize=12)
+    axes[0, 0].set_title("blue: sheets of mixed pixels, kept", fontsize=12)
     OutlierDisplay.from_predictions(
-        xyz[near], labels[near], y_true=truth[near], view="top", ax=axes[1]
+        xyz[near], labels[near], y_true=truth[near], view="top", ax=axes[0, 1]
     )
-    axes[1].set_title("from above: they lie along the rays", fontsize=12)
+    axes[0, 1].set_title("from above: they lie along the rays", fontsize=12)
     for x, y in xyz[near & (truth == -1)][::60, :2]:
-        axes[1].plot(
+        axes[0, 1].plot(
             [street.scanners[0, 0], x], [street.scanners[0, 1], y], color="0.8", lw=0.5, zorder=0
         )
     shown = near[kept]
-    plot_cloud(xyz[kept][shown], color=GRAY, outliers=suspect[shown], view=(-35, 20), ax=axes[2])
-    axes[2].set_title("red: seen at less than 10 degrees", fontsize=12)
+    plot_cloud(xyz[kept][shown], color=GRAY, outliers=suspect[shown], view=(-35, 20), ax=axes[1, 0])
+    axes[1, 0].set_title("red: seen at less than 10 degrees", fontsize=12)
+    plot_cloud(xyz[kept][shown & ~suspect], color=GRAY, view=(-35, 20), ax=axes[1, 1])
+    axes[1, 1].set_title("without these", fontsize=12)
     save(figure, "failure_sheets")
 
 
@@ -201,8 +203,12 @@ def edges():
     known = np.isfinite(street.normals).all(axis=1)
     shown = (xyz[:, 1] > 2.2) & known
     kerb = street.surface == street.surface_names.index("kerb")
-    figure, axes = plt.subplots(1, 3, figsize=(16, 4.6), layout="constrained")
-    for ax, k in zip(axes, (15, 50, 400), strict=True):
+    figure, axes = plt.subplots(2, 2, figsize=(11, 7), layout="constrained")
+    NormalsDisplay.from_predictions(
+        xyz[shown], street.normals[shown], view=(-72, 16), ax=axes[1, 1]
+    )
+    axes[1, 1].set_title("the true normals", fontsize=12)
+    for ax, k in zip(axes.flat, (15, 50, 400), strict=False):
         normals = RobustNormalEstimator(k, random_state=0).fit(xyz).normals_
         NormalsDisplay.from_predictions(xyz[shown], normals[shown], view=(-72, 16), ax=ax)
         ax.set_title(f"{k} neighbors", fontsize=12)
@@ -211,27 +217,30 @@ def edges():
             f"k = {k}: kerb {100 * np.mean(angle[kerb[known]] < 10):.0f} % within 10 degrees, "
             f"all {100 * np.mean(angle < 10):.0f} %"
         )
-    save(figure, "failure_edges")
+    save(figure, "failure_edges", colors=64)
 
 
 def segments():
     """Too many regions, the right ones, and too few."""
     street = make_street(40_000, noise=0.008, outlier_share=0.02, random_state=0)
-    xyz = street.data[MCMDOutlierDetector(random_state=0).fit_predict(street.data) == 1]
-    figure, axes = plt.subplots(1, 3, figsize=(16, 4.8), layout="constrained")
+    kept = MCMDOutlierDetector(random_state=0).fit_predict(street.data) == 1
+    xyz = street.data[kept]
+    figure, axes = plt.subplots(2, 2, figsize=(11, 8), layout="constrained")
+    SegmentationDisplay.from_predictions(xyz, street.surface[kept], ax=axes[1, 1])
+    axes[1, 1].set_title("the truth", fontsize=11)
     forms = {
         "too many: normals of 10 neighbors": (10, {}),
         "right: 30 neighbors, 15 degrees": (30, {}),
         "too few: 80 degrees, any plane": (30, {"max_angle": 80, "mutual": False}),
     }
-    for ax, (name, (k, options)) in zip(axes, forms.items(), strict=True):
+    for ax, (name, (k, options)) in zip(axes.flat, forms.items(), strict=False):
         columns = RobustNormalEstimator(k, random_state=0).fit_transform(xyz)
         labels = RegionGrowing(normals="precomputed", **options).fit_predict(columns)
         SegmentationDisplay.from_predictions(xyz, labels, ax=ax)
         largest = 100 * np.bincount(labels[labels >= 0]).max() / len(labels)
         print(f"{name}: {labels.max() + 1} regions, the largest has {largest:.0f} %")
         ax.set_title(f"{name}: {labels.max() + 1} regions", fontsize=11)
-    save(figure, "failure_segments")
+    save(figure, "failure_segments", colors=64)
 
 
 FIGURES = {f.__name__: f for f in (sheets, foliage, noise, ghosts, rounded, rings, edges, segments)}

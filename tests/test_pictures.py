@@ -22,7 +22,7 @@ def test_a_picture_is_small_described_and_made_by_a_script(page, name, options):
     assert (DOCS / name).stat().st_size < 150_000
     assert re.search(r"^   :alt: \S", options)
     script = (DOCS / PAGES[page]).read_text(encoding="utf-8")
-    assert f'"{Path(name).stem}")' in script
+    assert f'"{Path(name).stem}"' in script
 
 
 def test_the_remedy_for_mixed_pixels_runs_and_marks_them():

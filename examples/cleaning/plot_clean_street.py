@@ -8,6 +8,8 @@ wrong ranges. Road, facade, tree, wires and people stay.
 The scan is simulated. A vehicle stands still for a while, so a stripe of it is ten times as dense.
 Each point knows whether it is real. The detector is not told.
 
+.. code-block:: bash
+
     python plot_clean_street.py --points 60000
 """
 

@@ -10,6 +10,8 @@ outliers as well. IsolationForest cuts the cloud by random planes. It flags what
 middle, such as the far end of the wall. MCMDOutlierDetector asks whether a surface or other points
 explain a point.
 
+.. code-block:: bash
+
     python plot_compare_detectors.py --points 25000
 """
 

@@ -12,6 +12,8 @@ A fortieth of the points of the two scans are outliers, and a tenth of those of 
 density. A quarter of the latter are mixed pixels. They lie in sheets as dense as surfaces, and no
 detector ranks them before real points.
 
+.. code-block:: bash
+
     python plot_outlier_precision_recall.py --points 40000
 """
 

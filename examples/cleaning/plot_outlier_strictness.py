@@ -6,6 +6,8 @@ A simulated street with a tree. Road, walls and posts are surfaces. The leaves l
 but they are real: they are things. Single points in the air are isolated. Ghosts of 10 to 60
 points are groups that stand off.
 
+.. code-block:: bash
+
     python plot_outlier_strictness.py --points 40000
 """
 

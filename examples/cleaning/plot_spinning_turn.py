@@ -7,6 +7,8 @@ sensor, and 30 m apart at a range of 80 m. There a piece of a ring has no plane 
 nothing real may be lost, take ``strictness="isolated"``. If only the surroundings matter, cut the
 cloud at a range where rings still form surfaces.
 
+.. code-block:: bash
+
     python plot_spinning_turn.py --points 40000
 """
 

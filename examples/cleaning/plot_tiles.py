@@ -6,8 +6,9 @@ No. Large files are divided into tiles, and each tile is computed with the point
 result is the one that the whole cloud has in memory, to the last bit. Here a street is written as
 four files, and cleaned in tiles of at most 4,000 points.
 
-    mcmd denoise street/ clean/ --memory 4GB
+.. code-block:: bash
 
+    mcmd denoise street/ clean/ --memory 4GB
     python plot_tiles.py --points 16000
 """
 

@@ -6,6 +6,8 @@ Few neighbors follow the noise. Many neighbors reach across kerbs and frames. 50
 about seven points across. Take fewer for narrow things, more for noise. ``"auto"`` chooses for each
 point. :doc:`/choosing` has a rule.
 
+.. code-block:: bash
+
     python plot_choose_k.py --points 30000
 """
 

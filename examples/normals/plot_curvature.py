@@ -6,6 +6,8 @@ A quadric around each point gives the curvature in one over meters, with its sta
 a small bridge: a deck, a vault of 3 m radius, and two pipes of 30 and 60 cm diameter below the
 deck. The radius follows from the curvature: one over the larger principal one.
 
+.. code-block:: bash
+
     python plot_curvature.py --points 30000
 """
 

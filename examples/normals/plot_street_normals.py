@@ -11,6 +11,8 @@ of its points are wrong; they are left out of the picture, but not of the neighb
 about 30. Faces are a little noisier, and the thin post of the sign is better. It pays most on
 machined parts and on noisy scans.
 
+.. code-block:: bash
+
     python plot_street_normals.py --points 60000
 """
 

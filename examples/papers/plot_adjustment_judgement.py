@@ -19,6 +19,8 @@ The results:
   20 to 30 % on. With ``robust_start=True`` 45 % of outliers of 10 sigma are found, and 40 % without
   knowing sigma. Outliers of 5 sigma at one edge are hard for every method from 20 % on.
 
+.. code-block:: bash
+
     python plot_adjustment_judgement.py --runs 200
 """
 

@@ -20,6 +20,8 @@ A rejected residual is larger than c s sqrt(r), where c > 1 is the critical valu
 1 - O(1/n). With an estimated scale (tau, t) s is m0. With a known scale it is 1, which is above
 the m0 of sets B and C. So each rejected residual exceeds m0, and the variance factor must fall.
 
+.. code-block:: bash
+
     python plot_adjustment_table4.py --runs 20
 """
 

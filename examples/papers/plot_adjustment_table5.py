@@ -17,6 +17,8 @@ cloud of set C at alpha 0.01: 20 % of outliers pull the plane up until they are 
 than the critical value of 4.89. Fuzzy flags one good point in two clouds with 160 outliers of 500
 points.
 
+.. code-block:: bash
+
     python plot_adjustment_table5.py --runs 20
 """
 

@@ -7,6 +7,8 @@ Figure 5 of the first paper shows the mean bias angle by the percentage of clust
 74 % for MCMD_MD, which is given the share. Without the share or the noise no method withstands
 half of the points.
 
+.. code-block:: bash
+
     python plot_paper_breakdown.py --runs 1000
     python -m sklearn_mcmd.paper figure5
 """

@@ -5,6 +5,8 @@ Do sample size, density and roughness change the order of the methods?
 Figures 6 and 7 and Table 2 of the first paper have mean bias angles for 20, 50 and 200 points, for
 six densities of points along the plane, and for five variances across it.
 
+.. code-block:: bash
+
     python plot_paper_samples.py --runs 1000
     python -m sklearn_mcmd.paper figure6
     python -m sklearn_mcmd.paper table2

@@ -9,6 +9,8 @@ say which values each method is given, and which numbers cannot be reproduced. R
 "paper" are additions: MCMD_MD as in the text, RANSAC with the right noise, and the default,
 `reweighted`.
 
+.. code-block:: bash
+
     python plot_paper_table1.py --runs 1000
     python -m sklearn_mcmd.paper table1
     python -m sklearn_mcmd.paper figure4

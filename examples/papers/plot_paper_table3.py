@@ -6,6 +6,8 @@ The first table is Table 3 of the first paper, as ratios of times within one run
 the time of MCMD by the number of points in one neighborhood. Absolute times are those of this
 machine.
 
+.. code-block:: bash
+
     python plot_paper_table3.py --runs 1000
     python -m sklearn_mcmd.paper table3
     python -m sklearn_mcmd.paper cost

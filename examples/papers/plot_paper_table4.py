@@ -7,6 +7,8 @@ Table 4 and Figure 8 of the first paper have outliers found (TPR) and regular po
 the variance of the noise in place of its standard deviation, as in the paper. uLSIF and qSp are not
 reproduced.
 
+.. code-block:: bash
+
     python plot_paper_table4.py --runs 1000
     python -m sklearn_mcmd.paper table4
     python -m sklearn_mcmd.paper figure8

@@ -11,6 +11,8 @@ measure another task, as the first numbers below show. `SpatialBlockSplit` fits 
 with the neighbors that its points need, and scores the block. So labels are those of the whole
 cloud. No detector sees the truth while it is fitted, so nothing leaks, and each point counts once.
 
+.. code-block:: bash
+
     python plot_grid_search.py --points 8000
 """
 

@@ -10,6 +10,8 @@ The method here is a cell filter, as many tools have it: a point in a cell of 25
 4 points is an outlier. It is quick, and does well where density is even. Where density falls with
 range, it takes what is far.
 
+.. code-block:: bash
+
     python plot_own_method.py --points 30000
 """
 

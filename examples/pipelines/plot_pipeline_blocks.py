@@ -10,6 +10,8 @@ from labels, so nothing leaks.
 Denoising drops rows, which steps of a scikit-learn Pipeline may not. imbalanced-learn's Pipeline
 allows it (``pip install imbalanced-learn``).
 
+.. code-block:: bash
+
     python plot_pipeline_blocks.py --points 40000
 """
 

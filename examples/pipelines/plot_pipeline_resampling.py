@@ -7,6 +7,8 @@ together. `DenoisingSampler` is one. The first example is one object for denoisi
 segments. In the second, a classifier learns from a cleaned cloud and labels every point of a new,
 noisy one.
 
+.. code-block:: bash
+
     pip install imbalanced-learn
     python plot_pipeline_resampling.py --points 10000
 """

@@ -11,6 +11,8 @@ segments the scene itself (`score_segments`). With ``memory`` the normals of a s
 once for all angles. ``refit=False`` is needed, because scenes in one array lie on top of each
 other. The winner is judged on a street that the search has not seen.
 
+.. code-block:: bash
+
     python plot_pipeline_search.py --points 25000
 """
 

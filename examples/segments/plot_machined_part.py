@@ -7,6 +7,8 @@ detector finds creases: lines in which the planes of two faces meet. The walls o
 bent, and have no creases but their rims. The bottom is open: its rim has one face only, and is not
 found. Region growing gives each of the ten faces a number.
 
+.. code-block:: bash
+
     python plot_machined_part.py --points 24000
 """
 

@@ -10,6 +10,8 @@ and thin is post, and the rest is wall.
 A kerb is 13 cm high, seven rows of points. It stays apart from road and footpath, because neighbors
 are linked only where their planes explain each other.
 
+.. code-block:: bash
+
     python plot_name_segments.py --points 60000
 """
 

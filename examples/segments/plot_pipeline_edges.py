@@ -7,6 +7,8 @@ the columns of the `RobustNormalEstimator` before it. It drops outliers for its 
 searches lines in which the planes of two faces meet. With coordinates alone it does both steps
 itself.
 
+.. code-block:: bash
+
     python plot_pipeline_edges.py --points 3000
 """
 

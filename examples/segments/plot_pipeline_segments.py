@@ -6,6 +6,8 @@ The steps are denoising, normals and segments. Denoising drops rows, and no step
 Pipeline may do that. So it is a mask before the Pipeline, which has the other two steps. Columns
 have names in pandas or polars. ``plot_pipeline_resampling.py`` has one object for all three steps.
 
+.. code-block:: bash
+
     python plot_pipeline_segments.py --points 30000
 """
 

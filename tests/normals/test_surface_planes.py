@@ -279,3 +279,10 @@ def test_a_model_that_was_fitted_with_numba_serves_without_it(monkeypatch):
     for name in ("smoothness", "folds", "lenders"):
         monkeypatch.setitem(sys.modules, f"sklearn_mcmd.normals._{name}_numba", None)
     assert_allclose(estimator.transform(X[:50]), expected, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_neighborhoods_of_too_few_members_for_a_quadric_warn_of_nothing():
+    street = make_street(5_000, noise=0.008, random_state=0)
+    normals = RobustNormalEstimator(10, random_state=0).fit(street.data).normals_
+    assert np.isfinite(normals).all()
