@@ -16,6 +16,7 @@ __all__ = [
     "JUDGED_STORED",
     "Plan",
     "bytes_in_memory",
+    "bytes_to_join",
     "check_division",
     "parse_memory",
     "plan_run",
@@ -36,6 +37,8 @@ TILE_STORED, JUDGED_STORED, JUDGED_POINT = 98, 200, 450
 # Of regions: temporary files; what the growing and joining of regions takes, for each point of the
 # cloud, and of so many points at once; and what a cloud takes in memory besides its records.
 GROWN_STORED, GROWN_POINT, JOINED_POINT, JOINED_AT_ONCE, GROWN_CLOUD = 420, 60, 150, 1_000_000, 720
+# Of these, of each point, and of one that growth left over.
+GROWN_LEAST, REST_POINT = 26, 200
 # Points read or written at once, and bytes for each while that is done.
 PART, PART_POINT = 250_000, 400
 LEAST_TILE = 20_000  # smaller tiles are mostly halo
@@ -131,6 +134,12 @@ def bytes_in_memory(catalog, n_features=0, *, grown=False):
         for n, size in zip(catalog.counts, catalog.record_sizes, strict=True)
     )
     return PROCESS + points
+
+
+def bytes_to_join(n_points, n_rest):
+    """What the joining of regions takes, about, if growth left over so many of the points."""
+    at_once = JOINED_POINT * min(n_points, JOINED_AT_ONCE)
+    return PROCESS + at_once + GROWN_LEAST * n_points + REST_POINT * n_rest
 
 
 def plan_run(
