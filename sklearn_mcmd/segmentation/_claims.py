@@ -124,7 +124,7 @@ class Claims:
                 queries, around.of(part), self.planes, NEAREST, usable,
                 np.zeros(m), np.full(m, np.inf), compiled,
             )  # fmt: skip
-            owner[part] = np.where(share <= self.cutoff, labels[found], -1)
+            owner[part] = np.where((found >= 0) & (share <= self.cutoff), labels[found], -1)
 
         self._each_part(len(rows), task)
         return owner

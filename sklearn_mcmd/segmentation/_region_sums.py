@@ -27,6 +27,8 @@ __all__ = [
 
 # Points at once; it limits the memory.
 PART = 2**18
+# Parts whose points are put in order of regions once for all sums, at most.
+KEPT = 8
 # Medians of so many values are sought at once, or of one region with more.
 AT_ONCE = 2_000_000
 # Medians of smaller regions are sought together: each by itself would take longer.
@@ -98,7 +100,7 @@ def region_moments(points, labels, n_regions, weights=None, number=None, n_jobs=
         Takes the place of each label, the last that of -1.
     n_jobs : int, default=None
     """
-    d = points.shape[1]
+    d, parts = points.shape[1], _Parts(labels, number, n_jobs)
     sizes = np.zeros(n_regions)
     low, high = np.full((d, n_regions), np.inf), np.full((d, n_regions), -np.inf)
 
@@ -113,18 +115,20 @@ def region_moments(points, labels, n_regions, weights=None, number=None, n_jobs=
                 low[i, groups.regions] = np.minimum(low[i, groups.regions], least[i])
                 high[i, groups.regions] = np.maximum(high[i, groups.regions], most[i])
 
-    _each_part(labels, number, measure, n_jobs)
+    parts.visit(measure)
     inside = np.isfinite(low[0])
     low[:, ~inside] = high[:, ~inside] = 0.0
     # A power of two is the unit, so that squares are near 1.
-    unit = int(np.frexp((high - low).max(initial=0.0))[1])
+    unit = int(np.clip(np.frexp((high - low).max(initial=0.0))[1], -1000, 1000))
+    factor = 2.0**-unit
     extent = np.frexp(np.ldexp(high - low, -unit))[1]
     bits = np.frexp(np.maximum(sizes, 1.0))[1] + (weights is not None)
     divisor = np.maximum(sizes, 1.0)
 
     def local(groups, i):
         gaps = groups.take(points[:, i]) - np.repeat(low[i, groups.regions], groups.counts)
-        return np.ldexp(gaps, -unit)
+        gaps *= factor
+        return gaps
 
     def weighted(groups, values):
         return values if weights is None else values * groups.take(weights)
@@ -139,7 +143,7 @@ def region_moments(points, labels, n_regions, weights=None, number=None, n_jobs=
             for i in range(d):
                 sums[i][:, groups.regions] += found[i]
 
-    _each_part(labels, number, add, n_jobs)
+    parts.visit(add)
     means = sums.sum(axis=1) / divisor
     products = np.zeros((d, d, 2, n_regions))
 
@@ -158,7 +162,7 @@ def region_moments(points, labels, n_regions, weights=None, number=None, n_jobs=
             for (i, j), pair in found.items():
                 products[i, j][:, groups.regions] += pair
 
-    _each_part(labels, number, multiply, n_jobs)
+    parts.visit(multiply)
     covariances = np.empty((n_regions, d, d))
     with np.errstate(over="ignore"):
         for i in range(d):
@@ -171,8 +175,8 @@ def region_moments(points, labels, n_regions, weights=None, number=None, n_jobs=
 
 def sums_by_region(values, labels, n_regions, number=None, n_jobs=None):
     """Sums (n_regions,) of values that are not negative; the other parameters as above."""
-    parts = parts_of(len(labels))
-    most = max((float(values[rows].max(initial=0.0)) for rows in parts), default=0.0)
+    slices, parts = parts_of(len(labels)), _Parts(labels, number, n_jobs)
+    most = max((float(values[rows].max(initial=0.0)) for rows in slices), default=0.0)
     extent = np.full(n_regions, np.frexp(most)[1])
     bits = np.full(n_regions, np.frexp(float(max(len(labels), 1)))[1])
     sums = np.zeros((2, n_regions))
@@ -182,7 +186,7 @@ def sums_by_region(values, labels, n_regions, number=None, n_jobs=None):
         with lock:
             sums[:, groups.regions] += found
 
-    _each_part(labels, number, add, n_jobs)
+    parts.visit(add)
     return sums.sum(axis=0)
 
 
@@ -228,7 +232,7 @@ def _medians(values, labels, number, n_regions):
         own.partition(middle)
         return own[middle]
     numbers = np.concatenate(numbers)
-    groups = _grouped(numbers, n_regions)
+    groups = _grouped(numbers)
     own = own[groups.rows]
     middle, medians = groups.counts // 2, np.empty(len(groups.counts))
     few = groups.counts < FEW
@@ -269,7 +273,7 @@ class _Groups(NamedTuple):
         return np.add.reduceat(values, self.starts)
 
 
-def _grouped(labels, n_regions, part=slice(None)):
+def _grouped(labels, part=slice(None)):
     """The `_Groups` of labels; None if there are none. It sorts by counting, if that is short."""
     inside = np.flatnonzero(labels >= 0)
     own = labels[inside]
@@ -291,17 +295,33 @@ def _grouped(labels, n_regions, part=slice(None)):
     return _Groups(rows, regions, starts, counts, part)
 
 
-def _each_part(labels, number, work, n_jobs):
-    """Call ``work(groups, lock)`` for the groups of each part."""
-    lock = Lock()
+class _Parts:
+    """Labels in parts, whose groups are kept if they are few."""
 
-    def task(part):
-        some = labels[part] if number is None else number[labels[part]]
-        groups = _grouped(some, None, part)
-        if groups is not None:
-            work(groups, lock)
+    def __init__(self, labels, number, n_jobs):
+        self.labels, self.number, self.n_jobs = labels, number, n_jobs
+        self.slices, self.kept = parts_of(len(labels)), {}
 
-    run([(part,) for part in parts_of(len(labels))], task, n_jobs)
+    def visit(self, work):
+        """Call ``work(groups, lock)`` for the groups of each part."""
+        lock = Lock()
+
+        def task(i):
+            groups = self._groups(i)
+            if groups is not None:
+                work(groups, lock)
+
+        run([(i,) for i in range(len(self.slices))], task, self.n_jobs)
+
+    def _groups(self, i):
+        if i in self.kept:
+            return self.kept[i]
+        labels = self.labels[self.slices[i]]
+        labels = labels if self.number is None else self.number[labels]
+        groups = _grouped(labels, self.slices[i])
+        if len(self.slices) <= KEPT:
+            self.kept[i] = groups
+        return groups
 
 
 def _two_sums(groups, values, extent, bits):

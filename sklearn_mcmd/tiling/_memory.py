@@ -16,6 +16,7 @@ __all__ = [
     "JUDGED_STORED",
     "Plan",
     "bytes_in_memory",
+    "bytes_to_join",
     "check_division",
     "parse_memory",
     "plan_run",
@@ -37,6 +38,8 @@ EDGES_STORED, EDGES_POINT = 330, 650
 # Of regions: temporary files; what the growing and joining of regions takes, for each point of the
 # cloud, and of so many points at once; and what a cloud takes in memory besides its records.
 GROWN_STORED, GROWN_POINT, JOINED_POINT, JOINED_AT_ONCE, GROWN_CLOUD = 420, 60, 150, 1_000_000, 720
+# Of these, of each point, and of one that growth left over.
+GROWN_LEAST, REST_POINT = 26, 200
 COSTS = {
     "normals": (TILE_POINT, TILE_STORED),
     "outliers": (JUDGED_POINT, JUDGED_STORED),
@@ -138,6 +141,12 @@ def bytes_in_memory(catalog, n_features=0, *, work="normals"):
         for n, size in zip(catalog.counts, catalog.record_sizes, strict=True)
     )
     return PROCESS + points
+
+
+def bytes_to_join(n_points, n_rest):
+    """What the joining of regions takes, about, if growth left over so many of the points."""
+    at_once = JOINED_POINT * min(n_points, JOINED_AT_ONCE)
+    return PROCESS + at_once + GROWN_LEAST * n_points + REST_POINT * n_rest
 
 
 def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, work="normals"):

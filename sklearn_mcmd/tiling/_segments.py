@@ -21,7 +21,13 @@ from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._links import GrowthJob, find_links, find_neighbors, find_planes
-from sklearn_mcmd.tiling._memory import check_division, parse_memory, plan_run, usual_memory
+from sklearn_mcmd.tiling._memory import (
+    bytes_to_join,
+    check_division,
+    parse_memory,
+    plan_run,
+    usual_memory,
+)
 from sklearn_mcmd.tiling._outputs import LABELED, targets_of, write_segmented_outputs
 from sklearn_mcmd.tiling._run import (
     COMPUTED,
@@ -107,6 +113,11 @@ def write_segments(
     ValueError
         If the estimator cannot work by tiles, or the memory is too little.
 
+    Warns
+    -----
+    UserWarning
+        If so many points are on no surface that regions take more than the memory.
+
     See Also
     --------
     Catalog : What files hold.
@@ -146,7 +157,7 @@ def write_segments(
         n_resumed = sum(columns.is_done(cell, "planes") for cell in range(len(cells)))
         job = GrowthJob(folder.cells, folder.results, estimator, folder.constants, plan.n_threads)
         with progress_part(SCATTERED, COMPUTED, "regions"):
-            _segment(job, cells, columns, plan.n_workers)
+            _segment(job, cells, columns, plan.n_workers, memory)
         with progress_part(COMPUTED, 1.0, "writing"):
             make = partial(segmented, colors=colors)
             write_segmented_outputs(catalog, targets, folder, make, content)
@@ -202,7 +213,7 @@ def _warm_up(estimator):
         clone(estimator).fit(points)
 
 
-def _segment(job, cells, columns, n_workers):
+def _segment(job, cells, columns, n_workers, memory):
     """Find the region of all points, and write them for each cell."""
     n_cells, begin = len(cells), 0.0
     if columns.is_done(ALL, "regions"):
@@ -234,6 +245,7 @@ def _segment(job, cells, columns, n_workers):
         columns.finish(ALL, "grown")
     whole.remove("links", "limit", "usable", "variation")
     labels = columns.read(ALL, "grown")
+    _warn_if_much(labels, job.growing.n_neighbors, memory)
     with progress_part(ENDS["growth"], ENDS["steps"]):
         labels = finish_regions(
             labels, StoredIndex(whole), whole.planes(changing=True), whole.open("floor"),
@@ -252,6 +264,19 @@ def _grow(whole):
     labels = grow_regions(whole.open("links"), seeds)
     whole.release()
     return labels
+
+
+def _warn_if_much(labels, n_neighbors, memory):
+    """Warn if so many points are on no surface that the next steps take more than the memory."""
+    sizes = region_sizes(labels, int(labels.max(initial=-1)) + 1)
+    n_rest = len(labels) - int(sizes[sizes > n_neighbors].sum())
+    needed = bytes_to_join(len(labels), n_rest)
+    if needed > memory:
+        warnings.warn(
+            f"{n_rest:,} of {len(labels):,} different points lie on no surface; joining regions may "
+            f"take {needed / 1e6:.0f}MB, more than memory={memory / 1e6:.0f}MB",
+            stacklevel=4,
+        )
 
 
 def _segment_together(job, cells, columns, n_places):

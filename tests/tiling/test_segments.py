@@ -18,7 +18,7 @@ from sklearn_mcmd.datasets import (
     make_street,
 )
 from sklearn_mcmd.io import PointCloud, read_points, write_points
-from sklearn_mcmd.tiling import TilingError, _segments, write_segments
+from sklearn_mcmd.tiling import TilingError, _memory, _segments, write_segments
 from tiled import street
 
 GROWING = RegionGrowing(20, normal_estimator=RobustNormalEstimator(24, random_state=0), max_angle=8)
@@ -291,6 +291,15 @@ def test_too_little_memory_to_join_regions_is_refused_before_the_work(tmp_path):
     path, _ = written(tmp_path, street_with_tree(2_000))
     with pytest.raises(ValueError, match="too little"):
         write_segments(path, tmp_path / "b.las", GROWING, memory="10MB")
+
+
+def test_points_on_no_surface_that_take_more_than_the_memory_are_warned_of(tmp_path, monkeypatch):
+    monkeypatch.setattr(_memory, "REST_POINT", 10**6)
+    path, cloud = written(tmp_path, SCENES["volume"]())
+    with pytest.warns(UserWarning, match=r"of 3,000 different points .* more than memory=500MB"):
+        write_segments(path, tmp_path / "b.las", GROWING, memory="500MB", tile_size=2_000)
+    found = read_points(tmp_path / "b.las").attributes["region"]
+    assert_array_equal(found, in_memory(cloud).labels_)
 
 
 @pytest.mark.slow
