@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_is_fitted, check_random_state, validate_data
 
-from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
+from sklearn_mcmd._sklearn import CallbackSupportMixin, Interval, StrOptions, fit_context
 from sklearn_mcmd._validation import FittedScoresMixin, check_extent, check_sizes
 from sklearn_mcmd.edges._creases import FAR, CreaseModel
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
@@ -16,6 +16,7 @@ from sklearn_mcmd.outliers._detector import MCMDOutlierDetector
 from sklearn_mcmd.planes._columns import Columns, split_columns
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._rules import MAD_TO_SD
+from sklearn_mcmd.planes._tasks import fit_in_tasks, sub_fit
 
 __all__ = ["SharpFeatureDetector"]
 
@@ -26,7 +27,7 @@ EDGE_WIDTH = 2.0
 ROBUST_STD, PAPER_STD = 3.0, 1.0
 
 
-class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
+class SharpFeatureDetector(FittedScoresMixin, CallbackSupportMixin, BaseEstimator):
     """Edges and corners: points next to a line in which two faces meet (Eq. 25 and better).
 
     The detector cleans the cloud first, because outliers look like edges. It gives each point
@@ -204,6 +205,7 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
         self.n_jobs = n_jobs
 
     @fit_context(prefer_skip_nested_validation=False)
+    @fit_in_tasks
     def fit(self, X: ArrayLike, y: object = None) -> Self:
         """Clean a cloud, find its planes, and settle the limit of an edge.
 
@@ -237,23 +239,24 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
         self._check_parameters(xyz)
         # Both steps get one seed, drawn once, because a RandomState would give them two.
         seed = check_random_state(self.random_state).randint(np.iinfo(np.int32).max)
-        with progress_part(0.0, 0.6):
-            self.inlier_mask_ = self._clean(xyz, seed)
+        self.inlier_mask_ = self._clean(xyz, seed)
         kept = self.inlier_mask_
         if self.normals == "estimate":
             self.normal_estimator_ = self._make_normal_estimator(seed)
-            with progress_part(0.6, 0.8):
+            with sub_fit(0.6, 0.8, "normals", self.normal_estimator_):
                 members = np.asarray(self.normal_estimator_.fit_transform(xyz[kept]))
         else:
             members = table[kept]
         if self.criterion == "crease":
             self._model = CreaseModel(self.n_neighbors, self.min_angle, self.n_jobs)
-            with progress_part(0.8, 1.0, "creases"):
-                self._model.fit(split_columns(members, self._n_dimensions))
             self.offset_ = EDGE_WIDTH if self.threshold is None else float(self.threshold)
             self.scores_ = np.empty(len(xyz))
-            self.scores_[kept] = self._model.distances
-            self.scores_[~kept] = self._model.distance(xyz[~kept].astype(np.float64))
+            with progress_part(0.8, 1.0, "creases"):
+                with progress_part(0.0, 0.9):
+                    self._model.fit(split_columns(members, self._n_dimensions))
+                self.scores_[kept] = self._model.distances
+                with progress_part(0.9, 1.0):
+                    self.scores_[~kept] = self._model.distance(xyz[~kept].astype(np.float64))
         else:
             values = self._values(columns)
             self.offset_ = -self._settle_threshold(values[kept])
@@ -281,6 +284,9 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
         if self.criterion == "crease":
             return self._model.distance(columns.coordinates.astype(np.float64))
         return -self._values(columns)
+
+    def _stages(self):
+        return "outliers", "normals", "creases"
 
     def _columns(self, X):
         """Coordinates, and the precomputed columns if X has them."""
@@ -317,7 +323,8 @@ class SharpFeatureDetector(FittedScoresMixin, BaseEstimator):
                 n_jobs=self.n_jobs,
             )
         self.outlier_detector_ = _seeded(detector, seed)
-        kept = np.asarray(self.outlier_detector_.fit_predict(xyz)) == 1
+        with sub_fit(0.0, 0.6, "outliers", self.outlier_detector_):
+            kept = np.asarray(self.outlier_detector_.fit_predict(xyz)) == 1
         return kept if kept.sum() > xyz.shape[1] else np.ones(len(xyz), dtype=bool)
 
     def _make_normal_estimator(self, seed):

@@ -2,3 +2,5 @@
 
 The command line alone makes them, so there are no public names here.
 """
+
+__all__ = []

@@ -8,13 +8,14 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClusterMixin, clone
 from sklearn.utils.validation import validate_data
 
-from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
+from sklearn_mcmd._sklearn import CallbackSupportMixin, Interval, StrOptions, fit_context
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.planes._columns import split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._resolution import coordinate_step
+from sklearn_mcmd.planes._tasks import fit_in_tasks, sub_fit
 from sklearn_mcmd.segmentation._claims import Claims
 from sklearn_mcmd.segmentation._cylinder_parts import CylinderParts
 from sklearn_mcmd.segmentation._graph import GrowthRules, grow_regions, link_neighbors
@@ -24,7 +25,7 @@ from sklearn_mcmd.segmentation._narrow_faces import RestFaces
 __all__ = ["RegionGrowing"]
 
 
-class RegionGrowing(ClusterMixin, BaseEstimator):
+class RegionGrowing(ClusterMixin, CallbackSupportMixin, BaseEstimator):
     """Surfaces of a point cloud, grown from the flattest points (section 5.2.3).
 
     A region starts at the point of least curvature. It takes in neighbors that lie in the plane
@@ -245,6 +246,7 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         self.n_jobs = n_jobs
 
     @fit_context(prefer_skip_nested_validation=True)
+    @fit_in_tasks
     def fit(self, X: ArrayLike, y: object = None) -> Self:
         """Find the regions of a cloud.
 
@@ -266,8 +268,7 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
             If X has NaN, infinite or too few values, or ``normals="precomputed"`` and X are not
             the columns of a :class:`RobustNormalEstimator`.
         """
-        with progress_part(0.0, 0.35):
-            columns = self._settle_columns(X)
+        columns = self._settle_columns(X)
         xyz = columns.coordinates
         index = NeighborIndex(xyz.astype(np.float64, copy=False), self.n_neighbors)
         points, rows = index.points, index.rows
@@ -316,6 +317,12 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         self.labels_ = labels[owners]
         return self
 
+    def _stages(self):
+        normals = ("normals",) if self.normals == "estimate" else ()
+        narrow = ("narrow faces",) if self.regrow_rest else ()
+        growth = ("links of neighbors", "growing regions", *narrow)
+        return (*normals, *growth, "joining regions", "cylinders and the rest")
+
     def _settle_columns(self, X):
         """Coordinates and planes of all points."""
         X = validate_data(self, X, dtype=[np.float64, np.float32], ensure_min_features=2)
@@ -325,7 +332,8 @@ class RegionGrowing(ClusterMixin, BaseEstimator):
         if estimator is None:
             estimator = RobustNormalEstimator(random_state=self.random_state, n_jobs=self.n_jobs)
         self.normal_estimator_ = clone(estimator)
-        columns = np.asarray(self.normal_estimator_.fit_transform(X))
+        with sub_fit(0.0, 0.35, "normals", self.normal_estimator_):
+            columns = np.asarray(self.normal_estimator_.fit_transform(X))
         return split_columns(columns, X.shape[1], self.n_jobs)
 
 

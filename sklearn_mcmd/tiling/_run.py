@@ -188,7 +188,7 @@ def write_normals(
                 normals_of_tile, folder.cells, estimator=estimator, constants=folder.constants,
                 target=folder.results,
             )  # fmt: skip
-            compute_cells(task, cells, todo, plan.n_workers, "normals")
+            compute_cells(task, cells, todo, plan.n_workers)
         with progress_part(COMPUTED, 1.0, "writing"):
             removed = write_outputs(catalog, targets, folder, names)
         reports = _reports(folder)
