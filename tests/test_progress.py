@@ -21,8 +21,12 @@ from sklearn_mcmd.planes._progress import (
 
 def heard(work):
     """Stages and shares that a listener hears."""
+    return [(told.stage, told.share) for told in all_told(work)]
+
+
+def all_told(work):
     told = []
-    with listen_to_progress(lambda stage, share: told.append((stage, share))):
+    with listen_to_progress(told.append):
         work()
     return told
 
@@ -38,6 +42,19 @@ def test_parts_of_parts_are_shares_of_the_whole():
         *[("first", share) for share in (0.0, 0.25, 0.5)],
         *[("second", share) for share in (0.5, 0.5, 0.6, 1.0)],
     ]
+
+
+def test_a_stage_is_told_from_its_begin_to_its_end_whatever_its_share_of_the_whole():
+    def work():
+        with progress_part(0.5, 0.75, "stage"):
+            with progress_part(0.0, 0.5):
+                current_span().tell(0.5)
+            with progress_part(0.5, 1.0):
+                current_span().tell(0.5)
+
+    told = all_told(work)
+    assert [t.part for t in told] == [0, 0, 0.25, 0.5, 0.5, 0.75, 1, 1]
+    assert {t.stage for t in told} == {"stage"}
 
 
 def test_nobody_listening_is_no_error():
@@ -56,11 +73,11 @@ def test_a_listener_of_none_hears_nothing_of_what_is_within():
 @pytest.mark.parametrize(
     ("estimator", "stages"),
     [
-        (MCMDOutlierDetector(random_state=0), ["outliers"]),
+        (MCMDOutlierDetector(random_state=0), ["planes", "outliers"]),
         (RobustNormalEstimator(random_state=0), ["normals", "normals next to edges"]),
         (RobustNormalEstimator(method="pca"), ["normals"]),
         (RegionGrowing(random_state=0), ["normals", "links of neighbors", "narrow faces"]),
-        (SharpFeatureDetector(random_state=0), ["outliers", "normals", "creases"]),
+        (SharpFeatureDetector(random_state=0), ["planes", "outliers", "normals", "creases"]),
     ],
 )
 def test_estimators_name_their_stages_in_order_and_tell_the_whole(estimator, stages, room):
@@ -78,10 +95,12 @@ def test_the_cutoff_and_the_verdict_of_the_detector_divide_the_whole_without_gap
     for stage, share in heard(lambda: detector.fit(room.xyz)):
         first, last = ends.get(stage, (share, share))
         ends[stage] = min(first, share), max(last, share)
-    assert list(ends) == ["cutoff by simulation", "outliers"]
-    (begin, end), (again, whole) = ends.values()
+    ends.pop("")  # the parts that hold stages
+    assert list(ends) == ["cutoff by simulation", "planes", "outliers"]
+    (begin, end), (again, middle), (more, whole) = ends.values()
     assert begin == 0
     assert end == pytest.approx(again)
+    assert middle == pytest.approx(more)
     assert whole == pytest.approx(1)
 
 
@@ -132,7 +151,7 @@ def test_one_line_tells_whoever_waits_at_a_terminal(own_compilation, monkeypatch
     assert capsys.readouterr().err == f"sklearn_mcmd: {COMPILING}\n"
 
 
-@pytest.mark.parametrize("listener", [None, lambda stage, share: None])
+@pytest.mark.parametrize("listener", [None, lambda told: None])
 def test_no_line_where_a_program_shows_progress_or_nobody_waits(
     own_compilation, listener, monkeypatch, capsys
 ):

@@ -27,6 +27,7 @@ from sklearn_mcmd.adjustment._tests import (
     statistic,
     t_to_tau,
 )
+from sklearn_mcmd.planes._tasks import fit_in_tasks
 
 __all__ = ["BaardaPlaneDetector"]
 
@@ -215,6 +216,7 @@ class BaardaPlaneDetector(PlaneDetector):
         self.random_state = random_state
 
     @fit_context(prefer_skip_nested_validation=True)
+    @fit_in_tasks
     def fit(self, X: ArrayLike, y: object = None, weights: ArrayLike | None = None) -> Self:
         """Adjust the plane and remove what its tests reject.
 
@@ -370,7 +372,7 @@ class BaardaPlaneDetector(PlaneDetector):
             "robust_start=True finds half of the points or more on one line, through which any "
             "plane goes. All points are the start in their place, as with robust_start=False.",
             UserWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
 
     def _warn_of(self, state):
@@ -381,14 +383,14 @@ class BaardaPlaneDetector(PlaneDetector):
                 "was kept. Check "
                 f"sigma0={self.sigma0!r} against the noise, or the share of outliers.",
                 UserWarning,
-                stacklevel=4,
+                stacklevel=5,
             )
         if state.ran_out_of_rounds:
             warnings.warn(
                 f"max_iter={self.max_iter} rounds of removal left points that the test still "
                 "rejects; raise max_iter.",
                 ConvergenceWarning,
-                stacklevel=4,
+                stacklevel=5,
             )
 
 

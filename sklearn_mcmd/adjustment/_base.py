@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_array, check_is_fitted, validate_data
 
-from sklearn_mcmd._sklearn import DocLinkMixin, Interval, StrOptions
+from sklearn_mcmd._sklearn import CallbackSupportMixin, DocLinkMixin, Interval, StrOptions
 from sklearn_mcmd._validation import OffsetOutlierMixin
 from sklearn_mcmd.adjustment._determinacy import (
     AS_THICK_AS_WIDE,
@@ -31,7 +31,7 @@ STEEP_SHARE = 0.05
 FLATNESS = 0.1
 
 
-class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
+class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, BaseEstimator):
     """Base class of plane tests; a subclass has `fit` and `score_samples`."""
 
     _parameter_constraints: ClassVar[dict] = {
@@ -64,6 +64,9 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
             -1 for outliers, 1 for inliers.
         """
         return self.fit(X, weights=weights).labels_
+
+    def _stages(self):
+        return ()
 
     def residuals(self, X: ArrayLike) -> NDArray[np.float64]:
         """Observed minus adjusted, along the last axis or the normal.
@@ -138,7 +141,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
                 f"coordinates, {rounding:.2g}, which is taken in its place. Subtract an offset "
                 "from X before its digits are lost, or give the noise of the points as sigma0.",
                 UserWarning,
-                stacklevel=5,
+                stacklevel=6,
             )
 
     def _rounding_of(self, direction):
@@ -178,7 +181,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
                 f"{AS_THICK_AS_WIDE}, which determines no normal: normal_ points anywhere across "
                 "them. Add points beside that line, or look for what is thick.",
                 UserWarning,
-                stacklevel=4,  # past scikit-learn's wrapper of fit
+                stacklevel=5,  # past the wrappers of fit
             )
 
     def _warn_if_steep(self, X, weights, vertical):
@@ -206,7 +209,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
                 "coordinates of like precision, as in the scan of a wall, use "
                 "surface='orthogonal'.",
                 UserWarning,
-                stacklevel=4,
+                stacklevel=5,
             )
 
     def _choose_offset(self, scores, used, auto):

@@ -30,6 +30,7 @@ from sklearn_mcmd.adjustment._tests import (
     statistic,
     t_to_tau,
 )
+from sklearn_mcmd.planes._tasks import fit_in_tasks
 
 __all__ = ["FuzzyPlaneDetector"]
 
@@ -195,6 +196,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         self.loss = loss
 
     @fit_context(prefer_skip_nested_validation=True)
+    @fit_in_tasks
     def fit(self, X: ArrayLike, y: object = None, weights: ArrayLike | None = None) -> Self:
         """Adjust the plane once and divide its residuals.
 

@@ -10,6 +10,7 @@ from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd.baselines._methods import METHOD_NAMES
 from sklearn_mcmd.planes._base import BasePlaneOutliers
 from sklearn_mcmd.planes._comparators import settle_comparator
+from sklearn_mcmd.planes._tasks import fit_in_tasks
 
 __all__ = ["PlaneOutlierDetector"]
 
@@ -123,6 +124,7 @@ class PlaneOutlierDetector(BasePlaneOutliers):
         self.n_jobs = n_jobs
 
     @fit_context(prefer_skip_nested_validation=True)
+    @fit_in_tasks
     def fit(self, X: ArrayLike, y: object = None) -> Self:
         """Store the cloud that points are scored against.
 

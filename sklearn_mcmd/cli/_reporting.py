@@ -7,9 +7,12 @@ from typing import Annotated, NamedTuple
 import typer
 
 from sklearn_mcmd.cli._speech import clear_exits
-from sklearn_mcmd.planes._progress import progress_part
+from sklearn_mcmd.planes._progress import current_span, progress_part
 
 __all__ = ["ReportFolder", "write_report_of"]
+
+
+DRAWN = 0.8  # share of a report's time until its maps are drawn
 
 
 class Report(NamedTuple):
@@ -64,7 +67,10 @@ def write_report_of(report, source, target, seconds, contents):
     command, parameters = _command(context), tuple(_parameters(context))
     run = Run(context.command.name, command, parameters, source, target, seconds())
     with progress_part(1.0, 1.0, "report"):
-        write_report(report.folder, run, contents())
+        span, made = current_span(), contents()
+        if span is not None:
+            span.tell(DRAWN)
+        write_report(report.folder, run, made)
 
 
 def _command(context):

@@ -1,4 +1,4 @@
-"""The progress of a verb: one bar on a terminal, elsewhere a few lines."""
+"""The progress of a verb: a bar for each stage on a terminal, elsewhere a few lines."""
 
 import sys
 import threading
@@ -26,7 +26,7 @@ def progress(title, quiet):
     if quiet:
         show = _nothing
     elif console.is_terminal:
-        show = _bar
+        show = _bars
     else:
         show = _lines
     with show(title, console) as state, listen_to_progress(state and state.hear):
@@ -34,10 +34,11 @@ def progress(title, quiet):
 
 
 class _State:
-    """The progress of the work, which never decreases."""
+    """The progress of the work, which never decreases, and of its stage."""
 
     def __init__(self, changed=lambda state: None):
-        self.stage, self.compiling, self.share = "", None, 0.0
+        self.stage, self.note, self.compiling = "", "", None
+        self.share = self.part = 0.0
         self.since = time.monotonic()
         self.changed = changed
         self.lock = threading.Lock()
@@ -46,13 +47,17 @@ class _State:
     def doing(self):
         return self.compiling or self.stage
 
-    def hear(self, stage, share):
+    def hear(self, told):
         with self.lock:
             before = self.doing
-            if share is None:
-                self.compiling = stage
+            if told.share is None:
+                self.compiling = told.stage
             else:
-                self.stage, self.share = stage, max(self.share, share)
+                self.share = max(self.share, told.share)
+                if told.stage:  # else between stages
+                    same = told.stage == self.stage
+                    self.part = max(self.part, told.part) if same else told.part
+                    self.stage, self.note = told.stage, told.note
             if self.doing != before:
                 self.since = time.monotonic()
             self.changed(self)
@@ -64,16 +69,31 @@ def _nothing(title, console):
 
 
 @contextmanager
-def _bar(title, console):
+def _bars(title, console):
+    """A bar for each stage; those that are done show how long they took."""
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
     from rich.progress import TimeRemainingColumn as TimeLeft
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeLeft())
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task(title, total=1.0)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeLeft(elapsed_when_finished=True),
+        TextColumn("{task.fields[note]}", style="dim"),
+    )
+    with Progress(*columns, console=console, transient=True) as bars:
+        shown, current = None, None
 
         def changed(state):
-            bar.update(task, completed=state.share, description=f"{title}: {state.doing}")
+            nonlocal shown, current
+            if state.stage and state.stage != shown:
+                if current is not None:
+                    bars.update(current, completed=1.0, note="")
+                shown = state.stage
+                current = bars.add_task(f"{title}: {shown}", total=1.0, note="")
+            if current is not None:
+                note = state.compiling or state.note
+                bars.update(current, completed=state.part, note=note)
 
         yield _State(changed)
 
@@ -88,11 +108,13 @@ def _lines(title, console):
         while not done.wait(0.2):
             now = time.monotonic()
             with state.lock:
-                doing, lasted, share = state.doing, now - state.since, state.share
+                doing, note, share = state.doing, state.note, state.share
+                lasted = now - state.since
             news = doing != told and lasted >= PATIENCE
             if news or now - at >= AGAIN:
                 told, at = doing, now
-                line = f"mcmd: {title}: {doing}, {100 * share:.0f} % done, {now - start:.0f} s"
+                doing_so = f"{doing}, {note}" if note else doing
+                line = f"mcmd: {title}: {doing_so}, {100 * share:.0f} % done, {now - start:.0f} s"
                 print(line, file=sys.stderr, flush=True)
 
     thread = threading.Thread(target=tell, daemon=True)

@@ -16,6 +16,7 @@ from sklearn_mcmd.planes._chunks import each_chunk, run
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._local_planes import COMPILE_FROM
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._record import Neighborhoods
 
 __all__ = [
@@ -54,6 +55,10 @@ LEAST_COMPANY = 3
 THIRD_FACE = 0.8
 # Creases farther than this many spacings say nothing about the neighbors.
 REACH = 3.0
+# Shares of the time of the steps, for the display of progress.
+SEARCHING, MEASURING, GIVING, MEETING, JUDGING = (
+    (0.0, 0.1), (0.1, 0.15), (0.15, 0.3), (0.3, 0.9), (0.9, 1.0),
+)  # fmt: skip
 # How steeply a smooth surface, and a point off its plane, count as far.
 STEEPNESS = 30
 OFF_STEEPNESS = 2
@@ -135,17 +140,22 @@ class CreaseModel:
         self.points = self.index.points - self.origin
         self.planes = columns.planes(self.index.rows)
         self.planes.centroids[:] -= self.origin
-        around = self._search_own()
-        self._in_chunks(around, self._measure_spacing)
+        with progress_part(*SEARCHING):
+            around = self._search_own()
+        with progress_part(*MEASURING):
+            self._in_chunks(around, self._measure_spacing)
         # Decided by the fitted cloud, so that any query is the same arithmetic.
         self.compiled = len(self.points) >= COMPILE_FROM
         limit = flatness_limit(np.median(flatness_of(self.planes)))
         self.flat = are_flat(self.planes, limit)
-        self.faces = self._give_planes(self.points, around)
-        distance, self.evidence = self._meet(self.points, self.faces, around)
+        with progress_part(*GIVING):
+            self.faces = self._give_planes(self.points, around)
+        with progress_part(*MEETING):
+            distance, self.evidence = self._meet(self.points, self.faces, around)
         self.evidence[~(distance <= REACH)] = np.nan
         # Copies of a point are as far as the one that stands for them.
-        distance = self._judge(self.faces, distance, around)
+        with progress_part(*JUDGING):
+            distance = self._judge(self.faces, distance, around)
         self.distances = distance[self.index.places]
         return self
 
@@ -155,11 +165,15 @@ class CreaseModel:
         Where no crease is found it is between half of `FAR` and `FAR`, the less, the less flat
         the neighborhood.
         """
-        around = self._search(queries)
+        with progress_part(*SEARCHING):
+            around = self._search(queries)
         queries = queries - self.origin
-        faces = self._give_planes(queries, around)
-        distance, _ = self._meet(queries, faces, around)
-        return self._judge(faces, distance, around)
+        with progress_part(*GIVING):
+            faces = self._give_planes(queries, around)
+        with progress_part(*MEETING):
+            distance, _ = self._meet(queries, faces, around)
+        with progress_part(*JUDGING):
+            return self._judge(faces, distance, around)
 
     def _search_own(self):
         """The neighborhoods of all points: one search for all that follows."""

@@ -8,7 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_is_fitted, check_random_state, validate_data
 
-from sklearn_mcmd._sklearn import DocLinkMixin, Interval, StrOptions, fit_context
+from sklearn_mcmd._sklearn import (
+    CallbackSupportMixin,
+    DocLinkMixin,
+    Interval,
+    StrOptions,
+    fit_context,
+)
 from sklearn_mcmd._validation import FittedScoresMixin, check_extent, check_sizes
 from sklearn_mcmd.edges._creases import FAR, CreaseModel
 from sklearn_mcmd.edges._limits import column_of_criterion, least_of_edge
@@ -16,6 +22,7 @@ from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.outliers._detector import MCMDOutlierDetector
 from sklearn_mcmd.planes._columns import Columns, split_columns
 from sklearn_mcmd.planes._progress import progress_part
+from sklearn_mcmd.planes._tasks import fit_in_tasks, sub_fit
 
 __all__ = ["SharpFeatureDetector"]
 
@@ -23,7 +30,7 @@ __all__ = ["SharpFeatureDetector"]
 EDGE_WIDTH = 2.0
 
 
-class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
+class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin, BaseEstimator):
     """Edges and corners: points next to a line in which two faces meet (Eq. 25 and better).
 
     The detector cleans the cloud first, because outliers look like edges. It gives each point
@@ -201,6 +208,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
         self.n_jobs = n_jobs
 
     @fit_context(prefer_skip_nested_validation=False)
+    @fit_in_tasks
     def fit(self, X: ArrayLike, y: object = None) -> Self:
         """Clean a cloud, find its planes, and settle the limit of an edge.
 
@@ -233,23 +241,24 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
         self._n_dimensions = xyz.shape[1]
         self._check_parameters(xyz)
         detector, normal_estimator = self._make_steps()
-        with progress_part(0.0, 0.6):
-            self.inlier_mask_ = self._clean(xyz, detector)
+        self.inlier_mask_ = self._clean(xyz, detector)
         kept = self.inlier_mask_
         if self.normals == "estimate":
             self.normal_estimator_ = normal_estimator
-            with progress_part(0.6, 0.8):
+            with sub_fit(0.6, 0.8, "normals", self.normal_estimator_):
                 members = np.asarray(self.normal_estimator_.fit_transform(xyz[kept]))
         else:
             members = table[kept]
         if self.criterion == "crease":
             self._model = CreaseModel(self.n_neighbors, self.min_angle, self.n_jobs)
-            with progress_part(0.8, 1.0, "creases"):
-                self._model.fit(split_columns(members, self._n_dimensions))
             self.offset_ = self._crease_width()
             self.scores_ = np.empty(len(xyz))
-            self.scores_[kept] = self._model.distances
-            self.scores_[~kept] = self._model.distance(xyz[~kept].astype(np.float64))
+            with progress_part(0.8, 1.0, "creases"):
+                with progress_part(0.0, 0.9):
+                    self._model.fit(split_columns(members, self._n_dimensions))
+                self.scores_[kept] = self._model.distances
+                with progress_part(0.9, 1.0):
+                    self.scores_[~kept] = self._model.distance(xyz[~kept].astype(np.float64))
         else:
             values = self._values(columns, members)
             self.offset_ = -least_of_edge(lambda: [values[kept]], self.threshold, self.n_std)
@@ -278,6 +287,9 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
             return self._model.distance(columns.coordinates.astype(np.float64))
         return -self._values(columns)
 
+    def _stages(self):
+        return "outliers", "normals", "creases"
+
     def _columns(self, X):
         """Coordinates, and the precomputed columns if X has them."""
         if self.normals == "precomputed":
@@ -304,7 +316,8 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
         if detector is None:
             return np.ones(len(xyz), dtype=bool)
         self.outlier_detector_ = detector
-        kept = np.asarray(detector.fit_predict(xyz)) == 1
+        with sub_fit(0.0, 0.6, "outliers", detector):
+            kept = np.asarray(detector.fit_predict(xyz)) == 1
         return kept if kept.sum() > xyz.shape[1] else np.ones(len(xyz), dtype=bool)
 
     def _crease_width(self):

@@ -30,6 +30,7 @@ from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._plane import surface_variation
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._rules import METHODS
+from sklearn_mcmd.planes._tasks import fit_in_tasks
 
 __all__ = ["RobustNormalEstimator"]
 
@@ -319,6 +320,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         self.n_jobs = n_jobs
 
     @fit_context(prefer_skip_nested_validation=True)
+    @fit_in_tasks
     def fit(self, X: ArrayLike, y: object = None) -> Self:
         """Estimate the normals of a cloud.
 
@@ -344,6 +346,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         return self
 
     @fit_context(prefer_skip_nested_validation=True)
+    @fit_in_tasks
     def fit_transform(self, X: ArrayLike, y: object = None) -> NDArray[np.floating]:
         """Estimate the normals of a cloud and return them beside the coordinates.
 
@@ -482,6 +485,12 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
             with progress_part(0.9, 1.0, "curvatures"):
                 curvatures = find_curvatures(self._model, planes, X, self.n_jobs)
         return evaluate_features(self._feature_names, planes, X, curvatures)
+
+    def _stages(self):
+        sizes = ("sizes of neighborhoods",) if self.n_neighbors == "auto" else ()
+        edges = ("normals next to edges",) if self._mends_planes() else ()
+        curvatures = () if self.features is None else ("curvatures",)
+        return (*sizes, "normals", *edges, *curvatures)
 
     def _locality(self):
         if self.n_neighbors is None:

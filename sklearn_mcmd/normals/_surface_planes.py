@@ -104,15 +104,16 @@ class SurfacePlanes:
 
         with progress_part(0.0, 0.8, "normals"):
             each_slice(m, self.model.chunk(), sweep, self.n_jobs)
-        with progress_part(0.8, 0.9, "normals next to edges"):
-            each_slice(m, self.model.chunk(), bend, self.n_jobs)
-        self.bent = np.flatnonzero(forms == BENT)
-        if self.borrow:
-            own_scale = planes.scale[self.bent]
-            planes.scale[self.bent] = self.left[self.bent]
-            with progress_part(0.9, 1.0, "normals next to edges"):
-                each_slice(m, self.model.chunk(), ask, self.n_jobs)
-            planes.scale[self.bent] = own_scale
+        with progress_part(0.8, 1.0, "normals next to edges"):
+            with progress_part(0.0, 0.5):
+                each_slice(m, self.model.chunk(), bend, self.n_jobs)
+            self.bent = np.flatnonzero(forms == BENT)
+            if self.borrow:
+                own_scale = planes.scale[self.bent]
+                planes.scale[self.bent] = self.left[self.bent]
+                with progress_part(0.5, 1.0):
+                    each_slice(m, self.model.chunk(), ask, self.n_jobs)
+                planes.scale[self.bent] = own_scale
         return planes, lenders
 
     def evaluate(self, queries):

@@ -70,19 +70,22 @@ class JudgedCloud:
     def fit(self, X):
         """The `Judgement` of the points X (n, d), those that the model has indexed."""
         if self.own_planes_only:
-            scores = self.paper_scores(*self.model.evaluate_fitted(X, self.n_jobs))
+            with progress_part(0.0, 1.0, "planes"):
+                scores = self.paper_scores(*self.model.evaluate_fitted(X, self.n_jobs))
             on_surface = scores <= self.surface_limits.explained
             return Judgement(scores, np.arange(len(X)), on_surface)
         index = self.model.index
         self.counts = _measurements(index, len(X))
-        with progress_part(0.0, FITTING):
+        with progress_part(0.0, FITTING, "planes"):
             planes, *spacings = self._fit_planes()
-        with progress_part(FITTING, 1.0):
-            owners, distances = self._find_surfaces(planes)
+        with progress_part(FITTING, 1.0, "outliers"):
+            with progress_part(0.0, 0.4):
+                owners, distances = self._find_surfaces(planes)
             _, least = least_of(index.n_neighbors, len(index.points), len(X))
             places = Places.of(index.points, self.counts, self.explained, *spacings)
             del planes, spacings
-            self.company = Company(places, least, self.company_limits, self.n_jobs)
+            with progress_part(0.4, 1.0):
+                self.company = Company(places, least, self.company_limits, self.n_jobs)
         rest, company = self.company.rest, self.company
         distances[rest] = self._joined(
             distances[rest], company.isolation, company.separation, index.points[rest]
@@ -177,13 +180,15 @@ class JudgedCloud:
 
         run([(slice(i, i + chunk),) for i in range(0, n, chunk)], measure, self.n_jobs)
         least, _ = least_of(k, n, n)
-        self.explaining = find_surfaces(index, planes, distances, least, limits, compiled)
+        with progress_part(0.0, 0.6):
+            self.explaining = find_surfaces(index, planes, distances, least, limits, compiled)
         others = np.flatnonzero(~self.explaining)
         queries = points[others]
-        found, distances[others] = distances_to_surfaces(
-            queries, lambda rows: index.query_own(others[rows]), self.planes,
-            self.explaining, self._floor(queries, 0.0), compiled, chunk, self.n_jobs,
-        )  # fmt: skip
+        with progress_part(0.6, 1.0):
+            found, distances[others] = distances_to_surfaces(
+                queries, lambda rows: index.query_own(others[rows]), self.planes,
+                self.explaining, self._floor(queries, 0.0), compiled, chunk, self.n_jobs,
+            )  # fmt: skip
         owners[others] = np.where(found < 0, others, found)
         self.explained = distances <= limits.explained
         self.explained_scale = None

@@ -7,6 +7,7 @@ import numpy as np
 from sklearn_mcmd.planes._around import quantile, ratio
 from sklearn_mcmd.planes._linking import connected
 from sklearn_mcmd.planes._nearest import NearestPoints
+from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = [
     "HALF",
@@ -116,8 +117,10 @@ class Company:
         self.rest = rest = np.flatnonzero(~explained)
         self.points, self.counts = points[rest], places.counts[rest]
         self.others = NearestPoints(self.points)
-        self.usual = self._usual(self.points, n_jobs)
-        among_rest, linked = self._neighbors(n_jobs)
+        with progress_part(0.0, 0.2):
+            self.usual = self._usual(self.points, n_jobs)
+        with progress_part(0.2, 0.7):
+            among_rest, linked = self._neighbors(n_jobs)
         self.isolation = self._isolated(among_rest, places.spacing, self.usual)
         groups, _ = connected(linked, compiled=len(rest) >= COMPILE_FROM)
         del linked
@@ -130,7 +133,8 @@ class Company:
         large = ~small[groups]
         if large.any():
             self.real.append(NearestPoints(self.points, large))
-        self.separation = self._separated(groups, small, n_jobs)
+        with progress_part(0.7, 1.0):
+            self.separation = self._separated(groups, small, n_jobs)
         for real in self.real:
             real.release()
 

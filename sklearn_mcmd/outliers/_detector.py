@@ -11,7 +11,8 @@ from sklearn_mcmd._validation import FittedScoresMixin
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff
 from sklearn_mcmd.outliers._cloud import JudgedCloud
 from sklearn_mcmd.planes._base import BasePlaneOutliers
-from sklearn_mcmd.planes._progress import listen_to_progress, progress_part
+from sklearn_mcmd.planes._progress import progress_part, told_to
+from sklearn_mcmd.planes._tasks import fit_in_tasks
 
 __all__ = ["EXACT_PLANE_SCORE", "MCMDOutlierDetector"]
 
@@ -257,6 +258,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         self.n_jobs = n_jobs
 
     @fit_context(prefer_skip_nested_validation=True)
+    @fit_in_tasks
     def fit(self, X: ArrayLike, y: object = None) -> Self:
         """Judge the points of a cloud, and keep what new points are scored against.
 
@@ -300,10 +302,10 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             cutoff = self._model.settings.cutoff if one_plane else CUTOFF
         if self.false_positive_rate is not None:
             begin = 0.5  # for the display of progress
-            with progress_part(0.0, begin, "cutoff by simulation"), listen_to_progress(None):
+            with progress_part(0.0, begin, "cutoff by simulation"), told_to(None):
                 cutoff = calibrated_cutoff(self._model, settings, self.false_positive_rate)
         self._cloud = JudgedCloud(self._model, **settings)
-        with progress_part(begin, 1.0, "outliers"):
+        with progress_part(begin, 1.0):
             found = self._cloud.fit(xyz.astype(np.float64, copy=False))
         self.plane_index_, self.on_surface_ = found.plane_index, found.on_surface
         self.scores_ = np.negative(found.scores, out=found.scores)
@@ -329,6 +331,10 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             (Eq. 18), negative.
         """
         return super().score_samples(X)
+
+    def _stages(self):
+        simulation = () if self.false_positive_rate is None else ("cutoff by simulation",)
+        return (*simulation, "planes", "outliers")
 
     def _score(self, X):
         return self._cloud.score(X)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from sklearn_mcmd._sklearn import DocLinkMixin, Interval, StrOptions
+from sklearn_mcmd._sklearn import CallbackSupportMixin, DocLinkMixin, Interval, StrOptions
 from sklearn_mcmd._validation import OffsetOutlierMixin, check_extent, check_sizes
 from sklearn_mcmd.planes._adaptive_trials import StopRule
 from sklearn_mcmd.planes._comparators import settle_comparator
@@ -29,7 +29,7 @@ LONGEST_TRIAL = 4096
 MAX_TRIALS_BEYOND_SPACE = 300
 
 
-class BaseLocalPlanes(DocLinkMixin, BaseEstimator):
+class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
     """Parameters and fitting of all estimators that fit a plane to each neighborhood.
 
     Subclasses store the parameters named in `_parameter_constraints` and call `_fit_planes`.
@@ -50,6 +50,10 @@ class BaseLocalPlanes(DocLinkMixin, BaseEstimator):
     # Step to which the coordinates of a cloud are rounded. `tiling` sets it, where X is a part of
     # the cloud; with None it is found from X.
     _step_of_cloud: float | None = None
+
+    def _stages(self):
+        """Names of the stages of a fit, which callbacks are told; some may be left out."""
+        return ()
 
     def _locality(self):
         """On which points the result of a point depends, which `tiling` asks.
@@ -164,10 +168,10 @@ class BaseLocalPlanes(DocLinkMixin, BaseEstimator):
             warnings.warn(
                 f"n_neighbors={self.n_neighbors} is more than the number of distinct points, "
                 f"{index.n_distinct} of n_samples={n}: neighborhoods of all of them are used.",
-                stacklevel=6,
+                stacklevel=7,
             )
         if X.dtype == np.float32:
-            warn_if_coarse(index, stacklevel=7)
+            warn_if_coarse(index, stacklevel=8)
         return X, index
 
     def _make_index(self, xyz, radius):
@@ -187,7 +191,7 @@ class BaseLocalPlanes(DocLinkMixin, BaseEstimator):
             warnings.warn(
                 f"outlier_rate={self.outlier_rate!r} in {d}D asks for {needed} trials; {most} are "
                 "made. A lower outlier_rate asks for fewer.",
-                stacklevel=6,
+                stacklevel=7,
             )
         return min(needed, most)
 

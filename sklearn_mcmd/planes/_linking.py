@@ -8,6 +8,7 @@ from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._compiling import compiled_function
+from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = [
     "LinkLimits",
@@ -154,7 +155,8 @@ def row_linker(index, k, planes, limits, usable, compiled, n_jobs=None, farthest
     if farthest is None:
         farthest = np.empty(len(index.points) if own.both_near else 0)
         if own.both_near:
-            each_slice(len(farthest), index.chunk, measure_part, n_jobs)
+            with progress_part(0.0, 0.4):
+                each_slice(len(farthest), index.chunk, measure_part, n_jobs)
 
     def fill(rows, links):
         around = index.query_own(rows, k)

@@ -1,4 +1,4 @@
-"""Progress of long fits, for programs that show it.
+"""Progress of long work, for what shows it: the command line, and callbacks (`_tasks`).
 
 Estimators have no parameter for it: fitting does not depend on what is shown.
 """
@@ -9,10 +9,20 @@ import sys
 import time
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
+from typing import NamedTuple
 
-__all__ = ["COMPILING", "current_span", "listen_to_progress", "progress_part", "watch_compilation"]
+__all__ = [
+    "COMPILING",
+    "Span",
+    "Told",
+    "current_span",
+    "listen_to_progress",
+    "progress_part",
+    "told_to",
+    "watch_compilation",
+]
 
 COMPILING = "compiling for this computer (once; then kept on disk)"
 PATIENCE = 1.0  # seconds of compiling that pass without a word where nobody listens
@@ -21,34 +31,78 @@ _span = ContextVar("sklearn_mcmd_progress", default=None)
 _listeners = []  # those in force; any thread may compile and tell them
 
 
+class Told(NamedTuple):
+    """What a listener is told.
+
+    stage : str or None
+        What is done. With a share of None: what is compiled, or None when that is done.
+    share : float or None
+        Share of the whole work that is done, from 0 to 1.
+    part : float
+        Share of the stage.
+    note : str
+        What else there is to say, such as a rate.
+    """
+
+    stage: str | None
+    share: float | None
+    part: float = 0.0
+    note: str = ""
+
+
 @dataclass(frozen=True)
 class Span:
-    """A part of the whole work, from share `low` to share `high`, and the name of its stage."""
+    """A part of the whole work, from share `low` to share `high`, in a stage with its own ends."""
 
     listener: object
-    low: float
-    high: float
-    stage: str
+    low: float = 0.0
+    high: float = 1.0
+    stage: str = ""
+    begin: float = 0.0
+    end: float = 1.0
+    note: str = ""
 
     def tell(self, share):
         """Say that this share of the part is done, from 0 to 1; any thread may call it."""
-        self.listener(self.stage, self.low + share * (self.high - self.low))
+        done = self.low + share * (self.high - self.low)
+        length = self.end - self.begin
+        part = (done - self.begin) / length if length > 0 else share
+        self.listener(Told(self.stage, done, min(max(part, 0.0), 1.0), self.note))
+
+    def within(self, low, high, stage=None):
+        """A part of this part; with a name, it is a stage."""
+        length = self.high - self.low
+        low, high = self.low + low * length, self.low + high * length
+        span = replace(self, low=low, high=high)
+        return span if stage is None else replace(span, stage=stage, begin=low, end=high, note="")
+
+    def in_stage(self, stage):
+        """The same part under the name of a stage, if it has one."""
+        return self if not stage else replace(self, stage=stage)
 
 
 @contextmanager
 def listen_to_progress(listener):
-    """Call ``listener(stage, share)``, from any thread, while the work within proceeds.
+    """Call ``listener(told)``, from any thread, while the work within proceeds.
 
-    `share` is the share of the whole work, from 0 to 1. It is None where only the stage changes:
-    to `COMPILING` when compilation begins, and to None when it ends and the work goes on. A
-    listener of None is not called.
+    It is `Told` of `COMPILING` when compilation begins, and of None when it ends and the work goes
+    on. A listener of None is not called.
     """
-    token = _span.set(None if listener is None else Span(listener, 0.0, 1.0, ""))
     _listeners.append(listener)
+    try:
+        with told_to(listener):
+            yield
+    finally:
+        _listeners.remove(listener)
+
+
+@contextmanager
+def told_to(listener):
+    """The same but for compilation, which all programs that show progress hear of."""
+    token = _span.set(None if listener is None else Span(listener))
     try:
         yield
     finally:
-        _listeners.remove(listener)
         _span.reset(token)
 
 
@@ -59,13 +113,7 @@ def progress_part(low, high, stage=None):
     if whole is None:
         yield
         return
-    length = whole.high - whole.low
-    span = Span(
-        whole.listener,
-        whole.low + low * length,
-        whole.low + high * length,
-        whole.stage if stage is None else stage,
-    )
+    span = whole.within(low, high, stage)
     token = _span.set(span)
     try:
         span.tell(0.0)
@@ -138,4 +186,4 @@ def _somebody_waits():
 
 def _tell_all(stage):
     if _listeners and _listeners[-1] is not None:
-        _listeners[-1](stage, None)
+        _listeners[-1](Told(stage, None))

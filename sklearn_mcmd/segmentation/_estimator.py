@@ -8,13 +8,20 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClusterMixin, clone
 from sklearn.utils.validation import validate_data
 
-from sklearn_mcmd._sklearn import DocLinkMixin, Interval, StrOptions, fit_context
+from sklearn_mcmd._sklearn import (
+    CallbackSupportMixin,
+    DocLinkMixin,
+    Interval,
+    StrOptions,
+    fit_context,
+)
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.planes._columns import split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._resolution import coordinate_step
+from sklearn_mcmd.planes._tasks import fit_in_tasks, sub_fit
 from sklearn_mcmd.segmentation._graph import grow_regions, link_neighbors, seed_order
 from sklearn_mcmd.segmentation._joining import region_planes
 from sklearn_mcmd.segmentation._steps import finish_regions, least_scales, rules_of
@@ -22,7 +29,7 @@ from sklearn_mcmd.segmentation._steps import finish_regions, least_scales, rules
 __all__ = ["RegionGrowing"]
 
 
-class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
+class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstimator):
     """Surfaces of a point cloud, grown from the flattest points (section 5.2.3).
 
     A region starts at the point of least curvature. It takes in neighbors that lie in the plane
@@ -244,6 +251,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         self.n_jobs = n_jobs
 
     @fit_context(prefer_skip_nested_validation=True)
+    @fit_in_tasks
     def fit(self, X: ArrayLike, y: object = None) -> Self:
         """Find the regions of a cloud.
 
@@ -265,8 +273,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
             If X has NaN, infinite or too few values, or ``normals="precomputed"`` and X are not
             the columns of a :class:`RobustNormalEstimator`.
         """
-        with progress_part(0.0, 0.35):
-            columns = self._settle_columns(X)
+        columns = self._settle_columns(X)
         xyz = columns.coordinates
         index = NeighborIndex(xyz.astype(np.float64, copy=False), self.n_neighbors)
         points, rows = index.points, index.rows
@@ -296,6 +303,12 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         self.labels_ = labels[owners].astype(np.int64)
         return self
 
+    def _stages(self):
+        normals = ("normals",) if self.normals == "estimate" else ()
+        narrow = ("narrow faces",) if self.regrow_rest else ()
+        growth = ("links of neighbors", "growing regions", *narrow)
+        return (*normals, *growth, "joining regions", "cylinders and the rest")
+
     def _settle_columns(self, X):
         """Coordinates and planes of all points."""
         X = validate_data(self, X, dtype=[np.float64, np.float32], ensure_min_features=2)
@@ -305,5 +318,6 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         if estimator is None:
             estimator = RobustNormalEstimator(random_state=self.random_state, n_jobs=self.n_jobs)
         self.normal_estimator_ = clone(estimator)
-        columns = np.asarray(self.normal_estimator_.fit_transform(X))
+        with sub_fit(0.0, 0.35, "normals", self.normal_estimator_):
+            columns = np.asarray(self.normal_estimator_.fit_transform(X))
         return split_columns(columns, X.shape[1], self.n_jobs)

@@ -49,7 +49,7 @@ def find_auto_normals(folder, cells, estimator, constants, plan, is_done):
     def sweep(begin, end, name, work, **options):
         rest = [cell for cell in range(n_cells) if not columns.is_done(cell, name)]
         with progress_part(begin, end, "sizes of neighborhoods"):
-            compute_cells(partial(work, job=job, **options), cells, rest, plan.n_workers, "sizes")
+            compute_cells(partial(work, job=job, **options), cells, rest, plan.n_workers)
 
     sweep(0.0, 0.02, "places", find_ordered_places)
     n_places = int(columns.total(n_cells, "places", "n_places"))
@@ -79,7 +79,7 @@ def find_auto_normals(folder, cells, estimator, constants, plan, is_done):
     work = SizedJob(folder.cells, folder.results, estimator, constants, largest, plan.n_threads)
     with progress_part(SIZED, 1.0, "normals"):
         task = partial(normals_of_sized_tile, job=work)
-        compute_cells(task, cells, todo, plan.n_workers, "normals")
+        compute_cells(task, cells, todo, plan.n_workers)
     return n_cells - len(todo)
 
 

@@ -177,7 +177,7 @@ def write_denoised(
         cells, columns = Cells(folder.cells), Columns(folder.results)
         n_resumed = sum(columns.is_done(cell, "planes") for cell in range(len(cells)))
         job = Job(folder.cells, folder.results, estimator, folder.constants, catalog.n_points)
-        with progress_part(SCATTERED, COMPUTED, "outliers"):
+        with progress_part(SCATTERED, COMPUTED):
             cutoff = judge_cells(job, cells, columns, plan.n_workers, cutoff)
         with progress_part(COMPUTED, 1.0, "writing"):
             n_outliers, n_exact = write_denoised_outputs(catalog, targets, folder, mode, cutoff)
@@ -243,7 +243,7 @@ def judge_cells(job, cells, columns, n_workers, cutoff):
         is_done = is_done or partial(columns.is_done, sweep=name)
         todo = [cell for cell in range(n_cells) if not is_done(cell)]
         with progress_part(begin, ENDS[name], name):
-            compute_cells(partial(work, job=job), cells, todo, n_workers, name)
+            compute_cells(partial(work, job=job), cells, todo, n_workers)
         begin = ENDS[name]
         columns.remove(n_cells, *DONE_WITH.get(name, ()))
 

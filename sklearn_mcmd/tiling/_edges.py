@@ -161,7 +161,7 @@ def write_edges(
         for path in targets:
             path.parent.mkdir(exist_ok=True)
         run = _Run(catalog, folder, estimator, steps, plan.n_workers)
-        with progress_part(SCATTERED, COMPUTED, "edges"):
+        with progress_part(SCATTERED, COMPUTED):
             limit = run.find_scores()
         with progress_part(COMPUTED, 1.0, "writing"):
             n_edges = write_edge_outputs(
@@ -335,7 +335,7 @@ class _Run:
         """Do some work on all cells with points."""
         todo = [cell for cell in range(len(cells)) if cells.counts[cell] and not is_done(cell)]
         with progress_part(self.begin, ENDS[name], name):
-            compute_cells(work, cells, todo, self.n_workers, name)
+            compute_cells(work, cells, todo, self.n_workers)
         self.begin = ENDS[name]
 
     def _judge_together(self, n_places):

@@ -287,8 +287,8 @@ class _Results:
                 return
 
 
-def tell(share, stage=None):
-    """Tell who listens what share of this part of the work is done, and what it is."""
+def tell(share, note=""):
+    """Tell who listens what share of this part of the work is done, and what else to say of it."""
     span = current_span()
     if span is not None:
-        (span if stage is None else dataclasses.replace(span, stage=stage)).tell(share)
+        dataclasses.replace(span, note=note).tell(share)

@@ -217,7 +217,7 @@ def _find_normals(folder, cells, estimator, constants, plan, is_done):
         normals_of_tile, folder.cells, estimator=estimator, constants=constants,
         target=folder.results, n_threads=plan.n_threads,
     )  # fmt: skip
-    compute_cells(task, cells, todo, plan.n_workers, "normals")
+    compute_cells(task, cells, todo, plan.n_workers)
     return len(cells) - len(todo)
 
 

@@ -156,7 +156,7 @@ def write_segments(
         cells, columns = Cells(folder.cells), Columns(folder.results)
         n_resumed = sum(columns.is_done(cell, "planes") for cell in range(len(cells)))
         job = GrowthJob(folder.cells, folder.results, estimator, folder.constants, plan.n_threads)
-        with progress_part(SCATTERED, COMPUTED, "regions"):
+        with progress_part(SCATTERED, COMPUTED):
             _segment(job, cells, columns, plan.n_workers, memory)
         with progress_part(COMPUTED, 1.0, "writing"):
             make = partial(segmented, colors=colors)
@@ -224,7 +224,7 @@ def _segment(job, cells, columns, n_workers, memory):
         todo = [cell for cell in range(n_cells) if not columns.is_done(cell, name)]
         with progress_part(begin, ENDS[name], name):
             task = partial(work, job=job)
-            compute_cells(task, cells, todo, n_workers, name, collect=name == "planes")
+            compute_cells(task, cells, todo, n_workers, collect=name == "planes")
         begin = ENDS[name]
 
     sweep("planes", find_planes)

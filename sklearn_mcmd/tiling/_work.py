@@ -19,7 +19,7 @@ class TilingError(ValueError):
     """A run ended before its output was whole; the message names what is kept of it."""
 
 
-def compute_cells(task, cells, todo, n_workers, stage, collect=True):
+def compute_cells(task, cells, todo, n_workers, collect=True):
     """Run a task for some cells, the largest first.
 
     Parameters
@@ -33,8 +33,6 @@ def compute_cells(task, cells, todo, n_workers, stage, collect=True):
     n_workers : int
         Cells that are computed at once, in processes or by the engine that
         :obj:`joblib.parallel_config` names.
-    stage : str
-        The name of this work in the display of progress.
     collect : bool, default=True
         Whether a task leaves memory that only a search for it frees.
 
@@ -68,7 +66,7 @@ def compute_cells(task, cells, todo, n_workers, stage, collect=True):
             between = _between(*cells.extent(cell))
             warnings.warn(f"tile {cell} failed ({between}): {error}", stacklevel=3)
         rate = (n_done - n_before) / max(time.monotonic() - begin, 1e-9)
-        tell(n_done / n_points, f"{stage}, {rate:,.0f} points/s")
+        tell(n_done / n_points, f"{rate:,.0f} points/s")
     if n_failed:
         raise TilingError(f"{n_failed} of {len(cells)} tiles failed")
 

@@ -1,4 +1,4 @@
-"""What is seen of progress: one bar to the end, and a few lines where there is no terminal."""
+"""What is seen of progress: a bar for each stage, and a few lines where there is no terminal."""
 
 import os
 import re
@@ -11,7 +11,8 @@ import pytest
 
 from sklearn_mcmd.cli import _waiting
 from sklearn_mcmd.cli._waiting import _State, progress
-from sklearn_mcmd.planes._progress import COMPILING, progress_part
+from sklearn_mcmd.planes._progress import COMPILING, Told, progress_part
+from sklearn_mcmd.tiling._outputs import tell
 
 
 @pytest.fixture
@@ -23,17 +24,24 @@ def test_how_far_the_work_is_never_goes_back():
     state = _State()
     shares = []
     for share in (0.0, 0.4, 0.1, 0.5, 0.2):
-        state.hear("normals", share)
-        shares.append(state.share)
-    assert shares == [0.0, 0.4, 0.4, 0.5, 0.5]
+        state.hear(Told("normals", share, share / 2))
+        shares.append((state.share, state.part))
+    assert shares == [(0.0, 0.0), (0.4, 0.2), (0.4, 0.2), (0.5, 0.25), (0.5, 0.25)]
+
+
+def test_a_new_stage_begins_at_nothing():
+    state = _State()
+    state.hear(Told("normals", 0.5, 1.0))
+    state.hear(Told("creases", 0.5, 0.0))
+    assert (state.stage, state.share, state.part) == ("creases", 0.5, 0.0)
 
 
 def test_compiling_is_shown_until_it_ends_and_then_what_goes_on():
     state = _State()
-    state.hear("normals", 0.1)
-    state.hear(COMPILING, None)
+    state.hear(Told("normals", 0.1))
+    state.hear(Told(COMPILING, None))
     assert state.doing == COMPILING
-    state.hear(None, None)
+    state.hear(Told(None, None))
     assert (state.doing, state.share) == ("normals", 0.1)
 
 
@@ -63,6 +71,14 @@ def test_without_a_terminal_a_stage_that_goes_on_is_told_again(impatient, monkey
     assert len(capsys.readouterr().err.splitlines()) >= 2
 
 
+def test_a_note_is_told_beside_the_stage(impatient, capsys):
+    with progress("normals", quiet=False), progress_part(0.25, 0.5, "normals"):
+        tell(0.5, "12 points/s")
+        time.sleep(0.8)
+    line = capsys.readouterr().err
+    assert re.fullmatch(r"mcmd: normals: normals, 12 points/s, 38 % done, [01] s\n", line)
+
+
 def test_short_work_is_not_told(capsys):
     with progress("denoise", quiet=False), progress_part(0.0, 0.5, "outliers"):
         time.sleep(0.3)
@@ -76,7 +92,7 @@ def test_quiet_work_is_not_told_however_long(impatient, capsys):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are those of POSIX")
-def test_on_a_terminal_one_bar_fills_once_and_names_the_stages(tmp_path):
+def test_on_a_terminal_each_stage_has_a_bar_that_fills_once(tmp_path):
     import pty
 
     np.save(tmp_path / "in.npy", np.random.default_rng(0).uniform(size=(30_000, 3)))
@@ -100,8 +116,12 @@ def test_on_a_terminal_one_bar_fills_once_and_names_the_stages(tmp_path):
     os.close(ours)
     assert process.wait(timeout=60) == 0
     shown = shown.decode(errors="replace")
-    shares = [int(share) for share in re.findall(r"(\d+)%", shown)]
-    assert shares == sorted(shares)
-    assert shares[-1] - shares[0] > 50
-    for stage in ("edges: outliers", "edges: creases"):
-        assert stage in shown
+    bars = {}
+    for stage, share in re.findall(r"edges: ([a-z ]+?) *[━╸╺ ]+ +(\d+)%", shown):
+        bars.setdefault(stage, []).append(int(share))
+    stages = ["reading", "planes", "outliers", "normals", "normals next to edges", "creases"]
+    assert list(bars)[: len(stages)] == stages
+    for shares in bars.values():
+        assert shares == sorted(shares)
+    for stage in stages[:-1]:
+        assert bars[stage][-1] == 100
