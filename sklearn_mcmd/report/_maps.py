@@ -93,7 +93,7 @@ def _map(draw, xyz, rows, view, caption):
     low, high = places.min(axis=0), places.max(axis=0)
     width, height = high - low
     # A cloud at one place, or along a line, has some width too.
-    least = max(1e-9 * max(width, height), 1e-6 * np.abs(places).max(), 1e-100)
+    least = max(1e-9 * max(width, height), 1e-9 * np.abs(places).max(), 1e-100)
     width, height = max(width, least), max(height, least)
     width, height = 1.03 * width, 1.03 * height
     shape = float(np.clip(height / width, LEAST_SHAPE, LARGEST_SHAPE))

@@ -90,7 +90,9 @@ def _maps(xyz, residuals, found, near, rms, unit):
             display.plot(view=view, ax=ax, max_points=max_points)
 
     kept = ~found if not found.all() else found
-    views = [(along_normal(xyz[kept]), "Along the normal of the plane"), "top"]
+    front = along_normal(xyz[kept])
+    across = "front" if front[1] > 45 else "top"  # floors are seen from their edge, walls too
+    views = [(front, "Along the normal of the plane"), across]
     ends = [
         (RED, f"{3 * rms:.2g}{unit} or more to the side of the normal"),
         (BLUE, f"{3 * rms:.2g}{unit} or more to the other side"),

@@ -49,6 +49,14 @@ def test_the_bar_is_a_fifth_of_the_map_at_most():
     assert float(bars[0][0]) == pytest.approx(100 * 2 / 10.3, abs=0.2)  # 3 % of margins
 
 
+def test_a_map_is_filled_far_from_the_origin_too():
+    xyz, found = cloud()
+    offset = np.array([1_423_215.0, 4_189_097.0, 67.0])
+    top, *_ = pictures(found_maps(xyz + offset, found, np.ones(len(xyz), bool), "outliers"))
+    columns = np.flatnonzero((top[..., 3] > 0).any(axis=0))
+    assert np.ptp(columns) > 0.95 * top.shape[1]
+
+
 def test_far_points_are_not_drawn_but_told():
     xyz, found = cloud()
     near = np.ones(len(xyz), bool)
