@@ -262,7 +262,7 @@ def _grow(whole):
     """Regions of all places, by links on disk."""
     seeds = seed_order(whole.open("variation"), whole.open("points"), whole.planes())
     labels = grow_regions(whole.open("links"), seeds)
-    whole.release()
+    whole.close()
     return labels
 
 
@@ -273,8 +273,8 @@ def _warn_if_much(labels, n_neighbors, memory):
     needed = bytes_to_join(len(labels), n_rest)
     if needed > memory:
         warnings.warn(
-            f"{n_rest:,} of {len(labels):,} different points lie on no surface; joining regions may "
-            f"take {needed / 1e6:.0f}MB, more than memory={memory / 1e6:.0f}MB",
+            f"{n_rest:,} of {len(labels):,} different points lie on no surface; joining regions "
+            f"may take {needed / 1e6:.0f}MB, more than memory={memory / 1e6:.0f}MB",
             stacklevel=4,
         )
 
