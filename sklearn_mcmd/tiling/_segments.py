@@ -262,7 +262,7 @@ def _grow(whole):
     """Regions of all places, by links on disk."""
     seeds = seed_order(whole.open("variation"), whole.open("points"), whole.planes())
     labels = grow_regions(whole.open("links"), seeds)
-    whole.release()
+    whole.close()
     return labels
 
 

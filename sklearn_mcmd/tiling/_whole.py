@@ -71,6 +71,10 @@ class WholeColumns:
             if hasattr(mmap, "MADV_DONTNEED"):  # not on Windows; files keep what was written
                 stored._mmap.madvise(mmap.MADV_DONTNEED)
 
+    def close(self):
+        """Forget open arrays, whose files may then be removed once nobody uses them."""
+        self._open.clear()
+
     def rows_of(self, name, rows):
         """Some rows of a column, of which nothing else stays in memory."""
         return np.load(self._path(name), mmap_mode="r")[rows]

@@ -81,6 +81,8 @@ def test_only_a_copy_is_changed_and_outlives_the_release_of_memory(whole):
 
 def test_what_is_removed_is_gone(whole):
     whole.join("scale")
+    assert not whole.open("scale").any()
+    whole.close()
     assert whole.has("scale")
     assert whole.has("points")
     assert not whole.has("limit")
