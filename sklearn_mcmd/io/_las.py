@@ -105,7 +105,19 @@ def las_of_cloud(laspy, cloud, noise=None):
         classes = np.array(las.classification)
         classes[noise] = NOISE_CLASS
         las.classification = classes
+    _forget_ranges(las.header)
     return las
+
+
+def _forget_ranges(header):
+    """Do not say that the least and the most of extra attributes are known.
+
+    laspy takes them from the first point of each part that it writes.
+    """
+    for record in header.vlrs.get("ExtraBytesVlr"):
+        for described in record.extra_bytes_structs:
+            if described.data_type != 0:  # else the options are a number of bytes
+                described.options &= ~(described.MIN_BIT_MASK | described.MAX_BIT_MASK)
 
 
 def _cloud(las):

@@ -234,3 +234,16 @@ def test_real_las_survives_with_results_added(shared_data, tmp_path, name):
     kept = [(v.user_id, v.record_id, v.record_data_bytes()) for v in before.vlrs]
     now = [(v.user_id, v.record_id, v.record_data_bytes()) for v in after.vlrs]
     assert [v for v in now if v in kept] == kept
+
+
+@pytest.mark.parametrize("name", ["a.las", "a.laz"])
+def test_ranges_of_extra_attributes_are_not_told_wrong(tmp_path, name):
+    """laspy takes them from the first points of the parts that it writes."""
+    values = np.array([1, 5, -2], np.float32)
+    write_points(tmp_path / name, PointCloud(np.zeros((3, 3)), {"quality": values}))
+    with laspy.open(tmp_path / name) as reader:
+        (record,) = reader.header.vlrs.get("ExtraBytesVlr")
+    (described,) = record.extra_bytes_structs
+    assert described.format_name() == "quality"
+    assert described.min in (None, -2)
+    assert described.max in (None, 5)
