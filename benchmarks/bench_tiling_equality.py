@@ -24,10 +24,14 @@ from bench_tiling import ORIGIN, equal, timed
 
 from sklearn_mcmd.datasets import make_airborne_scan, make_street
 from sklearn_mcmd.io import PointCloud, write_points
-from sklearn_mcmd.tiling import write_denoised, write_normals
+from sklearn_mcmd.tiling import write_denoised, write_edges, write_normals
 
-WRITE = {"normals": write_normals, "denoise": partial(write_denoised, mode="mark")}
-IN_MEMORY = {"normals": ["normals"], "denoise": ["denoise", "--mode", "mark"]}
+WRITE = {
+    "normals": write_normals,
+    "denoise": partial(write_denoised, mode="mark"),
+    "edges": write_edges,
+}
+IN_MEMORY = {"normals": ["normals"], "denoise": ["denoise", "--mode", "mark"], "edges": ["edges"]}
 # Tiles of at most these shares of the points, and where cells are divided: the origins of tiles.
 SHARES, CUTS = (0.05, 0.1, 0.2, 0.4, 0.8), (0.5, 0.35, 0.6)
 

@@ -109,7 +109,7 @@ def edges(
     }
     with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = stopwatch()
-        catalog = large_catalog(source, memory, 0, scheduler is not None)
+        catalog = large_catalog(source, memory, 0, scheduler is not None, "edges")
         if dry_run:
             print_plan(source, target, catalog, _detector(params), memory, work="edges")
             return

@@ -11,7 +11,12 @@ from sklearn_mcmd.cli._speech import print_table
 __all__ = ["DryRun", "Memory", "Restart", "large_catalog", "print_plan"]
 
 SAMPLE = 50_000  # points whose time is measured
-MORE = {"normals": 1.3, "outliers": 1.5, "edges": 1.3}  # time of tiles over that in memory, about
+MORE = {
+    "normals": 1.3,
+    "outliers": 1.5,
+    "edges": 1.6,
+    "auto": 1.6,
+}  # time of tiles over that in memory, about
 PARSED_SUFFIXES, INDEX_SUFFIX = (".las", ".laz"), ".vpc"
 
 
@@ -44,9 +49,10 @@ Restart = Annotated[
 ]
 
 
-def large_catalog(source, memory, n_features, always=False):
+def large_catalog(source, memory, n_features, always=False, work="normals"):
     """The catalog of a source that is to be divided into tiles, else None.
 
+    `work` is what is asked of it, as of `plan_run`.
     Faults of a single file are left to the reading of it, unless it is `always` divided.
     """
     if not source.exists():
@@ -66,7 +72,7 @@ def large_catalog(source, memory, n_features, always=False):
     except PointFileError:
         return None
     limit = usual_memory() if memory is None else memory
-    return catalog if bytes_in_memory(catalog, n_features) > limit else None
+    return catalog if bytes_in_memory(catalog, n_features, work) > limit else None
 
 
 def print_plan(source, target, catalog, estimator, memory, *, n_features=0, work="normals"):
@@ -104,7 +110,9 @@ def print_plan(source, target, catalog, estimator, memory, *, n_features=0, work
             "disk": f"about {plan.disk / 1e9:.2g} GB for temporary files beside {target}",
         }
     else:
-        rows["memory"] = f"about {bytes_in_memory(catalog, n_features) / 1e9:.2g} GB, without tiles"
+        rows["memory"] = (
+            f"about {bytes_in_memory(catalog, n_features, work) / 1e9:.2g} GB, without tiles"
+        )
     print_table(f"{source} -> {target}", **rows, time=f"about {_in_words(seconds)}")
 
 

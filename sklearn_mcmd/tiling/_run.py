@@ -184,7 +184,9 @@ def write_normals(
     if not restart and (report := finished_before(catalog, target, targets, estimator)):
         return report
     names = _warm_up(estimator)
-    plan = plan_run(catalog.n_points, memory, n_jobs, len(names) - len(NORMAL_COLUMNS), tile_size)
+    work = "auto" if estimator.n_neighbors == "auto" else "normals"
+    n_features = len(names) - len(NORMAL_COLUMNS)
+    plan = plan_run(catalog.n_points, memory, n_jobs, n_features, tile_size, work=work)
     folder = scattered(catalog, target, estimator, plan, cut, restart)
     with kept(folder):
         for path in targets:
