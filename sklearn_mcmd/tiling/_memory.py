@@ -33,8 +33,8 @@ PROCESS, TILE_POINT, CLOUD_POINT, FEATURE = 330e6, 650, 450, 24
 # Bytes of temporary files for each point: of normals, and of what the detector finds; and what the
 # detector takes for each point of a tile. The same of edges, and of normals with "auto".
 TILE_STORED, JUDGED_STORED, JUDGED_POINT = 98, 200, 450
-EDGES_STORED, EDGES_POINT, EDGES_CLOUD = 330, 700, 1100
-AUTO_STORED, AUTO_POINT, AUTO_CLOUD = 250, 900, 750
+EDGES_STORED, EDGES_POINT, EDGES_CLOUD = 330, 750, 1100
+AUTO_STORED, AUTO_POINT, AUTO_CLOUD = 170, 1300, 750
 # By the work: bytes for each point of a tile, of temporary files, and of a cloud in memory.
 COSTS = {
     "normals": (TILE_POINT, TILE_STORED, CLOUD_POINT),
