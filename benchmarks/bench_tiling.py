@@ -18,14 +18,20 @@ from pathlib import Path
 import numpy as np
 
 ORIGIN = [362_000, 5_157_000, 100]  # meters
+COMMANDS = {
+    "normals": ["normals"],
+    "auto": ["normals", "--n-neighbors", "auto"],
+    "denoise": ["denoise"],
+    "segment": ["segment"],
+    "edges": ["edges"],
+}
 
 
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--points", type=int, default=10_000_000)
     parser.add_argument("--memory", default="2GB", help="of the run by tiles")
-    verbs = ["normals", "denoise", "segment"]
-    parser.add_argument("--verbs", nargs="+", choices=verbs, default=verbs[:1])
+    parser.add_argument("--verbs", nargs="+", choices=list(COMMANDS), default=["normals"])
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--only-tiles", action="store_true", help="leave out the run in memory")
     options = parser.parse_args(arguments)
@@ -37,7 +43,7 @@ def main(arguments=None):
             kinds = {"memory": "1TB", "tiles": options.memory}
             for kind in list(kinds)[options.only_tiles :]:
                 outputs.append(Path(folder) / f"{verb}-{kind}.laz")
-                command = [verb, source, outputs[-1], "--memory", kinds[kind]]
+                command = [*COMMANDS[verb], source, outputs[-1], "--memory", kinds[kind]]
                 print(f"{verb}, {kind}: {timed([*command, '--n-jobs', options.processes])}")
             if len(outputs) == 2:
                 print(f"{verb}: outputs are {'equal' if equal(*outputs) else 'DIFFERENT'}")

@@ -24,17 +24,19 @@ from bench_tiling import ORIGIN, equal, timed
 
 from sklearn_mcmd.datasets import make_airborne_scan, make_street
 from sklearn_mcmd.io import PointCloud, write_points
-from sklearn_mcmd.tiling import write_denoised, write_normals, write_segments
+from sklearn_mcmd.tiling import write_denoised, write_edges, write_normals, write_segments
 
 WRITE = {
     "normals": write_normals,
     "denoise": partial(write_denoised, mode="mark"),
     "segment": write_segments,
+    "edges": write_edges,
 }
 IN_MEMORY = {
     "normals": ["normals"],
     "denoise": ["denoise", "--mode", "mark"],
     "segment": ["segment"],
+    "edges": ["edges"],
 }
 # Tiles of at most these shares of the points, and where cells are divided: the origins of tiles.
 SHARES, CUTS = (0.05, 0.1, 0.2, 0.4, 0.8), (0.5, 0.35, 0.6)

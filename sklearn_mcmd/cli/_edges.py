@@ -111,7 +111,7 @@ def edges(
     }
     with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = stopwatch()
-        catalog = large_catalog(source, memory, 0, scheduler is not None)
+        catalog = large_catalog(source, memory, 0, scheduler is not None, work="edges")
         if dry_run:
             print_plan(source, target, catalog, _detector(params), memory, work="edges")
             return

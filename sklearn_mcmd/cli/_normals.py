@@ -138,12 +138,13 @@ def normals(
     with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = stopwatch()
         n_features = len(_feature_columns(features))
-        catalog = large_catalog(source, memory, n_features, scheduler is not None)
+        work = "auto" if n_neighbors == "auto" else "normals"
+        catalog = large_catalog(source, memory, n_features, scheduler is not None, work=work)
         if catalog is not None:
             _check_local(source, orientation)
         if dry_run:
             estimator = _estimator(params)
-            print_plan(source, target, catalog, estimator, memory, n_features=n_features)
+            print_plan(source, target, catalog, estimator, memory, n_features=n_features, work=work)
             return
         if catalog is not None:
             return _by_tiles(

@@ -16,6 +16,7 @@ from sklearn_mcmd.tiling._scales import (
     find_errors,
     find_sizes,
     find_wanted,
+    remove_steps,
 )
 from sklearn_mcmd.tiling._sized import SizedJob, normals_of_sized_tile
 from sklearn_mcmd.tiling._tile import TileReport, _write, normal_columns, result_dtype
@@ -63,18 +64,15 @@ def find_auto_normals(folder, cells, estimator, constants, plan, is_done):
         for last in range(len(STEPS)):
             begin, name = FIRST + last * width, f"wanted {last}"
             sweep(begin, begin + width, name, find_wanted, step=last)
-            columns.remove(n_cells, *(f"{of}_{last}" for of in ("error", "normal", "rows")))
-            if last:
-                columns.remove(n_cells, f"wanted_{last - 1}")
+            remove_steps(columns, n_cells, last)
             if not columns.total(n_cells, name, "n_todo"):
                 break
         sweep(SIZED - 2 * width, SIZED - width, "wanted", fill_wanted, step=last)
         sweep(SIZED - width, SIZED, "sizes", find_sizes)
         largest = max(columns.report(cell, "sizes")["largest"] for cell in range(n_cells))
         columns.finish("all", "largest", largest=largest)
-        old = (f"{of}_{step}" for of in ("wanted", "error", "normal", "rows")
-               for step in (last, last + 1))  # fmt: skip
-        columns.remove(n_cells, "wanted", "far_around", *old)
+        remove_steps(columns, n_cells, last + 1)
+        columns.remove(n_cells, "wanted", "far_around")
     largest = columns.report("all", "largest")["largest"]
     work = SizedJob(folder.cells, folder.results, estimator, constants, largest, plan.n_threads)
     with progress_part(SIZED, 1.0, "normals"):

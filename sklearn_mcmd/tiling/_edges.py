@@ -196,9 +196,7 @@ def check_edges(estimator):
     detector, normals = estimator._make_steps()
     if detector is not None:
         check_detector(detector)
-    check_normals(normals)
-    if normals.n_neighbors == "auto":
-        raise ValueError('n_neighbors="auto" of normal_estimator cannot work by tiles here.')
+    check_normals(normals, inner=True)
     return detector, normals
 
 

@@ -32,19 +32,22 @@ SHARE, UNKNOWN = 0.5, 4e9
 # and for each value of a feature.
 PROCESS, TILE_POINT, CLOUD_POINT, FEATURE = 330e6, 650, 450, 24
 # Bytes of temporary files for each point: of normals, and of what the detector finds; and what the
-# detector takes for each point of a tile. The same of edges. By the work, the latter first.
+# detector takes for each point of a tile. The same of edges, and of normals with "auto".
 TILE_STORED, JUDGED_STORED, JUDGED_POINT = 98, 200, 450
-EDGES_STORED, EDGES_POINT = 330, 650
+EDGES_STORED, EDGES_POINT, EDGES_CLOUD = 330, 750, 1100
+AUTO_STORED, AUTO_POINT, AUTO_CLOUD = 170, 1300, 750
 # Of regions: temporary files; what the growing and joining of regions takes, for each point of the
 # cloud, and of so many points at once; and what a cloud takes in memory besides its records.
 GROWN_STORED, GROWN_POINT, JOINED_POINT, JOINED_AT_ONCE, GROWN_CLOUD = 420, 60, 150, 1_000_000, 720
 # Of these, of each point, and of one that growth left over.
 GROWN_LEAST, REST_POINT = 26, 200
+# By the work: bytes for each point of a tile, of temporary files, and of a cloud in memory.
 COSTS = {
-    "normals": (TILE_POINT, TILE_STORED),
-    "outliers": (JUDGED_POINT, JUDGED_STORED),
-    "edges": (EDGES_POINT, EDGES_STORED),
-    "regions": (TILE_POINT, GROWN_STORED),
+    "normals": (TILE_POINT, TILE_STORED, CLOUD_POINT),
+    "outliers": (JUDGED_POINT, JUDGED_STORED, CLOUD_POINT),
+    "edges": (EDGES_POINT, EDGES_STORED, EDGES_CLOUD),
+    "auto": (AUTO_POINT, AUTO_STORED, AUTO_CLOUD),
+    "regions": (TILE_POINT, GROWN_STORED, GROWN_CLOUD),
 }
 # Points read or written at once, and bytes for each while that is done.
 PART, PART_POINT = 250_000, 400
@@ -135,9 +138,9 @@ def _memory_of_machine():
 
 def bytes_in_memory(catalog, n_features=0, *, work="normals"):
     """What a whole catalog takes in memory, about; `work` is a key of `COSTS`."""
-    point = GROWN_CLOUD if work == "regions" else CLOUD_POINT
+    cloud_point = COSTS[work][2]
     points = sum(
-        n * (size + point + FEATURE * n_features)
+        n * (size + cloud_point + FEATURE * n_features)
         for n, size in zip(catalog.counts, catalog.record_sizes, strict=True)
     )
     return PROCESS + points
@@ -159,7 +162,7 @@ def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, wor
     ValueError
         If one worker with the smallest tile would take more.
     """
-    point, stored = COSTS[work]
+    point, stored, _ = COSTS[work]
     bytes_a_point = point + FEATURE * n_features
     own = PROCESS + PART * PART_POINT  # of the process that reads and writes
     least, why = PROCESS + LEAST_TILE * bytes_a_point, ""
@@ -183,7 +186,7 @@ def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, wor
         for_tiles = memory - PROCESS * (n_workers + (n_workers > 1))
         return int(for_tiles / n_workers / bytes_a_point)
 
-    shares = work == "normals" and not _is_elsewhere()  # other work does not take threads
+    shares = work in ("normals", "auto") and not _is_elsewhere()  # other work does not take threads
     if tile_size is None and shares:
         while n_workers > 1 and capacity(n_workers) < min(GOOD_TILE, n_points / n_workers):
             n_workers -= 1

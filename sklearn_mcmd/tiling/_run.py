@@ -191,7 +191,9 @@ def write_normals(
     if not restart and (report := finished_before(catalog, target, targets, estimator)):
         return report
     names = _warm_up(estimator)
-    plan = plan_run(catalog.n_points, memory, n_jobs, len(names) - len(NORMAL_COLUMNS), tile_size)
+    work = "auto" if estimator.n_neighbors == "auto" else "normals"
+    n_features = len(names) - len(NORMAL_COLUMNS)
+    plan = plan_run(catalog.n_points, memory, n_jobs, n_features, tile_size, work=work)
     folder = scattered(catalog, target, estimator, plan, cut, restart)
     with kept(folder):
         for path in targets:
@@ -293,13 +295,15 @@ def check_seed(estimator):
         )
 
 
-def check_normals(estimator):
-    """Raise if normals depend on the whole cloud."""
+def check_normals(estimator, *, inner=False):
+    """Raise if normals depend on the whole cloud; `inner` ones are those of another estimator."""
     if not isinstance(estimator, BaseLocalPlanes) or estimator._locality()[0] is None:
         raise ValueError(
             f"{type(estimator).__name__} cannot work by tiles with these parameters: with "
             'n_neighbors=None or orientation="mst", results depend on the whole cloud.'
         )
+    if inner and estimator.n_neighbors == "auto":
+        raise ValueError('n_neighbors="auto" of normal_estimator cannot work by tiles.')
     check_seed(estimator)
 
 

@@ -27,10 +27,18 @@ from sklearn_mcmd.planes._nearest import NearestPoints
 from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._columns import Columns
-from sklearn_mcmd.tiling._search import visit_nearest, within_reach
+from sklearn_mcmd.tiling._search import Found, visit_nearest, within_reach
 from sklearn_mcmd.tiling._surfaces import all_places
 
-__all__ = ["STEPS", "ScaleJob", "fill_wanted", "find_errors", "find_sizes", "find_wanted"]
+__all__ = [
+    "STEPS",
+    "ScaleJob",
+    "fill_wanted",
+    "find_errors",
+    "find_sizes",
+    "find_wanted",
+    "remove_steps",
+]
 
 # Numbers of neighbors that are tried.
 STEPS = [LEAST * FARTHEST**i for i in range(20) if LEAST * FARTHEST**i <= MOST // FARTHEST]
@@ -77,61 +85,46 @@ def find_wanted(cell, job, step):
     """Write how many neighbors are wanted of each place, inf where so many do not tell.
 
     Columns, for the step: wanted; and of planes of twice as many points, where these may be asked,
-    rows among the places here and around, errors and normals.
+    places of any cell by their `_keys`, errors and normals.
     """
     cells, columns = job.open()
-    k, name = STEPS[step], f"wanted_{step}"
+    k, before = STEPS[step], f"wanted_{step - 1}"
     points = columns.read(cell, "points")
-    wanted, todo, spread = np.full(len(points), np.inf), np.arange(len(points)), None
-    if step:
-        wanted = columns.read(cell, f"wanted_{step - 1}")
-        todo = np.flatnonzero(np.isinf(wanted))
-    if not len(todo):
-        columns.write(cell, **{name: wanted}, **_planes_of(step, *_no_planes()))
-        columns.finish(cell, f"wanted {step}", n_todo=0)
-        return
-    found, everything = _places_around(cell, cells, columns)
-    n = len(points) + len(found.points)
-    if step:
-        spread = found.after([wanted], columns, f"wanted_{step - 1}")
-        errors, normals = np.full(n, np.nan), np.full((n, 3), np.nan)
-        rows, errors[rows], normals[rows] = _stored_planes(cell, columns, step)
-        wanted = wanted.copy()
-    else:
-        errors = found.after([columns.read(cell, "error_0")], columns, "error_0")
-        normals = found.after([columns.read(cell, "normal_0")], columns, "normal_0")
-    asking = [(np.empty(0, np.intp), np.empty((0, AROUND), np.int32), np.empty((2, 0)))]
+    wanted = columns.read(cell, before).copy() if step else np.full(len(points), np.inf)
+    todo, asked = np.flatnonzero(np.isinf(wanted)), (np.empty(0, np.int64), *_no_planes())
+    if len(todo):
+        found, everything = _places_around(cell, cells, columns, todo)
+        spread = found.values(columns, before) if step else None
+        errors, normals = _planes_there(cell, columns, step, found)
+        asking = []
 
-    def judge(rows, _, near):
-        rows, near = todo[rows], near.astype(np.int32, copy=False)
-        if step:
-            wanted[rows] = quantile_around(spread, _around(near), QUIET, compiled=True)
-            still = np.isinf(wanted[rows])
-            rows, near = rows[still], near[still]
-        quiet = quantile_around(errors, _around(near), QUIET, compiled=True)
-        error, number = wanted_by(quiet, k, 3)
-        known = number <= FARTHEST * k
-        wanted[rows[known]] = np.maximum(number[known], LEAST)
-        asking.append((rows[~known], near[~known], np.stack([error, number])[:, ~known]))
+        def judge(rows, _, near):
+            rows, near = todo[rows], near.astype(np.int32, copy=False)
+            if step:
+                wanted[rows] = quantile_around(spread, _around(near), QUIET, compiled=True)
+                still = np.isinf(wanted[rows])
+                rows, near = rows[still], near[still]
+            quiet = quantile_around(errors, _around(near), QUIET, compiled=True)
+            error, number = wanted_by(quiet, k, 3)
+            known = number <= FARTHEST * k
+            wanted[rows[known]] = np.maximum(number[known], LEAST)
+            asking.append((rows[~known], near[~known], error[~known]))
 
-    everything.visit(points[todo], AROUND, judge)
-    rows, near = (np.concatenate([part[i] for part in asking]) for i in (0, 1))
-    error = np.concatenate([part[2][0] for part in asking])
-    asked = np.unique(near)
-    queries = np.vstack([points, found.points])[asked]
-    larger_errors, larger = np.empty(len(asked)), np.empty((len(asked), 3))
-
-    def measure(some, _, near, found):
-        larger_errors[some], larger[some] = errors_of(found.points, _around(near), compiled=True)
-
-    visit_nearest(cells, all_places(columns), cell, queries, FARTHEST * k, measure)
-    if len(rows):
-        turned = np.empty(n)
-        turned[asked] = angles(normals[asked], larger)
-        turns = quantile_around(turned, _around(near), QUIET, compiled=True)
-        bent = turns > TURNED * error
-        wanted[rows] = np.where(bent, np.maximum(k, LEAST), np.inf)
-    columns.write(cell, **{name: wanted}, **_planes_of(step, asked, larger_errors, larger))
+        everything.visit(points[todo], AROUND, judge)
+        rows, near, error = map(np.concatenate, zip(*asking, strict=True))
+        if len(rows):
+            members = np.unique(near)
+            queries = found.points[members]
+            larger_errors, larger = _larger_planes(cell, cells, columns, queries, FARTHEST * k)
+            turned = np.empty(len(found.points))
+            turned[members] = angles(normals[members], larger)
+            turns = quantile_around(turned, _around(near), QUIET, compiled=True)
+            wanted[rows] = np.where(turns > TURNED * error, np.maximum(k, LEAST), np.inf)
+            keys = _keys(found)[members]
+            order = np.argsort(keys)
+            asked = keys[order], larger_errors[order], larger[order]
+    columns.write(cell, **{f"wanted_{step}": wanted})
+    columns.write(cell, **dict(zip(_names(step + 1), asked, strict=True)))
     columns.finish(cell, f"wanted {step}", n_todo=int(np.isinf(wanted).sum()))
 
 
@@ -145,8 +138,8 @@ def fill_wanted(cell, job, step):
     wanted = columns.read(cell, f"wanted_{step}").copy()
     todo = np.flatnonzero(np.isinf(wanted))
     if len(todo):
-        found, everything = _places_around(cell, cells, columns)
-        spread = found.after([wanted.copy()], columns, f"wanted_{step}")
+        found, everything = _places_around(cell, cells, columns, todo)
+        spread = found.values(columns, f"wanted_{step}")
 
         def fill(rows, _, near):
             wanted[todo[rows]] = quantile_around(spread, _around(near), QUIET, compiled=True)
@@ -164,8 +157,8 @@ def find_sizes(cell, job):
     """
     cells, columns = job.open()
     points = columns.read(cell, "points")
-    found, everything = _places_around(cell, cells, columns)
-    spread = found.after([columns.read(cell, "wanted")], columns, "wanted")
+    found, everything = _places_around(cell, cells, columns, np.arange(len(points)))
+    spread = found.values(columns, "wanted")
     wanted = np.empty(len(points))
 
     def smooth(rows, _, near):
@@ -177,24 +170,71 @@ def find_sizes(cell, job):
     columns.finish(cell, "sizes", largest=int(sizes.max()))
 
 
-def _places_around(cell, cells, columns):
-    """Places of other cells that lie around those of a cell, and a search of all."""
+def remove_steps(columns, n_cells, last):
+    """Free the disk of what the steps up to the last have written, but for what it says."""
+    for step in range(last + 1):
+        columns.remove(n_cells, *_names(step), *([f"wanted_{step - 1}"] if step else []))
+
+
+def _places_around(cell, cells, columns, rows):
+    """Places around some of a cell, in it and others, and a search of them."""
     points, reach = columns.read(cell, "points"), columns.read(cell, "far_around")
-    found = within_reach(cells, all_places(columns), points, reach, skip=cell)
-    return found, NearestPoints(np.vstack([points, found.points]))
+    load = all_places(columns)
+    few = len(rows) * AROUND < len(points)
+    found = within_reach(cells, load, points[rows], reach[rows], skip=None if few else cell)
+    if not few:
+        others = _split(found)
+        found = Found([(cell, points, np.arange(len(points))), *others])
+    return found, NearestPoints(found.points)
 
 
-def _planes_of(step, rows, errors, normals):
-    """Columns of planes for the step that follows."""
-    return {f"rows_{step + 1}": rows, f"error_{step + 1}": errors, f"normal_{step + 1}": normals}
+def _split(found):
+    """Cells, points and rows of what was found."""
+    first = 0
+    for cell, rows in found.parts:
+        yield cell, found.points[first : first + len(rows)], rows
+        first += len(rows)
+
+
+def _planes_there(cell, columns, step, found):
+    """Errors and normals of places, where they are known."""
+    names = _names(step)[1:]
+    if not step:
+        return [found.values(columns, name) for name in names]
+    keys, *stored = (columns.read(cell, name) for name in _names(step))
+    asked = _keys(found)
+    places = np.minimum(np.searchsorted(keys, asked), len(keys) - 1)
+    known = keys[places] == asked
+    values = [np.full((len(asked), *some.shape[1:]), np.nan) for some in stored]
+    for there, some in zip(values, stored, strict=True):
+        there[known] = some[places[known]]
+    return values
+
+
+def _larger_planes(cell, cells, columns, queries, k):
+    """Errors and normals of planes of the k nearest places."""
+    errors, normals = np.empty(len(queries)), np.empty((len(queries), 3))
+
+    def measure(rows, _, near, found):
+        errors[rows], normals[rows] = errors_of(found.points, _around(near), compiled=True)
+
+    visit_nearest(cells, all_places(columns), cell, queries, k, measure)
+    return errors, normals
+
+
+def _names(step):
+    """Names of what a step reads of planes: places, errors and normals."""
+    return tuple(f"{name}_{step}" for name in ("place", "error", "normal"))
 
 
 def _no_planes():
-    return np.empty(0, np.intp), np.empty(0), np.empty((0, 3))
+    return np.empty(0), np.empty((0, 3))
 
 
-def _stored_planes(cell, columns, step):
-    return (columns.read(cell, f"{name}_{step}") for name in ("rows", "error", "normal"))
+def _keys(found):
+    """A number for each place: of its cell, and its row there."""
+    cells, rows = found.places
+    return (cells.astype(np.int64) << 40) + rows
 
 
 def _around(near):

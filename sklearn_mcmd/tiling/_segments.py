@@ -189,7 +189,7 @@ def check_growing(estimator):
     if estimator.normal_estimator is None:
         normals = RobustNormalEstimator(random_state=estimator.random_state)
         estimator.set_params(normal_estimator=normals)
-    check_normals(estimator.normal_estimator)
+    check_normals(estimator.normal_estimator, inner=True)
     return estimator.set_params(n_jobs=1, normal_estimator__n_jobs=1)
 
 

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import cKDTree
 from sklearn.base import clone
 from sklearn.pipeline import make_pipeline
@@ -191,3 +191,19 @@ def test_threads_that_fit_at_once_share_one_cloud():
     assert len({id(one._model.index.cloud) for one in fitted}) == 1
     for one in fitted:
         assert_array_equal(one.normals_, fitted[0].normals_)
+
+
+@pytest.mark.parametrize("digits", [1, 3])
+def test_queries_have_the_neighbors_of_the_points_that_they_are(digits):
+    rng = np.random.default_rng(digits)
+    X = np.round(rng.uniform(0, 2, (3_000, 3)), digits)  # a lattice has many ties
+    cloud = IndexedCloud(X)
+    own = cloud.search_own(slice(None), 12)
+    for m in (0, 1, 2, 700, len(cloud.points)):
+        distances, near = cloud.nearest(cloud.points[:m], 12)
+        assert_array_equal(near, own[:m])
+        gaps = np.linalg.norm(cloud.points[near] - cloud.points[:m, None], axis=2)
+        assert_allclose(distances, gaps, rtol=1e-14, atol=0)
+    copies = np.repeat(rng.uniform(0, 2, (5, 3)), 300, axis=0)
+    near = cloud.nearest(copies, 12)[1].reshape(5, 300, 12)
+    assert (near == near[:, :1]).all()

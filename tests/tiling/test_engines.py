@@ -9,7 +9,8 @@ import warnings
 import joblib
 import pytest
 
-from sklearn_mcmd.tiling import TilingError, _run, write_normals
+from sklearn_mcmd import RobustNormalEstimator, SharpFeatureDetector
+from sklearn_mcmd.tiling import TilingError, _run, write_edges, write_normals
 from sklearn_mcmd.tiling._memory import plan_run, usual_memory
 from tiled import ESTIMATOR, in_memory
 
@@ -36,6 +37,25 @@ def test_dask_gives_the_output_of_memory(client, small_file, tmp_path, monkeypat
         report = write_normals(small_file, "out.las", ESTIMATOR, tile_size=2_000)
     assert report.n_workers == 2
     assert (tmp_path / "out.las").read_bytes() == expected
+
+
+@pytest.mark.parametrize(
+    ("write", "estimator"),
+    [
+        (write_edges, SharpFeatureDetector(12, random_state=0)),
+        (write_normals, RobustNormalEstimator("auto", random_state=0)),
+    ],
+    ids=["edges", "auto"],
+)
+def test_sweeps_on_dask_give_the_output_of_this_process(
+    write, estimator, client, small_file, tmp_path
+):
+    a, b = tmp_path / "a.las", tmp_path / "b.las"
+    write(small_file, a, estimator, tile_size=2_000)
+    with joblib.parallel_config(backend="dask"):
+        report = write(small_file, b, estimator, tile_size=2_000)
+    assert report.n_workers == 2
+    assert a.read_bytes() == b.read_bytes()
 
 
 def test_the_memory_is_that_of_the_workers(client):
