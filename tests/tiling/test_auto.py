@@ -99,7 +99,7 @@ def test_normals_are_those_of_memory_for_all_parameters(params, tmp_path):
     cut=st.floats(0.2, 0.8),
 )
 @settings(
-    max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=2, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 def test_normals_of_any_cloud_are_those_of_memory(n, noise, digits, tile_size, cut, tmp_path):
     a, b, c = (tmp_path / name for name in ("a.las", "b.las", "c.las"))

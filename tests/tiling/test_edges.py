@@ -160,7 +160,7 @@ def clouds(draw):
     cleaner=st.sampled_from([None, "passthrough"]),
 )
 @settings(
-    max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=2, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 def test_scores_of_any_cloud_are_those_of_memory(X, tile_size, cut, cleaner, by_tiles, tmp_path):
     path, cloud = written(tmp_path, X)
