@@ -117,7 +117,7 @@ def edges(
             return
         if catalog is not None:
             return _by_tiles(
-                source, target, catalog, params, colors, memory, restart, quiet, seconds
+                source, target, catalog, params, colors, memory, restart, report, quiet, seconds
             )
         with progress("edges", quiet):
             cloud = read(source, target, "edges")
@@ -138,22 +138,33 @@ def edges(
             print_summary(source, target, len(cloud), seconds(), edges=edges)
 
 
-def _by_tiles(source, target, catalog, params, colors, memory, restart, quiet, seconds):
+def _by_tiles(source, target, catalog, params, colors, memory, restart, report, quiet, seconds):
     from sklearn_mcmd.tiling import write_edges
 
     with progress("edges", quiet):
-        report = write_edges(
+        told = write_edges(
             catalog, target, _detector(params), colors=colors, memory=memory,
             n_jobs=params["n_jobs"], restart=restart,
         )  # fmt: skip
+        write_report_of(
+            report, source, target, seconds, lambda: _tile_contents(catalog, target, params, told)
+        )
     if not quiet:
-        again = report.n_points - report.n_proved
+        again = told.n_points - told.n_proved
         print_summary(
-            *(source, target, report.n_points, seconds()),
-            tiles=f"{report.n_tiles:,}, of which {report.n_resumed:,} were done before",
-            edges=number_and_share(report.n_edges, report.n_points),
+            *(source, target, told.n_points, seconds()),
+            tiles=f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
+            edges=number_and_share(told.n_edges, told.n_points),
             proved=f"all; {again:,} from more points than lie around their tile",
         )
+
+
+def _tile_contents(catalog, target, params, told):
+    from sklearn_mcmd.report._tiles import edges_of_tiles
+    from sklearn_mcmd.tiling._outputs import targets_of
+
+    outputs = targets_of(catalog, target)
+    return edges_of_tiles(catalog, outputs, _detector(params), told)
 
 
 def _detector(params):

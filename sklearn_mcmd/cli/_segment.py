@@ -173,7 +173,7 @@ def segment(
         if catalog is not None:
             growing = _growing(normals, params)
             return _by_tiles(
-                source, target, catalog, growing, colors, memory, restart, quiet, seconds
+                source, target, catalog, growing, colors, memory, restart, report, quiet, seconds
             )
         with progress("segment", quiet):
             cloud = read(source, target, "regions")
@@ -193,24 +193,35 @@ def segment(
             )
 
 
-def _by_tiles(source, target, catalog, growing, colors, memory, restart, quiet, seconds):
+def _by_tiles(source, target, catalog, growing, colors, memory, restart, report, quiet, seconds):
     from sklearn_mcmd.tiling import write_segments
 
     with progress("segment", quiet):
-        report = write_segments(
+        told = write_segments(
             catalog, target, growing, colors=colors, memory=memory, n_jobs=growing.n_jobs,
             restart=restart,
         )  # fmt: skip
+        write_report_of(
+            report, source, target, seconds, lambda: _tile_contents(catalog, target, told)
+        )
     if not quiet:
-        again = report.n_points - report.n_proved
+        again = told.n_points - told.n_proved
         print_summary(
-            *(source, target, report.n_points, seconds()),
-            tiles=f"{report.n_tiles:,}, of which {report.n_resumed:,} were done before",
-            regions=f"{report.n_regions:,}",
-            inside=number_and_share(report.n_inside, report.n_points),
-            largest=_in_words(report.largest[:LARGEST_SHOWN]),
+            *(source, target, told.n_points, seconds()),
+            tiles=f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
+            regions=f"{told.n_regions:,}",
+            inside=number_and_share(told.n_inside, told.n_points),
+            largest=_in_words(told.largest[:LARGEST_SHOWN]),
             proved=f"all; {again:,} from more points than lie around their tile",
         )
+
+
+def _tile_contents(catalog, target, told):
+    from sklearn_mcmd.report._tiles import regions_of_tiles
+    from sklearn_mcmd.tiling._outputs import targets_of
+
+    outputs = targets_of(catalog, target)
+    return regions_of_tiles(catalog, outputs, told)
 
 
 def _in_words(sizes):

@@ -11,7 +11,7 @@ from sklearn_mcmd.report._maps import found_maps
 from sklearn_mcmd.report._notes import CHECKS, cloud_notes
 from sklearn_mcmd.report._places import Places, place_sections
 
-__all__ = ["edges_contents"]
+__all__ = ["edge_notes", "edges_contents", "score_words"]
 
 # Share of edge points from which on lines have become areas. A line in a cloud of 50,000 points
 # takes one in a hundred; machined parts with many edges have a third.
@@ -42,14 +42,12 @@ def edges_contents(cloud, detector):
     n_outliers = int(np.count_nonzero(~kept))
     name = "distance to the nearest crease, in spacings" if is_crease else detector.criterion
     limit_name = "limit, in spacings" if is_crease else f"limit of {detector.criterion}"
-    soft = "Points farther than 20 spacings from all creases have the score 20. " * is_crease
-    soft += "Edges are counted in points and not in lengths, which sampling alone would change."
     sections = [
         Section("Where the edges are", found_maps(cloud.xyz, found, facts.near, "edge points")),
         Section(
             "Scores",
             histogram(values, cutoff=limit, cutoff_name="limit", above=not is_crease, name=name)
-            + paragraph(soft, "soft"),
+            + score_words(is_crease),
         ),
         Section("Places", place_sections(places, cloud.xyz, found, facts.near, "edge points")),
     ]
@@ -61,7 +59,7 @@ def edges_contents(cloud, detector):
             (f"{limit:.3g}", limit_name),
             (f"{n_outliers:,}", "outliers that were left out"),
         ],
-        notes=_notes(n, n_all) + cloud_notes(facts),
+        notes=edge_notes(n, n_all) + cloud_notes(facts),
         checks=f"edges that are areas, no edges, {CHECKS}",
         sections=sections,
         cloud_rows=facts.rows(cloud),
@@ -72,7 +70,15 @@ def edges_contents(cloud, detector):
     )
 
 
-def _notes(n, n_all):
+def score_words(is_crease):
+    """What to know of scores and counts."""
+    words = "Points farther than 20 spacings from all creases have the score 20. " * is_crease
+    words += "Edges are counted in points and not in lengths, which sampling alone would change."
+    return paragraph(words, "soft")
+
+
+def edge_notes(n, n_all):
+    """Warnings of no edges, or of edges that are areas."""
     if n == 0:
         return [
             Note(

@@ -1,5 +1,7 @@
 """What a report says about regions."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from sklearn_mcmd.io._point_cloud import with_results
@@ -10,7 +12,14 @@ from sklearn_mcmd.report._html import paragraph, table
 from sklearn_mcmd.report._maps import maps
 from sklearn_mcmd.report._notes import CHECKS, cloud_notes
 
-__all__ = ["segment_contents"]
+__all__ = [
+    "LISTED",
+    "Regions",
+    "left_over_notes",
+    "region_maps",
+    "region_table",
+    "segment_contents",
+]
 
 LISTED = 20  # regions of the table
 # Share of points in no region that is worth a warning: a street with foliage has a fifth.
@@ -18,6 +27,21 @@ LEFT_OVER = 0.3
 # Regions below this size are small, and this share of the points in them is worth a warning: the
 # cloud then falls to pieces.
 SMALL, PIECES = 100, 0.2
+
+
+class Regions(NamedTuple):
+    """What a table of regions shows.
+
+    sizes : sequence of int
+    normals, centroids : ndarray of shape (n_regions, 3)
+    errors : ndarray of shape (n_regions,)
+        Root mean square distances from their planes.
+    """
+
+    sizes: np.ndarray
+    normals: np.ndarray
+    centroids: np.ndarray
+    errors: np.ndarray
 
 
 def segment_contents(cloud, growing):
@@ -35,9 +59,12 @@ def segment_contents(cloud, growing):
     facts = Facts.of(cloud.xyz, int(np.median(estimator.n_neighbors_)), estimator.plane_scale_)
     inside = int(np.count_nonzero(labels >= 0))
     largest = int(sizes[0]) if len(sizes) else 0
+    regions = Regions(
+        sizes, growing.region_normals_, growing.region_centroids_, growing.region_errors_
+    )
     sections = [
-        Section("Regions", _maps(cloud.xyz, labels, facts.near)),
-        Section("The largest regions", _region_table(growing, n_all)),
+        Section("Regions", region_maps(cloud.xyz, labels, facts.near)),
+        Section("The largest regions", region_table(regions, n_all)),
     ]
     if len(sizes) > 1:
         sections.append(
@@ -66,7 +93,8 @@ def segment_contents(cloud, growing):
     )
 
 
-def _maps(xyz, labels, near):
+def region_maps(xyz, labels, near):
+    """Maps of a color for each region."""
     from sklearn_mcmd.plotting import SegmentationDisplay
 
     def draw(rows, view, ax, max_points):
@@ -76,12 +104,13 @@ def _maps(xyz, labels, near):
     return words + maps(draw, xyz, near)
 
 
-def _region_table(growing, n_all):
+def region_table(regions, n_all):
+    """The largest regions with size, direction, noise and place."""
     from matplotlib.colors import to_hex
 
     from sklearn_mcmd.plotting import region_colors
 
-    sizes, normals = growing.region_sizes_, growing.region_normals_
+    sizes, normals = regions.sizes, regions.normals
     if len(sizes) == 0:
         return paragraph("There are no regions.")
     tilt = np.degrees(np.arccos(np.clip(np.abs(normals[:, 2]), 0.0, 1.0)))
@@ -93,8 +122,8 @@ def _region_table(growing, n_all):
             percent(int(sizes[i]), n_all),
             " ".join(f"{value + 0.0:.3f}" for value in np.round(normals[i], 3)),
             f"{tilt[i]:.1f}°",
-            f"{growing.region_errors_[i]:.2g}",
-            " ".join(f"{value:.7g}" for value in growing.region_centroids_[i]),
+            f"{regions.errors[i]:.2g}",
+            " ".join(f"{value:.7g}" for value in regions.centroids[i]),
         )
         for i in shown
     ]
@@ -116,18 +145,23 @@ def _size_words(sizes, n_all):
     )
 
 
-def _notes(inside, n_all, sizes):
-    notes = []
-    if n_all - inside > LEFT_OVER * n_all:
-        notes.append(
-            Note(
-                "Many points without a region.",
-                f"{share(n_all - inside, n_all)} belong to no region: foliage, outliers, or "
-                "surfaces that are too noisy or too curved for the limits.",
-                "Denoise the cloud first. If surfaces are missing, give a larger --max-angle or "
-                "more --n-neighbors.",
-            )
+def left_over_notes(inside, n_all):
+    """A warning of many points without a region, if they are many."""
+    if n_all - inside <= LEFT_OVER * n_all:
+        return []
+    return [
+        Note(
+            "Many points without a region.",
+            f"{share(n_all - inside, n_all)} belong to no region: foliage, outliers, or "
+            "surfaces that are too noisy or too curved for the limits.",
+            "Denoise the cloud first. If surfaces are missing, give a larger --max-angle or "
+            "more --n-neighbors.",
         )
+    ]
+
+
+def _notes(inside, n_all, sizes):
+    notes = left_over_notes(inside, n_all)
     in_small = int(sizes[sizes < SMALL].sum())
     if in_small > PIECES * n_all:
         notes.append(

@@ -1,5 +1,7 @@
 """What a report says about runs by tiles: from the outputs, by a sample that it states."""
 
+from functools import partial
+
 import numpy as np
 
 from sklearn_mcmd.io import PointCloud
@@ -10,6 +12,7 @@ from sklearn_mcmd.report._denoise import (
     grade_table,
     judged_notes,
 )
+from sklearn_mcmd.report._edges import edge_notes, score_words
 from sklearn_mcmd.report._facts import bounds_rows, usual_rows
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._html import paragraph
@@ -17,8 +20,15 @@ from sklearn_mcmd.report._maps import found_maps
 from sklearn_mcmd.report._normals import normals_maps, normals_notes, removed_words, tilt_table
 from sklearn_mcmd.report._notes import lost_places
 from sklearn_mcmd.report._places import Places, place_sections
+from sklearn_mcmd.report._segment import (
+    LISTED,
+    Regions,
+    left_over_notes,
+    region_maps,
+    region_table,
+)
 
-__all__ = ["denoised_tiles", "normals_of_tiles"]
+__all__ = ["denoised_tiles", "edges_of_tiles", "normals_of_tiles", "regions_of_tiles"]
 
 SAMPLE = 500_000  # points; maps show a quarter of them, and shares are known to 0.1 %
 PART = 1_000_000  # points that are read at a time
@@ -147,6 +157,103 @@ def normals_of_tiles(catalog, outputs, names, run):
         output=f"{n_all:,} points in {len(outputs):,} files, with {', '.join(names)}",
         shown=cloud,
     )
+
+
+def regions_of_tiles(catalog, outputs, run):
+    """The contents of a report of `mcmd segment` by tiles.
+
+    Parameters
+    ----------
+    catalog, outputs, run
+        As above.
+    """
+    step = -(-run.n_points // SAMPLE)
+    cloud, n_all, inside = _sample(outputs, step, ("region",)), run.n_points, run.n_inside
+    labels, words = cloud.attributes["region"], _stated(len(cloud), n_all, step)
+    largest = run.largest[0] if run.largest else 0
+    listed = words.replace(
+        "From a sample", "Sizes are exact; normals, rms and middle are from a sample"
+    )
+    return Contents(
+        headline=f"{run.n_regions:,} regions hold {share(inside, n_all)}.",
+        cards=[
+            (f"{run.n_regions:,}", "regions"),
+            (f"{inside:,}", f"points inside, {percent(inside, n_all)}"),
+            (f"{largest:,}", f"points of the largest, {percent(largest, n_all)}"),
+            (f"{run.n_tiles:,}", "tiles"),
+        ],
+        notes=left_over_notes(inside, n_all),
+        checks="many points without a region; the cloud itself is not measured by tiles",
+        sections=[
+            Section("Regions", words + region_maps(cloud.xyz, labels, usual_rows(cloud.xyz))),
+            Section(
+                "The largest regions",
+                listed + region_table(_regions(cloud.xyz, labels, run.largest[:LISTED]), n_all),
+            ),
+        ],
+        cloud_rows=_cloud_rows(catalog),
+        output=f"{n_all:,} points in {len(outputs):,} files, with region (0 is the largest, -1 is "
+        "none)",
+        shown=cloud,
+    )
+
+
+def edges_of_tiles(catalog, outputs, detector, run):
+    """The contents of a report of `mcmd edges` by tiles.
+
+    Parameters
+    ----------
+    catalog, outputs, run
+        As above.
+    detector : SharpFeatureDetector
+        With the parameters of the run.
+    """
+    step, is_crease = -(-run.n_points // SAMPLE), detector.criterion == "crease"
+    cloud = _sample(outputs, step, ("edge", "edge_score"))
+    n, n_all = run.n_edges, run.n_points
+    xyz, found = cloud.xyz, cloud.attributes["edge"] > 0
+    values, near = cloud.attributes["edge_score"].astype(np.float64), usual_rows(xyz)
+    places, words = Places.of(xyz, found, near), _stated(len(cloud), n_all, step)
+    name = "distance to the nearest crease, in spacings" if is_crease else detector.criterion
+    draw = partial(histogram, name=name, above=not is_crease, cutoff_name="limit")
+    # The limit of other criteria is that of the cloud: the least value of an edge is near to it.
+    limit = detector._crease_width() if is_crease else values[found].min(initial=values.max())
+    return Contents(
+        headline=f"{share(n, n_all)} lie on edges.",
+        cards=[
+            (f"{n_all:,}", "points"),
+            (f"{n:,}", f"edge points, {percent(n, n_all)}"),
+            (f"{run.n_tiles:,}", "tiles"),
+            (f"{len(catalog):,}", "input files"),
+        ],
+        notes=edge_notes(n, n_all),
+        checks="edges that are areas, no edges; the cloud itself is not measured by tiles",
+        sections=[
+            Section("Where the edges are", words + found_maps(xyz, found, near, "edge points")),
+            Section(
+                "Scores",
+                words + draw(values, cutoff=limit) + score_words(is_crease),
+            ),
+            Section("Places", words + place_sections(places, xyz, found, near, "edge points")),
+        ],
+        cloud_rows=_cloud_rows(catalog),
+        output=f"{n_all:,} points in {len(outputs):,} files, with edge and edge_score",
+        shown=cloud,
+    )
+
+
+def _regions(xyz, labels, sizes):
+    """The largest regions, with the planes of their points in a sample."""
+    normals, centroids = np.full((len(sizes), 3), np.nan), np.full((len(sizes), 3), np.nan)
+    errors = np.full(len(sizes), np.nan)
+    for region in range(len(sizes)):
+        own = xyz[labels == region]
+        if len(own) > 3:
+            centroids[region] = own.mean(axis=0)
+            values, axes = np.linalg.eigh(np.cov((own - centroids[region]).T, bias=True))
+            normals[region] = axes[:, 0] * (1.0 if axes[2, 0] >= 0 else -1.0)
+            errors[region] = np.sqrt(max(values[0], 0.0))
+    return Regions(sizes, normals, centroids, errors)
 
 
 def _stated(n, n_all, step):

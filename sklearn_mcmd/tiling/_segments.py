@@ -50,7 +50,7 @@ WARM_UP = 3_000  # points that make this process load or compile the code once, 
 MOST_COPIES = 1_000_000
 # Rows are numbers of 32 bits.
 MOST_PLACES = 2**31 - 1
-LARGEST = 3  # regions whose points are counted in the report
+LARGEST = 20  # regions whose points are counted in the report
 # The end of each sweep and step, as a share of the time.
 ENDS = {"planes": 0.6, "neighbors": 0.72, "links": 0.77, "growth": 0.82, "steps": 1.0}
 # What is joined to one file when a sweep has ended.

@@ -98,3 +98,18 @@ def test_normals_of_tiles_state_the_sample(folder, tmp_path, monkeypatch):
     page = (tmp_path / "r" / "index.html").read_text()
     assert "one point of 9, 1,000 of 9,000 points" in page
     assert "standard error" in page
+
+
+@pytest.mark.parametrize(("verb", "word"), [("segment", "regions hold"), ("edges", "lie on edges")])
+def test_regions_and_edges_of_tiles_are_those_of_memory(verb, word, folder, tmp_path):
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    shutil.copy(folder / "b.laz", alone / "b.laz")
+    lines = []
+    for name, source, options in (("r1", alone / "b.laz", ()), ("r2", alone, TILES)):
+        target = tmp_path / ("out" if options else "o.laz")
+        result = run(verb, source, target, "--report", tmp_path / name, *options)
+        assert result.exit_code == 0, result.output
+        page = (tmp_path / name / "index.html").read_text()
+        lines.append(re.search(rf'class="headline">([^<]*{word}[^<]*)<', page)[1])
+    assert lines[0] == lines[1]
