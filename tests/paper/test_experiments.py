@@ -249,7 +249,7 @@ def test_every_experiment_reports_and_draws(name):
     plt = pytest.importorskip("matplotlib.pyplot")
     plt.switch_backend("agg")
     heard = []
-    with listen_to_progress(lambda stage, share: heard.append(share)):
+    with listen_to_progress(lambda told: heard.append(told.share)):
         report = EXPERIMENTS[name](2, seed=0, **FEW.get(name, {}))
     assert report.name == name
     assert "reweighted" in str(report) or name == "table2"

@@ -205,7 +205,7 @@ def test_edges_are_scored_by_their_definition():
 
 def test_progress_is_told_of_every_run_once():
     told = []
-    with listen_to_progress(lambda stage, share: told.append(share)):
+    with listen_to_progress(lambda heard: told.append(heard.share)):
         table6(2, n_points=300, slow_points=200)
     shares = [share for share in told if share is not None]  # None is news of compiling
     np.testing.assert_allclose(np.diff(shares), 1 / len(shares), rtol=1e-9)
