@@ -123,7 +123,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         a turn of a spinning scanner or a depth image has it. `fit` takes a position for each
         point. With it, company is measured in the distance between beams at the range of a
         point. What beams pass on their way to the background is empty space, and surfaces that
-        contain the rays are mixed pixels. See :doc:`/sensor`. None goes by coordinates alone.
+        contain the rays are mixed pixels. See :ref:`sensor`. None goes by coordinates alone.
 
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of trials that all neighborhoods use.

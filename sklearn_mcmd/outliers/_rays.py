@@ -100,7 +100,9 @@ class Rays:
         each_slice(len(beams), CHUNK, search, n_jobs)
         places = cloud.places
         self._beams, self._angles = beams[places], angles[places]
-        self.usual_angle = float(np.median(self._angles.mean(axis=1)[self.ranges > 0]))
+        means = self._angles.mean(axis=1)
+        self.usual_angle = float(np.median(means[self.ranges > 0]))
+        self._step = self._steps(means, self.ranges)
 
     def _places(self, directions, origins):
         """Rays are next to each other if their directions are, and the sensor's positions too."""
@@ -110,7 +112,7 @@ class Rays:
 
     def release(self):
         """Forget what only the points themselves ask for."""
-        self._beams = self._angles = None
+        self._beams = self._angles = self._step = None
 
     def witnesses(self, rows):
         """The `Witnesses` of some of the points."""
@@ -131,9 +133,12 @@ class Rays:
         angles, near = self.cloud.tree.query(self._places(directions, origins), k=ranks)
         return self._asked(self.cloud.rows[near], angles, ranges)
 
+    def _steps(self, mean_angles, ranges):
+        return np.minimum(mean_angles, self.limits.usual * self.usual_angle) * ranges
+
     def _asked(self, beams, angles, ranges):
         reach = self.limits.usual * self.usual_angle
-        step = np.minimum(angles.mean(axis=1), reach) * ranges
+        step = self._steps(angles.mean(axis=1), ranges)
         farther = self.ranges[beams] - ranges[:, None]
         farther = np.clip(ratio(farther, self.limits.differs * step[:, None]), -1.0, 1.0)
         return Witnesses(beams, angles <= reach, farther, step)
@@ -182,7 +187,7 @@ class Rays:
         return agreed, spacing
 
     def _look(self, rows, planes, explained):
-        beams, step = self._beams[rows], self.witnesses(rows).step
+        beams, step = self._beams[rows], self._step[rows]
         away = _distances(self.points[beams], self.points[rows])
         heights = self.points[beams] - planes.centroids[:, None]
         heights = np.einsum("mkd,md->mk", heights, planes.normals)
