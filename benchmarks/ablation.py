@@ -8,6 +8,7 @@ cloud with a truth, or loses (-), and the number of regions in real clouds.
     python benchmarks/ablation.py normals --size 20000 --seeds 1 --data ../shared/data
     python benchmarks/ablation.py sizes --seeds 1 --data ../shared/data
     python benchmarks/ablation.py detector --data ../shared/data
+    python benchmarks/ablation.py rays --seeds 1 --data ../shared/data
 
 The detector is measured by what it keeps of real points, what it finds of outliers (TPR), the
 average precision of its score (AP) and the share of right labels, on streets and on real clouds
@@ -254,8 +255,9 @@ class KnownPlanes(JudgedCloud):
     Its limits are those that the module has when it is made.
     """
 
-    def __init__(self, model, X, known=None):
-        super().__init__(model, strictness="groups", noise_scale=None, n_jobs=None)
+    def __init__(self, model, X, known=None, origins=None):
+        super().__init__(model, strictness="groups", noise_scale=None, n_jobs=None, origins=origins)
+        self.rows_origins = origins
         self.X, self.known = X, known
 
     def _fit_planes(self):
@@ -277,7 +279,42 @@ def planes_of(X):
 
 
 def scores_of(cloud):
-    return KnownPlanes(cloud.model, cloud.X, cloud.known).fit(cloud.X).scores
+    known = KnownPlanes(cloud.model, cloud.X, cloud.known, cloud.rows_origins)
+    return known.fit(cloud.X).scores
+
+
+def seen(options):
+    """Streets with trees, and real turns; points, then the sensor's position. True for outliers."""
+    from sklearn_mcmd.datasets import make_street
+
+    for share in (0.1, 0.2):
+        for seed in range(options.seeds):
+            street = make_street(
+                sampling="scan_lines", tree=True, outlier_share=share, random_state=seed
+            )
+            X = np.hstack([street.data, np.broadcast_to(street.scanners[0], street.data.shape)])
+            yield f"street {share:.0%}", None, X, street.target == -1
+    for name in ("snow_spinning_lidar", "fast_gicp_velodyne"):
+        for cloud in load_clouds(options.data, [name]):
+            outlier = np.zeros(len(cloud.points), bool) if cloud.noise is None else cloud.noise
+            yield cloud.name, None, np.hstack([cloud.points, 0 * cloud.points]), outlier
+
+
+def seen_planes_of(X):
+    from sklearn_mcmd import MCMDOutlierDetector
+
+    X, origins = np.hsplit(X, 2)
+    detector = MCMDOutlierDetector(random_state=0)
+    X = detector._fit_planes(np.ascontiguousarray(X))
+    cloud = KnownPlanes(detector._model, X, origins=origins)
+    cloud.fit(X)
+    return cloud
+
+
+def seen_scores(outlier, scores):
+    flagged = scores > CUTOFF
+    found = 100 * flagged[outlier].mean() if outlier.any() else np.nan
+    return {"kept": 100 * (~flagged[~outlier]).mean(), "TPR": found}
 
 
 def outlier_scores(outlier, scores):
@@ -388,6 +425,16 @@ PARTS = {
         prepare=planes_of,
         run=scores_of,
         measure=outlier_scores,
+    ),
+    "rays": Part(
+        tried=tuple(
+            Limit("outliers._cloud", "RayLimits", name)
+            for name in ("n_beams", "differs", "usual", "alone", "n_near", "sheet")
+        ),
+        scenes=seen,
+        prepare=seen_planes_of,
+        run=scores_of,
+        measure=seen_scores,
     ),
 }
 

@@ -3,8 +3,15 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import OutlierMixin
+from sklearn.utils import check_array
 
-__all__ = ["FittedScoresMixin", "OffsetOutlierMixin", "check_extent", "check_sizes"]
+__all__ = [
+    "FittedScoresMixin",
+    "OffsetOutlierMixin",
+    "check_extent",
+    "check_sensor_origin",
+    "check_sizes",
+]
 
 # Float64 holds the squares of coordinates up to LARGEST, and of differences down to SMALLEST. All
 # finite float32 coordinates are smaller than LARGEST.
@@ -91,3 +98,30 @@ def check_extent(X):
         raise ValueError(
             f"X spans no more than {extent:g}; at least {SMALLEST:g} is needed. Scale it up."
         )
+
+
+def check_sensor_origin(sensor_origin, X):
+    """The sensor's position for each point of X: float64 (n, d), or None if it is not known."""
+    if sensor_origin is None:
+        return None
+    n, d = X.shape
+    if isinstance(sensor_origin, str):
+        if sensor_origin != "origin":
+            raise ValueError(
+                f"sensor_origin={sensor_origin!r} must be 'origin', a position or one for each "
+                "point."
+            )
+        position = np.zeros(d)
+    else:
+        position = check_array(
+            sensor_origin, dtype=np.float64, ensure_2d=False, input_name="sensor_origin"
+        )
+    if position.shape not in ((d,), (n, d)):
+        raise ValueError(
+            f"sensor_origin must be 'origin', a position of shape ({d},), or one for each point, "
+            f"of shape ({n}, {d}); got shape {position.shape}."
+        )
+    origins = np.broadcast_to(position, (n, d))
+    if (origins == X).all():
+        raise ValueError("sensor_origin is where all points are: there are no rays to them.")
+    return origins

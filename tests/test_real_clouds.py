@@ -54,3 +54,29 @@ def test_normals_of_machined_parts_beat_pca(shared_data, name, least):
         cosines = np.abs(np.einsum("ij,ij->i", normals, truth))
         shares[method] = np.mean(cosines > np.cos(np.radians(10)))
     assert shares["mcmd_z"] > least > shares["pca"]
+
+
+def seen_from(X, position):
+    return (
+        MCMDOutlierDetector(sensor_origin=position, random_state=0, n_jobs=2).fit_predict(X) == -1
+    )
+
+
+def test_a_turn_keeps_its_far_rings_where_the_sensor_is_known(shared_data):
+    with np.load(shared_data / "fast_gicp_velodyne" / "cloud.npz") as arrays:
+        assert seen_from(arrays["xyz"], "origin").mean() < 0.01  # .043 by coordinates
+
+
+def test_facades_stay_below_one_approximate_position(shared_data):
+    with np.load(shared_data / "ahn3_amsterdam_2397" / "cloud.npz") as arrays:
+        X = arrays["xyz"]
+    above = [*X[:, :2].mean(axis=0), X[:, 2].min() + 500]
+    assert seen_from(X, above).mean() < 0.015
+
+
+def test_snow_is_told_from_far_rings(shared_data):
+    with np.load(shared_data / "snow_spinning_lidar" / "turn_000048.npz") as arrays:
+        X, snow = arrays["xyz"].astype(np.float64), arrays["snow"]
+    flagged = seen_from(X, "origin")
+    assert 2 * (flagged & snow).sum() / (flagged.sum() + snow.sum()) > 0.94  # F1; .63 without
+    assert flagged[~snow].mean() < 0.003

@@ -37,7 +37,7 @@ class NormalMethod(StrEnum):
 class Orientation(StrEnum):
     none = "none"
     up = "up"
-    viewpoint = "viewpoint"
+    sensor = "sensor"
     mst = "mst"
 
 
@@ -68,12 +68,12 @@ def normals(
         Orientation,
         typer.Option(
             help="Which of two opposite normals to take. none, up: the one with positive z. "
-            "viewpoint: the one toward the scanner. mst: the one that agrees with the neighbors."
+            "sensor: the one toward the sensor. mst: the one that agrees with the neighbors."
         ),
     ] = Orientation.none,
-    viewpoint: Annotated[
+    sensor: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,Z", help="Position of the scanner, for --orientation viewpoint."),
+        typer.Option(metavar="X,Y,Z", help="Where the sensor stood, for --orientation sensor."),
     ] = None,
     features: Annotated[
         str | None,
@@ -121,14 +121,14 @@ def normals(
     (ascending), removed_fraction (the share of the neighborhood that was removed), the
     --features, and n_neighbors with --n-neighbors auto.
     """
-    viewpoint = _parse_viewpoint(orientation, viewpoint)
+    sensor_origin = _parse_sensor(orientation, sensor)
     features = _parse_features(features)
     params = {
         "n_neighbors": n_neighbors,
         "method": str(method),
         "radius": radius,
         "orientation": DIRECTIONS.get(orientation, str(orientation)),
-        "viewpoint": viewpoint,
+        "sensor_origin": sensor_origin,
         "features": features,
         "cutoff": cutoff,
         "outlier_rate": outlier_rate,
@@ -173,7 +173,7 @@ def _check_local(source, orientation):
     if orientation is Orientation.mst:
         raise ValueError(
             f"{source}: --orientation mst needs the whole cloud in memory; give more --memory, or "
-            "--orientation viewpoint"
+            "--orientation sensor"
         )
 
 
@@ -251,10 +251,10 @@ def _feature_columns(features):
     return feature_columns(features, "xyz")
 
 
-def _parse_viewpoint(orientation, text):
+def _parse_sensor(orientation, text):
     """Three numbers, or None; all errors are wrong usage."""
-    if (text is not None) != (orientation is Orientation.viewpoint):
-        raise typer.BadParameter("--orientation viewpoint and --viewpoint X,Y,Z go together.")
+    if (text is not None) != (orientation is Orientation.sensor):
+        raise typer.BadParameter("--orientation sensor and --sensor X,Y,Z go together.")
     if text is None:
         return None
     try:
@@ -264,7 +264,7 @@ def _parse_viewpoint(orientation, text):
     if len(position) != 3 or not np.isfinite(position).all():
         raise typer.BadParameter(
             f"{text!r} is not three numbers separated by commas, such as 2.5,1,2.",
-            param_hint="--viewpoint",
+            param_hint="--sensor",
         )
     return position
 

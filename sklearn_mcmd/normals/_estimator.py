@@ -101,17 +101,18 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         `n_neighbors` points at most. A point with fewer than ``n_features + 1`` neighbors in it
         uses its nearest ``n_features + 1``.
 
-    orientation : {"viewpoint", "mst"} or array-like of shape (n_features,), default=None
+    orientation : {"sensor", "mst"} or array-like of shape (n_features,), default=None
         Which of the two normals is taken:
 
         - None: the one whose last coordinate (z) is positive;
-        - "viewpoint": the one toward `viewpoint`;
+        - "sensor": the one toward `sensor_origin`;
         - "mst": the one that agrees with the neighbors, along a minimum spanning tree from the
           highest point of each connected part, where the normal points up;
         - an array: the one on the side of that direction.
 
-    viewpoint : array-like of shape (n_features,), default=None
-        Position of the scanner for ``orientation="viewpoint"``, in units of X.
+    sensor_origin : array-like of shape (n_features,), "origin" or None, default=None
+        Where the sensor stood, for ``orientation="sensor"``, in units of X. "origin" is the
+        origin of the coordinates.
 
     features : "all", str or list of str, default=None
         Further columns of `transform`, in this order, from the cleaned neighborhoods with
@@ -273,8 +274,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         "method_params": [dict, None],
         "borrow": ["boolean"],
         "radius": [Interval(Real, 0, None, closed="neither"), None],
-        "orientation": [StrOptions({"viewpoint", "mst"}), "array-like", None],
-        "viewpoint": ["array-like", None],
+        "orientation": [StrOptions({"sensor", "mst"}), "array-like", None],
+        "sensor_origin": ["array-like", StrOptions({"origin"}), None],
         "features": [StrOptions({"all", *FEATURES}), "array-like", None],
     }
 
@@ -297,8 +298,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         refine: Literal["reweight"] | None = "reweight",
         borrow: bool = True,
         radius: float | None = None,
-        orientation: Literal["viewpoint", "mst"] | ArrayLike | None = None,
-        viewpoint: ArrayLike | None = None,
+        orientation: Literal["sensor", "mst"] | ArrayLike | None = None,
+        sensor_origin: ArrayLike | Literal["origin"] | None = None,
         features: str | Sequence[str] | None = None,
         random_state: int | np.random.RandomState | None = None,
         n_jobs: int | None = None,
@@ -314,7 +315,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         self.borrow = borrow
         self.radius = radius
         self.orientation = orientation
-        self.viewpoint = viewpoint
+        self.sensor_origin = sensor_origin
         self.features = features
         self.random_state = random_state
         self.n_jobs = n_jobs
@@ -339,7 +340,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         ------
         ValueError
             If X has NaN, infinite or too few values, if `n_neighbors` is too small, if
-            `orientation` and `viewpoint` do not fit each other or X, or if `features` has an
+            `orientation` and `sensor_origin` do not fit each other or X, or if `features` has an
             unknown name or one that is defined in 3D only.
         """
         self._fit_columns(X)
@@ -437,7 +438,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
                 "all points; give a number of neighbors."
             )
         X = self._fit_planes(X, self.radius, self.cutoff)
-        self._sides = Sides.settled(self.orientation, self.viewpoint, X.shape[1])
+        self._sides = Sides.settled(self.orientation, self.sensor_origin, X.shape[1])
         self._feature_names = settle_features(self.features, X.shape[1])
         self._surfaces = None
         with self._part_of_planes():

@@ -13,31 +13,33 @@ TREE_NEIGHBORS = 12
 
 
 class Sides:
-    """The sides of normals that `orientation` and `viewpoint` of the estimator ask for.
+    """The sides of normals that `orientation` and `sensor_origin` of the estimator ask for.
 
     Parameters
     ----------
     direction : ndarray of shape (d,) or None
-    viewpoint : ndarray of shape (d,) or None
+    sensor_origin : ndarray of shape (d,) or None
     tree : bool
         Whether neighbors are to agree, along a spanning tree.
     """
 
-    def __init__(self, direction=None, viewpoint=None, tree=False):
-        self.direction, self.viewpoint, self.tree = direction, viewpoint, tree
+    def __init__(self, direction=None, sensor_origin=None, tree=False):
+        self.direction, self.sensor_origin, self.tree = direction, sensor_origin, tree
 
     @classmethod
-    def settled(cls, orientation, viewpoint, d):
+    def settled(cls, orientation, sensor_origin, d):
         """Check the parameters for clouds of d dimensions."""
         named = orientation if isinstance(orientation, str) else None
-        if named == "viewpoint":
-            if viewpoint is None:
+        if named == "sensor":
+            if sensor_origin is None:
                 raise ValueError(
-                    'orientation="viewpoint" needs viewpoint, the scanner\'s position.'
+                    'orientation="sensor" needs sensor_origin, where the sensor stood.'
                 )
-            return cls(viewpoint=_check_vector(viewpoint, "viewpoint", d))
-        if viewpoint is not None:
-            raise ValueError('viewpoint is given but orientation is not "viewpoint".')
+            if isinstance(sensor_origin, str):
+                return cls(sensor_origin=np.zeros(d))  # "origin"
+            return cls(sensor_origin=_check_vector(sensor_origin, "sensor_origin", d))
+        if sensor_origin is not None:
+            raise ValueError('sensor_origin is given but orientation is not "sensor".')
         if orientation is None or named == "mst":
             return cls(tree=named == "mst")
         direction = _check_vector(orientation, "orientation", d)
@@ -61,8 +63,8 @@ class Sides:
 
     def orient(self, index, normals, X, n_jobs):
         """Flip normals (m, d) of points X (m, d) in place."""
-        if self.viewpoint is not None:
-            orient_toward(normals, self.viewpoint - X)
+        if self.sensor_origin is not None:
+            orient_toward(normals, self.sensor_origin - X)
         elif self.direction is not None:
             orient_toward(normals, self.direction)
         elif self.tree:

@@ -5,6 +5,13 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.outliers._company import Company, CompanyLimits, Places, mean_distance
+from sklearn_mcmd.outliers._rays import (
+    RayLimits,
+    Rays,
+    emptiness,
+    joint_evidence,
+    one_far_position,
+)
 from sklearn_mcmd.outliers._surfaces import (
     SurfaceLimits,
     distances_to_surfaces,
@@ -53,9 +60,11 @@ class JudgedCloud:
     noise_scale : float or None
         Standard deviation of the noise, in the place of each plane's own.
     n_jobs : int or None
+    origins : ndarray of float64 of shape (n, d), default=None
+        Where the sensor stood when it measured each row that the model has indexed.
     """
 
-    def __init__(self, model, *, strictness, noise_scale, n_jobs):
+    def __init__(self, model, *, strictness, noise_scale, n_jobs, origins=None):
         self.model = model
         self.own_planes_only = strictness is None or model.index.n_neighbors is None
         self.strictness = strictness
@@ -66,6 +75,9 @@ class JudgedCloud:
         self.n_jobs = n_jobs
         self.surface_limits = SurfaceLimits()
         self.company_limits = CompanyLimits()
+        self.ray_limits = RayLimits()
+        self.origins = None if origins is None else origins[model.index.rows]
+        self.rays = None
 
     def fit(self, X):
         """The `Judgement` of the points X (n, d), those that the model has indexed."""
@@ -80,16 +92,23 @@ class JudgedCloud:
             planes, *spacings = self._fit_planes()
         with progress_part(FITTING, 1.0, "outliers"):
             with progress_part(0.0, 0.4):
-                owners, distances = self._find_surfaces(planes)
+                if self.origins is not None:
+                    self.rays = Rays(index.points, self.origins, self.ray_limits, self.n_jobs)
+                owners, distances, beam_spacing = self._find_surfaces(planes)
+            if self.rays is not None:
+                # What is usual is what beams make of the surfaces around.
+                spacings[1] = np.maximum(spacings[1], beam_spacing)
             _, least = least_of(index.n_neighbors, len(index.points), len(X))
             places = Places.of(index.points, self.counts, self.explained, *spacings)
             del planes, spacings
             with progress_part(0.4, 1.0):
                 self.company = Company(places, least, self.company_limits, self.n_jobs)
         rest, company = self.company.rest, self.company
-        distances[rest] = self._joined(
-            distances[rest], company.isolation, company.separation, index.points[rest]
-        )
+        apart = company.isolation, company.separation
+        if self.rays is not None:
+            apart = self._ask_rays(*apart, places.spacing)
+            self.rays.release()
+        distances[rest] = self._joined(distances[rest], *apart, index.points[rest])
         self.point_scores = distances
         first = index.places
         owners = owners[first]
@@ -136,6 +155,10 @@ class JudgedCloud:
         rest = np.flatnonzero(distances > self.surface_limits.explained)
         if len(rest):
             isolation[rest], separation[rest] = self.company.measure(queries[rest], spacing[rest])
+        if self.rays is not None:
+            isolation, separation = self._ask_new_rays(
+                queries, around, isolation, separation, spacing
+            )
         return self._joined(distances, isolation, separation, queries)
 
     def paper_scores(self, planes, distances):
@@ -180,8 +203,21 @@ class JudgedCloud:
 
         run([(slice(i, i + chunk),) for i in range(0, n, chunk)], measure, self.n_jobs)
         least, _ = least_of(k, n, n)
+        self.on_sheet = beam_spacing = None
+        if self.rays is not None:
+            self.scatter, beam_spacing = self.rays.measure(index, self.planes, limits.explained)
+            self.on_sheet = self.scatter > self.ray_limits.differs
+            if one_far_position(points, self.origins):
+                self.on_sheet[:] = False
         with progress_part(0.0, 0.6):
-            self.explaining = find_surfaces(index, planes, distances, least, limits, compiled)
+            self.explaining = find_surfaces(
+                index, planes, distances, least, limits, compiled, self.on_sheet
+            )
+        if self.rays is not None:
+            self.on_sheet = find_surfaces(
+                index, planes, distances, self.ray_limits.sheet * least, limits, compiled,
+                ~self.on_sheet,
+            )  # fmt: skip
         others = np.flatnonzero(~self.explaining)
         queries = points[others]
         with progress_part(0.6, 1.0):
@@ -194,7 +230,43 @@ class JudgedCloud:
         self.explained_scale = None
         if self.strictness == "surfaces":
             self.explained_scale = self.planes.scale[owners[self.explained]]
-        return owners, distances
+        return owners, distances, beam_spacing
+
+    def _ask_rays(self, isolation, separation, spacing):
+        """Isolation and separation of the rest, as the beams next to it see them."""
+        rest, rays, index = self.company.rest, self.rays, self.model.index
+        witnesses = rays.witnesses(rest)
+        group = np.full(len(index.points), -1)
+        group[rest] = groups = self.company.groups
+        everything = np.ones(witnesses.rows.shape, dtype=bool)
+        alone = joint_evidence(*emptiness(witnesses, self.explained, everything))
+        others = group[witnesses.rows] != groups[:, None]
+        sums = emptiness(witnesses, self.explained, others)
+        together = joint_evidence(*(np.bincount(groups, part)[groups] for part in sums))
+        steps = ratio(spacing, witnesses.step)
+        isolation, separation = _with_rays(
+            isolation, separation, steps, alone, together, witnesses.step
+        )
+        sheet = self._sheet_scores(index.points[rest], lambda rows: index.query_own(rest[rows]))
+        return np.maximum(isolation, sheet), separation
+
+    def _ask_new_rays(self, queries, around, isolation, separation, spacing):
+        witnesses = self.rays.new_witnesses(queries, around.indices[:, 0])
+        everything = np.ones(witnesses.rows.shape, dtype=bool)
+        alone = joint_evidence(*emptiness(witnesses, self.explained, everything))
+        steps = ratio(spacing, witnesses.step)
+        isolation, separation = _with_rays(
+            isolation, separation, steps, alone, alone, witnesses.step
+        )
+        return np.maximum(isolation, self._sheet_scores(queries, around.take)), separation
+
+    def _sheet_scores(self, queries, neighbors_of):
+        """How much ranges scatter on the sheet of rays that explains a point; 0 if none does."""
+        owners, off = distances_to_surfaces(
+            queries, neighbors_of, self.planes, self.on_sheet, self._floor(queries, 0.0),
+            self.model.ready(), self.model.chunk(), self.n_jobs,
+        )  # fmt: skip
+        return np.where(off <= self.surface_limits.explained, self.scatter[owners], 0.0)
 
     def measured(self, planes):
         """The planes with the noise by which distances are measured."""
@@ -280,6 +352,19 @@ def joined_scores(distances, isolation, separation, strictness, limit, beside):
     if len(lost):
         scores[lost] = np.maximum(beside(lost), apart[lost])
     return scores
+
+
+def _with_rays(isolation, separation, steps, alone, together, step):
+    """What coordinates and beams say together: their geometric means, by how empty the place is.
+
+    A group is judged by its surroundings as a whole. So these must agree more, and beams, which
+    do not tell a far piece of a surface from a group, count for more. Points where the sensor is
+    have no ray, and keep what coordinates say.
+    """
+    seen = step > 0
+    isolation = np.where(seen, alone * np.sqrt(isolation * steps), isolation)
+    apart = together**2 * np.cbrt(separation) * np.cbrt(steps) ** 2
+    return isolation, np.where(seen, apart, separation)
 
 
 def _distances(points, queries, near):

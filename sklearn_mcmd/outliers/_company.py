@@ -103,6 +103,8 @@ class Company:
     ----------
     rest : ndarray of int of shape (m,)
         Rows of the points that no surface explains.
+    groups : ndarray of int of shape (m,)
+        Group of each, from 0 on.
     isolation, separation : ndarray of shape (m,)
         Theirs, see `measure`.
     """
@@ -122,7 +124,7 @@ class Company:
         with progress_part(0.2, 0.7):
             among_rest, linked = self._neighbors(n_jobs)
         self.isolation = self._isolated(among_rest, places.spacing, self.usual)
-        groups, _ = connected(linked, compiled=len(rest) >= COMPILE_FROM)
+        self.groups = groups = connected(linked, compiled=len(rest) >= COMPILE_FROM)[0]
         del linked
         sizes = np.bincount(groups, self.counts)
         small = sizes < least

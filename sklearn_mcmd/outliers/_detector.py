@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
-from sklearn_mcmd._validation import FittedScoresMixin
+from sklearn_mcmd._validation import FittedScoresMixin, check_sensor_origin
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff
 from sklearn_mcmd.outliers._cloud import JudgedCloud
 from sklearn_mcmd.planes._base import BasePlaneOutliers
@@ -119,6 +119,13 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         for it. None measures each plane by the noise of its own neighborhood. That also
         holds where noise grows with the range, and on curved surfaces.
 
+    sensor_origin : array-like of shape (n_features,), "origin" or None, default=None
+        Where the sensor stood, in units of X. "origin" is the origin of the coordinates, where
+        a turn of a spinning scanner or a depth image has it. `fit` takes a position for each
+        point. With it, company is measured in the distance between beams at the range of a
+        point. What beams pass on their way to the background is empty space, and surfaces that
+        contain the rays are mixed pixels. See :ref:`sensor`. None goes by coordinates alone.
+
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of trials that all neighborhoods use.
 
@@ -222,6 +229,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         "method": [StrOptions({"mcmd_z", "mcmd_md"})],
         "strictness": [StrOptions({"isolated", "groups", "surfaces"}), None],
         "noise_scale": [Interval(Real, 0, None, closed="neither"), None],
+        "sensor_origin": ["array-like", StrOptions({"origin"}), None],
         "false_positive_rate": [Interval(Real, 0, 0.5, closed="neither"), None],
         "contamination": [Interval(Real, 0, 0.5, closed="right"), None],
     }
@@ -240,6 +248,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         contamination: float | None = None,
         refine: Literal["reweight"] | None = "reweight",
         noise_scale: float | None = None,
+        sensor_origin: ArrayLike | Literal["origin"] | None = None,
         random_state: int | np.random.RandomState | None = None,
         n_jobs: int | None = None,
     ) -> None:
@@ -254,12 +263,18 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         self.contamination = contamination
         self.refine = refine
         self.noise_scale = noise_scale
+        self.sensor_origin = sensor_origin
         self.random_state = random_state
         self.n_jobs = n_jobs
 
     @fit_context(prefer_skip_nested_validation=True)
     @fit_in_tasks
-    def fit(self, X: ArrayLike, y: object = None) -> Self:
+    def fit(
+        self,
+        X: ArrayLike,
+        y: object = None,
+        sensor_origin: ArrayLike | Literal["origin"] | None = None,
+    ) -> Self:
         """Judge the points of a cloud, and keep what new points are scored against.
 
         Parameters
@@ -268,6 +283,9 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             Coordinates, float64 or float32, in any unit; at least two features and
             ``n_features + 1`` points.
         y : Ignored
+        sensor_origin : array-like of shape (n_features,) or (n_samples, n_features), or "origin"
+            Where the sensor stood, for each point where it moved; in place of the parameter. A
+            pipeline passes it on after ``set_fit_request(sensor_origin=True)``.
 
         Returns
         -------
@@ -278,7 +296,8 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         ValueError
             If X has NaN, infinite or too few values, or `n_neighbors` is too small; if more
             than one of `cutoff`, `false_positive_rate` and `contamination` is given, or the
-            rate is out of reach.
+            rate is out of reach; if `sensor_origin` has another shape, NaN, or is where all
+            points are, or there is no strictness to use it.
         """
         given = {
             name: getattr(self, name)
@@ -290,7 +309,16 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
                 " and ".join(f"{name}={value}" for name, value in given.items())
                 + " exclude each other: leave all but one of them None."
             )
+        if sensor_origin is None:
+            sensor_origin = self.sensor_origin
+        one_plane = self.strictness is None or self.n_neighbors is None
+        if sensor_origin is not None and one_plane:
+            raise ValueError(
+                "sensor_origin has no meaning where each point is judged by one plane alone: "
+                'give n_neighbors and a strictness, such as "groups", or leave it None.'
+            )
         xyz = self._fit_planes(X)
+        origins = check_sensor_origin(sensor_origin, xyz)
         settings = {
             "strictness": self.strictness,
             "noise_scale": self.noise_scale,
@@ -298,13 +326,12 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         }
         begin, cutoff = 0.0, self.cutoff
         if cutoff is None:
-            one_plane = self.strictness is None or self.n_neighbors is None
             cutoff = self._model.settings.cutoff if one_plane else CUTOFF
         if self.false_positive_rate is not None:
             begin = 0.5  # for the display of progress
             with progress_part(0.0, begin, "cutoff by simulation"), told_to(None):
                 cutoff = calibrated_cutoff(self._model, settings, self.false_positive_rate)
-        self._cloud = JudgedCloud(self._model, **settings)
+        self._cloud = JudgedCloud(self._model, origins=origins, **settings)
         with progress_part(begin, 1.0):
             found = self._cloud.fit(xyz.astype(np.float64, copy=False))
         self.plane_index_, self.on_surface_ = found.plane_index, found.on_surface
@@ -314,12 +341,37 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             self.offset_ = float(np.percentile(self.scores_, 100 * self.contamination))
         return self
 
+    def fit_predict(
+        self,
+        X: ArrayLike,
+        y: object = None,
+        sensor_origin: ArrayLike | Literal["origin"] | None = None,
+    ) -> NDArray[np.int64]:
+        """Label the points of a cloud by itself.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+        y : Ignored
+        sensor_origin : array-like or "origin"
+            As in `fit`.
+
+        Returns
+        -------
+        labels : ndarray of int of shape (n_samples,)
+            1 for inliers (points that are real) and -1 for outliers. They equal
+            ``fit(X).predict(X)``, but points are judged only once.
+        """
+        fitted = self.fit(X, sensor_origin=sensor_origin)
+        return np.where(fitted.scores_ >= fitted.offset_, 1, -1)
+
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
         """Opposite of how far each point is off the surfaces and stands off from all else.
 
         Parameters
         ----------
         X : array-like of shape (n_samples, n_features)
+            Each new point counts as measured from where the nearest of the fitted points was.
 
         Returns
         -------

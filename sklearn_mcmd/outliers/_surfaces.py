@@ -40,7 +40,7 @@ class SurfaceLimits(NamedTuple):
     n_links: int = 16
 
 
-def find_surfaces(index, planes, distances, least, limits, compiled):
+def find_surfaces(index, planes, distances, least, limits, compiled, barred=None):
     """Which points form surfaces: bool (n,).
 
     A point may be part of a surface if its plane is flat and explains the point itself. Two such
@@ -56,8 +56,12 @@ def find_surfaces(index, planes, distances, least, limits, compiled):
     least : float
     limits : SurfaceLimits
     compiled : bool
+    barred : ndarray of bool of shape (n,), default=None
+        Points that can be part of no surface.
     """
     usable, links = usable_planes(planes, distances, limits), link_limits(limits)
+    if barred is not None:
+        usable &= ~barred
     width = min(limits.n_links, index.n_neighbors)
     labels, sizes = connected_planes(index, width, planes, links, usable, compiled)
     return usable & (sizes >= least)[labels]

@@ -25,16 +25,16 @@ def test_normals_adds_the_estimators_results_as_float32(room, room_file, tmp_pat
     np.testing.assert_array_equal(out["intensity"], np.arange(len(room)))
 
 
-def test_normals_look_at_the_viewpoint_also_at_negative_coordinates(room_file, tmp_path):
+def test_normals_look_at_the_sensor_also_at_negative_coordinates(room_file, tmp_path):
     result = run(
         *("normals", room_file, tmp_path / "out.npy"),
-        *("--orientation", "viewpoint", "--viewpoint", "-1,0.5,-9"),
+        *("--orientation", "sensor", "--sensor", "-1,0.5,-9"),
     )
     assert result.exit_code == 0, result.output
     out = np.load(tmp_path / "out.npy")
-    to_viewpoint = np.array([-1, 0.5, -9]) - np.column_stack([out[a] for a in "xyz"])
+    to_sensor = np.array([-1, 0.5, -9]) - np.column_stack([out[a] for a in "xyz"])
     normals = np.column_stack([out[f"normal_{a}"] for a in "xyz"])
-    assert (np.einsum("ij,ij->i", normals, to_viewpoint) >= -1e-5).all()
+    assert (np.einsum("ij,ij->i", normals, to_sensor) >= -1e-5).all()
 
 
 @pytest.mark.parametrize("orientation", ["none", "up", "mst"])
@@ -58,18 +58,18 @@ def test_a_radius_makes_normals_more_local(room, room_file, tmp_path):
 @pytest.mark.parametrize(
     "options",
     [
-        ["--orientation", "viewpoint"],
-        ["--viewpoint", "1,2,3"],
-        ["--orientation", "viewpoint", "--viewpoint", "1,2"],
-        ["--orientation", "viewpoint", "--viewpoint", "1,2,here"],
-        ["--orientation", "viewpoint", "--viewpoint", "1,2,nan"],
+        ["--orientation", "sensor"],
+        ["--sensor", "1,2,3"],
+        ["--orientation", "sensor", "--sensor", "1,2"],
+        ["--orientation", "sensor", "--sensor", "1,2,here"],
+        ["--orientation", "sensor", "--sensor", "1,2,nan"],
         ["--orientation", "down"],
     ],
 )
-def test_a_wrong_viewpoint_is_wrong_usage(options, room_file, tmp_path):
+def test_a_wrong_sensor_is_wrong_usage(options, room_file, tmp_path):
     result = run("normals", room_file, tmp_path / "out.laz", *options)
     assert result.exit_code == 2
-    assert "viewpoint" in result.stderr
+    assert "sensor" in result.stderr
     assert files_in(tmp_path) == ["room.laz"]
 
 

@@ -320,12 +320,14 @@ def test_float32_clouds_have_the_curvatures_of_their_float64_copies(mixed):
     assert np.isclose(single[:, 12:], double, rtol=1e-3, atol=1e-3).all(axis=1).mean() > 0.99
 
 
-@pytest.mark.parametrize("orientation", [None, "viewpoint"])
+@pytest.mark.parametrize("orientation", [None, "sensor"])
 def test_one_neighborhood_has_one_quadric(orientation):
     X, N, most, least = saddle(200)
     X, N = (np.vstack([A, A * [-1, 1, 1], A * [1, -1, 1], A * [-1, -1, 1]]) for A in (X, N))
-    viewpoint = None if orientation is None else [0.05, 0, 0.02]  # on either side of the surface
-    found = measure(X, N, None, orientation=orientation, viewpoint=viewpoint)
+    sensor_origin = (
+        None if orientation is None else [0.05, 0, 0.02]
+    )  # on either side of the surface
+    found = measure(X, N, None, orientation=orientation, sensor_origin=sensor_origin)
     assert_allclose(found.max_curvature, np.tile(most, 4), rtol=1e-6)  # symmetry: no tilt
     assert_allclose(found.min_curvature, np.tile(least, 4), rtol=1e-6)
 

@@ -188,10 +188,10 @@ def test_normals_point_to_the_side_of_a_direction(street):
     assert (estimator.normals_ @ direction >= 0).all()
 
 
-def test_normals_point_to_the_viewpoint():
+def test_normals_point_to_the_sensor():
     X, directions = sphere(2000)
     inside = RobustNormalEstimator(
-        20, orientation="viewpoint", viewpoint=[0, 0, 0], random_state=0
+        20, orientation="sensor", sensor_origin="origin", random_state=0
     ).fit(X)
     assert (np.einsum("ij,ij->i", inside.normals_, directions) < -0.9).all()
     assert_array_equal(inside.transform(X[:9])[:, 3:6], inside.normals_[:9])
@@ -240,12 +240,12 @@ def test_one_neighborhood_has_one_normal_however_oriented():
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        ({"orientation": "viewpoint"}, "needs viewpoint, the scanner's position"),
-        ({"viewpoint": [0, 0, 9]}, "orientation is not"),
+        ({"orientation": "sensor"}, "needs sensor_origin, where the sensor stood"),
+        ({"sensor_origin": [0, 0, 9]}, "orientation is not"),
         ({"orientation": [0, 0, 0]}, "must not be zero"),
         ({"orientation": [0, 1]}, r"orientation must have shape \(3,\)"),
         ({"orientation": "up"}, "'orientation' parameter"),
-        ({"orientation": "viewpoint", "viewpoint": [0, 0, np.nan]}, "viewpoint contains NaN"),
+        ({"orientation": "sensor", "sensor_origin": [0, 0, np.nan]}, "sensor_origin contains NaN"),
         ({"radius": 0}, "'radius' parameter"),
         ({"radius": 1.0, "n_neighbors": None}, "radius=1.0 has no meaning with n_neighbors=None"),
     ],

@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from sklearn.base import clone
 
 from sklearn_mcmd import MCMDOutlierDetector
+from sklearn_mcmd.datasets import make_street
 
 OWN = {"strictness": None}
 
@@ -117,3 +118,12 @@ def test_cutoff_and_rate_exclude_each_other():
 def test_a_rate_that_cannot_be_simulated_is_refused():
     with pytest.raises(ValueError, match=r"false_positive_rate=1e-06 .* at least 0\.0001"):
         detector(1e-6, n_neighbors=20).fit(plane(100, 0.1, seed=0))
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_the_rate_holds_for_whole_clean_scans(known):
+    """Also for kerbs, reveals, poles and a post, whether or not the sensor's position is known."""
+    street = make_street(20_000, outlier_share=0, sampling="scan_lines", random_state=0)
+    origin = street.scanners[0] if known else None
+    fitted = detector(0.01, n_neighbors=50, sensor_origin=origin).fit(street.data)
+    assert 0.008 < (fitted.scores_ < fitted.offset_).mean() < 0.013

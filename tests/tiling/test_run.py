@@ -65,7 +65,7 @@ def test_the_output_does_not_depend_on_the_number_of_processes(street_file, tmp_
         {"method": "pca"},
         {"method": "mcmd_md", "n_neighbors": 20},
         {"radius": 0.2, "features": ["roughness", "mean_curvature", "max_curvature_direction"]},
-        {"orientation": "viewpoint", "viewpoint": [362_002, 5_157_002, 103]},
+        {"orientation": "sensor", "sensor_origin": [362_002, 5_157_002, 103]},
     ],
     ids=lambda params: "-".join(params),
 )

@@ -1,0 +1,253 @@
+"""Where the sensor stood: empty space, sheets of rays, sparse surfaces, and what stays the same."""
+
+import pickle
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from sklearn import config_context
+from sklearn.base import clone
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import FunctionTransformer
+
+from sklearn_mcmd import MCMDOutlierDetector
+from sklearn_mcmd.datasets import make_spinning_turn, make_street
+from sklearn_mcmd.outliers._rays import RayLimits, Rays, one_far_position
+
+HEIGHT = 2.0  # of the sensor above the ground of the simulated room
+
+
+def room(n_rings=40, n_steps=300, rng=None, noise=0.003):
+    """A turn of a sensor at the origin in a room of 20 m by 20 m, its ground 2 m below."""
+    rng = rng or np.random.default_rng(0)
+    elevation = np.repeat(np.radians(np.linspace(-40, 12, n_rings)), n_steps)
+    azimuth = np.tile(np.linspace(-np.pi, np.pi, n_steps, endpoint=False), n_rings)
+    azimuth += 0.3 * (azimuth[1] - azimuth[0]) * rng.random(len(azimuth))
+    rays = np.column_stack([
+        np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation),
+    ])  # fmt: skip
+    wall = 10 / np.abs(rays[:, :2]).max(axis=1)
+    with np.errstate(divide="ignore"):
+        ground = np.where(rays[:, 2] < 0, HEIGHT / -rays[:, 2], np.inf)
+    ranges = np.minimum(wall, ground) + rng.normal(0, noise, len(rays))
+    return ranges[:, None] * rays
+
+
+def flakes(n, rng):
+    """Points in the free space of the room."""
+    directions = rng.normal(size=(n, 3)) * [1, 1, 0.2]
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return rng.uniform(1.5, 4.5, (n, 1)) * directions
+
+
+@pytest.fixture(scope="module")
+def snowed():
+    rng = np.random.default_rng(1)
+    X = np.vstack([room(rng=rng), flakes(300, rng)])
+    order = rng.permutation(len(X))
+    return X[order], np.repeat([False, True], [len(X) - 300, 300])[order]
+
+
+def detector(**parameters):
+    return MCMDOutlierDetector(random_state=0, **parameters)
+
+
+def test_flakes_are_found_and_rings_are_kept(snowed):
+    X, snow = snowed
+    flagged = detector(sensor_origin="origin").fit_predict(X) == -1
+    assert flagged[snow].mean() > 0.95
+    assert flagged[~snow].mean() < 0.002
+
+
+def test_turns_of_a_simulated_sensor_lose_less_with_its_position():
+    turn = make_spinning_turn(30_000, outlier_kinds=["particle"], random_state=0)
+    regular = turn.target == 1
+    lost, found = {}, {}
+    for name, origin in (("coordinates", None), ("rays", turn.viewpoints)):
+        flagged = detector().fit(turn.data, sensor_origin=origin).scores_ < -3
+        lost[name], found[name] = flagged[regular].mean(), flagged[~regular].mean()
+    assert lost["rays"] < 0.5 * lost["coordinates"]
+    assert found["rays"] > 0.9
+
+
+@pytest.fixture(scope="module")
+def street():
+    return make_street(
+        20_000, sampling="scan_lines", outlier_share=0.1, outlier_kinds=["mixed_pixel"],
+        tree=True, random_state=0,
+    )  # fmt: skip
+
+
+def test_sheets_of_mixed_pixels_are_found_and_the_rest_of_the_street_stays(street):
+    mixed = street.target == -1
+    known = detector(sensor_origin=street.scanners[0]).fit_predict(street.data) == -1
+    unknown = detector().fit_predict(street.data) == -1
+    assert known[mixed].mean() > 0.7 > 0.5 > unknown[mixed].mean()
+    assert known[~mixed].mean() < 0.008
+    foliage = street.surface == street.surface_names.index("foliage")
+    assert known[foliage].mean() < 0.04  # leaves next to the sheets; .015 at 100,000 points
+
+
+def test_sheets_go_at_every_strictness(street):
+    mixed = street.target == -1
+    for strictness in ("isolated", "surfaces"):
+        found = detector(strictness=strictness, sensor_origin=street.scanners[0])
+        assert (found.fit_predict(street.data) == -1)[mixed].mean() > 0.7
+
+
+def test_one_position_for_each_point_says_the_same_as_one_for_all(snowed):
+    X, _ = snowed
+    scores = [
+        detector(sensor_origin=parameter).fit(X, sensor_origin=given).scores_
+        for parameter, given in (
+            ("origin", None),
+            ([0.0, 0.0, 0.0], None),
+            (None, "origin"),
+            (None, np.zeros(3)),
+            (None, np.zeros_like(X)),
+            ([7.0, 7.0, 7.0], "origin"),
+        )
+    ]
+    for others in scores[1:]:
+        assert_array_equal(others, scores[0])
+
+
+def test_two_positions_are_told_apart(snowed):
+    """Two turns on both sides of a wall between: the rays of one say nothing of the other's."""
+    X, snow = snowed
+    both = np.vstack([X, X + np.array([40.0, 0, 0])])
+    origins = np.repeat([[0.0, 0, 0], [40, 0, 0]], len(X), axis=0)
+    flagged = detector().fit(both, sensor_origin=origins).scores_ < -3
+    assert flagged[np.tile(snow, 2)].mean() > 0.95
+    assert flagged[~np.tile(snow, 2)].mean() < 0.004
+
+
+def test_neither_the_order_of_rows_nor_threads_matter(snowed):
+    X, _ = snowed
+    scores = detector(sensor_origin="origin").fit(X).scores_
+    assert_array_equal(detector(sensor_origin="origin", n_jobs=2).fit(X).scores_, scores)
+    order = np.random.default_rng(2).permutation(len(X))
+    assert_array_equal(detector(sensor_origin="origin").fit(X[order]).scores_, scores[order])
+    origins = np.random.default_rng(3).normal(0, 0.1, X.shape)
+    scores = detector().fit(X, sensor_origin=origins).scores_
+    found = detector().fit(X[order], sensor_origin=origins[order]).scores_
+    assert_array_equal(found, scores[order])
+
+
+def test_moving_turning_and_scaling_cloud_and_sensor_changes_nothing(snowed):
+    X, _ = snowed
+    before = detector(sensor_origin="origin").fit(X).scores_ < -3
+    rotation, _ = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))
+    moved = 3.28 * (X @ rotation.T) + [300, -500, 40]
+    after = detector(sensor_origin=[300, -500, 40]).fit(moved).scores_ < -3
+    assert np.count_nonzero(before != after) <= 2
+
+
+def test_points_of_the_cloud_keep_their_scores_and_new_flakes_are_found(snowed):
+    X, _ = snowed
+    for given in ("origin", np.zeros_like(X)):
+        fitted = detector().fit(X, sensor_origin=given)
+        assert_array_equal(fitted.score_samples(X), fitted.scores_)
+        assert_array_equal(detector().fit_predict(X, sensor_origin=given), fitted.predict(X))
+        rng = np.random.default_rng(5)
+        assert (fitted.predict(flakes(200, rng)) == -1).mean() > 0.9
+        assert (fitted.predict(room(rng=rng)[::7]) == -1).mean() < 0.01
+        again = pickle.loads(pickle.dumps(fitted))
+        assert_array_equal(again.score_samples(X[::9] + 0.01), fitted.score_samples(X[::9] + 0.01))
+
+
+def test_points_at_the_sensor_go_by_coordinates(snowed):
+    X, snow = snowed
+    with_silent = np.vstack([X, np.zeros((400, 3))])
+    flagged = detector(sensor_origin="origin").fit_predict(with_silent) == -1
+    assert not flagged[len(X) :].any()  # places measured so often keep company with themselves
+    assert flagged[: len(X)][snow].mean() > 0.95
+
+
+def test_it_passes_through_a_pipeline(snowed):
+    X, _ = snowed
+    expected = detector().fit_predict(X, sensor_origin=np.zeros_like(X))
+    with config_context(enable_metadata_routing=True):
+        asking = detector().set_fit_request(sensor_origin=True)
+        pipeline = make_pipeline(FunctionTransformer(), asking)
+        pipeline.fit(X, sensor_origin=np.zeros_like(X))
+    assert_array_equal(pipeline.predict(X), expected)
+
+
+def test_it_is_cloned_and_set():
+    asked = clone(detector(sensor_origin=[1.0, 2.0, 3.0])).set_params(sensor_origin="origin")
+    assert asked.get_params()["sensor_origin"] == "origin"
+
+
+@pytest.mark.parametrize(
+    ("origin", "message"),
+    [
+        ([0.0, 0.0], r"sensor_origin must be .* shape \(3,\).*got shape \(2,\)"),
+        (np.zeros((7, 3)), r"sensor_origin must be .* got shape \(7, 3\)"),
+        ([0.0, np.nan, 0.0], "sensor_origin contains NaN"),
+        ("there", "sensor_origin"),
+    ],
+)
+def test_errors_name_the_parameter(origin, message):
+    X = np.random.default_rng(0).random((60, 3))
+    with pytest.raises(ValueError, match=message):
+        detector().fit(X, sensor_origin=origin)
+    with pytest.raises(ValueError, match=message.replace("there", "sensor_origin")):
+        detector(sensor_origin=origin).fit(X)
+
+
+def test_all_points_at_the_sensor_have_no_rays():
+    with pytest.raises(ValueError, match="sensor_origin is where all points are"):
+        detector(sensor_origin=[1.0, 1.0, 1.0]).fit(np.ones((60, 3)))
+
+
+@pytest.mark.parametrize("parameters", [{"strictness": None}, {"n_neighbors": None}])
+def test_planes_alone_have_no_use_for_it(parameters):
+    X = np.random.default_rng(0).random((60, 3))
+    with pytest.raises(ValueError, match="sensor_origin has no meaning"):
+        detector(sensor_origin="origin", **parameters).fit(X)
+
+
+@pytest.mark.parametrize("n_features", [2, 3, 4])
+def test_it_works_in_any_dimension_and_on_few_points(n_features):
+    rng = np.random.default_rng(0)
+    for n in (8, 60, 300):
+        X = 3 + rng.random((n, n_features)) * np.r_[np.ones(n_features - 1), 0.01]
+        scores = detector(n_neighbors=8, sensor_origin="origin").fit(X).scores_
+        assert np.isfinite(scores).all()
+
+
+def test_one_position_far_from_the_cloud_tells_no_sheets():
+    """A facade below an aircraft: it may have been seen from the side."""
+    rng = np.random.default_rng(0)
+    facade = rng.uniform([0, 0, 0], [20, 0.02, 20], (8000, 3))
+    ground = rng.uniform([0, -20, 0], [20, 0, 0.02], (8000, 3))
+    X = np.vstack([facade, ground])
+    flagged = detector(sensor_origin=[10, -5, 500]).fit_predict(X) == -1
+    assert flagged.mean() < 0.01
+    assert one_far_position(X, np.broadcast_to([10.0, -5, 500], X.shape))
+    assert not one_far_position(X, np.broadcast_to([10.0, -5, 30], X.shape))
+    assert not one_far_position(X, np.vstack([X[1:], X[:1]]) + 500)
+
+
+def test_the_range_to_a_plane_follows_its_tilt():
+    """Without noise the ranges of a wall scatter by nothing, however much it is grazed."""
+    X = room(n_steps=600, noise=0.0)
+    fitted = detector(sensor_origin="origin").fit(X)
+    cloud = fitted._cloud
+    inner = np.abs(np.abs(cloud.rays.points[:, 0]) - 10) < 1e-9
+    inner &= (np.abs(cloud.rays.points[:, 1]) < 8) & (cloud.rays.points[:, 2] > -1)
+    assert np.median(cloud.scatter[inner]) < 0.1
+
+
+def test_witnesses_pass_or_end_before():
+    """A point halfway to a wall is passed by all beams; one behind it is hidden."""
+    y, z = (g.ravel() for g in np.meshgrid(np.linspace(-1, 1, 21), np.linspace(-1, 1, 21)))
+    wall = np.column_stack([np.full(y.size, 5.0), y, z])
+    X = np.vstack([wall, [[2.5, 0.01, 0.02], [9.0, 0.3, 0.3]]])
+    rays = Rays(X, np.zeros_like(X), RayLimits(), None)
+    witnesses = rays.witnesses(np.array([len(X) - 2, len(X) - 1, 220]))
+    assert_allclose(witnesses.farther[0], 1)
+    assert_allclose(witnesses.farther[1], -1)
+    assert np.count_nonzero(np.abs(witnesses.farther[2]) < 0.1) >= 7  # all but the flake
+    assert witnesses.near[0].all()
