@@ -72,9 +72,10 @@ def denoise(
         Mode,
         typer.Option(
             help="drop: remove outliers. mark: keep all points, add an 'outlier_score' and mark "
-            "outliers: in LAS and LAZ as class 7 (low noise) if they lie lower than all kept "
-            "points around, else as class 18 (high noise), or 7 where the point format has no 18; "
-            "elsewhere by an attribute 'outlier'."
+            "outliers: in LAS and LAZ as class 7 (low noise) if they lie lower than all ground "
+            "(class 2) around, or without ground than all kept points around, else as class 18 "
+            "(high noise), or 7 where the point format has no 18; elsewhere by an attribute "
+            "'outlier'."
         ),
     ] = Mode.drop,
     n_neighbors: NNeighbors = 50,
@@ -311,7 +312,7 @@ def _verdict(cloud, points, detector, low_groups):
     flagged = score > cutoff
     score[~points.judged] = np.nan
     classes = noise_classes(
-        cloud.xyz, flagged & points.judged, points.used & ~flagged,
+        cloud, flagged & points.judged, flagged, points.used,
         detector.n_neighbors or len(cloud),
     )  # fmt: skip
     classes[under] = LOW_NOISE

@@ -14,6 +14,7 @@ __all__ = [
     "LowestPoints",
     "classes_of",
     "classes_of_noise",
+    "ground_in",
     "noise_classes",
 ]
 
@@ -72,14 +73,18 @@ class LowestPoints:
 
     Parameters
     ----------
-    n_points : int
-        All that will be added.
+    most_points : int
+        No more will be added.
     n_usual : int
+
+    Attributes
+    ----------
+    n_points : int
+        That were added.
     """
 
-    def __init__(self, n_points, n_usual):
-        self.n_usual = n_usual
-        self.most = max(1, n_points // n_usual)
+    def __init__(self, most_points, n_usual):
+        self.most_points, self.n_usual, self.n_points = most_points, n_usual, 0
         self.exponent = -1074
         self.codes = np.empty(0, np.uint64)
         self.counts, self.lowest = np.empty(0, np.int64), np.empty(0)
@@ -95,8 +100,8 @@ class LowestPoints:
         parts = (codes, np.ones(len(xyz), np.int64), xyz[:, 2])
         both = zip((self.codes, self.counts, self.lowest), parts, strict=True)
         self.codes, self.counts, self.lowest = _joined(*map(np.concatenate, both))
-        while len(self.codes) > self.most:
-            self._coarsen(self.exponent + 1)
+        self.n_points += len(xyz)
+        self._limit(self.most_points)
 
     def are_above(self, xyz):
         """Which points (n, 3) lie lower than all around them.
@@ -107,6 +112,7 @@ class LowestPoints:
         low = np.zeros(len(xyz), bool)
         if not len(self.codes) or not len(xyz):
             return low
+        self._limit(self.n_points)
         codes, counts, lowest = self.codes, self.counts, self.lowest
         asked, rows = _codes(xyz, self.exponent), np.arange(len(xyz))
         for _ in range(LEVELS):
@@ -120,6 +126,11 @@ class LowestPoints:
         low[rows] = xyz[rows, 2] < lowest.min()
         return low
 
+    def _limit(self, n_points):
+        """Let squares have enough of so many points on average."""
+        while len(self.codes) > max(1, n_points // self.n_usual):
+            self._coarsen(self.exponent + 1)
+
     def _coarsen(self, exponent):
         """Make the squares as large as this power of two."""
         if len(self.codes) and exponent > self.exponent:
@@ -130,24 +141,37 @@ class LowestPoints:
         self.exponent = exponent
 
 
-def noise_classes(xyz, is_outlier, used, n_usual):
+def noise_classes(cloud, marked, flagged, used, n_usual):
     """The class of each outlier: low or high noise; 0 for all other points.
 
     Parameters
     ----------
-    xyz : ndarray of shape (n, 3)
-    is_outlier : ndarray of bool of shape (n,)
-    used : ndarray of bool of shape (n,)
-        Points that the outliers are compared with, if they are none themselves.
+    cloud : PointCloud
+    marked, flagged, used : ndarray of bool of shape (n,)
+        Points to give a class, those that no other is compared with, and those that the verdict is
+        based on. Low is what lies lower than all ground around it, if there is ground, else than
+        all that was used.
     n_usual : int
         Of `LowestPoints`.
     """
-    kept = used & ~is_outlier
-    lowest = LowestPoints(np.count_nonzero(kept), n_usual)
-    lowest.add(xyz[kept])
-    classes = np.zeros(len(xyz), np.uint8)
-    classes[is_outlier] = classes_of_noise(lowest, xyz[is_outlier])
+    compared = ground_in(cloud)
+    if compared is None or np.count_nonzero(compared & ~flagged) < n_usual:
+        compared = used
+    lowest = LowestPoints(len(cloud), n_usual)
+    lowest.add(cloud.xyz[compared & ~flagged])
+    classes = np.zeros(len(cloud), np.uint8)
+    classes[marked] = classes_of_noise(lowest, cloud.xyz[marked])
     return classes
+
+
+def ground_in(cloud):
+    """A mask of the points of the ground, without those that are withheld; None without classes."""
+    if "classification" not in cloud.attributes:
+        return None
+    ground = np.asarray(cloud.attributes["classification"]) == GROUND
+    if "withheld" in cloud.attributes:
+        ground &= np.asarray(cloud.attributes["withheld"]) == 0
+    return ground
 
 
 def classes_of_noise(lowest, xyz):

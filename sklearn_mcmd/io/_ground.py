@@ -5,7 +5,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from sklearn_mcmd.io._classes import GROUND, classes_of
+from sklearn_mcmd.io._classes import GROUND, classes_of, ground_in
 from sklearn_mcmd.io._point_cloud import PointFileError
 
 __all__ = ["depths_of_groups", "ground_of", "heights_over_ground"]
@@ -24,9 +24,8 @@ def ground_of(cloud):
     PointFileError
         If there is no ground.
     """
-    ground = classes_of(cloud) == GROUND
-    if "withheld" in cloud.attributes:
-        ground &= np.asarray(cloud.attributes["withheld"]) == 0
+    classes_of(cloud)
+    ground = ground_in(cloud)
     if np.count_nonzero(ground) < CORNERS:
         raise PointFileError(
             f"heights over the ground are asked for, and fewer than {CORNERS} points have the "

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from sklearn.base import clone
 
-from sklearn_mcmd.io._classes import Choice, LowestPoints
+from sklearn_mcmd.io._classes import Choice
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff, sample_step
 from sklearn_mcmd.planes._around import ratio
@@ -21,6 +21,7 @@ from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._joining import join_parts
+from sklearn_mcmd.tiling._lowest import lowest_points
 from sklearn_mcmd.tiling._memory import check_division, parse_memory, plan_run, usual_memory
 from sklearn_mcmd.tiling._outputs import (
     SCORED,
@@ -116,9 +117,10 @@ def write_denoised(
     mode : {"drop", "mark"}, default="drop"
         "drop" leaves out outliers; a file of nothing else becomes one without points. "mark" keeps
         all points, gives outliers the classification 7 (low noise) or 18 (high noise), and adds an
-        attribute ``outlier_score``. An outlier is low if it lies lower than all kept points around
-        it in plan: in the smallest square that has at least `n_neighbors` of them, of those whose
-        sides are powers of two. Point formats 0 to 5 define no high noise: there it is 7, too.
+        attribute ``outlier_score``. An outlier is low if it lies lower than all ground (class 2)
+        around it in plan, or if there is no ground, than all kept points: those in the smallest
+        square that has at least `n_neighbors` of them, of squares whose sides are powers of two.
+        Point formats 0 to 5 define no high noise: there it is 7, too.
     ignore_classes : iterable of int, default=()
         Points of these classes are neither judged nor used to judge others; their score is NaN.
         They are kept as they are. So are points that are marked withheld, always.
@@ -196,7 +198,7 @@ def write_denoised(
         with progress_part(COMPUTED, 1.0, "writing"):
             lowest = None
             if mode == "mark":
-                lowest = _lowest_kept(folder, cells, estimator.n_neighbors, cutoff)
+                lowest = lowest_points(catalog, folder, cells, estimator.n_neighbors, cutoff)
             n_outliers, n_exact = write_denoised_outputs(
                 catalog, targets, folder, mode, cutoff, choice, lowest
             )
@@ -311,19 +313,6 @@ def _judge_together(job, cells, cutoff):
         places = np.searchsorted(rows, part["row"], sorter=order)
         _write(job.columns, cell, part["row"], -detector.scores_[places])
     return -detector.offset_
-
-
-def _lowest_kept(folder, cells, n_neighbors, cutoff):
-    """The `LowestPoints` of all points that are no outliers."""
-
-    def kept():
-        for cell, scores in enumerate(scores_in_parts(folder.results, len(cells))):
-            yield cell, scores <= cutoff
-
-    lowest = LowestPoints(sum(int(np.count_nonzero(some)) for _, some in kept()), n_neighbors)
-    for cell, some in kept():
-        lowest.add(cells.read(cell)["xyz"][some])
-    return lowest
 
 
 def _simulated_cutoff(job, columns, n_cells):

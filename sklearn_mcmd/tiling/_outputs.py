@@ -24,6 +24,7 @@ from sklearn_mcmd.tiling._tile import result_dtype, tile_files
 __all__ = [
     "LABELED",
     "SCORED",
+    "Results",
     "content_of",
     "has_scores",
     "scores_in_parts",
@@ -183,7 +184,7 @@ def _write(catalog, targets, folder, dtype, make, measure, content, choice=None)
     It returns what to write, and which points to mark in it. `content` tells this from other
     outputs of the same results. With a `choice`, points that it does not take have no results: NaN.
     """
-    results = _Results(folder.results, len(Cells(folder.cells)), dtype)
+    results = Results(folder.results, len(Cells(folder.cells)), dtype)
     first, total = 0, 0.0
     joined = len(targets) < len(catalog)
     header = joined_header(catalog.paths) if joined else None
@@ -265,7 +266,7 @@ def scores_in_parts(results, n_cells):
         yield np.fromfile(tile_files(results, cell)[0], SCORED)["values"][:, 0]
 
 
-class _Results:
+class Results:
     """The results of all tiles in the order of the points, of which each is asked for once."""
 
     def __init__(self, folder, n_tiles, dtype):

@@ -100,9 +100,28 @@ def test_noise_under_the_ground_is_low_and_that_over_it_or_under_a_roof_is_high(
     outliers = np.array([[5, 5, -2], [15, 15, -0.5], [5, 5, 9], [15, 15, 8], [15, 15, 3]])
     xyz = np.vstack([ground, roof, outliers])
     is_outlier = np.arange(len(xyz)) >= len(xyz) - 5
-    classes = noise_classes(xyz, is_outlier, np.ones(len(xyz), bool), 50)
+    used = np.ones(len(xyz), bool)
+    classes = noise_classes(PointCloud(xyz), is_outlier, is_outlier, used, 50)
     assert_array_equal(classes[-5:], [7, 7, 18, 18, 18])
     assert not classes[:-5].any()
+
+
+def test_where_there_is_ground_low_noise_is_lower_than_the_ground_and_not_than_a_roof():
+    ground = RNG.uniform(0, 30, (4_000, 3)) * [1, 1, 0.001]
+    ground = ground[((ground[:, :2] < 10) | (ground[:, :2] > 20)).any(axis=1)]
+    roof = RNG.uniform(10, 20, (1_500, 3)) * [1, 1, 0] + [0, 0, 6]
+    outliers = np.array([[15, 15, 3], [15, 15, -2], [5, 5, -0.2]])
+    xyz = np.vstack([ground, roof, outliers])
+    is_outlier = np.arange(len(xyz)) >= len(xyz) - 3
+    used = np.ones(len(xyz), bool)
+    for ground_class, expected in ((2, [18, 7, 7]), (1, [7, 7, 7])):
+        classes = np.repeat([ground_class, 6, 1], [len(ground), len(roof), 3])
+        cloud = PointCloud(xyz, {"classification": classes})
+        found = noise_classes(cloud, is_outlier, is_outlier, used, 50)
+        assert_array_equal(found[-3:], expected)
+        # Ground that is not used counts as well.
+        found = noise_classes(cloud, is_outlier, is_outlier, used & (classes != 2), 50)
+        assert_array_equal(found[-3:], expected)
 
 
 @pytest.mark.parametrize("noise", [np.array([7.0, 0, 0]), np.array([2, 0, 0]), np.array([7])])

@@ -16,7 +16,7 @@ from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_point
 from sklearn_mcmd.io._classes import noise_classes
 from sklearn_mcmd.tiling import TilingError, _denoise, _surfaces, write_denoised
 from sklearn_mcmd.tiling._cells import Cells
-from sklearn_mcmd.tiling._outputs import SCORED, _Results
+from sklearn_mcmd.tiling._outputs import SCORED, Results
 from tiled import street
 
 DETECTOR = MCMDOutlierDetector(16, random_state=0)
@@ -73,7 +73,7 @@ def by_tiles(monkeypatch, tmp_path):
     write = _denoise.write_denoised_outputs
 
     def keep_scores(catalog, targets, folder, *args):
-        results = _Results(folder.results, len(Cells(folder.cells)), SCORED)
+        results = Results(folder.results, len(Cells(folder.cells)), SCORED)
         found.append(results.take(0, catalog.n_points)[:, 0])
         return write(catalog, targets, folder, *args)
 
@@ -196,7 +196,7 @@ def test_files_are_those_that_memory_writes(mode, n_jobs, tmp_path):
         write_points(expected, cloud.subset(~is_outlier))
     else:
         scores = (-fitted.scores_).astype(np.float32)
-        noise = noise_classes(cloud.xyz, is_outlier, ~is_outlier, 16)
+        noise = noise_classes(cloud, is_outlier, is_outlier, np.ones(8_000, bool), 16)
         assert set(noise) == {0, 7, 18}
         write_points(expected, cloud.with_attributes(outlier_score=scores), noise=noise)
     report = write_denoised(path, target, DETECTOR, mode=mode, tile_size=3_000, n_jobs=n_jobs)
@@ -222,7 +222,7 @@ def test_points_that_are_withheld_or_of_other_classes_are_as_in_memory(mode, tmp
     if mode == "drop":
         write_points(expected, cloud.subset(~is_outlier))
     else:
-        noise = noise_classes(cloud.xyz, is_outlier, used, 16)
+        noise = noise_classes(cloud, is_outlier, is_outlier, used, 16)
         scores = scores.astype(np.float32)
         write_points(expected, cloud.with_attributes(outlier_score=scores), noise=noise)
     report = write_denoised(
