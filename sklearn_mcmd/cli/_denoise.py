@@ -9,6 +9,14 @@ import typer
 
 from sklearn_mcmd.cli._engine import Scheduler, engine
 from sklearn_mcmd.cli._files import WORKING, blank, coordinates, read, rehearse, with_results, write
+from sklearn_mcmd.cli._judged import (
+    Above,
+    Below,
+    IgnoreClass,
+    LowGroups,
+    OnlyClass,
+    judged_points,
+)
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
@@ -31,6 +39,7 @@ from sklearn_mcmd.cli._speech import (
     stopwatch,
 )
 from sklearn_mcmd.cli._waiting import progress
+from sklearn_mcmd.io._classes import LOW_NOISE, Choice, noise_classes
 from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["denoise"]
@@ -63,7 +72,10 @@ def denoise(
         Mode,
         typer.Option(
             help="drop: remove outliers. mark: keep all points, add an 'outlier_score' and mark "
-            "outliers, as class 7 (noise) in LAS and LAZ, elsewhere by an attribute 'outlier'."
+            "outliers: in LAS and LAZ as class 7 (low noise) if they lie lower than all ground "
+            "(class 2) around, or without ground than all kept points around, else as class 18 "
+            "(high noise), or 7 where the point format has no 18; elsewhere by an attribute "
+            "'outlier'."
         ),
     ] = Mode.drop,
     n_neighbors: NNeighbors = 50,
@@ -131,6 +143,11 @@ def denoise(
             "--cutoff. Above 0, up to 0.5.",
         ),
     ] = None,
+    ignore_class: IgnoreClass = None,
+    only_class: OnlyClass = None,
+    above: Above = None,
+    below: Below = None,
+    low_groups: LowGroups = False,
     outlier_rate: OutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
@@ -148,6 +165,10 @@ def denoise(
     score up to 3 means that the point is on a surface or near other points, 10 means a clear
     error, and 100 a gross error. To keep only surfaces, give --strictness surfaces. To lose a
     stated share of good points, give --false-positive-rate 0.01.
+
+    Points that are marked withheld are neither judged nor used to judge others. With
+    --ignore-class, --only-class, --above and --below, others are not judged either. All of these
+    stay in the file, as they are.
 
     LAS and LAZ that need more than --memory, and folders of them, are divided into tiles, and with
     --scheduler all are. The results are the same. Temporary files lie beside OUT, in OUT.tiles. If
@@ -175,38 +196,60 @@ def denoise(
     }
     with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = stopwatch()
+        choice = Choice(ignore_class or (), only_class or ())
         catalog = large_catalog(source, memory, 0, scheduler is not None)
         if dry_run:
             print_plan(source, target, catalog, _detector(params), memory, work="outliers")
             return
         if catalog is not None:
+            _refuse_heights(source, above, below, low_groups)
             return _by_tiles(
-                *(source, target, catalog, params, mode, memory, restart, report, quiet, seconds)
+                *(source, target, catalog, params, choice, mode, memory, restart, report, quiet),
+                seconds,
             )
         with progress("denoise", quiet):
             mark = mode is Mode.mark
             cloud = read(source, target, "marks of outliers" if mark else None)
+            points = judged_points(source, cloud, choice, above, below, low_groups)
             nothing = blank(cloud)
-            rehearse(target, *_denoised(cloud, nothing > 0, nothing, mark))
-            detector = _find_outliers(coordinates(cloud), **params)
-            is_outlier, score = detector.scores_ < detector.offset_, -detector.scores_
+            rehearse(target, *_denoised(cloud, nothing.astype(np.uint8), nothing, mark))
+            some = cloud if points.used.all() else cloud.subset(points.used)
+            detector = _find_outliers(coordinates(some), **params)
+            classes, score = _verdict(cloud, points, detector, low_groups)
+            is_outlier = classes != 0
             _warn_if_without_scale(_n_without_scale(score[is_outlier]), len(cloud))
-            write(target, *_denoised(cloud, is_outlier, score, mark))
+            write(target, *_denoised(cloud, classes, score, mark))
             write_report_of(
-                report, source, target, seconds, lambda: _contents(cloud, detector, mark)
-            )
+                report, source, target, seconds,
+                lambda: _contents(some, detector, mark, is_outlier[points.used], len(cloud)),
+            )  # fmt: skip
         if not quiet:
+            judged = {} if points.judged.all() else {"judged": count_and_share(points.judged)}
             found = {"marked" if mark else "removed": count_and_share(is_outlier)}
-            print_summary(source, target, len(cloud), seconds(), **found)
+            print_summary(source, target, len(cloud), seconds(), **judged, **found)
 
 
-def _by_tiles(source, target, catalog, params, mode, memory, restart, report, quiet, seconds):
+def _refuse_heights(source, above, below, low_groups):
+    """Raise where heights over the ground are asked for: they need all points of the ground."""
+    given = {"--above": above is not None, "--below": below is not None, "--low-groups": low_groups}
+    for name, is_given in given.items():
+        if is_given:
+            raise ValueError(
+                f"{source}: {name} needs the whole cloud in memory, and this one is divided into "
+                "tiles; give more --memory, or its files one by one"
+            )
+
+
+def _by_tiles(
+    source, target, catalog, params, choice, mode, memory, restart, report, quiet, seconds
+):
     from sklearn_mcmd.tiling import write_denoised
 
     with progress("denoise", quiet):
         told = write_denoised(
             catalog, target, _detector(params), mode=str(mode), memory=memory,
-            n_jobs=params["n_jobs"], restart=restart,
+            n_jobs=params["n_jobs"], restart=restart, ignore_classes=choice.ignored,
+            only_classes=choice.only,
         )  # fmt: skip
         write_report_of(
             report, source, target, seconds,
@@ -215,9 +258,11 @@ def _by_tiles(source, target, catalog, params, mode, memory, restart, report, qu
     _warn_if_without_scale(told.n_exact, told.n_points)
     if not quiet:
         found = number_and_share(told.n_outliers, told.n_points)
-        again = told.n_points - told.n_proved
+        again = told.n_judged - told.n_proved
+        judged = {"judged": number_and_share(told.n_judged, told.n_points)}
         print_summary(
             *(source, target, told.n_points, seconds()),
+            **(judged if told.n_judged < told.n_points else {}),
             tiles=f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
             **{"marked" if mode is Mode.mark else "removed": found},
             proved=f"all; {again:,} from more points than lie around their tile",
@@ -253,10 +298,31 @@ def _find_outliers(xyz, **params):
         return _detector(params).fit(xyz)
 
 
-def _contents(cloud, detector, mark):
+def _verdict(cloud, points, detector, low_groups):
+    """The class of each outlier as noise, 0 of others, and scores, NaN where none is judged."""
+    score, cutoff = np.full(len(cloud), np.nan), -detector.offset_
+    score[points.used] = -detector.scores_
+    under = np.zeros(len(cloud), bool)
+    if low_groups:
+        from sklearn_mcmd.io._ground import depths_of_groups
+
+        depths = depths_of_groups(cloud.xyz, points.ground, points.judged)
+        under = depths > cutoff
+        score = np.maximum(score, depths)
+    flagged = score > cutoff
+    score[~points.judged] = np.nan
+    classes = noise_classes(
+        cloud, flagged & points.judged, flagged, points.used,
+        detector.n_neighbors or len(cloud),
+    )  # fmt: skip
+    classes[under] = LOW_NOISE
+    return classes, score
+
+
+def _contents(cloud, detector, mark, found, n_all):
     from sklearn_mcmd.report._denoise import denoise_contents
 
-    return denoise_contents(cloud, detector, marked=mark)
+    return denoise_contents(cloud, detector, marked=mark, found=found, n_others=n_all - len(cloud))
 
 
 def _n_without_scale(scores):
@@ -277,8 +343,8 @@ def _warn_if_without_scale(n_without, n_points):
         )
 
 
-def _denoised(cloud, is_outlier, score, mark):
-    """The cloud to write, and the points to mark in it."""
+def _denoised(cloud, classes, score, mark):
+    """The cloud to write, and the classes of noise to mark in it."""
     if not mark:
-        return cloud.subset(~is_outlier), None
-    return with_results(cloud, {"outlier_score": score.astype(np.float32)}), is_outlier
+        return cloud.subset(classes == 0), None
+    return with_results(cloud, {"outlier_score": score.astype(np.float32)}), classes

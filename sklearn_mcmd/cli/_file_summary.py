@@ -4,9 +4,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sklearn_mcmd.io._las import coordinate_system
+from sklearn_mcmd.io._sensor import stated_positions
 from sklearn_mcmd.report._facts import distinct_points, median_spacing
 
 __all__ = ["summarize"]
+
+TELLING = {"las_header", "pcd_viewpoint", "sensor_positions"}  # of formats that may tell the sensor
 
 
 def summarize(source, cloud):
@@ -23,6 +26,8 @@ def summarize(source, cloud):
     if len(distinct) > 1:
         spacing = median_spacing(cKDTree(distinct, balanced_tree=False))
         rows["spacing"] = f"{spacing:.4g} (median distance to the nearest)"
+    if TELLING & cloud.metadata.keys():
+        rows["sensor"] = _sensor(cloud)
     n_duplicates = len(xyz) - len(distinct)
     rows["duplicates"] = f"{n_duplicates:,} ({100 * n_duplicates / len(xyz):.2f} %)"
     constant = []
@@ -43,6 +48,18 @@ def summarize(source, cloud):
     if constant:
         rows["constant"] = ", ".join(constant)
     return rows
+
+
+def _sensor(cloud):
+    """Where the sensor stood, as the file tells, or why it is not known."""
+    positions, words = stated_positions(cloud)
+    if positions is None:
+        return f"not known: {words}"
+    places = np.unique(positions, axis=0)
+    first = ", ".join(f"{value:.10g}" for value in np.round(positions[0], 3))
+    if len(places) == 1:
+        return f"at {first} ({words})"
+    return f"at {len(places):,} places, first {first} ({words})"
 
 
 def _bounds(low, high):

@@ -13,9 +13,22 @@ extension               extra           what is kept
 ``.xyz .txt .csv``      none            columns of numbers, with or without a header line
 ``.npy .npz``           none            everything numeric
 ======================  ==============  ====================================================
+
+Where the sensor stood is told by E57, PCD, LAS with scan angles, and trajectories.
 """
 
 from sklearn_mcmd.io._files import read_points, supported_extensions, write_points
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
+from sklearn_mcmd.io._sensor import sensor_positions
+from sklearn_mcmd.io._trajectory import Trajectory, read_trajectory
 
-__all__ = ["PointCloud", "PointFileError", "read_points", "supported_extensions", "write_points"]
+__all__ = [
+    "PointCloud",
+    "PointFileError",
+    "Trajectory",
+    "read_points",
+    "read_trajectory",
+    "sensor_positions",
+    "supported_extensions",
+    "write_points",
+]

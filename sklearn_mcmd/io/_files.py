@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sklearn_mcmd.io._arrays import read_npy, read_npz, write_npy, write_npz
+from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
 from sklearn_mcmd.io._las import read_las, write_las
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 from sklearn_mcmd.io._scan_formats import (
@@ -140,9 +141,11 @@ def write_points(
         File to write; its extension chooses the format. It may be the file that was read.
     cloud : PointCloud or array-like of shape (n, 3)
         The cloud to write, with all points and all attributes.
-    noise : array-like of bool of shape (n,), default=None
+    noise : array-like of bool or int of shape (n,), default=None
         Points to mark as outliers: by classification 7 (noise) in LAS and LAZ, where other
-        points keep their class; elsewhere by a column ``outlier``.
+        points keep their class; elsewhere by a column ``outlier``. Integers tell low noise, 7, from
+        high noise, 18, and other points, 0. Point formats 0 to 5 of LAS define no high noise: there
+        it is 7, too.
     encoding : {"ascii", "binary", "binary_compressed"}, default=None
         For PLY (the first two) and PCD; None means "binary".
 
@@ -229,7 +232,7 @@ def write_points(
                 "or the inliers alone"
             )
         else:
-            cloud = cloud.with_attributes(outlier=noise)
+            cloud = cloud.with_attributes(outlier=noise != 0)
     with replacing(path) as temporary, one_clear_line(path, "written"):
         writer(temporary, cloud, **options)
 
@@ -270,10 +273,15 @@ def _extension(path):
 
 def _mask(noise, n_points):
     noise = np.asarray(noise)
-    if noise.dtype != bool or noise.shape != (n_points,):
+    if noise.dtype.kind not in "biu" or noise.shape != (n_points,):
         raise ValueError(
-            f"noise must be a boolean mask of shape ({n_points},), got shape {noise.shape} "
-            f"and dtype {noise.dtype}."
+            f"noise must be a boolean mask, or classes, of shape ({n_points},), got shape "
+            f"{noise.shape} and dtype {noise.dtype}."
+        )
+    if noise.dtype != bool and not np.isin(noise, (0, LOW_NOISE, HIGH_NOISE)).all():
+        raise ValueError(
+            f"noise must be 0, {LOW_NOISE} (low noise) or {HIGH_NOISE} (high noise), got "
+            f"{np.unique(noise)}."
         )
     return noise
 

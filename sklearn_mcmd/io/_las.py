@@ -5,6 +5,7 @@ import warnings
 
 import numpy as np
 
+from sklearn_mcmd.io._classes import LOW_NOISE
 from sklearn_mcmd.io._las_structure import check_structure
 from sklearn_mcmd.io._laz import read_compressed_points, write_compressed
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, flat_columns, import_extra
@@ -22,7 +23,7 @@ __all__ = [
     "write_las",
 ]
 
-NOISE_CLASS = 7  # ASPRS "low point (noise)", the same number in every point format
+FIRST_WITH_HIGH_NOISE = 6  # point format
 USER_DEFINED = 32767  # GeoTIFF's code for a system without a code
 LARGEST = 2**31 - 1
 COLORS = ("red", "green", "blue")
@@ -86,7 +87,10 @@ def cloud_of_points(points, header):
 
 
 def las_of_cloud(laspy, cloud, noise=None):
-    """What is to be written: laspy's header and points, with all attributes."""
+    """What is to be written: laspy's header and points, with all attributes.
+
+    `noise` is a mask, or the class of each point that is noise, and 0 of the others.
+    """
     if "las_points" in cloud.metadata:
         header = copy.deepcopy(cloud.metadata["las_header"])
         forget_copc(header)
@@ -103,7 +107,11 @@ def las_of_cloud(laspy, cloud, noise=None):
     _store_attributes(laspy, las, attributes)
     if noise is not None:
         classes = np.array(las.classification)
-        classes[noise] = NOISE_CLASS
+        if las.header.point_format.id < FIRST_WITH_HIGH_NOISE:
+            noise = noise != 0
+        if noise.dtype == bool:
+            noise = np.where(noise, LOW_NOISE, 0)
+        classes = np.where(noise != 0, noise, classes)
         las.classification = classes
     _forget_ranges(las.header)
     return las

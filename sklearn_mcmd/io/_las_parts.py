@@ -54,8 +54,8 @@ def _plain_parts(file, header, n_points):
 def writing_parts(path):
     """A function that appends the points of a cloud to a new LAS or LAZ file.
 
-    It takes a cloud, and which of its points to mark as noise. All clouds must come from one file,
-    in its order, with the same new attributes.
+    It takes a cloud, and which of its points to mark as noise, as `write_points` does. All clouds
+    must come from one file, in its order, with the same new attributes.
     """
     compressed = path.name.lower().endswith(".laz")
     laspy = import_laspy(compressed)

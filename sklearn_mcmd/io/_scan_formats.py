@@ -22,6 +22,7 @@ PCD_DTYPES = PLY_DTYPES | {"i8", "u8"}
 # Viewers expect normals in PLY under these names; in all other formats they have ours.
 PLY_NORMALS = {"nx": "normal_x", "ny": "normal_y", "nz": "normal_z"}
 COLORS = ("red", "green", "blue")
+MERGED = "cloud without setup"  # name of a scan whose pose is no place of a scanner
 E57_FIELDS = {
     "intensity": ("intensity", "f4"),
     "red": ("colorRed", "u1"),
@@ -133,11 +134,12 @@ def read_e57(path):
     pye57 = import_extra("pye57", "formats", "E57")
     names = {theirs: ours for ours, (theirs, _) in E57_FIELDS.items()}
     readable = {*names, *pye57.e57.SUPPORTED_POINT_FIELDS}
-    parts, skipped, n_points = [], set(), 0
+    parts, setups, skipped, n_points = [], [], set(), 0
     with pye57.E57(str(path)) as file:
         for i in range(file.scan_count):
             header = file.get_header(i)
             n_points += header.point_count
+            setups.append(_setup(file, i, header))
             skipped |= set(header.point_fields) - readable
             if not header.point_count:
                 continue
@@ -160,13 +162,29 @@ def read_e57(path):
         )
     if len(parts) == 1:
         shared.discard("scan_index")
+        setups = [setups[int(parts[0][1]["scan_index"][0])]]
     xyz = np.concatenate([xyz for xyz, _ in parts])
     merged = {
         name: np.concatenate([attributes[name] for _, attributes in parts])
         for name in parts[0][1]
         if name in shared
     }
-    return PointCloud(xyz, merged, n_dropped=n_points - len(xyz))
+    metadata = {"sensor_positions": np.array(setups)}
+    return PointCloud(xyz, merged, metadata, n_dropped=n_points - len(xyz))
+
+
+def _setup(file, i, header):
+    """Where the scanner of a scan stood, NaN if the scan does not tell.
+
+    Merged clouds are written as scans as well. A pose that moves nothing may be theirs, unless
+    there is a grid of measurements.
+    """
+    position = np.asarray(file.scan_position(i), float)[0]
+    has_grid = {"rowIndex", "columnIndex"} <= set(header.point_fields)
+    merged = "name" in header.scan_fields and header["name"].value() == MERGED
+    if merged or not header.has_pose() or not (position.any() or has_grid):
+        return np.full(3, np.nan)
+    return position
 
 
 def write_e57(path, cloud):
@@ -202,7 +220,7 @@ def write_e57(path, cloud):
         )
     file = pye57.E57(str(path), mode="w")
     try:
-        file.write_scan_raw(data, translation=center)
+        file.write_scan_raw(data, name=MERGED, translation=center)
         file.close()
     except Exception as err:
         if hasattr(file, "image_file"):

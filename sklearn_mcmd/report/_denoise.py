@@ -26,7 +26,7 @@ WORDS = {
 }
 
 
-def denoise_contents(cloud, detector, *, marked):
+def denoise_contents(cloud, detector, *, marked, found=None, n_others=0):
     """The contents of a report of `mcmd denoise`.
 
     Parameters
@@ -37,9 +37,13 @@ def denoise_contents(cloud, detector, *, marked):
         Fitted to it.
     marked : bool
         Whether outliers are marked, or dropped.
+    found : ndarray of bool of shape (n,), default=None
+        The outliers, if not all that the detector calls so, or others too.
+    n_others : int, default=0
+        Points of the file that the detector has not seen.
     """
     score, cutoff = -detector.scores_, float(-detector.offset_)
-    found = score > cutoff
+    found = score > cutoff if found is None else found
     n, n_all = int(np.count_nonzero(found)), len(cloud)
     judged = detector._cloud
     paper = judged.own_planes_only
@@ -52,11 +56,13 @@ def denoise_contents(cloud, detector, *, marked):
     on_surface = int(np.count_nonzero(detector.on_surface_))
     done = "are marked" if marked else "were removed"
     cards = [
-        (f"{n_all:,}", "points in the input"),
+        (f"{n_all:,}", "points that were used" if n_others else "points in the input"),
         (f"{n:,}", f"outliers, {percent(n, n_all)}"),
         (f"{on_surface:,}", f"on surfaces, {percent(on_surface, n_all)}"),
         (f"{cutoff:.3g}", "cutoff of the score"),
     ]
+    if n_others:
+        cards.insert(1, (f"{n_others:,}", "others, neither judged nor used"))
     sections = [
         Section("Where the outliers are", found_maps(cloud.xyz, found, facts.near, "outliers")),
         Section(
@@ -66,7 +72,7 @@ def denoise_contents(cloud, detector, *, marked):
         ),
     ]
     if not paper:
-        sections.append(Section("What they are", _kind_table(detector, n)))
+        sections.append(Section("What they are", _kind_table(detector, found)))
     sections.append(
         Section("Places", place_sections(places, cloud.xyz, found, facts.near, "outliers"))
     )
@@ -77,7 +83,7 @@ def denoise_contents(cloud, detector, *, marked):
         checks=f"many outliers, many in one place, {CHECKS}",
         sections=sections,
         cloud_rows=facts.rows(cloud),
-        output=f"{n_all if marked else n_all - n:,} points"
+        output=f"{n_all + n_others - (0 if marked else n):,} points"
         + (", with outlier_score and marks" if marked else ""),
         shown=with_results(
             cloud, {"outlier": found.astype(np.uint8), "outlier_score": score.astype(np.float32)}
@@ -149,12 +155,16 @@ def _surface_notes(detector, n_all):
     return notes
 
 
-def _kind_table(detector, n):
-    kinds = kinds_of_outliers(detector)
+def _kind_table(detector, found):
+    kinds, n = kinds_of_outliers(detector)[found], int(np.count_nonzero(found))
     counts = np.bincount(kinds[kinds >= 0], minlength=len(KINDS))
     rows = [
         (name, f"{count:,}", percent(count, n), WORDS[name])
         for name, count in zip(KINDS, counts.tolist(), strict=True)
         if count or name != "off surfaces"
     ]
+    n_large = int(np.count_nonzero(kinds < 0))
+    if n_large:
+        words = "groups far below the ground"
+        rows.append(("in low groups", f"{n_large:,}", percent(n_large, n), words))
     return table(("kind", "points", "share", ""), rows, numbers=(1, 2))

@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 
 from sklearn_mcmd.io import PointCloud
+from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
 from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.report._contents import Contents, Section, percent, share
 from sklearn_mcmd.report._denoise import (
@@ -32,7 +33,7 @@ __all__ = ["denoised_tiles", "edges_of_tiles", "normals_of_tiles", "regions_of_t
 
 SAMPLE = 500_000  # points; maps show a quarter of them, and shares are known to 0.1 %
 PART = 1_000_000  # points that are read at a time
-NOISE = 7  # the class of outliers in LAS
+NOISE = (LOW_NOISE, HIGH_NOISE)  # the classes of outliers in LAS
 CHECKS = "many outliers and many in one place; the cloud itself is not measured by tiles"
 
 
@@ -51,12 +52,14 @@ def denoised_tiles(catalog, outputs, estimator, run, *, marked):
         Whether outliers are marked, or dropped.
     """
     step = -(-run.n_points // SAMPLE)
-    n, n_all = run.n_outliers, run.n_points
+    n, n_all, n_others = run.n_outliers, run.n_judged, run.n_points - run.n_judged
     sections, score, found = [], None, None
     if marked:
         cloud = _sample(outputs, step, ("outlier_score", "classification"))
         score = cloud.attributes["outlier_score"].astype(np.float64)
-        found = cloud.attributes["classification"] == NOISE
+        judged = np.isfinite(score)
+        cloud, score = cloud.subset(judged), score[judged]
+        found = np.isin(cloud.attributes["classification"], NOISE)
     else:
         cloud, found = _with_removed(catalog.paths, outputs, step)
     xyz, near = cloud.xyz, usual_rows(cloud.xyz)
@@ -95,7 +98,8 @@ def denoised_tiles(catalog, outputs, estimator, run, *, marked):
     return Contents(
         headline=f"{share(n, n_all)} are outliers; they {done}.",
         cards=[
-            (f"{n_all:,}", "points in the input"),
+            (f"{n_all:,}", "points that were used" if n_others else "points in the input"),
+            *([(f"{n_others:,}", "others, neither judged nor used")] if n_others else []),
             (f"{n:,}", f"outliers, {percent(n, n_all)}"),
             (f"{run.n_tiles:,}", "tiles"),
             (f"{len(catalog):,}", "input files"),
@@ -104,7 +108,7 @@ def denoised_tiles(catalog, outputs, estimator, run, *, marked):
         checks=CHECKS,
         sections=sections,
         cloud_rows=_cloud_rows(catalog),
-        output=f"{n_all if marked else n_all - n:,} points in {len(outputs):,} files",
+        output=f"{run.n_points - (0 if marked else n):,} points in {len(outputs):,} files",
         shown=cloud,
     )
 

@@ -48,14 +48,17 @@ class CellWriter:
         self.folder, self.capacity, self.share = Path(folder), capacity, share
         # Of each node, the axis, the place of the cut, and the first of two children; -1 of a leaf.
         self.nodes = [(-1, 0.0, -1)]
-        self.counts = [0]
+        self.counts, self.n_points = [0], 0
         self.boxes = [np.array([[-np.inf] * 3, [np.inf] * 3])]
         self.extents = [_no_extent()]
 
-    def add(self, xyz, row):
-        """Take points (n, 3); `row` is the place of the first of them."""
+    def add(self, xyz, rows):
+        """Take points (n, 3); `rows` are their places, or that of the first of them."""
         records = np.empty(len(xyz), RECORD)
-        records["xyz"], records["row"] = xyz, np.arange(row, row + len(xyz))
+        if np.ndim(rows) == 0:
+            rows = np.arange(rows, rows + len(xyz))
+        records["xyz"], records["row"] = xyz, rows
+        self.n_points += len(xyz)
         self._put(0, records)
 
     def close(self):

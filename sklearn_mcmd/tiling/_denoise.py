@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from sklearn.base import clone
 
+from sklearn_mcmd.io._classes import Choice
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff, sample_step
 from sklearn_mcmd.planes._around import ratio
@@ -20,9 +21,11 @@ from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._joining import join_parts
+from sklearn_mcmd.tiling._lowest import lowest_points
 from sklearn_mcmd.tiling._memory import check_division, parse_memory, plan_run, usual_memory
 from sklearn_mcmd.tiling._outputs import (
     SCORED,
+    content_of,
     has_scores,
     scores_in_parts,
     targets_of,
@@ -85,6 +88,8 @@ def write_denoised(
     estimator: MCMDOutlierDetector | None = None,
     *,
     mode: Literal["drop", "mark"] = "drop",
+    ignore_classes: Iterable[int] = (),
+    only_classes: Iterable[int] = (),
     memory: str | float | None = None,
     n_jobs: int | None = None,
     tile_size: int | None = None,
@@ -111,8 +116,16 @@ def write_denoised(
         ``MCMDOutlierDetector(random_state=0)``.
     mode : {"drop", "mark"}, default="drop"
         "drop" leaves out outliers; a file of nothing else becomes one without points. "mark" keeps
-        all points, gives outliers the classification 7 (noise), and adds an attribute
-        ``outlier_score``.
+        all points, gives outliers the classification 7 (low noise) or 18 (high noise), and adds an
+        attribute ``outlier_score``. An outlier is low if it lies lower than all ground (class 2)
+        around it in plan, or if there is no ground, than all kept points: those in the smallest
+        square that has at least `n_neighbors` of them, of squares whose sides are powers of two.
+        Point formats 0 to 5 define no high noise: there it is 7, too.
+    ignore_classes : iterable of int, default=()
+        Points of these classes are neither judged nor used to judge others; their score is NaN.
+        They are kept as they are. So are points that are marked withheld, always.
+    only_classes : iterable of int, default=()
+        If there are any, points of all other classes are left out in the same way.
     memory, n_jobs, tile_size, cut, as_folder, restart
         As of `write_normals`.
 
@@ -166,30 +179,39 @@ def write_denoised(
     catalog = source if isinstance(source, Catalog) else Catalog(source)
     targets = targets_of(catalog, Path(target), as_folder)
     estimator = clone(estimator).set_params(n_jobs=1)
-    if not restart and (report := finished_before(catalog, target, targets, estimator, mode)):
+    choice = Choice(tuple(sorted(ignore_classes)), tuple(sorted(only_classes)))
+    content = content_of(mode, choice)
+    if not restart and (report := finished_before(catalog, target, targets, estimator, content)):
         return report
     cutoff = cutoff_of(estimator)
     plan = plan_run(catalog.n_points, memory, n_jobs, tile_size=tile_size, work="outliers")
-    folder = scattered(catalog, target, estimator, plan, cut, restart)
+    folder = scattered(catalog, target, estimator, plan, cut, restart, choice)
     with kept(folder):
         for path in targets:
             path.parent.mkdir(exist_ok=True)
         cells, columns = Cells(folder.cells), Columns(folder.results)
+        n_judged = int(cells.counts.sum())
         n_resumed = sum(columns.is_done(cell, "planes") for cell in range(len(cells)))
-        job = Job(folder.cells, folder.results, estimator, folder.constants, catalog.n_points)
+        job = Job(folder.cells, folder.results, estimator, folder.constants, n_judged)
         with progress_part(SCATTERED, COMPUTED):
             cutoff = judge_cells(job, cells, columns, plan.n_workers, cutoff)
         with progress_part(COMPUTED, 1.0, "writing"):
-            n_outliers, n_exact = write_denoised_outputs(catalog, targets, folder, mode, cutoff)
+            lowest = None
+            if mode == "mark":
+                lowest = lowest_points(catalog, folder, cells, estimator.n_neighbors, cutoff)
+            n_outliers, n_exact = write_denoised_outputs(
+                catalog, targets, folder, mode, cutoff, choice, lowest
+            )
         if columns.is_done(0, "planes"):
             n_proved = columns.total(len(cells), "planes", "n_proved")
         else:
-            n_proved = catalog.n_points
+            n_proved = n_judged
         report = RunReport(
             catalog.n_points, len(cells), plan.n_workers, n_resumed, int(n_proved),
             n_outliers / catalog.n_points, time.perf_counter() - begin, n_outliers, n_exact,
+            n_judged=n_judged,
         )  # fmt: skip
-        finish(folder, catalog, targets, estimator, report, mode)
+        finish(folder, catalog, targets, estimator, report, content)
     return report
 
 
@@ -290,9 +312,11 @@ def _judge_together(job, cells, cutoff):
         )
     records = [cells.read(cell) for cell in range(len(cells))]
     rows, points = (np.concatenate([part[name] for part in records]) for name in ("row", "xyz"))
-    detector = clone(job.detector).fit(points[np.argsort(rows)].astype(job.constants.dtype))
+    order = np.argsort(rows)
+    detector = clone(job.detector).fit(points[order].astype(job.constants.dtype))
     for cell, part in enumerate(records):
-        _write(job.columns, cell, part["row"], -detector.scores_[part["row"]])
+        places = np.searchsorted(rows, part["row"], sorter=order)
+        _write(job.columns, cell, part["row"], -detector.scores_[places])
     return -detector.offset_
 
 

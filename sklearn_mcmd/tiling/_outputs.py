@@ -8,6 +8,7 @@ import numpy as np
 
 from sklearn_mcmd.edges._painting import edge_columns
 from sklearn_mcmd.io import PointFileError, supported_extensions
+from sklearn_mcmd.io._classes import Choice, classes_of_noise
 from sklearn_mcmd.io._files import one_clear_line, replacing
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._las_parts import read_parts, writing_parts
@@ -23,6 +24,8 @@ from sklearn_mcmd.tiling._tile import result_dtype, tile_files
 __all__ = [
     "LABELED",
     "SCORED",
+    "Results",
+    "content_of",
     "has_scores",
     "scores_in_parts",
     "targets_of",
@@ -102,7 +105,7 @@ def write_outputs(catalog, targets, folder, names):
     """Write each output in the order of its inputs; returns the mean share that was removed."""
     removed = names.index("removed_fraction")
 
-    def with_normals(cloud, values):
+    def with_normals(cloud, values, _):
         return with_results(cloud, dict(zip(names, values.T.copy(), strict=True))), None
 
     def total(values):
@@ -113,7 +116,7 @@ def write_outputs(catalog, targets, folder, names):
     return float(whole) / catalog.n_points
 
 
-def write_denoised_outputs(catalog, targets, folder, mode, cutoff):
+def write_denoised_outputs(catalog, targets, folder, mode, cutoff, choice, lowest=None):
     """Write each output without its outliers, or with marks.
 
     Parameters
@@ -123,6 +126,10 @@ def write_denoised_outputs(catalog, targets, folder, mode, cutoff):
     mode : {"drop", "mark"}
     cutoff : float
         Score beyond which a point is an outlier.
+    choice : Choice
+        The points that have scores.
+    lowest : LowestPoints, default=None
+        Of points that are no outliers; needed to mark.
 
     Returns
     -------
@@ -130,17 +137,25 @@ def write_denoised_outputs(catalog, targets, folder, mode, cutoff):
         Outliers, and those of them that have no scale, see `EXACT_PLANE_SCORE`.
     """
 
-    def denoised(cloud, scores):
+    def denoised(cloud, scores, xyz):
         is_outlier = scores[:, 0] > cutoff
         if mode == "drop":
             return cloud.subset(~is_outlier), None
-        return with_results(cloud, {"outlier_score": scores[:, 0].astype(np.float32)}), is_outlier
+        classes = np.zeros(len(cloud), np.uint8)
+        classes[is_outlier] = classes_of_noise(lowest, xyz[is_outlier])
+        return with_results(cloud, {"outlier_score": scores[:, 0].astype(np.float32)}), classes
 
     def counts(scores):
         beyond = max(cutoff, EXACT_PLANE_SCORE)
         return np.array([np.count_nonzero(scores > limit) for limit in (cutoff, beyond)])
 
-    return map(int, _write(catalog, targets, folder, SCORED, denoised, counts, mode))
+    content = content_of(mode, choice)
+    return map(int, _write(catalog, targets, folder, SCORED, denoised, counts, content, choice))
+
+
+def content_of(mode, choice):
+    """What tells outputs of one detector apart."""
+    return mode if choice == Choice() else f"{mode} {tuple(choice)}"
 
 
 def write_segmented_outputs(catalog, targets, folder, make, content):
@@ -156,19 +171,20 @@ def write_segmented_outputs(catalog, targets, folder, make, content):
         What tells this from other outputs of the same labels.
     """
 
-    def segmented(cloud, labels):
+    def segmented(cloud, labels, _):
         return make(cloud, labels[:, 0]), None
 
     _write(catalog, targets, folder, LABELED, segmented, len, content)
 
 
-def _write(catalog, targets, folder, dtype, make, measure, content):
+def _write(catalog, targets, folder, dtype, make, measure, content, choice=None):
     """Write each output; returns the sum of what `measure` tells of the results.
 
-    `make` returns what to write of a cloud and its results, and which points to mark in it.
-    `content` tells this from other outputs of the same results.
+    `make` takes a cloud in the form of its output, its results, and its coordinates in the input.
+    It returns what to write, and which points to mark in it. `content` tells this from other
+    outputs of the same results. With a `choice`, points that it does not take have no results: NaN.
     """
-    results = _Results(folder.results, len(Cells(folder.cells)), dtype)
+    results = Results(folder.results, len(Cells(folder.cells)), dtype)
     first, total = 0, 0.0
     joined = len(targets) < len(catalog)
     header = joined_header(catalog.paths) if joined else None
@@ -178,7 +194,8 @@ def _write(catalog, targets, folder, dtype, make, measure, content):
         if folder.is_written(i, place, content):
             n = sum(catalog.counts[j] for j in inputs)
             for start in range(first, first + n, PART):
-                total += measure(results.take(start, min(PART, first + n - start)))
+                values = results.take(start, min(PART, first + n - start), choice is None)
+                total += measure(values)
             first += n
             continue
         for j in inputs:
@@ -189,12 +206,13 @@ def _write(catalog, targets, folder, dtype, make, measure, content):
         with replacing(place) as temporary, writing_parts(temporary) as write:
             for path in (catalog.paths[j] for j in inputs):
                 for cloud in read_parts(path, PART):
+                    xyz, chosen = cloud.xyz, None if choice is None else choice.of(cloud)
                     if joined:
                         with one_clear_line(path, "read"):
                             cloud = joined_cloud(cloud, header)
-                    values = results.take(first, len(cloud))
+                    values = results.take(first, len(cloud), True if chosen is None else chosen)
                     total += measure(values)
-                    made, marked = make(cloud, values)
+                    made, marked = make(cloud, values, xyz)
                     write(made, marked)
                     n_written += len(made)
                     first += len(cloud)
@@ -224,7 +242,7 @@ def write_edge_outputs(catalog, targets, folder, limit, by_distance, colors, con
         What tells this from other outputs of the same results.
     """
 
-    def with_edges(cloud, scores):
+    def with_edges(cloud, scores, _):
         scores = scores[:, 0]
         paints = not has_colors(cloud) if colors is None else colors
         values = scores if by_distance else -scores
@@ -248,7 +266,7 @@ def scores_in_parts(results, n_cells):
         yield np.fromfile(tile_files(results, cell)[0], SCORED)["values"][:, 0]
 
 
-class _Results:
+class Results:
     """The results of all tiles in the order of the points, of which each is asked for once."""
 
     def __init__(self, folder, n_tiles, dtype):
@@ -258,16 +276,24 @@ class _Results:
         self.read = [0] * n_tiles
         self.n_read = int(np.clip(WAITING_BYTES / n_tiles / self.dtype.itemsize, 16, WAITING))
 
-    def take(self, first, n):
-        """Results (n, n_columns) of the points from the row `first` on."""
+    def take(self, first, n, expected=True):
+        """Results (n, n_columns) of the points from the row `first` on.
+
+        `expected` are the points that have results, a mask, True for all; False if that is unknown.
+        Others have NaN.
+        """
         of_row = self.dtype["values"]
         values, found = np.empty((n, of_row.shape[0]), of_row.base), 0
+        if expected is not True:
+            values[:] = np.nan
         for tile in range(len(self.paths)):
             for part in self._parts(tile, first + n):
                 values[part["row"] - first] = part["values"]
                 found += len(part)
-        if found != n:
-            raise RuntimeError(f"{n - found} of {n} points have no results")  # a fault of ours
+        wanted = n if expected is True else np.count_nonzero(expected)
+        if expected is not False and found != wanted:
+            # a fault of ours
+            raise RuntimeError(f"{wanted - found} of {wanted} points have no results")
         return values
 
     def _parts(self, tile, stop):

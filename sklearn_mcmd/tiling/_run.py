@@ -16,6 +16,7 @@ import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.io import PointFileError
+from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.planes._base import BaseLocalPlanes
@@ -82,6 +83,8 @@ class RunReport(NamedTuple):
         Points of the largest regions.
     n_edges : int
         Points of edges, of `write_edges`.
+    n_judged : int
+        Of `write_denoised`, points that were used: not withheld, and of the classes asked for.
     """
 
     n_points: int
@@ -97,6 +100,7 @@ class RunReport(NamedTuple):
     n_inside: int = 0
     largest: Sequence[int] = ()
     n_edges: int = 0
+    n_judged: int = 0
 
 
 def write_normals(
@@ -223,9 +227,12 @@ def _find_normals(folder, cells, estimator, constants, plan, is_done):
     return len(cells) - len(todo)
 
 
-def scattered(catalog, target, estimator, plan, cut, restart):
-    """The folder of a run, with all points in cells: of an earlier run, if that was the same."""
-    key = key_of(catalog, estimator, plan.tile_size, cut, _version())
+def scattered(catalog, target, estimator, plan, cut, restart, choice=None):
+    """The folder of a run, with all points in cells: of an earlier run, if that was the same.
+
+    Of the points, a `Choice` takes some; with None, all.
+    """
+    key = key_of(catalog, estimator, plan.tile_size, cut, _version(), choice)
     folder = WorkFolder(target, key)
     try:
         if restart:
@@ -233,7 +240,7 @@ def scattered(catalog, target, estimator, plan, cut, restart):
         if folder.constants is None:
             _check_disk(folder.path.parent, plan.disk)
             with progress_part(0.0, SCATTERED, "reading"):
-                _scatter(catalog, folder, plan.tile_size, cut)
+                _scatter(catalog, folder, plan.tile_size, cut, choice)
     except BaseException:
         if folder.constants is None:
             folder.remove()
@@ -325,15 +332,24 @@ def _check_disk(folder, wanted):
         )
 
 
-def _scatter(catalog, folder, capacity, cut):
+def _scatter(catalog, folder, capacity, cut, choice):
     """Read all points once: into cells, and for the constants of the whole cloud."""
     writer, whole, row = CellWriter(folder.cells, capacity, cut), WholeCloud(), 0
     for path in catalog.paths:
         for cloud in read_parts(path, PART):
-            writer.add(cloud.xyz, row)
-            whole.add(cloud.xyz)
+            with one_clear_line(path, "read"):
+                chosen = None if choice is None else choice.of(cloud)
+            xyz = cloud.xyz if chosen is None else cloud.xyz[chosen]
+            rows = np.arange(row, row + len(cloud))
+            if len(xyz):
+                writer.add(xyz, rows if chosen is None else rows[chosen])
+                whole.add(xyz)
             row += len(cloud)
             tell(row / catalog.n_points)
+    if not writer.n_points:
+        raise PointFileError(
+            f"{catalog.paths[0]}: no points are judged: all are withheld or of other classes"
+        )
     writer.close()
     folder.finish_cells(whole.constants())
 

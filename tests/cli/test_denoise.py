@@ -6,6 +6,7 @@ import pytest
 from commands import run
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.io import read_points, write_points
+from sklearn_mcmd.io._classes import noise_classes
 
 
 def rounded_plane():
@@ -29,11 +30,14 @@ def test_drop_writes_exactly_the_points_the_detector_keeps(room, room_file, tmp_
     np.testing.assert_array_equal(out.xyz, read_points(room_file).xyz[kept])
 
 
-def test_mark_keeps_all_points_and_gives_outliers_class_7_in_laz(room, room_file, tmp_path):
+def test_mark_keeps_all_points_and_gives_outliers_class_7_or_18_in_laz(room, room_file, tmp_path):
     assert run("denoise", room_file, tmp_path / "out.laz", "--mode", "mark").exit_code == 0
     out = read_points(tmp_path / "out.laz")
     outlier = expected_outliers(room.xyz)
-    np.testing.assert_array_equal(out.attributes["classification"], np.where(outlier, 7, 0))
+    used = np.ones(len(outlier), bool)
+    classes = noise_classes(read_points(room_file), outlier, outlier, used, 50)
+    assert set(classes) == {0, 18}  # the room has no outliers under its floor
+    np.testing.assert_array_equal(out.attributes["classification"], classes)
     np.testing.assert_array_equal(out.attributes["intensity"], np.arange(len(outlier)))
 
 

@@ -254,7 +254,7 @@ def test_attributes_that_a_format_cannot_hold_are_named(tmp_path, extension, att
         ("a.ply", np.full((2, 3), np.nan), {}, "NaN or infinity"),
         ("a.ply", np.eye(3), {"encoding": "binary_compressed"}, "known: ascii, binary"),
         ("a.las", np.eye(3), {"encoding": "ascii"}, "unknown for .las; known: only None"),
-        ("a.ply", np.eye(3), {"noise": [0, 1, 0]}, "boolean mask"),
+        ("a.ply", np.eye(3), {"noise": [0, 1, 0]}, r"must be 0, 7 \(low noise\) or 18"),
         ("a.ply", np.eye(3), {"noise": [True]}, r"shape \(3,\)"),
     ],
 )

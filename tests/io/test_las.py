@@ -101,6 +101,22 @@ def test_noise_is_class_7_and_nothing_else_changes(tmp_path, version, point_form
     assert after.points.array.tobytes() == before.points.array.tobytes()
 
 
+@pytest.mark.parametrize(("point_format", "high"), [(3, 7), (6, 18), (7, 18)])
+def test_high_noise_is_class_18_where_the_point_format_defines_it(tmp_path, point_format, high):
+    version = "1.2" if point_format < 6 else "1.4"
+    source = write_las_with_everything(tmp_path / "a.las", version, 7 if point_format > 6 else 3)
+    if point_format == 6:
+        source = tmp_path / "plain.las"
+        write_points(source, np.eye(3)[np.arange(60) % 3])
+    noise = np.array([0, 7, 18])[np.arange(60) % 3]
+    cloud = read_points(source)
+    write_points(tmp_path / "b.las", cloud, noise=noise)
+    expected = np.where(noise == 0, cloud.attributes["classification"], noise)
+    expected[noise == 18] = high
+    found = read_points(tmp_path / "b.las").attributes["classification"]
+    assert_array_equal(found, expected)
+
+
 def test_results_can_be_written_again_over_results(tmp_path):
     path = write_las_with_everything(tmp_path / "a.las")
     for result in (np.arange(60) % 2 == 0, np.arange(60) / 60, np.arange(60) + 2**53):

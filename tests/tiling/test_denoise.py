@@ -13,9 +13,10 @@ from sklearn.base import clone
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_airborne_scan, make_street
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
+from sklearn_mcmd.io._classes import noise_classes
 from sklearn_mcmd.tiling import TilingError, _denoise, _surfaces, write_denoised
 from sklearn_mcmd.tiling._cells import Cells
-from sklearn_mcmd.tiling._outputs import SCORED, _Results
+from sklearn_mcmd.tiling._outputs import SCORED, Results
 from tiled import street
 
 DETECTOR = MCMDOutlierDetector(16, random_state=0)
@@ -72,7 +73,7 @@ def by_tiles(monkeypatch, tmp_path):
     write = _denoise.write_denoised_outputs
 
     def keep_scores(catalog, targets, folder, *args):
-        results = _Results(folder.results, len(Cells(folder.cells)), SCORED)
+        results = Results(folder.results, len(Cells(folder.cells)), SCORED)
         found.append(results.take(0, catalog.n_points)[:, 0])
         return write(catalog, targets, folder, *args)
 
@@ -195,13 +196,66 @@ def test_files_are_those_that_memory_writes(mode, n_jobs, tmp_path):
         write_points(expected, cloud.subset(~is_outlier))
     else:
         scores = (-fitted.scores_).astype(np.float32)
-        write_points(expected, cloud.with_attributes(outlier_score=scores), noise=is_outlier)
+        noise = noise_classes(cloud, is_outlier, is_outlier, np.ones(8_000, bool), 16)
+        assert set(noise) == {0, 7, 18}
+        write_points(expected, cloud.with_attributes(outlier_score=scores), noise=noise)
     report = write_denoised(path, target, DETECTOR, mode=mode, tile_size=3_000, n_jobs=n_jobs)
     assert target.read_bytes() == expected.read_bytes()
     assert report.n_workers == n_jobs
     assert report.n_outliers == is_outlier.sum()
     assert report.removed_fraction == is_outlier.mean()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.laz", "b.laz", "c.laz"]
+
+
+@pytest.mark.parametrize("mode", ["drop", "mark"])
+def test_points_that_are_withheld_or_of_other_classes_are_as_in_memory(mode, tmp_path):
+    path, expected, target = (tmp_path / name for name in ("a.las", "b.las", "c.las"))
+    cloud, rng = street(6_000), np.random.default_rng(0)
+    classes, withheld = rng.choice([1, 2, 6, 9], len(cloud)), rng.random(len(cloud)) < 0.1
+    cloud = cloud.with_attributes(classification=classes, withheld=withheld)
+    write_points(path, cloud)
+    cloud, used = read_points(path), ~withheld & np.isin(classes, [1, 2])
+    fitted = clone(DETECTOR).fit(cloud.xyz[used])
+    scores = np.full(len(cloud), np.nan)
+    scores[used] = -fitted.scores_
+    is_outlier = scores > -fitted.offset_
+    if mode == "drop":
+        write_points(expected, cloud.subset(~is_outlier))
+    else:
+        noise = noise_classes(cloud, is_outlier, is_outlier, used, 16)
+        scores = scores.astype(np.float32)
+        write_points(expected, cloud.with_attributes(outlier_score=scores), noise=noise)
+    report = write_denoised(
+        *(path, target, DETECTOR), mode=mode, tile_size=900, only_classes=[1, 2, 6],
+        ignore_classes=[6],
+    )  # fmt: skip
+    assert target.read_bytes() == expected.read_bytes()
+    assert (report.n_judged, report.n_outliers) == (used.sum(), is_outlier.sum())
+    assert report.n_points == len(cloud)
+
+
+@pytest.mark.parametrize("size", [400, 5_000])
+def test_a_run_whose_points_are_all_left_out_is_refused(size, tmp_path):
+    write_points(tmp_path / "a.las", street(1_000))
+    with pytest.raises(PointFileError, match=r"a\.las: no points are judged: all are withheld"):
+        write_denoised(
+            tmp_path / "a.las", tmp_path / "b.las", DETECTOR, only_classes=[2], tile_size=size
+        )
+    assert [p.name for p in tmp_path.iterdir()] == ["a.las"]
+
+
+def test_few_points_among_many_of_other_classes_are_judged_as_in_memory(tmp_path):
+    cloud = street(3_000)
+    classes = np.where(np.arange(3_000) % 7 == 0, 2, 1)
+    write_points(tmp_path / "a.las", cloud.with_attributes(classification=classes))
+    expected = -in_memory(read_points(tmp_path / "a.las").subset(classes == 2), DETECTOR).scores_
+    write_denoised(
+        *(tmp_path / "a.las", tmp_path / "b.las", DETECTOR), mode="mark", only_classes=[2],
+        tile_size=150,
+    )  # fmt: skip
+    found = read_points(tmp_path / "b.las").attributes["outlier_score"]
+    assert_array_equal(found[classes == 2], expected.astype(np.float32))
+    assert np.isnan(found[classes != 2]).all()
 
 
 def test_files_of_a_folder_are_one_cloud(tmp_path):

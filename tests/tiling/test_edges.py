@@ -18,7 +18,7 @@ from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.tiling import TilingError, _edges, write_edges
 from sklearn_mcmd.tiling._cells import Cells
-from sklearn_mcmd.tiling._outputs import SCORED, _Results
+from sklearn_mcmd.tiling._outputs import SCORED, Results
 from tiled import street
 
 DETECTOR = SharpFeatureDetector(12, random_state=0)
@@ -83,7 +83,7 @@ def by_tiles(monkeypatch, tmp_path):
     write = _edges.write_edge_outputs
 
     def keep_scores(catalog, targets, folder, limit, *args):
-        results = _Results(folder.results, len(Cells(folder.cells)), SCORED)
+        results = Results(folder.results, len(Cells(folder.cells)), SCORED)
         found.append((results.take(0, catalog.n_points)[:, 0], limit))
         return write(catalog, targets, folder, limit, *args)
 

@@ -213,7 +213,7 @@ def some(work, done=[]):
     return limited
 
 if place == "writing":
-    _outputs._Results.take = die
+    _outputs.Results.take = die
 elif place.startswith("find"):
     setattr(_segments, place, some(getattr(_segments, place)))
 else:

@@ -1,0 +1,131 @@
+"""Which points of a cloud a verb judges: options, and the points."""
+
+from typing import Annotated, NamedTuple
+
+import numpy as np
+import typer
+
+__all__ = ["Above", "Below", "IgnoreClass", "Judged", "LowGroups", "OnlyClass", "judged_points"]
+
+MOST = 255  # the largest class of LAS 1.4
+
+
+def _classes(text):
+    """Classes, separated by commas."""
+    try:
+        classes = tuple(sorted({int(part) for part in text.split(",")}))
+    except ValueError:
+        classes = (-1,)
+    if not all(0 <= number <= MOST for number in classes):
+        raise typer.BadParameter(f"{text} is no list of classes from 0 to {MOST}, such as 6,9")
+    return classes
+
+
+def _height(text):
+    try:
+        height = float(text)
+    except ValueError:
+        height = np.nan
+    if not np.isfinite(height):
+        raise typer.BadParameter(f"{text} is no height, such as 2.0")
+    return height
+
+
+IgnoreClass = Annotated[
+    tuple | None,
+    typer.Option(
+        parser=_classes,
+        metavar="CLASSES",
+        help="Points of these classes, such as 6,9, are neither judged nor used to judge others. "
+        "They are kept as they are. So are points that are marked withheld, always.",
+        show_default="none",
+    ),
+]
+OnlyClass = Annotated[
+    tuple | None,
+    typer.Option(
+        parser=_classes,
+        metavar="CLASSES",
+        help="Only points of these classes are judged and used. All others are kept as they are.",
+        show_default="all",
+    ),
+]
+Above = Annotated[
+    float | None,
+    typer.Option(
+        parser=_height,
+        metavar="HEIGHT",
+        help="Judge only points that are higher than this over the ground (class 2): over the mean "
+        "of the three ground points that are nearest in plan. All are used.",
+    ),
+]
+Below = Annotated[
+    float | None,
+    typer.Option(
+        parser=_height,
+        metavar="HEIGHT",
+        help="Judge only points that are lower than this over the ground; -0.5 is half a unit "
+        "under it.",
+    ),
+]
+LowGroups = Annotated[
+    bool,
+    typer.Option(
+        "--low-groups",
+        help="A group of any number of points is an outlier if it lies below the ground (class 2) "
+        "by more sizes of its own than the cutoff. Otherwise large groups are kept.",
+    ),
+]
+
+
+class Judged(NamedTuple):
+    """Points of a cloud (n,).
+
+    used : ndarray of bool
+        They are judged, or others are judged by them.
+    judged : ndarray of bool
+        They may be outliers.
+    ground : ndarray of bool or None
+        Where heights are asked for.
+    """
+
+    used: np.ndarray
+    judged: np.ndarray
+    ground: np.ndarray | None
+
+
+def judged_points(source, cloud, choice, above=None, below=None, low_groups=False):
+    """The `Judged` points of a cloud.
+
+    Parameters
+    ----------
+    source : path
+        Errors name it.
+    cloud : PointCloud
+    choice : Choice
+    above, below : float or None
+    low_groups : bool
+    """
+    from sklearn_mcmd.io._files import one_clear_line
+    from sklearn_mcmd.io._ground import ground_of, heights_over_ground
+    from sklearn_mcmd.io._point_cloud import PointFileError
+
+    with one_clear_line(source, "read"):
+        used, ground = choice.of(cloud), None
+        if used is None:
+            used = np.ones(len(cloud), bool)
+        judged = used
+        if low_groups or above is not None or below is not None:
+            ground = ground_of(cloud)
+        if above is not None or below is not None:
+            heights = heights_over_ground(cloud.xyz, ground)
+            judged = used.copy()
+            if above is not None:
+                judged &= heights > above
+            if below is not None:
+                judged &= heights < below
+        if not judged.any():
+            raise PointFileError(
+                "no points are judged: all are withheld, of other classes, or at other heights"
+            )
+    return Judged(used, judged, ground)

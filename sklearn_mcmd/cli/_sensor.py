@@ -1,0 +1,76 @@
+"""Where the sensor stood, as options tell: a position, what the file says, or a trajectory."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+__all__ = ["SensorPosition", "TrajectoryFile", "sensor_of_options"]
+
+AUTO = "auto"
+
+
+def _position(text):
+    """auto, or three coordinates."""
+    if text == AUTO:
+        return AUTO
+    try:
+        position = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        position = ()
+    if len(position) != 3 or not np.isfinite(position).all():
+        raise typer.BadParameter(f"{text} is not {AUTO} or a position, such as 0,0,0")
+    return position
+
+
+SensorPosition = Annotated[
+    tuple | None,
+    typer.Option(
+        "--sensor",
+        parser=_position,
+        metavar="X,Y,Z|auto",
+        help="Where the sensor stood, in the coordinates of the file. auto: as the file says, by "
+        "E57's poses, PCD's VIEWPOINT, or LAS's scan angles; mcmd info shows it.",
+        show_default="not known",
+    ),
+]
+TrajectoryFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--trajectory",
+        metavar="FILE",
+        help="Where a moving sensor was: CSV with the columns time (or gps_time), x, y, z. Points "
+        "need times as well.",
+    ),
+]
+
+
+def sensor_of_options(source, cloud, sensor=None, trajectory=None):
+    """Positions of the sensor: (3,), or (n, 3) for each point, or None if no option tells.
+
+    Parameters
+    ----------
+    source : path
+        Of the cloud; errors name it.
+    cloud : PointCloud
+    sensor : tuple of 3 floats, "auto", or None
+    trajectory : path or None
+    """
+    if sensor is None and trajectory is None:
+        return None
+    if sensor is not None and trajectory is not None:
+        raise typer.BadParameter("--sensor and --trajectory exclude each other: leave one out.")
+    if isinstance(sensor, tuple):
+        return np.array(sensor)
+    from sklearn_mcmd.io import read_trajectory, sensor_positions
+    from sklearn_mcmd.io._files import one_clear_line
+    from sklearn_mcmd.io._sensor import stated_positions
+
+    path = None if trajectory is None else read_trajectory(trajectory)
+    with one_clear_line(source, "read"):
+        if path is None:
+            positions = stated_positions(cloud).positions
+            if positions is not None and len(positions) == 1:
+                return positions[0]
+        return sensor_positions(cloud, path)

@@ -1,0 +1,120 @@
+"""Where the sensor stood: what files say of it, for each point."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
+from sklearn_mcmd.io._trajectory import Trajectory, positions_at, trajectory_of
+
+__all__ = ["Stated", "sensor_positions", "stated_positions"]
+
+SETUPS = "sensor_positions"  # in the metadata: (n_scans, 3), NaN where a scan tells none
+NO_VIEWPOINT = (0.0, 0.0, 0.0)
+
+
+class Stated(NamedTuple):
+    """What a file says of the sensor.
+
+    positions : ndarray of shape (n, 3), (1, 3), or None
+        For each point, or for all; None if the file does not tell.
+    words : str
+        Where they are from, or why there are none.
+    """
+
+    positions: np.ndarray | None
+    words: str
+
+
+def sensor_positions(
+    cloud: PointCloud,
+    trajectory: Trajectory | tuple[ArrayLike, ArrayLike] | None = None,
+) -> NDArray[np.float64]:
+    """Where the sensor was when it measured each point.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        As it was read, with an attribute ``gps_time`` or ``time`` if there is a trajectory.
+    trajectory : Trajectory, or tuple of times (m,) and positions (m, 3), default=None
+        Positions between its times are interpolated linearly. Its times may be GPS seconds, the
+        same less 1e9 as LAS has them, or seconds of the week, whatever those of points are; a
+        warning says so if they differ. None means that the file itself tells positions: the poses
+        of E57's scans, PCD's VIEWPOINT, or LAS's scan angles.
+
+    Returns
+    -------
+    ndarray of shape (n, 3)
+
+    Raises
+    ------
+    PointFileError
+        If points have no times, or some were measured before or after the trajectory, or the file
+        tells no positions.
+
+    Warns
+    -----
+    UserWarning
+        If times begin elsewhere, or the trajectory is far away from all points.
+
+    See Also
+    --------
+    read_trajectory : Reads one from a file.
+
+    Notes
+    -----
+    *E57.* The pose of a scan says where the scanner stood. A pose that moves nothing counts only if
+    the scan has a grid of rows and columns: programs that merge scans write such a pose, too.
+
+    *PCD.* VIEWPOINT counts unless it is 0 0 0. That is what programs write who do not know it.
+
+    *LAS.* Each flight line is taken as straight, level and of constant speed, with a scan across
+    it. What the scan angles say of three unknowns, the line, its speed and height, is adjusted by
+    least squares. If the directions to points differ from the angles by more than half a degree
+    (rms), angles tell no position: those rounded to whole degrees differ by 0.29 degrees.
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.io import PointCloud, sensor_positions
+    >>> cloud = PointCloud([[0, 5, 0], [4, 5, 0]], {"gps_time": [10.0, 10.5]})
+    >>> sensor_positions(cloud, ([10, 11], [[0, 0, 2], [8, 0, 2]]))
+    array([[0., 0., 2.],
+           [4., 0., 2.]])
+    """
+    if trajectory is not None:
+        return positions_at(cloud, trajectory_of(*trajectory))
+    stated = stated_positions(cloud)
+    if stated.positions is None:
+        raise PointFileError(f"no position of the sensor is known: {stated.words}")
+    return np.array(np.broadcast_to(stated.positions, (len(cloud), 3)))
+
+
+def stated_positions(cloud):
+    """What the file of a cloud says of the sensor: `Stated`."""
+    if SETUPS in cloud.metadata:
+        return _of_setups(cloud)
+    if "pcd_viewpoint" in cloud.metadata:
+        position = np.array([cloud.metadata["pcd_viewpoint"][:3]], float)
+        if tuple(position[0]) == NO_VIEWPOINT:
+            return Stated(
+                None, "PCD's VIEWPOINT is 0 0 0, which is also written where it is not known"
+            )
+        return Stated(position, "PCD's VIEWPOINT")
+    if "las_header" in cloud.metadata:
+        from sklearn_mcmd.io._flight_lines import positions_of_lines
+
+        positions, words = positions_of_lines(cloud)
+        return Stated(positions, words)
+    return Stated(None, "only E57, PCD and LAS can tell it; give a position or a trajectory")
+
+
+def _of_setups(cloud):
+    setups = np.asarray(cloud.metadata[SETUPS], float)
+    if len(setups) > 1:
+        if "scan_index" not in cloud.attributes:
+            return Stated(None, "points have lost the attribute scan_index")
+        setups = setups[np.asarray(cloud.attributes["scan_index"])]
+    if not np.isfinite(setups).all():
+        return Stated(None, "not all of the scans have a pose that says where the scanner stood")
+    return Stated(setups, "E57 setup" if len(setups) == 1 else "E57 setups")

@@ -1,0 +1,173 @@
+"""Trajectories: where a sensor was at which time, and so where it was for each point."""
+
+import os
+import warnings
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sklearn_mcmd.io._files import check_file, one_clear_line
+from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
+from sklearn_mcmd.io._text import read_text
+
+__all__ = ["TIMES", "Trajectory", "positions_at", "read_trajectory"]
+
+TIMES = ("gps_time", "time")  # names of columns, the first is taken
+WEEK = 604_800.0  # seconds
+ADJUSTED = 1e9  # what LAS subtracts from GPS seconds
+# A trajectory farther from its points than this many of their extents is in another system.
+FAR = 1000
+
+
+class Trajectory(NamedTuple):
+    """Positions of a sensor at times.
+
+    Attributes
+    ----------
+    times : ndarray of shape (m,)
+        Seconds, ascending.
+    positions : ndarray of shape (m, 3)
+        In the coordinate system of the points.
+    """
+
+    times: NDArray[np.float64]
+    positions: NDArray[np.float64]
+
+
+def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
+    """Read a trajectory from a table of text.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+        Text such as CSV, whose first line names the columns: x, y, z, and gps_time or time, in any
+        order and case. Other columns are not read.
+
+    Returns
+    -------
+    Trajectory
+        In the order of its times. Of rows with one time, the first counts.
+
+    Raises
+    ------
+    PointFileError
+        With a message of one line, if a column is missing, or the file is no such table.
+
+    See Also
+    --------
+    sensor_positions : Where the sensor was for each point.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from sklearn_mcmd.io import read_trajectory
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "drive.csv"
+    ...     _ = file.write_text("time,x,y,z\\n10,0,0,2\\n11,8,0,2\\n")
+    ...     trajectory = read_trajectory(file)
+    >>> trajectory.positions[-1]
+    array([8., 0., 2.])
+    """
+    path = Path(path)
+    with one_clear_line(path, "read"):
+        check_file(path)
+        table = read_text(path)
+        names = {name.lower(): name for name in reversed(table.attributes)}
+        known = [names[time] for time in TIMES if time in names]
+        if not known:
+            raise PointFileError(
+                "is no trajectory: its first line must name the columns x, y, z, and time or "
+                "gps_time"
+            )
+        return trajectory_of(table.attributes[known[0]], table.xyz)
+
+
+def trajectory_of(times, positions):
+    """A `Trajectory` of arrays of times (m,) and positions (m, 3), in any order."""
+    times, positions = np.asarray(times, float), np.asarray(positions, float)
+    if times.ndim != 1 or positions.shape != (len(times), 3):
+        raise PointFileError(
+            f"a trajectory has times (m,) and positions (m, 3), got shapes {times.shape} and "
+            f"{positions.shape}"
+        )
+    if not (np.isfinite(times).all() and np.isfinite(positions).all()):
+        raise PointFileError("a trajectory must have finite times and positions")
+    times, rows = np.unique(times, return_index=True)
+    if len(times) < 2:
+        raise PointFileError("a trajectory needs positions at two times or more")
+    return Trajectory(times, positions[rows])
+
+
+def positions_at(cloud: PointCloud, trajectory: Trajectory) -> NDArray[np.float64]:
+    """Where the sensor was for each point, by its time; see `sensor_positions`."""
+    name = next((time for time in TIMES if time in cloud.attributes), None)
+    if name is None:
+        raise PointFileError(
+            "points have no times, which a trajectory needs: an attribute gps_time or time"
+        )
+    times = np.asarray(cloud.attributes[name], float)
+    begin, end = trajectory.times[[0, -1]]
+    shift, words = _shift(times, begin, end)
+    if words:
+        warnings.warn(f"the times of points and trajectory begin elsewhere: {words}", stacklevel=3)
+    times = times - shift
+    outside = ~((times >= begin) & (times <= end))
+    if outside.any():
+        raise PointFileError(
+            f"{np.count_nonzero(outside):,} of {len(times):,} points were measured when there is "
+            f"no trajectory: points have times from {times.min() + shift:.10g} to "
+            f"{times.max() + shift:.10g}, and the trajectory from {begin:.10g} to {end:.10g}"
+        )
+    axes = trajectory.positions.T
+    positions = np.stack([np.interp(times, trajectory.times, axis) for axis in axes], axis=1)
+    _warn_if_far(cloud.xyz, positions)
+    return positions
+
+
+def _shift(times, begin, end):
+    """Seconds by which points' times are ahead of the trajectory's, and why in words.
+
+    GPS times are counted from the beginning of the week, from 1980, or as in LAS from 1e9 seconds
+    after that.
+    """
+
+    def within(shift):
+        return np.count_nonzero((times - shift >= begin) & (times - shift <= end))
+
+    if within(0.0):
+        return 0.0, ""
+    in_weeks = "seconds of the week"
+    points_in_weeks = times.min() >= 0 and times.max() <= WEEK
+    path_in_weeks = begin >= 0 and end <= WEEK
+    for offset, of_points, of_path in (
+        (-ADJUSTED, "GPS seconds less 1e9", "GPS seconds"),
+        (ADJUSTED, "GPS seconds", "GPS seconds less 1e9"),
+    ):
+        if within(offset):
+            return offset, f"taken as {of_points}, and as {of_path}"
+    if points_in_weeks != path_in_weeks:
+        middle = np.median(times) - (begin + end) / 2
+        for offset, words in (
+            (0.0, "GPS seconds"),
+            (-ADJUSTED if path_in_weeks else ADJUSTED, "GPS seconds less 1e9"),
+        ):
+            shift = offset + WEEK * np.round((middle - offset) / WEEK)
+            if within(shift):
+                both = (in_weeks, words) if points_in_weeks else (words, in_weeks)
+                return shift, "taken as {}, and as {}".format(*both)
+    return 0.0, ""
+
+
+def _warn_if_far(xyz, positions):
+    """Warn if a trajectory cannot be in the coordinate system of its points."""
+    extent = np.linalg.norm(xyz.max(axis=0) - xyz.min(axis=0))
+    away = float(np.median(np.linalg.norm(xyz - positions, axis=1)))
+    if away > FAR * extent:
+        warnings.warn(
+            f"the trajectory is {away:,.0f} away from the points, which extend over {extent:,.0f}: "
+            "it seems to be in another coordinate system",
+            stacklevel=4,
+        )

@@ -1,0 +1,159 @@
+"""Which points mcmd denoise judges: by classes, marks and heights over the ground."""
+
+import numpy as np
+import pytest
+
+from commands import error_line, run
+from sklearn_mcmd import MCMDOutlierDetector
+from sklearn_mcmd.io import PointCloud, read_points, write_points
+
+
+@pytest.fixture
+def site(tmp_path):
+    """Ground, a roof, a dense cluster below, and single points above; a file of it."""
+    rng = np.random.default_rng(0)
+    ground = rng.uniform(0, 20, (1_500, 3)) * [1, 1, 0] + rng.normal(0, 0.01, (1_500, 3))
+    roof = rng.uniform(5, 12, (500, 3)) * [1, 1, 0] + [0, 0, 4]
+    deep = rng.normal([14, 14, -15], 0.4, (300, 3))
+    single = rng.uniform(0, 20, (20, 3)) * [1, 1, 0] + np.linspace(1, 30, 20)[:, None] * [0, 0, 1]
+    counts = (1_500, 500, 300, 20)
+    cloud = PointCloud(
+        np.round(np.vstack([ground, roof, deep, single]), 3),
+        {
+            "classification": np.repeat([2, 6, 1, 1], counts),
+            "withheld": np.arange(sum(counts)) % 50 == 49,
+        },
+    )
+    write_points(tmp_path / "site.las", cloud)
+    return tmp_path / "site.las"
+
+
+def marked(site, *options):
+    """The cloud as mcmd marks it, beside its input."""
+    target = site.with_name("marked.las")
+    result = run("denoise", site, target, "--mode", "mark", *options)
+    assert result.exit_code == 0, result.output
+    return read_points(site), read_points(target), result
+
+
+def outliers_of(cloud, used):
+    """The outliers among the points that are used."""
+    found = np.zeros(len(cloud), bool)
+    found[used] = MCMDOutlierDetector(random_state=0).fit_predict(cloud.xyz[used]) == -1
+    return found
+
+
+@pytest.mark.parametrize(
+    ("options", "left_out"),
+    [
+        ((), []),
+        (("--ignore-class", "6,9"), [6]),
+        (("--only-class", "2,6"), [1]),
+        (("--only-class", "1,2", "--ignore-class", "1"), [1, 6]),
+    ],
+)
+def test_points_left_out_are_not_used_and_keep_their_class(options, left_out, site):
+    before, after, result = marked(site, *options)
+    classes = before.attributes["classification"]
+    used = (before.attributes["withheld"] == 0) & ~np.isin(classes, left_out)
+    found = outliers_of(before, used)
+    noise = np.isin(after.attributes["classification"], (7, 18))
+    np.testing.assert_array_equal(noise, found)
+    np.testing.assert_array_equal(after.attributes["classification"][~noise], classes[~noise])
+    np.testing.assert_array_equal(np.isnan(after.attributes["outlier_score"]), ~used)
+    assert f"judged   {used.sum():,} " in result.stdout
+    assert found.any() == (1 not in left_out)
+
+
+def test_dropping_keeps_what_is_left_out(site, tmp_path):
+    cloud = read_points(site)
+    used = (cloud.attributes["withheld"] == 0) & (cloud.attributes["classification"] != 6)
+    run("denoise", site, tmp_path / "out.las", "--ignore-class", 6)
+    out = read_points(tmp_path / "out.las")
+    np.testing.assert_array_equal(out.xyz, cloud.xyz[~outliers_of(cloud, used)])
+
+
+@pytest.mark.parametrize(
+    ("options", "low", "high"),
+    [
+        (("--above", 2.0), 2, np.inf),
+        (("--below", 10), -np.inf, 10),
+        (("--above", 5, "--below", 20.5), 5, 20.5),
+    ],
+)
+def test_only_points_at_these_heights_are_judged_and_all_are_used(options, low, high, site):
+    before, after, _ = marked(site, *options)
+    used = before.attributes["withheld"] == 0
+    # The ground lies at 0, with noise of 1 cm, and no height is nearer than 0.1 to a limit.
+    judged = used & (before.xyz[:, 2] > low) & (before.xyz[:, 2] < high)
+    found = outliers_of(before, used) & judged
+    noise = np.isin(after.attributes["classification"], (7, 18))
+    np.testing.assert_array_equal(noise, found)
+    np.testing.assert_array_equal(np.isnan(after.attributes["outlier_score"]), ~judged)
+    assert 0 < found.sum() < outliers_of(before, used).sum()
+
+
+def test_a_dense_cluster_below_ground_is_low_noise_if_asked_for(site):
+    deep = slice(2_000, 2_300)
+    before, kept, _ = marked(site)
+    judged = before.attributes["withheld"][deep] == 0
+    assert (kept.attributes["classification"][deep] == 1).mean() > 0.9
+    _, after, _ = marked(site, "--low-groups")
+    classes, scores = (after.attributes[n][deep] for n in ("classification", "outlier_score"))
+    np.testing.assert_array_equal(classes, np.where(judged, 7, 1))
+    assert (scores[judged] > 3).all()
+    np.testing.assert_array_equal(
+        after.attributes["classification"][:2_000], kept.attributes["classification"][:2_000]
+    )
+    assert set(after.attributes["classification"][2_300:]) == {18}
+
+
+@pytest.mark.parametrize("strictness", ["isolated", "paper"])
+def test_a_report_counts_the_points_left_out(strictness, site, tmp_path):
+    result = run(
+        *("denoise", site, tmp_path / "out.las", "--ignore-class", 6, "--low-groups"),
+        *("--strictness", strictness, "--report", tmp_path / "report"),
+    )
+    assert result.exit_code == 0, result.output
+    page = (tmp_path / "report" / "index.html").read_text(encoding="utf-8")
+    assert "others, neither judged nor used" in page
+    if strictness == "isolated":
+        assert "groups far below the ground" in page
+
+
+@pytest.mark.parametrize("options", [("--above", 2), ("--below", 0), ("--low-groups",)])
+def test_heights_are_refused_by_tiles(options, small_machine, site, tmp_path):
+    line = error_line(run("denoise", site, tmp_path / "b.las", *options, "--memory", "1MB"))
+    assert f"site.las: {options[0]} needs the whole cloud in memory" in line
+
+
+def test_points_left_out_are_those_of_memory_by_tiles(small_machine, site, tmp_path):
+    a, b = tmp_path / "a.las", tmp_path / "b.las"
+    options = ("--mode", "mark", "--ignore-class", "6")
+    run("denoise", site, a, *options)
+    result = run(
+        *("denoise", site, b, *options, "--memory", "1MB", "--n-jobs", 1),
+        *("--report", tmp_path / "report"),
+    )
+    assert result.exit_code == 0, result.output
+    assert a.read_bytes() == b.read_bytes()
+    assert "judged" in result.stdout
+    page = (tmp_path / "report" / "index.html").read_text(encoding="utf-8")
+    assert "others, neither judged nor used" in page
+
+
+def test_classes_are_asked_of_files_that_have_them(room_file, tmp_path):
+    line = error_line(run("denoise", room_file, tmp_path / "b.csv", "--above", 2))
+    assert "fewer than 3 points have the class 2" in line
+    write_points(tmp_path / "a.csv", np.eye(3))
+    line = error_line(run("denoise", tmp_path / "a.csv", tmp_path / "b.csv", "--only-class", 2))
+    assert "a.csv: has no classes" in line
+    line = error_line(run("denoise", room_file, tmp_path / "b.csv", "--only-class", 2))
+    assert "no points are judged" in line
+
+
+@pytest.mark.parametrize(
+    "options", [("--ignore-class", "a"), ("--only-class", "3,256"), ("--above", "nan")]
+)
+def test_what_is_no_class_or_height_is_wrong_usage(options, room_file, tmp_path):
+    assert run("denoise", room_file, tmp_path / "b.csv", *options).exit_code == 2

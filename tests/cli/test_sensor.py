@@ -1,0 +1,45 @@
+"""Where the sensor stood, as options tell it."""
+
+import numpy as np
+import pytest
+import typer
+from numpy.testing import assert_array_equal
+
+from sklearn_mcmd.cli._sensor import _position, sensor_of_options
+from sklearn_mcmd.io import PointCloud, PointFileError
+
+TIMED = PointCloud(np.eye(3), {"time": np.array([0.0, 1, 2])})
+VIEWED = PointCloud(np.eye(3), {}, {"pcd_viewpoint": (1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0)})
+
+
+def test_a_position_is_three_numbers_or_auto():
+    assert _position("auto") == "auto"
+    assert _position("0,-1.5, 2e3") == (0.0, -1.5, 2000.0)
+
+
+@pytest.mark.parametrize("text", ["", "1,2", "1,2,3,4", "1,2,x", "0,0,nan", "origin"])
+def test_other_positions_are_wrong_usage(text):
+    with pytest.raises(typer.BadParameter, match="is not auto or a position, such as 0,0,0"):
+        _position(text)
+
+
+def test_options_tell_one_position_or_one_for_each_point_or_none(tmp_path):
+    (tmp_path / "path.csv").write_text("time,x,y,z\n0,0,0,5\n2,4,0,5\n")
+    assert sensor_of_options("a.pcd", VIEWED) is None
+    assert_array_equal(sensor_of_options("a.pcd", VIEWED, (4.0, 5.0, 6.0)), [4, 5, 6])
+    assert_array_equal(sensor_of_options("a.pcd", VIEWED, "auto"), [1, 2, 3])
+    found = sensor_of_options("a.csv", TIMED, trajectory=tmp_path / "path.csv")
+    assert_array_equal(found, [[0, 0, 5], [2, 0, 5], [4, 0, 5]])
+
+
+def test_a_position_and_a_trajectory_are_wrong_usage(tmp_path):
+    with pytest.raises(typer.BadParameter, match="exclude each other"):
+        sensor_of_options("a.csv", TIMED, (0.0, 0.0, 0.0), tmp_path / "path.csv")
+
+
+def test_errors_name_the_file_of_the_points(tmp_path):
+    with pytest.raises(PointFileError, match=r"a\.csv: no position of the sensor is known"):
+        sensor_of_options("a.csv", TIMED, "auto")
+    (tmp_path / "path.csv").write_text("time,x,y,z\n0,0,0,5\n2,4,0,5\n")
+    with pytest.raises(PointFileError, match=r"a\.pcd: points have no times"):
+        sensor_of_options("a.pcd", VIEWED, trajectory=tmp_path / "path.csv")

@@ -1,0 +1,81 @@
+"""Positions of the sensor that files tell, and that they do not claim what they do not know."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from sklearn_mcmd.io import PointCloud, PointFileError, read_points, sensor_positions, write_points
+from sklearn_mcmd.io._sensor import stated_positions
+
+
+def write_scans(path, scans):
+    """An E57 file of scans: points, and what pye57 takes."""
+    pye57 = pytest.importorskip("pye57")
+    with pye57.E57(str(path), mode="w") as file:
+        for points, grid, options in scans:
+            data = {f"cartesian{axis}": points[:, i] for i, axis in enumerate("XYZ")}
+            if grid:
+                data |= {name: np.arange(len(points)) for name in ("rowIndex", "columnIndex")}
+            file.write_scan_raw(data, **options)
+
+
+POINTS = np.array([[1.0, 0, 0], [2, 0, 3]])
+TURNED = np.array([np.sqrt(0.5), 0, 0, np.sqrt(0.5)])
+
+
+def at(x, y, z, **options):
+    return POINTS, False, {"translation": np.array([x, y, z], float), **options}
+
+
+def test_each_point_of_e57_has_the_position_of_its_scan(tmp_path):
+    write_scans(tmp_path / "a.e57", [at(10, 0, 1), at(0, 7, 2, rotation=TURNED)])
+    cloud = read_points(tmp_path / "a.e57")
+    expected = np.repeat([[10.0, 0, 1], [0, 7, 2]], 2, axis=0)
+    assert_allclose(sensor_positions(cloud), expected, atol=1e-12)
+    assert_allclose(sensor_positions(cloud.subset(np.array([3, 0]))), expected[[3, 0]], atol=1e-12)
+    assert stated_positions(cloud).words == "E57 setups"
+
+
+def test_one_scan_has_one_position(tmp_path):
+    write_scans(tmp_path / "a.e57", [at(10, 0, 1)])
+    cloud = read_points(tmp_path / "a.e57")
+    assert_array_equal(stated_positions(cloud).positions, [[10, 0, 1]])
+    assert_array_equal(sensor_positions(cloud), [[10, 0, 1]] * 2)
+
+
+@pytest.mark.parametrize("grid", [False, True])
+def test_a_pose_that_moves_nothing_counts_only_with_a_grid(grid, tmp_path):
+    write_scans(tmp_path / "a.e57", [(POINTS, grid, {})])
+    cloud = read_points(tmp_path / "a.e57")
+    if grid:
+        assert_array_equal(sensor_positions(cloud), np.zeros((2, 3)))
+    else:
+        with pytest.raises(PointFileError, match="not all of the scans have a pose"):
+            sensor_positions(cloud)
+
+
+def test_a_cloud_written_as_e57_does_not_claim_a_setup_at_its_center(tmp_path):
+    pytest.importorskip("pye57")
+    write_points(tmp_path / "a.e57", POINTS + 50)
+    assert stated_positions(read_points(tmp_path / "a.e57")).positions is None
+
+
+def test_points_that_lost_the_number_of_their_scan_have_no_position(tmp_path):
+    write_scans(tmp_path / "a.e57", [at(10, 0, 1), at(0, 7, 2)])
+    cloud = read_points(tmp_path / "a.e57")
+    lost = PointCloud(cloud.xyz, {}, cloud.metadata)
+    with pytest.raises(PointFileError, match="lost the attribute scan_index"):
+        sensor_positions(lost)
+
+
+def test_the_viewpoint_of_pcd_is_the_position_unless_it_is_the_usual_zeros():
+    cloud = PointCloud(POINTS, {}, {"pcd_viewpoint": (1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0)})
+    assert_array_equal(sensor_positions(cloud), [[1, 2, 3]] * 2)
+    cloud.metadata["pcd_viewpoint"] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    with pytest.raises(PointFileError, match="also written where it is not known"):
+        sensor_positions(cloud)
+
+
+def test_other_files_tell_no_position():
+    with pytest.raises(PointFileError, match="only E57, PCD and LAS can tell it"):
+        sensor_positions(PointCloud(POINTS))
