@@ -31,6 +31,7 @@ from sklearn_mcmd.cli._options import (
     positive,
 )
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
+from sklearn_mcmd.cli._sensor import SensorPosition, TrajectoryFile, sensor_of_options
 from sklearn_mcmd.cli._speech import (
     clear_exits,
     count_and_share,
@@ -148,6 +149,8 @@ def denoise(
     above: Above = None,
     below: Below = None,
     low_groups: LowGroups = False,
+    sensor: SensorPosition = None,
+    trajectory: TrajectoryFile = None,
     outlier_rate: OutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
@@ -203,6 +206,7 @@ def denoise(
             return
         if catalog is not None:
             _refuse_heights(source, above, below, low_groups)
+            _refuse_sensor(source, sensor, trajectory)
             return _by_tiles(
                 *(source, target, catalog, params, choice, mode, memory, restart, report, quiet),
                 seconds,
@@ -214,7 +218,10 @@ def denoise(
             nothing = blank(cloud)
             rehearse(target, *_denoised(cloud, nothing.astype(np.uint8), nothing, mark))
             some = cloud if points.used.all() else cloud.subset(points.used)
-            detector = _find_outliers(coordinates(some), **params)
+            origins = sensor_of_options(source, cloud, sensor, trajectory)
+            if np.ndim(origins) == 2:
+                origins = origins[points.used]
+            detector = _find_outliers(coordinates(some), origins, **params)
             classes, score = _verdict(cloud, points, detector, low_groups)
             is_outlier = classes != 0
             _warn_if_without_scale(_n_without_scale(score[is_outlier]), len(cloud))
@@ -234,6 +241,16 @@ def _refuse_heights(source, above, below, low_groups):
     given = {"--above": above is not None, "--below": below is not None, "--low-groups": low_groups}
     for name, is_given in given.items():
         if is_given:
+            raise ValueError(
+                f"{source}: {name} needs the whole cloud in memory, and this one is divided into "
+                "tiles; give more --memory, or its files one by one"
+            )
+
+
+def _refuse_sensor(source, sensor, trajectory):
+    """Raise where a position is given: rays go through the whole cloud."""
+    for name, value in {"--sensor": sensor, "--trajectory": trajectory}.items():
+        if value is not None:
             raise ValueError(
                 f"{source}: {name} needs the whole cloud in memory, and this one is divided into "
                 "tiles; give more --memory, or its files one by one"
@@ -292,10 +309,10 @@ def _detector(params):
     return MCMDOutlierDetector(**params)
 
 
-def _find_outliers(xyz, **params):
+def _find_outliers(xyz, sensor_origin=None, **params):
     """The fitted detector."""
     with progress_part(*WORKING):
-        return _detector(params).fit(xyz)
+        return _detector(params).fit(xyz, sensor_origin=sensor_origin)
 
 
 def _verdict(cloud, points, detector, low_groups):

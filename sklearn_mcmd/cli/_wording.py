@@ -13,6 +13,7 @@ OPTIONS = (
 )
 # Whole phrases are replaced first; then remaining parameters are replaced one by one.
 PHRASES = (
+    (r"\bsensor_origin\b", "--sensor"),
     (
         r"n_samples=(\d+) is too few for planes in 3D: at least (\d+) are needed\.",
         r"too few points for a plane: \1, and at least \2 are needed.",

@@ -5,6 +5,7 @@ import pytest
 
 from commands import run
 from sklearn_mcmd import MCMDOutlierDetector
+from sklearn_mcmd.datasets import make_spinning_turn
 from sklearn_mcmd.io import read_points, write_points
 from sklearn_mcmd.io._classes import noise_classes
 
@@ -173,3 +174,49 @@ def test_exact_planes_are_warned_about_where_they_make_outliers(strictness, tmp_
     assert result.exit_code == 0
     assert "lie exactly in one plane" in result.stderr
     assert len(result.stderr.splitlines()) == 1
+
+
+# ---- where the sensor stood -----------------------------------------------------------------
+
+
+@pytest.fixture
+def turn(tmp_path):
+    """A turn of a spinning sensor at the origin, in a file."""
+    xyz = make_spinning_turn(4_000, random_state=0).data
+    np.save(tmp_path / "turn.npy", xyz)
+    return tmp_path / "turn.npy", xyz
+
+
+def test_the_position_of_the_sensor_reaches_the_detector(turn, tmp_path):
+    path, xyz = turn
+    result = run("denoise", path, tmp_path / "out.npy", "--mode", "mark", "--sensor", "0,0,0")
+    assert result.exit_code == 0, result.output
+    expected = MCMDOutlierDetector(sensor_origin="origin", random_state=0).fit(xyz).scores_
+    scores = np.load(tmp_path / "out.npy")["outlier_score"]
+    np.testing.assert_array_equal(scores, (-expected).astype(np.float32))
+    plain = MCMDOutlierDetector(random_state=0).fit(xyz).scores_
+    assert (plain != expected).any()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--sensor", "auto"), "no position of the sensor is known"),
+        (("--sensor", "0,0,0", "--strictness", "paper"), "--sensor has no meaning"),
+        (("--trajectory", "missing.csv"), "missing.csv"),
+        (("--sensor", "1,2"), "1,2 is not auto or a position"),
+    ],
+)
+def test_a_position_that_cannot_be_used_is_refused(turn, tmp_path, options, message):
+    result = run("denoise", turn[0], tmp_path / "out.npy", *options)
+    assert result.exit_code in (1, 2)
+    assert message in " ".join(result.output.split())
+    assert not (tmp_path / "out.npy").exists()
+
+
+def test_tiles_refuse_a_position(turn, tmp_path):
+    write_points(tmp_path / "in.las", turn[1])
+    options = ("--memory", "1MB", "--sensor", "0,0,0")
+    result = run("denoise", tmp_path / "in.las", tmp_path / "out.las", *options)
+    assert result.exit_code == 1
+    assert "--sensor needs the whole cloud in memory" in " ".join(result.output.split())
