@@ -182,12 +182,9 @@ def test_a_run_that_was_killed_goes_on(place, n_resumed, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scene", ["street", "floor"])
-def test_a_hundred_thousand_points_have_the_normals_of_memory(scene, tmp_path):
+def test_a_hundred_thousand_points_have_the_normals_of_memory(tmp_path):
     a, b, c = (tmp_path / name for name in ("a.las", "b.las", "c.las"))
-    X = noisy_floor(60_000)
-    if scene == "street":
-        X = make_street(100_000, outlier_share=0.1, random_state=1).data
+    X = make_street(100_000, outlier_share=0.1, random_state=1).data
     write_points(a, PointCloud(np.round(X, 3)))
     in_memory(a, b)
     for tile_size, cut, n_jobs in ((5_000, 0.5, 2), (20_000, 0.3, 1)):

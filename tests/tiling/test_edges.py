@@ -322,11 +322,11 @@ def test_detectors_that_cannot_work_are_refused_before_the_work(tmp_path, estima
 
 @pytest.mark.slow
 @pytest.mark.parametrize("criterion", ["crease", "removed_fraction"])
-def test_a_hundred_thousand_points_have_the_scores_of_memory(criterion, by_tiles, tmp_path):
-    path, cloud = written(tmp_path, np.round(street_of(100_000), 3))
+def test_many_points_have_the_scores_of_memory(criterion, by_tiles, tmp_path):
+    path, cloud = written(tmp_path, np.round(street_of(40_000), 3))
     detector = SharpFeatureDetector(criterion=criterion, random_state=0)
     expected = in_memory(cloud, detector)
-    for tile_size, cut, n_jobs in ((5_000, 0.5, 2), (20_000, 0.3, 1), (70_000, 0.6, 2)):
+    for tile_size, cut, n_jobs in ((4_000, 0.5, 2), (20_000, 0.3, 1)):
         scores, limit, _ = by_tiles(path, detector, tile_size=tile_size, cut=cut, n_jobs=n_jobs)
         assert_array_equal(scores, expected.scores_)
         assert limit == expected.offset_

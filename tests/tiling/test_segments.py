@@ -118,9 +118,8 @@ def test_labels_are_those_of_memory_for_all_parameters(params, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize("params", SWITCHES, ids=str)
-def test_labels_are_those_of_memory_for_all_scenes_and_parameters(scene, params, tmp_path):
+@pytest.mark.parametrize(("scene", "params"), zip(SCENES, SWITCHES, strict=True), ids=str)
+def test_each_scene_has_the_labels_of_memory_with_other_parameters(scene, params, tmp_path):
     path, cloud = written(tmp_path, SCENES[scene]())
     growing = clone(GROWING).set_params(**params)
     assert_equal_by_tiles(path, cloud, growing, ((900, 0.4), (2_500, 0.6)))
