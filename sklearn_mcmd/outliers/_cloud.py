@@ -5,13 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.outliers._company import Company, CompanyLimits, Places, mean_distance
-from sklearn_mcmd.outliers._rays import (
-    RayLimits,
-    Rays,
-    emptiness,
-    joint_evidence,
-    one_far_position,
-)
+from sklearn_mcmd.outliers._rays import Emptiness, RayLimits, Rays, one_far_position
 from sklearn_mcmd.outliers._surfaces import (
     SurfaceLimits,
     distances_to_surfaces,
@@ -235,28 +229,19 @@ class JudgedCloud:
     def _ask_rays(self, isolation, separation, spacing):
         """Isolation and separation of the rest, as the beams next to it see them."""
         rest, rays, index = self.company.rest, self.rays, self.model.index
-        witnesses = rays.witnesses(rest)
-        group = np.full(len(index.points), -1)
-        group[rest] = groups = self.company.groups
-        everything = np.ones(witnesses.rows.shape, dtype=bool)
-        alone = joint_evidence(*emptiness(witnesses, self.explained, everything))
-        others = group[witnesses.rows] != groups[:, None]
-        sums = emptiness(witnesses, self.explained, others)
-        together = joint_evidence(*(np.bincount(groups, part)[groups] for part in sums))
-        steps = ratio(spacing, witnesses.step)
+        groups = self.company.groups
+        own, others = rays.emptiness(rest, groups, self.explained)
         isolation, separation = _with_rays(
-            isolation, separation, steps, alone, together, witnesses.step
+            isolation, separation, spacing, own.alone(), others.together(groups), rays.steps(rest)
         )
         sheet = self._sheet_scores(index.points[rest], lambda rows: index.query_own(rest[rows]))
         return np.maximum(isolation, sheet), separation
 
     def _ask_new_rays(self, queries, around, isolation, separation, spacing):
         witnesses = self.rays.new_witnesses(queries, around.indices[:, 0])
-        everything = np.ones(witnesses.rows.shape, dtype=bool)
-        alone = joint_evidence(*emptiness(witnesses, self.explained, everything))
-        steps = ratio(spacing, witnesses.step)
+        empty = Emptiness.of(witnesses, self.explained)
         isolation, separation = _with_rays(
-            isolation, separation, steps, alone, alone, witnesses.step
+            isolation, separation, spacing, empty.alone(), empty.around(), witnesses.step
         )
         return np.maximum(isolation, self._sheet_scores(queries, around.take)), separation
 
@@ -354,17 +339,16 @@ def joined_scores(distances, isolation, separation, strictness, limit, beside):
     return scores
 
 
-def _with_rays(isolation, separation, steps, alone, together, step):
-    """What coordinates and beams say together: their geometric means, by how empty the place is.
+def _with_rays(isolation, separation, spacing, alone, together, step):
+    """What coordinates and beams say together.
 
-    A group is judged by its surroundings as a whole. So these must agree more, and beams, which
-    do not tell a far piece of a surface from a group, count for more. Points where the sensor is
-    have no ray, and keep what coordinates say.
+    The spacing of a single point counts as much in steps as in usual spacings. Both are weighed
+    by how empty the place is. A group is judged by its surroundings as a whole, so these must
+    agree more. Points where the sensor is have no ray, and keep what coordinates say.
     """
     seen = step > 0
-    isolation = np.where(seen, alone * np.sqrt(isolation * steps), isolation)
-    apart = together**2 * np.cbrt(separation) * np.cbrt(steps) ** 2
-    return isolation, np.where(seen, apart, separation)
+    isolation = np.where(seen, alone * np.sqrt(isolation * ratio(spacing, step)), isolation)
+    return isolation, np.where(seen, together**2 * separation, separation)
 
 
 def _distances(points, queries, near):

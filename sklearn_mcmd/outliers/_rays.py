@@ -12,7 +12,7 @@ from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 
-__all__ = ["RayLimits", "Rays", "Witnesses", "emptiness", "joint_evidence", "one_far_position"]
+__all__ = ["Emptiness", "RayLimits", "Rays", "one_far_position"]
 
 CHUNK = 4096
 
@@ -22,6 +22,8 @@ class RayLimits(NamedTuple):
 
     n_beams : int
         Beams next to a ray, by their direction.
+    searched : int
+        Beams next to a ray among which those of other groups are sought, in `n_beams`.
     differs : float
         Ranges differ if they do so by this many steps. Those to a surface scatter by less about
         its tilt.
@@ -37,6 +39,7 @@ class RayLimits(NamedTuple):
     """
 
     n_beams: int = 8
+    searched: float = 8.0
     differs: float = 3.0
     usual: float = 2.0
     alone: float = 1.25
@@ -49,6 +52,8 @@ class Witnesses(NamedTuple):
 
     rows : ndarray of int32 of shape (m, k)
         Of the points that the beams met.
+    asked : ndarray of bool of shape (m, k)
+        Which of them are asked.
     near : ndarray of bool of shape (m, k)
         Whether they really are next to the ray. Where the sensor got no echo, none is.
     farther : ndarray of shape (m, k)
@@ -59,9 +64,65 @@ class Witnesses(NamedTuple):
     """
 
     rows: np.ndarray
+    asked: np.ndarray
     near: np.ndarray
     farther: np.ndarray
     step: np.ndarray
+
+
+class Emptiness(NamedTuple):
+    """What the beams next to points say about their places: sums over the beams, of shape (m,).
+
+    passing : ndarray
+        Beams that go on behind the point, and directions without an echo. The place is empty.
+    ending : ndarray
+        Beams that end before the point.
+    hidden : ndarray
+        Those of them that end on a surface.
+    asked : ndarray
+        All.
+    """
+
+    passing: np.ndarray
+    ending: np.ndarray
+    hidden: np.ndarray
+    asked: np.ndarray
+
+    @classmethod
+    def of(cls, witnesses, on_surface):
+        """From `Witnesses`, and which points of the cloud a surface explains."""
+        heard = witnesses.asked & witnesses.near
+        silent = np.count_nonzero(witnesses.asked & ~witnesses.near, axis=1)
+        passing = np.where(heard, np.maximum(witnesses.farther, 0.0), 0.0).sum(axis=1)
+        ending = np.where(heard, np.maximum(-witnesses.farther, 0.0), 0.0)
+        hidden = np.where(on_surface[witnesses.rows], ending, 0.0).sum(axis=1)
+        asked = np.count_nonzero(witnesses.asked, axis=1)
+        return cls(passing + silent, ending.sum(axis=1), hidden, asked)
+
+    def alone(self):
+        """Evidence from 0 to 1 that a single point is nothing real.
+
+        Beams that pass say so. So do those that end before it on surfaces, if nearly all do:
+        nothing there can be seen. A mixed pixel lies next to an outline, where half of the beams
+        end before it and half pass. So what ends before it does not speak for a point.
+        """
+        return self._evidence(self.passing)
+
+    def together(self, groups):
+        """The same of groups, for each of their points, from the beams around the whole group.
+
+        Here beams that end before it speak for the group: behind what they met, it may go on.
+        """
+        pooled = Emptiness(*(np.bincount(groups, part)[groups] for part in self))
+        return pooled.around()
+
+    def around(self):
+        """As `together`, if each point is a group."""
+        return self._evidence(self.passing - self.ending)
+
+    def _evidence(self, empty):
+        evidence = np.maximum(ratio(empty, self.asked), 2 * ratio(self.hidden, self.asked) - 1)
+        return np.clip(evidence, 0.0, 1.0)
 
 
 class Rays:
@@ -114,9 +175,48 @@ class Rays:
         """Forget what only the points themselves ask for."""
         self._beams = self._angles = self._step = None
 
-    def witnesses(self, rows):
-        """The `Witnesses` of some of the points."""
-        return self._asked(self._beams[rows], self._angles[rows], self.ranges[rows])
+    def emptiness(self, rows, groups, on_surface):
+        """What the beams next to some of the points say: all of them, and those of other groups.
+
+        Parameters
+        ----------
+        rows : ndarray of int of shape (m,)
+        groups : ndarray of int of shape (m,)
+            Group of each.
+        on_surface : ndarray of bool of shape (n,)
+
+        Returns
+        -------
+        alone, strangers : Emptiness
+        """
+        group = np.full(len(self.points), -1)
+        group[rows] = groups
+        own, others = (Emptiness(*np.empty((4, len(rows)))) for _ in range(2))
+
+        def ask(part):
+            for sums, found in zip(
+                (own, others), self._both_witnesses(rows[part], group), strict=True
+            ):
+                for field, values in zip(sums, Emptiness.of(found, on_surface), strict=True):
+                    field[part] = values
+
+        each_slice(len(rows), CHUNK, ask, self.n_jobs)
+        return own, others
+
+    def _both_witnesses(self, rows, group):
+        """The `Witnesses` next to each point, and the first of them that are of other groups."""
+        cloud, k = self.cloud, self.n_beams
+        n_searched = min(int(self.limits.searched * k), len(cloud.points) - 1)
+        angles, found = cloud.nearest(cloud.points[cloud.places[rows]], n_searched + 1)
+        angles, beams, ranges = angles[:, 1:], cloud.rows[found[:, 1:]], self.ranges[rows]
+        step = self._steps(angles[:, :k].mean(axis=1), ranges)
+        strange = group[beams] != group[rows][:, None]
+        strange &= np.cumsum(strange, axis=1) <= k
+        everything = np.ones((len(rows), k), dtype=bool)
+        return (
+            self._asked(beams[:, :k], everything, angles[:, :k], ranges, step),
+            self._asked(beams, strange, angles, ranges, step),
+        )
 
     def new_witnesses(self, queries, nearest):
         """The `Witnesses` of new points, each measured from where the `nearest` of the points was.
@@ -131,17 +231,22 @@ class Rays:
         ranges, directions = _polar(queries, origins)
         ranks = np.arange(1, self.n_beams + 1)
         angles, near = self.cloud.tree.query(self._places(directions, origins), k=ranks)
-        return self._asked(self.cloud.rows[near], angles, ranges)
+        step = self._steps(angles.mean(axis=1), ranges)
+        everything = np.ones(near.shape, dtype=bool)
+        return self._asked(self.cloud.rows[near], everything, angles, ranges, step)
+
+    def steps(self, rows):
+        """Steps at some of the points; 0 of points where the sensor is."""
+        return self._step[rows]
 
     def _steps(self, mean_angles, ranges):
         return np.minimum(mean_angles, self.limits.usual * self.usual_angle) * ranges
 
-    def _asked(self, beams, angles, ranges):
+    def _asked(self, beams, asked, angles, ranges, step):
         reach = self.limits.usual * self.usual_angle
-        step = self._steps(angles.mean(axis=1), ranges)
         farther = self.ranges[beams] - ranges[:, None]
         farther = np.clip(ratio(farther, self.limits.differs * step[:, None]), -1.0, 1.0)
-        return Witnesses(beams, angles <= reach, farther, step)
+        return Witnesses(beams, asked, angles <= reach, farther, step)
 
     def measure(self, index, planes, explained):
         """How planes look from the sensor.
@@ -201,38 +306,6 @@ class Rays:
             ratio(away.min(axis=1), step),
             spacing,
         )
-
-
-def emptiness(witnesses, on_surface, counted):
-    """How much the beams next to points say that nothing real is there: sums of m points.
-
-    Two things say so. All beams pass and go on: there is free space. Or all beams end before, on
-    surfaces: nothing there can be seen. Where the sensor got no echo, nothing is said against it.
-
-    Parameters
-    ----------
-    witnesses : Witnesses
-    on_surface : ndarray of bool
-        Points of the cloud that a surface explains.
-    counted : ndarray of bool of shape (m, k)
-        Beams that count.
-
-    Returns
-    -------
-    free, hidden, n_counted : ndarray of shape (m,)
-    """
-    silent = counted & ~witnesses.near
-    heard = counted & witnesses.near
-    free = np.where(heard, witnesses.farther, silent).sum(axis=1)
-    before = np.maximum(-witnesses.farther, 0.0) * on_surface[witnesses.rows]
-    hidden = np.where(heard, before, silent).sum(axis=1)
-    return free, hidden, np.count_nonzero(counted, axis=1)
-
-
-def joint_evidence(free, hidden, n_counted):
-    """Evidence from 0 to 1 that nothing real is there, from the sums of `emptiness`."""
-    evidence = np.maximum(ratio(free, n_counted), 2 * ratio(hidden, n_counted) - 1)
-    return np.clip(evidence, 0.0, 1.0)
 
 
 def one_far_position(points, origins):

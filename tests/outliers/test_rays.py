@@ -246,8 +246,27 @@ def test_witnesses_pass_or_end_before():
     wall = np.column_stack([np.full(y.size, 5.0), y, z])
     X = np.vstack([wall, [[2.5, 0.01, 0.02], [9.0, 0.3, 0.3]]])
     rays = Rays(X, np.zeros_like(X), RayLimits(), None)
-    witnesses = rays.witnesses(np.array([len(X) - 2, len(X) - 1, 220]))
-    assert_allclose(witnesses.farther[0], 1)
-    assert_allclose(witnesses.farther[1], -1)
-    assert np.count_nonzero(np.abs(witnesses.farther[2]) < 0.1) >= 7  # all but the flake
-    assert witnesses.near[0].all()
+    rows = np.array([len(X) - 2, len(X) - 1, 220])
+    on_wall = np.arange(len(X)) < len(wall)
+    empty, others = rays.emptiness(rows, np.arange(3), on_wall)
+    assert_allclose(empty.passing, [8, 0, 0], atol=0.1)  # of the third, next to the flake, 8 end on it
+    assert_allclose(empty.hidden, [0, 8, 0], atol=0.1)
+    assert_allclose(empty.alone(), [1, 1, 0], atol=0.1)
+    assert_array_equal(others.asked, 8)
+    together = rays.emptiness(rows, np.zeros(3, int), on_wall)[1]
+    assert_allclose(together.together(np.zeros(3, int)), together.together(np.zeros(3, int))[0])
+
+
+def test_beams_around_a_group_are_those_of_others():
+    """A dense ball in front of a wall hides the wall from itself, not from the beams around it."""
+    rng = np.random.default_rng(0)
+    y, z = (g.ravel() for g in np.meshgrid(np.linspace(-1, 1, 41), np.linspace(-1, 1, 41)))
+    wall = np.column_stack([np.full(y.size, 5.0), y, z])
+    ball = np.array([2.5, 0.01, 0.02]) + rng.normal(0, 0.02, (30, 3))
+    X = np.vstack([wall, ball])
+    rows = np.arange(len(wall), len(X))
+    rays = Rays(X, np.zeros_like(X), RayLimits(), None)
+    groups = np.zeros(len(ball), int)
+    own, others = rays.emptiness(rows, groups, np.arange(len(X)) < len(wall))
+    assert np.median(own.alone()) < 0.5
+    assert_allclose(others.together(groups), 1, atol=0.01)
