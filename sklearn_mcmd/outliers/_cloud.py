@@ -229,10 +229,13 @@ class JudgedCloud:
     def _ask_rays(self, isolation, separation, spacing):
         """Isolation and separation of the rest, as the beams next to it see them."""
         rest, rays, index = self.company.rest, self.rays, self.model.index
-        groups = self.company.groups
-        own, others = rays.emptiness(rest, groups, self.explained)
+        alone = rays.next_to(rest, self.explained).alone()
+        together = np.ones(len(rest))
+        apart = np.flatnonzero(separation > 0)
+        groups = self.company.groups[apart]
+        together[apart] = rays.around(rest[apart], groups, self.explained).together(groups)
         isolation, separation = _with_rays(
-            isolation, separation, spacing, own.alone(), others.together(groups), rays.steps(rest)
+            isolation, separation, spacing, alone, together, rays.steps(rest)
         )
         sheet = self._sheet_scores(index.points[rest], lambda rows: index.query_own(rest[rows]))
         return np.maximum(isolation, sheet), separation
@@ -240,8 +243,9 @@ class JudgedCloud:
     def _ask_new_rays(self, queries, around, isolation, separation, spacing):
         witnesses = self.rays.new_witnesses(queries, around.indices[:, 0])
         empty = Emptiness.of(witnesses, self.explained)
+        together = empty.together(np.arange(len(queries)))
         isolation, separation = _with_rays(
-            isolation, separation, spacing, empty.alone(), empty.around(), witnesses.step
+            isolation, separation, spacing, empty.alone(), together, witnesses.step
         )
         return np.maximum(isolation, self._sheet_scores(queries, around.take)), separation
 

@@ -114,11 +114,7 @@ class Emptiness(NamedTuple):
         Here beams that end before it speak for the group: behind what they met, it may go on.
         """
         pooled = Emptiness(*(np.bincount(groups, part)[groups] for part in self))
-        return pooled.around()
-
-    def around(self):
-        """As `together`, if each point is a group."""
-        return self._evidence(self.passing - self.ending)
+        return pooled._evidence(pooled.passing - pooled.ending)
 
     def _evidence(self, empty):
         evidence = np.maximum(ratio(empty, self.asked), 2 * ratio(self.hidden, self.asked) - 1)
@@ -175,48 +171,43 @@ class Rays:
         """Forget what only the points themselves ask for."""
         self._beams = self._angles = self._step = None
 
-    def emptiness(self, rows, groups, on_surface):
-        """What the beams next to some of the points say: all of them, and those of other groups.
+    def next_to(self, rows, on_surface):
+        """The `Emptiness` of the places of some of the points."""
+        step = self._step[rows]
+        beams, angles, ranges = self._beams[rows], self._angles[rows], self.ranges[rows]
+        everything = np.ones(beams.shape, dtype=bool)
+        witnesses = self._asked(beams, everything, angles, ranges, step)
+        return Emptiness.of(witnesses, on_surface)
+
+    def around(self, rows, groups, on_surface):
+        """The `Emptiness` around groups of points: the beams next to them that are of others.
 
         Parameters
         ----------
         rows : ndarray of int of shape (m,)
+            Of the points of whole groups.
         groups : ndarray of int of shape (m,)
             Group of each.
         on_surface : ndarray of bool of shape (n,)
-
-        Returns
-        -------
-        alone, strangers : Emptiness
         """
         group = np.full(len(self.points), -1)
         group[rows] = groups
-        own, others = (Emptiness(*np.empty((4, len(rows)))) for _ in range(2))
+        cloud, k, ranges = self.cloud, self.n_beams, self.ranges[rows]
+        n_searched = min(int(self.limits.searched * k), len(cloud.points) - 1)
+        sums = Emptiness(*np.empty((4, len(rows))))
 
         def ask(part):
-            for sums, found in zip(
-                (own, others), self._both_witnesses(rows[part], group), strict=True
-            ):
-                for field, values in zip(sums, Emptiness.of(found, on_surface), strict=True):
-                    field[part] = values
+            own = rows[part]
+            angles, found = cloud.nearest(cloud.points[cloud.places[own]], n_searched + 1)
+            angles, beams = angles[:, 1:], cloud.rows[found[:, 1:]]
+            strange = group[beams] != group[own][:, None]
+            strange &= np.cumsum(strange, axis=1) <= k
+            witnesses = self._asked(beams, strange, angles, ranges[part], self._step[own])
+            for field, values in zip(sums, Emptiness.of(witnesses, on_surface), strict=True):
+                field[part] = values
 
         each_slice(len(rows), CHUNK, ask, self.n_jobs)
-        return own, others
-
-    def _both_witnesses(self, rows, group):
-        """The `Witnesses` next to each point, and the first of them that are of other groups."""
-        cloud, k = self.cloud, self.n_beams
-        n_searched = min(int(self.limits.searched * k), len(cloud.points) - 1)
-        angles, found = cloud.nearest(cloud.points[cloud.places[rows]], n_searched + 1)
-        angles, beams, ranges = angles[:, 1:], cloud.rows[found[:, 1:]], self.ranges[rows]
-        step = self._steps(angles[:, :k].mean(axis=1), ranges)
-        strange = group[beams] != group[rows][:, None]
-        strange &= np.cumsum(strange, axis=1) <= k
-        everything = np.ones((len(rows), k), dtype=bool)
-        return (
-            self._asked(beams[:, :k], everything, angles[:, :k], ranges, step),
-            self._asked(beams, strange, angles, ranges, step),
-        )
+        return sums
 
     def new_witnesses(self, queries, nearest):
         """The `Witnesses` of new points, each measured from where the `nearest` of the points was.

@@ -248,13 +248,14 @@ def test_witnesses_pass_or_end_before():
     rays = Rays(X, np.zeros_like(X), RayLimits(), None)
     rows = np.array([len(X) - 2, len(X) - 1, 220])
     on_wall = np.arange(len(X)) < len(wall)
-    empty, others = rays.emptiness(rows, np.arange(3), on_wall)
-    assert_allclose(empty.passing, [8, 0, 0], atol=0.1)  # of the third, next to the flake, 8 end on it
+    empty, others = rays.next_to(rows, on_wall), rays.around(rows, np.arange(3), on_wall)
+    assert_allclose(
+        empty.passing, [8, 0, 0], atol=0.1
+    )  # of the third, next to the flake, 8 end on it
     assert_allclose(empty.hidden, [0, 8, 0], atol=0.1)
     assert_allclose(empty.alone(), [1, 1, 0], atol=0.1)
     assert_array_equal(others.asked, 8)
-    together = rays.emptiness(rows, np.zeros(3, int), on_wall)[1]
-    assert_allclose(together.together(np.zeros(3, int)), together.together(np.zeros(3, int))[0])
+    assert_allclose(others.together(np.arange(3)), [1, 1, 0], atol=0.1)
 
 
 def test_beams_around_a_group_are_those_of_others():
@@ -267,6 +268,6 @@ def test_beams_around_a_group_are_those_of_others():
     rows = np.arange(len(wall), len(X))
     rays = Rays(X, np.zeros_like(X), RayLimits(), None)
     groups = np.zeros(len(ball), int)
-    own, others = rays.emptiness(rows, groups, np.arange(len(X)) < len(wall))
-    assert np.median(own.alone()) < 0.5
-    assert_allclose(others.together(groups), 1, atol=0.01)
+    on_wall = np.arange(len(X)) < len(wall)
+    assert np.median(rays.next_to(rows, on_wall).alone()) < 0.5
+    assert_allclose(rays.around(rows, groups, on_wall).together(groups), 1, atol=0.01)
