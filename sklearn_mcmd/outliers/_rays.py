@@ -25,8 +25,8 @@ class RayLimits(NamedTuple):
     searched : int
         Beams next to a ray among which those of other groups are sought, in `n_beams`.
     differs : float
-        Ranges differ if they do so by this many steps. Those to a surface scatter by less about
-        its tilt.
+        Ranges differ if they do so by this many units: the root of the sum of squares of a step
+        and of the noise of ranges. Those to a surface scatter by less about its tilt.
     usual : float
         Beams are next to a ray within this many of the cloud's usual steps, and a step counts as
         that many at most.
@@ -138,6 +138,8 @@ class Rays:
         Distances from the sensor.
     usual_angle : float
         Between rays that are next to each other, the median of all.
+    noise : float
+        Standard deviation of ranges, the median of all; 0 before `measure`.
     """
 
     def __init__(self, points, origins, limits, n_jobs):
@@ -160,6 +162,7 @@ class Rays:
         means = self._angles.mean(axis=1)
         self.usual_angle = float(np.median(means[self.ranges > 0]))
         self._step = self._steps(means, self.ranges)
+        self.noise = 0.0
 
     def _places(self, directions, origins):
         """Rays are next to each other if their directions are, and the sensor's positions too."""
@@ -233,10 +236,15 @@ class Rays:
     def _steps(self, mean_angles, ranges):
         return np.minimum(mean_angles, self.limits.usual * self.usual_angle) * ranges
 
+    def _unit(self, step):
+        """What ranges may differ by where there is nothing but a surface."""
+        return np.where(step > 0, np.hypot(step, self.noise), 0.0)
+
     def _asked(self, beams, asked, angles, ranges, step):
         reach = self.limits.usual * self.usual_angle
         farther = self.ranges[beams] - ranges[:, None]
-        farther = np.clip(ratio(farther, self.limits.differs * step[:, None]), -1.0, 1.0)
+        unit = self.limits.differs * self._unit(step)
+        farther = np.clip(ratio(farther, unit[:, None]), -1.0, 1.0)
         return Witnesses(beams, asked, angles <= reach, farther, step)
 
     def measure(self, index, planes, explained):
@@ -258,12 +266,14 @@ class Rays:
         Returns
         -------
         scatter : ndarray of shape (n,)
-            What the tilt of the plane leaves of the ranges of the beams that meet it, in steps:
+            What the tilt of the plane leaves of the ranges of the beams that meet it, in units:
             the median of the points nearby. Less where most have a beam's point at hand.
         spacing : ndarray of shape (n,)
             Mean distance to the beams' points on the plane, 0 where there is none.
         """
         n, limits = len(self.points), self.limits
+        facing = np.abs(np.einsum("nd,nd->n", self.directions, planes.normals))
+        self.noise = float(np.median(ratio(planes.scale, facing)))
         scatter, alone, spacing = np.empty((3, n))
 
         def look(rows):
@@ -293,7 +303,7 @@ class Rays:
         farther = self.ranges[beams] - self.ranges[rows][:, None]
         spacing = ratio(np.where(met, away, 0.0).sum(axis=1), np.count_nonzero(met, axis=1))
         return (
-            ratio(_left_by_line(tilt, farther, met), step),
+            ratio(_left_by_line(tilt, farther, met), self._unit(step)),
             ratio(away.min(axis=1), step),
             spacing,
         )
