@@ -2,7 +2,6 @@
 
 import dataclasses
 import os
-import warnings
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._memory import PART
 from sklearn_mcmd.tiling._moves import places_of
 from sklearn_mcmd.tiling._tile import result_dtype, tile_files
+from sklearn_mcmd.tiling._warnings import warn_caller
 
 __all__ = [
     "LABELED",
@@ -219,9 +219,7 @@ def _write(catalog, targets, folder, dtype, make, measure, content, choice=None)
                     tell(first / catalog.n_points)
         folder.mark_written(i, place, content)
         if n_written == 0:
-            warnings.warn(
-                f"{targets[i]}: all points are outliers, so the file has none", stacklevel=4
-            )
+            warn_caller(f"{targets[i]}: all points are outliers, so the file has none")
     return total
 
 
