@@ -13,13 +13,15 @@ from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff, sample_step
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
-from sklearn_mcmd.planes._progress import listen_to_progress
+from sklearn_mcmd.planes._progress import listen_to_progress, progress_part
 from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._columns import Columns
+from sklearn_mcmd.tiling._heights import HeightLimits, Heights
 from sklearn_mcmd.tiling._joining import join_parts
 from sklearn_mcmd.tiling._lowest import lowest_points
 from sklearn_mcmd.tiling._outputs import (
     SCORED,
+    Scored,
     content_of,
     has_scores,
     scores_in_parts,
@@ -45,7 +47,8 @@ from sklearn_mcmd.tiling._together import fit_together
 __all__ = ["check_detector", "cutoff_of", "judge_cells", "write_denoised"]
 
 WARM_UP = 3_000  # points that load or compile the code
-# The end of each sweep, as a share of the time.
+# The ends of the work on heights and on scores, as a share of the time, and then of each sweep.
+HEIGHTS, VERDICTS = 0.15, 0.99
 ENDS = {
     "places": 0.02,
     "planes": 0.7,
@@ -74,6 +77,9 @@ def write_denoised(
     mode: Literal["drop", "mark"] = "drop",
     ignore_classes: Iterable[int] = (),
     only_classes: Iterable[int] = (),
+    above: float | None = None,
+    below: float | None = None,
+    low_groups: bool = False,
     memory: str | float | None = None,
     n_jobs: int | None = None,
     tile_size: int | None = None,
@@ -110,6 +116,14 @@ def write_denoised(
         They are kept as they are. So are points that are marked withheld, always.
     only_classes : iterable of int, default=()
         If there are any, points of all other classes are left out in the same way.
+    above, below : float, default=None
+        Judge only points that are higher, or lower, than this over the ground (class 2): over the
+        mean of the three ground points that are nearest in plan. All are used to judge others.
+        The score of those that are not judged is NaN, and they are kept.
+    low_groups : bool, default=False
+        Whether a group of any number of points is an outlier, of low noise, if it lies below the
+        ground by more sizes of its own than the cutoff. Points below the ground are in memory
+        together, see :doc:`/tiling`.
     memory, n_jobs, tile_size, cut, as_folder, restart
         As of `write_normals`.
 
@@ -125,7 +139,7 @@ def write_denoised(
         If some tiles failed, or the run ended in another way after all points were read. Temporary
         files are then kept, and the message names them.
     ValueError
-        If the estimator cannot work by tiles, or the memory is too little.
+        If the estimator cannot work by tiles, a height is not finite, or the memory is too little.
 
     Warns
     -----
@@ -158,7 +172,8 @@ def write_denoised(
         estimator = MCMDOutlierDetector(random_state=0)
     check_detector(estimator)
     choice = Choice(tuple(sorted(ignore_classes)), tuple(sorted(only_classes)))
-    verb = _Denoise(clone(estimator).set_params(n_jobs=1), content_of(mode, choice), choice, mode)
+    limits = HeightLimits.of(above, below, low_groups)
+    verb = _Denoise(clone(estimator).set_params(n_jobs=1), mode, choice, limits)
     return run_by_tiles(
         verb, source, target, memory=memory, n_jobs=n_jobs, tile_size=tile_size, cut=cut,
         as_folder=as_folder, restart=restart,
@@ -168,24 +183,37 @@ def write_denoised(
 class _Denoise(Verb):
     """Outliers, in sweeps; points without scores are kept."""
 
-    def __init__(self, estimator, content, choice, mode):
-        super().__init__(estimator, content, choice)
-        self.mode = mode
+    def __init__(self, estimator, mode, choice, limits):
+        self.mode, self.limits = mode, limits
+        content = content_of(mode, choice, limits)
+        super().__init__(estimator, content, choice, needs_ground=limits is not None)
 
     def prepare(self):
         self.cutoff = cutoff_of(self.estimator)
-        return "outliers", 0
+        return "outliers" if self.limits is None else "heights", 0
 
     def find(self, run):
+        self.n_used = self.n_judged = int(run.cells.counts.sum())
+        self.scored = Scored(run.folder.results, len(run.cells))
+        if self.limits is None:
+            return self._find_scores(run)
+        heights = Heights(run, self.limits)
+        with progress_part(0.0, HEIGHTS):
+            self.n_judged = heights.find()
+        with progress_part(HEIGHTS, VERDICTS):
+            self._find_scores(run)
+        with progress_part(VERDICTS, 1.0):
+            self.scored = heights.scored()
+
+    def _find_scores(self, run):
         columns, n_cells = Columns(run.folder.results), len(run.cells)
         self.n_resumed = sum(columns.is_done(cell, "planes") for cell in range(n_cells))
-        self.n_judged = int(run.cells.counts.sum())
         job = Job(
-            run.folder.cells, run.folder.results, self.estimator, run.folder.constants,
-            self.n_judged,
-        )  # fmt: skip
+            *(run.folder.cells, run.folder.results, self.estimator, run.folder.constants),
+            self.n_used,
+        )
         self.cutoff = judge_cells(job, run.cells, columns, run.plan.n_workers, self.cutoff)
-        self.n_proved = self.n_judged
+        self.n_proved = self.n_used
         if columns.is_done(0, "planes"):
             self.n_proved = int(columns.total(n_cells, "planes", "n_proved"))
 
@@ -193,16 +221,18 @@ class _Denoise(Verb):
         lowest = None
         if self.mode == "mark":
             lowest = lowest_points(
-                run.catalog, run.folder, run.cells, self.estimator.n_neighbors, self.cutoff
+                run.catalog, self.scored, run.cells, self.estimator.n_neighbors, self.cutoff
             )
         n_outliers, n_exact = write_denoised_outputs(
-            run.catalog, run.targets, run.folder, self.mode, self.cutoff, self.choice, lowest
-        )
+            run.catalog, run.targets, run.folder, self.mode, self.cutoff, self.choice,
+            self.content, self.scored, lowest,
+        )  # fmt: skip
         return {
             "n_outliers": n_outliers,
             "n_exact": n_exact,
             "removed_fraction": n_outliers / run.catalog.n_points,
             "n_judged": self.n_judged,
+            "n_used": self.n_used,
             "n_proved": self.n_proved,
             "n_resumed": self.n_resumed,
         }

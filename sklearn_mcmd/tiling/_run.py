@@ -20,6 +20,7 @@ from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
 from sklearn_mcmd.tiling._constants import WholeCloud
 from sklearn_mcmd.tiling._folder import WorkFolder, key_of
+from sklearn_mcmd.tiling._heights import GroundWriter
 from sklearn_mcmd.tiling._memory import (
     PART,
     Plan,
@@ -65,7 +66,10 @@ class RunReport(NamedTuple):
     n_edges : int
         Points of edges, of `write_edges`.
     n_judged : int
-        Of `write_denoised`, points that were used: not withheld, and of the classes asked for.
+        Of `write_denoised`, points that were judged.
+    n_used : int
+        Of `write_denoised`, points that were judged or used to judge others: not withheld, and of
+        the classes asked for.
     """
 
     n_points: int
@@ -82,6 +86,7 @@ class RunReport(NamedTuple):
     largest: Sequence[int] = ()
     n_edges: int = 0
     n_judged: int = 0
+    n_used: int = 0
 
 
 class Run(NamedTuple):
@@ -116,10 +121,13 @@ class Verb:
         What tells apart outputs of one estimator.
     choice : Choice, default=None
         The points that are used; None is all.
+    needs_ground : bool, default=False
+        Whether the points of the ground get cells of their own.
     """
 
-    def __init__(self, estimator, content="", choice=None):
+    def __init__(self, estimator, content="", choice=None, *, needs_ground=False):
         self.estimator, self.content, self.choice = estimator, content, choice
+        self.needs_ground = needs_ground
 
     def prepare(self):
         """Put compiled code on disk for all processes, and raise for parameters that are wrong.
@@ -208,7 +216,8 @@ def check_seed(estimator):
 
 def _scattered(verb, catalog, target, plan, cut, restart):
     """The folder of a run, with all points in cells: of an earlier run, if that was the same."""
-    key = key_of(catalog, verb.estimator, plan.tile_size, cut, _version(), verb.choice)
+    used = verb.choice, verb.needs_ground
+    key = key_of(catalog, verb.estimator, plan.tile_size, cut, _version(), used)
     folder = WorkFolder(target, key)
     try:
         if restart:
@@ -216,7 +225,7 @@ def _scattered(verb, catalog, target, plan, cut, restart):
         if folder.constants is None:
             _check_disk(folder.path.parent, plan.disk)
             with progress_part(0.0, SCATTERED, "reading"):
-                _scatter(catalog, folder, plan.tile_size, cut, verb.choice)
+                _scatter(verb, catalog, folder, plan.tile_size, cut)
     except BaseException:
         if folder.constants is None:
             folder.remove()
@@ -275,9 +284,12 @@ def _check_disk(folder, wanted):
         )
 
 
-def _scatter(catalog, folder, capacity, cut, choice):
+def _scatter(verb, catalog, folder, capacity, cut):
     """Read all points once: into cells, and for the constants of the whole cloud."""
     writer, whole, row = CellWriter(folder.cells, capacity, cut), WholeCloud(), 0
+    choice, ground = verb.choice, None
+    if verb.needs_ground:
+        ground = GroundWriter(folder.cells, capacity, cut)
     for path in catalog.paths:
         for cloud in read_parts(path, PART):
             with one_clear_line(path, "read"):
@@ -287,6 +299,8 @@ def _scatter(catalog, folder, capacity, cut, choice):
             if len(xyz):
                 writer.add(xyz, rows if chosen is None else rows[chosen])
                 whole.add(xyz)
+            if ground is not None:
+                ground.add(cloud)
             row += len(cloud)
             tell(row / catalog.n_points)
     if not writer.n_points:
@@ -294,6 +308,8 @@ def _scatter(catalog, folder, capacity, cut, choice):
             f"{catalog.paths[0]}: no points are judged: all are withheld or of other classes"
         )
     writer.close()
+    if ground is not None:
+        ground.close(catalog.paths[0])
     folder.finish_cells(whole.constants())
 
 
