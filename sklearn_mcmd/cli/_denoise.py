@@ -200,16 +200,18 @@ def denoise(
     with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = stopwatch()
         choice = Choice(ignore_class or (), only_class or ())
+        heights = {"above": above, "below": below, "low_groups": low_groups}
         catalog = large_catalog(source, memory, 0, scheduler is not None)
         if dry_run:
-            print_plan(source, target, catalog, _detector(params), memory, work="outliers")
+            asked = low_groups or above is not None or below is not None
+            work = "heights" if asked else "outliers"
+            print_plan(source, target, catalog, _detector(params), memory, work=work)
             return
         if catalog is not None:
-            _refuse_heights(source, above, below, low_groups)
             _refuse_sensor(source, sensor, trajectory)
             return _by_tiles(
-                *(source, target, catalog, params, choice, mode, memory, restart, report, quiet),
-                seconds,
+                *(source, target, catalog, params, choice, heights, mode, memory, restart),
+                *(report, quiet, seconds),
             )
         with progress("denoise", quiet):
             mark = mode is Mode.mark
@@ -236,17 +238,6 @@ def denoise(
             print_summary(source, target, len(cloud), seconds(), **judged, **found)
 
 
-def _refuse_heights(source, above, below, low_groups):
-    """Raise where heights over the ground are asked for: they need all points of the ground."""
-    given = {"--above": above is not None, "--below": below is not None, "--low-groups": low_groups}
-    for name, is_given in given.items():
-        if is_given:
-            raise ValueError(
-                f"{source}: {name} needs the whole cloud in memory, and this one is divided into "
-                "tiles; give more --memory, or its files one by one"
-            )
-
-
 def _refuse_sensor(source, sensor, trajectory):
     """Raise where a position is given: rays go through the whole cloud."""
     for name, value in {"--sensor": sensor, "--trajectory": trajectory}.items():
@@ -258,7 +249,7 @@ def _refuse_sensor(source, sensor, trajectory):
 
 
 def _by_tiles(
-    source, target, catalog, params, choice, mode, memory, restart, report, quiet, seconds
+    source, target, catalog, params, choice, heights, mode, memory, restart, report, quiet, seconds
 ):
     from sklearn_mcmd.tiling import write_denoised
 
@@ -266,7 +257,7 @@ def _by_tiles(
         told = write_denoised(
             catalog, target, _detector(params), mode=str(mode), memory=memory,
             n_jobs=params["n_jobs"], restart=restart, ignore_classes=choice.ignored,
-            only_classes=choice.only,
+            only_classes=choice.only, **heights,
         )  # fmt: skip
         write_report_of(
             report, source, target, seconds,
@@ -275,7 +266,7 @@ def _by_tiles(
     _warn_if_without_scale(told.n_exact, told.n_points)
     if not quiet:
         found = number_and_share(told.n_outliers, told.n_points)
-        again = told.n_judged - told.n_proved
+        again = told.n_used - told.n_proved
         judged = {"judged": number_and_share(told.n_judged, told.n_points)}
         print_summary(
             *(source, target, told.n_points, seconds()),

@@ -12,7 +12,7 @@ __all__ = ["DryRun", "Memory", "Restart", "large_catalog", "print_plan"]
 
 SAMPLE = 50_000  # points whose time is measured
 # Time of tiles over that in memory, about.
-MORE = {"normals": 1.3, "outliers": 1.5, "edges": 1.7, "auto": 2.3, "regions": 1.6}
+MORE = {"normals": 1.3, "outliers": 1.5, "heights": 1.7, "edges": 1.7, "auto": 2.3, "regions": 1.6}
 PARSED_SUFFIXES, INDEX_SUFFIX = (".las", ".laz"), ".vpc"
 
 

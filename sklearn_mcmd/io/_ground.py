@@ -8,12 +8,66 @@ from scipy.spatial import cKDTree
 from sklearn_mcmd.io._classes import GROUND, classes_of, ground_in
 from sklearn_mcmd.io._point_cloud import PointFileError
 
-__all__ = ["depths_of_groups", "ground_of", "heights_over_ground"]
+__all__ = [
+    "CORNERS",
+    "Ground",
+    "check_ground",
+    "depths_of_groups",
+    "ground_of",
+    "group_depths",
+    "heights_over_ground",
+]
 
 CORNERS = 3  # of a triangle of ground points, as of the ground's triangulation
 # Nearest points that a point of a group may be linked to, as in surfaces. With fewer a group may
 # fall apart, and its parts are smaller than it.
 LINKED = 16
+AT_ONCE = 100_000  # points whose nearest are asked for at once
+
+
+class Ground:
+    """Points of the ground, of which those nearest in plan can be asked for.
+
+    Parameters
+    ----------
+    xyz : ndarray of shape (n, 3)
+        At least three points, in any order.
+    """
+
+    def __init__(self, xyz):
+        xyz = xyz[np.lexsort(xyz.T[::-1])]
+        # Of those at one place in plan only the lowest can be among the nearest.
+        kept = np.ones(len(xyz), bool)
+        kept[CORNERS:] = (xyz[CORNERS:, :2] != xyz[:-CORNERS, :2]).any(axis=1)
+        self._heights = xyz[kept, 2]
+        self._tree = cKDTree(xyz[kept, :2], balanced_tree=False)
+
+    def nearest(self, xyz):
+        """Distances in plan (m, 3) of the nearest ground points, and their heights.
+
+        Of equally distant ones the lowest come first, whatever the order of the ground is.
+        """
+        distances, heights = np.empty((len(xyz), CORNERS)), np.empty((len(xyz), CORNERS))
+        for first in range(0, len(xyz), AT_ONCE):
+            some = slice(first, first + AT_ONCE)
+            distances[some], heights[some] = self._nearest(xyz[some, :2])
+        return distances, heights
+
+    def _nearest(self, plan):
+        distances, heights = np.empty((len(plan), CORNERS)), np.empty((len(plan), CORNERS))
+        n, k, rows = len(self._heights), CORNERS + 1, np.arange(len(plan))
+        while len(rows):
+            away, near = self._tree.query(plan[rows], np.arange(1, min(k, n) + 1))
+            there = self._heights[near]
+            ties = np.flatnonzero((away[:, 1:] == away[:, :-1]).any(axis=1))
+            order = np.lexsort((there[ties], away[ties]))
+            there[ties] = np.take_along_axis(there[ties], order, axis=1)
+            # Others may be as near as the third where the last is.
+            whole = away[:, -1] > away[:, CORNERS - 1] if k < n else np.ones(len(rows), bool)
+            distances[rows[whole]] = away[whole, :CORNERS]
+            heights[rows[whole]] = there[whole, :CORNERS]
+            rows, k = rows[~whole], 2 * k
+        return distances, heights
 
 
 def ground_of(cloud):
@@ -26,16 +80,23 @@ def ground_of(cloud):
     """
     classes_of(cloud)
     ground = ground_in(cloud)
-    if np.count_nonzero(ground) < CORNERS:
+    check_ground(np.count_nonzero(ground))
+    return ground
+
+
+def check_ground(n_points):
+    """Raise if there are too few points of the ground."""
+    if n_points < CORNERS:
         raise PointFileError(
             f"heights over the ground are asked for, and fewer than {CORNERS} points have the "
             f"class {GROUND} (ground)"
         )
-    return ground
 
 
 def heights_over_ground(xyz, ground):
     """Height of each point over the mean of the three ground points that are nearest in plan.
+
+    Of equally distant ones the lowest count.
 
     Parameters
     ----------
@@ -46,7 +107,7 @@ def heights_over_ground(xyz, ground):
     -------
     ndarray of shape (n,)
     """
-    _, near = _nearest_in_plan(xyz, ground)
+    _, near = Ground(xyz[ground]).nearest(xyz)
     return xyz[:, 2] - near.mean(axis=1)
 
 
@@ -69,35 +130,57 @@ def depths_of_groups(xyz, ground, candidates):
     ndarray of shape (n,)
         0 for what is not below ground.
     """
-    away, near = _nearest_in_plan(xyz, ground)
+    away, near = Ground(xyz[ground]).nearest(xyz)
     depth, away = near.min(axis=1) - xyz[:, 2], away[:, -1]
-    rows = np.flatnonzero(candidates & ~ground & (depth > away))
+    rows = np.flatnonzero(candidates & (depth > away))
     result = np.zeros(len(xyz))
-    if not len(rows):
+    result[rows] = group_depths(xyz[rows], depth[rows], away[rows])
+    return result
+
+
+def group_depths(points, depth, away):
+    """How deep the group of each point lies, in units of its size, whatever their order is.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, 3)
+        All that are below ground.
+    depth, away : ndarray of shape (n,)
+        How far each is below the ground, and in plan from the third nearest point of it.
+
+    Returns
+    -------
+    ndarray of shape (n,)
+    """
+    n, result = len(points), np.empty(len(points))
+    if not n:
         return result
-    points, depth = xyz[rows], depth[rows]
-    n = len(rows)
-    distances, others = cKDTree(points, balanced_tree=False).query(points, min(LINKED, n))
-    distances, others = distances.reshape(n, -1), others.reshape(n, -1)
-    own, column = np.nonzero(distances < depth[:, None])
-    links = coo_array((np.ones(len(own), bool), (own, others[own, column])), shape=(n, n))
-    n_groups, group = connected_components(links, directed=False)
+    order = np.lexsort(points.T)
+    points, depth, away = points[order], depth[order], away[order]
+    n_groups, group = connected_components(_links(points, depth), directed=False)
     highest = np.full(n_groups, np.inf)
     np.minimum.at(highest, group, depth)
     size = np.maximum(
         _longest_deviations(points, group, n_groups),
-        np.bincount(group, away[rows]) / np.bincount(group),
+        np.bincount(group, away) / np.bincount(group),
     )
     with np.errstate(divide="ignore"):
-        result[rows] = (highest / size)[group]
+        result[order] = (highest / size)[group]
     return result
 
 
-def _nearest_in_plan(xyz, ground):
-    """Distances in plan (n, 3) of the nearest ground points, and their heights."""
-    tree = cKDTree(xyz[ground][:, :2], balanced_tree=False)
-    distances, rows = tree.query(xyz[:, :2], CORNERS)
-    return distances, xyz[ground, 2][rows]
+def _links(points, depth):
+    """The graph of points and those of their nearest that are closer than the ground is above."""
+    tree, n = cKDTree(points, balanced_tree=False), len(points)
+    near = np.arange(1, min(LINKED, n) + 1)
+    links = []
+    for first in range(0, n, AT_ONCE):
+        some = slice(first, first + AT_ONCE)
+        distances, others = tree.query(points[some], near)
+        own, column = np.nonzero(distances < depth[some, None])
+        links.append(np.stack([first + own, others[own, column]]).astype(np.int32))
+    own, others = np.concatenate(links, axis=1)
+    return coo_array((np.ones(len(own), bool), (own, others)), shape=(n, n))
 
 
 def _longest_deviations(points, group, n_groups):

@@ -52,7 +52,7 @@ def denoised_tiles(catalog, outputs, estimator, run, *, marked):
         Whether outliers are marked, or dropped.
     """
     step = -(-run.n_points // SAMPLE)
-    n, n_all, n_others = run.n_outliers, run.n_judged, run.n_points - run.n_judged
+    n, n_all, n_others = run.n_outliers, run.n_used, run.n_points - run.n_used
     sections, score, found = [], None, None
     if marked:
         cloud = _sample(outputs, step, ("outlier_score", "classification"))

@@ -3,8 +3,10 @@
 from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._denoise import write_denoised
 from sklearn_mcmd.tiling._edges import write_edges
-from sklearn_mcmd.tiling._run import RunReport, TilingError, write_normals
+from sklearn_mcmd.tiling._normals import write_normals
+from sklearn_mcmd.tiling._run import RunReport
 from sklearn_mcmd.tiling._segments import write_segments
+from sklearn_mcmd.tiling._work import TilingError
 
 __all__ = [
     "Catalog",

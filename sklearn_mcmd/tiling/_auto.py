@@ -3,7 +3,6 @@
 from functools import partial
 
 import numpy as np
-from sklearn.base import clone
 
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._progress import progress_part
@@ -20,31 +19,26 @@ from sklearn_mcmd.tiling._scales import (
 )
 from sklearn_mcmd.tiling._sized import SizedJob, normals_of_sized_tile
 from sklearn_mcmd.tiling._tile import TileReport, _write, normal_columns, result_dtype
+from sklearn_mcmd.tiling._together import fit_together
 from sklearn_mcmd.tiling._work import compute_cells
 
 __all__ = ["find_auto_normals"]
 
-# Points at so few places that compiled code does not find their normals.
-MOST_COPIES = 1_000_000
 # The end of the sweeps before the normals, as a share of the time, and of the first.
 SIZED, FIRST = 0.4, 0.15
 
 
-def find_auto_normals(folder, cells, estimator, constants, plan, is_done):
+def find_auto_normals(run, estimator):
     """Write the results of all tiles; returns how many tiles an earlier run had done.
 
     Parameters
     ----------
-    folder : WorkFolder
-    cells : Cells
+    run : Run
     estimator : RobustNormalEstimator
-    constants : Constants
-    plan : Plan
-    is_done : callable
-        Whether the results of a tile are there.
     """
-    columns, n_cells = Columns(folder.results), len(cells)
-    todo = [cell for cell in range(n_cells) if not is_done(cell)]
+    folder, cells, plan = run.folder, run.cells, run.plan
+    columns, n_cells, constants = Columns(folder.results), len(cells), folder.constants
+    todo = [cell for cell in range(n_cells) if not folder.is_done(cell)]
     job = ScaleJob(folder.cells, folder.results, 0)
 
     def sweep(begin, end, name, work, **options):
@@ -83,19 +77,12 @@ def find_auto_normals(folder, cells, estimator, constants, plan, is_done):
 
 def _find_together(folder, cells, estimator, constants, n_places):
     """Results of a cloud of few places, which other code finds than tiles."""
-    n_points = int(cells.counts.sum())
-    if n_points > MOST_COPIES:
-        raise ValueError(
-            f"{n_points:,} points at {n_places:,} places are no cloud to be divided into tiles"
-        )
-    records = [cells.read(cell) for cell in range(len(cells))]
-    rows, points = (np.concatenate([part[name] for part in records]) for name in ("row", "xyz"))
-    fitted = clone(estimator)
-    fitted.fit(points[np.argsort(rows)].astype(constants.dtype))
+    words = f" at {n_places:,} places"
+    fitted, parts = fit_together(estimator, cells, constants.dtype, words)
     columns = normal_columns(fitted)[1]
-    for cell, part in enumerate(records):
-        results = np.empty(len(part), result_dtype(columns.shape[1] + 1))
-        results["row"] = part["row"]
-        results["values"][:, :-1] = columns[part["row"]]
-        results["values"][:, -1] = fitted.n_neighbors_[part["row"]]
-        _write(folder.results, cell, results, TileReport(len(part), 0, len(part), 0, 0.0))
+    for cell, (rows, places) in enumerate(parts):
+        results = np.empty(len(rows), result_dtype(columns.shape[1] + 1))
+        results["row"] = rows
+        results["values"][:, :-1] = columns[places]
+        results["values"][:, -1] = fitted.n_neighbors_[places]
+        _write(folder.results, cell, results, TileReport(len(rows), 0, len(rows), 0, 0.0))

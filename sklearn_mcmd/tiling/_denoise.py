@@ -1,11 +1,8 @@
 """Outliers of clouds larger than memory: in sweeps over cells, with the scores of memory."""
 
 import os
-import time
-import warnings
 from collections.abc import Iterable
 from functools import partial
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -18,31 +15,21 @@ from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._progress import listen_to_progress, progress_part
 from sklearn_mcmd.tiling._catalog import Catalog
-from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._columns import Columns
+from sklearn_mcmd.tiling._heights import HeightLimits, Heights
 from sklearn_mcmd.tiling._joining import join_parts
 from sklearn_mcmd.tiling._lowest import lowest_points
-from sklearn_mcmd.tiling._memory import check_division, parse_memory, plan_run, usual_memory
 from sklearn_mcmd.tiling._outputs import (
     SCORED,
+    Scored,
     content_of,
     has_scores,
     scores_in_parts,
-    targets_of,
     write_denoised_outputs,
 )
 from sklearn_mcmd.tiling._ranks import evenly_along_x, exceeded_by
 from sklearn_mcmd.tiling._rest import find_groups, find_isolation, find_scores
-from sklearn_mcmd.tiling._run import (
-    COMPUTED,
-    SCATTERED,
-    RunReport,
-    check_seed,
-    finish,
-    finished_before,
-    kept,
-    scattered,
-)
+from sklearn_mcmd.tiling._run import RunReport, Verb, check_seed, run_by_tiles, warm_up
 from sklearn_mcmd.tiling._surfaces import (
     RADIUS,
     SCALE,
@@ -53,15 +40,15 @@ from sklearn_mcmd.tiling._surfaces import (
     find_planes,
     fit_planes,
 )
+from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._tile import tile_files, write_whole
-from sklearn_mcmd.tiling._work import compute_cells
+from sklearn_mcmd.tiling._together import fit_together
 
 __all__ = ["check_detector", "cutoff_of", "judge_cells", "write_denoised"]
 
-WARM_UP = 3_000  # points that make this process load or compile the code once, for all others
-# Points at so few places that compiled code does not judge them.
-MOST_COPIES = 1_000_000
-# The end of each sweep, as a share of the time.
+WARM_UP = 3_000  # points that load or compile the code
+# The ends of the work on heights and on scores, as a share of the time, and then of each sweep.
+HEIGHTS, VERDICTS = 0.15, 0.99
 ENDS = {
     "places": 0.02,
     "planes": 0.7,
@@ -90,6 +77,9 @@ def write_denoised(
     mode: Literal["drop", "mark"] = "drop",
     ignore_classes: Iterable[int] = (),
     only_classes: Iterable[int] = (),
+    above: float | None = None,
+    below: float | None = None,
+    low_groups: bool = False,
     memory: str | float | None = None,
     n_jobs: int | None = None,
     tile_size: int | None = None,
@@ -126,6 +116,14 @@ def write_denoised(
         They are kept as they are. So are points that are marked withheld, always.
     only_classes : iterable of int, default=()
         If there are any, points of all other classes are left out in the same way.
+    above, below : float, default=None
+        Judge only points that are higher, or lower, than this over the ground (class 2): over the
+        mean of the three ground points that are nearest in plan. All are used to judge others.
+        The score of those that are not judged is NaN, and they are kept.
+    low_groups : bool, default=False
+        Whether a group of any number of points is an outlier, of low noise, if it lies below the
+        ground by more sizes of its own than the cutoff. Points below the ground are in memory
+        together, see :doc:`/tiling`.
     memory, n_jobs, tile_size, cut, as_folder, restart
         As of `write_normals`.
 
@@ -141,7 +139,7 @@ def write_denoised(
         If some tiles failed, or the run ended in another way after all points were read. Temporary
         files are then kept, and the message names them.
     ValueError
-        If the estimator cannot work by tiles, or the memory is too little.
+        If the estimator cannot work by tiles, a height is not finite, or the memory is too little.
 
     Warns
     -----
@@ -168,51 +166,76 @@ def write_denoised(
     ...     print(report.n_tiles, "tiles;", len(read_points(b)) + report.n_outliers, "points")
     4 tiles; 8000 points
     """
-    begin = time.perf_counter()
     if mode not in ("drop", "mark"):
         raise ValueError(f"mode={mode!r} must be 'drop' or 'mark'.")
     if estimator is None:
         estimator = MCMDOutlierDetector(random_state=0)
     check_detector(estimator)
-    check_division(tile_size, cut)
-    memory = usual_memory() if memory is None else parse_memory(memory)
-    catalog = source if isinstance(source, Catalog) else Catalog(source)
-    targets = targets_of(catalog, Path(target), as_folder)
-    estimator = clone(estimator).set_params(n_jobs=1)
     choice = Choice(tuple(sorted(ignore_classes)), tuple(sorted(only_classes)))
-    content = content_of(mode, choice)
-    if not restart and (report := finished_before(catalog, target, targets, estimator, content)):
-        return report
-    cutoff = cutoff_of(estimator)
-    plan = plan_run(catalog.n_points, memory, n_jobs, tile_size=tile_size, work="outliers")
-    folder = scattered(catalog, target, estimator, plan, cut, restart, choice)
-    with kept(folder):
-        for path in targets:
-            path.parent.mkdir(exist_ok=True)
-        cells, columns = Cells(folder.cells), Columns(folder.results)
-        n_judged = int(cells.counts.sum())
-        n_resumed = sum(columns.is_done(cell, "planes") for cell in range(len(cells)))
-        job = Job(folder.cells, folder.results, estimator, folder.constants, n_judged)
-        with progress_part(SCATTERED, COMPUTED):
-            cutoff = judge_cells(job, cells, columns, plan.n_workers, cutoff)
-        with progress_part(COMPUTED, 1.0, "writing"):
-            lowest = None
-            if mode == "mark":
-                lowest = lowest_points(catalog, folder, cells, estimator.n_neighbors, cutoff)
-            n_outliers, n_exact = write_denoised_outputs(
-                catalog, targets, folder, mode, cutoff, choice, lowest
-            )
+    limits = HeightLimits.of(above, below, low_groups)
+    verb = _Denoise(clone(estimator).set_params(n_jobs=1), mode, choice, limits)
+    return run_by_tiles(
+        verb, source, target, memory=memory, n_jobs=n_jobs, tile_size=tile_size, cut=cut,
+        as_folder=as_folder, restart=restart,
+    )  # fmt: skip
+
+
+class _Denoise(Verb):
+    """Outliers, in sweeps; points without scores are kept."""
+
+    def __init__(self, estimator, mode, choice, limits):
+        self.mode, self.limits = mode, limits
+        content = content_of(mode, choice, limits)
+        super().__init__(estimator, content, choice, needs_ground=limits is not None)
+
+    def prepare(self):
+        self.cutoff = cutoff_of(self.estimator)
+        return "outliers" if self.limits is None else "heights", 0
+
+    def find(self, run):
+        self.n_used = self.n_judged = int(run.cells.counts.sum())
+        self.scored = Scored(run.folder.results, len(run.cells))
+        if self.limits is None:
+            return self._find_scores(run)
+        heights = Heights(run, self.limits)
+        with progress_part(0.0, HEIGHTS):
+            self.n_judged = heights.find()
+        with progress_part(HEIGHTS, VERDICTS):
+            self._find_scores(run)
+        with progress_part(VERDICTS, 1.0):
+            self.scored = heights.scored()
+
+    def _find_scores(self, run):
+        columns, n_cells = Columns(run.folder.results), len(run.cells)
+        self.n_resumed = sum(columns.is_done(cell, "planes") for cell in range(n_cells))
+        job = Job(
+            *(run.folder.cells, run.folder.results, self.estimator, run.folder.constants),
+            self.n_used,
+        )
+        self.cutoff = judge_cells(job, run.cells, columns, run.plan.n_workers, self.cutoff)
+        self.n_proved = self.n_used
         if columns.is_done(0, "planes"):
-            n_proved = columns.total(len(cells), "planes", "n_proved")
-        else:
-            n_proved = n_judged
-        report = RunReport(
-            catalog.n_points, len(cells), plan.n_workers, n_resumed, int(n_proved),
-            n_outliers / catalog.n_points, time.perf_counter() - begin, n_outliers, n_exact,
-            n_judged=n_judged,
+            self.n_proved = int(columns.total(n_cells, "planes", "n_proved"))
+
+    def write(self, run):
+        lowest = None
+        if self.mode == "mark":
+            lowest = lowest_points(
+                run.catalog, self.scored, run.cells, self.estimator.n_neighbors, self.cutoff
+            )
+        n_outliers, n_exact = write_denoised_outputs(
+            run.catalog, run.targets, run.folder, self.mode, self.cutoff, self.choice,
+            self.content, self.scored, lowest,
         )  # fmt: skip
-        finish(folder, catalog, targets, estimator, report, content)
-    return report
+        return {
+            "n_outliers": n_outliers,
+            "n_exact": n_exact,
+            "removed_fraction": n_outliers / run.catalog.n_points,
+            "n_judged": self.n_judged,
+            "n_used": self.n_used,
+            "n_proved": self.n_proved,
+            "n_resumed": self.n_resumed,
+        }
 
 
 def check_detector(estimator):
@@ -236,14 +259,10 @@ def check_detector(estimator):
 
 def cutoff_of(estimator):
     """The cutoff, where the cloud has no part in it; compiled code is then on disk for all."""
-    points = np.random.default_rng(0).uniform(size=(WARM_UP, 3)) * [1, 1, 0.01]
-    points[: WARM_UP // 2, 2] *= 100
     detector = clone(estimator)
     if detector.cutoff is None and detector.contamination is None:
         detector.set_params(false_positive_rate=None)  # it takes long, and is found later
-    with warnings.catch_warnings(), progress_part(0.0, 0.0):
-        warnings.simplefilter("ignore")
-        return -detector.fit(points).offset_
+    return -warm_up(detector, WARM_UP).offset_
 
 
 def judge_cells(job, cells, columns, n_workers, cutoff):
@@ -263,16 +282,10 @@ def judge_cells(job, cells, columns, n_workers, cutoff):
     cutoff : float
         The score beyond which points are outliers.
     """
-    n_cells, begin = len(cells), 0.0
+    n_cells, sweeps = len(cells), Sweeps(columns, n_workers, ENDS, DONE_WITH)
 
-    def sweep(name, work, is_done=None):
-        nonlocal begin
-        is_done = is_done or partial(columns.is_done, sweep=name)
-        todo = [cell for cell in range(n_cells) if not is_done(cell)]
-        with progress_part(begin, ENDS[name], name):
-            compute_cells(partial(work, job=job), cells, todo, n_workers)
-        begin = ENDS[name]
-        columns.remove(n_cells, *DONE_WITH.get(name, ()))
+    def sweep(name, work, is_done=None, **known):
+        sweeps(name, work, cells, is_done, job=job, **known)
 
     def joined(name, least):
         if not columns.is_done("all", name):
@@ -281,7 +294,7 @@ def judge_cells(job, cells, columns, n_workers, cutoff):
     sweep("places", find_places)
     job = job._replace(n_places=columns.total(n_cells, "places", "n_places"))
     if job.n_places < max(COMPILE_FROM, job.detector.n_neighbors + 1):
-        return _judge_together(job, cells, cutoff)
+        return _judge_together(job, cells)
     sweep("planes", find_planes)
     if job.detector.false_positive_rate is not None:
         cutoff = _simulated_cutoff(job, columns, n_cells)
@@ -296,27 +309,20 @@ def judge_cells(job, cells, columns, n_workers, cutoff):
             sweep("groups", find_groups)
             joined("group", job.least[1])
             job = job._replace(largest=columns.report("all", "group")["largest"])
-    write = partial(_write, job.columns)
-    sweep("scores", partial(find_scores, target=write), lambda cell: has_scores(job.columns, cell))
+    write, is_done = partial(_write, job.columns), partial(has_scores, job.columns)
+    sweep("scores", find_scores, is_done, target=write)
     if job.detector.contamination is not None:
         parts = partial(scores_in_parts, job.columns, n_cells)
         return exceeded_by(parts, job.detector.contamination)
     return cutoff
 
 
-def _judge_together(job, cells, cutoff):
+def _judge_together(job, cells):
     """Scores of a cloud of few places, which other code judges than tiles."""
-    if job.n_points > MOST_COPIES:
-        raise ValueError(
-            f"{job.n_points:,} points at {job.n_places:,} places are no cloud to be judged by tiles"
-        )
-    records = [cells.read(cell) for cell in range(len(cells))]
-    rows, points = (np.concatenate([part[name] for part in records]) for name in ("row", "xyz"))
-    order = np.argsort(rows)
-    detector = clone(job.detector).fit(points[order].astype(job.constants.dtype))
-    for cell, part in enumerate(records):
-        places = np.searchsorted(rows, part["row"], sorter=order)
-        _write(job.columns, cell, part["row"], -detector.scores_[places])
+    words = f" at {job.n_places:,} places"
+    detector, parts = fit_together(job.detector, cells, job.constants.dtype, words)
+    for cell, (rows, places) in enumerate(parts):
+        _write(job.columns, cell, rows, -detector.scores_[places])
     return -detector.offset_
 
 

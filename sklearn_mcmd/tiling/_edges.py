@@ -2,11 +2,8 @@
 
 import os
 import shutil
-import time
-import warnings
 from collections.abc import Iterable
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from sklearn.base import clone
@@ -31,30 +28,18 @@ from sklearn_mcmd.tiling._creases import (
 from sklearn_mcmd.tiling._criteria import ValueJob, find_values, value_column, values_in_parts
 from sklearn_mcmd.tiling._denoise import check_detector, cutoff_of, judge_cells
 from sklearn_mcmd.tiling._kept import close_kept, find_kept, kept_constants
-from sklearn_mcmd.tiling._memory import check_division, parse_memory, plan_run, usual_memory
-from sklearn_mcmd.tiling._outputs import SCORED, scores_in_parts, targets_of, write_edge_outputs
+from sklearn_mcmd.tiling._normals import check_normals
+from sklearn_mcmd.tiling._outputs import SCORED, scores_in_parts, write_edge_outputs
 from sklearn_mcmd.tiling._ranks import median_of
-from sklearn_mcmd.tiling._run import (
-    COMPUTED,
-    SCATTERED,
-    RunReport,
-    check_normals,
-    check_seed,
-    finish,
-    finished_before,
-    kept,
-    reports_of,
-    scattered,
-)
+from sklearn_mcmd.tiling._run import RunReport, Verb, check_seed, run_by_tiles, warm_up
 from sklearn_mcmd.tiling._surfaces import Job
-from sklearn_mcmd.tiling._tile import normals_of_tile, tile_files, write_whole
-from sklearn_mcmd.tiling._work import compute_cells
+from sklearn_mcmd.tiling._sweeps import Sweeps
+from sklearn_mcmd.tiling._tile import normals_of_tile, tile_files, total_proved, write_whole
+from sklearn_mcmd.tiling._together import fit_together
 
 __all__ = ["check_edges", "write_edges"]
 
-WARM_UP = 3_000  # points that make this process load or compile the code once, for all others
-# Points of which so few places are kept that compiled code does not judge them.
-MOST_COPIES = 1_000_000
+WARM_UP = 3_000  # points that load or compile the code
 # The end of each step, as a share of the time.
 ENDS = {
     "outliers": 0.45,
@@ -142,39 +127,45 @@ def write_edges(
     ...     print(report.n_tiles, "tiles;", *list(read_points(b).attributes)[-2:])
     4 tiles; edge edge_score
     """
-    begin = time.perf_counter()
     if estimator is None:
         estimator = SharpFeatureDetector(random_state=0)
     steps = check_edges(estimator)
-    check_division(tile_size, cut)
-    memory = usual_memory() if memory is None else parse_memory(memory)
-    catalog = source if isinstance(source, Catalog) else Catalog(source)
-    targets = targets_of(catalog, Path(target), as_folder)
     estimator = clone(estimator).set_params(n_jobs=1)
-    content = f"colors={colors}"
-    if not restart and (report := finished_before(catalog, target, targets, estimator, content)):
-        return report
-    _warm_up(estimator)
-    plan = plan_run(catalog.n_points, memory, n_jobs, tile_size=tile_size, work="edges")
-    folder = scattered(catalog, target, estimator, plan, cut, restart)
-    with kept(folder):
-        for path in targets:
-            path.parent.mkdir(exist_ok=True)
-        run = _Run(catalog, folder, estimator, steps, plan.n_workers)
-        with progress_part(SCATTERED, COMPUTED):
-            limit = run.find_scores()
-        with progress_part(COMPUTED, 1.0, "writing"):
-            n_edges = write_edge_outputs(
-                catalog, targets, folder, limit, estimator.criterion == "crease", colors, content
-            )
-        n_removed = catalog.n_points - run.n_kept
-        report = RunReport(
-            catalog.n_points, len(run.cells), plan.n_workers, run.n_resumed,
-            run.n_proved + n_removed, n_removed / catalog.n_points, time.perf_counter() - begin,
-            n_removed, n_edges=n_edges,
+    verb = _Edges(estimator, f"colors={colors}", steps=steps, colors=colors)
+    return run_by_tiles(
+        verb, source, target, memory=memory, n_jobs=n_jobs, tile_size=tile_size, cut=cut,
+        as_folder=as_folder, restart=restart,
+    )  # fmt: skip
+
+
+class _Edges(Verb):
+    """Edges of what a detector leaves."""
+
+    def __init__(self, estimator, content, *, steps, colors):
+        super().__init__(estimator, content)
+        self.steps, self.colors = steps, colors
+
+    def prepare(self):
+        warm_up(self.estimator, WARM_UP)
+        return "edges", 0
+
+    def find(self, run):
+        self.found = _Steps(run, self.estimator, self.steps)
+        self.limit = self.found.find_scores()
+
+    def write(self, run):
+        n_edges = write_edge_outputs(
+            run.catalog, run.targets, run.folder, self.limit,
+            self.estimator.criterion == "crease", self.colors, self.content,
         )  # fmt: skip
-        finish(folder, catalog, targets, estimator, report, content)
-    return report
+        n_removed = run.catalog.n_points - self.found.n_kept
+        return {
+            "n_edges": n_edges,
+            "n_outliers": n_removed,
+            "removed_fraction": n_removed / run.catalog.n_points,
+            "n_proved": self.found.n_proved + n_removed,
+            "n_resumed": self.found.n_resumed,
+        }
 
 
 def check_edges(estimator):
@@ -200,7 +191,7 @@ def check_edges(estimator):
     return detector, normals
 
 
-class _Run:
+class _Steps:
     """The steps of a run, of which those are left out that an earlier run has done.
 
     Attributes
@@ -213,16 +204,16 @@ class _Run:
         Tiles whose normals an earlier run had.
     """
 
-    def __init__(self, catalog, folder, estimator, steps, n_workers):
-        self.catalog, self.folder, self.estimator = catalog, folder, estimator
+    def __init__(self, run, estimator, steps):
+        self.catalog, self.folder, self.estimator = run.catalog, run.folder, estimator
         self.detector, self.normals = steps
         for step in steps:
             if step is not None:
                 step.set_params(n_jobs=1)
-        self.n_workers, self.begin = n_workers, 0.0
-        self.cells, self.columns = Cells(folder.cells), Columns(folder.results)
-        self.scores, self.faces = folder.results / "outliers", folder.results / "faces"
-        self.n_kept, self.n_proved, self.n_resumed = catalog.n_points, 0, 0
+        self.cells, self.columns = run.cells, Columns(run.folder.results)
+        self.sweep = Sweeps(self.columns, run.plan.n_workers, ENDS, DONE_WITH)
+        self.scores, self.faces = run.folder.results / "outliers", run.folder.results / "faces"
+        self.n_kept, self.n_proved, self.n_resumed = run.catalog.n_points, 0, 0
 
     def find_scores(self):
         """Find the scores of all points; returns the one below which they are edges'."""
@@ -232,7 +223,7 @@ class _Run:
             self.folder.cells, kept.folder, self.folder.results, self.faces, self.estimator,
             self.folder.constants.dtype,
         )  # fmt: skip
-        self._sweep("places", find_ordered_places, kept, job)
+        self.sweep("places", find_ordered_places, kept, job=job)
         some = np.flatnonzero(kept.counts)
         n_places = sum(self.columns.report(cell, "places")["n_places"] for cell in some)
         k = max(self.estimator.n_neighbors, self.normals.n_neighbors)
@@ -245,8 +236,8 @@ class _Run:
         constants = self._find_normals(kept, columns_of)
         if crease:
             return self._find_creases(kept, some, job)
-        sweep_job = ValueJob(job, self.normals, constants)
-        self._sweep("edges", find_values, self.cells, sweep_job, self.folder.is_done)
+        values = ValueJob(job, self.normals, constants)
+        self.sweep("edges", find_values, self.cells, self.folder.is_done, job=values)
         parts = partial(values_in_parts, self.faces, some, constants.dtype)
         return -least_of_edge(parts, self.estimator.threshold, self.estimator.n_std, median_of)
 
@@ -254,22 +245,22 @@ class _Run:
         """Distances to creases; returns the one within which points are edges'."""
         low, high = kept.extent(some)
         job = job._replace(origin=tuple(middle(low.min(axis=0), high.max(axis=0)).tolist()))
-        self._sweep("spacing", find_spacing, kept, job)
+        self.sweep("spacing", find_spacing, kept, job=job)
         if not self.columns.is_done("all", "flatness"):
             usual = median_of(lambda: (self.columns.read(cell, "flatness") for cell in some))
             self.columns.finish("all", "flatness", usual=usual)
         usual = self.columns.report("all", "flatness")["usual"]
         job = job._replace(flatness=flatness_limit(usual))
-        self._sweep("faces", find_faces, kept, job)
-        self._sweep("creases", find_creases, kept, job)
-        self._sweep("edges", find_distances, self.cells, job, self.folder.is_done)
+        self.sweep("faces", find_faces, kept, job=job)
+        self.sweep("creases", find_creases, kept, job=job)
+        self.sweep("edges", find_distances, self.cells, self.folder.is_done, job=job)
         return self.estimator._crease_width()
 
     def _clean(self):
         """The cells of the points that the detector leaves."""
         target = self.folder.cells / "kept"
         if self.detector is None:
-            self.begin = ENDS["kept"]
+            self.sweep.begin = ENDS["kept"]
             return self.cells
         if not (target / BOXES).exists():
             self.scores.mkdir(exist_ok=True)
@@ -277,25 +268,20 @@ class _Run:
             constants, n_points = self.folder.constants, self.catalog.n_points
             job = Job(self.folder.cells, self.scores, self.detector, constants, n_points)
             with progress_part(0.0, ENDS["outliers"], "outliers"):
-                cutoff = judge_cells(
-                    job, self.cells, Columns(self.scores), self.n_workers, cutoff_of(self.detector)
-                )
-            self.begin = ENDS["outliers"]
+                columns, cutoff = Columns(self.scores), cutoff_of(self.detector)
+                cutoff = judge_cells(job, self.cells, columns, self.sweep.n_workers, cutoff)
+            self.sweep.begin = ENDS["outliers"]
             scores = scores_in_parts(self.scores, len(self.cells))
             if sum(np.count_nonzero(values <= cutoff) for values in scores) <= 3:
                 cutoff = np.inf  # too few would be left for a plane
-            self._keep(target, cutoff)
+            self.sweep(
+                "kept", find_kept, self.cells, folder=self.folder.cells, target=target,
+                columns=self.folder.results, scores=self.scores, cutoff=cutoff,
+            )  # fmt: skip
             close_kept(self.cells, target, self.columns)
-        self.begin = ENDS["kept"]
+        self.sweep.begin = ENDS["kept"]
         shutil.rmtree(self.scores, ignore_errors=True)
         return Cells(target)
-
-    def _keep(self, target, cutoff):
-        work = partial(
-            find_kept, folder=self.folder.cells, target=target, columns=self.folder.results,
-            scores=self.scores, cutoff=cutoff,
-        )  # fmt: skip
-        self._compute("kept", work, self.cells, partial(self.columns.is_done, sweep="kept"))
 
     def _find_normals(self, kept, columns_of):
         """What is stored of the normals of the kept points; returns the constants of these."""
@@ -303,18 +289,18 @@ class _Run:
         constants = self.folder.constants
         if self.detector is not None:
             constants = self._kept_constants(kept)
-        work = partial(
-            normals_of_tile, kept.folder, estimator=self.normals, constants=constants,
-            target=self.faces, columns_of=partial(columns_of, dtype=constants.dtype),
-        )  # fmt: skip
         some = np.flatnonzero(kept.counts)
 
         def is_done(cell):
             return tile_files(self.faces, cell)[0].exists()
 
         self.n_resumed = sum(map(is_done, some))
-        self._compute("normals", work, kept, is_done)
-        self.n_proved = sum(report.n_proved for report in reports_of(self.faces, some))
+        self.sweep(
+            "normals", partial(normals_of_tile, kept.folder), kept, is_done,
+            estimator=self.normals, constants=constants, target=self.faces,
+            columns_of=partial(columns_of, dtype=constants.dtype),
+        )  # fmt: skip
+        self.n_proved = total_proved(self.faces, some)
         return constants
 
     def _kept_constants(self, kept):
@@ -324,43 +310,15 @@ class _Run:
             self.columns.finish("all", "kept constants", step=found.step)
         return constants._replace(step=self.columns.report("all", "kept constants")["step"])
 
-    def _sweep(self, name, work, cells, job, is_done=None):
-        is_done = is_done or partial(self.columns.is_done, sweep=name)
-        self._compute(name, partial(work, job=job), cells, is_done)
-        self.columns.remove(len(self.cells), *DONE_WITH.get(name, ()))
-
-    def _compute(self, name, work, cells, is_done):
-        """Do some work on all cells with points."""
-        todo = [cell for cell in range(len(cells)) if cells.counts[cell] and not is_done(cell)]
-        with progress_part(self.begin, ENDS[name], name):
-            compute_cells(work, cells, todo, self.n_workers)
-        self.begin = ENDS[name]
-
     def _judge_together(self, n_places):
         """Scores of a cloud of which few places are kept, which other code judges than tiles."""
-        n_points = self.catalog.n_points
-        if n_points > MOST_COPIES:
-            raise ValueError(
-                f"{n_points:,} points, of which {n_places:,} places are no outliers, are no cloud "
-                "to be judged by tiles"
-            )
-        records = [self.cells.read(cell) for cell in range(len(self.cells))]
-        rows, points = (np.concatenate([part[name] for part in records]) for name in ("row", "xyz"))
-        points = points[np.argsort(rows)].astype(self.folder.constants.dtype)
-        detector = clone(self.estimator).fit(points)
-        for cell, part in enumerate(records):
-            results = np.empty(len(part), SCORED)
-            results["row"] = part["row"]
-            results["values"][:, 0] = detector.scores_[part["row"]]
+        words = f", of which {n_places:,} places are no outliers,"
+        constants = self.folder.constants
+        detector, parts = fit_together(self.estimator, self.cells, constants.dtype, words)
+        for cell, (rows, places) in enumerate(parts):
+            results = np.empty(len(rows), SCORED)
+            results["row"] = rows
+            results["values"][:, 0] = detector.scores_[places]
             write_whole(tile_files(self.folder.results, cell)[0], results)
         self.n_proved = self.n_kept
         return detector.offset_
-
-
-def _warm_up(estimator):
-    """Raise for parameters that are wrong; compiled code is then on disk for all processes."""
-    points = np.random.default_rng(0).uniform(size=(WARM_UP, 3)) * [1, 1, 0.01]
-    points[: WARM_UP // 2, 2] *= 100
-    with warnings.catch_warnings(), progress_part(0.0, 0.0):
-        warnings.simplefilter("ignore")
-        clone(estimator).fit(points)

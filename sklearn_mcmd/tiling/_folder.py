@@ -161,14 +161,14 @@ def _mark(path, content):
     return {"path": str(path), "content": content, "stamp": stamp}
 
 
-def key_of(catalog, estimator, tile_size, share, version, choice=None):
+def key_of(catalog, estimator, tile_size, share, version, used=None):
     """A hash of all that results and tiles depend on."""
     paths = [str(path.resolve()) for path in catalog.paths]
     params = sorted(estimator.get_params().items())
     content = repr(
         (
             *(version, type(estimator).__name__, params, paths, catalog.stamps, tile_size, share),
-            choice,
+            used,
         )
     )
     return hashlib.sha256(content.encode()).hexdigest()

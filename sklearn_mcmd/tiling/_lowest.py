@@ -2,27 +2,25 @@
 
 from sklearn_mcmd.io._classes import LowestPoints, ground_in
 from sklearn_mcmd.io._las_parts import read_parts
-from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._memory import PART
-from sklearn_mcmd.tiling._outputs import SCORED, Results, scores_in_parts
 
 __all__ = ["lowest_points"]
 
 
-def lowest_points(catalog, folder, cells, n_neighbors, cutoff):
+def lowest_points(catalog, scored, cells, n_neighbors, cutoff):
     """The `LowestPoints` of the ground; where that is less than a neighborhood, of all kept points.
 
-    Points beyond the cutoff are in neither.
+    Points whose scores, of `Scored`, are beyond the cutoff are in neither.
     """
-    lowest = _ground(catalog, folder, n_neighbors, cutoff)
+    lowest = _ground(catalog, scored, n_neighbors, cutoff)
     if lowest.n_points < n_neighbors:
-        lowest = _kept(folder, cells, n_neighbors, cutoff)
+        lowest = _kept(scored, cells, n_neighbors, cutoff)
     return lowest
 
 
-def _ground(catalog, folder, n_neighbors, cutoff):
+def _ground(catalog, scored, n_neighbors, cutoff):
     """The ground as far as it is no outlier; inputs are read once more."""
-    results = Results(folder.results, len(Cells(folder.cells)), SCORED)
+    results = scored.in_order()
     lowest, first = LowestPoints(catalog.n_points, n_neighbors), 0
     for path in catalog.paths:
         for cloud in read_parts(path, PART):
@@ -32,9 +30,9 @@ def _ground(catalog, folder, n_neighbors, cutoff):
     return lowest
 
 
-def _kept(folder, cells, n_neighbors, cutoff):
+def _kept(scored, cells, n_neighbors, cutoff):
     """All points that are no outliers."""
     lowest = LowestPoints(int(cells.counts.sum()), n_neighbors)
-    for cell, scores in enumerate(scores_in_parts(folder.results, len(cells))):
+    for cell, scores in enumerate(scored.in_parts()):
         lowest.add(cells.read(cell)["xyz"][scores <= cutoff])
     return lowest

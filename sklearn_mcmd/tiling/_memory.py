@@ -16,6 +16,7 @@ __all__ = [
     "JUDGED_STORED",
     "Plan",
     "bytes_in_memory",
+    "bytes_of_groups",
     "bytes_to_join",
     "check_division",
     "parse_memory",
@@ -36,6 +37,8 @@ PROCESS, TILE_POINT, CLOUD_POINT, FEATURE = 330e6, 650, 450, 24
 TILE_STORED, JUDGED_STORED, JUDGED_POINT = 98, 200, 450
 EDGES_STORED, EDGES_POINT, EDGES_CLOUD = 330, 750, 1100
 AUTO_STORED, AUTO_POINT, AUTO_CLOUD = 170, 1300, 750
+# With heights over the ground: temporary files, and each point that lies below the ground.
+HEIGHTS_STORED, BELOW_POINT = 260, 750
 # Of regions: temporary files; what the growing and joining of regions takes, for each point of the
 # cloud, and of so many points at once; and what a cloud takes in memory besides its records.
 GROWN_STORED, GROWN_POINT, JOINED_POINT, JOINED_AT_ONCE, GROWN_CLOUD = 420, 60, 150, 1_000_000, 720
@@ -45,6 +48,7 @@ GROWN_LEAST, REST_POINT = 26, 200
 COSTS = {
     "normals": (TILE_POINT, TILE_STORED, CLOUD_POINT),
     "outliers": (JUDGED_POINT, JUDGED_STORED, CLOUD_POINT),
+    "heights": (JUDGED_POINT, HEIGHTS_STORED, CLOUD_POINT),
     "edges": (EDGES_POINT, EDGES_STORED, EDGES_CLOUD),
     "auto": (AUTO_POINT, AUTO_STORED, AUTO_CLOUD),
     "regions": (TILE_POINT, GROWN_STORED, GROWN_CLOUD),
@@ -150,6 +154,11 @@ def bytes_to_join(n_points, n_rest):
     """What the joining of regions takes, about, if growth left over so many of the points."""
     at_once = JOINED_POINT * min(n_points, JOINED_AT_ONCE)
     return PROCESS + at_once + GROWN_LEAST * n_points + REST_POINT * n_rest
+
+
+def bytes_of_groups(n_points):
+    """What groups of so many points below the ground take, about."""
+    return PROCESS + BELOW_POINT * n_points
 
 
 def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, work="normals"):

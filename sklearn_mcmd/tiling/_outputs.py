@@ -2,13 +2,14 @@
 
 import dataclasses
 import os
-import warnings
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from sklearn_mcmd.edges._painting import edge_columns
 from sklearn_mcmd.io import PointFileError, supported_extensions
-from sklearn_mcmd.io._classes import Choice, classes_of_noise
+from sklearn_mcmd.io._classes import LOW_NOISE, Choice, classes_of_noise
 from sklearn_mcmd.io._files import one_clear_line, replacing
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._las_parts import read_parts, writing_parts
@@ -20,11 +21,14 @@ from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._memory import PART
 from sklearn_mcmd.tiling._moves import places_of
 from sklearn_mcmd.tiling._tile import result_dtype, tile_files
+from sklearn_mcmd.tiling._warnings import warn_caller
 
 __all__ = [
     "LABELED",
     "SCORED",
+    "VERDICTS",
     "Results",
+    "Scored",
     "content_of",
     "has_scores",
     "scores_in_parts",
@@ -40,6 +44,9 @@ __all__ = [
 WAITING, WAITING_BYTES = 2048, 50e6
 # Of the file of a tile's scores.
 SCORED = np.dtype([("row", np.int64), ("values", np.float64, (1,))])
+# The same where heights have a say: scores of all points, or the depths of groups below the ground
+# if these are more; and these depths, NaN of points that are used but not judged.
+VERDICTS = np.dtype([("row", np.int64), ("values", np.float64, (2,))])
 # Of the file of a tile's regions.
 LABELED = np.dtype([("row", np.int64), ("values", np.int32, (1,))])
 BRIGHTEST = 65535  # color in LAS
@@ -111,12 +118,34 @@ def write_outputs(catalog, targets, folder, names):
     def total(values):
         return values[:, removed].sum(dtype=np.float64)
 
-    dtype = result_dtype(len(names))
-    whole = _write(catalog, targets, folder, dtype, with_normals, total, names)
+    results = _results(folder, result_dtype(len(names)))
+    whole = _write(catalog, targets, folder, results, with_normals, total, names)
     return float(whole) / catalog.n_points
 
 
-def write_denoised_outputs(catalog, targets, folder, mode, cutoff, choice, lowest=None):
+class Scored(NamedTuple):
+    """Files of the scores of all tiles.
+
+    folder : Path
+    n_cells : int
+    dtype : dtype
+        `SCORED`, or `VERDICTS`.
+    """
+
+    folder: Path
+    n_cells: int
+    dtype: np.dtype = SCORED
+
+    def in_order(self):
+        """The `Results`."""
+        return Results(*self)
+
+    def in_parts(self):
+        """The scores of all points, tile by tile."""
+        return scores_in_parts(*self)
+
+
+def write_denoised_outputs(catalog, targets, folder, mode, cutoff, choice, content, scored, lowest):
     """Write each output without its outliers, or with marks.
 
     Parameters
@@ -128,7 +157,10 @@ def write_denoised_outputs(catalog, targets, folder, mode, cutoff, choice, lowes
         Score beyond which a point is an outlier.
     choice : Choice
         The points that have scores.
-    lowest : LowestPoints, default=None
+    content : str
+        What tells this from other outputs of the same scores.
+    scored : Scored
+    lowest : LowestPoints or None
         Of points that are no outliers; needed to mark.
 
     Returns
@@ -137,25 +169,38 @@ def write_denoised_outputs(catalog, targets, folder, mode, cutoff, choice, lowes
         Outliers, and those of them that have no scale, see `EXACT_PLANE_SCORE`.
     """
 
-    def denoised(cloud, scores, xyz):
-        is_outlier = scores[:, 0] > cutoff
+    def denoised(cloud, values, xyz):
+        scores, depths = _judged(values)
+        is_outlier = scores > cutoff
         if mode == "drop":
             return cloud.subset(~is_outlier), None
         classes = np.zeros(len(cloud), np.uint8)
         classes[is_outlier] = classes_of_noise(lowest, xyz[is_outlier])
-        return with_results(cloud, {"outlier_score": scores[:, 0].astype(np.float32)}), classes
+        classes[depths > cutoff] = LOW_NOISE
+        return with_results(cloud, {"outlier_score": scores.astype(np.float32)}), classes
 
-    def counts(scores):
+    def counts(values):
+        scores, _ = _judged(values)
         beyond = max(cutoff, EXACT_PLANE_SCORE)
         return np.array([np.count_nonzero(scores > limit) for limit in (cutoff, beyond)])
 
-    content = content_of(mode, choice)
-    return map(int, _write(catalog, targets, folder, SCORED, denoised, counts, content, choice))
+    results = scored.in_order()
+    return map(int, _write(catalog, targets, folder, results, denoised, counts, content, choice))
 
 
-def content_of(mode, choice):
+def content_of(mode, choice, limits):
     """What tells outputs of one detector apart."""
-    return mode if choice == Choice() else f"{mode} {tuple(choice)}"
+    told = mode if choice == Choice() else f"{mode} {tuple(choice)}"
+    return told if limits is None else f"{told} {tuple(limits)}"
+
+
+def _judged(values):
+    """Scores, NaN of points that are not judged, and the depths of groups below the ground."""
+    scores = values[:, 0]
+    if values.shape[1] == 1:
+        return scores, np.zeros(len(scores))
+    depths = values[:, 1]
+    return np.where(np.isnan(depths), np.nan, scores), depths
 
 
 def write_segmented_outputs(catalog, targets, folder, make, content):
@@ -174,17 +219,20 @@ def write_segmented_outputs(catalog, targets, folder, make, content):
     def segmented(cloud, labels, _):
         return make(cloud, labels[:, 0]), None
 
-    _write(catalog, targets, folder, LABELED, segmented, len, content)
+    _write(catalog, targets, folder, _results(folder, LABELED), segmented, len, content)
 
 
-def _write(catalog, targets, folder, dtype, make, measure, content, choice=None):
-    """Write each output; returns the sum of what `measure` tells of the results.
+def _results(folder, dtype):
+    return Results(folder.results, len(Cells(folder.cells)), dtype)
+
+
+def _write(catalog, targets, folder, results, make, measure, content, choice=None):
+    """Write each output; returns the sum of what `measure` tells of the `Results`.
 
     `make` takes a cloud in the form of its output, its results, and its coordinates in the input.
     It returns what to write, and which points to mark in it. `content` tells this from other
     outputs of the same results. With a `choice`, points that it does not take have no results: NaN.
     """
-    results = Results(folder.results, len(Cells(folder.cells)), dtype)
     first, total = 0, 0.0
     joined = len(targets) < len(catalog)
     header = joined_header(catalog.paths) if joined else None
@@ -219,9 +267,7 @@ def _write(catalog, targets, folder, dtype, make, measure, content, choice=None)
                     tell(first / catalog.n_points)
         folder.mark_written(i, place, content)
         if n_written == 0:
-            warnings.warn(
-                f"{targets[i]}: all points are outliers, so the file has none", stacklevel=4
-            )
+            warn_caller(f"{targets[i]}: all points are outliers, so the file has none")
     return total
 
 
@@ -252,7 +298,8 @@ def write_edge_outputs(catalog, targets, folder, limit, by_distance, colors, con
     def count(scores):
         return np.count_nonzero(scores < limit)
 
-    return int(_write(catalog, targets, folder, SCORED, with_edges, count, content))
+    results = _results(folder, SCORED)
+    return int(_write(catalog, targets, folder, results, with_edges, count, content))
 
 
 def has_scores(results, cell):
@@ -260,10 +307,10 @@ def has_scores(results, cell):
     return tile_files(results, cell)[0].exists()
 
 
-def scores_in_parts(results, n_cells):
+def scores_in_parts(results, n_cells, dtype=SCORED):
     """The scores of all points, tile by tile."""
     for cell in range(n_cells):
-        yield np.fromfile(tile_files(results, cell)[0], SCORED)["values"][:, 0]
+        yield np.fromfile(tile_files(results, cell)[0], dtype)["values"][:, 0]
 
 
 class Results:

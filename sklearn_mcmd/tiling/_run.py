@@ -1,13 +1,10 @@
-"""Normals of clouds larger than memory: points into cells, tiles in processes, outputs in order."""
+"""The skeleton of runs by tiles: points into cells, results of all tiles, outputs in order."""
 
-import json
-import os
 import shutil
 import time
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import contextmanager
-from functools import partial
 from numbers import Integral
 from pathlib import Path
 from typing import NamedTuple
@@ -18,44 +15,29 @@ from sklearn.base import clone
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._las_parts import read_parts
-from sklearn_mcmd.normals import RobustNormalEstimator
-from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.planes._progress import progress_part
-from sklearn_mcmd.tiling._auto import find_auto_normals
 from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
 from sklearn_mcmd.tiling._constants import WholeCloud
 from sklearn_mcmd.tiling._folder import WorkFolder, key_of
-from sklearn_mcmd.tiling._memory import PART, check_division, parse_memory, plan_run, usual_memory
-from sklearn_mcmd.tiling._moves import Moves
-from sklearn_mcmd.tiling._outputs import targets_of, tell, write_outputs
-from sklearn_mcmd.tiling._tile import (
-    NORMAL_COLUMNS,
-    TileReport,
-    normal_columns,
-    normals_of_tile,
-    tile_files,
+from sklearn_mcmd.tiling._heights import GroundWriter
+from sklearn_mcmd.tiling._memory import (
+    PART,
+    Plan,
+    check_division,
+    parse_memory,
+    plan_run,
+    usual_memory,
 )
-from sklearn_mcmd.tiling._work import TilingError, compute_cells
+from sklearn_mcmd.tiling._moves import Moves
+from sklearn_mcmd.tiling._outputs import targets_of, tell
+from sklearn_mcmd.tiling._warnings import warn_caller
+from sklearn_mcmd.tiling._work import TilingError
 
-__all__ = [
-    "COMPUTED",
-    "SCATTERED",
-    "RunReport",
-    "TilingError",
-    "check_normals",
-    "check_seed",
-    "finish",
-    "finished_before",
-    "kept",
-    "reports_of",
-    "scattered",
-    "write_normals",
-]
+__all__ = ["Run", "RunReport", "Verb", "check_seed", "run_by_tiles", "warm_up"]
 
 # Shares of the time, for the display of progress.
 SCATTERED, COMPUTED = 0.07, 0.93
-WARM_UP = 1_500  # points that make this process load or compile the code once, for all others
 
 
 class RunReport(NamedTuple):
@@ -84,7 +66,10 @@ class RunReport(NamedTuple):
     n_edges : int
         Points of edges, of `write_edges`.
     n_judged : int
-        Of `write_denoised`, points that were used: not withheld, and of the classes asked for.
+        Of `write_denoised`, points that were judged.
+    n_used : int
+        Of `write_denoised`, points that were judged or used to judge others: not withheld, and of
+        the classes asked for.
     """
 
     n_points: int
@@ -101,138 +86,138 @@ class RunReport(NamedTuple):
     largest: Sequence[int] = ()
     n_edges: int = 0
     n_judged: int = 0
+    n_used: int = 0
 
 
-def write_normals(
-    source: Catalog | str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
-    target: str | os.PathLike[str],
-    estimator: RobustNormalEstimator | None = None,
-    *,
-    memory: str | float | None = None,
-    n_jobs: int | None = None,
-    tile_size: int | None = None,
-    cut: float = 0.5,
-    as_folder: bool | None = None,
-    restart: bool = False,
-) -> RunReport:
-    """Normals of all points of large files, equal to those computed in memory.
+class Run(NamedTuple):
+    """What a verb has to work with, once all points are in cells.
 
-    All points are read once and divided into tiles. The normals of a tile are computed with the
-    points around it, its halo. Each is proved: if a neighborhood that it depends on reaches beyond
-    the halo, it is computed again from all points that it depends on. So the output is that of
-    ``estimator.fit`` on all points together, to the last bit, whatever the tiles are.
+    catalog : Catalog
+    targets : list of Path
+        The outputs.
+    folder : WorkFolder
+    cells : Cells
+    plan : Plan
+    memory : float
+        Bytes that the run may take.
+    """
+
+    catalog: Catalog
+    targets: list[Path]
+    folder: WorkFolder
+    cells: Cells
+    plan: Plan
+    memory: float
+
+
+class Verb:
+    """What one verb does in a run; `run_by_tiles` does all else.
 
     Parameters
     ----------
-    source : Catalog, or what it takes
-        Files, a folder, or an index.
-    target : str or os.PathLike
-        A LAS or LAZ file for one file, or a folder for several or a folder. Outputs have the names
-        of their inputs, all attributes, and the order of the points. They may replace the inputs.
-        A name that ends in ``.las`` or ``.laz`` joins several inputs in one file: with the richest
-        point format, the finest scales and the attributes of all, in the order of the inputs.
-    estimator : RobustNormalEstimator, default=None
-        With an int as `random_state`, a number of neighbors or "auto", and no
-        ``orientation="mst"``, which depends on the whole cloud. "auto" adds an attribute
-        ``n_neighbors``. None is ``RobustNormalEstimator(random_state=0)``.
-    memory : str or float, default=None
-        What the run may take, such as "2GB" or a number of bytes. None is half of the machine's.
-    n_jobs : int, default=None
-        Processes. None means 1 unless in a :obj:`joblib.parallel_config` context, and -1 means all
-        processors; fewer, where the memory asks for it.
-    tile_size : int, default=None
-        Largest number of points in a tile; None is what the memory allows.
-    cut : float in (0, 1), default=0.5
-        Share of a tile that comes to the left when it is divided. Results do not depend on it.
-    as_folder : bool, default=None
-        Whether `target` is a folder. None means that it is, if `source` is a folder, an index or
-        several files, and `target` is not named as a file.
-    restart : bool, default=False
-        Whether to forget what an earlier run has left. By default a run with the same inputs and
-        parameters goes on where the earlier one ended.
+    estimator : estimator
+        It has the number of jobs of a tile.
+    content : str, default=""
+        What tells apart outputs of one estimator.
+    choice : Choice, default=None
+        The points that are used; None is all.
+    needs_ground : bool, default=False
+        Whether the points of the ground get cells of their own.
+    """
 
-    Returns
-    -------
-    RunReport
+    def __init__(self, estimator, content="", choice=None, *, needs_ground=False):
+        self.estimator, self.content, self.choice = estimator, content, choice
+        self.needs_ground = needs_ground
 
-    Raises
-    ------
-    PointFileError
-        If a file cannot be read or written.
-    TilingError
-        If some tiles failed, or the run ended in another way after all points were read. Temporary
-        files are then kept, and the message names them.
-    ValueError
-        If the estimator's results depend on the whole cloud, or the memory is too little.
+    def prepare(self):
+        """Put compiled code on disk for all processes, and raise for parameters that are wrong.
 
-    See Also
-    --------
-    Catalog : What files hold.
+        Returns
+        -------
+        work : str
+            Of `plan_run`.
+        n_features : int
+        """
+        raise NotImplementedError
 
-    Examples
-    --------
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> from sklearn_mcmd.datasets import make_street
-    >>> from sklearn_mcmd.io import read_points, write_points
-    >>> from sklearn_mcmd.tiling import write_normals
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     a, b = Path(folder) / "a.las", Path(folder) / "b.las"
-    ...     write_points(a, make_street(8_000, random_state=0).data)
-    ...     report = write_normals(a, b, tile_size=3_000)
-    ...     print(report.n_tiles, "tiles;", *list(read_points(b).attributes)[-8:-4])
-    4 tiles; normal_x normal_y normal_z surface_variation
+    def find(self, run):
+        """Write the results of all tiles that an earlier run has not done.
+
+        Parameters
+        ----------
+        run : Run
+        """
+        raise NotImplementedError
+
+    def write(self, run):
+        """Write the outputs; returns a dict of all other fields of the `RunReport`."""
+        raise NotImplementedError
+
+
+def run_by_tiles(
+    verb, source, target, *, memory=None, n_jobs=None, tile_size=None, cut=0.5, as_folder=None,
+    restart=False,
+):  # fmt: skip
+    """Run a verb, or go on where an earlier run has ended; returns its `RunReport`.
+
+    Parameters
+    ----------
+    verb : Verb
+    source, target, memory, n_jobs, tile_size, cut, as_folder, restart
+        As of `write_normals`.
     """
     begin = time.perf_counter()
-    if estimator is None:
-        estimator = RobustNormalEstimator(random_state=0)
-    check_normals(estimator)
     check_division(tile_size, cut)
     memory = usual_memory() if memory is None else parse_memory(memory)
     catalog = source if isinstance(source, Catalog) else Catalog(source)
     targets = targets_of(catalog, Path(target), as_folder)
-    estimator = clone(estimator).set_params(n_jobs=1)
-    if not restart and (report := finished_before(catalog, target, targets, estimator)):
+    if not restart and (report := _finished_before(verb, catalog, target, targets)):
         return report
-    names = _warm_up(estimator)
-    work = "auto" if estimator.n_neighbors == "auto" else "normals"
-    n_features = len(names) - len(NORMAL_COLUMNS)
+    work, n_features = verb.prepare()
     plan = plan_run(catalog.n_points, memory, n_jobs, n_features, tile_size, work=work)
-    folder = scattered(catalog, target, estimator, plan, cut, restart)
-    with kept(folder):
+    folder = _scattered(verb, catalog, target, plan, cut, restart)
+    with _kept(folder):
         for path in targets:
             path.parent.mkdir(exist_ok=True)
-        with progress_part(SCATTERED, COMPUTED, "normals"):
-            cells = Cells(folder.cells)
-            find = find_auto_normals if estimator.n_neighbors == "auto" else _find_normals
-            n_resumed = find(folder, cells, estimator, folder.constants, plan, folder.is_done)
+        run = Run(catalog, targets, folder, Cells(folder.cells), plan, memory)
+        with progress_part(SCATTERED, COMPUTED):
+            verb.find(run)
         with progress_part(COMPUTED, 1.0, "writing"):
-            removed = write_outputs(catalog, targets, folder, names)
-        reports = reports_of(folder.results, range(len(cells)))
+            found = verb.write(run)
         report = RunReport(
-            catalog.n_points, len(reports), plan.n_workers, n_resumed,
-            sum(report.n_proved for report in reports), removed, time.perf_counter() - begin,
+            catalog.n_points, len(run.cells), plan.n_workers,
+            seconds=time.perf_counter() - begin, **found,
         )  # fmt: skip
-        finish(folder, catalog, targets, estimator, report)
+        _moves(verb, catalog, targets, folder).finish(report._asdict())
+        folder.remove()
     return report
 
 
-def _find_normals(folder, cells, estimator, constants, plan, is_done):
-    todo = [cell for cell in range(len(cells)) if not is_done(cell)]
-    task = partial(
-        normals_of_tile, folder.cells, estimator=estimator, constants=constants,
-        target=folder.results, n_threads=plan.n_threads,
-    )  # fmt: skip
-    compute_cells(task, cells, todo, plan.n_workers)
-    return len(cells) - len(todo)
+def warm_up(estimator, n_points):
+    """An estimator fitted to so many points; compiled code is then on disk for all processes.
 
-
-def scattered(catalog, target, estimator, plan, cut, restart, choice=None):
-    """The folder of a run, with all points in cells: of an earlier run, if that was the same.
-
-    Of the points, a `Choice` takes some; with None, all.
+    Half of the points lie in a plane, and half in a volume.
     """
-    key = key_of(catalog, estimator, plan.tile_size, cut, _version(), choice)
+    points = np.random.default_rng(0).uniform(size=(n_points, 3)) * [1, 1, 0.01]
+    points[: n_points // 2, 2] *= 100
+    with warnings.catch_warnings(), progress_part(0.0, 0.0):
+        warnings.simplefilter("ignore")
+        return clone(estimator).fit(points)
+
+
+def check_seed(estimator):
+    """Raise if trials would differ from tile to tile."""
+    if not isinstance(estimator.random_state, Integral):
+        raise ValueError(
+            f"random_state={estimator.random_state!r} must be an int, so that all tiles make the "
+            "same trials."
+        )
+
+
+def _scattered(verb, catalog, target, plan, cut, restart):
+    """The folder of a run, with all points in cells: of an earlier run, if that was the same."""
+    used = verb.choice, verb.needs_ground
+    key = key_of(catalog, verb.estimator, plan.tile_size, cut, _version(), used)
     folder = WorkFolder(target, key)
     try:
         if restart:
@@ -240,7 +225,7 @@ def scattered(catalog, target, estimator, plan, cut, restart, choice=None):
         if folder.constants is None:
             _check_disk(folder.path.parent, plan.disk)
             with progress_part(0.0, SCATTERED, "reading"):
-                _scatter(catalog, folder, plan.tile_size, cut, choice)
+                _scatter(verb, catalog, folder, plan.tile_size, cut)
     except BaseException:
         if folder.constants is None:
             folder.remove()
@@ -249,14 +234,14 @@ def scattered(catalog, target, estimator, plan, cut, restart, choice=None):
     return folder
 
 
-def finished_before(catalog, target, targets, estimator, content=""):
+def _finished_before(verb, catalog, target, targets):
     """The report of an earlier run that had only to move its outputs, which is done; or None."""
     path = WorkFolder.path_of(target)
     if not path.exists():
         return None
     folder = WorkFolder(target, None)
-    with kept(folder):
-        report = Moves(folder, catalog, targets, estimator, content, _version()).resume()
+    with _kept(folder):
+        report = _moves(verb, catalog, targets, folder).resume()
         if report:
             folder.remove()
     if report is False:
@@ -271,15 +256,12 @@ def finished_before(catalog, target, targets, estimator, content=""):
     return report._replace(n_resumed=report.n_tiles)
 
 
-def finish(folder, catalog, targets, estimator, report, content=""):
-    """Move outputs that replace inputs, and remove the folder."""
-    moves = Moves(folder, catalog, targets, estimator, content, _version())
-    moves.finish(report._asdict())
-    folder.remove()
+def _moves(verb, catalog, targets, folder):
+    return Moves(folder, catalog, targets, verb.estimator, verb.content, _version())
 
 
 @contextmanager
-def kept(folder):
+def _kept(folder):
     """Name the folder where a run ends early."""
     try:
         yield
@@ -287,40 +269,10 @@ def kept(folder):
         kept = f"what was done is kept in {folder.path}, and the same run goes on from there"
         if isinstance(err, Exception) and not isinstance(err, Warning):  # the user may raise these
             raise TilingError(f"{str(err) or type(err).__name__}; {kept}") from err
-        warnings.warn(kept, stacklevel=4)
+        warn_caller(kept)
         raise
     finally:
         folder.release()
-
-
-def check_seed(estimator):
-    """Raise if trials would differ from tile to tile."""
-    if not isinstance(estimator.random_state, Integral):
-        raise ValueError(
-            f"random_state={estimator.random_state!r} must be an int, so that all tiles make the "
-            "same trials."
-        )
-
-
-def check_normals(estimator, *, inner=False):
-    """Raise if normals depend on the whole cloud; `inner` ones are those of another estimator."""
-    if not isinstance(estimator, BaseLocalPlanes) or estimator._locality()[0] is None:
-        raise ValueError(
-            f"{type(estimator).__name__} cannot work by tiles with these parameters: with "
-            'n_neighbors=None or orientation="mst", results depend on the whole cloud.'
-        )
-    if inner and estimator.n_neighbors == "auto":
-        raise ValueError('n_neighbors="auto" of normal_estimator cannot work by tiles.')
-    check_seed(estimator)
-
-
-def _warm_up(estimator):
-    """The names of results; compiled code is then on disk for all processes."""
-    points = np.random.default_rng(0).uniform(size=(WARM_UP, 3)) * [1, 1, 0.01]
-    with warnings.catch_warnings(), progress_part(0.0, 0.0):
-        warnings.simplefilter("ignore")
-        names = normal_columns(clone(estimator).fit(points))[0]
-    return [*names, "n_neighbors"] if estimator.n_neighbors == "auto" else names
 
 
 def _check_disk(folder, wanted):
@@ -332,9 +284,12 @@ def _check_disk(folder, wanted):
         )
 
 
-def _scatter(catalog, folder, capacity, cut, choice):
+def _scatter(verb, catalog, folder, capacity, cut):
     """Read all points once: into cells, and for the constants of the whole cloud."""
     writer, whole, row = CellWriter(folder.cells, capacity, cut), WholeCloud(), 0
+    choice, ground = verb.choice, None
+    if verb.needs_ground:
+        ground = GroundWriter(folder.cells, capacity, cut)
     for path in catalog.paths:
         for cloud in read_parts(path, PART):
             with one_clear_line(path, "read"):
@@ -344,6 +299,8 @@ def _scatter(catalog, folder, capacity, cut, choice):
             if len(xyz):
                 writer.add(xyz, rows if chosen is None else rows[chosen])
                 whole.add(xyz)
+            if ground is not None:
+                ground.add(cloud)
             row += len(cloud)
             tell(row / catalog.n_points)
     if not writer.n_points:
@@ -351,13 +308,9 @@ def _scatter(catalog, folder, capacity, cut, choice):
             f"{catalog.paths[0]}: no points are judged: all are withheld or of other classes"
         )
     writer.close()
+    if ground is not None:
+        ground.close(catalog.paths[0])
     folder.finish_cells(whole.constants())
-
-
-def reports_of(results, cells):
-    """What the work on some tiles came to: list of `TileReport`."""
-    files = (tile_files(results, cell)[1] for cell in cells)
-    return [TileReport(**json.loads(file.read_text())) for file in files]
 
 
 def _version():

@@ -1,11 +1,8 @@
 """Regions of clouds larger than memory: planes and links by tiles, growth along links on disk."""
 
 import os
-import time
-import warnings
 from collections.abc import Iterable
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from sklearn.base import clone
@@ -18,36 +15,21 @@ from sklearn_mcmd.segmentation._graph import COMPILE_FROM, grow_regions, seed_or
 from sklearn_mcmd.segmentation._region_sums import region_sizes
 from sklearn_mcmd.segmentation._steps import finish_regions
 from sklearn_mcmd.tiling._catalog import Catalog
-from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._links import GrowthJob, find_links, find_neighbors, find_planes
-from sklearn_mcmd.tiling._memory import (
-    bytes_to_join,
-    check_division,
-    parse_memory,
-    plan_run,
-    usual_memory,
-)
-from sklearn_mcmd.tiling._outputs import LABELED, targets_of, write_segmented_outputs
-from sklearn_mcmd.tiling._run import (
-    COMPUTED,
-    SCATTERED,
-    RunReport,
-    check_normals,
-    finish,
-    finished_before,
-    kept,
-    scattered,
-)
+from sklearn_mcmd.tiling._memory import bytes_to_join
+from sklearn_mcmd.tiling._normals import check_normals
+from sklearn_mcmd.tiling._outputs import LABELED, write_segmented_outputs
+from sklearn_mcmd.tiling._run import RunReport, Verb, run_by_tiles, warm_up
+from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._tile import tile_files, write_whole
+from sklearn_mcmd.tiling._together import fit_together
+from sklearn_mcmd.tiling._warnings import warn_caller
 from sklearn_mcmd.tiling._whole import ALL, StoredIndex, WholeColumns
-from sklearn_mcmd.tiling._work import compute_cells
 
 __all__ = ["check_growing", "write_segments"]
 
-WARM_UP = 3_000  # points that make this process load or compile the code once, for all others
-# Points at so few places that compiled code does not segment them.
-MOST_COPIES = 1_000_000
+WARM_UP = 3_000  # points that load or compile the code
 # Rows are numbers of 32 bits.
 MOST_PLACES = 2**31 - 1
 LARGEST = 20  # regions whose points are counted in the report
@@ -138,37 +120,43 @@ def write_segments(
     ...     print(report.n_tiles, "tiles;", read_points(b).attributes["region"].dtype)
     4 tiles; int32
     """
-    begin = time.perf_counter()
-    estimator = check_growing(estimator)
-    check_division(tile_size, cut)
-    memory = usual_memory() if memory is None else parse_memory(memory)
-    catalog = source if isinstance(source, Catalog) else Catalog(source)
-    targets = targets_of(catalog, Path(target), as_folder)
-    content = f"colors={colors}"
-    if not restart and (report := finished_before(catalog, target, targets, estimator, content)):
-        return report
-    _warm_up(estimator)
-    plan = plan_run(catalog.n_points, memory, n_jobs, tile_size=tile_size, work="regions")
-    folder = scattered(catalog, target, estimator, plan, cut, restart)
-    with kept(folder):
-        for path in targets:
-            path.parent.mkdir(exist_ok=True)
-        cells, columns = Cells(folder.cells), Columns(folder.results)
-        n_resumed = sum(columns.is_done(cell, "planes") for cell in range(len(cells)))
-        job = GrowthJob(folder.cells, folder.results, estimator, folder.constants, plan.n_threads)
-        with progress_part(SCATTERED, COMPUTED):
-            _segment(job, cells, columns, plan.n_workers, memory)
-        with progress_part(COMPUTED, 1.0, "writing"):
-            make = partial(segmented, colors=colors)
-            write_segmented_outputs(catalog, targets, folder, make, content)
-        found = columns.report(ALL, "regions")
-        report = RunReport(
-            catalog.n_points, len(cells), plan.n_workers, n_resumed,
-            int(columns.total(len(cells), "planes", "n_proved")), 0.0,
-            time.perf_counter() - begin, **found,
-        )  # fmt: skip
-        finish(folder, catalog, targets, estimator, report, content)
-    return report
+    verb = _Segments(check_growing(estimator), f"colors={colors}", colors=colors)
+    return run_by_tiles(
+        verb, source, target, memory=memory, n_jobs=n_jobs, tile_size=tile_size, cut=cut,
+        as_folder=as_folder, restart=restart,
+    )  # fmt: skip
+
+
+class _Segments(Verb):
+    """Regions: links by tiles, and growth of all in this process."""
+
+    def __init__(self, estimator, content, *, colors):
+        super().__init__(estimator, content)
+        self.colors = colors
+
+    def prepare(self):
+        warm_up(self.estimator, WARM_UP)
+        return "regions", 0
+
+    def find(self, run):
+        folder, n_cells = run.folder, len(run.cells)
+        self.columns = Columns(folder.results)
+        self.n_resumed = sum(self.columns.is_done(cell, "planes") for cell in range(n_cells))
+        job = GrowthJob(
+            *(folder.cells, folder.results, self.estimator, folder.constants, run.plan.n_threads)
+        )
+        _segment(job, run.cells, self.columns, run.plan.n_workers, run.memory)
+
+    def write(self, run):
+        make = partial(segmented, colors=self.colors)
+        write_segmented_outputs(run.catalog, run.targets, run.folder, make, self.content)
+        n_proved = int(self.columns.total(len(run.cells), "planes", "n_proved"))
+        return {
+            "n_proved": n_proved,
+            "n_resumed": self.n_resumed,
+            "removed_fraction": 0.0,
+            **self.columns.report(ALL, "regions"),
+        }
 
 
 def check_growing(estimator):
@@ -205,28 +193,12 @@ def segmented(cloud, labels, colors=None):
     return with_results(cloud, results)
 
 
-def _warm_up(estimator):
-    """Compiled code is then on disk for all processes."""
-    points = np.random.default_rng(0).uniform(size=(WARM_UP, 3)) * [1, 1, 0.01]
-    with warnings.catch_warnings(), progress_part(0.0, 0.0):
-        warnings.simplefilter("ignore")
-        clone(estimator).fit(points)
-
-
 def _segment(job, cells, columns, n_workers, memory):
     """Find the region of all points, and write them for each cell."""
-    n_cells, begin = len(cells), 0.0
+    n_cells, sweeps = len(cells), Sweeps(columns, n_workers, ENDS)
     if columns.is_done(ALL, "regions"):
         return
-
-    def sweep(name, work):
-        nonlocal begin
-        todo = [cell for cell in range(n_cells) if not columns.is_done(cell, name)]
-        with progress_part(begin, ENDS[name], name):
-            task = partial(work, job=job)
-            compute_cells(task, cells, todo, n_workers, collect=name == "planes")
-        begin = ENDS[name]
-
+    sweep = partial(sweeps, cells=cells, job=job)
     sweep("planes", find_planes)
     whole = WholeColumns(columns, n_cells)
     sizes = job.growing.n_neighbors, job.growing.normal_estimator.n_neighbors + 1
@@ -235,12 +207,12 @@ def _segment(job, cells, columns, n_workers, memory):
     if len(whole) > MOST_PLACES:
         raise ValueError(f"{len(whole):,} different points are more than {MOST_PLACES:,}")
     whole.join(*JOINED["planes"])
-    sweep("neighbors", find_neighbors)
+    sweep("neighbors", find_neighbors, collect=False)
     whole.join(*(name for name in JOINED["neighbors"] if whole.has(name)))
     if not columns.is_done(ALL, "grown"):
-        sweep("links", find_links)
+        sweep("links", find_links, collect=False)
         whole.join(*JOINED["links"])
-        with progress_part(begin, ENDS["growth"], "growing regions"):
+        with progress_part(sweeps.begin, ENDS["growth"], "growing regions"):
             columns.write(ALL, grown=_grow(whole))
         columns.finish(ALL, "grown")
     whole.remove("links", "limit", "usable", "variation")
@@ -272,26 +244,18 @@ def _warn_if_much(labels, n_neighbors, memory):
     n_rest = len(labels) - int(sizes[sizes > n_neighbors].sum())
     needed = bytes_to_join(len(labels), n_rest)
     if needed > memory:
-        warnings.warn(
+        warn_caller(
             f"{n_rest:,} of {len(labels):,} different points lie on no surface; joining regions "
-            f"may take {needed / 1e6:.0f}MB, more than memory={memory / 1e6:.0f}MB",
-            stacklevel=4,
+            f"may take {needed / 1e6:.0f}MB, more than memory={memory / 1e6:.0f}MB"
         )
 
 
 def _segment_together(job, cells, columns, n_places):
     """Regions of a cloud of few places, which other code finds than that of tiles."""
-    n_points = int(cells.counts.sum())
-    if n_points > MOST_COPIES:
-        raise ValueError(
-            f"{n_points:,} points at {n_places:,} places are no cloud to be segmented by tiles"
-        )
-    records = [cells.read(cell) for cell in range(len(cells))]
-    rows, points = (np.concatenate([part[name] for part in records]) for name in ("row", "xyz"))
-    points = points[np.argsort(rows)].astype(job.constants.dtype)
-    fitted = clone(job.growing).fit(points)
-    for cell, part in enumerate(records):
-        _write(columns, cell, part["row"], fitted.labels_[part["row"]])
+    words = f" at {n_places:,} places"
+    fitted, parts = fit_together(job.growing, cells, job.constants.dtype, words)
+    for cell, (rows, places) in enumerate(parts):
+        _write(columns, cell, rows, fitted.labels_[places])
     _finish(columns, fitted.region_sizes_)
 
 

@@ -25,6 +25,7 @@ __all__ = [
     "normals_of_tile",
     "result_dtype",
     "tile_files",
+    "total_proved",
     "write_whole",
 ]
 
@@ -164,6 +165,11 @@ def result_dtype(n_columns, dtype=np.float32):
 def tile_files(folder, cell):
     """The file of results of a tile, which is there when it is whole, and that of its report."""
     return Path(folder) / f"{cell}.results", Path(folder) / f"{cell}.json"
+
+
+def total_proved(folder, cells):
+    """How many points of some tiles the first halo has proved."""
+    return sum(json.loads(tile_files(folder, cell)[1].read_text())["n_proved"] for cell in cells)
 
 
 def _usual_reach(points, k, radius):

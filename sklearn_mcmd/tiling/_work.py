@@ -9,6 +9,7 @@ from joblib import Parallel, delayed
 from sklearn_mcmd.planes._progress import listen_to_progress
 from sklearn_mcmd.planes._resolution import CoarseCoordinatesWarning
 from sklearn_mcmd.tiling._outputs import tell
+from sklearn_mcmd.tiling._warnings import warn_caller
 
 __all__ = ["TilingError", "compute_cells"]
 
@@ -60,11 +61,11 @@ def compute_cells(task, cells, todo, n_workers, collect=True):
         n_done += int(cells.counts[cell])
         if coarse is not None and not told:
             told = True
-            warnings.warn(CoarseCoordinatesWarning(*coarse), stacklevel=3)
+            warn_caller(CoarseCoordinatesWarning(*coarse))
         if error is not None:
             n_failed += 1
             between = _between(*cells.extent(cell))
-            warnings.warn(f"tile {cell} failed ({between}): {error}", stacklevel=3)
+            warn_caller(f"tile {cell} failed ({between}): {error}")
         rate = (n_done - n_before) / max(time.monotonic() - begin, 1e-9)
         tell(n_done / n_points, f"{rate:,.0f} points/s")
     if n_failed:

@@ -7,6 +7,8 @@ from commands import error_line, run
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 
+TOLD = ("judged", "marked", "removed")  # lines of the summary
+
 
 @pytest.fixture
 def site(tmp_path):
@@ -121,10 +123,39 @@ def test_a_report_counts_the_points_left_out(strictness, site, tmp_path):
         assert "groups far below the ground" in page
 
 
-@pytest.mark.parametrize("options", [("--above", 2), ("--below", 0), ("--low-groups",)])
-def test_heights_are_refused_by_tiles(options, small_machine, site, tmp_path):
-    line = error_line(run("denoise", site, tmp_path / "b.las", *options, "--memory", "1MB"))
-    assert f"site.las: {options[0]} needs the whole cloud in memory" in line
+@pytest.mark.parametrize("mode", ["mark", "drop"])
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--above", 2),
+        ("--below", 0, "--only-class", "1,2"),
+        ("--low-groups",),
+        ("--low-groups", "--below", -14.5, "--contamination", 0.02),
+        ("--above", 0, "--below", 20.5, "--low-groups", "--ignore-class", 2),
+    ],
+    ids=lambda options: "-".join(map(str, options)),
+)
+def test_heights_are_those_of_memory_by_tiles(mode, options, small_machine, site, tmp_path):
+    a, b = tmp_path / "a.las", tmp_path / "b.las"
+    whole = run("denoise", site, a, "--mode", mode, *options)
+    tiles = run("denoise", site, b, "--mode", mode, *options, "--memory", "1MB", "--n-jobs", 1)
+    assert tiles.exit_code == 0, tiles.output
+    assert a.read_bytes() == b.read_bytes()
+    told = [
+        [line.split() for line in result.stdout.splitlines() if line.split()[0] in TOLD]
+        for result in (whole, tiles)
+    ]
+    assert told[0] == told[1]
+    assert len(told[0]) == 2
+
+
+def test_heights_without_ground_are_refused_by_tiles(small_machine, site, tmp_path):
+    cloud = read_points(site)
+    write_points(site, cloud.subset(cloud.attributes["classification"] != 2))
+    for memory in ((), ("--memory", "1MB")):
+        line = error_line(run("denoise", site, tmp_path / "b.las", "--above", 2, *memory))
+        assert "site.las: heights over the ground are asked for, and fewer than 3 points" in line
+    assert [path.name for path in tmp_path.iterdir()] == ["site.las"]
 
 
 def test_points_left_out_are_those_of_memory_by_tiles(small_machine, site, tmp_path):

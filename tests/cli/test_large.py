@@ -8,7 +8,7 @@ import pytest
 
 from commands import error_line, files_in, run
 from sklearn_mcmd.io import read_points, write_points
-from sklearn_mcmd.tiling import _run
+from sklearn_mcmd.tiling import _normals
 
 ONE = ("--n-jobs", 1)
 
@@ -107,7 +107,7 @@ def test_each_tile_that_failed_has_a_line_and_the_rest_is_kept(
         raise MemoryError
 
     with monkeypatch.context() as patch:
-        patch.setattr(_run, "normals_of_tile", fail)
+        patch.setattr(_normals, "normals_of_tile", fail)
         args = ("normals", source, tmp_path / "b.laz", "--memory", "2MB", *ONE)
         result = run(*args)
     assert result.exit_code == 1

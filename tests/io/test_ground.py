@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from sklearn_mcmd.io import PointCloud, PointFileError
-from sklearn_mcmd.io._ground import depths_of_groups, ground_of, heights_over_ground
+from sklearn_mcmd.io._ground import Ground, depths_of_groups, ground_of, heights_over_ground
 
 RNG = np.random.default_rng(0)
 
@@ -62,3 +62,24 @@ def test_a_single_point_is_as_large_as_the_spacing_of_the_ground_over_it():
     xyz, ground = on_ground(np.array([[20.0, 20.0, -3.0]]))
     away = np.sort(np.linalg.norm(xyz[ground][:, :2] - [20, 20], axis=1))[2]
     assert_allclose(depths_of_groups(xyz, ground, ~ground)[-1], 3 / away, rtol=1e-12)
+
+
+def test_of_equally_distant_ground_points_the_lowest_count_in_any_order():
+    plan = np.indices((12, 12)).reshape(2, -1).T.astype(float)
+    ground = np.column_stack([np.tile(plan, (5, 1)), RNG.random(5 * len(plan))])
+    queries = np.column_stack([RNG.integers(0, 23, (400, 2)) / 2, RNG.random(400)])
+    away = np.linalg.norm(ground[:, None, :2] - queries[None, :, :2], axis=2)
+    order = np.lexsort((np.broadcast_to(ground[:, 2, None], away.shape), away), axis=0)[:3]
+    for rows in (slice(None), RNG.permutation(len(ground))):
+        distances, heights = Ground(ground[rows]).nearest(queries)
+        assert_allclose(distances, np.take_along_axis(away, order, axis=0).T, rtol=1e-15)
+        assert_array_equal(heights, ground[order, 2].T)
+
+
+def test_depths_do_not_depend_on_the_order_of_points():
+    steps = RNG.integers(0, 8, (500, 3)) * [0.25, 0.25, 0.5] + [20, 20, -9]
+    xyz, ground = on_ground(np.vstack([steps, steps[:50]]))
+    order = RNG.permutation(len(xyz))
+    depths = depths_of_groups(xyz, ground, ~ground)
+    assert depths.any()
+    assert_array_equal(depths_of_groups(xyz[order], ground[order], ~ground[order]), depths[order])

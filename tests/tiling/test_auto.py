@@ -13,7 +13,7 @@ from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_airborne_scan, make_street
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._point_cloud import with_results
-from sklearn_mcmd.tiling import TilingError, _auto, _sized, write_normals
+from sklearn_mcmd.tiling import TilingError, _sized, _together, write_normals
 from sklearn_mcmd.tiling._tile import normal_columns
 from tiled import street
 
@@ -120,7 +120,7 @@ def test_small_clouds_have_the_normals_of_memory(n, tmp_path):
 
 
 def test_many_points_at_few_places_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(_auto, "MOST_COPIES", 1_000)
+    monkeypatch.setattr(_together, "MOST_COPIES", 1_000)
     write_points(tmp_path / "a.las", np.repeat(noisy_floor(600), 2, axis=0))
     with pytest.raises(TilingError, match="1,200 points at 600 places"):
         write_normals(tmp_path / "a.las", tmp_path / "b.las", ESTIMATOR, tile_size=500)

@@ -14,7 +14,7 @@ from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_airborne_scan, make_street
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.io._classes import noise_classes
-from sklearn_mcmd.tiling import TilingError, _denoise, _surfaces, write_denoised
+from sklearn_mcmd.tiling import TilingError, _denoise, _surfaces, _together, write_denoised
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._outputs import SCORED, Results
 from tiled import street
@@ -178,7 +178,7 @@ def test_small_clouds_are_judged_as_in_memory(n, by_tiles, tmp_path):
 
 
 def test_many_points_at_few_places_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(_denoise, "MOST_COPIES", 1_000)
+    monkeypatch.setattr(_together, "MOST_COPIES", 1_000)
     path, _ = written(tmp_path, np.repeat(street_with_tree(600), 2, axis=0))
     with pytest.raises(TilingError, match="1,200 points at 600 places"):
         write_denoised(path, tmp_path / "b.las", DETECTOR, tile_size=500)
@@ -279,8 +279,9 @@ def test_a_file_of_nothing_but_outliers_is_warned_of(tmp_path):
     (tmp_path / "in").mkdir()
     write_points(tmp_path / "in" / "a.las", street(1_500))
     write_points(tmp_path / "in" / "b.las", [[3e5, 0, 5e3], [4e5, 9e3, 0]])
-    with pytest.warns(UserWarning, match=r"out.b\.las: all points are outliers"):
+    with pytest.warns(UserWarning, match=r"out.b\.las: all points are outliers") as caught:
         write_denoised(tmp_path / "in", tmp_path / "out", DETECTOR)
+    assert [warning.filename for warning in caught] == [__file__]
     with pytest.raises(PointFileError, match="holds no points"):
         read_points(tmp_path / "out" / "b.las")
 
@@ -354,10 +355,11 @@ def test_a_tile_that_fails_has_its_line_and_does_not_end_the_others(tmp_path, mo
 
     monkeypatch.setattr(_denoise, "find_explained", fail)
     with (
-        pytest.warns(UserWarning, match="tile 1 failed .*MemoryError: too much of"),
+        pytest.warns(UserWarning, match="tile 1 failed .*MemoryError: too much of") as caught,
         pytest.raises(TilingError, match=r"1 of 4 tiles failed; .*b\.las\.tiles, and"),
     ):
         write_denoised(path, tmp_path / "b.las", DETECTOR, tile_size=1_500)
+    assert [warning.filename for warning in caught] == [__file__]
     monkeypatch.setattr(_denoise, "find_explained", work)
     report = write_denoised(path, tmp_path / "b.las", DETECTOR, tile_size=1_500)
     assert report.n_resumed == 4

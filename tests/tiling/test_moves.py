@@ -43,8 +43,9 @@ def ended(monkeypatch, module, name, nth, work):
 
     with monkeypatch.context() as patch:
         patch.setattr(module, name, end)
-        with pytest.warns(match="kept in"):
+        with pytest.warns(match="kept in") as caught:
             _interrupted(work)
+        assert [warning.filename for warning in caught] == [__file__]
 
 
 def _interrupted(work):

@@ -14,7 +14,7 @@ from sklearn.base import clone
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_airborne_scan, make_mobile_scan, make_street
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
-from sklearn_mcmd.tiling import Catalog, TilingError, _outputs, _run, _tile, write_normals
+from sklearn_mcmd.tiling import Catalog, TilingError, _normals, _outputs, _run, _tile, write_normals
 from sklearn_mcmd.tiling._tile import normal_columns, normals_of_tile
 from tiled import ESTIMATOR, in_memory, street
 
@@ -172,10 +172,10 @@ def test_an_output_may_replace_its_input(small_file, tmp_path):
 RUN = """
 import os, signal, sys
 from sklearn_mcmd import RobustNormalEstimator
-from sklearn_mcmd.tiling import _outputs, _run, write_normals
+from sklearn_mcmd.tiling import _normals, _outputs, _run, write_normals
 
 source, target, place = sys.argv[1:]
-work, done = _run.normals_of_tile, []
+work, done = _normals.normals_of_tile, []
 
 def die(*args):
     os.kill(os.getpid(), getattr(signal, "SIGKILL", signal.SIGTERM))
@@ -187,7 +187,7 @@ def two_tiles(*args, **params):
 if place == "reading":
     _run.WorkFolder.finish_cells = die
 elif place == "tiles":
-    _run.normals_of_tile = two_tiles
+    _normals.normals_of_tile = two_tiles
 else:
     _outputs.with_results = die
 write_normals(source, target, RobustNormalEstimator(16, random_state=0), tile_size=1_500)
@@ -225,7 +225,7 @@ def failing(monkeypatch):
             raise MemoryError("too much\nof it")
         return normals_of_tile(folder, cell, **params)
 
-    monkeypatch.setattr(_run, "normals_of_tile", work)
+    monkeypatch.setattr(_normals, "normals_of_tile", work)
     return cells
 
 
@@ -272,7 +272,7 @@ def test_an_input_that_vanishes_is_named(small_file, tmp_path):
 
 @pytest.mark.parametrize("how", ["changes", "vanishes"])
 def test_an_input_that_changes_during_the_run_is_noticed(small_file, tmp_path, monkeypatch, how):
-    compute = _run.compute_cells
+    compute = _normals.compute_cells
 
     def change(*args):
         compute(*args)
@@ -280,7 +280,7 @@ def test_an_input_that_changes_during_the_run_is_noticed(small_file, tmp_path, m
         if how == "changes":
             write_points(small_file, street(5_000))
 
-    monkeypatch.setattr(_run, "compute_cells", change)
+    monkeypatch.setattr(_normals, "compute_cells", change)
     message = r"small\.las: (has changed|cannot be read: no such file).*kept in .*out\.las\.tiles"
     with pytest.raises(TilingError, match=message):
         write_normals(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
