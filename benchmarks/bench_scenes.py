@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 
 from sklearn_mcmd import datasets
 
-SCENES = ["make_mobile_scan", "make_airborne_scan", "make_spinning_turn", "make_depth_frame"]
+SCENES = ["make_mobile_scan", "make_airborne_scan", "make_lidar_turn", "make_depth_frame"]
 N_NEIGHBORS, N_MEASURED = 10, 10_000
 
 # Scene, its classes (None: all), and the real cloud and classes that it is compared with.
@@ -33,7 +33,7 @@ PAIRS = [
     ("make_airborne_scan", ["ground"], "ahn3_amsterdam_2397", ["ground"]),
     ("make_airborne_scan", ["building"], "ahn3_amsterdam_2397", ["building"]),
     ("make_airborne_scan", ["vegetation"], "ign_village", ["vegetation"]),
-    ("make_spinning_turn", None, "fast_gicp_velodyne", None),
+    ("make_lidar_turn", None, "fast_gicp_velodyne", None),
     ("make_depth_frame", None, "pcl_office1", None),
 ]
 COLUMNS = ["nearest (cm)", "second / first axis", "roughness / radius"]

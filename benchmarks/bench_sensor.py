@@ -8,12 +8,13 @@ Processor time is that with the position over that without.
 
 import argparse
 import time
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_street
+from sklearn_mcmd.datasets import make_lidar_turn, make_street
 
 FORMS = ({}, {"strictness": "isolated"}, None)  # None: with the position
 
@@ -30,6 +31,22 @@ def real_clouds(data):
                 X = arrays["xyz"]
             above = [*X[:, :2].mean(axis=0), X[:, 2].min() + 500]
             yield name, X, None, "origin" if name.startswith("fast") else above
+
+
+def simulated_turns():
+    """Turns in snow, whose flakes also are where beams meet nothing else."""
+    for snowfall in (1.0, 2.0):
+        turn = make_lidar_turn(snow=snowfall, outlier_share=0, random_state=0)
+        yield f"make_lidar_turn, {snowfall:g} mm/h", turn.data, turn.target == -1, "origin"
+
+
+def simulated_streets():
+    """Streets whose mixed pixels are drawn, and one whose wide beams make them."""
+    lines = {"sampling": "scan_lines", "tree": True, "random_state": 0}
+    for share in (0.1, 0.2):
+        yield f"{share:.0%}", make_street(outlier_share=share, **lines)
+    others = ["gaussian", "uniform", "ghost"]
+    yield "3 mrad", make_street(outlier_kinds=others, beam_divergence=0.003, **lines)
 
 
 def judged(X, position):
@@ -63,21 +80,20 @@ def main():
     options = parser.parse_args()
     judged(np.random.default_rng(0).random((3000, 3)), [0.5, 0.5, 9.0])  # compiles
     print("cloud: F1 / real points flagged, by coordinates, isolated, with the position; time")
-    for name, X, outlier, position in real_clouds(Path(options.data)):
+    for name, X, outlier, position in chain(real_clouds(Path(options.data)), simulated_turns()):
         real = np.ones(len(X), dtype=bool) if outlier is None else ~outlier
         forms, ratio = judged(X, position)
         cells = [f"{100 * flagged[real].mean():.2f}" for flagged in forms]
         if outlier is not None:
             scores = (f1(flagged, outlier) for flagged in forms)
             cells = [f"{score:.1f} / {cell}" for score, cell in zip(scores, cells, strict=True)]
-        print(f"{name:22}", "  ".join(cells), f" x {ratio:.2f}", flush=True)
+        print(f"{name:25}", "  ".join(cells), f" x {ratio:.2f}", flush=True)
     print("street: Gaussian, uniform, mixed pixels, ghosts found; regular, foliage kept; right")
-    for share in (0.1, 0.2):
-        street = make_street(sampling="scan_lines", tree=True, outlier_share=share, random_state=0)
-        forms, ratio = judged(street.data, street.scanners[0])
+    for outliers, street in simulated_streets():
+        forms, ratio = judged(street.data, street.viewpoints)
         for name, flagged in zip(("unknown", "isolated", "known"), forms, strict=True):
-            print(f"{share:.0%} {name:9}", street_line(street, flagged), flush=True)
-        print(f"{share:.0%} time x {ratio:.2f}")
+            print(f"{outliers:6} {name:9}", street_line(street, flagged), flush=True)
+        print(f"{outliers:6} time x {ratio:.2f}")
 
 
 if __name__ == "__main__":

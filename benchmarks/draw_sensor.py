@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_spinning_turn, make_street
+from sklearn_mcmd.datasets import make_lidar_turn, make_street
 
 GRAY, FOUND, LOST, MISSED = "0.75", "tab:green", "tab:red", "tab:purple"
 
@@ -33,7 +33,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("target", help="image file")
     target = parser.parse_args().target
-    turn = make_spinning_turn(outlier_kinds=["particle"], random_state=0)
+    turn = make_lidar_turn(outlier_kinds=["particle"], random_state=0)
     street = make_street(
         50_000, sampling="scan_lines", outlier_kinds=["mixed_pixel"], random_state=0
     )

@@ -14,7 +14,7 @@ import numpy as np
 from figures_choosing import BLUE, ORANGE, RED, save
 
 from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
-from sklearn_mcmd.datasets import make_spinning_turn, make_street
+from sklearn_mcmd.datasets import make_lidar_turn, make_street
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.plotting import (
     NormalsDisplay,
@@ -170,7 +170,7 @@ def rounded():
 
 def rings():
     """What is lost far from a spinning sensor."""
-    turn = make_spinning_turn(70_000, random_state=0)
+    turn = make_lidar_turn(70_000, random_state=0)
     echo = turn.outlier_kind != turn.outlier_kind_names.index("no_return")
     xyz, truth = turn.data[echo], turn.target[echo]
     labels = MCMDOutlierDetector(random_state=0).fit_predict(xyz)

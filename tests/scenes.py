@@ -13,7 +13,7 @@ from sklearn_mcmd.planes._record import Planes
 SCANNED = {
     "make_mobile_scan": _mobile._street,
     "make_airborne_scan": _airborne._village,
-    "make_spinning_turn": _spinning._campus,
+    "make_lidar_turn": _spinning._campus,
     "make_depth_frame": _depth_frame._room,
 }
 

@@ -18,7 +18,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_spinning_turn
+from sklearn_mcmd.datasets import make_lidar_turn
 from sklearn_mcmd.plotting import OutlierDisplay
 
 rng = np.random.default_rng(0)
@@ -54,7 +54,7 @@ plt.show()
 
 # %%
 # Copies: one turn of a spinning lidar. Count how often each place occurs.
-scan = make_spinning_turn(30_000, random_state=0)
+scan = make_lidar_turn(30_000, random_state=0)
 places, index, counts = np.unique(scan.data, axis=0, return_inverse=True, return_counts=True)
 often = np.argsort(-counts)[:3]
 for place, count in zip(places[often], counts[often], strict=True):
@@ -73,7 +73,7 @@ for ax, rows, title in (
     OutlierDisplay.from_predictions(
         scan.data[rows], verdict[rows], y_true=scan.target[rows], view="front", ax=ax
     )
-    ax.plot(0, 1.5, "o", ms=16, mfc="none", mec="#0072b2", mew=2)
+    ax.plot(0, 0, "o", ms=16, mfc="none", mec="#0072b2", mew=2)
     n_copies = np.sum(whole & copies)
     text = f"{n_copies} points at one place" if n_copies else "none here"
     ax.annotate(text, (0.1, 1.6), (0.8, 2.6), arrowprops={"arrowstyle": "->"}, fontsize=11)

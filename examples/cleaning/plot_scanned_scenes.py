@@ -15,8 +15,8 @@ from matplotlib.lines import Line2D
 from sklearn_mcmd.datasets import (
     make_airborne_scan,
     make_depth_frame,
+    make_lidar_turn,
     make_mobile_scan,
-    make_spinning_turn,
 )
 from sklearn_mcmd.plotting import plot_cloud
 
@@ -65,7 +65,7 @@ draw(make_airborne_scan(random_state=0), (-70, 30), (0, 0, -12), (80, 62, 40))
 # ----------------------------
 # The inner 40 m of a yard, with snow near the sensor.
 
-draw(make_spinning_turn(random_state=0), (-60, 50), (-20, -25, -1), (20, 15, 8))
+draw(make_lidar_turn(random_state=0), (-60, 50), (-20, -25, -2.5), (20, 15, 6.5))
 
 # %%
 # One frame of a depth camera

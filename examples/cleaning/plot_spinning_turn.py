@@ -18,14 +18,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_spinning_turn
+from sklearn_mcmd.datasets import make_lidar_turn
 from sklearn_mcmd.plotting import OutlierDisplay
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--points", type=int, default=60_000, help="points of the turn")
 n_points = parser.parse_args().points
 
-turn = make_spinning_turn(n_points, random_state=0)
+turn = make_lidar_turn(n_points, random_state=0)
 echo = turn.outlier_kind != turn.outlier_kind_names.index("no_return")
 xyz, truth = turn.data[echo], turn.target[echo]  # beams without an echo lie in the sensor
 distance = np.linalg.norm(xyz[:, :2], axis=1)

@@ -27,8 +27,8 @@ from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.baselines import PlaneOutlierDetector
 from sklearn_mcmd.datasets import (
     make_airborne_scan,
+    make_lidar_turn,
     make_mobile_scan,
-    make_spinning_turn,
     make_street,
 )
 from sklearn_mcmd.plotting import OutlierDisplay
@@ -62,7 +62,7 @@ class CellFilter(OutlierMixin, BaseEstimator):
 scenes = {
     "even street": make_street(n_points, random_state=0),
     "vehicle": make_mobile_scan(n_points, random_state=0),
-    "spinning": make_spinning_turn(n_points, outlier_share=0.03, random_state=0),
+    "spinning": make_lidar_turn(n_points, outlier_share=0.03, random_state=0),
     "airborne": make_airborne_scan(n_points, random_state=0),
 }
 methods = {

@@ -6,7 +6,7 @@ from sklearn_mcmd.datasets._furniture import make_bus_stop, make_traffic_furnitu
 from sklearn_mcmd.datasets._mobile import make_mobile_scan
 from sklearn_mcmd.datasets._plane import make_contaminated_plane
 from sklearn_mcmd.datasets._shapes import make_box, make_crown_roof
-from sklearn_mcmd.datasets._spinning import make_spinning_turn
+from sklearn_mcmd.datasets._spinning import make_lidar_turn
 from sklearn_mcmd.datasets._street import make_street
 
 __all__ = [
@@ -16,8 +16,8 @@ __all__ = [
     "make_contaminated_plane",
     "make_crown_roof",
     "make_depth_frame",
+    "make_lidar_turn",
     "make_mobile_scan",
-    "make_spinning_turn",
     "make_street",
     "make_traffic_furniture",
 ]

@@ -8,7 +8,14 @@ import numpy as np
 from sklearn.utils import Bunch
 
 from sklearn_mcmd._sklearn import Interval, validate_params
-from sklearn_mcmd.datasets._sensing import SENSOR_PARAMETERS, Beams, Junk, Sensor, sense
+from sklearn_mcmd.datasets._sensing import (
+    SENSOR_PARAMETERS,
+    Beams,
+    Junk,
+    Sensor,
+    Trajectory,
+    sense,
+)
 from sklearn_mcmd.datasets._surfaces import Patch
 from sklearn_mcmd.datasets._things import capped, car, house, wire
 from sklearn_mcmd.datasets._vegetation import Grass, tree
@@ -24,6 +31,8 @@ _ASPECT, _SHAKE = 2.0, 0.15
 #: A beam is so wide at the ground that it meets a wire of this thickness.
 _WIRE = 0.16
 _PASSING = 0.45
+#: Speed of the aircraft, and seconds from the begin of one flight to that of the next.
+_SPEED, _NEXT = 60.0, 600.0
 
 
 @validate_params(
@@ -76,7 +85,8 @@ def make_airborne_scan(
     -------
     scan : :class:`~sklearn.utils.Bunch`
         With the arrays of :func:`make_mobile_scan`; ``stretch`` is the number of the swath, 0
-        or 1. ``true_points`` are without the misfit.
+        or 1. ``true_points`` are without the misfit. ``gps_time`` and ``trajectory`` are those of
+        two straight flights at 60 m/s.
 
     Raises
     ------
@@ -115,6 +125,10 @@ def make_airborne_scan(
             ),
             reach=2 * _ALTITUDE,
             passing=_PASSING,
+            tell=lambda _, beams, beam: {
+                "gps_time": beams.time[beam],
+                "trajectory": _trajectory(),
+            },
         ),
         n_samples,
         Junk(outlier_share, list(outlier_kinds), far_share),
@@ -143,7 +157,13 @@ def _beams(n, density_ratio, rng):
     directions = np.column_stack([target, np.zeros(len(target))]) - origins
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     line = np.concatenate([swaths[0][1], swaths[0][1].max() + 1 + swaths[1][1]])
-    return Beams(origins, directions, line, stretch)
+    return Beams(origins, directions, line, stretch, stretch * _NEXT + target[:, 0] / _SPEED)
+
+
+def _trajectory():
+    """Both flights are straight, along x, at one speed."""
+    ends = np.array([[x, y, _ALTITUDE] for y in _FLIGHTS for x in (0.0, _SIZE[0])])
+    return Trajectory(np.repeat([0.0, _NEXT], 2) + ends[:, 0] / _SPEED, ends)
 
 
 def _village(rng):

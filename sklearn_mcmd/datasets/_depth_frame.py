@@ -68,8 +68,8 @@ def make_depth_frame(
     Returns
     -------
     scan : :class:`~sklearn.utils.Bunch`
-        With the arrays of :func:`make_mobile_scan`. ``noise_scale`` holds rounding as well, as a
-        standard deviation; ``stretch`` is 0 for regular points.
+        With the arrays of :func:`make_mobile_scan`, but for times. ``noise_scale`` holds rounding
+        as well, as a standard deviation; ``stretch`` is 0 for regular points.
 
     Raises
     ------

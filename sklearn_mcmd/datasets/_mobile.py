@@ -20,9 +20,11 @@ from sklearn_mcmd.datasets._road import (
 )
 from sklearn_mcmd.datasets._sensing import (
     SENSOR_PARAMETERS,
+    WEATHER_PARAMETERS,
     Beams,
     Junk,
     Sensor,
+    Trajectory,
     sense,
 )
 from sklearn_mcmd.datasets._surfaces import Cylinder, Patch
@@ -45,11 +47,14 @@ _REACH = 60.0
 #: Distance of lines over that of points on a line, at this range.
 _ASPECT, _AT_RANGE = 5.0, 6.0
 _PASSING = 0.25
+#: Turns a second, and the share of a turn after which the beam looks into the vehicle.
+_RATE, _BLIND = 100.0, 0.9
 
 
 @validate_params(
     {
         **SENSOR_PARAMETERS,
+        **WEATHER_PARAMETERS,
         "noise_growth": [Interval(Real, 1, None, closed="left")],
         "density_ratio": [Interval(Real, 1, None, closed="left")],
     },
@@ -64,6 +69,8 @@ def make_mobile_scan(
     outlier_share: float = 0.02,
     outlier_kinds: Sequence[str] = ("mixed_pixel", "range_error", "ghost"),
     far_share: float = 0.002,
+    beam_divergence: float = 0.0,
+    snow: float = 0.0,
     random_state: int | np.random.RandomState | None = None,
 ) -> Bunch:
     """Make a scan of a street from a vehicle that stands still for a while.
@@ -107,6 +114,17 @@ def make_mobile_scan(
         Share of far gross outliers in [0, 1): in a box of three times the scene's extent, off
         all regular points by more than a tenth of their diagonal. Half of them are alone
         (``"far_single"``), half in balls of 10 to 60 points (``"far_clump"``).
+    beam_divergence : float, default=0.0
+        Full angle of each beam in radians, to 1/e^2 of the intensity on its axis, as data sheets
+        state it: 0.0003 to 0.003 is usual. A beam has the mean range of what it meets within
+        0.75 m, the resolution of pulses of 5 ns, weighted by energy; of several such groups, that
+        of the strongest. Where it is farther than four standard deviations of the noise
+        from every surface, the point is an outlier of kind ``"mixed_pixel"``, besides those of
+        `outlier_share`.
+    snow : float, default=0.0
+        Snowfall in mm of water an hour. Flakes take the place of what beams meet, or of nothing,
+        as :func:`make_lidar_turn` explains: outliers of kind ``"snow"``, besides those of
+        `outlier_share`.
     random_state : int, RandomState instance or None, default=None
         Seed. The same seed gives the same cloud.
 
@@ -117,8 +135,8 @@ def make_mobile_scan(
 
         - ``data``, float64 (n_samples, 3);
         - ``target``, int64 (n_samples,): +1 regular, -1 outlier;
-        - ``true_points``, float64 (n_samples, 3): where beams end, without noise; NaN for
-          outliers;
+        - ``true_points``, float64 (n_samples, 3): where beams end, without noise; of a wide beam,
+          where it met the surface next to its axis; NaN for outliers;
         - ``normals``, float64 (n_samples, 3): true unit normals toward the sensor; NaN where there
           is no surface (leaves, grass, wires) and for outliers;
         - ``surface``, int64 (n_samples,): number of the flat, round or soft part in
@@ -129,6 +147,9 @@ def make_mobile_scan(
           and so on; 0 for outliers;
         - ``stretch``, int64 (n_samples,): 1 where the vehicle stood, else 0; -1 for outliers;
         - ``viewpoints``, float64 (n_samples, 3): where the sensor was;
+        - ``gps_time``, float64 (n_samples,): when, in seconds; and ``trajectory``, times (m,) and
+          positions (m, 3), of which :func:`sklearn_mcmd.io.sensor_positions` makes
+          ``viewpoints`` again;
         - ``noise_scale``, float64 (n_samples,): standard deviation of a range like that;
         - ``outlier_kind``, int8 (n_samples,): number of the kind in ``outlier_kind_names``; 0,
           "regular", for no outlier;
@@ -145,7 +166,7 @@ def make_mobile_scan(
     See Also
     --------
     make_airborne_scan : Swaths that overlap, roofs and the edge of a forest.
-    make_spinning_turn : Rings whose spacing grows a hundredfold.
+    make_lidar_turn : Rings whose spacing grows a hundredfold.
     make_depth_frame : Depth in steps.
     make_street : A street of even density, with the distance to the nearest edge.
 
@@ -153,7 +174,10 @@ def make_mobile_scan(
     -----
     An outlier keeps four standard deviations of the noise from every surface, and out of leaves
     and grass; a far one, a tenth of the diagonal from all regular points. So the labels have no
-    error.
+    error. Flakes and mixed pixels of wide beams have noise besides. Beams whose label would be in
+    doubt are lost.
+
+    The beam turns 100 times a second, and the vehicle moves on while the beam looks into it.
 
     Leaves, and what is behind windows, differ between seeds; other surfaces do not. Lines are
     five times as far apart as points 6 m off: a raw scan of a street (Jakarto, 10,310 points) has
@@ -176,6 +200,12 @@ def make_mobile_scan(
             noise_at=lambda ranges: noise * (1 + (noise_growth - 1) * ranges / _REACH),
             reach=_REACH,
             passing=_PASSING,
+            divergence=beam_divergence,
+            snow=snow,
+            tell=lambda _, beams, beam: {
+                "gps_time": beams.time[beam],
+                "trajectory": _trajectory(beams),
+            },
         ),
         n_samples,
         Junk(outlier_share, list(outlier_kinds), far_share),
@@ -201,7 +231,17 @@ def _beams(n, density_ratio, rng):
     origins = np.column_stack([x[line], np.full(len(line), _LANE_Y), np.full(len(line), _HEIGHT)])
     flat = np.cos(angle)
     directions = np.column_stack([np.sin(_TILT) * flat, np.cos(_TILT) * flat, np.sin(angle)])
-    return Beams(origins, directions, line, standing[line].astype(int))
+    share = np.minimum((angle - _LOWEST) / (2 * np.pi), _BLIND)
+    time = (line + share) / _RATE
+    return Beams(origins, directions, line, standing[line].astype(int), time)
+
+
+def _trajectory(beams):
+    """The vehicle moves on while the beam looks into it."""
+    _, first = np.unique(beams.line, return_index=True)
+    line = np.repeat(beams.line[first], 2)
+    share = np.tile([0.0, _BLIND], len(first))
+    return Trajectory((line + share) / _RATE, np.repeat(beams.origins[first], 2, axis=0))
 
 
 def _street(rng):

@@ -8,8 +8,9 @@ import numpy as np
 from sklearn.utils import Bunch, check_random_state
 
 from sklearn_mcmd._sklearn import Interval, StrOptions
+from sklearn_mcmd.datasets._echoes import MIXED, REGULAR, SNOW
 from sklearn_mcmd.datasets._outliers import CLEARANCE, MAKERS
-from sklearn_mcmd.datasets._scan_lines import effective_area, scan_lines
+from sklearn_mcmd.datasets._scan_lines import Optics, effective_area, scan_lines
 
 __all__ = ["SCAN_PARAMETERS", "Scanning", "points_per_bay", "scan"]
 
@@ -30,6 +31,8 @@ class Scanning(NamedTuple):
     """How a scene is scanned: parameters of `make_street`, and the outliers that there can be.
 
     possible_kinds : tuple of str
+    beam_divergence, snow : float
+        Radians, and mm of water an hour; for scan lines only.
     """
 
     sampling: str
@@ -39,6 +42,8 @@ class Scanning(NamedTuple):
     outlier_share: float
     outlier_kinds: Sequence[str]
     possible_kinds: tuple[str, ...] = tuple(MAKERS)
+    beam_divergence: float = 0.0
+    snow: float = 0.0
 
 
 def scan(make_scene, n_samples, scanning, random_state):
@@ -52,37 +57,42 @@ def scan(make_scene, n_samples, scanning, random_state):
     scanning : Scanning
     random_state : int, RandomState instance or None
     """
-    sampling, spacing_growth, noise, noise_growth, outlier_share, *kinds = scanning
+    sampling, spacing_growth, noise, noise_growth, outlier_share, *kinds, width, snow = scanning
     kinds = _check_kinds(*kinds)
-    _check_sampling(sampling, spacing_growth)
+    _check_sampling(sampling, spacing_growth, width, snow)
     n_outliers = round(outlier_share * n_samples)
-    n_regular = n_samples - n_outliers
-    if n_regular == 0:
+    n_echoes = n_samples - n_outliers
+    if n_echoes == 0:
         raise ValueError(
             f"outlier_share={outlier_share:g} of n_samples={n_samples} leaves no regular point: "
             "lower the share or give more points."
         )
-    scene = make_scene(n_regular)
+    scene = make_scene(n_echoes)
     # One stream a purpose: the true points stay the same whatever the noise and the outliers.
     seed = check_random_state(random_state).randint(np.iinfo(np.int32).max)
-    points_rng, noise_rng, outlier_rng, order_rng = np.random.default_rng(seed).spawn(4)
+    streams = np.random.default_rng(seed).spawn(5)
+    points_rng, noise_rng, outlier_rng, order_rng, snow_rng = streams
 
     def noise_at(points):
         return noise * scene.growth(scene.to_bay(points)[0], noise_growth)
 
     if sampling == "scan_lines":
-        local, surface, bay = scan_lines(scene, n_regular, points_rng)
+        optics = Optics(
+            width, snow, lambda local: noise * scene.growth(local, noise_growth), snow_rng
+        )
+        local, places, surface, bay, kind = scan_lines(scene, n_echoes, points_rng, optics)
         # A scanner's error is that of the range.
         ray = local - scene.scanner
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-        deviations = ray * noise_rng.standard_normal((n_regular, 1))
+        deviations = ray * noise_rng.standard_normal((n_echoes, 1))
     else:
-        local, surface = scene.sample(n_regular, spacing_growth, points_rng)
-        bay = points_rng.integers(scene.n_bays, size=n_regular)
-        deviations = noise_rng.standard_normal((n_regular, 3))
-    true_points = scene.to_scene(local, bay)
+        local, surface = scene.sample(n_echoes, spacing_growth, points_rng)
+        places, kind = local, np.full(n_echoes, REGULAR)
+        bay = points_rng.integers(scene.n_bays, size=n_echoes)
+        deviations = noise_rng.standard_normal((n_echoes, 3))
     scale = noise * scene.growth(local, noise_growth)
-    normals, edge_distance = _truth(scene, local, surface, bay)
+    points = scene.to_scene(local, bay) + scale[:, None] * deviations
+    normals, edge_distance = _truth(scene, places, surface, bay)
 
     sizes = np.full(len(kinds), n_outliers // len(kinds)) if kinds else np.zeros(0, int)
     sizes[: n_outliers - sizes.sum()] += 1
@@ -91,31 +101,41 @@ def scan(make_scene, n_samples, scanning, random_state):
         for kind, size in zip(kinds, sizes, strict=True)
     ]
     outliers = np.concatenate([np.empty((0, 3)), *outliers])
-    names = ["regular", *MAKERS]
+    names = ["regular", *MAKERS, *(["snow"] if snow else [])]
     codes = np.repeat([names.index(kind) for kind in kinds], sizes)
+    own = np.zeros(n_echoes, np.int8)
+    for number, name in ((MIXED, "mixed_pixel"), (SNOW, "snow")):
+        own[kind == number] = names.index(name) if name in names else 0
+    regular = kind == REGULAR
 
     order = order_rng.permutation(n_samples)
 
-    def rows(regular, filling):
-        filling = np.broadcast_to(filling, (n_outliers, *regular.shape[1:]))
-        return np.concatenate([regular, filling]).astype(regular.dtype)[order]
+    def rows(of_echoes, of_outliers):
+        of_outliers = np.broadcast_to(of_outliers, (n_outliers, *of_echoes.shape[1:]))
+        return np.concatenate([of_echoes, of_outliers]).astype(of_echoes.dtype)[order]
 
+    def truth(of_echoes, nothing):
+        wide = regular.reshape(-1, *[1] * (of_echoes.ndim - 1))
+        return rows(np.where(wide, of_echoes, nothing).astype(of_echoes.dtype), nothing)
+
+    scanners = scene.scanners
     per_bay = points_per_bay(scene, 1.0, sampling, spacing_growth)
     return Bunch(
-        data=rows(true_points + scale[:, None] * deviations, outliers),
-        target=rows(np.ones(n_regular, np.int64), -1),
-        true_points=rows(true_points, np.nan),
-        normals=rows(normals, np.nan),
-        surface=rows(surface, -1),
-        bay=rows(bay, -1),
-        edge_distance=rows(edge_distance, np.nan),
-        outlier_kind=rows(np.zeros(n_regular, np.int8), codes),
+        data=rows(points, outliers),
+        target=truth(np.ones(n_echoes, np.int64), -1),
+        true_points=truth(scene.to_scene(places, bay), np.nan),
+        normals=truth(normals, np.nan),
+        surface=truth(surface, -1),
+        bay=truth(bay, -1),
+        edge_distance=truth(edge_distance, np.nan),
+        outlier_kind=rows(own, codes),
         noise_scale=rows(scale, noise_at(outliers)),
+        viewpoints=rows(scanners[bay], scanners[scene.to_bay(outliers)[1]]),
         surface_names=[part.name for part in scene.parts],
         outlier_kind_names=names,
         feature_names=["x", "y", "z"],
-        scanners=scene.scanners,
-        spacing=float(np.sqrt(scene.n_bays * per_bay / n_regular)),
+        scanners=scanners,
+        spacing=float(np.sqrt(scene.n_bays * per_bay / max(np.sum(kind != SNOW), 1))),
         length=scene.length,
     )
 
@@ -137,12 +157,18 @@ def _check_kinds(kinds, possible):
     return list(kinds)
 
 
-def _check_sampling(sampling, spacing_growth):
+def _check_sampling(sampling, spacing_growth, beam_divergence, snow):
     if sampling == "scan_lines" and spacing_growth != 1:
         raise ValueError(
             f"spacing_growth={spacing_growth:g} has no meaning with sampling='scan_lines', where "
             "the spacing grows with the range as the rays part: leave it 1."
         )
+    for name, value in (("beam_divergence", beam_divergence), ("snow", snow)):
+        if sampling != "scan_lines" and value:
+            raise ValueError(
+                f"{name}={value:g} has no meaning with sampling={sampling!r}, which has no beams: "
+                f"give sampling='scan_lines', or leave {name} 0."
+            )
 
 
 def _truth(scene, local, surface, bay):

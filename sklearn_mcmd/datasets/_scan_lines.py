@@ -1,7 +1,21 @@
 """What a scanner with a turning mirror sees: points on scan lines, nearest surfaces only."""
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 
+from sklearn_mcmd.datasets._echoes import (
+    PHASE_SHIFT,
+    REGULAR,
+    SNOW,
+    Rays,
+    cone,
+    merge,
+    truths,
+)
+from sklearn_mcmd.datasets._outliers import CLEARANCE
+from sklearn_mcmd.datasets._snow import flake_echoes
 from sklearn_mcmd.datasets._surfaces import first_hits
 
 #: A scanner is blind below this elevation.
@@ -14,25 +28,55 @@ _PILOT = 250
 _SURPLUS = 0.02
 
 
-def scan_lines(scene, n, rng):
+class Optics(NamedTuple):
+    """Beams and weather: the divergence in radians, snow in mm of water an hour, the standard
+    deviation of ranges from points (n, 3) of a bay, and the generator of flakes.
+    """
+
+    divergence: float
+    snow: float
+    noise_at: Callable
+    rng: np.random.Generator
+
+
+class Lines(NamedTuple):
+    """Echoes in bay coordinates: without noise, and truly; part, bay, and kind of the echo."""
+
+    points: np.ndarray
+    places: np.ndarray
+    surface: np.ndarray
+    bay: np.ndarray
+    kind: np.ndarray
+
+
+#: Flakes farther than this are not seen among what a bay holds.
+_REACH = 100.0
+
+
+def scan_lines(scene, n, rng, optics=None):
     """n points of the scene's surfaces on vertical scan lines at equal angles.
 
     From each bay's scanner rays leave in columns of equal azimuth, at equal steps of azimuth and
     elevation, and end at the first surface they meet. So the density falls with the square of
     the range and with the angle of incidence, and what lies behind another surface is in shadow.
 
+    Parameters
+    ----------
+    scene : Scene
+    n : int
+    rng : Generator
+    optics : Optics, default=None
+        None means beams without width, in clear air.
+
     Returns
     -------
-    local : ndarray of shape (n, 3)
-        In bay coordinates.
-    surface, bay : ndarray of int of shape (n,)
+    Lines
     """
     sizes = np.full(scene.n_bays, n // scene.n_bays)
     sizes[: n - sizes.sum()] += 1
     area = angular_area(scene)
-    found = [_scan_bay(scene, size, area, rng) for size in sizes]
-    local, surface = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
-    return local, surface, np.repeat(np.arange(scene.n_bays), sizes)
+    found = [_scan_bay(scene, bay, size, area, rng, optics) for bay, size in enumerate(sizes)]
+    return Lines(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
 
 
 def angular_area(scene):
@@ -40,8 +84,8 @@ def angular_area(scene):
     rng = np.random.default_rng(0)
     view = _view(scene)
     size = np.prod(view[1] - view[0])
-    _, surface = _cast(scene, *_grid(view, np.sqrt(size) / _PILOT, rng), rng)
-    return size * np.mean(surface >= 0)
+    found = _cast(scene, 0, _grid(view, np.sqrt(size) / _PILOT, rng), rng, None)
+    return size * np.mean(found.surface >= 0)
 
 
 def effective_area(scene):
@@ -49,16 +93,17 @@ def effective_area(scene):
     return angular_area(scene) * scene.nearest_range**2
 
 
-def _scan_bay(scene, n, area, rng):
+def _scan_bay(scene, bay, n, area, rng, optics):
     if n == 0:
-        return np.empty((0, 3)), np.empty(0, int)
+        none = np.empty(0, int)
+        return Lines(np.empty((0, 3)), np.empty((0, 3)), none, none, none)
     view, step = _view(scene), np.sqrt(area / ((1 + _SURPLUS) * n + 4))
     while True:
-        points, surface = _cast(scene, *_grid(view, step, rng), rng)
-        met = np.flatnonzero(surface >= 0)
+        found = _cast(scene, bay, _grid(view, step, rng), rng, optics)
+        met = np.flatnonzero(found.surface >= 0)
         if len(met) >= n:
             chosen = np.sort(rng.permutation(met)[:n])
-            return points[chosen], surface[chosen]
+            return Lines(*(values[chosen] for values in found))
         step *= 0.99
 
 
@@ -68,16 +113,65 @@ def _grid(view, step, rng):
     return np.repeat(azimuth, len(elevation)), np.tile(elevation, len(azimuth))
 
 
-def _cast(scene, azimuth, elevation, rng):
+def _cast(scene, bay, angles, rng, optics):
     """Where rays of a bay's scanner end, and the part that each meets, -1 where none."""
+    azimuth, elevation = angles
     flat = np.cos(elevation)
     ray = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
-    way = 1.01 * scene.farthest_range * ray
+    ways = cone(ray, optics.divergence if optics else 0.0)
+    n, n_rays = ways.shape[:2]
+    way = 1.01 * scene.farthest_range * ways.reshape(-1, 3)
     nearest, surface = first_hits(scene.parts, scene.scanner, scene.scanner + way, rng)
-    met = surface >= 0
     points = np.full(ray.shape, np.nan)
-    points[met] = scene.scanner + nearest[met, None] * way[met]
-    return points, surface
+    if n_rays == 1:
+        met = surface >= 0
+        points[met] = scene.scanner + nearest[met, None] * way[met]
+        found = Lines(points, points, surface, np.full(n, bay), np.full(n, REGULAR))
+    else:
+        met = np.flatnonzero(surface >= 0)
+        rays = Rays(
+            met // n_rays,
+            np.broadcast_to(scene.scanner, (len(met), 3)),
+            ways.reshape(-1, 3)[met],
+            1.01 * scene.farthest_range * nearest[met],
+            surface[met],
+        )
+        found = _merge(scene, bay, ray, rays, optics)
+    return _let_it_snow(scene, ray, found, optics) if optics and optics.snow else found
+
+
+def _merge(scene, bay, ray, rays, optics):
+    """What beams of some width give: all light that comes back has one range."""
+    beam, ranges, echo = merge(rays, PHASE_SHIFT)
+    echoes = scene.scanner + ranges[:, None] * ray[beam]
+    met, place, kind, known = truths(
+        scene.parts,
+        lambda points: scene.distance(scene.to_scene(points, bay)),
+        rays,
+        echo,
+        echoes,
+        optics.noise_at(echoes),
+    )
+    n, beam = len(ray), beam[known]
+    points, places = np.full((2, n, 3), np.nan)
+    surface, kinds = np.full(n, -1), np.full(n, REGULAR)
+    points[beam], places[beam] = echoes[known], place[known]
+    surface[beam], kinds[beam] = met[known], kind[known]
+    return Lines(points, places, surface, np.full(n, bay), kinds)
+
+
+def _let_it_snow(scene, ray, found, optics):
+    """Flakes in place of what some rays meet; those at surfaces are lost in their echoes."""
+    target = np.linalg.norm(found.points - scene.scanner, axis=1)
+    target[found.surface < 0] = np.inf
+    beam, ranges = flake_echoes(target, optics.snow, _REACH, optics.divergence, optics.rng)
+    flakes = scene.scanner + ranges[:, None] * ray[beam]
+    away = scene.distance(scene.to_scene(flakes, found.bay[beam]))
+    apart = away > CLEARANCE * optics.noise_at(flakes)
+    beam, flakes = beam[apart], flakes[apart]
+    points, surface, kind = found.points.copy(), found.surface.copy(), found.kind.copy()
+    points[beam], surface[beam], kind[beam] = flakes, 0, SNOW
+    return Lines(points, found.places, surface, found.bay, kind)
 
 
 def _view(scene):

@@ -9,10 +9,30 @@ from scipy.spatial import cKDTree
 from sklearn.utils import Bunch, check_random_state
 
 from sklearn_mcmd._sklearn import Interval
+from sklearn_mcmd.datasets._echoes import (
+    MIXED,
+    PULSED,
+    REGULAR,
+    SNOW,
+    Rays,
+    cone,
+    merge,
+    truths,
+)
+from sklearn_mcmd.datasets._outliers import CLEARANCE
 from sklearn_mcmd.datasets._sensor_outliers import FAR, MAKERS
+from sklearn_mcmd.datasets._snow import flake_echoes
 from sklearn_mcmd.datasets._surfaces import first_hits
 
-__all__ = ["SENSOR_PARAMETERS", "Beams", "Junk", "Sensor", "sense"]
+__all__ = [
+    "SENSOR_PARAMETERS",
+    "WEATHER_PARAMETERS",
+    "Beams",
+    "Junk",
+    "Sensor",
+    "Trajectory",
+    "sense",
+]
 
 #: Constraints of the parameters that all sensors share.
 SENSOR_PARAMETERS = {
@@ -22,6 +42,12 @@ SENSOR_PARAMETERS = {
     "outlier_kinds": [list, tuple],
     "far_share": [Interval(Real, 0, 1, closed="left")],
     "random_state": ["random_state"],
+}
+
+#: Those of sensors whose beams are as wide as said, and who may stand in snow.
+WEATHER_PARAMETERS = {
+    "beam_divergence": [Interval(Real, 0, None, closed="left")],
+    "snow": [Interval(Real, 0, None, closed="left")],
 }
 
 #: Beams that measure how many echoes a beam has, and echoes beyond what is needed, as a share:
@@ -35,22 +61,36 @@ _MOST_ECHOES = 5
 _NEIGHBORS = 8
 
 
+class Trajectory(NamedTuple):
+    """Positions (m, 3) of a sensor at times (m,), between which it moves evenly."""
+
+    times: np.ndarray
+    positions: np.ndarray
+
+
 class Beams(NamedTuple):
     """Beams in the order in which a sensor sends them.
 
     ``origins`` and unit ``directions`` (n, 3); ``line`` (n,), the number of the scan line, ring
-    or image row; ``stretch`` (n,), the number of the swath or stretch.
+    or image row; ``stretch`` (n,), the number of the swath or stretch; ``time`` (n,) in seconds,
+    of sensors that move.
     """
 
     origins: np.ndarray
     directions: np.ndarray
     line: np.ndarray
     stretch: np.ndarray
+    time: np.ndarray | None = None
 
 
 def record_where_it_was(origins, directions, ranges, stretch):
     """The end of each beam."""
     return origins + ranges[:, None] * directions
+
+
+def tell_nothing(scan, beams, beam):
+    """No further arrays."""
+    return {}
 
 
 def deviate_alone(beams, beam, rng):
@@ -65,7 +105,9 @@ class Sensor(NamedTuple):
     ranges, ``deviate(beams, beam, rng)`` the errors of echoes of those beams in standard
     deviations, and ``record(origins, directions, ranges, stretch)`` the points that it writes
     down; ``reach`` is its longest range, and ``passing`` the chance that a beam goes on behind
-    what lets it through.
+    what lets it through. ``divergence`` of beams is in radians, ``snow`` in mm of water an hour.
+    ``tell(scan, beams, beam)`` gives further arrays of the cloud by name, from the beam of each
+    point (of outliers that lie on no beam: one from where they are seen).
     """
 
     make_beams: Callable
@@ -74,6 +116,9 @@ class Sensor(NamedTuple):
     passing: float = 0.0
     record: Callable = record_where_it_was
     deviate: Callable = deviate_alone
+    divergence: float = 0.0
+    snow: float = 0.0
+    tell: Callable = tell_nothing
 
 
 class Junk(NamedTuple):
@@ -85,12 +130,18 @@ class Junk(NamedTuple):
 
 
 class Echoes(NamedTuple):
-    """Where beams end: number of the beam, range, number of the part, and 1 for a first echo."""
+    """Where beams end.
+
+    Number of the beam, range, number of the part, 1 for a first echo, the true point, and the kind
+    of the echo.
+    """
 
     beam: np.ndarray
     ranges: np.ndarray
     part: np.ndarray
     order: np.ndarray
+    place: np.ndarray
+    kind: np.ndarray
 
 
 class Scan(NamedTuple):
@@ -128,49 +179,59 @@ def sense(make_world, sensor, n_samples, junk, random_state):
     random_state : int, RandomState instance or None
     """
     sizes = _sizes(junk, n_samples)
-    n_regular = n_samples - sum(sizes.values())
+    n_echoes = n_samples - sum(sizes.values())
     seed = check_random_state(random_state).randint(np.iinfo(np.int32).max)
     # One stream a purpose: the true points stay the same whatever the noise and the outliers.
-    streams = np.random.default_rng(seed).spawn(5)
-    world_rng, points_rng, noise_rng, outlier_rng, order_rng = streams
+    streams = np.random.default_rng(seed).spawn(6)
+    world_rng, points_rng, noise_rng, outlier_rng, order_rng, snow_rng = streams
     world = make_world(world_rng)
-    beams, first, echoes = _find_echoes(world, sensor, n_regular, points_rng)
+    beams, first, echoes = _find_echoes(world, sensor, n_echoes, points_rng, snow_rng)
     origins, directions = beams.origins[echoes.beam], beams.directions[echoes.beam]
-    true_points = origins + echoes.ranges[:, None] * directions
     scale = sensor.noise_at(echoes.ranges)
     ranges = echoes.ranges + scale * sensor.deviate(beams, echoes.beam, noise_rng)
     points = sensor.record(origins, directions, ranges, beams.stretch[echoes.beam])
 
-    scan = _scan(world, sensor, beams, first, echoes.beam, true_points)
+    regular = echoes.kind == REGULAR
+    scan = _scan(world, sensor, beams, first, echoes.beam[regular], echoes.place[regular])
     rows = [(MAKERS | FAR)[kind](scan, size, outlier_rng) for kind, size in sizes.items() if size]
-    outliers, viewpoints = np.split(np.concatenate([np.empty((0, 6)), *rows]), 2, axis=1)
+    rows = np.concatenate([np.empty((0, 7)), *rows])
+    outliers, viewpoints, beam = rows[:, :3], rows[:, 3:6], rows[:, 6]
     outlier_range = np.linalg.norm(outliers - viewpoints, axis=1)
 
-    names = ["regular", *MAKERS, *FAR]
+    names = ["regular", *MAKERS, *FAR, *(["snow"] if sensor.snow else [])]
     codes = np.repeat([names.index(kind) for kind in sizes], list(sizes.values()))
+    own = np.zeros(n_echoes, np.int8)
+    for kind, name in ((MIXED, "mixed_pixel"), (SNOW, "snow")):
+        own[echoes.kind == kind] = names.index(name) if name in names else 0
     order = order_rng.permutation(n_samples)
 
-    def join(regular, filling):
-        filling = np.broadcast_to(filling, (n_samples - n_regular, *regular.shape[1:]))
-        return np.concatenate([regular, filling]).astype(regular.dtype)[order]
+    def join(of_echoes, filling):
+        filling = np.broadcast_to(filling, (len(outliers), *of_echoes.shape[1:]))
+        return np.concatenate([of_echoes, filling]).astype(of_echoes.dtype)[order]
 
-    return Bunch(
+    def truth(of_echoes, nothing):
+        wide = regular.reshape(-1, *[1] * (of_echoes.ndim - 1))
+        return join(np.where(wide, of_echoes, nothing).astype(of_echoes.dtype), nothing)
+
+    cloud = Bunch(
         data=join(points, outliers),
-        target=join(np.ones(n_regular, np.int64), -1),
-        true_points=join(true_points, np.nan),
-        normals=join(_normals(world, true_points, origins, echoes.part), np.nan),
-        surface=join(echoes.part, -1),
-        classification=join(world.class_of[echoes.part], -1),
-        echo=join(echoes.order, 0),
-        stretch=join(beams.stretch[echoes.beam], -1),
+        target=truth(np.ones(n_echoes, np.int64), -1),
+        true_points=truth(echoes.place, np.nan),
+        normals=truth(_normals(world, echoes.place, origins, echoes.part), np.nan),
+        surface=truth(echoes.part, -1),
+        classification=truth(world.class_of[echoes.part], -1),
+        echo=truth(echoes.order, 0),
+        stretch=truth(beams.stretch[echoes.beam], -1),
         viewpoints=join(origins, viewpoints),
         noise_scale=join(scale, sensor.noise_at(outlier_range)),
-        outlier_kind=join(np.zeros(n_regular, np.int8), codes),
+        outlier_kind=join(own, codes),
         surface_names=[part.name for part in world.parts],
         class_names=world.class_names,
         outlier_kind_names=names,
         feature_names=["x", "y", "z"],
     )
+    cloud.update(sensor.tell(cloud, beams, join(echoes.beam, beam)))
+    return cloud
 
 
 def _scan(world, sensor, beams, first, beam, points):
@@ -204,42 +265,91 @@ def _equal_parts(n, names):
     return {name: n // len(names) + (i < n % len(names)) for i, name in enumerate(names)}
 
 
-def _find_echoes(world, sensor, n, rng):
-    """Beams, first echo of each, and n echoes."""
+def _find_echoes(world, sensor, n, rng, snow_rng):
+    """Beams, first echo of each but for snow, and n echoes."""
     pilot = sensor.make_beams(_PILOT, np.random.default_rng(0))
-    _, found = _cast(world, sensor, pilot, np.random.default_rng(0))
+    _, found = _cast(world, sensor, pilot, *(np.random.default_rng(0) for _ in range(2)))
     n_beams = (1 + _SURPLUS) * n * len(pilot.line) / max(len(found.beam), 1) + 16
     while True:
         beams = sensor.make_beams(n_beams, rng)
-        first, found = _cast(world, sensor, beams, rng)
+        first, found = _cast(world, sensor, beams, rng, snow_rng)
         if len(found.beam) >= n:
             chosen = np.sort(rng.permutation(len(found.beam))[:n])
             return beams, first, Echoes(*(values[chosen] for values in found))
         n_beams *= (1 + _SURPLUS) * max(1.0, n / max(len(found.beam), 1))
 
 
-def _cast(world, sensor, beams, rng):
+def _cast(world, sensor, beams, rng, snow_rng):
     """First echo of each beam (range, part), and all echoes."""
     n = len(beams.line)
-    beam, start = np.arange(n), np.zeros(n)
-    echoes, first = [], None
+    ways = cone(beams.directions, sensor.divergence)
+    rays = Rays(
+        np.repeat(np.arange(n), ways.shape[1]),
+        np.repeat(beams.origins, ways.shape[1], axis=0),
+        ways.reshape(-1, 3),
+        np.zeros(n * ways.shape[1]),
+        None,
+    )
+    first, echoes = (np.full(n, np.inf), np.full(n, -1)), []
     for order in range(1, _MOST_ECHOES + 1):
-        origin, direction = beams.origins[beam], beams.directions[beam]
-        origin = origin + start[:, None] * direction
-        left = sensor.reach - start
-        ends = origin + left[:, None] * direction
-        fraction, part = first_hits(world.parts, origin, ends, rng)
-        ranges = start + fraction * left
-        if first is None:
-            first = ranges, part
-        met = part >= 0
-        beam, ranges, part = beam[met], ranges[met], part[met]
-        echoes.append(Echoes(beam, ranges, part, np.full(len(part), order, np.int8)))
-        on = world.through[part] & (rng.random(len(part)) < sensor.passing)
-        beam, start = beam[on], ranges[on] + 1e-3
-        if len(beam) == 0:
+        rays = _meet(world, sensor, rays, rng)
+        found, of_ray = _echoes(world, sensor, beams, rays, order)
+        if order == 1:
+            first[0][found.beam], first[1][found.beam] = found.ranges, found.part
+        on = world.through[found.part] & (rng.random(len(found.part)) < sensor.passing)
+        on = (of_ray >= 0) & on[of_ray] & world.through[rays.part]
+        rays = Rays(*(values[on] for values in rays))
+        echoes.append(found)
+        if len(rays.beam) == 0:
             break
-    return first, Echoes(*map(np.concatenate, zip(*echoes, strict=True)))
+    echoes = Echoes(*map(np.concatenate, zip(*echoes, strict=True)))
+    known = echoes.kind >= 0
+    if not known.all():
+        echoes = Echoes(*(values[known] for values in echoes))
+    return first, _let_it_snow(world, sensor, beams, first[0], echoes, snow_rng)
+
+
+def _meet(world, sensor, rays, rng):
+    """What rays meet behind their ranges; only those that meet something."""
+    start = np.where(rays.ranges > 0, rays.ranges + 1e-3, 0.0)
+    origin = rays.origins + start[:, None] * rays.directions
+    left = sensor.reach - start
+    ends = origin + left[:, None] * rays.directions
+    fraction, part = first_hits(world.parts, origin, ends, rng)
+    met = part >= 0
+    ranges = start[met] + fraction[met] * left[met]
+    return Rays(rays.beam[met], rays.origins[met], rays.directions[met], ranges, part[met])
+
+
+def _echoes(world, sensor, beams, rays, order):
+    """Echoes of beams, and which one each ray is in, or -1; kind -1 where the label is in doubt."""
+    if sensor.divergence == 0:
+        beam, ranges, part, of_ray = rays.beam, rays.ranges, rays.part, np.arange(len(rays.beam))
+        place = rays.origins + ranges[:, None] * rays.directions
+        kind = np.full(len(beam), REGULAR, np.int8)
+    else:
+        beam, ranges, of_ray = merge(rays, PULSED)
+        points = beams.origins[beam] + ranges[:, None] * beams.directions[beam]
+        scale = sensor.noise_at(ranges)
+        part, place, kind, known = truths(world.parts, world.distance, rays, of_ray, points, scale)
+        kind[~known] = -1
+    return Echoes(beam, ranges, part, np.full(len(beam), order, np.int8), place, kind), of_ray
+
+
+def _let_it_snow(world, sensor, beams, target, echoes, rng):
+    """Flakes in place of the echoes of some beams; those at surfaces are lost in their echoes."""
+    if sensor.snow == 0:
+        return echoes
+    beam, ranges = flake_echoes(target, sensor.snow, sensor.reach, sensor.divergence, rng)
+    place = beams.origins[beam] + ranges[:, None] * beams.directions[beam]
+    apart = world.distance(place) > CLEARANCE * sensor.noise_at(ranges)
+    beam, ranges, place = beam[apart], ranges[apart], place[apart]
+    n = len(beam)
+    flakes = Echoes(
+        beam, ranges, np.zeros(n, int), np.ones(n, np.int8), place, np.full(n, SNOW, np.int8)
+    )
+    left = ~np.isin(echoes.beam, beam)
+    return Echoes(*(np.concatenate([a[left], b]) for a, b in zip(echoes, flakes, strict=True)))
 
 
 def _normals(world, points, viewpoints, part):

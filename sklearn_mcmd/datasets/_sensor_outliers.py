@@ -1,4 +1,8 @@
-"""Outliers that sensors make, and far ones; each maker gives rows of point and viewpoint."""
+"""Outliers that sensors make, and far ones.
+
+Each maker gives rows of point, viewpoint and number of the beam. Balls and far points lie on no
+beam: theirs is one from where they are seen.
+"""
 
 import numpy as np
 
@@ -93,8 +97,9 @@ def particle(scan, n, rng):
 
 def no_return(scan, n, rng):
     """Beams without an echo, written down as points where the sensor is."""
-    origins = scan.beams.origins[rng.integers(len(scan.beams.line), size=n)]
-    return np.column_stack([origins, origins])
+    beam = rng.integers(len(scan.beams.line), size=n)
+    origins = scan.beams.origins[beam]
+    return np.column_stack([origins, origins, beam])
 
 
 def far_single(scan, n, rng):
@@ -128,7 +133,7 @@ def _on_beams(scan, beam, ranges, between=None):
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     ranges = np.maximum(ranges, _NEAREST)
     points = scan.sensor.record(origin, direction, ranges, np.zeros(len(beam), int))
-    return np.column_stack([points, origin])
+    return np.column_stack([points, origin, beam])
 
 
 def _in_box(scan, size, rng):
@@ -137,8 +142,9 @@ def _in_box(scan, size, rng):
     middle, half = (low + high) / 2, size * (high - low) / 2
 
     def propose(m):
-        seen = scan.beams.origins[scan.beam[rng.integers(len(scan.beam), size=m)]]
-        return np.column_stack([rng.uniform(middle - half, middle + half, (m, 3)), seen])
+        beam = scan.beam[rng.integers(len(scan.beam), size=m)]
+        points = rng.uniform(middle - half, middle + half, (m, 3))
+        return np.column_stack([points, scan.beams.origins[beam], beam])
 
     return propose
 
@@ -147,7 +153,7 @@ def _draw(scan, n, propose, more=0.0):
     """Proposals off the world's parts, by their noise and by more."""
 
     def clearance(rows):
-        ranges = np.linalg.norm(rows[:, :3] - rows[:, 3:], axis=1)
+        ranges = np.linalg.norm(rows[:, :3] - rows[:, 3:6], axis=1)
         return CLEARANCE * scan.sensor.noise_at(ranges) + more
 
     return draw_clear(lambda rows: scan.world.distance(rows[:, :3]), n, clearance, propose)

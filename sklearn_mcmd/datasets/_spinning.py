@@ -7,14 +7,21 @@ import numpy as np
 from sklearn.utils import Bunch
 
 from sklearn_mcmd._sklearn import Interval, validate_params
-from sklearn_mcmd.datasets._sensing import SENSOR_PARAMETERS, Beams, Junk, Sensor, sense
+from sklearn_mcmd.datasets._sensing import (
+    SENSOR_PARAMETERS,
+    WEATHER_PARAMETERS,
+    Beams,
+    Junk,
+    Sensor,
+    sense,
+)
 from sklearn_mcmd.datasets._surfaces import Patch
 from sklearn_mcmd.datasets._things import box, capped, car, house
 from sklearn_mcmd.datasets._vegetation import Grass, hedge, leaves, tree
 from sklearn_mcmd.datasets._world import World
 
-# Meters; the sensor's foot is the origin.
-_HEIGHT, _REACH = 1.5, 100.0
+# Meters; the sensor is the origin, and this the ground.
+_GROUND, _REACH = -1.5, 100.0
 _ELEVATIONS = np.radians([-30.67, 10.67])
 _PASSING = 0.1
 
@@ -22,12 +29,13 @@ _PASSING = 0.1
 @validate_params(
     {
         **SENSOR_PARAMETERS,
+        **WEATHER_PARAMETERS,
         "n_rings": [Interval(Integral, 2, None, closed="left")],
         "noise_growth": [Interval(Real, 1, None, closed="left")],
     },
     prefer_skip_nested_validation=True,
 )
-def make_spinning_turn(
+def make_lidar_turn(
     n_samples: int = 70_000,
     *,
     n_rings: int = 32,
@@ -36,14 +44,16 @@ def make_spinning_turn(
     outlier_share: float = 0.03,
     outlier_kinds: Sequence[str] = ("particle", "mixed_pixel", "ghost", "no_return"),
     far_share: float = 0.0,
+    beam_divergence: float = 0.0,
+    snow: float = 0.0,
     random_state: int | np.random.RandomState | None = None,
 ) -> Bunch:
     """Make one turn of a spinning lidar.
 
-    A sensor 1.5 m above a yard: walls 4 to 50 m away, and shrubs, trees, pillars, poles, cars and
-    pedestrians between them. Its rays leave in rings of equal elevation, at equal steps of
-    azimuth. So on the ground rings are 0.14 m apart nearby and more than 30 m far away, while
-    points on a ring are a few centimeters apart.
+    A sensor at the origin, 1.5 m above a yard: walls 4 to 50 m away, and shrubs, trees, pillars,
+    poles, cars and pedestrians between them. Its rays leave in rings of equal elevation, at equal
+    steps of azimuth. So on the ground rings are 0.14 m apart nearby and more than 30 m far away,
+    while points on a ring are a few centimeters apart.
 
     Parameters
     ----------
@@ -62,13 +72,21 @@ def make_spinning_turn(
         particles, mixed pixels, ghosts and beams without an echo.
     far_share : float, default=0.0
         Share of far gross outliers in [0, 1), as in :func:`make_mobile_scan`.
+    beam_divergence : float, default=0.0
+        Full angle of each beam in radians, as in :func:`make_mobile_scan`: 0.002 to 0.003 is usual
+        here. Beams that are cut by outlines make mixed pixels.
+    snow : float, default=0.0
+        Snowfall in mm of water an hour: 1 is light, 2.5 heavy snow. Flakes take the place of what
+        beams meet, or of nothing: outliers of kind ``"snow"``, besides those of `outlier_share`.
     random_state : int, RandomState instance or None, default=None
         Seed. The same seed gives the same cloud.
 
     Returns
     -------
     scan : :class:`~sklearn.utils.Bunch`
-        With the arrays of :func:`make_mobile_scan`; ``stretch`` is 0 for regular points.
+        With the arrays of :func:`make_mobile_scan`, but for times; ``stretch`` is 0 for regular
+        points. ``ring``, int64 (n_samples,), is the number of each point's ring, from below; of
+        outliers that lie on no beam, of the ring nearest in elevation.
 
     Raises
     ------
@@ -87,15 +105,40 @@ def make_spinning_turn(
     points lie within 4.0 m there and 5.0 m here. The real turn also holds 5,106 points where the
     sensor is, of beams without an echo.
 
+    *Snow.* At a snowfall of R mm/h a cubic meter holds N0 exp(-L D) dD flakes of melted diameter D,
+    N0 = 2500 R^-0.94 per mm and L = 2.29 R^-0.45 per mm [1]_; flakes have a tenth of water's
+    density. A beam meets those whose middle lies in it, in a width of 1 cm and 2 mrad, or
+    `beam_divergence`. The echo of a flake is as strong as its reflectance, 0.9, times the share of
+    the beam that it covers, over r^2 + (6 m)^2. It is what the sensor writes down if it is
+    stronger than the echo of what stands behind, of reflectance 0.3, and than that of reflectance
+    0.8 at 100 m. So the chance of a flake grows with the way, and falls with its own range: far
+    away only large ones are seen.
+
+    With the ranges of six real turns as those of what stands behind (``snow_spinning_lidar``,
+    where others simulated the snow), 2 mm/h end 2.9 to 3.5 % of these beams, there 2.8 to 3.1 %.
+    Flakes are 1.1, 2.1, 3.5, 5.5 and 9.6 m away (5, 25, 50, 75 and 95 %), there 1.2, 2.2, 3.9, 6.2
+    and 11.9 m; 24, 34, 22, 11 and 5 % of them within each 2 m up to 10 m, there 20, 30, 23, 12 and
+    6 %. The 6 m, from which on a receiver sees most of its beam's spot, and this snowfall were
+    chosen on one of these turns. Beams into the sky, of which those turns have no record, meet
+    flakes more often: nothing outshines them.
+
+    References
+    ----------
+    .. [1] R. S. Sekhon and R. C. Srivastava, "Snow size spectra and radar reflectivity", Journal
+       of the Atmospheric Sciences 27, 299-307, 1970.
+
     Examples
     --------
     >>> import numpy as np
-    >>> from sklearn_mcmd.datasets import make_spinning_turn
-    >>> turn = make_spinning_turn(10_000, random_state=0)
+    >>> from sklearn_mcmd.datasets import make_lidar_turn
+    >>> turn = make_lidar_turn(10_000, random_state=0)
     >>> turn.class_names[:4]
     ['ground', 'building', 'pole', 'vegetation']
     >>> np.unique(turn.viewpoints, axis=0).tolist()
-    [[0.0, 0.0, 1.5]]
+    [[0.0, 0.0, 0.0]]
+    >>> winter = make_lidar_turn(10_000, snow=2.0, random_state=0)
+    >>> int((winter.outlier_kind == winter.outlier_kind_names.index("snow")).sum())
+    446
     """
     return sense(
         _campus,
@@ -104,6 +147,9 @@ def make_spinning_turn(
             noise_at=lambda ranges: noise * (1 + (noise_growth - 1) * ranges / _REACH),
             reach=_REACH,
             passing=_PASSING,
+            divergence=beam_divergence,
+            snow=snow,
+            tell=lambda scan, beams, beam: {"ring": _rings(scan, beams.line[beam], n_rings)},
         ),
         n_samples,
         Junk(outlier_share, list(outlier_kinds), far_share),
@@ -122,26 +168,36 @@ def _beams(n, n_rings, rng):
     directions = np.column_stack(
         [flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)]
     )
-    origins = np.tile([0.0, 0.0, _HEIGHT], (len(ring), 1))
-    return Beams(origins, directions, ring, np.zeros(len(ring), int))
+    return Beams(np.zeros((len(ring), 3)), directions, ring, np.zeros(len(ring), int))
+
+
+def _rings(scan, ring, n_rings):
+    """Ring of each point; of an outlier that is off the beams, the one nearest in elevation."""
+    ranges = np.linalg.norm(scan.data, axis=1)
+    off = np.flatnonzero((scan.target == -1) & (ranges > 0))
+    low, high = _ELEVATIONS
+    share = (np.arcsin(scan.data[off, 2] / ranges[off]) - low) / (high - low)
+    ring[off] = np.clip(np.rint(share * (n_rings - 1)), 0, n_rings - 1)
+    return ring
 
 
 def _campus(rng):
     """A yard with walls 4 to 50 m away and much that stands in it."""
+    g = _GROUND
     houses = [
-        ("hall", (4, 8.5, 0), 0.1, (18, 8), 6.0, 9.0),
-        ("annex", (14, -4, 0), 1.45, (11, 6), 4.0, 6.0),
-        ("wing", (-18, 1, 0), 1.5, (14, 8), 5.0, 8.0),
-        ("tower", (24, -27, 0), 0.4, (12, 10), 14.0, 18.0),
-        ("block", (-20, -44, 0), -0.2, (30, 10), 9.0, 12.0),
-        ("store", (16, -56, 0), 0.15, (24, 12), 7.0, 10.0),
+        ("hall", (4, 8.5, g), 0.1, (18, 8), 6.0, 9.0),
+        ("annex", (14, -4, g), 1.45, (11, 6), 4.0, 6.0),
+        ("wing", (-18, 1, g), 1.5, (14, 8), 5.0, 8.0),
+        ("tower", (24, -27, g), 0.4, (12, 10), 14.0, 18.0),
+        ("block", (-20, -44, g), -0.2, (30, 10), 9.0, 12.0),
+        ("store", (16, -56, g), 0.15, (24, 12), 7.0, 10.0),
     ]
     trees = [
-        tree("tree", (x, y, 0), rng.uniform(5, 8), rng.uniform(3, 4.5), rng)
+        tree("tree", (x, y, g), rng.uniform(5, 8), rng.uniform(3, 4.5), rng)
         for x, y in ((7, -12), (-8, -11), (10, -21), (-3, -24), (4, -37), (-13, -29), (-8, 7))
     ]
     shrubs = [
-        leaves("shrub", (*place, 0.5), (0.7, 0.7, 0.5), 10, 0.18, rng)
+        leaves("shrub", (*place, g + 0.5), (0.7, 0.7, 0.5), 10, 0.18, rng)
         for place in rng.uniform((-11, -17), (8, -7), (24, 2))
     ]
     poles = ((5, -4), (-6, 4.5), (12, -14), (-10, -20), (20, -33), (2, -33))
@@ -151,27 +207,27 @@ def _campus(rng):
     cars = ((-7, -1.5, 1.5), (0, -9.5, 0.2), (-11, -14, 1.2), (2, -20, 1.2), (-9, -36, 0.1))
     return World(
         {
-            "ground": [Patch("ground", (-60, -75, 0), (120, 0, 0), (0, 100, 0))],
+            "ground": [Patch("ground", (-60, -75, g), (120, 0, 0), (0, 100, 0))],
             "building": [
                 *(part for args in houses for part in house(*args)),
-                *box("steps", (-2, 3.2, 0), (3.0, 0.8, 0.3)),
-                *box("bench", (1.5, -5.5, 0), (1.8, 0.45, 0.45)),
-                *(p for x, y in pillars for p in capped("pillar", (x, y, 0), 0.16, 3.2)),
+                *box("steps", (-2, 3.2, g), (3.0, 0.8, 0.3)),
+                *box("bench", (1.5, -5.5, g), (1.8, 0.45, 0.45)),
+                *(p for x, y in pillars for p in capped("pillar", (x, y, g), 0.16, 3.2)),
             ],
             "pole": [
-                *(p for x, y in poles for p in capped("pole", (x, y, 0), 0.1, 7.0)),
-                *(p for x, y in stands for p in capped("stand", (x, y, 0), 0.025, 0.9)),
+                *(p for x, y in poles for p in capped("pole", (x, y, g), 0.1, 7.0)),
+                *(p for x, y in stands for p in capped("stand", (x, y, g), 0.025, 0.9)),
             ],
             "vegetation": [
                 *(part for parts in trees for part in parts),
                 *shrubs,
-                hedge("hedge", (9, -12, 0), (9, 0.9, 1.3), rng),
-                hedge("hedge", (-12, -18, 0), (8, 0.9, 1.1), rng),
+                hedge("hedge", (9, -12, g), (9, 0.9, 1.3), rng),
+                hedge("hedge", (-12, -18, g), (8, 0.9, 1.1), rng),
             ],
-            "grass": [Grass("grass", (-11, -19, 0.001), (19, 0, 0), (0, 12, 0), 0.06)],
-            "vehicle": [p for x, y, turn in cars for p in car("car", (x, y, 0), turn)],
+            "grass": [Grass("grass", (-11, -19, g + 0.001), (19, 0, 0), (0, 12, 0), 0.06)],
+            "vehicle": [p for x, y, turn in cars for p in car("car", (x, y, g), turn)],
             "pedestrian": [
-                p for x, y in pedestrians for p in capped("pedestrian", (x, y, 0), 0.22, 1.7)
+                p for x, y in pedestrians for p in capped("pedestrian", (x, y, g), 0.22, 1.7)
             ],
         }
     )

@@ -38,6 +38,8 @@ _SIGN, _POLE, _TREE = (0.9, 3.4), (3.6, 3.45), (2.3, 3.55)  # x, y of their feet
         **SCAN_PARAMETERS,
         "spacing": [Interval(Real, 0, None, closed="neither"), None],
         "tree": ["boolean"],
+        "beam_divergence": [Interval(Real, 0, None, closed="left")],
+        "snow": [Interval(Real, 0, None, closed="left")],
     },
     prefer_skip_nested_validation=True,
 )
@@ -52,6 +54,8 @@ def make_street(
     outlier_kinds: Sequence[str] = ("gaussian", "uniform", "mixed_pixel", "ghost"),
     tree: bool = False,
     sampling: Literal["uniform", "scan_lines"] = "uniform",
+    beam_divergence: float = 0.0,
+    snow: float = 0.0,
     random_state: int | np.random.RandomState | None = None,
 ) -> Bunch:
     """Make a laser scan of a street whose truth is known at every point.
@@ -102,6 +106,17 @@ def make_street(
           elevation, down to 60 degrees below the horizon, in vertical lines. The spacing grows
           with the range and with the angle of incidence; `spacing` is that between rays at the
           nearest surface. Noise is along the ray, and some rays pass through foliage.
+    beam_divergence : float, default=0.0
+        Full angle of each beam in radians, to 1/e^2 of the intensity on its axis, as data sheets
+        state it: 0.0003 is usual. Only for scan lines. A beam that is cut by an outline has one
+        range, the mean over all that it meets, weighted by energy, as scanners that compare
+        phases have. Where that is farther than four standard deviations of the noise from every
+        surface, the point is an outlier of kind ``"mixed_pixel"``, besides those of
+        `outlier_share`.
+    snow : float, default=0.0
+        Snowfall in mm of water an hour. Only for scan lines. Flakes take the place of what beams
+        meet, or of nothing, as :func:`make_lidar_turn` explains: outliers of kind ``"snow"``,
+        besides those of `outlier_share`.
     random_state : int, RandomState instance or None, default=None
         Seed. The same seed gives the same cloud.
 
@@ -112,7 +127,8 @@ def make_street(
 
         - ``data``, float64 (n_samples, 3);
         - ``target``, int64 (n_samples,): +1 regular, -1 outlier;
-        - ``true_points``, float64 (n_samples, 3): `data` without noise; NaN for outliers;
+        - ``true_points``, float64 (n_samples, 3): `data` without noise; of a wide beam, where it
+          met the surface next to its axis; NaN for outliers;
         - ``normals``, float64 (n_samples, 3): true unit normals, toward the seen side of the
           surface; NaN for foliage and outliers;
         - ``surface``, int64 (n_samples,): number of the surface in ``surface_names``, where every
@@ -127,6 +143,8 @@ def make_street(
           of the noise at that range, for outliers that of a regular point there;
         - ``surface_names``, ``outlier_kind_names``, ``feature_names``: lists of str;
         - ``scanners``, float64 (n_bays, 3): the scanners' positions, one for each bay;
+        - ``viewpoints``, float64 (n_samples, 3): that of each point; of an outlier, that of the
+          bay it lies in;
         - ``spacing``, ``length``: floats, the true spacing at the near end and the length of the
           street.
 
@@ -134,9 +152,9 @@ def make_street(
     ------
     ValueError
         If a kind of outlier is unknown or given twice, if no regular point is left, if
-        `spacing_growth` is given for scan lines, if `n_samples` points at that `spacing` cannot
-        fill the shortest street, or if the noise is so large that no point in the bounding box is
-        an outlier.
+        `spacing_growth` is given for scan lines, or `beam_divergence` or `snow` for others, if
+        `n_samples` points at that `spacing` cannot fill the shortest street, or if the noise is so
+        large that no point in the bounding box is an outlier.
 
     See Also
     --------
@@ -153,8 +171,8 @@ def make_street(
     (the crown of the road, the top of the wall, both ends of the street), and none between bays.
 
     An outlier that falls within four noise standard deviations of a surface, or into foliage, is
-    drawn anew, so no label is wrong. The points are independent draws unless
-    ``sampling="scan_lines"``.
+    drawn anew, so no label is wrong. Beams that would make one there are lost. The points are
+    independent draws unless ``sampling="scan_lines"``.
 
     Time is linear in `n_samples`, a few seconds for a million points.
 
@@ -183,6 +201,8 @@ def make_street(
         noise_growth=noise_growth,
         outlier_share=outlier_share,
         outlier_kinds=outlier_kinds,
+        beam_divergence=beam_divergence,
+        snow=snow,
     )
     return scan(fit_street, n_samples, scanning, random_state)
 

@@ -6,6 +6,7 @@ from scipy.spatial import cKDTree
 
 from scenes import scanned
 from sklearn_mcmd.datasets import make_mobile_scan
+from sklearn_mcmd.io import PointCloud, read_trajectory, sensor_positions
 
 
 @pytest.mark.parametrize("ratio", [10.0, 4.0])
@@ -46,3 +47,34 @@ def test_thin_things_are_scanned_with_few_points_in_a_row():
 def test_the_density_ratio_is_at_least_one():
     with pytest.raises(ValueError, match="'density_ratio' parameter"):
         make_mobile_scan(100, density_ratio=0.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "kinds"),
+    [
+        ("make_mobile_scan", ("mixed_pixel", "range_error", "ghost", "low", "no_return")),
+        ("make_airborne_scan", ("range_error", "ghost", "low", "high", "particle")),
+    ],
+)
+def test_times_and_trajectory_say_where_the_sensor_was(name, kinds, tmp_path):
+    scan, _ = scanned(name, outlier_share=0.1, outlier_kinds=kinds, far_share=0.02)
+    cloud = PointCloud(scan.data, {"gps_time": scan.gps_time})
+    positions = sensor_positions(cloud, scan.trajectory)
+    assert np.abs(positions - scan.viewpoints).max() < 1e-9
+    table = np.column_stack(scan.trajectory)
+    np.savetxt(tmp_path / "drive.csv", table, "%.17g", ",", header="time,x,y,z", comments="")
+    again = sensor_positions(cloud, read_trajectory(tmp_path / "drive.csv"))
+    assert np.abs(again - scan.viewpoints).max() < 1e-9
+
+
+def test_times_follow_the_turning_beam():
+    scan, _ = scanned("make_mobile_scan")
+    regular = np.flatnonzero(scan.target == 1)
+    order = regular[np.argsort(scan.gps_time[regular])]
+    ray = (scan.true_points - scan.viewpoints)[order]
+    across = np.hypot(ray[:, 0], ray[:, 1]) * np.sign(ray[:, 1])
+    angle = np.arctan2(ray[:, 2], across)
+    angle[angle < -np.pi / 2] += 2 * np.pi  # from 60 degrees below ahead, up and over
+    x = scan.viewpoints[order, 0]
+    assert (np.diff(x) >= 0).all()
+    assert (np.diff(angle)[np.diff(x) == 0] > -1e-9).all()

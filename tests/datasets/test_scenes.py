@@ -189,7 +189,7 @@ def test_foliage_is_scanned_in_depth_and_lets_some_rays_through():
     leaves = Foliage("foliage", (0, 3, 0), 1.0)
     wall = Patch("wall", (-2, 6, -2), (4, 0, 0), (0, 0, 4))
     scene = Scene([leaves, wall], 1.0, 1, scanner=(0, 0, 0))
-    points, surface, _ = scan_lines(scene, 20_000, np.random.default_rng(0))
+    points, _, surface, *_ = scan_lines(scene, 20_000, np.random.default_rng(0))
     hit = points[surface == 0]
     assert_allclose(np.linalg.norm(hit - leaves.center, axis=1).max(), 1, atol=0.01)
     azimuth, elevation = angles(points, scene.scanner)

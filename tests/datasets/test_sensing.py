@@ -138,7 +138,7 @@ def test_normals_agree_with_planes_fitted_to_true_points_of_one_surface(name):
     assert np.quantile(angles, 0.9) < 15  # posts curve within a neighborhood
 
 
-@pytest.mark.parametrize("name", ["make_mobile_scan", "make_spinning_turn"])
+@pytest.mark.parametrize("name", ["make_mobile_scan", "make_lidar_turn"])
 def test_noise_is_gaussian_along_the_ray_and_grows_with_the_range(name):
     scan, _ = scanned(name)
     regular = scan.target == 1
@@ -153,7 +153,7 @@ def test_noise_is_gaussian_along_the_ray_and_grows_with_the_range(name):
     assert_allclose(scan.noise_scale[regular], expected, rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["make_mobile_scan", "make_airborne_scan", "make_spinning_turn"])
+@pytest.mark.parametrize("name", ["make_mobile_scan", "make_airborne_scan", "make_lidar_turn"])
 def test_later_echoes_lie_behind_earlier_ones_on_one_ray(name):
     scan, world = scanned(name)
     regular = scan.target == 1

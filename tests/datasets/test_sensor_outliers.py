@@ -35,7 +35,7 @@ def angular_neighbors(scan, mine, k):
     return ranges[regular[near]], ranges[mine]
 
 
-@pytest.mark.parametrize("name", ["make_spinning_turn", "make_depth_frame"])
+@pytest.mark.parametrize("name", ["make_lidar_turn", "make_depth_frame"])
 def test_mixed_pixels_lie_between_what_neighboring_beams_meet(name):
     scan, _, mine = with_kind(name, "mixed_pixel")
     near, ranges = angular_neighbors(scan, mine, 12)
@@ -44,7 +44,7 @@ def test_mixed_pixels_lie_between_what_neighboring_beams_meet(name):
     assert between.mean() > 0.97
 
 
-@pytest.mark.parametrize("name", ["make_spinning_turn", "make_depth_frame"])
+@pytest.mark.parametrize("name", ["make_lidar_turn", "make_depth_frame"])
 def test_range_errors_are_5_to_20_spacings_before_or_behind_what_their_beam_meets(name):
     scan, _, mine = with_kind(name, "range_error")
     regular = scan.data[scan.target == 1]
@@ -79,7 +79,7 @@ def test_low_points_lie_below_the_ground_and_high_ones_above_it():
 
 
 def test_half_the_particles_are_within_four_meters_of_a_spinning_lidar():
-    scan, _, mine = with_kind("make_spinning_turn", "particle")
+    scan, _, mine = with_kind("make_lidar_turn", "particle")
     ranges = np.linalg.norm((scan.data - scan.viewpoints)[mine], axis=1)
     assert 2.8 < np.median(ranges) < 4
     assert ranges.max() > 8

@@ -55,6 +55,26 @@ def test_points_without_noise_lie_on_the_surface_and_bay_that_they_are_labelled_
         assert_allclose(part.distance(local), 0, atol=1e-9)
 
 
+def test_viewpoints_are_the_scanner_of_each_bay(street):
+    regular = street.target == 1
+    assert_array_equal(street.viewpoints[regular], street.scanners[street.bay[regular]])
+    assert len(street.scanners) > 2
+    nearest = cKDTree(street.scanners[:, :1]).query(street.data[~regular, :1])[1]
+    assert_array_equal(street.viewpoints[~regular], street.scanners[nearest])
+
+
+def test_mixed_pixels_lie_on_rays_of_their_viewpoint():
+    street = make_street(6000, spacing=0.15, outlier_kinds=["mixed_pixel"], random_state=0)
+    scene = scene_of(street)
+    mixed = street.target == -1
+    way = (street.data - street.viewpoints)[mixed]
+    local = street.viewpoints[mixed] - scene.scanner
+    assert len(np.unique(local[:, 0])) > 2
+    # The ray is free up to the point, and meets a background behind it.
+    assert (scene.first_hit(scene.scanner + 0.999 * way) == np.inf).all()
+    assert np.isfinite(scene.first_hit(scene.scanner + 10 * way)).all()
+
+
 def test_data_without_noise_are_the_true_points():
     street = make_street(2000, noise=0, outlier_share=0, random_state=0)
     assert_array_equal(street.data, street.true_points)

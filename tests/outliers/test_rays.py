@@ -11,7 +11,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_spinning_turn, make_street
+from sklearn_mcmd.datasets import make_lidar_turn, make_street
 from sklearn_mcmd.outliers._rays import RayLimits, Rays, one_far_position
 
 HEIGHT = 2.0  # of the sensor above the ground of the simulated room
@@ -60,7 +60,7 @@ def test_flakes_are_found_and_rings_are_kept(snowed):
 
 
 def test_turns_of_a_simulated_sensor_lose_less_with_its_position():
-    turn = make_spinning_turn(30_000, outlier_kinds=["particle"], random_state=0)
+    turn = make_lidar_turn(30_000, outlier_kinds=["particle"], random_state=0)
     regular = turn.target == 1
     lost, found = {}, {}
     for name, origin in (("coordinates", None), ("rays", turn.viewpoints)):

@@ -1,0 +1,92 @@
+"""Snowflakes that take the place of what a beam would meet.
+
+Sizes follow R. S. Sekhon and R. C. Srivastava, "Snow size spectra and radar reflectivity", Journal
+of the Atmospheric Sciences 27 (1970): at a snowfall of R mm of water an hour a cubic meter holds
+N0 exp(-Lambda D) dD flakes of melted diameter D, where N0 is 2500 R^-0.94 per mm and m^3 and Lambda
+is 2.29 R^-0.45 per mm. A flake has a tenth of the density of water.
+
+The echo of a flake of diameter D at the range r is that of a surface times the share of the
+beam that it covers, (D / width(r))^2 at most 1. Power is reflectance / (r^2 + r0^2): close by, the
+receiver sees the beam's spot only in part. A flake is written down where its echo is stronger than
+that of the surface behind, and than the weakest that the sensor knows, that of a bright surface
+at its reach. Of several flakes the strongest counts.
+"""
+
+import numpy as np
+
+__all__ = ["flake_echoes", "flake_rate"]
+
+#: Per mm and m^3, and per mm, at 1 mm an hour; and their exponents.
+_N0, _LAMBDA, _N0_POWER, _LAMBDA_POWER = 2500.0, 2.29, -0.94, -0.45
+#: Density of flakes, in that of water; and so their diameter over the melted one.
+_SWELLING = 0.1 ** (-1 / 3)
+#: Reflectances of flakes, of surfaces, and of what data sheets state the reach for.
+_FLAKE, _SURFACE, _BRIGHT = 0.9, 0.3, 0.8
+#: Width of the beam where it leaves, in meters, and its usual divergence.
+_APERTURE, _DIVERGENCE = 0.01, 0.002
+#: Meters: nothing is seen nearer than this; from r0 on the receiver sees most of the spot.
+_NEAREST, _R0 = 0.9, 6.0
+#: Steps of the sum over ranges.
+_STEPS = 4000
+
+
+def flake_echoes(target, snowfall, reach, divergence, rng):
+    """Beams on which a flake is what the sensor writes down, and the ranges of these flakes.
+
+    Parameters
+    ----------
+    target : ndarray of shape (n,)
+        Range of what each beam meets otherwise; inf where nothing.
+    snowfall : float
+        mm of water an hour.
+    reach : float
+    divergence : float
+        In radians; 0 means that of usual sensors.
+    rng : Generator
+    """
+    ranges = np.linspace(_NEAREST, reach, _STEPS)
+    weakest = _BRIGHT * _shine(reach)
+    rate = flake_rate(ranges, weakest, snowfall, divergence)
+    steps = (rate[1:] + rate[:-1]) / 2 * np.diff(ranges)
+    ways = np.concatenate([[0.0], np.cumsum(steps)])
+    # All flakes on a beam that could be seen: their number, ranges, and sizes.
+    counts = rng.poisson(ways[-1], len(target))
+    beam = np.repeat(np.arange(len(target)), counts)
+    at = np.interp(ways[-1] * rng.random(len(beam)), ways, ranges)
+    slope = _sizes(snowfall)[1]
+    size = _least_size(at, weakest, divergence) + rng.exponential(1 / slope, len(beam))
+    power = _FLAKE * np.minimum(size / _width(at, divergence), 1.0) ** 2 * _shine(at)
+    seen = (at < target[beam]) & (power > _SURFACE * _shine(target[beam]))
+    beam, at, power = beam[seen], at[seen], power[seen]
+    order = np.lexsort([-power, beam])
+    chosen = order[np.concatenate([[True], np.diff(beam[order]) > 0])[: len(order)]]
+    return beam[chosen], at[chosen]
+
+
+def flake_rate(ranges, power, snowfall, divergence=0.0):
+    """Flakes a meter of a beam whose echoes are stronger than this power."""
+    total, slope = _sizes(snowfall)
+    width, size = _width(ranges, divergence), _least_size(ranges, power, divergence)
+    flakes = np.pi / 4 * (width / 1e3) ** 2 * total * np.exp(-slope * size)
+    return np.where(size <= width, flakes, 0.0)  # no flake covers more than all of the beam
+
+
+def _sizes(snowfall):
+    """Flakes a cubic meter, and the rate at which their number falls with the diameter in mm."""
+    slope = _LAMBDA * snowfall**_LAMBDA_POWER
+    return _N0 * snowfall**_N0_POWER / slope, slope / _SWELLING
+
+
+def _least_size(ranges, power, divergence):
+    """Diameter in mm from which a flake's echo is stronger than this power."""
+    return np.sqrt(power / (_FLAKE * _shine(ranges))) * _width(ranges, divergence)
+
+
+def _width(ranges, divergence):
+    """Of the beam, in mm."""
+    return 1e3 * (_APERTURE + (divergence or _DIVERGENCE) * ranges)
+
+
+def _shine(ranges):
+    """Power of an echo of a surface that reflects all, on any scale."""
+    return 1 / (ranges**2 + _R0**2)
