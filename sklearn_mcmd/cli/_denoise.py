@@ -59,6 +59,11 @@ class OutlierMethod(StrEnum):
     mcmd_md = "mcmd_md"
 
 
+class Keep(StrEnum):
+    things = "things"
+    surfaces = "surfaces"
+
+
 class Strictness(StrEnum):
     isolated = "isolated"
     groups = "groups"
@@ -66,7 +71,12 @@ class Strictness(StrEnum):
     paper = "paper"
 
 
+# What is kept, and the strictness that keeps it.
+STRICTNESS_OF = {Keep.things: Strictness.groups, Keep.surfaces: Strictness.surfaces}
+
+
 def denoise(
+    context: typer.Context,
     source: InFiles,
     target: OutFiles,
     mode: Annotated[
@@ -88,14 +98,23 @@ def denoise(
             "it also decides which points are outliers."
         ),
     ] = OutlierMethod.mcmd_z,
+    keep: Annotated[
+        Keep | None,
+        typer.Option(
+            help="What is to stay. things: everything real, also foliage, wires and cars; the same "
+            "as --strictness groups. surfaces: only faces, such as road, walls and roofs; the same "
+            "as --strictness surfaces.",
+            show_default="what --strictness says",
+        ),
+    ] = None,
     strictness: Annotated[
         Strictness,
         typer.Option(
-            help="Which points are outliers. isolated: single points and pairs far from everything "
-            "else. groups: also small groups that stand apart, such as ghosts, birds and dust; "
-            "foliage, wires and small things that touch others are kept. surfaces: all points that "
-            "lie on no surface; foliage, wires and thin posts are removed. paper: points off the "
-            "plane of their own neighborhood, as in the paper; weak on whole clouds."
+            help="In place of --keep, which points are outliers. isolated: single points and pairs "
+            "far from everything else. groups: also small groups that stand apart, such as ghosts, "
+            "birds and dust; foliage, wires and small things that touch others are kept. surfaces: "
+            "all points that lie on no surface; foliage, wires and thin posts are removed. paper: "
+            "points off the plane of their own neighborhood, as in the paper; weak on whole clouds."
         ),
     ] = Strictness.groups,
     noise_scale: Annotated[
@@ -128,8 +147,9 @@ def denoise(
                 fits=lambda rate: LEAST_RATE <= rate < LARGEST_RATE,
             ),
             metavar="RATE",
-            help="Share of the points of a clean plane that may be lost, such as 0.01. A "
-            "simulation then finds the cutoff; do not give --cutoff. From 0.0001 to below 0.5.",
+            help="Share of the real points that may be lost, such as 0.01; with surfaces or paper, "
+            "of those on surfaces. A simulation and the cloud itself then tell the cutoff; do not "
+            "give --cutoff. From 0.0001 to below 0.5.",
         ),
     ] = None,
     contamination: Annotated[
@@ -164,10 +184,10 @@ def denoise(
 ) -> None:
     """Remove or mark the points that lie on no surface and stand apart from all else.
 
-    The default is for any cloud: curved, with foliage and wires, of any spacing and noise. A
-    score up to 3 means that the point is on a surface or near other points, 10 means a clear
-    error, and 100 a gross error. To keep only surfaces, give --strictness surfaces. To lose a
-    stated share of good points, give --false-positive-rate 0.01.
+    The default keeps everything real, and is for any cloud: curved, with foliage and wires, of any
+    spacing and noise. To keep only faces, give --keep surfaces. A score up to 3 means that the
+    point is on a surface or near other points, 10 means a clear error, and 100 a gross error. To
+    lose a stated share of good points at most, give --false-positive-rate 0.01.
 
     Points that are marked withheld are neither judged nor used to judge others. With
     --ignore-class, --only-class, --above and --below, others are not judged either. All of these
@@ -185,6 +205,7 @@ def denoise(
             "--contamination": contamination,
         }
     )
+    strictness = _strictness_of(context, keep, strictness)
     params = {
         "n_neighbors": n_neighbors,
         "method": str(method),
@@ -292,6 +313,18 @@ def _at_most_one(options):
         raise typer.BadParameter(
             f"{' and '.join(given)} exclude each other: leave all but one out."
         )
+
+
+def _strictness_of(context, keep, strictness):
+    """What --keep or --strictness says; both together are wrong usage."""
+    if keep is None:
+        return strictness
+    if context.get_parameter_source("strictness").name == "COMMANDLINE":
+        raise typer.BadParameter(
+            f"--keep {keep} and --strictness {strictness} exclude each other: leave one out."
+        )
+    context.params["strictness"] = "what --keep says"  # for the report
+    return STRICTNESS_OF[keep]
 
 
 def _detector(params):

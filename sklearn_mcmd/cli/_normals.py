@@ -21,6 +21,7 @@ from sklearn_mcmd.cli._options import (
     positive,
 )
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
+from sklearn_mcmd.cli._sensor import AUTO, SensorPosition, TrajectoryFile, sensor_of_options
 from sklearn_mcmd.cli._speech import clear_exits, print_summary, stopwatch
 from sklearn_mcmd.cli._waiting import progress
 from sklearn_mcmd.planes._progress import progress_part
@@ -68,13 +69,12 @@ def normals(
         Orientation,
         typer.Option(
             help="Which of two opposite normals to take. none, up: the one with positive z. "
-            "sensor: the one toward the sensor. mst: the one that agrees with the neighbors."
+            "sensor: the one toward --sensor or --trajectory. mst: the one that agrees with the "
+            "neighbors."
         ),
     ] = Orientation.none,
-    sensor: Annotated[
-        str | None,
-        typer.Option(metavar="X,Y,Z", help="Where the sensor stood, for --orientation sensor."),
-    ] = None,
+    sensor: SensorPosition = None,
+    trajectory: TrajectoryFile = None,
     features: Annotated[
         str | None,
         typer.Option(
@@ -121,14 +121,14 @@ def normals(
     (ascending), removed_fraction (the share of the neighborhood that was removed), the
     --features, and n_neighbors with --n-neighbors auto.
     """
-    sensor_origin = _parse_sensor(orientation, sensor)
+    _check_sensor(orientation, sensor, trajectory)
     features = _parse_features(features)
     params = {
         "n_neighbors": n_neighbors,
         "method": str(method),
         "radius": radius,
         "orientation": DIRECTIONS.get(orientation, str(orientation)),
-        "sensor_origin": sensor_origin,
+        "sensor_origin": sensor if isinstance(sensor, tuple) else None,
         "features": features,
         "cutoff": cutoff,
         "outlier_rate": outlier_rate,
@@ -141,7 +141,7 @@ def normals(
         work = "auto" if n_neighbors == "auto" else "normals"
         catalog = large_catalog(source, memory, n_features, scheduler is not None, work=work)
         if catalog is not None:
-            _check_local(source, orientation)
+            _check_local(source, orientation, sensor, trajectory)
         if dry_run:
             estimator = _estimator(params)
             print_plan(source, target, catalog, estimator, memory, n_features=n_features, work=work)
@@ -154,7 +154,8 @@ def normals(
             cloud = read(source, target, "normals")
             columns = (*_columns(), *_feature_columns(features), *_size_column(n_neighbors))
             rehearse(target, with_results(cloud, dict.fromkeys(columns, blank(cloud))))
-            fitted, results = _find_normals(coordinates(cloud), params)
+            origins = sensor_of_options(source, cloud, sensor, trajectory)
+            fitted, results = _find_normals(coordinates(cloud), params, origins)
             write(target, with_results(cloud, results))
             write_report_of(
                 report, source, target, seconds, lambda: _contents(cloud, fitted, results)
@@ -168,8 +169,15 @@ def normals(
             )
 
 
-def _check_local(source, orientation):
-    """Raise if normals depend on the whole cloud."""
+def _check_local(source, orientation, sensor, trajectory):
+    """Raise if normals depend on the whole cloud, or on a position of each point."""
+    for name, given in {"--sensor auto": sensor == AUTO, "--trajectory": trajectory}.items():
+        if given:
+            raise ValueError(
+                f"{source}: {name} needs the whole cloud in memory, and this one is divided into "
+                "tiles; give more --memory, its files one by one, or one position, such as "
+                "--sensor 0,0,0"
+            )
     if orientation is Orientation.mst:
         raise ValueError(
             f"{source}: --orientation mst needs the whole cloud in memory; give more --memory, or "
@@ -222,12 +230,12 @@ def _columns():
     return NORMAL_COLUMNS
 
 
-def _find_normals(xyz, params):
+def _find_normals(xyz, params, sensor_origin=None):
     """The fitted estimator, and the columns of results by their names."""
     from sklearn_mcmd.tiling._tile import normal_columns
 
     with progress_part(*WORKING):
-        fitted = _estimator(params).fit(xyz)
+        fitted = _estimator(params).fit(xyz, sensor_origin=sensor_origin)
     names, columns = normal_columns(fitted)
     results = dict(zip(names, columns.T.copy(), strict=True))
     for name in _size_column(params["n_neighbors"]):
@@ -251,22 +259,15 @@ def _feature_columns(features):
     return feature_columns(features, "xyz")
 
 
-def _parse_sensor(orientation, text):
-    """Three numbers, or None; all errors are wrong usage."""
-    if (text is not None) != (orientation is Orientation.sensor):
-        raise typer.BadParameter("--orientation sensor and --sensor X,Y,Z go together.")
-    if text is None:
-        return None
-    try:
-        position = [float(part) for part in text.split(",")]
-    except ValueError:
-        position = []
-    if len(position) != 3 or not np.isfinite(position).all():
+def _check_sensor(orientation, sensor, trajectory):
+    """Wrong usage where a position is asked for or given, but not both."""
+    given = sensor is not None or trajectory is not None
+    if given != (orientation is Orientation.sensor):
         raise typer.BadParameter(
-            f"{text!r} is not three numbers separated by commas, such as 2.5,1,2.",
-            param_hint="--sensor",
+            "--orientation sensor and --sensor X,Y,Z or --trajectory FILE go together."
         )
-    return position
+    if sensor is not None and trajectory is not None:
+        raise typer.BadParameter("--sensor and --trajectory exclude each other: leave one out.")
 
 
 def _parse_features(text):

@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-__all__ = ["SensorPosition", "TrajectoryFile", "sensor_of_options"]
+__all__ = ["AUTO", "SensorPosition", "TrajectoryFile", "sensor_of_options"]
 
 AUTO = "auto"
 

@@ -112,7 +112,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
 
     sensor_origin : array-like of shape (n_features,), "origin" or None, default=None
         Where the sensor stood, for ``orientation="sensor"``, in units of X. "origin" is the
-        origin of the coordinates.
+        origin of the coordinates. `fit` takes a position for each point. See :ref:`sensor`.
 
     features : "all", str or list of str, default=None
         Further columns of `transform`, in this order, from the cleaned neighborhoods with
@@ -322,7 +322,12 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
 
     @fit_context(prefer_skip_nested_validation=True)
     @fit_in_tasks
-    def fit(self, X: ArrayLike, y: object = None) -> Self:
+    def fit(
+        self,
+        X: ArrayLike,
+        y: object = None,
+        sensor_origin: ArrayLike | Literal["origin"] | None = None,
+    ) -> Self:
         """Estimate the normals of a cloud.
 
         Parameters
@@ -331,6 +336,9 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
             Coordinates, float64 or float32, in any unit; at least two features and
             ``n_features + 1`` points.
         y : Ignored
+        sensor_origin : array-like of shape (n_features,) or (n_samples, n_features), or "origin"
+            Where the sensor stood, for each point where it moved; in place of the parameter. A
+            pipeline passes it on after ``set_fit_request(sensor_origin=True)``.
 
         Returns
         -------
@@ -343,25 +351,32 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
             `orientation` and `sensor_origin` do not fit each other or X, or if `features` has an
             unknown name or one that is defined in 3D only.
         """
-        self._fit_columns(X)
+        self._fit_columns(X, sensor_origin)
         return self
 
     @fit_context(prefer_skip_nested_validation=True)
     @fit_in_tasks
-    def fit_transform(self, X: ArrayLike, y: object = None) -> NDArray[np.floating]:
+    def fit_transform(
+        self,
+        X: ArrayLike,
+        y: object = None,
+        sensor_origin: ArrayLike | Literal["origin"] | None = None,
+    ) -> NDArray[np.floating]:
         """Estimate the normals of a cloud and return them beside the coordinates.
 
         Parameters
         ----------
         X : array-like of shape (n_samples, n_features)
         y : Ignored
+        sensor_origin : array-like or "origin"
+            As in `fit`.
 
         Returns
         -------
         X_out : ndarray of shape (n_samples, 3 * n_features + 3 + n_chosen)
             As by `transform`.
         """
-        xyz = self._fit_columns(X)
+        xyz = self._fit_columns(X, sensor_origin)
         planes = self.eigenvalues_, self.plane_offset_[:, None], self.plane_scale_[:, None]
         return joined_columns(xyz, self.normals_, *planes, self.features_)
 
@@ -371,6 +386,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Parameters
         ----------
         X : array-like of shape (n_samples, n_features)
+            If the sensor moved, each counts as measured from where the nearest of the fitted
+            points was.
 
         Returns
         -------
@@ -431,14 +448,16 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         tags.transformer_tags.preserves_dtype = ["float64", "float32"]
         return tags
 
-    def _fit_columns(self, X):
+    def _fit_columns(self, X, sensor_origin=None):
         if self.n_neighbors is None and self.radius is not None:
             raise ValueError(
                 f"radius={self.radius} has no meaning with n_neighbors=None, one neighborhood of "
                 "all points; give a number of neighbors."
             )
         X = self._fit_planes(X, self.radius, self.cutoff)
-        self._sides = Sides.settled(self.orientation, self.sensor_origin, X.shape[1])
+        if sensor_origin is None:
+            sensor_origin = self.sensor_origin
+        self._sides = Sides.settled(self.orientation, sensor_origin, X)
         self._feature_names = settle_features(self.features, X.shape[1])
         self._surfaces = None
         with self._part_of_planes():
@@ -457,7 +476,6 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         self.removed_fraction_ = 1.0 - planes.kept
         self.normal_error_ = planes.normal_error
         self._sides.fit(self._model.index, self.normals_, X, self.n_jobs)
-        self._sides.orient(self._model.index, self.normals_, X, self.n_jobs)
         self.features_ = self._evaluate_features(planes, self.normals_, X, curvatures_of_fitted)
         self.plane_offset_ = plane_offsets(planes, self.normals_, X)
         self.plane_scale_ = planes.scale

@@ -2,8 +2,10 @@
 
 import numpy as np
 from joblib import effective_n_jobs
+from scipy.spatial import cKDTree
 from sklearn.utils.validation import check_array
 
+from sklearn_mcmd._validation import check_sensor_origin
 from sklearn_mcmd.planes._orientation import orient_by_spanning_tree, orient_toward
 
 __all__ = ["Sides"]
@@ -18,7 +20,8 @@ class Sides:
     Parameters
     ----------
     direction : ndarray of shape (d,) or None
-    sensor_origin : ndarray of shape (d,) or None
+    sensor_origin : ndarray of shape (d,) or (n, d), or None
+        For all points, or for each of those that are fitted.
     tree : bool
         Whether neighbors are to agree, along a spanning tree.
     """
@@ -27,17 +30,18 @@ class Sides:
         self.direction, self.sensor_origin, self.tree = direction, sensor_origin, tree
 
     @classmethod
-    def settled(cls, orientation, sensor_origin, d):
-        """Check the parameters for clouds of d dimensions."""
+    def settled(cls, orientation, sensor_origin, X):
+        """Check the parameters for the fitted points X (n, d)."""
+        d = X.shape[1]
         named = orientation if isinstance(orientation, str) else None
         if named == "sensor":
             if sensor_origin is None:
                 raise ValueError(
                     'orientation="sensor" needs sensor_origin, where the sensor stood.'
                 )
-            if isinstance(sensor_origin, str):
-                return cls(sensor_origin=np.zeros(d))  # "origin"
-            return cls(sensor_origin=_check_vector(sensor_origin, "sensor_origin", d))
+            origins = check_sensor_origin(sensor_origin, X)
+            moved = (origins != origins[0]).any()
+            return cls(sensor_origin=origins if moved else origins[0].copy())
         if sensor_origin is not None:
             raise ValueError('sensor_origin is given but orientation is not "sensor".')
         if orientation is None or named == "mst":
@@ -48,10 +52,21 @@ class Sides:
         return cls(direction=direction)
 
     def fit(self, index, normals, X, n_jobs):
-        """Keep what the sides depend on of the fitted points X (n, d) and their normals (n, d)."""
+        """Flip the normals of the fitted points X (n, d) in place, and keep what `orient` asks."""
         self.tree_normals = None
-        if not self.tree:
+        if self._moves():
+            orient_toward(normals, self.sensor_origin - X)
+            self.sensor_origin = self.sensor_origin[index.rows]  # of its points
             return
+        if self.tree:
+            self._fit_tree(index, normals, X, n_jobs)
+        self.orient(index, normals, X, n_jobs)
+
+    def _moves(self):
+        """Whether the sensor had more than one position."""
+        return np.ndim(self.sensor_origin) == 2
+
+    def _fit_tree(self, index, normals, X, n_jobs):
         if index.n_neighbors is None:
             self.tree_normals = normals[:1].copy()
             return
@@ -62,14 +77,26 @@ class Sides:
         self.tree_normals = orient_by_spanning_tree(apart, index.points, neighbors)
 
     def orient(self, index, normals, X, n_jobs):
-        """Flip normals (m, d) of points X (m, d) in place."""
-        if self.sensor_origin is not None:
+        """Flip normals (m, d) of points X (m, d) in place.
+
+        Where the sensor moved, each counts as measured from where the nearest fitted point was.
+        """
+        if self._moves():
+            nearest = _nearest(index, X, n_jobs)
+            orient_toward(normals, self.sensor_origin[nearest] - X)
+        elif self.sensor_origin is not None:
             orient_toward(normals, self.sensor_origin - X)
         elif self.direction is not None:
             orient_toward(normals, self.direction)
         elif self.tree:
             nearest = index.nearest(X, effective_n_jobs(n_jobs))
             orient_toward(normals, self.tree_normals[nearest])
+
+
+def _nearest(index, queries, n_jobs):
+    if index.n_neighbors is None:  # and no tree
+        return cKDTree(index.points).query(queries)[1]
+    return index.nearest(queries, effective_n_jobs(n_jobs))
 
 
 def _check_vector(vector, name, d):

@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterable
 from functools import partial
 
+import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.normals import RobustNormalEstimator
@@ -121,6 +122,11 @@ def check_normals(estimator, *, inner=False):
         raise ValueError(
             f"{type(estimator).__name__} cannot work by tiles with these parameters: with "
             'n_neighbors=None or orientation="mst", results depend on the whole cloud.'
+        )
+    if np.ndim(getattr(estimator, "sensor_origin", None)) == 2:
+        raise ValueError(
+            "sensor_origin with a position for each point cannot work by tiles: give one position, "
+            "or compute the normals in memory."
         )
     if inner and estimator.n_neighbors == "auto":
         raise ValueError('n_neighbors="auto" of normal_estimator cannot work by tiles.')

@@ -79,6 +79,14 @@ def test_what_needs_the_whole_cloud_is_refused(small_machine, source, tmp_path):
     assert "--orientation mst needs the whole cloud in memory" in line
 
 
+@pytest.mark.parametrize("options", [("--sensor", "auto"), ("--trajectory", "path.csv")])
+def test_positions_of_points_need_the_whole_cloud(options, small_machine, source, tmp_path):
+    asked = ("--memory", "2MB", "--orientation", "sensor", *options)
+    line = error_line(run("normals", source, tmp_path / "b.laz", *asked))
+    assert "needs the whole cloud in memory" in line
+    assert options[0] in line
+
+
 def test_sizes_of_neighborhoods_are_found_by_tiles_too(small_machine, source, tmp_path):
     a, b = tmp_path / "a.laz", tmp_path / "b.laz"
     assert run("normals", source, a, "--n-neighbors", "auto").exit_code == 0

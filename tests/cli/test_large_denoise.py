@@ -16,7 +16,8 @@ ONE = ("--n-jobs", 1)
     "options",
     [
         ("--mode", "mark"),
-        ("--contamination", 0.05, "--strictness", "surfaces"),
+        ("--contamination", 0.05, "--keep", "surfaces"),
+        ("--false-positive-rate", 0.02),
         ("--strictness", "paper", "--n-neighbors", 20),
     ],
 )

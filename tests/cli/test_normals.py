@@ -5,7 +5,7 @@ import pytest
 
 from commands import files_in, run
 from sklearn_mcmd import RobustNormalEstimator
-from sklearn_mcmd.io import read_points
+from sklearn_mcmd.io import PointCloud, read_points, write_points
 
 
 def test_normals_adds_the_estimators_results_as_float32(room, room_file, tmp_path):
@@ -37,6 +37,30 @@ def test_normals_look_at_the_sensor_also_at_negative_coordinates(room_file, tmp_
     assert (np.einsum("ij,ij->i", normals, to_sensor) >= -1e-5).all()
 
 
+@pytest.mark.parametrize("told", ["auto", "trajectory"])
+def test_normals_look_at_where_the_file_or_a_trajectory_says(told, room, tmp_path):
+    path = np.array([[0.0, 5, 5, 9], [1, -5, -5, -9]])  # time, x, y, z
+    times = np.linspace(0, 1, len(room))
+    origins = np.stack([np.interp(times, path[:, 0], path[:, i]) for i in (1, 2, 3)], axis=1)
+    if told == "auto":
+        pytest.importorskip("pypcd4")
+        viewpoint = (5.0, 5.0, -9.0, 1.0, 0.0, 0.0, 0.0)
+        source, options = tmp_path / "in.pcd", ("--sensor", "auto")
+        write_points(source, PointCloud(room.xyz, {}, {"pcd_viewpoint": viewpoint}))
+        origins = np.tile(viewpoint[:3], (len(room), 1))
+    else:
+        source, options = tmp_path / "in.csv", ("--trajectory", tmp_path / "path.csv")
+        write_points(source, PointCloud(room.xyz, {"time": times}))
+        np.savetxt(options[1], path, delimiter=",", header="time,x,y,z", comments="")
+    target = tmp_path / "out.npy"
+    result = run("normals", source, target, "--orientation", "sensor", *options)
+    assert result.exit_code == 0, result.output
+    out = np.load(target)
+    normals = np.column_stack([out[f"normal_{a}"] for a in "xyz"])
+    xyz = np.column_stack([out[a] for a in "xyz"])
+    assert (np.einsum("ij,ij->i", normals, origins - xyz) >= -1e-4).all()
+
+
 @pytest.mark.parametrize("orientation", ["none", "up", "mst"])
 def test_every_orientation_gives_unit_normals(orientation, room_file, tmp_path):
     result = run("normals", room_file, tmp_path / "out.npy", "--orientation", orientation)
@@ -60,6 +84,8 @@ def test_a_radius_makes_normals_more_local(room, room_file, tmp_path):
     [
         ["--orientation", "sensor"],
         ["--sensor", "1,2,3"],
+        ["--trajectory", "path.csv"],
+        ["--orientation", "sensor", "--sensor", "1,2,3", "--trajectory", "path.csv"],
         ["--orientation", "sensor", "--sensor", "1,2"],
         ["--orientation", "sensor", "--sensor", "1,2,here"],
         ["--orientation", "sensor", "--sensor", "1,2,nan"],

@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.spatial import cKDTree
+from sklearn import config_context
 from sklearn.ensemble import RandomForestClassifier
 from sklearn.pipeline import make_pipeline
 
@@ -197,6 +198,72 @@ def test_normals_point_to_the_sensor():
     assert_array_equal(inside.transform(X[:9])[:, 3:6], inside.normals_[:9])
 
 
+@pytest.fixture(scope="module")
+def corridor():
+    """A floor and a ceiling, and where a sensor between them was when it saw each point."""
+    rng = np.random.default_rng(0)
+    X = rng.uniform(0, 8, (2400, 3)) * [1, 0.2, 0] + rng.normal(0, 0.002, (2400, 3))
+    X[1200:, 2] += 2
+    origins = np.column_stack([X[:, 0] + 0.3, np.full(2400, 0.8), np.full(2400, 1.0)])
+    origins[np.arange(2400) % 3 == 0, 2] = [[5.0]]  # a second one, above the ceiling
+    return X, origins
+
+
+MOVED = {"orientation": "sensor", "random_state": 0}
+
+
+def test_normals_point_to_where_the_sensor_was_at_each_point(corridor):
+    X, origins = corridor
+    fitted = RobustNormalEstimator(20, **MOVED).fit(X, sensor_origin=origins)
+    toward = np.einsum("ij,ij->i", fitted.normals_, origins - X)
+    assert (toward > 0).all()
+    above = origins[:, 2] > 2
+    assert_array_equal(np.sign(fitted.normals_[1200:, 2]), np.where(above[1200:], 1, -1))
+    columns = RobustNormalEstimator(20, **MOVED).fit_transform(X, sensor_origin=origins)
+    assert_array_equal(columns[:, 3:6], fitted.normals_)
+    assert_array_equal(fitted.transform(X)[:, 3:6], fitted.normals_)
+    # New points count as measured from where the nearest was; the order of rows does not matter.
+    near = fitted.transform(X + 1e-7)[:, 3:6]
+    assert (np.einsum("ij,ij->i", near, fitted.normals_) > 0).all()
+    order = np.random.default_rng(1).permutation(len(X))
+    again = RobustNormalEstimator(20, **MOVED).fit(X[order], sensor_origin=origins[order])
+    assert_array_equal(again.normals_, fitted.normals_[order])
+
+
+def test_one_position_for_each_point_is_that_position(corridor):
+    X, origins = corridor
+    same = np.tile(origins[1], (len(X), 1))
+    fitted = RobustNormalEstimator(20, **MOVED).fit(X, sensor_origin=same)
+    one = RobustNormalEstimator(20, sensor_origin=origins[1], **MOVED).fit(X)
+    assert_array_equal(fitted.normals_, one.normals_)
+    assert_array_equal(fitted.transform(X[:50] + 0.1), one.transform(X[:50] + 0.1))
+
+
+def test_copies_of_a_place_seen_from_two_sides_have_two_normals(corridor):
+    X, origins = corridor
+    other = origins * [1, 1, -1]
+    both = np.vstack([X, X]), np.vstack([origins, other])
+    fitted = RobustNormalEstimator(20, **MOVED).fit(both[0], sensor_origin=both[1])
+    assert (np.einsum("ij,ij->i", fitted.normals_, both[1] - both[0]) > 0).all()
+
+
+def test_one_neighborhood_looks_to_where_the_sensor_was(corridor):
+    X, origins = corridor[0][:1200], corridor[1][:1200] * [1, 1, -1]
+    origins[::2, 2] *= -1
+    fitted = RobustNormalEstimator(None, **MOVED).fit(X, sensor_origin=origins)
+    assert_array_equal(np.sign(fitted.normals_[:, 2]), np.sign(origins[:, 2]))
+    assert_array_equal(fitted.transform(X)[:, 3:6], fitted.normals_)
+
+
+def test_positions_pass_through_a_pipeline_as_metadata(corridor):
+    X, origins = corridor
+    with config_context(enable_metadata_routing=True):
+        estimator = RobustNormalEstimator(20, **MOVED).set_fit_request(sensor_origin=True)
+        columns = make_pipeline(estimator).fit_transform(X, sensor_origin=origins)
+    expected = RobustNormalEstimator(20, **MOVED).fit_transform(X, sensor_origin=origins)
+    assert_array_equal(columns, expected)
+
+
 @pytest.mark.parametrize("shift", [0.0, 1e6])
 def test_a_spanning_tree_orients_closed_surfaces_outward(shift):
     first, directions = sphere(1500)
@@ -246,6 +313,7 @@ def test_one_neighborhood_has_one_normal_however_oriented():
         ({"orientation": [0, 1]}, r"orientation must have shape \(3,\)"),
         ({"orientation": "up"}, "'orientation' parameter"),
         ({"orientation": "sensor", "sensor_origin": [0, 0, np.nan]}, "sensor_origin contains NaN"),
+        ({"orientation": "sensor", "sensor_origin": [0, 0]}, r"sensor_origin must be .* shape"),
         ({"radius": 0}, "'radius' parameter"),
         ({"radius": 1.0, "n_neighbors": None}, "radius=1.0 has no meaning with n_neighbors=None"),
     ],

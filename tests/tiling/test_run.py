@@ -456,6 +456,12 @@ def test_a_run_that_goes_on_needs_no_room_for_what_is_there(
         (RobustNormalEstimator(orientation="mst", random_state=0), "whole cloud"),
         (RobustNormalEstimator(None, random_state=0), "whole cloud"),
         (RobustNormalEstimator(), "random_state"),
+        (
+            RobustNormalEstimator(
+                orientation="sensor", sensor_origin=np.zeros((4, 3)), random_state=0
+            ),
+            "a position for each point",
+        ),
         (MCMDOutlierDetector(random_state=0), "whole cloud"),
     ],
 )
