@@ -38,8 +38,8 @@ def is_snow(turn):
 
 
 # %%
-# The turn in snow of 2 mm/h: from above, and as the sensor sees it, by direction. Beams into the sky
-# meet flakes most often, because nothing outshines these.
+# The turn in snow of 2 mm/h: from above, and as the sensor sees it, by direction. Beams into the
+# sky meet flakes most often, because nothing outshines these.
 turn = turns[2.0]
 snow = is_snow(turn)
 x, y, z = turn.data.T
