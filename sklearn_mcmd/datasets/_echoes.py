@@ -4,9 +4,9 @@ A beam's intensity is Gaussian across, and its divergence is the full angle at w
 1/e^2 of that on the axis, as data sheets state it. Sub-rays carry equal energy each.
 
 - A phase-shift scanner has one range for all light that comes back: the mean over the beam,
-  weighted by energy. So has a pulsed one where echoes lie within its resolution, half the length
-  of the pulse; echoes farther apart it tells from each other, and of these it writes down the
-  strongest here. (Echoes merge within c tau / 2: M. Hebert and E. Krotkov, "3D measurements from
+  weighted by energy. So has a pulsed one where echoes follow each other within its resolution,
+  half the length of the pulse; echoes farther apart it tells from each other, and of these it
+  writes down the strongest here. (Echoes merge within c tau / 2: M. Hebert and E. Krotkov, "3D measurements from
   imaging laser radars", Image and Vision Computing 10, 1992; S. Chaudhry, D. Salido-Monzu and
   A. Wieser, "A modeling approach for predicting the resolution capability in terrestrial laser
   scanning", Remote Sensing 13, 2021, for phase-shift scanners.)
@@ -20,7 +20,18 @@ import numpy as np
 from sklearn_mcmd.datasets._outliers import CLEARANCE
 from sklearn_mcmd.datasets._surfaces import Soft
 
-__all__ = ["MIXED", "PHASE_SHIFT", "PULSED", "REGULAR", "SNOW", "Rays", "cone", "merge", "truths"]
+__all__ = [
+    "MIXED",
+    "PHASE_SHIFT",
+    "PULSED",
+    "REGULAR",
+    "SNOW",
+    "Rays",
+    "blocks",
+    "cone",
+    "merge",
+    "truths",
+]
 
 #: Kinds of echoes.
 REGULAR, MIXED, SNOW = 0, 1, 2
@@ -30,6 +41,9 @@ PULSED, PHASE_SHIFT = 0.75, np.inf
 
 #: Sub-rays of a beam. The first is its axis.
 _RAYS = 19
+
+#: Beams that are cast at once, so that their sub-rays need little memory.
+_BLOCK = 1 << 13
 
 
 class Rays(NamedTuple):
@@ -65,6 +79,12 @@ def cone(directions, divergence):
     )
     rays[:, 1:] /= np.linalg.norm(rays[:, 1:], axis=2, keepdims=True)
     return rays
+
+
+def blocks(n, divergence):
+    """Slices of n beams that are cast at once: all of those without divergence."""
+    step = _BLOCK if divergence else max(n, 1)
+    return [slice(start, start + step) for start in range(0, max(n, 1), step)]
 
 
 def merge(rays, resolution):
@@ -139,7 +159,7 @@ def truths(parts, distance, rays, echo, points, scale):
         nearer = away < nearest[here]
         part[here[nearer]], nearest[here[nearer]] = number, away[nearer]
     kind = np.zeros(len(points), np.int8)
-    checked = np.flatnonzero(unsure)
+    checked = np.flatnonzero(nearest > CLEARANCE * scale)
     kind[checked[distance(points[checked]) > CLEARANCE * scale[checked]]] = MIXED
     inside = soft[part] & (nearest == 0)
     known = (kind == MIXED) | inside | (~soft[part] & (nearest <= CLEARANCE * scale))

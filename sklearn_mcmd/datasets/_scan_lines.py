@@ -10,6 +10,7 @@ from sklearn_mcmd.datasets._echoes import (
     REGULAR,
     SNOW,
     Rays,
+    blocks,
     cone,
     merge,
     truths,
@@ -118,26 +119,35 @@ def _cast(scene, bay, angles, rng, optics):
     azimuth, elevation = angles
     flat = np.cos(elevation)
     ray = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
+    rows = blocks(len(ray), optics.divergence if optics else 0.0)
+    found = [_cast_block(scene, bay, ray[block], rng, optics) for block in rows]
+    found = Lines(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
+    return _let_it_snow(scene, ray, found, optics) if optics and optics.snow else found
+
+
+def _cast_block(scene, bay, ray, rng, optics):
     ways = cone(ray, optics.divergence if optics else 0.0)
     n, n_rays = ways.shape[:2]
-    way = 1.01 * scene.farthest_range * ways.reshape(-1, 3)
-    nearest, surface = first_hits(scene.parts, scene.scanner, scene.scanner + way, rng)
+    reach = 1.01 * scene.farthest_range
+    way = reach * ways.reshape(-1, 3)
+    apart = reach * np.linalg.norm(ways - ways[:, :1], axis=2).max(initial=0.0)
+    nearest, surface = first_hits(
+        scene.parts, scene.scanner, scene.scanner + way, rng, n_rays, apart
+    )
     points = np.full(ray.shape, np.nan)
     if n_rays == 1:
         met = surface >= 0
         points[met] = scene.scanner + nearest[met, None] * way[met]
-        found = Lines(points, points, surface, np.full(n, bay), np.full(n, REGULAR))
-    else:
-        met = np.flatnonzero(surface >= 0)
-        rays = Rays(
-            met // n_rays,
-            np.broadcast_to(scene.scanner, (len(met), 3)),
-            ways.reshape(-1, 3)[met],
-            1.01 * scene.farthest_range * nearest[met],
-            surface[met],
-        )
-        found = _merge(scene, bay, ray, rays, optics)
-    return _let_it_snow(scene, ray, found, optics) if optics and optics.snow else found
+        return Lines(points, points, surface, np.full(n, bay), np.full(n, REGULAR))
+    met = np.flatnonzero(surface >= 0)
+    rays = Rays(
+        met // n_rays,
+        np.broadcast_to(scene.scanner, (len(met), 3)),
+        ways.reshape(-1, 3)[met],
+        reach * nearest[met],
+        surface[met],
+    )
+    return _merge(scene, bay, ray, rays, optics)
 
 
 def _merge(scene, bay, ray, rays, optics):

@@ -15,6 +15,7 @@ from sklearn_mcmd.datasets._echoes import (
     REGULAR,
     SNOW,
     Rays,
+    blocks,
     cone,
     merge,
     truths,
@@ -282,40 +283,52 @@ def _find_echoes(world, sensor, n, rng, snow_rng):
 def _cast(world, sensor, beams, rng, snow_rng):
     """First echo of each beam (range, part), and all echoes."""
     n = len(beams.line)
-    ways = cone(beams.directions, sensor.divergence)
-    rays = Rays(
-        np.repeat(np.arange(n), ways.shape[1]),
-        np.repeat(beams.origins, ways.shape[1], axis=0),
-        ways.reshape(-1, 3),
-        np.zeros(n * ways.shape[1]),
-        None,
-    )
     first, echoes = (np.full(n, np.inf), np.full(n, -1)), []
-    for order in range(1, _MOST_ECHOES + 1):
-        rays = _meet(world, sensor, rays, rng)
-        found, of_ray = _echoes(world, sensor, beams, rays, order)
-        if order == 1:
-            first[0][found.beam], first[1][found.beam] = found.ranges, found.part
-        on = world.through[found.part] & (rng.random(len(found.part)) < sensor.passing)
-        on = (of_ray >= 0) & on[of_ray] & world.through[rays.part]
-        rays = Rays(*(values[on] for values in rays))
-        echoes.append(found)
-        if len(rays.beam) == 0:
-            break
+    for rows in blocks(n, sensor.divergence):
+        echoes += _cast_block(world, sensor, beams, np.arange(n)[rows], rng)
     echoes = Echoes(*map(np.concatenate, zip(*echoes, strict=True)))
+    begin = echoes.order == 1
+    for values, found in zip(first, (echoes.ranges, echoes.part), strict=True):
+        values[echoes.beam[begin]] = found[begin]
     known = echoes.kind >= 0
     if not known.all():
         echoes = Echoes(*(values[known] for values in echoes))
     return first, _let_it_snow(world, sensor, beams, first[0], echoes, snow_rng)
 
 
-def _meet(world, sensor, rays, rng):
+def _cast_block(world, sensor, beams, numbers, rng):
+    """All echoes of the beams of these numbers: those of each order."""
+    ways = cone(beams.directions[numbers], sensor.divergence)
+    n_rays = ways.shape[1]
+    rays = Rays(
+        np.repeat(numbers, n_rays),
+        np.repeat(beams.origins[numbers], n_rays, axis=0),
+        ways.reshape(-1, 3),
+        np.zeros(ways[..., 0].size),
+        None,
+    )
+    apart = sensor.reach * np.linalg.norm(ways - ways[:, :1], axis=2).max(initial=0.0)
+    echoes = []
+    for order in range(1, _MOST_ECHOES + 1):
+        whole = order == 1
+        rays = _meet(world, sensor, rays, rng, *((n_rays, apart) if whole else ()))
+        found, of_ray = _echoes(world, sensor, beams, rays, order)
+        on = world.through[found.part] & (rng.random(len(found.part)) < sensor.passing)
+        on = (of_ray >= 0) & on[of_ray] & world.through[rays.part]
+        rays = Rays(*(values[on] for values in rays))
+        echoes.append(found)
+        if len(rays.beam) == 0:
+            break
+    return echoes
+
+
+def _meet(world, sensor, rays, rng, bundle=1, apart=0.0):
     """What rays meet behind their ranges; only those that meet something."""
     start = np.where(rays.ranges > 0, rays.ranges + 1e-3, 0.0)
     origin = rays.origins + start[:, None] * rays.directions
     left = sensor.reach - start
     ends = origin + left[:, None] * rays.directions
-    fraction, part = first_hits(world.parts, origin, ends, rng)
+    fraction, part = first_hits(world.parts, origin, ends, rng, bundle, apart)
     met = part >= 0
     ranges = start[met] + fraction[met] * left[met]
     return Rays(rays.beam[met], rays.origins[met], rays.directions[met], ranges, part[met])

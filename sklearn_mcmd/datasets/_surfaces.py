@@ -385,10 +385,10 @@ class Reach:
             (start.copy(), step.copy()) for start, step in zip(self.origin.T, way.T, strict=True)
         ]
 
-    def near(self, bounds):
-        """Numbers of the segments that pass through the ball around a box (2, 3)."""
+    def near(self, bounds, more=0.0):
+        """Numbers of the segments that pass through the ball around a box (2, 3), or by `more`."""
         center = (bounds[0] + bounds[1]) / 2
-        radius = np.linalg.norm(bounds[1] - center)
+        radius = np.linalg.norm(bounds[1] - center) + more
         along, miss = np.zeros((2, len(self.squared)))
         for (start, step), middle in zip(self.axes, center, strict=True):
             along += (middle - start) * step
@@ -398,8 +398,20 @@ class Reach:
         return np.flatnonzero(miss <= radius * radius * (1 + 1e-9))
 
 
-def first_hits(parts, origin, ends, rng):
+def first_hits(parts, origin, ends, rng, bundle=1, apart=0.0):
     """Where segments from one origin, or from one each, end first.
+
+    Parameters
+    ----------
+    parts : list of surfaces
+    origin : ndarray of shape (3,) or (n, 3)
+    ends : ndarray of shape (n, 3)
+    rng : Generator
+    bundle : int, default=1
+        So many segments in a row start at one place and end near that of the first of them, which
+        stands for all where parts are sought that may be met.
+    apart : float, default=0.0
+        No end is farther than this from that of the first of its bundle.
 
     Returns
     -------
@@ -409,11 +421,16 @@ def first_hits(parts, origin, ends, rng):
         Number of the part, -1 where the segment meets nothing.
     """
     nearest, met = np.full(len(ends), np.inf), np.full(len(ends), -1)
-    reach = Reach(origin, ends)
+    origin = np.broadcast_to(origin, ends.shape)
+    reach = Reach(origin[::bundle], ends[::bundle])
     for number, part in enumerate(parts):
         # A lone ball of leaves draws for all segments, so that scans stay what they were.
-        rows = np.arange(len(ends)) if isinstance(part, Foliage) else reach.near(part.bounds)
-        start, stop = reach.origin[rows], ends[rows]
+        if isinstance(part, Foliage):
+            rows = np.arange(len(ends))
+        else:
+            first = bundle * reach.near(part.bounds, apart)
+            rows = (first[:, None] + np.arange(bundle)).ravel()
+        start, stop = origin[rows], ends[rows]
         if isinstance(part, Soft):
             fraction = part.scatter(start, stop, rng)
         else:

@@ -6,12 +6,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import kstest, norm
 
 from scenes import scanned, scene_of
-from sklearn_mcmd.datasets import make_lidar_turn, make_mobile_scan, make_street
-from sklearn_mcmd.datasets._echoes import MIXED, PHASE_SHIFT, PULSED, Rays, cone, merge
+from sklearn_mcmd.datasets import _spinning, make_lidar_turn, make_mobile_scan, make_street
+from sklearn_mcmd.datasets._echoes import MIXED, PHASE_SHIFT, PULSED, Rays, blocks, cone, merge
 from sklearn_mcmd.datasets._scan_lines import Optics, scan_lines
 from sklearn_mcmd.datasets._scene import Scene
 from sklearn_mcmd.datasets._street import _street
-from sklearn_mcmd.datasets._surfaces import Patch, Soft
+from sklearn_mcmd.datasets._surfaces import Patch, Soft, first_hits
 
 WIDTH = 0.008
 
@@ -38,6 +38,28 @@ def test_sub_rays_carry_equal_energy_of_a_gaussian_beam():
 def test_a_beam_without_width_is_its_axis():
     axes = directions(5)
     assert_array_equal(cone(axes, 0.0), axes[:, None])
+
+
+def test_bundles_of_rays_meet_what_each_ray_meets():
+    world = _spinning._campus(np.random.default_rng(0))
+    parts = [part for part in world.parts if not isinstance(part, Soft)]
+    rng = np.random.default_rng(1)
+    axes = directions(400)
+    axes[:, 2] *= 0.2
+    ways = cone(axes / np.linalg.norm(axes, axis=1, keepdims=True), 0.02)
+    apart = 60 * np.linalg.norm(ways - ways[:, :1], axis=2).max()
+    origin, ends = np.zeros(3), 60 * ways.reshape(-1, 3)
+    bundled = first_hits(parts, origin, ends, rng, 19, apart)
+    alone = first_hits(parts, origin, ends, rng)
+    for values, expected in zip(bundled, alone, strict=True):
+        assert_array_equal(values, expected)
+    assert len(np.unique(bundled[1])) > 50
+
+
+@pytest.mark.parametrize(("n", "divergence"), [(0, 0.0), (0, 0.1), (5, 0.0), (20_000, 0.1)])
+def test_blocks_hold_every_beam_once(n, divergence):
+    rows = [np.arange(n)[block] for block in blocks(n, divergence)]
+    assert_array_equal(np.concatenate(rows), np.arange(n))
 
 
 def strongest(ranges, resolution):
