@@ -9,6 +9,7 @@ cloud with a truth, or loses (-), and the number of regions in real clouds.
     python benchmarks/ablation.py sizes --seeds 1 --data ../shared/data
     python benchmarks/ablation.py detector --data ../shared/data
     python benchmarks/ablation.py rays --seeds 1 --data ../shared/data
+    python benchmarks/ablation.py ground --data ../shared/data
 
 The detector is measured by what it keeps of real points, what it finds of outliers (TPR), the
 average precision of its score (AP) and the share of right labels, on streets and on real clouds
@@ -31,6 +32,7 @@ from pathlib import Path
 import numpy as np
 from _ablation_changes import Constant, Limit, Parameter
 from _ablation_clouds import (
+    below_ground,
     contaminated,
     machined_parts,
     seen,
@@ -164,6 +166,18 @@ def outlier_scores(outlier, scores):
     }
 
 
+def low_points(X):
+    """Points of groups far below ground, as ``mcmd denoise --low-groups`` finds them."""
+    from sklearn_mcmd.io._ground import depths_of_groups
+
+    ground = X[:, 3] == 1
+    return depths_of_groups(X[:, :3], ground, ~ground) > CUTOFF
+
+
+def low_scores(echo, low):
+    return {"kept": 100 * (~low[~echo]).mean(), "found": 100 * low[echo].mean()}
+
+
 PARTS = {
     "growing": Part(
         tried=(
@@ -272,6 +286,13 @@ PARTS = {
         prepare=seen_planes_of,
         run=scores_of,
         measure=seen_scores,
+    ),
+    "ground": Part(
+        tried=(Constant("io._ground", "CORNERS"), Constant("io._ground", "LINKED")),
+        scenes=below_ground,
+        prepare=lambda X: X,
+        run=low_points,
+        measure=low_scores,
     ),
 }
 
