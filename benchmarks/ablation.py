@@ -9,6 +9,7 @@ cloud with a truth, or loses (-), and the number of regions in real clouds.
     python benchmarks/ablation.py sizes --seeds 1 --data ../shared/data
     python benchmarks/ablation.py detector --data ../shared/data
     python benchmarks/ablation.py rays --seeds 1 --data ../shared/data
+    python benchmarks/ablation.py ground --data ../shared/data
 
 The detector is measured by what it keeps of real points, what it finds of outliers (TPR), the
 average precision of its score (AP) and the share of right labels, on streets and on real clouds
@@ -22,89 +23,28 @@ the kernels of these parts take constants as arguments.
 import argparse
 import csv
 import functools
-import importlib
 import warnings
 from collections.abc import Callable
-from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
-from _pcpnet import benchmark_clouds
-from _real_clouds import inject, load_clouds
+from _ablation_changes import Constant, Limit, Parameter
+from _ablation_clouds import (
+    below_ground,
+    contaminated,
+    machined_parts,
+    seen,
+    shapes,
+    simulated,
+    streets,
+    true_normals,
+)
 from sklearn.metrics import average_precision_score
 
 from sklearn_mcmd.outliers._cloud import JudgedCloud
 from sklearn_mcmd.outliers._detector import CUTOFF
-
-FACTORS = (0.5, 0.8, 1.25, 2.0)
-
-
-def scaled(default, most=np.inf):
-    """Label and value of a constant times each factor; counts stay whole."""
-    for factor in FACTORS:
-        value = default * factor
-        yield (
-            f"x {factor:g}",
-            min(max(1, round(value)) if isinstance(default, int) else value, most),
-        )
-
-
-@dataclass(frozen=True)
-class Constant:
-    """A constant of a module, the value that switches its rule off, if there is one, and the most
-    that it can be."""
-
-    module: str
-    name: str
-    off: float | None = None
-    most: float = np.inf
-
-    def variants(self):
-        home = importlib.import_module(f"sklearn_mcmd.{self.module}")
-        for label, value in scaled(getattr(home, self.name), self.most):
-            yield label, lambda value=value: replaced(home, self.name, value), {}
-        if self.off is not None:
-            yield "off", lambda: replaced(home, self.name, self.off), {}
-
-    def __str__(self):
-        return f"{self.module.rpartition('.')[2]}.{self.name}"
-
-
-@dataclass(frozen=True)
-class Limit:
-    """A field of a record of limits that a module makes, and the most that it can be."""
-
-    module: str
-    record: str
-    name: str
-    most: float = np.inf
-
-    def variants(self):
-        home = importlib.import_module(f"sklearn_mcmd.{self.module}")
-        record = getattr(home, self.record)
-        for label, value in scaled(record._field_defaults[self.name], self.most):
-            made = functools.partial(record, **{self.name: value})
-            yield label, lambda made=made: replaced(home, self.record, made), {}
-
-    def __str__(self):
-        return f"{self.record}.{self.name}"
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A parameter of the estimator, with the values to try."""
-
-    name: str
-    values: tuple
-
-    def variants(self):
-        for value in self.values:
-            yield f"{value}", nullcontext, {self.name: value}
-
-    def __str__(self):
-        return self.name
 
 
 @dataclass(frozen=True)
@@ -127,16 +67,6 @@ class Part:
     measure: Callable
     clouds: tuple = ()
     count: Callable = len
-
-
-@contextmanager
-def replaced(module, name, value):
-    kept = getattr(module, name)
-    setattr(module, name, value)
-    try:
-        yield
-    finally:
-        setattr(module, name, kept)
 
 
 def columns_of(X):
@@ -175,80 +105,6 @@ def normal_scores(truth, normals):
     return {"all": 100 * right[regular].mean(), "near": 100 * right[near].mean()}
 
 
-def true_normals(scene):
-    """Normals, which points are within four spacings of an edge, and which are regular."""
-    return scene.normals, scene.edge_distance < 4 * scene.spacing, scene.outlier_kind == 0
-
-
-def simulated(options, truth, outlier_share):
-    from sklearn_mcmd import datasets
-
-    for name in ("traffic_furniture", "bus_stop", "street", "box", "crown_roof"):
-        make = getattr(datasets, f"make_{name}")
-        for seed in range(options.seeds):
-            scene = make(options.size, outlier_share=outlier_share, random_state=seed)
-            yield name, f"{name}_{options.size}_{seed}", scene.data, truth(scene)
-
-
-def machined_parts(options):
-    for name in ("cad_angle_block", "cad_featuretype", "cad_plate_holes"):
-        path = Path(options.data) / name / "cloud.npz"
-        if path.is_file():
-            with np.load(path) as arrays:
-                X, normals = arrays["xyz"].astype(np.float64), arrays["normals"]
-                near = arrays["edge_dist"] < 4 * spacing_of(X)
-            yield name, name, X, (normals, near, np.ones(len(X), dtype=bool))
-
-
-def shapes(options):
-    """A hand and a vase, clean and with two levels of noise."""
-    path = Path(options.data) / "dipole_shapes"
-    if path.is_dir():
-        for cloud in benchmark_clouds(path, ["none", "0.12 %", "0.6 %"]):
-            everyone = np.ones(len(cloud.points), dtype=bool)
-            truth = cloud.normals, everyone, everyone
-            yield f"{cloud.shape} {cloud.kind}", None, cloud.points, truth
-
-
-def spacing_of(X):
-    """Side of the square that a point has for itself."""
-    from scipy.spatial import cKDTree
-
-    distances, _ = cKDTree(X).query(X[::17], k=20)
-    return float(np.sqrt(np.median(np.pi * distances[:, -1] ** 2 / 20)))
-
-
-def streets(options):
-    """With 10 and 20 % of outliers; True for these."""
-    from sklearn_mcmd.datasets import make_street
-
-    for n in (100_000, 20_000, 400):  # the last for what is only for small clouds
-        for share in (0.1, 0.2):
-            for seed in range(options.seeds):
-                street = make_street(n, outlier_share=share, random_state=seed)
-                yield f"{n} {share:.0%}", None, street.data, street.target == -1
-
-
-REAL = {  # and most points
-    "isprs_samp31": None,
-    "ahn3_amsterdam_2397": None,
-    "ign_village": 60_000,
-    "pcl_cars_mincut": None,
-    "jakarto_scanlines": None,
-    "fast_gicp_velodyne": None,
-    "pcl_office1": 60_000,
-}
-
-
-def contaminated(options):
-    """Real clouds, without the noise that is known, with outliers put in; True for these."""
-    for name, most in REAL.items():
-        for cloud in load_clouds(options.data, [name], most):
-            points = cloud.points if cloud.noise is None else cloud.points[~cloud.noise]
-            points, kind = inject(points, np.random.default_rng(0))
-            yield name, None, points, kind != "real"
-
-
 class KnownPlanes(JudgedCloud):
     """A judged cloud that keeps its planes: no constant of the detector's judgement changes them.
 
@@ -283,23 +139,6 @@ def scores_of(cloud):
     return known.fit(cloud.X).scores
 
 
-def seen(options):
-    """Streets with trees, and real turns; points, then the sensor's position. True for outliers."""
-    from sklearn_mcmd.datasets import make_street
-
-    for share in (0.1, 0.2):
-        for seed in range(options.seeds):
-            street = make_street(
-                sampling="scan_lines", tree=True, outlier_share=share, random_state=seed
-            )
-            X = np.hstack([street.data, np.broadcast_to(street.scanners[0], street.data.shape)])
-            yield f"street {share:.0%}", None, X, street.target == -1
-    for name in ("snow_spinning_lidar", "fast_gicp_velodyne"):
-        for cloud in load_clouds(options.data, [name]):
-            outlier = np.zeros(len(cloud.points), bool) if cloud.noise is None else cloud.noise
-            yield cloud.name, None, np.hstack([cloud.points, 0 * cloud.points]), outlier
-
-
 def seen_planes_of(X):
     from sklearn_mcmd import MCMDOutlierDetector
 
@@ -325,6 +164,18 @@ def outlier_scores(outlier, scores):
         "AP": 100 * average_precision_score(outlier, scores),
         "right": 100 * (flagged == outlier).mean(),
     }
+
+
+def low_points(X):
+    """Points of groups far below ground, as ``mcmd denoise --low-groups`` finds them."""
+    from sklearn_mcmd.io._ground import depths_of_groups
+
+    ground = X[:, 3] == 1
+    return depths_of_groups(X[:, :3], ground, ~ground) > CUTOFF
+
+
+def low_scores(echo, low):
+    return {"kept": 100 * (~low[~echo]).mean(), "found": 100 * low[echo].mean()}
 
 
 PARTS = {
@@ -435,6 +286,13 @@ PARTS = {
         prepare=seen_planes_of,
         run=scores_of,
         measure=seen_scores,
+    ),
+    "ground": Part(
+        tried=(Constant("io._ground", "CORNERS"), Constant("io._ground", "LINKED")),
+        scenes=below_ground,
+        prepare=lambda X: X,
+        run=low_points,
+        measure=low_scores,
     ),
 }
 

@@ -1,7 +1,7 @@
 """The pictures of the landing page, of the first scan and of the guides, from one command.
 
 python docs/figures.py                 # all of them, in docs/images/guide
-python docs/figures.py clean edges     # these two
+python docs/figures.py landing doors   # these two
 
 Clouds are simulated with fixed seeds, and results are those of the estimators. The picture of the
 page (``first_scan_page``) needs playwright and a browser: ``--browser /usr/bin/chromium``.
@@ -10,85 +10,41 @@ page (``first_scan_page``) needs playwright and a browser: ``--browser /usr/bin/
 import argparse
 import io
 import tempfile
-from functools import cache
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from figures_common import (
+    FOLDER,
+    VIEW,
+    creases,
+    detector,
+    kept,
+    normals,
+    regions,
+    save,
+    street,
+    write_jpg,
+)
+from figures_guides import GUIDE_PICTURES
 from PIL import Image
 
-from sklearn_mcmd import (
-    BaardaPlaneDetector,
-    MCMDOutlierDetector,
-    RegionGrowing,
-    RobustNormalEstimator,
-    SharpFeatureDetector,
-)
-from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import PointCloud, write_points
-from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.plotting import (
     EdgeDisplay,
     NormalsDisplay,
     OutlierDisplay,
-    PlaneResidualDisplay,
     SegmentationDisplay,
     normal_colors,
     plot_cloud,
     region_colors,
 )
 
-FOLDER = Path(__file__).parent / "images" / "guide"
-DPI = 110
-# Okabe and Ito's colors, which the common color blindnesses keep apart.
-GRAY, RED, BLUE, GREEN, PURPLE, ORANGE = (
-    "#9aa3ad",
-    "#d55e00",
-    "#0072b2",
-    "#009e73",
-    "#a0528f",
-    "#e69f00",
-)
-plt.rcParams.update({"font.size": 10, "axes.spines.top": False, "axes.spines.right": False})
-
-
-# The scan of the first pages
-
-
-@cache
-def street():
-    """The street that `mcmd demo` writes: 60,000 points, a tenth of them outliers."""
-    scan = make_street(60_000, outlier_share=0.1, random_state=0)
-    scan.data = np.round(scan.data, 4)
-    return scan
-
-
-@cache
-def detector():
-    return MCMDOutlierDetector(random_state=0).fit(street().data)
-
-
-@cache
-def kept():
-    return street().data[detector().scores_ >= detector().offset_]
-
-
-@cache
-def normals():
-    return RobustNormalEstimator(random_state=0).fit(kept())
-
-
-@cache
-def regions():
-    return RegionGrowing(random_state=0).fit(kept())
-
-
-@cache
-def creases():
-    return SharpFeatureDetector(random_state=0).fit(kept())
+SOFTWARE_RENDERING = [
+    *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"),
+    *("--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"),
+]
+DRAWN = "cloudPage.loaded && !cloudPage.renderer.moving && !cloudPage.renderer.scheduled"
 
 
 def landing():
@@ -124,14 +80,6 @@ def doors():
         low, high = np.percentile(np.asarray(ax.collections[0].get_offsets()), [2, 98], axis=0)
         ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         save(fig, f"{name}.jpg", quality=80)
-
-
-VIEW = (-64.0, 26.0)
-SOFTWARE_RENDERING = [
-    *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"),
-    *("--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"),
-]
-DRAWN = "cloudPage.loaded && !cloudPage.renderer.moving && !cloudPage.renderer.scheduled"
 
 
 def first_scan():
@@ -176,408 +124,8 @@ def first_scan_page(browser):
     write_jpg(picture, "first_scan_page.jpg", quality=82)
 
 
-# Principles
-
-
-def majority():
-    """One neighborhood of 50 points, ten of them outliers, in a cross section."""
-    rng = np.random.default_rng(3)
-    x = rng.uniform(-1, 1, 50)
-    points = np.column_stack([x, rng.normal(0, 0.03, 50)])
-    points[:10] = np.column_stack([rng.uniform(0.55, 0.95, 10), rng.normal(0.75, 0.1, 10)])
-    fig, axes = plt.subplots(1, 2, figsize=(10, 3.1), layout="constrained", sharey=True)
-    for ax, method, title, color in (
-        (axes[0], "pca", "Least squares: every point pulls", BLUE),
-        (axes[1], "mcmd_z", "MCMD: the plane that most points agree on", GREEN),
-    ):
-        estimator = RobustNormalEstimator(None, method=method, random_state=0).fit(points)
-        normal = estimator.normals_[0]
-        height = normal @ points[0] + estimator.plane_offset_[0]
-        line = np.array([-1.1, 1.1])
-        ax.plot(line, (height - normal[0] * line) / normal[1], color=color, lw=2.5, zorder=1)
-        ax.scatter(*points[10:].T, s=22, color="0.35", lw=0)
-        ax.scatter(*points[:10].T, s=22, color=RED, lw=0)
-        angle = bias_angle(normal[None], np.array([[0.0, 1.0]]))[0]
-        ax.set_title(f"{title}\n{angle:.1f} degrees off", fontsize=11)
-        ax.set(aspect="equal", ylim=(-0.45, 1.05))
-        ax.set_axis_off()
-    save(fig, "majority.png")
-
-
-def wall_and_tree(seed=0):
-    """A road, a wall, a bush, a ghost and stray points, seen from the side."""
-    rng = np.random.default_rng(seed)
-    road = np.column_stack([rng.uniform(0, 6, 5_000), rng.uniform(0, 1, 5_000), np.zeros(5_000)])
-    front = np.column_stack([np.full(2_500, 6.0), rng.uniform(0, (1, 3), (2_500, 2))])
-    faces = np.vstack([road, front]) + rng.normal(0, 0.005, (7_500, 3))
-    leaves = rng.normal(0, 1, (2_500, 3))
-    leaves *= (rng.uniform(0, 1, 2_500) ** (1 / 3) / np.linalg.norm(leaves, axis=1))[:, None]
-    leaves = leaves * [0.6, 0.45, 0.5] + [1.3, 0.5, 1.0]
-    ghost = rng.normal((4.3, 0.5, 1.9), 0.06, (40, 3))
-    stray = np.array([[3.1, 0.5, 0.9], [2.7, 0.5, 2.5], [5.2, 0.5, 0.5], [0.4, 0.5, 2.4]])
-    return np.vstack([faces, leaves, ghost, stray]), len(faces), len(leaves), len(ghost)
-
-
-def outliers_principle():
-    points, n_faces, n_leaves, n_ghost = wall_and_tree()
-    judge = MCMDOutlierDetector(random_state=0).fit(points)
-    flagged = judge.scores_ < judge.offset_
-    scores = -judge.scores_
-    fig, ax = plt.subplots(figsize=(10, 4.6), layout="constrained")
-    colors = np.where(judge.on_surface_, GRAY, np.where(flagged, RED, GREEN))
-    sizes = np.where(flagged, 26, np.where(judge.on_surface_, 2, 5))
-    order = np.argsort(sizes, kind="stable")
-    ax.scatter(
-        points[order, 0], points[order, 2], s=sizes[order], c=colors[order], lw=0, rasterized=True
-    )
-    ghost = scores[n_faces + n_leaves : n_faces + n_leaves + n_ghost]
-    strays = scores[-4:]
-    arrow = {"arrowstyle": "-", "color": "0.5", "lw": 0.8}
-    for text, place, at in (
-        ("on a surface: excused", (4.2, -0.45), (4.0, 0.0)),
-        ("leaves: they keep company, excused", (0.0, -0.45), (1.2, 0.6)),
-        (
-            f"a small group that hangs in the air\nscore {np.median(ghost):.0f}",
-            (3.5, 2.75),
-            (4.3, 1.98),
-        ),
-        (f"alone: score {strays[0]:.0f}", (3.35, 0.85), (3.13, 0.9)),
-        (f"alone: score {strays[1]:.0f}", (1.55, 2.75), (2.67, 2.53)),
-    ):
-        ax.annotate(text, at, place, arrowprops=arrow, fontsize=10.5, color="0.2")
-    ax.set(aspect="equal", ylim=(-0.6, 3.15), xlim=(-0.1, 6.2))
-    ax.set_axis_off()
-    save(fig, "outliers_principle.png")
-
-
-def outliers_strictness():
-    scan = make_street(
-        40_000, tree=True, outlier_share=0.02, outlier_kinds=("uniform", "ghost"), random_state=0
-    )
-    fig, axes = plt.subplots(1, 3, figsize=(13, 3.9), layout="constrained")
-    for ax, strictness in zip(axes, ("isolated", "groups", "surfaces"), strict=True):
-        judge = MCMDOutlierDetector(strictness=strictness, random_state=0).fit(scan.data)
-        flagged = judge.scores_ < judge.offset_
-        plot_cloud(scan.data, outliers=flagged, ax=ax)
-        ax.set_title(f'"{strictness}" takes {100 * flagged.mean():.1f} %', fontsize=12)
-    save(fig, "outliers_strictness.jpg")
-
-
-def outliers_scores():
-    scores = -detector().scores_
-    fig, ax = plt.subplots(figsize=(8.5, 2.9), layout="constrained")
-    step = 1.15  # a border of bins is at the cutoff
-    bins = 3 * step ** np.arange(-30, 31)
-    ax.hist(np.clip(scores[scores <= 3], bins[0], None), bins, color=GRAY)
-    ax.hist(scores[scores > 3], bins, color=RED)
-    for at, text in ((3, "3\nthe cutoff"), (10, "10\na clear error"), (100, "100\na gross error")):
-        ax.axvline(at, color="0.3", lw=1, ls=":")
-        ax.text(at * 1.06, 6_000, text, va="top", fontsize=9.5, color="0.25")
-    ax.set(xscale="log", yscale="log", xlabel="score", ylabel="points", ylim=(1, 8_000))
-    ax.set_xticks([0.1, 1, 3, 10, 100], ["0.1", "1", "3", "10", "100"])
-    save(fig, "outliers_scores.png")
-
-
-def corner(n=14_000, noise=0.004, seed=0):
-    """A floor that meets a wall at x = 0, with the true normals."""
-    rng = np.random.default_rng(seed)
-    floor = np.column_stack([rng.uniform(-1, 0, n), rng.uniform(0, 1, n), np.zeros(n)])
-    wall = np.column_stack([np.zeros(n), rng.uniform(0, 1, n), rng.uniform(0, 1, n)])
-    truth = np.repeat([[0.0, 0, 1], [1.0, 0, 0]], n, axis=0)
-    return np.vstack([floor, wall]) + rng.normal(0, noise, (2 * n, 3)), truth
-
-
-def normals_principle():
-    points, truth = corner(5_000)
-    slab = (np.abs(points[:, 1] - 0.5) < 0.022) & (points[:, 0] > -0.3) & (points[:, 2] < 0.3)
-    fig, axes = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
-    for ax, method, title in (
-        (axes[0], "pca", "Least squares rounds the edge off"),
-        (axes[1], "mcmd_z", "Here a normal is that of one face"),
-    ):
-        estimator = RobustNormalEstimator(method=method, random_state=0).fit(points)
-        seen = estimator.normals_[slab]
-        wrong = bias_angle(seen, truth[slab]) > 10
-        toward = np.where(seen @ [-1.0, 0, 1.0] < 0, -1.0, 1.0)[:, None] * seen
-        for rows, color in ((~wrong, BLUE), (wrong, RED)):
-            start = points[slab][rows]
-            end = start + 0.06 * toward[rows]
-            ax.plot(
-                [start[:, 0], end[:, 0]], [start[:, 2], end[:, 2]], color=color, lw=1.1, zorder=1
-            )
-        ax.scatter(points[slab, 0], points[slab, 2], s=9, color="0.25", lw=0, zorder=2)
-        ax.set_title(
-            f"{title}\n{wrong.sum()} of {slab.sum()} normals off by > 10 degrees", fontsize=11
-        )
-        ax.set(aspect="equal")
-        ax.set_axis_off()
-    save(fig, "normals_principle.png")
-
-
-def normals_street():
-    """The error of each normal on the street, least squares beside the default."""
-    scan = street()
-    known = np.isfinite(scan.normals).all(axis=1)
-    fig, axes = plt.subplots(1, 2, figsize=(12, 4.6), layout="constrained")
-    for ax, method, name in ((axes[0], "pca", "least squares"), (axes[1], "mcmd_z", "default")):
-        found = RobustNormalEstimator(method=method, random_state=0).fit(scan.data).normals_[known]
-        angle = bias_angle(found, scan.normals[known])
-        plot_cloud(scan.data[known], outliers=angle > 10, ax=ax)
-        ax.set_title(
-            f"{name}: {100 * np.mean(angle > 10):.1f} % of the normals are wrong", fontsize=12
-        )
-    save(fig, "normals_street.jpg")
-
-
-def bent_pipe(n=24_000, radius=0.3, bend=1.0, noise=0.002, seed=0):
-    """A pipe with a bend of 90 degrees, and the true mean curvature of its points."""
-    rng = np.random.default_rng(seed)
-    around = rng.uniform(0, 2 * np.pi, n)
-    along = rng.uniform(-1.6, np.pi / 2 * bend + 1.6, n)
-    turn = np.clip(along / bend, 0, np.pi / 2)
-    before, after = np.minimum(along, 0), np.maximum(along - np.pi / 2 * bend, 0)
-    outward = np.column_stack([np.sin(turn), -np.cos(turn), np.zeros(n)])
-    forward = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(n)])
-    axis = bend * outward + forward * (before + after)[:, None]
-    points = axis + radius * (
-        np.cos(around)[:, None] * outward + np.sin(around)[:, None] * [0.0, 0, 1]
-    )
-    in_bend = (turn > 0) & (turn < np.pi / 2)
-    across = np.where(in_bend, np.cos(around) / (bend + radius * np.cos(around)), 0.0)
-    return points + rng.normal(0, noise, (n, 3)), (1 / radius + across) / 2
-
-
-def curvature():
-    points, truth = bent_pipe()
-    estimator = RobustNormalEstimator(
-        100, features=["mean_curvature", "mean_curvature_error"], random_state=0
-    ).fit(points)
-    found, error = np.abs(estimator.features_[:, 0]), estimator.features_[:, 1]
-    fig, axes = plt.subplots(1, 2, figsize=(12, 4.3), layout="constrained")
-    shade = plt.cm.ScalarMappable(plt.Normalize(1.2, 2.1), "viridis")
-    plot_cloud(
-        points, color=shade.to_rgba(found)[:, :3], view=(-60.0, 55.0), scale_bar=True, ax=axes[0]
-    )
-    axes[0].set_title("mean curvature of a bent pipe, radius 0.3 m", fontsize=12)
-    fig.colorbar(shade, ax=axes[0], label="1 / m", shrink=0.7, extend="both")
-    ax = axes[1]
-    rows = np.random.default_rng(0).choice(len(points), 1_500, replace=False)
-    ax.errorbar(
-        truth[rows], found[rows], yerr=error[rows], fmt="o", ms=2, lw=0.4, color=BLUE, alpha=0.35
-    )
-    ax.plot([0.9, 2.1], [0.9, 2.1], color="0.2", lw=1)
-    ax.set(
-        xlabel="true mean curvature, 1 / m",
-        ylabel="found, with its standard error",
-        ylim=(0.6, 2.6),
-    )
-    save(fig, "curvature.jpg")
-
-
-def edges_principle():
-    points, _ = corner(5_000)
-    search = SharpFeatureDetector(random_state=0).fit(points)
-    slab = (np.abs(points[:, 1] - 0.5) < 0.035) & (points[:, 0] > -0.25) & (points[:, 2] < 0.25)
-    spacings = search.scores_[slab]
-    edge = spacings < search.offset_
-    fig, ax = plt.subplots(figsize=(6.4, 4.4), layout="constrained")
-    ax.axhline(0, color=BLUE, lw=1, zorder=0)
-    ax.axvline(0, color=BLUE, lw=1, zorder=0)
-    shade = plt.cm.ScalarMappable(plt.Normalize(0, 12), "viridis_r")
-    place = points[slab][:, [0, 2]]
-    ax.scatter(*place.T, s=26, c=shade.to_rgba(spacings), lw=0)
-    ax.scatter(*place[edge].T, s=70, facecolors="none", edgecolors=RED, lw=1.4)
-    fig.colorbar(shade, ax=ax, label="distance to the crease, spacings", shrink=0.8, extend="max")
-    ax.set(aspect="equal", xlim=(-0.26, 0.06), ylim=(-0.06, 0.26))
-    ax.set_axis_off()
-    ax.text(-0.25, 0.022, "plane of one face", color=BLUE, fontsize=9.5)
-    ax.text(0.008, 0.2, "plane of\nthe other", color=BLUE, fontsize=9.5)
-    save(fig, "edges_principle.png")
-
-
-def edges_criteria():
-    """The crease beside the paper's criterion."""
-    fig, axes = plt.subplots(1, 2, figsize=(12, 4.6), layout="constrained")
-    for ax, options, name in (
-        (axes[0], {"criterion": "surface_variation"}, 'criterion="surface_variation"'),
-        (axes[1], {}, 'criterion="crease", the default'),
-    ):
-        found = SharpFeatureDetector(random_state=0, **options).fit(kept())
-        EdgeDisplay.from_estimator(found, kept(), view=VIEW, ax=ax)
-        share = 100 * np.mean(found.scores_ < found.offset_)
-        ax.set_title(f"{name}: {share:.1f} % are edges", fontsize=12)
-    save(fig, "edges_criteria.jpg")
-
-
-def segments_principle():
-    """A cross section of the kerb, by growth alone and by the default."""
-    points = kept()
-    near = (points[:, 0] > 1.0) & (points[:, 0] < 1.25)
-    alone = {
-        "mutual": False,
-        "regrow_rest": False,
-        "join_coplanar": False,
-        "join_curved": False,
-        "assign_rest": False,
-    }
-    fig, axes = plt.subplots(2, 1, figsize=(9, 3.0), layout="constrained")
-    for ax, model, title in (
-        (
-            axes[0],
-            RegionGrowing(normal_estimator=RobustNormalEstimator(method="pca"), **alone),
-            "least squares, growth alone: one region runs over the kerb",
-        ),
-        (axes[1], regions(), "default: road, kerb and footpath"),
-    ):
-        labels = model.fit(points).labels_
-        y, z = points[near, 1], points[near, 2]
-        band = (y > 1.0) & (y < 4.2) & (z < 0.45)
-        ax.scatter(y[band], z[band], s=9, c=region_colors(labels[near][band]), lw=0)
-        ax.set_title(title, fontsize=11)
-        ax.set(aspect="equal")
-        ax.set_axis_off()
-    save(fig, "segments_principle.png")
-
-
-def fillet(radius=0.05, noise=0.002, seed=0):
-    """A floor and a wall that a quarter of a cylinder joins."""
-    rng = np.random.default_rng(seed)
-    bend = radius * np.pi / 2
-    along, y = rng.uniform(-0.5, bend + 0.5, 12_000), rng.uniform(0, 0.6, 12_000)
-    turn = np.clip(along / radius, 0, np.pi / 2)
-    x = np.minimum(along, 0) + radius * np.sin(turn)
-    z = np.maximum(along - bend, 0) + radius * (1 - np.cos(turn))
-    return np.column_stack([x, y, z]) + rng.normal(0, noise, (12_000, 3))
-
-
-def segments_angle():
-    points = fillet()
-    fig, axes = plt.subplots(1, 2, figsize=(9, 3.9), layout="constrained")
-    for ax, angle in zip(axes, (15, 3), strict=True):
-        found = RegionGrowing(max_angle=angle, random_state=0).fit(points)
-        rows = points[:, 1] < 0.2
-        ax.scatter(
-            points[rows, 0], points[rows, 2], s=5, c=region_colors(found.labels_[rows]), lw=0
-        )
-        ax.set(aspect="equal", xlim=(-0.25, 0.08), ylim=(-0.03, 0.3))
-        ax.set_axis_off()
-        ax.set_title(
-            f"max_angle={angle}: {found.n_regions_} region{'s' * (found.n_regions_ > 1)}",
-            fontsize=11,
-        )
-    save(fig, "segments_angle.png")
-
-
-def segments_street():
-    alone = {"mutual": False, "regrow_rest": False, "join_coplanar": False}
-    alone |= {"join_curved": False, "assign_rest": False}
-    fig, axes = plt.subplots(1, 2, figsize=(12, 4.6), layout="constrained")
-    for ax, model, name in (
-        (
-            axes[0],
-            RegionGrowing(normal_estimator=RobustNormalEstimator(method="pca"), **alone),
-            "least squares, growth alone",
-        ),
-        (axes[1], regions(), "default"),
-    ):
-        found = model.fit(kept())
-        plot_cloud(kept(), color=region_colors(found.labels_), ax=ax)
-        ax.set_title(f"{name}: {found.n_regions_} regions", fontsize=12)
-    save(fig, "segments_street.jpg")
-
-
-def wall(n=8_000, seed=0):
-    """The wall of guide_planes.rst: 4 mm of noise, and a strip that stands 3 cm before it."""
-    rng = np.random.default_rng(seed)
-    points = rng.uniform((0, 0, 0), (4, 0, 2.5), (n, 3))
-    points[:, 1] = rng.normal(0, 0.004, n)
-    front = points[:, 0] > 3.1
-    points[front, 1] -= 0.03
-    return points, front
-
-
-def planes_tilt():
-    points, _ = wall()
-    fig, axes = plt.subplots(2, 1, figsize=(9, 4.6), layout="constrained", sharex=True)
-    for ax, start, title in (
-        (axes[0], False, "Least squares start: the plane leans toward the strip"),
-        (axes[1], True, "robust_start=True"),
-    ):
-        test = BaardaPlaneDetector(
-            sigma0=0.004, surface="orthogonal", robust_start=start, random_state=0
-        ).fit(points)
-        gone = test.labels_ == -1
-        ax.scatter(points[~gone, 0], 1000 * points[~gone, 1], s=3, color="0.45", lw=0)
-        ax.scatter(points[gone, 0], 1000 * points[gone, 1], s=3, color=RED, lw=0)
-        x = np.array([0.0, 4.0])
-        z = 1.25
-        y = (test.distance_ - test.normal_[0] * x - test.normal_[2] * z) / test.normal_[1]
-        ax.plot(x, 1000 * y, color=BLUE, lw=2)
-        ax.set_title(f"{title}: {gone.sum():,} of {len(points):,} points rejected", fontsize=11)
-        ax.set(ylabel="mm", ylim=(-48, 22))
-    axes[1].set_xlabel("along the wall, m")
-    save(fig, "planes_tilt.png")
-
-
-def planes_residuals():
-    points, _ = wall()
-    test = BaardaPlaneDetector(
-        sigma0="auto", surface="orthogonal", robust_start=True, random_state=0
-    ).fit(points)
-    fig, ax = plt.subplots(figsize=(7.6, 4.2), layout="constrained")
-    PlaneResidualDisplay.from_estimator(test, points, ax=ax)
-    save(fig, "planes_residuals.jpg")
-
-
-def save(fig, name, quality=84):
-    """Write a picture: few colors for drawings, JPEG for clouds."""
-    raw = io.BytesIO()
-    fig.savefig(raw, format="png", dpi=DPI, facecolor="white")
-    plt.close(fig)
-    picture = Image.open(raw).convert("RGB")
-    if name.endswith(".jpg"):
-        write_jpg(picture, name, quality)
-        return
-    small = picture.quantize(96, dither=Image.Dither.NONE)
-    small.save(FOLDER / name, optimize=True)
-    report(name)
-
-
-def write_jpg(picture, name, quality):
-    """Write a JPEG that is smaller than 150 kB."""
-    while True:
-        picture.convert("RGB").save(FOLDER / name, quality=quality, optimize=True, progressive=True)
-        if (FOLDER / name).stat().st_size < 150_000:
-            break
-        quality -= 6
-    report(name)
-
-
-def report(name):
-    print(f"{name}: {(FOLDER / name).stat().st_size / 1000:.0f} kB", flush=True)
-
-
 PICTURES = {
-    function.__name__: function
-    for function in (
-        landing,
-        doors,
-        first_scan,
-        majority,
-        outliers_principle,
-        outliers_strictness,
-        outliers_scores,
-        normals_principle,
-        normals_street,
-        curvature,
-        edges_principle,
-        edges_criteria,
-        segments_principle,
-        segments_angle,
-        segments_street,
-        planes_tilt,
-        planes_residuals,
-    )
+    function.__name__: function for function in (landing, doors, first_scan, *GUIDE_PICTURES)
 }
 
 

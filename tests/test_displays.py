@@ -12,6 +12,7 @@ from sklearn_mcmd.plotting import (
     SegmentationDisplay,
     plot_cloud,
 )
+from sklearn_mcmd.plotting._cloud_display import CloudDisplay
 from sklearn_mcmd.plotting._views import VIEWS, camera, look, thinned
 from sklearn_mcmd.view import CloudPage
 
@@ -181,6 +182,19 @@ def test_wrong_views_and_lengths_are_refused(xyz):
         NormalsDisplay(xyz, np.eye(3)[:2])
 
 
+def test_each_display_has_a_view_of_its_own(xyz):
+    usual, named = (EdgeDisplay(xyz, xyz[:, 0] > 0).plot(view=v) for v in (None, "perspective"))
+    drawn = [display.ax_.collections[0].get_offsets() for display in (usual, named)]
+    np.testing.assert_array_equal(*drawn)
+    with pytest.raises(ValueError, match="view must be"):
+        plot_cloud(xyz, view=None)
+
+
+def test_what_displays_share_is_no_display(xyz):
+    with pytest.raises(TypeError, match="abstract"):
+        CloudDisplay()
+
+
 def test_a_few_points_can_be_drawn():
     for n in (1, 2):
         EdgeDisplay(np.zeros((n, 3)), np.zeros(n, bool)).plot().figure_.canvas.draw()
@@ -210,7 +224,6 @@ def test_each_display_has_an_example(shown):
         ({"max_points": 2.5}, "max_points must be"),
         ({"view": (1, 2, 3)}, "view must be a name or azimuth and elevation"),
         ({"view": (1, np.nan)}, "view must be"),
-        ({"view": None}, "view must be"),
     ],
 )
 def test_wrong_options_are_refused_by_name(xyz, wrong, message):

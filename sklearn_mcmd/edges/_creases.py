@@ -7,13 +7,18 @@ decided between two models of the neighborhood: faces that meet in creases, or o
 surface. The verdict is pooled over the neighbors, as an edge is a line and not a point.
 """
 
-from typing import NamedTuple
-
 import numpy as np
-from scipy.special import gamma
 
+from sklearn_mcmd.edges._faces import (
+    OFF,
+    Faces,
+    are_flat,
+    flatness_limit,
+    flatness_of,
+    give_faces,
+    measure_spacing,
+)
 from sklearn_mcmd.planes._chunks import each_chunk, run
-from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._local_planes import COMPILE_FROM
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._progress import progress_part
@@ -23,13 +28,7 @@ __all__ = [
     "FAR",
     "REACH",
     "CreaseModel",
-    "Faces",
-    "are_flat",
-    "flatness_limit",
-    "flatness_of",
-    "give_faces",
     "least_cosine",
-    "measure_spacing",
     "meet_faces",
     "middle",
     "pool_evidence",
@@ -41,14 +40,6 @@ FAR = 20.0
 
 # Entries of the largest array a task holds.
 CHUNK = 1_500_000
-# The spacing is told from this many neighbors, or all if fewer.
-SPACING_NEIGHBORS = 8
-# Noise is at least this share of the spacing: a point is not known better.
-LEAST_NOISE = 0.05
-# Standard deviations beyond which a residual tells no more.
-OFF = 3.0
-# A face is flat: its noise is at most this share of its radius, or this multiple of what is usual.
-FLATNESS, FLATNESS_FACTOR = 0.2, 3.0
 # Neighbors that must lie on another face, at least.
 LEAST_COMPANY = 3
 # A third face is seen where it takes this share off the squared residuals.
@@ -63,52 +54,6 @@ SEARCHING, MEASURING, GIVING, MEETING, JUDGING = (
 STEEPNESS = 30
 OFF_STEEPNESS = 2
 SMOOTH_STEPS = 3
-
-
-# The plane of a face is the one under which a point is most likely.
-LIKELIEST = ExplainLimits(likely=True)
-
-
-class Faces(NamedTuple):
-    """The plane given to each of m points.
-
-    normals : ndarray of shape (m, d)
-    levels : ndarray of shape (m,)
-        n . x of the plane's points.
-    height : ndarray of shape (m,)
-        Of the point above its plane.
-    scale : ndarray of shape (m,)
-        Standard deviation of the noise.
-    spacing : ndarray of shape (m,)
-        Of the points around.
-    flat : ndarray of bool of shape (m,)
-        Whether the plane is that of a face, not of foliage or a cluster.
-    on_face : ndarray of bool of shape (m,)
-        Whether the point lies on such a plane.
-    """
-
-    normals: np.ndarray
-    levels: np.ndarray
-    height: np.ndarray
-    scale: np.ndarray
-    spacing: np.ndarray
-    flat: np.ndarray
-    on_face: np.ndarray
-
-    @classmethod
-    def empty(cls, m, d):
-        """A record to be filled."""
-        numbers, answers = (np.empty(m) for _ in range(4)), (np.empty(m, bool) for _ in range(2))
-        return cls(np.empty((m, d)), *numbers, *answers)
-
-    def take(self, rows):
-        """The planes of some of the points."""
-        return Faces(*(values[rows] for values in self))
-
-    def put(self, rows, part):
-        """Overwrite the planes of some of the points."""
-        for values, some in zip(self, part, strict=True):
-            values[rows] = some
 
 
 class CreaseModel:
@@ -257,79 +202,6 @@ def least_cosine(min_angle):
 def middle(low, high):
     """The origin of a cloud's heights, which are differences of coordinates that may be large."""
     return 0.5 * (low + high)
-
-
-def measure_spacing(points, queries, around, scale):
-    """Spacing of the points around each query, how far they reach, and its plane's noise: no plane
-    is known better."""
-    gaps = points[around.indices] - queries[:, None]
-    distances = np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
-    spacing = _spacing(distances, points.shape[1])
-    return spacing, distances.max(axis=1), np.maximum(scale, LEAST_NOISE * spacing)
-
-
-def flatness_of(planes):
-    """Noise of planes over their radius."""
-    return planes.scale / np.maximum(planes.radius, np.finfo(float).tiny)
-
-
-def flatness_limit(usual):
-    """The largest flatness of a face, from the median of a cloud."""
-    return max(FLATNESS, FLATNESS_FACTOR * usual)
-
-
-def are_flat(planes, limit):
-    return flatness_of(planes) <= limit
-
-
-def give_faces(queries, around, planes, flat, usable, compiled):
-    """Of the planes of its neighbors, the one that explains each query best.
-
-    Parameters
-    ----------
-    queries : ndarray of shape (m, d)
-    around : Neighborhoods
-        Rows of `planes`.
-    planes : Planes
-        Of n points, with the radius and spacing of `measure_spacing`.
-    flat : ndarray of bool of shape (n,)
-    usable : ndarray of bool of shape (n,)
-        True; an array, so that it is made once.
-    compiled : bool
-
-    Returns
-    -------
-    Faces
-    """
-    spacing = np.median(planes.spacing[around.indices], axis=1)
-    least = np.maximum(LEAST_NOISE * spacing, np.finfo(float).tiny)
-    owners = _likeliest(queries, around, planes, usable, least, compiled)
-    far = np.flatnonzero(owners < 0)
-    if len(far):
-        # What no plane reaches is given the likeliest as if all were boundless.
-        near = around.take(far)
-        members = np.unique(near.indices)
-        boundless = planes.take(members)
-        boundless = boundless._replace(radius=np.full_like(boundless.radius, np.inf))
-        near = near._replace(indices=np.searchsorted(members, near.indices).astype(np.int32))
-        found = _likeliest(
-            queries[far], near, boundless, usable[: len(members)], least[far], compiled
-        )
-        # Points in one place have no planes.
-        owners[far] = members[np.where(found < 0, near.indices[:, 0], found)]
-    normals = planes.normals[owners]
-    levels = np.einsum("md,md->m", planes.centroids[owners], normals)
-    height = np.einsum("md,md->m", queries, normals) - levels
-    scale = np.maximum(planes.scale[owners], least)
-    flat = flat[owners]
-    on_face = flat & (np.abs(height) <= OFF * scale)
-    return Faces(normals, levels, height, scale, spacing, flat, on_face)
-
-
-def _likeliest(queries, around, planes, usable, least, compiled):
-    """Whose plane explains each query best, -1 where none does."""
-    most = np.full(len(queries), np.inf)
-    return explain(queries, around, planes, LIKELIEST, usable, least, most, compiled)[0]
 
 
 def meet_faces(queries, own, around, points, faces, cosine):
@@ -498,14 +370,6 @@ def _roundness(neighbors):
     values = np.linalg.eigvalsh(np.matmul(centered.swapaxes(1, 2), centered))
     total = np.maximum(values.sum(axis=1), np.finfo(float).tiny)
     return neighbors.shape[2] * np.clip(values[:, 0] / total, 0.0, 1.0 / neighbors.shape[2])
-
-
-def _spacing(distances, d):
-    """Side of the cell that one point of a (d - 1)-dimensional surface takes, from (m, k)."""
-    n = min(SPACING_NEIGHBORS, distances.shape[1] - 1)
-    radius = np.partition(distances, n, axis=1)[:, n]
-    ball = np.pi ** (0.5 * (d - 1)) / gamma(0.5 * (d - 1) + 1.0)
-    return radius * (ball / n) ** (1.0 / (d - 1))
 
 
 def _median(values):

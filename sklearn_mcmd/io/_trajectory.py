@@ -17,7 +17,8 @@ __all__ = ["TIMES", "Trajectory", "positions_at", "read_trajectory"]
 TIMES = ("gps_time", "time")  # names of columns, the first is taken
 WEEK = 604_800.0  # seconds
 ADJUSTED = 1e9  # what LAS subtracts from GPS seconds
-# A trajectory farther from its points than this many of their extents is in another system.
+# A trajectory farther from its points than this many of their extents is in another system: from
+# there they take 0.06 degrees of its view, a few steps between beams.
 FAR = 1000
 
 

@@ -23,7 +23,7 @@ from sklearn_mcmd.normals._scales import MOST, ScaleFinder
 from sklearn_mcmd.normals._sides import Sides
 from sklearn_mcmd.normals._surface_planes import SurfacePlanes
 from sklearn_mcmd.planes._base import BaseLocalPlanes
-from sklearn_mcmd.planes._columns import joined_columns, plane_offsets
+from sklearn_mcmd.planes._columns import column_names, joined_columns, plane_offsets
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._orientation import point_up
@@ -430,18 +430,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         """
         check_is_fitted(self, "n_features_in_")
         names = check_feature_names_in(self, input_features)
-        return np.asarray(
-            [
-                *names,
-                *(f"normal_{name}" for name in names),
-                "surface_variation",
-                *(f"eigenvalue_{i}" for i in range(len(names))),
-                "plane_offset",
-                "plane_scale",
-                *feature_columns(self._feature_names, names),
-            ],
-            dtype=object,
-        )
+        return column_names(names, feature_columns(self._feature_names, names))
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()

@@ -9,7 +9,7 @@ from sklearn_mcmd.planes._chunks import run
 from sklearn_mcmd.planes._plane import surface_variation
 from sklearn_mcmd.planes._record import Planes
 
-__all__ = ["Columns", "joined_columns", "plane_offsets", "split_columns"]
+__all__ = ["Columns", "column_names", "joined_columns", "plane_offsets", "split_columns"]
 
 # How far the length of a normal may be from 1. A file may have stored it with few digits.
 TOLERANCE = 1e-3
@@ -59,6 +59,14 @@ class Columns(NamedTuple):
 
         run([(part,) for part in _chunks(len(rows))], task, n_jobs)
         return planes
+
+
+def column_names(coordinates, features):
+    """Names of `joined_columns`, from those of the coordinates and of the features behind."""
+    normals = (f"normal_{name}" for name in coordinates)
+    eigenvalues = (f"eigenvalue_{i}" for i in range(len(coordinates)))
+    planes = "surface_variation", *eigenvalues, "plane_offset", "plane_scale"
+    return np.asarray([*coordinates, *normals, *planes, *features], dtype=object)
 
 
 def joined_columns(X, normals, eigenvalues, *others):

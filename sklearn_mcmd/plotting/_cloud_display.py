@@ -1,16 +1,18 @@
-"""What displays of clouds share: drawing of few enough points, legends, and checks."""
+"""What displays of clouds share: how they are made and drawn, legends, and checks."""
 
+from abc import ABC, abstractmethod
 from numbers import Integral
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.plotting._still import plot_cloud
 from sklearn_mcmd.plotting._views import thinned
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from typing import Self
 
     from matplotlib.axes import Axes
@@ -21,8 +23,9 @@ __all__ = [
     "MOST_DRAWN",
     "REGULAR",
     "CloudDisplay",
-    "ColoredDisplay",
+    "Picture",
     "View",
+    "add_legend",
     "choose_colors",
     "one_for_each",
 ]
@@ -34,46 +37,55 @@ REGULAR, FOUND = "#c3cad4", "#d55e00"
 View = str | tuple[float, float]
 
 
-class CloudDisplay:
-    """What all displays of clouds share: points, a label for thinning, and the axes."""
+class Picture(NamedTuple):
+    """What a display draws.
+
+    colors : ndarray of shape (n, 3)
+    labels : ndarray of shape (n,)
+        Of clouds with too many points, rare labels keep more of theirs.
+    title : str
+    complete : callable, default=None
+        Given the axes, adds a legend or the like.
+    """
+
+    colors: NDArray[np.floating]
+    labels: NDArray[Any]
+    title: str
+    complete: "Callable[[Axes], object] | None" = None
+
+
+class CloudDisplay(ABC):
+    """What all displays of clouds share: where they come from, how they are drawn, and on what."""
 
     xyz: NDArray[np.float64]
-    ax_: "Axes"
-    figure_: "Figure"
+    _ax: "Axes"
+    from_predictions: ClassVar["Callable[..., Any]"]  # each display's own, by names of arguments
 
-    def _draw(self, colors, labels, title, *, view, max_points, ax, outliers=None, scale_bar=True):
-        """Draw at most `max_points` points; rare labels keep more of theirs."""
-        _check_count(max_points, "max_points")
-        rows = thinned(labels, max_points)
-        self.ax_ = plot_cloud(
-            self.xyz[rows],
-            color=colors[rows],
-            outliers=None if outliers is None else outliers[rows],
-            view=view,
-            scale_bar=scale_bar,
-            ax=ax,
-        )
-        self.ax_.set_title(title, fontsize=12, color="0.2")
-        self.figure_ = self.ax_.figure  # type: ignore[assignment]
-        return self
+    @classmethod
+    def from_estimator(cls, estimator: Any, X: ArrayLike, **options: Any) -> "Self":
+        """Draw what a fitted estimator found.
 
-    def _key(self, entries):
-        """A legend of colors and texts."""
-        lines = import_extra("matplotlib.lines", "plot", "Plotting")
-        marks = [
-            lines.Line2D([], [], ls="", marker="o", ms=6, mfc=color, mec="none", label=text)
-            for color, text in entries
-        ]
-        self.ax_.legend(handles=marks, loc="upper right", frameon=False, fontsize=9)
+        Parameters
+        ----------
+        estimator : object
+            Fitted to X; of the kind that the display is for.
+        X : array-like of shape (n, 3 or more)
+            The cloud; coordinates are its first three columns.
+        **options : dict
+            For :meth:`plot`.
 
-
-class ColoredDisplay(CloudDisplay):
-    """A display with one coloring, which subclasses give by `_picture`."""
+        Returns
+        -------
+        display : object
+            The display, drawn.
+        """
+        found = cls._found_by(estimator, X)
+        return cls.from_predictions(np.asarray(X)[:, :3], *found, **options)
 
     def plot(
         self,
         *,
-        view: View = "perspective",
+        view: View | None = None,
         max_points: int = MOST_DRAWN,
         ax: "Axes | None" = None,
     ) -> "Self":
@@ -81,8 +93,9 @@ class ColoredDisplay(CloudDisplay):
 
         Parameters
         ----------
-        view : {"top", "front", "side", "perspective"} or tuple of two floats
-            The camera, as in :func:`plot_cloud`.
+        view : {"top", "front", "side", "perspective"} or tuple of two floats, default=None
+            The camera, as in :func:`plot_cloud`. None is "perspective", or where residuals of a
+            plane are drawn, along its normal.
         max_points : int, default=200_000
             Points to draw. Of more, so many are chosen at random, rare classes more often.
         ax : matplotlib.axes.Axes, default=None
@@ -93,17 +106,51 @@ class ColoredDisplay(CloudDisplay):
         display : object
             Itself.
         """
-        colors, labels, title = self._picture(view)
-        self._draw(colors, labels, title, view=view, max_points=max_points, ax=ax)
-        self._complete(view)
+        view = self._usual_view() if view is None else view
+        return self._draw(self._picture(view), view, max_points, ax)
+
+    @property
+    def ax_(self) -> "Axes":
+        """Axes of the last plot."""
+        return self._ax
+
+    @property
+    def figure_(self) -> "Figure":
+        """Figure of the last plot."""
+        return self._ax.figure  # type: ignore[return-value]
+
+    @staticmethod
+    @abstractmethod
+    def _found_by(estimator: Any, X: ArrayLike) -> tuple[Any, ...]:
+        """What `from_predictions` takes behind the points."""
+
+    @abstractmethod
+    def _picture(self, view: View) -> Picture:
+        """What is drawn, seen from there."""
+
+    def _usual_view(self) -> View:
+        return "perspective"
+
+    def _draw(self, picture, view, max_points, ax):
+        _check_count(max_points, "max_points")
+        rows = thinned(picture.labels, max_points)
+        self._ax = plot_cloud(
+            self.xyz[rows], color=picture.colors[rows], view=view, scale_bar=True, ax=ax
+        )
+        self._ax.set_title(picture.title, fontsize=12, color="0.2")
+        if picture.complete is not None:
+            picture.complete(self._ax)
         return self
 
-    def _picture(self, view):
-        """Colors (n, 3), labels (n,) for thinning, and the title."""
-        raise NotImplementedError
 
-    def _complete(self, view):
-        """Add what belongs to the picture."""
+def add_legend(ax, entries):
+    """A legend of colors and texts."""
+    lines = import_extra("matplotlib.lines", "plot", "Plotting")
+    marks = [
+        lines.Line2D([], [], ls="", marker="o", ms=6, mfc=color, mec="none", label=text)
+        for color, text in entries
+    ]
+    ax.legend(handles=marks, loc="upper right", frameon=False, fontsize=9)
 
 
 def choose_colors(masks, chosen, otherwise):

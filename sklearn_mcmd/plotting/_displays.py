@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike
 from sklearn_mcmd.plotting._cloud_display import (
     FOUND,
     REGULAR,
-    ColoredDisplay,
+    CloudDisplay,
+    Picture,
     choose_colors,
     one_for_each,
 )
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["EdgeDisplay", "NormalsDisplay", "SegmentationDisplay"]
 
 
-class NormalsDisplay(ColoredDisplay):
+class NormalsDisplay(CloudDisplay):
     """Normals of a cloud as colors of a lit solid, with a ball that tells them.
 
     Make it by :meth:`from_estimator` or :meth:`from_predictions`.
@@ -31,13 +32,6 @@ class NormalsDisplay(ColoredDisplay):
         The cloud.
     normals : array-like of shape (n, 3)
         Unit normals; their sign does not matter.
-
-    Attributes
-    ----------
-    ax_ : matplotlib.axes.Axes
-        Axes of the last plot.
-    figure_ : matplotlib.figure.Figure
-        Its figure.
 
     See Also
     --------
@@ -64,26 +58,6 @@ class NormalsDisplay(ColoredDisplay):
             raise ValueError(f"normals has {len(self.normals)} rows, the cloud {len(self.xyz)}.")
 
     @classmethod
-    def from_estimator(cls, estimator: Any, X: ArrayLike, **options: Any) -> "Self":
-        """Draw the normals of a fitted estimator.
-
-        Parameters
-        ----------
-        estimator : RobustNormalEstimator
-            Fitted to X.
-        X : array-like of shape (n, 3)
-            The cloud.
-        **options : dict
-            For :meth:`plot`.
-
-        Returns
-        -------
-        NormalsDisplay
-            The display, drawn.
-        """
-        return cls.from_predictions(X, estimator.normals_, **options)
-
-    @classmethod
     def from_predictions(cls, X: ArrayLike, normals: ArrayLike, **options: Any) -> "Self":
         """Draw normals.
 
@@ -99,19 +73,20 @@ class NormalsDisplay(ColoredDisplay):
         Returns
         -------
         NormalsDisplay
-            The display, drawn.
         """
         return cls(X, normals).plot(**options)
 
+    @staticmethod
+    def _found_by(estimator, X):
+        return (estimator.normals_,)
+
     def _picture(self, view):
         colors = normal_colors(self.normals, view=view)
-        return colors, np.zeros(len(self.xyz)), f"Normals of {len(self.xyz):,} points"
-
-    def _complete(self, view):
-        draw_ball(self.ax_, view)
+        title = f"Normals of {len(self.xyz):,} points"
+        return Picture(colors, np.zeros(len(self.xyz)), title, lambda ax: draw_ball(ax, view))
 
 
-class SegmentationDisplay(ColoredDisplay):
+class SegmentationDisplay(CloudDisplay):
     """Regions of a cloud, a color for each; points of none are dark.
 
     Make it by :meth:`from_estimator` or :meth:`from_predictions`.
@@ -122,13 +97,6 @@ class SegmentationDisplay(ColoredDisplay):
         The cloud.
     labels : array-like of int of shape (n,)
         Regions from 0 on; negative ones are none.
-
-    Attributes
-    ----------
-    ax_ : matplotlib.axes.Axes
-        Axes of the last plot.
-    figure_ : matplotlib.figure.Figure
-        Its figure.
 
     See Also
     --------
@@ -153,26 +121,6 @@ class SegmentationDisplay(ColoredDisplay):
         self.labels = _whole(one_for_each(labels, self.xyz, "labels"), "labels")
 
     @classmethod
-    def from_estimator(cls, estimator: Any, X: ArrayLike, **options: Any) -> "Self":
-        """Draw the regions of a fitted estimator.
-
-        Parameters
-        ----------
-        estimator : RegionGrowing or another clusterer with `labels_`
-            Fitted to X.
-        X : array-like of shape (n, 3 or more)
-            The cloud; coordinates are its first three columns.
-        **options : dict
-            For :meth:`plot`.
-
-        Returns
-        -------
-        SegmentationDisplay
-            The display, drawn.
-        """
-        return cls.from_predictions(np.asarray(X)[:, :3], estimator.labels_, **options)
-
-    @classmethod
     def from_predictions(cls, X: ArrayLike, labels: ArrayLike, **options: Any) -> "Self":
         """Draw regions.
 
@@ -188,18 +136,21 @@ class SegmentationDisplay(ColoredDisplay):
         Returns
         -------
         SegmentationDisplay
-            The display, drawn.
         """
         return cls(X, labels).plot(**options)
+
+    @staticmethod
+    def _found_by(estimator, X):
+        return (estimator.labels_,)
 
     def _picture(self, view):
         inside = self.labels >= 0
         n = len(np.unique(self.labels[inside]))
         title = f"{n:,} regions, {100 * inside.mean():.2f} % of {len(inside):,} points"
-        return region_colors(self.labels), self.labels, title
+        return Picture(region_colors(self.labels), self.labels, title)
 
 
-class EdgeDisplay(ColoredDisplay):
+class EdgeDisplay(CloudDisplay):
     """Edges of a cloud.
 
     Make it by :meth:`from_estimator` or :meth:`from_predictions`.
@@ -210,13 +161,6 @@ class EdgeDisplay(ColoredDisplay):
         The cloud.
     is_edge : array-like of bool of shape (n,)
         Points of edges.
-
-    Attributes
-    ----------
-    ax_ : matplotlib.axes.Axes
-        Axes of the last plot.
-    figure_ : matplotlib.figure.Figure
-        Its figure.
 
     See Also
     --------
@@ -239,27 +183,6 @@ class EdgeDisplay(ColoredDisplay):
         self.is_edge = one_for_each(is_edge, self.xyz, "is_edge").astype(bool)
 
     @classmethod
-    def from_estimator(cls, estimator: Any, X: ArrayLike, **options: Any) -> "Self":
-        """Draw the edges of a fitted detector.
-
-        Parameters
-        ----------
-        estimator : SharpFeatureDetector
-            Fitted to X.
-        X : array-like of shape (n, 3 or more)
-            The cloud; coordinates are its first three columns.
-        **options : dict
-            For :meth:`plot`.
-
-        Returns
-        -------
-        EdgeDisplay
-            The display, drawn.
-        """
-        labels = np.where(estimator.scores_ < estimator.offset_, -1, 1)
-        return cls.from_predictions(np.asarray(X)[:, :3], labels, **options)
-
-    @classmethod
     def from_predictions(cls, X: ArrayLike, y_pred: ArrayLike, **options: Any) -> "Self":
         """Draw edges.
 
@@ -275,14 +198,17 @@ class EdgeDisplay(ColoredDisplay):
         Returns
         -------
         EdgeDisplay
-            The display, drawn.
         """
         return cls(X, np.asarray(y_pred) == -1).plot(**options)
+
+    @staticmethod
+    def _found_by(estimator, X):
+        return (np.where(estimator.scores_ < estimator.offset_, -1, 1),)
 
     def _picture(self, view):
         n, n_all = np.count_nonzero(self.is_edge), len(self.is_edge)
         title = f"{n:,} of {n_all:,} points are edges ({100 * n / n_all:.2f} %)"
-        return choose_colors([self.is_edge], [FOUND], REGULAR), self.is_edge, title
+        return Picture(choose_colors([self.is_edge], [FOUND], REGULAR), self.is_edge, title)
 
 
 def _whole(values, name):

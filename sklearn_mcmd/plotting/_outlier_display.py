@@ -10,7 +10,9 @@ from sklearn_mcmd.plotting._cloud_display import (
     MOST_DRAWN,
     REGULAR,
     CloudDisplay,
+    Picture,
     View,
+    add_legend,
     choose_colors,
     one_for_each,
 )
@@ -41,13 +43,6 @@ class OutlierDisplay(CloudDisplay):
         Scores, larger for outliers.
     is_true_outlier : array-like of bool of shape (n,), default=None
         The truth.
-
-    Attributes
-    ----------
-    ax_ : matplotlib.axes.Axes
-        Axes of the last plot.
-    figure_ : matplotlib.figure.Figure
-        Its figure.
 
     See Also
     --------
@@ -103,10 +98,9 @@ class OutlierDisplay(CloudDisplay):
         Returns
         -------
         OutlierDisplay
-            The display, drawn.
         """
         scores = -estimator.score_samples(X)
-        return cls.from_predictions(X, estimator.predict(X), scores=scores, y_true=y, **options)
+        return super().from_estimator(estimator, X, scores=scores, y_true=y, **options)
 
     @classmethod
     def from_predictions(
@@ -136,7 +130,6 @@ class OutlierDisplay(CloudDisplay):
         Returns
         -------
         OutlierDisplay
-            The display, drawn.
         """
         true = None if y_true is None else np.asarray(y_true) == -1
         display = cls(X, np.asarray(y_pred) == -1, scores=scores, is_true_outlier=true)
@@ -146,7 +139,7 @@ class OutlierDisplay(CloudDisplay):
         self,
         *,
         show: Literal["verdict", "scores"] = "verdict",
-        view: View = "perspective",
+        view: View | None = None,
         max_points: int = MOST_DRAWN,
         ax: "Axes | None" = None,
     ) -> "Self":
@@ -156,44 +149,52 @@ class OutlierDisplay(CloudDisplay):
         ----------
         show : {"verdict", "scores"}, default="verdict"
             Colors by the verdict, or by scores up to 10, a clear error.
-        view : {"top", "front", "side", "perspective"} or tuple of two floats
-            The camera, as in :func:`plot_cloud`.
-        max_points : int, default=200_000
-            Points to draw. Of more, so many are chosen at random, rare classes more often.
-        ax : matplotlib.axes.Axes, default=None
-            Axes to draw on. None makes a figure.
+        view, max_points, ax
+            As for :meth:`EdgeDisplay.plot`.
 
         Returns
         -------
         OutlierDisplay
-            The display.
         """
         if show not in ("verdict", "scores"):
             raise ValueError(f"show={show!r} is unknown; known are 'verdict' and 'scores'.")
+        if show == "scores" and self.scores is None:
+            raise ValueError("show='scores' needs scores.")
+        view = self._usual_view() if view is None else view
+        picture = self._scores_picture() if show == "scores" else self._picture(view)
+        return self._draw(picture, view, max_points, ax)
+
+    @staticmethod
+    def _found_by(estimator, X):
+        return (estimator.predict(X),)
+
+    def _picture(self, view):
         flagged, true = self.is_outlier, self.is_true_outlier
-        n, n_all = np.count_nonzero(flagged), len(flagged)
-        title = f"{n:,} of {n_all:,} points are outliers ({100 * n / n_all:.2f} %)"
-        options = {"view": view, "max_points": max_points, "ax": ax}
-        if show == "scores":
-            if self.scores is None:
-                raise ValueError("show='scores' needs scores.")
-            return self._draw_scores(title, options)
         if true is None:
-            colors = choose_colors([flagged], [FOUND], REGULAR)
-            return self._draw(colors, flagged, title, **options)
+            return Picture(choose_colors([flagged], [FOUND], REGULAR), flagged, self._title())
         kinds = [flagged & true, ~flagged & true, flagged & ~true]
-        colors = choose_colors(kinds, [FOUND, MISSED, WRONG], REGULAR)
-        self._draw(colors, np.select(kinds, [1, 2, 3], 0), title, **options)
         names = ("found", "missed", "wrongly flagged")
         texts = [f"{name}: {np.count_nonzero(k):,}" for name, k in zip(names, kinds, strict=True)]
-        self._key(zip((FOUND, MISSED, WRONG), texts, strict=True))
-        return self
+        shades = (FOUND, MISSED, WRONG)
+        return Picture(
+            choose_colors(kinds, shades, REGULAR),
+            np.select(kinds, [1, 2, 3], 0),
+            self._title(),
+            lambda ax: add_legend(ax, zip(shades, texts, strict=True)),
+        )
 
-    def _draw_scores(self, title, options):
+    def _scores_picture(self):
         from matplotlib import cm, colors
 
         norm = colors.Normalize(0, 10, clip=True)
         shade = cm.ScalarMappable(norm, "viridis")
-        self._draw(shade.to_rgba(self.scores)[:, :3], self.is_outlier, title, **options)
-        self.figure_.colorbar(shade, ax=self.ax_, label="score", shrink=0.6, extend="max")
-        return self
+        return Picture(
+            shade.to_rgba(self.scores)[:, :3],
+            self.is_outlier,
+            self._title(),
+            lambda ax: ax.figure.colorbar(shade, ax=ax, label="score", shrink=0.6, extend="max"),
+        )
+
+    def _title(self):
+        n, n_all = np.count_nonzero(self.is_outlier), len(self.is_outlier)
+        return f"{n:,} of {n_all:,} points are outliers ({100 * n / n_all:.2f} %)"

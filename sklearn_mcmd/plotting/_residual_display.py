@@ -5,13 +5,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sklearn_mcmd.plotting._cloud_display import MOST_DRAWN, CloudDisplay, View, one_for_each
+from sklearn_mcmd.plotting._cloud_display import CloudDisplay, Picture, one_for_each
 from sklearn_mcmd.plotting._still import check_points
 
 if TYPE_CHECKING:
     from typing import Self
-
-    from matplotlib.axes import Axes
 
 __all__ = ["PlaneResidualDisplay", "along_normal"]
 
@@ -29,13 +27,6 @@ class PlaneResidualDisplay(CloudDisplay):
         Their residuals.
     is_outlier : array-like of bool of shape (n,)
         The verdict.
-
-    Attributes
-    ----------
-    ax_ : matplotlib.axes.Axes
-        Axes of the last plot.
-    figure_ : matplotlib.figure.Figure
-        Its figure.
 
     See Also
     --------
@@ -60,26 +51,6 @@ class PlaneResidualDisplay(CloudDisplay):
         self.is_outlier = one_for_each(is_outlier, self.xyz, "is_outlier").astype(bool)
 
     @classmethod
-    def from_estimator(cls, estimator: Any, X: ArrayLike, **options: Any) -> "Self":
-        """Draw the residuals of a fitted plane test.
-
-        Parameters
-        ----------
-        estimator : BaardaPlaneDetector or FuzzyPlaneDetector
-            Fitted to X.
-        X : array-like of shape (n, 3)
-            The points.
-        **options : dict
-            For :meth:`plot`.
-
-        Returns
-        -------
-        PlaneResidualDisplay
-            The display, drawn.
-        """
-        return cls.from_predictions(X, estimator.residuals(X), estimator.labels_, **options)
-
-    @classmethod
     def from_predictions(
         cls, X: ArrayLike, residuals: ArrayLike, y_pred: ArrayLike, **options: Any
     ) -> "Self":
@@ -99,46 +70,35 @@ class PlaneResidualDisplay(CloudDisplay):
         Returns
         -------
         PlaneResidualDisplay
-            The display, drawn.
         """
         return cls(X, residuals, np.asarray(y_pred) == -1).plot(**options)
 
-    def plot(
-        self,
-        *,
-        view: View | None = None,
-        max_points: int = MOST_DRAWN,
-        ax: "Axes | None" = None,
-    ) -> "Self":
-        """Draw the points.
+    @staticmethod
+    def _found_by(estimator, X):
+        return estimator.residuals(X), estimator.labels_
 
-        Parameters
-        ----------
-        view : {"top", "front", "side", "perspective"} or tuple of two floats, default=None
-            The camera, as in :func:`plot_cloud`. None looks along the normal.
-        max_points : int, default=200_000
-            Points to draw. Of more, so many are chosen at random, outliers more often.
-        ax : matplotlib.axes.Axes, default=None
-            Axes to draw on. None makes a figure.
+    def _usual_view(self):
+        return along_normal(self.xyz[self._kept()])
 
-        Returns
-        -------
-        PlaneResidualDisplay
-            The display.
-        """
+    def _kept(self):
+        return ~self.is_outlier if not self.is_outlier.all() else self.is_outlier
+
+    def _picture(self, view):
         from matplotlib import cm, colors
 
-        kept = ~self.is_outlier if not self.is_outlier.all() else self.is_outlier
         # Three standard deviations of what is kept; an outlier would take the contrast of all.
-        reach = 3 * np.sqrt(np.mean(self.residuals[kept] ** 2)) or 1.0
+        reach = 3 * np.sqrt(np.mean(self.residuals[self._kept()] ** 2)) or 1.0
         shade = cm.ScalarMappable(colors.Normalize(-reach, reach, clip=True), "RdBu_r")
         n = np.count_nonzero(self.is_outlier)
         title = f"Residuals of {len(self.xyz):,} points, {n:,} outliers"
-        paint = shade.to_rgba(self.residuals)[:, :3]
-        view = along_normal(self.xyz[kept]) if view is None else view
-        self._draw(paint, self.is_outlier, title, view=view, max_points=max_points, ax=ax)
-        self.figure_.colorbar(shade, ax=self.ax_, label="residual", shrink=0.7, extend="both")
-        return self
+        return Picture(
+            shade.to_rgba(self.residuals)[:, :3],
+            self.is_outlier,
+            title,
+            lambda ax: ax.figure.colorbar(
+                shade, ax=ax, label="residual", shrink=0.7, extend="both"
+            ),
+        )
 
 
 def along_normal(points):

@@ -8,16 +8,12 @@ import numpy as np
 from sklearn_mcmd.edges import SharpFeatureDetector
 from sklearn_mcmd.edges._creases import (
     REACH,
-    Faces,
-    are_flat,
-    flatness_of,
-    give_faces,
     least_cosine,
-    measure_spacing,
     meet_faces,
     pool_evidence,
     told_distances,
 )
+from sklearn_mcmd.edges._faces import Faces, are_flat, flatness_of, give_faces, measure_spacing
 from sklearn_mcmd.planes import _columns
 from sklearn_mcmd.planes._indexed_cloud import distinct_rows, spatial_order
 from sklearn_mcmd.planes._nearest import NearestPoints

@@ -9,7 +9,8 @@ import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.edges import SharpFeatureDetector
-from sklearn_mcmd.edges._creases import flatness_limit, middle
+from sklearn_mcmd.edges._creases import middle
+from sklearn_mcmd.edges._faces import flatness_limit
 from sklearn_mcmd.edges._limits import least_of_edge
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._progress import progress_part

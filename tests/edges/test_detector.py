@@ -16,8 +16,8 @@ from sklearn_mcmd.edges._creases import (
     _join,
     _median,
     _smooth_residuals,
-    _spacing,
 )
+from sklearn_mcmd.edges._faces import _spacing
 from sklearn_mcmd.planes._columns import split_columns
 
 CRITERIA = ["crease", "eigenvalue", "surface_variation", "removed_fraction"]

@@ -1,0 +1,86 @@
+"""The changes that `ablation.py` makes, one at a time: of constants, limits and parameters."""
+
+import functools
+import importlib
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+
+import numpy as np
+
+FACTORS = (0.5, 0.8, 1.25, 2.0)
+
+
+def scaled(default, most=np.inf):
+    """Label and value of a constant times each factor; counts stay whole."""
+    for factor in FACTORS:
+        value = default * factor
+        yield (
+            f"x {factor:g}",
+            min(max(1, round(value)) if isinstance(default, int) else value, most),
+        )
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A constant of a module, the value that switches its rule off, if there is one, and the most
+    that it can be."""
+
+    module: str
+    name: str
+    off: float | None = None
+    most: float = np.inf
+
+    def variants(self):
+        home = importlib.import_module(f"sklearn_mcmd.{self.module}")
+        for label, value in scaled(getattr(home, self.name), self.most):
+            yield label, lambda value=value: replaced(home, self.name, value), {}
+        if self.off is not None:
+            yield "off", lambda: replaced(home, self.name, self.off), {}
+
+    def __str__(self):
+        return f"{self.module.rpartition('.')[2]}.{self.name}"
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A field of a record of limits that a module makes, and the most that it can be."""
+
+    module: str
+    record: str
+    name: str
+    most: float = np.inf
+
+    def variants(self):
+        home = importlib.import_module(f"sklearn_mcmd.{self.module}")
+        record = getattr(home, self.record)
+        for label, value in scaled(record._field_defaults[self.name], self.most):
+            made = functools.partial(record, **{self.name: value})
+            yield label, lambda made=made: replaced(home, self.record, made), {}
+
+    def __str__(self):
+        return f"{self.record}.{self.name}"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of the estimator, with the values to try."""
+
+    name: str
+    values: tuple
+
+    def variants(self):
+        for value in self.values:
+            yield f"{value}", nullcontext, {self.name: value}
+
+    def __str__(self):
+        return self.name
+
+
+@contextmanager
+def replaced(module, name, value):
+    kept = getattr(module, name)
+    setattr(module, name, value)
+    try:
+        yield
+    finally:
+        setattr(module, name, kept)

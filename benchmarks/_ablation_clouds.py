@@ -1,0 +1,134 @@
+"""The clouds with a truth that `ablation.py` measures on: simulated and real.
+
+Each function takes the program's options, and yields name, key for the cache, points and truth.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from _pcpnet import benchmark_clouds
+from _real_clouds import inject, load_clouds
+
+REAL = {  # and most points
+    "isprs_samp31": None,
+    "ahn3_amsterdam_2397": None,
+    "ign_village": 60_000,
+    "pcl_cars_mincut": None,
+    "jakarto_scanlines": None,
+    "fast_gicp_velodyne": None,
+    "pcl_office1": 60_000,
+}
+
+
+def simulated(options, truth, outlier_share):
+    from sklearn_mcmd import datasets
+
+    for name in ("traffic_furniture", "bus_stop", "street", "box", "crown_roof"):
+        make = getattr(datasets, f"make_{name}")
+        for seed in range(options.seeds):
+            scene = make(options.size, outlier_share=outlier_share, random_state=seed)
+            yield name, f"{name}_{options.size}_{seed}", scene.data, truth(scene)
+
+
+def machined_parts(options):
+    for name in ("cad_angle_block", "cad_featuretype", "cad_plate_holes"):
+        path = Path(options.data) / name / "cloud.npz"
+        if path.is_file():
+            with np.load(path) as arrays:
+                X, normals = arrays["xyz"].astype(np.float64), arrays["normals"]
+                near = arrays["edge_dist"] < 4 * spacing_of(X)
+            yield name, name, X, (normals, near, np.ones(len(X), dtype=bool))
+
+
+def shapes(options):
+    """A hand and a vase, clean and with two levels of noise."""
+    path = Path(options.data) / "dipole_shapes"
+    if path.is_dir():
+        for cloud in benchmark_clouds(path, ["none", "0.12 %", "0.6 %"]):
+            everyone = np.ones(len(cloud.points), dtype=bool)
+            truth = cloud.normals, everyone, everyone
+            yield f"{cloud.shape} {cloud.kind}", None, cloud.points, truth
+
+
+def spacing_of(X):
+    """Side of the square that a point has for itself."""
+    from scipy.spatial import cKDTree
+
+    distances, _ = cKDTree(X).query(X[::17], k=20)
+    return float(np.sqrt(np.median(np.pi * distances[:, -1] ** 2 / 20)))
+
+
+def streets(options):
+    """With 10 and 20 % of outliers; True for these."""
+    from sklearn_mcmd.datasets import make_street
+
+    for n in (100_000, 20_000, 400):  # the last for what is only for small clouds
+        for share in (0.1, 0.2):
+            for seed in range(options.seeds):
+                street = make_street(n, outlier_share=share, random_state=seed)
+                yield f"{n} {share:.0%}", None, street.data, street.target == -1
+
+
+def true_normals(scene):
+    """Normals, which points are within four spacings of an edge, and which are regular."""
+    return scene.normals, scene.edge_distance < 4 * scene.spacing, scene.outlier_kind == 0
+
+
+def contaminated(options):
+    """Real clouds, without the noise that is known, with outliers put in; True for these."""
+    for name, most in REAL.items():
+        for cloud in load_clouds(options.data, [name], most):
+            points = cloud.points if cloud.noise is None else cloud.points[~cloud.noise]
+            points, kind = inject(points, np.random.default_rng(0))
+            yield name, None, points, kind != "real"
+
+
+def seen(options):
+    """Streets with trees, and real turns; points, then the sensor's position. True for outliers."""
+    from sklearn_mcmd.datasets import make_street
+
+    for share in (0.1, 0.2):
+        for seed in range(options.seeds):
+            street = make_street(
+                sampling="scan_lines", tree=True, outlier_share=share, random_state=seed
+            )
+            X = np.hstack([street.data, np.broadcast_to(street.scanners[0], street.data.shape)])
+            yield f"street {share:.0%}", None, X, street.target == -1
+    for name in ("snow_spinning_lidar", "fast_gicp_velodyne"):
+        for cloud in load_clouds(options.data, [name]):
+            outlier = np.zeros(len(cloud.points), bool) if cloud.noise is None else cloud.noise
+            yield cloud.name, None, np.hstack([cloud.points, 0 * cloud.points]), outlier
+
+
+def below_ground(options):
+    """Scans from the air with echoes of roofs and trees far below ground; True for these.
+
+    Points, then whether they are ground. What stands within 3 m of a point in plan is seen a
+    second time, mirrored by the ground and 10 m lower, as by beams that were reflected on the way.
+    """
+    from sklearn_mcmd.datasets import make_airborne_scan
+
+    for seed in range(options.seeds):
+        scan = make_airborne_scan(options.size, outlier_share=0, random_state=seed)
+        land = ("meadow", "ditch_near", "ditch_far", "slope", "grass")
+        ground = np.isin(scan.surface, [scan.surface_names.index(name) for name in land])
+        yield "airborne", None, *_seen_twice(scan.data, ground, seed)
+    for name in ("ahn3_amsterdam_2397", "ign_village"):
+        path = Path(options.data) / name / "cloud.npz"
+        if path.is_file():
+            with np.load(path) as arrays:
+                X, ground = arrays["xyz"][:, :3].astype(np.float64), arrays["classification"] == 2
+            yield name, None, *_seen_twice(X, ground, 0)
+
+
+def _seen_twice(X, ground, seed, n=10):
+    from sklearn_mcmd.io._ground import heights_over_ground
+
+    rng, heights = np.random.default_rng(seed), heights_over_ground(X, ground)
+    parts = [np.column_stack([X, ground])]
+    for center in X[rng.choice(np.flatnonzero(heights > 3), n)]:
+        near = (np.linalg.norm(X[:, :2] - center[:2], axis=1) < 3) & (heights > 3)
+        lower = X[near] - np.outer(2 * heights[near] + 10, [0, 0, 1])
+        parts.append(np.column_stack([lower, np.zeros(len(lower))]))
+    points = np.vstack(parts)
+    return points, np.arange(len(points)) >= len(X)

@@ -1,0 +1,152 @@
+"""The face that each point lies on: the plane under which it is most likely, and its noise."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import gamma
+
+from sklearn_mcmd.planes._explaining import ExplainLimits, explain
+
+__all__ = [
+    "OFF",
+    "Faces",
+    "are_flat",
+    "flatness_limit",
+    "flatness_of",
+    "give_faces",
+    "measure_spacing",
+]
+
+# The spacing is told from this many neighbors, or all if fewer.
+SPACING_NEIGHBORS = 8
+# Noise is at least this share of the spacing: a point is not known better.
+LEAST_NOISE = 0.05
+# Standard deviations beyond which a residual tells no more.
+OFF = 3.0
+# A face is flat: its noise is at most this share of its radius, or this multiple of what is usual.
+FLATNESS, FLATNESS_FACTOR = 0.2, 3.0
+# The plane of a face is the one under which a point is most likely.
+LIKELIEST = ExplainLimits(likely=True)
+
+
+class Faces(NamedTuple):
+    """The plane given to each of m points.
+
+    normals : ndarray of shape (m, d)
+    levels : ndarray of shape (m,)
+        n . x of the plane's points.
+    height : ndarray of shape (m,)
+        Of the point above its plane.
+    scale : ndarray of shape (m,)
+        Standard deviation of the noise.
+    spacing : ndarray of shape (m,)
+        Of the points around.
+    flat : ndarray of bool of shape (m,)
+        Whether the plane is that of a face, not of foliage or a cluster.
+    on_face : ndarray of bool of shape (m,)
+        Whether the point lies on such a plane.
+    """
+
+    normals: np.ndarray
+    levels: np.ndarray
+    height: np.ndarray
+    scale: np.ndarray
+    spacing: np.ndarray
+    flat: np.ndarray
+    on_face: np.ndarray
+
+    @classmethod
+    def empty(cls, m, d):
+        """A record to be filled."""
+        numbers, answers = (np.empty(m) for _ in range(4)), (np.empty(m, bool) for _ in range(2))
+        return cls(np.empty((m, d)), *numbers, *answers)
+
+    def take(self, rows):
+        """The planes of some of the points."""
+        return Faces(*(values[rows] for values in self))
+
+    def put(self, rows, part):
+        """Overwrite the planes of some of the points."""
+        for values, some in zip(self, part, strict=True):
+            values[rows] = some
+
+
+def measure_spacing(points, queries, around, scale):
+    """Spacing of the points around each query, how far they reach, and its plane's noise: no plane
+    is known better."""
+    gaps = points[around.indices] - queries[:, None]
+    distances = np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
+    spacing = _spacing(distances, points.shape[1])
+    return spacing, distances.max(axis=1), np.maximum(scale, LEAST_NOISE * spacing)
+
+
+def flatness_of(planes):
+    """Noise of planes over their radius."""
+    return planes.scale / np.maximum(planes.radius, np.finfo(float).tiny)
+
+
+def flatness_limit(usual):
+    """The largest flatness of a face, from the median of a cloud."""
+    return max(FLATNESS, FLATNESS_FACTOR * usual)
+
+
+def are_flat(planes, limit):
+    return flatness_of(planes) <= limit
+
+
+def give_faces(queries, around, planes, flat, usable, compiled):
+    """Of the planes of its neighbors, the one that explains each query best.
+
+    Parameters
+    ----------
+    queries : ndarray of shape (m, d)
+    around : Neighborhoods
+        Rows of `planes`.
+    planes : Planes
+        Of n points, with the radius and spacing of `measure_spacing`.
+    flat : ndarray of bool of shape (n,)
+    usable : ndarray of bool of shape (n,)
+        True; an array, so that it is made once.
+    compiled : bool
+
+    Returns
+    -------
+    Faces
+    """
+    spacing = np.median(planes.spacing[around.indices], axis=1)
+    least = np.maximum(LEAST_NOISE * spacing, np.finfo(float).tiny)
+    owners = _likeliest(queries, around, planes, usable, least, compiled)
+    far = np.flatnonzero(owners < 0)
+    if len(far):
+        # What no plane reaches is given the likeliest as if all were boundless.
+        near = around.take(far)
+        members = np.unique(near.indices)
+        boundless = planes.take(members)
+        boundless = boundless._replace(radius=np.full_like(boundless.radius, np.inf))
+        near = near._replace(indices=np.searchsorted(members, near.indices).astype(np.int32))
+        found = _likeliest(
+            queries[far], near, boundless, usable[: len(members)], least[far], compiled
+        )
+        # Points in one place have no planes.
+        owners[far] = members[np.where(found < 0, near.indices[:, 0], found)]
+    normals = planes.normals[owners]
+    levels = np.einsum("md,md->m", planes.centroids[owners], normals)
+    height = np.einsum("md,md->m", queries, normals) - levels
+    scale = np.maximum(planes.scale[owners], least)
+    flat = flat[owners]
+    on_face = flat & (np.abs(height) <= OFF * scale)
+    return Faces(normals, levels, height, scale, spacing, flat, on_face)
+
+
+def _likeliest(queries, around, planes, usable, least, compiled):
+    """Whose plane explains each query best, -1 where none does."""
+    most = np.full(len(queries), np.inf)
+    return explain(queries, around, planes, LIKELIEST, usable, least, most, compiled)[0]
+
+
+def _spacing(distances, d):
+    """Side of the cell that one point of a (d - 1)-dimensional surface takes, from (m, k)."""
+    n = min(SPACING_NEIGHBORS, distances.shape[1] - 1)
+    radius = np.partition(distances, n, axis=1)[:, n]
+    ball = np.pi ** (0.5 * (d - 1)) / gamma(0.5 * (d - 1) + 1.0)
+    return radius * (ball / n) ** (1.0 / (d - 1))
