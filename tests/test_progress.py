@@ -1,5 +1,7 @@
 """Progress: what estimators tell whoever listens, of the whole of their work."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -96,12 +98,12 @@ def test_the_cutoff_and_the_verdict_of_the_detector_divide_the_whole_without_gap
         first, last = ends.get(stage, (share, share))
         ends[stage] = min(first, share), max(last, share)
     ends.pop("")  # the parts that hold stages
-    assert list(ends) == ["cutoff by simulation", "planes", "outliers"]
-    (begin, end), (again, middle), (more, whole) = ends.values()
-    assert begin == 0
-    assert end == pytest.approx(again)
-    assert middle == pytest.approx(more)
-    assert whole == pytest.approx(1)
+    stages = ["cutoff by simulation", "planes", "outliers", "cutoff by parts"]
+    assert list(ends) == stages == list(detector._stages())
+    assert min(begin for begin, _ in ends.values()) == 0
+    for (_, end), (begin, _) in pairwise(ends.values()):
+        assert end == pytest.approx(begin)
+    assert max(end for _, end in ends.values()) == pytest.approx(1)
 
 
 def test_compilation_is_told_and_its_end():

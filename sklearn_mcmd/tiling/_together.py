@@ -9,7 +9,7 @@ __all__ = ["fit_together"]
 MOST_COPIES = 1_000_000
 
 
-def fit_together(estimator, cells, dtype, words):
+def fit_together(estimator, cells, dtype, words, step=None):
     """An estimator fitted to all points of a cloud in the order of the inputs.
 
     Parameters
@@ -20,6 +20,8 @@ def fit_together(estimator, cells, dtype, words):
         In which points are fitted.
     words : str
         Where the points are, such as " at 600 places", for the error.
+    step : float, default=None
+        To which coordinates are rounded, if that of these points alone would be another.
 
     Returns
     -------
@@ -38,7 +40,10 @@ def fit_together(estimator, cells, dtype, words):
     records = [cells.read(cell) for cell in range(len(cells))]
     rows, points = (np.concatenate([part[name] for part in records]) for name in ("row", "xyz"))
     order = np.argsort(rows)
-    fitted = clone(estimator).fit(points[order].astype(dtype))
+    fitted = clone(estimator)
+    if step is not None:
+        fitted._step_of_cloud = step
+    fitted.fit(points[order].astype(dtype))
     places = np.empty_like(order)
     places[order] = np.arange(len(order))
     ends = np.cumsum([len(part) for part in records])[:-1]

@@ -45,7 +45,6 @@ def tolerance(rate, n, n_simulated=10_000):
         (OWN, 50, 0.1, 0.01),
         ({}, 20, 0.3, 0.05),
         ({}, 50, 0.1, 0.01),
-        ({}, 50, 1.0, 0.05),
         ({"strictness": "isolated"}, 30, 0.1, 0.05),
         ({"strictness": "surfaces"}, 30, 0.1, 0.05),
         ({"strictness": "surfaces"}, 50, 0.3, 0.01),
