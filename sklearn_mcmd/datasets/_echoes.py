@@ -7,9 +7,9 @@ A beam's intensity is Gaussian across, and its divergence is the full angle at w
   weighted by energy. So has a pulsed one where echoes follow each other within its resolution,
   half the length of the pulse; echoes farther apart it tells from each other, and of these it
   writes down the strongest here. (Echoes merge within c tau / 2: M. Hebert and E. Krotkov, "3D
-  measurements from imaging laser radars", Image and Vision Computing 10, 1992; S. Chaudhry, D. Salido-Monzu and
-  A. Wieser, "A modeling approach for predicting the resolution capability in terrestrial laser
-  scanning", Remote Sensing 13, 2021, for phase-shift scanners.)
+  measurements from imaging laser radars: how good are they?", Image and Vision Computing 10,
+  1992; S. Chaudhry, D. Salido-Monzú and A. Wieser, "A modeling approach for predicting the
+  resolution capability in terrestrial laser scanning", Remote Sensing 13, 2021, for phases.)
 - Energy falls with the square of the range. Surfaces reflect alike, whatever their tilt.
 """
 
