@@ -32,7 +32,13 @@ from sklearn_mcmd.tiling._outputs import (
     write_denoised_outputs,
 )
 from sklearn_mcmd.tiling._ranks import evenly_along_x, exceeded_by
-from sklearn_mcmd.tiling._rest import find_groups, find_isolation, find_scores
+from sklearn_mcmd.tiling._rest import (
+    find_groups,
+    find_isolation,
+    find_pieces,
+    find_scores,
+    find_things,
+)
 from sklearn_mcmd.tiling._run import (
     COMPUTED,
     SCATTERED,
@@ -69,6 +75,8 @@ ENDS = {
     "explained": 0.83,
     "isolation": 0.95,
     "groups": 0.97,
+    "pieces": 0.975,
+    "things": 0.98,
     "scores": 1.0,
 }
 # What no sweep asks for when all are done that did.
@@ -79,6 +87,10 @@ DONE_WITH = {
     ),
     "isolation": ("spacing", "other_spacing"),
     "groups": ("rest_reach",),
+    "things": (
+        *("group_labels", "group_sizes", "group_links", "group_whole", "group_others"),
+        "piece_length",
+    ),
 }
 
 
@@ -296,6 +308,10 @@ def judge_cells(job, cells, columns, n_workers, cutoff):
             sweep("groups", find_groups)
             joined("group", job.least[1])
             job = job._replace(largest=columns.report("all", "group")["largest"])
+            sweep("pieces", find_pieces)
+            sweep("things", find_things)
+            joined("thing", job.least[1])
+            job = job._replace(largest=columns.report("all", "thing")["largest"])
     write = partial(_write, job.columns)
     sweep("scores", partial(find_scores, target=write), lambda cell: has_scores(job.columns, cell))
     if job.detector.contamination is not None:
