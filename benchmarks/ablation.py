@@ -269,6 +269,8 @@ PARTS = {
             Limit("outliers._cloud", "CompanyLimits", "usual", most=1.0),
             *(Limit("outliers._cloud", "CompanyLimits", name) for name in ("reach", "n_links")),
             Limit("outliers._cloud", "CompanyLimits", "rest_weight", most=1.0),
+            *(Limit("outliers._cloud", "CompanyLimits", name) for name in ("alone", "flat")),
+            Limit("outliers._cloud", "CompanyLimits", "bridge"),
             *(Constant("outliers._cloud", name) for name in ("SURFACE", "THING", "LEAST_SHARE")),
             Constant("outliers._company", "HALF"),
         ),

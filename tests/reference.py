@@ -195,11 +195,32 @@ def judged(X, k, trials, h, noise=None):
     for i in rest:
         others = sorted((j for j in rest if j != i), key=lambda j: gaps[i, j])[:16]
         links += [(i, j) for j in others if gaps[i, j] <= 2.5 * min(usual[i], usual[j])]
-    group = parts(n, links)
-    members = {group[i]: [j for j in rest if group[j] == group[i]] for i in rest}
-    measured = {label: counts[some].sum() for label, some in members.items()}
-    most = np.inf if explained else max(measured.values())
-    small = [g for g in members if measured[g] < min(2 * k, len(X) / 5, most)]
+    thing = min(2 * k, len(X) / 5)
+
+    def small_groups(links):
+        group = parts(n, links)
+        members = {group[i]: [j for j in rest if group[j] == group[i]] for i in rest}
+        measured = {label: counts[some].sum() for label, some in members.items()}
+        most = np.inf if explained else max(measured.values(), default=0)
+        return group, members, [g for g in members if measured[g] < min(thing, most)]
+
+    # Flat groups within three lengths of the longer one are pieces of one.
+    group, members, small = small_groups(links)
+    length = np.zeros(n)
+    for label in small:
+        some = members[label]
+        spare = len(some) - X.shape[1]
+        if spare > 0:
+            thick, *_, long = np.sqrt(np.maximum(plane(points[some])[1], 0))
+            if 3 * thick * np.sqrt(len(some) / spare) <= long:
+                length[some] = np.sqrt(12) * long
+    length[isolation > 3] = 0
+    for i in np.flatnonzero(length):
+        others = sorted(rest, key=lambda j: gaps[i, j])[: int(np.ceil(thing))]
+        links += [
+            (i, j) for j in others if length[j] and gaps[i, j] <= 3 * max(length[i], length[j])
+        ]
+    group, members, small = small_groups(links)
     real = explained + [i for i in rest if group[i] not in small]
     for label in small:
         some = members[label]

@@ -3,6 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd.planes._around import quantile, ratio
 from sklearn_mcmd.planes._linking import connected
@@ -14,7 +16,9 @@ __all__ = [
     "Company",
     "CompanyLimits",
     "Places",
+    "are_pieces",
     "isolation_of",
+    "lengths_of_pieces",
     "mean_distance",
     "mean_distance_to_rest",
     "separation_of_groups",
@@ -27,6 +31,8 @@ __all__ = [
 HALF = 0.5
 # Fewer points of the rest are grouped by SciPy: loading compiled code would take longer.
 COMPILE_FROM = 4096
+# Length of an evenly filled line, in its standard deviations.
+LENGTH = np.sqrt(12.0)
 
 
 class CompanyLimits(NamedTuple):
@@ -45,6 +51,13 @@ class CompanyLimits(NamedTuple):
     rest_weight : float
         Weight of the spacing among the rest against that among all points, in their geometric
         mean.
+    alone : float
+        What is isolated by more is no piece of anything.
+    flat : float
+        A group is flat if its standard deviation along its longest axis is so many times the one
+        off its plane.
+    bridge : float
+        Flat groups are pieces of one thing if they are within so many lengths of the longer one.
     """
 
     n_near: int = 8
@@ -53,6 +66,9 @@ class CompanyLimits(NamedTuple):
     reach: float = 2.5
     n_links: int = 16
     rest_weight: float = 2 / 3
+    alone: float = 3.0
+    flat: float = 3.0
+    bridge: float = 3.0
 
 
 class Places(NamedTuple):
@@ -91,6 +107,9 @@ class Company:
     the usual spacing of the surfaces around. The size of a group is its standard deviation along
     its longest axis.
 
+    Scanners measure the skins of things, and where their lines are far apart, a thing lies in
+    pieces, which are flat. So flat groups near each other are one group. Ghosts fill space.
+
     Parameters
     ----------
     places : Places
@@ -104,7 +123,7 @@ class Company:
     rest : ndarray of int of shape (m,)
         Rows of the points that no surface explains.
     groups : ndarray of int of shape (m,)
-        Group of each, from 0 on.
+        Group of each, from 0 on; pieces of one thing are one group.
     isolation, separation : ndarray of shape (m,)
         Theirs, see `measure`.
     """
@@ -124,12 +143,12 @@ class Company:
         with progress_part(0.2, 0.7):
             among_rest, linked = self._neighbors(n_jobs)
         self.isolation = self._isolated(among_rest, places.spacing, self.usual)
-        self.groups = groups = connected(linked, compiled=len(rest) >= COMPILE_FROM)[0]
+        groups = connected(linked, compiled=len(rest) >= COMPILE_FROM)[0]
         del linked
-        sizes = np.bincount(groups, self.counts)
-        small = sizes < least
-        if not explained.any():
-            small &= sizes < sizes.max()
+        small = self._small(groups, least, explained)
+        self.groups = groups = self._joined(groups, small, least, n_jobs)
+        self.others.release()
+        small = self._small(groups, least, explained)
         # What is real: the points on surfaces, and those of large groups.
         self.real = [self.reference] if explained.any() else []
         large = ~small[groups]
@@ -192,8 +211,41 @@ class Company:
             linked[rows] = np.where(steps <= self.limits.reach, near[:, 1:], own[rows][:, None])
 
         self.others.visit(self.points, n_links + 1, measure, n_jobs)
-        self.others.release()
         return among_rest, linked
+
+    def _small(self, groups, least, explained):
+        """Which groups are too small for a thing."""
+        sizes = np.bincount(groups, self.counts)
+        small = sizes < least
+        return small if explained.any() else small & (sizes < sizes.max(initial=0))
+
+    def _joined(self, groups, small, least, n_jobs):
+        """The groups, where those that are pieces of one thing are one."""
+        rows = np.flatnonzero(small[groups])
+        _, group = np.unique(groups[rows], return_inverse=True)
+        length = np.zeros(len(groups))
+        length[rows] = lengths_of_pieces(self.points[rows], group, self.limits)[group]
+        length[self.isolation > self.limits.alone] = 0.0
+        rows = np.flatnonzero(length)
+        if len(rows) == 0:
+            return groups
+        length_there, group_there = np.append(length, 0.0), np.append(groups, -1)
+        pairs = []
+
+        def link(some, distances, near):
+            own = rows[some]
+            i, j = np.nonzero(
+                are_pieces(length[own], length_there[near], distances, self.limits.bridge)
+            )
+            pair = np.stack([groups[own[i]], group_there[near[i, j]]])
+            pairs.append(np.unique(pair, axis=1))
+
+        # A small group has fewer points, so one of another is among them.
+        self.others.visit(self.points[rows], int(np.ceil(least)), link, n_jobs)
+        one, other = np.hstack(pairs)
+        shape = len(small), len(small)
+        graph = coo_array((np.ones(len(one), np.int8), (one, other)), shape=shape)
+        return connected_components(graph, directed=False)[1][groups]
 
     def _among_rest(self, queries, distances, near, itself):
         counts = np.append(self.counts, self.limits.n_near)[near]  # of a missing one: all
@@ -253,6 +305,47 @@ def steps_between(usual, usual_there, distances):
     return ratio(distances, np.minimum(usual[:, None], usual_there))
 
 
+def lengths_of_pieces(points, group, limits):
+    """Length of each group that is flat, 0 of the others.
+
+    Sums are taken as by `separation_of_groups`. The deviation off the plane has as many degrees
+    of freedom as there are points beyond those that a plane needs.
+
+    Parameters
+    ----------
+    points : ndarray of shape (m, d)
+    group : ndarray of int of shape (m,)
+        Of each point, from 0 on.
+    limits : CompanyLimits
+
+    Returns
+    -------
+    ndarray of shape (n_groups,)
+    """
+    order = np.lexsort(points.T[::-1])
+    sizes = np.bincount(group)
+    spare = sizes - points.shape[1]
+    deviations = _deviations(points[order], group[order], sizes, spare > 0)
+    longest = deviations[:, -1]
+    off = deviations[:, 0] * np.sqrt(sizes / np.maximum(spare, 1))
+    return np.where(limits.flat * off <= longest, LENGTH * longest, 0.0)
+
+
+def are_pieces(length, length_there, distances, bridge):
+    """Whether points of flat groups belong to one thing with those that they are near to.
+
+    Parameters
+    ----------
+    length : ndarray of shape (m,)
+        Of the group of each point.
+    length_there, distances : ndarray of shape (m, w)
+        The same of the group of each neighbor, 0 if it is no piece, and how far away that is.
+    bridge : float
+    """
+    near = distances <= bridge * np.maximum(length[:, None], length_there)
+    return near & (length_there > 0)
+
+
 def separation_of_groups(points, group, usual, gaps):
     """Gap of each group over the size of the group.
 
@@ -278,8 +371,7 @@ def separation_of_groups(points, group, usual, gaps):
     gap = np.full(len(sizes), np.inf)
     np.minimum.at(gap, group, gaps[order])
     size = np.bincount(group, usual) / sizes
-    several = sizes[group] > 1
-    size = np.maximum(size, _longest_deviation(points, group, sizes, several))
+    size = np.maximum(size, _deviations(points, group, sizes, sizes > 1)[:, -1])
     return ratio(gap, size)
 
 
@@ -300,8 +392,8 @@ def mean_distance(distances, counts, n_near):
     return (taken * distances).sum(axis=1) / np.maximum(reached[:, -1], 1)
 
 
-def _longest_deviation(points, group, sizes, several):
-    """Standard deviation of each group along its longest axis."""
+def _deviations(points, group, sizes, asked):
+    """Standard deviations of groups along their axes, ascending; 0 of those that are not asked."""
     d = points.shape[1]
     covariance = np.zeros((len(sizes), d, d))
     centers = np.stack([np.bincount(group, points[:, i]) / sizes for i in range(d)], axis=1)
@@ -309,7 +401,6 @@ def _longest_deviation(points, group, sizes, several):
     for i in range(d):
         for j in range(i + 1):
             covariance[:, i, j] = np.bincount(group, away[:, i] * away[:, j]) / sizes
-    longest = np.zeros(len(sizes))
-    rows = np.unique(group[several])
-    longest[rows] = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance[rows])[:, -1], 0.0))
-    return longest
+    deviations = np.zeros((len(sizes), d))
+    deviations[asked] = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance[asked]), 0.0))
+    return deviations

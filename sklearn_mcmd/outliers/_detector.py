@@ -51,7 +51,8 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
        its neighbors, in usual spacings of the surfaces around.
     3. **Does its group stand off?** Points of the rest near each other form groups. A small group
        stands off by its gap to everything real, in sizes of its own. Its size is the standard
-       deviation along its longest axis.
+       deviation along its longest axis. Flat groups near each other are one: pieces of a thing
+       between whose parts no scan line fell.
 
     The score is the least of the answers that excuses the point, so 3 means: three standard
     deviations off the surfaces, and three of its own sizes away from anything that is real.

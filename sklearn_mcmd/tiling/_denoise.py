@@ -32,7 +32,13 @@ from sklearn_mcmd.tiling._outputs import (
     write_denoised_outputs,
 )
 from sklearn_mcmd.tiling._ranks import evenly_along_x, exceeded_by
-from sklearn_mcmd.tiling._rest import find_groups, find_isolation, find_scores
+from sklearn_mcmd.tiling._rest import (
+    find_groups,
+    find_isolation,
+    find_pieces,
+    find_scores,
+    find_things,
+)
 from sklearn_mcmd.tiling._run import RunReport, Verb, check_seed, run_by_tiles, warm_up
 from sklearn_mcmd.tiling._surfaces import (
     RADIUS,
@@ -60,6 +66,8 @@ ENDS = {
     "explained": 0.83,
     "isolation": 0.95,
     "groups": 0.97,
+    "pieces": 0.975,
+    "things": 0.98,
     "scores": 1.0,
 }
 # What no sweep asks for when all are done that did.
@@ -70,6 +78,10 @@ DONE_WITH = {
     ),
     "isolation": ("spacing", "other_spacing"),
     "groups": ("rest_reach",),
+    "things": (
+        *("group_labels", "group_sizes", "group_links", "group_whole", "group_others"),
+        "piece_length",
+    ),
 }
 
 
@@ -313,6 +325,10 @@ def judge_cells(job, cells, columns, n_workers, cutoff):
             sweep("groups", find_groups)
             joined("group", job.least[1])
             job = job._replace(largest=columns.report("all", "group")["largest"])
+            sweep("pieces", find_pieces)
+            sweep("things", find_things)
+            joined("thing", job.least[1])
+            job = job._replace(largest=columns.report("all", "thing")["largest"])
     write, is_done = partial(_write, job.columns), partial(has_scores, job.columns)
     sweep("scores", find_scores, is_done, target=write)
     if job.detector._is_rehearsed():

@@ -1,11 +1,15 @@
 """The points that no surface explains, cell by cell: what is usual around them, groups, scores."""
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd.outliers._cloud import joined_scores
 from sklearn_mcmd.outliers._company import (
     HALF,
+    are_pieces,
     isolation_of,
+    lengths_of_pieces,
     mean_distance_to_rest,
     separation_of_groups,
     steps_between,
@@ -18,7 +22,7 @@ from sklearn_mcmd.tiling._joining import parts_of_cell
 from sklearn_mcmd.tiling._search import Found, visit_nearest, within_reach
 from sklearn_mcmd.tiling._surfaces import COMPANY, LIMITS, all_places
 
-__all__ = ["find_groups", "find_isolation", "find_scores"]
+__all__ = ["find_groups", "find_isolation", "find_pieces", "find_scores", "find_things"]
 
 WIDTH = max(COMPANY.n_links, COMPANY.n_near) + 1  # neighbors among the rest, itself the first
 WIDER = 1.0 + 1e-9  # the quotient of two lengths may be rounded down
@@ -96,6 +100,64 @@ def find_groups(cell, job):
     columns.finish(cell, "groups")
 
 
+def find_pieces(cell, job):
+    """Write how long the group of each place is, if it may be a piece of a thing, else 0.
+
+    Column: piece_length, of all places.
+    """
+    _, columns = job.open()
+    labels = columns.read(cell, "group_labels")
+    rows, points, groups, _ = _small_groups(cell, job, columns, "group")
+    length = np.zeros(len(labels))
+    if len(rows):
+        length[rows] = lengths_of_pieces(points, groups, COMPANY)[groups[: len(rows)]]
+        isolation = np.zeros(len(labels))
+        isolation[~columns.read(cell, "explained")] = columns.read(cell, "isolation")
+        length[isolation > COMPANY.alone] = 0.0
+    columns.write(cell, piece_length=length)
+    columns.finish(cell, "pieces")
+
+
+def find_things(cell, job):
+    """Write the groups of the rest of a cell, where pieces of one thing are one group.
+
+    Columns: thing_labels, thing_sizes and thing_links, which are `Parts`.
+    """
+    cells, columns = job.open()
+    points, counts = columns.read(cell, "points"), columns.read(cell, "counts")
+    labels, length = columns.read(cell, "group_labels"), columns.read(cell, "piece_length")
+    rows = np.flatnonzero(length)
+    here, there = [np.empty((2, 0), np.intp)], [np.empty((3, 0), np.intp)]
+
+    def link(some, distances, near, found):
+        own = rows[some]
+        length_there = np.append(found.values(columns, "piece_length"), 0.0)[near]
+        i, j = np.nonzero(are_pieces(length[own], length_there, distances, COMPANY.bridge))
+        cells_there, rows_there = (part[near[i, j]] for part in found.places)
+        own, outside = own[i], cells_there != cell
+        pair = np.stack([labels[own[~outside]], labels[rows_there[~outside]]])
+        here.append(np.unique(pair, axis=1))
+        leaving = np.stack([own, cells_there, rows_there])[:, outside]
+        there.append(leaving)
+
+    visit_nearest(
+        cells, _some(columns, _is_rest), cell, points[rows], int(np.ceil(job.least[1])), link
+    )
+    one, other = np.hstack(here)
+    shape = (len(columns.read(cell, "group_sizes")),) * 2
+    graph = coo_array((np.ones(len(one), np.int8), (one, other)), shape=shape)
+    whole = connected_components(graph, directed=False)[1]
+    # Parts of one group in several cells are linked by a row of each.
+    numbers, first = np.unique(labels, return_index=True)
+    row_of = first[numbers >= 0]
+    links = columns.read(cell, "group_links")
+    leaving = np.hstack([[row_of[links[:, 0]], links[:, 1], links[:, 2]], *there])
+    labels = np.append(whole, -1)[labels]
+    parts = parts_of_cell(labels, counts, *leaving)
+    columns.write(cell, **{f"thing_{name}": values for name, values in parts._asdict().items()})
+    columns.finish(cell, "things")
+
+
 def find_scores(cell, job, target):
     """Write the scores of all points of a cell, in the order of the inputs.
 
@@ -141,13 +203,52 @@ def _scores_of_rest(cell, job, cells, columns, rest, distances):
 
 def _separation(cell, job, cells, columns):
     """Gap of each place's group over the size of the group; 0 if that is large."""
-    labels = columns.read(cell, "group_labels")
-    small = _is_small(columns, cell, job)
-    rows = np.flatnonzero(np.append(small, False)[labels])
-    separation = np.zeros(len(labels))
+    rows, points, groups, found = _small_groups(cell, job, columns, "thing")
+    separation = np.zeros(len(columns.read(cell, "thing_labels")))
     if not len(rows):
         return separation
-    others = columns.read(cell, "group_others")
+    usual = found.after([columns.read(cell, "usual")[rows]], columns, "usual")
+    gaps = np.full(len(points), np.inf)
+
+    def measure(rows, distances, *_):
+        gaps[rows] = distances[:, 0]
+
+    def is_real(columns, other):
+        large = ~_is_small(columns, other, job, "thing")
+        labels = columns.read(other, "thing_labels")
+        return (labels < 0) | np.append(large, False)[labels]
+
+    visit_nearest(cells, _some(columns, is_real), cell, points, 1, measure)
+    separation[rows] = separation_of_groups(points, groups, usual, gaps)[groups[: len(rows)]]
+    return separation
+
+
+def _small_groups(cell, job, columns, name):
+    """Small groups of the rest that have places in a cell.
+
+    Parameters
+    ----------
+    cell : int
+    job : Job
+    columns : Columns
+    name : {"group", "thing"}
+        Of the columns of `Parts`.
+
+    Returns
+    -------
+    rows : ndarray of int of shape (m,)
+        The places in the cell.
+    points : ndarray of shape (n, 3)
+        Of these, then of the same groups in other cells.
+    groups : ndarray of int of shape (n,)
+        Group of each of the points, from 0 on.
+    found : Found
+        Those in other cells.
+    """
+    labels = columns.read(cell, f"{name}_labels")
+    small = _is_small(columns, cell, job, name)
+    rows = np.flatnonzero(np.append(small, False)[labels])
+    others = columns.read(cell, f"{name}_others")
     others = others[small[others[:, 0]]]
     # Parts of one group have one number, those of this cell too.
     number = np.arange(len(small))
@@ -156,32 +257,19 @@ def _separation(cell, job, cells, columns):
     for other in np.setdiff1d(others[:, 1], [cell]):
         some = others[others[:, 1] == other]
         number_there = dict(zip(some[:, 2], len(small) + some[:, 3], strict=True))
-        labels_there = columns.read(other, "group_labels")
+        labels_there = columns.read(other, f"{name}_labels")
         rows_there = np.flatnonzero(np.isin(labels_there, some[:, 2]))
         parts.append((other, columns.read(other, "points")[rows_there], rows_there))
         groups.append([number_there[label] for label in labels_there[rows_there]])
     found = Found(parts)
     points = np.vstack([columns.read(cell, "points")[rows], found.points])
-    usual = found.after([columns.read(cell, "usual")[rows]], columns, "usual")
     _, groups = np.unique(np.concatenate(groups).astype(np.int64), return_inverse=True)
-    gaps = np.full(len(points), np.inf)
-
-    def measure(rows, distances, *_):
-        gaps[rows] = distances[:, 0]
-
-    def is_real(columns, other):
-        large = ~_is_small(columns, other, job)
-        labels = columns.read(other, "group_labels")
-        return (labels < 0) | np.append(large, False)[labels]
-
-    visit_nearest(cells, _some(columns, is_real), cell, points, 1, measure)
-    separation[rows] = separation_of_groups(points, groups, usual, gaps)[groups[: len(rows)]]
-    return separation
+    return rows, points, groups, found
 
 
-def _is_small(columns, cell, job):
+def _is_small(columns, cell, job, name):
     """Which groups of a cell are too small for a thing."""
-    sizes = columns.read(cell, "group_whole")
+    sizes = columns.read(cell, f"{name}_whole")
     small = sizes < job.least[1]
     return small if job.n_explained else small & (sizes < job.largest)
 

@@ -56,6 +56,9 @@ def oracle_cloud(kind):
     street = small_street(rng)
     if kind == "copies":
         return np.vstack([street[:500:2], street[:90], street[500:], street[590:], street[-3:]])
+    if kind == "pieces":
+        lines = [[0.07 * i, -1.5, 3.5 + 0.8 * j] for j in range(3) for i in range(9)]
+        return np.vstack([street, lines + rng.normal(0, 0.005, (27, 3))])
     if kind == "2D":
         line = np.column_stack([rng.uniform(0, 5, 250), rng.normal(0, 0.005, 250)])
         return np.vstack([line, rng.uniform(-1, 4, (50, 2))])
@@ -77,6 +80,7 @@ FORM = {"n_neighbors": 30, "outlier_rate": 0.2}
         ("street", None),
         ("street", 0.012),
         ("copies", None),
+        ("pieces", None),
         ("2D", None),
         ("no surface", None),
         ("one point off", None),

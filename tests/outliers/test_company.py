@@ -120,6 +120,44 @@ def test_a_large_group_is_real_however_far_it_stands_off_and_others_lean_on_it()
     assert_allclose(company(X, 400, least=30).separation[-1], 4 / LATTICE)
 
 
+def line_at(x, y, z, n=12):
+    """Points half a unit apart."""
+    return [[x + 0.5 * i, y, z] for i in range(n)]
+
+
+@pytest.mark.parametrize("n", [12, 24])
+@pytest.mark.parametrize(("lengths", "one_thing"), [(2.99, True), (3.01, False)])
+def test_flat_groups_within_three_lengths_of_the_longer_one_are_one(n, lengths, one_thing):
+    gap = lengths * 0.5 * np.sqrt(n**2 - 1)
+    X = with_rest(line_at(5, 5, 30), line_at(5, 5, 30 + gap, n))
+    found = company(X, 400)
+    assert (found.isolation[400:] < 3).all()
+    group = X[400:] if one_thing else X[400:412]
+    size = np.sqrt(np.linalg.eigvalsh(np.cov(group.T, bias=True))[-1])
+    assert_allclose(found.separation[400:412], 30 / size)
+
+
+def test_pieces_of_enough_points_are_a_thing():
+    X = with_rest(*(line_at(5, 5, 30 + 4 * i) for i in range(3)))
+    assert (company(X, 400, least=37).separation[400:] > 3).all()
+    assert_array_equal(company(X, 400, least=36).separation[400:], 0)
+
+
+@pytest.mark.parametrize("n", [3, 4])
+def test_what_a_plane_needs_is_no_piece(n):
+    X = with_rest(line_at(5, 5, 30, n), line_at(5, 9, 30), line_at(5, 13, 30))
+    found = company(X, 400, counts=np.repeat([1, 9, 1], [400, n, 24]))
+    assert (found.separation[400] == found.separation[-1]) == (n > 3)
+
+
+def test_clumps_that_fill_space_are_no_pieces():
+    clump = np.random.default_rng(0).normal(size=(30, 3))
+    for squeezed, one_thing in ((1, False), (0.01, True)):
+        part = clump * [1, 1, squeezed] + [10, 10, 30]
+        found = company(with_rest(part, part + np.array([0, 0, 8])), 400)
+        assert (found.separation[400] == found.separation[-1]) == one_thing
+
+
 def test_copies_count_as_measurements():
     """Of its own company, and of the size of its group; not of what is usual."""
     X = with_rest([10, 10, 5], [10, 11, 5])
