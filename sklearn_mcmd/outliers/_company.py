@@ -67,7 +67,7 @@ class CompanyLimits(NamedTuple):
     n_links: int = 16
     rest_weight: float = 2 / 3
     alone: float = 3.0
-    flat: float = 3.0
+    flat: float = 4.0
     bridge: float = 3.0
 
 
