@@ -13,7 +13,7 @@ from sklearn_mcmd.report import _tiles
 from sklearn_mcmd.report._tiles import _sample, _with_removed
 from tiled import street
 
-N = 6_000
+N = 4_400
 TILES = ("--memory", "1GB", "--n-jobs", 1)
 
 
@@ -91,12 +91,12 @@ def test_a_run_in_place_has_a_report_without_maps(folder, tmp_path):
 
 
 def test_normals_of_tiles_state_the_sample(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(_tiles, "SAMPLE", 1_000)
+    monkeypatch.setattr(_tiles, "SAMPLE", 1_100)
     options = ("--features", "normal_error", "--report", tmp_path / "r")
     result = run("normals", folder, tmp_path / "out", *options, *TILES)
     assert result.exit_code == 0, result.output
     page = (tmp_path / "r" / "index.html").read_text()
-    assert "one point of 9, 1,000 of 9,000 points" in page
+    assert "one point of 6, 1,100 of 6,600 points" in page
     assert "standard error" in page
 
 

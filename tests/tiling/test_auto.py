@@ -42,8 +42,11 @@ SCENES = {
     "copies": lambda: np.vstack([np.round(noisy_floor(2_000), 2)] * 2),
     "far apart": far_apart,
     "single precision": lambda: np.round(64 * noisy_floor(2_500)) / 64,
-    "volume": lambda: RNG.uniform(0, 5, (1_500, 3)),
+    "volume": lambda: RNG.uniform(0, 5, (1_200, 3)),
 }
+
+# These are tried as one tile, too. There are no halos then: order, copies and precision count.
+ONE_TILE = {"floor", "copies", "single precision"}
 
 
 def in_memory(source, target, estimator=ESTIMATOR):
@@ -67,7 +70,7 @@ def test_normals_are_those_of_memory_wherever_tiles_begin(scene, tmp_path, monke
     sizes = in_memory(a, b)
     if scene == "floor":
         assert np.ptp(sizes) > 40
-    for tile_size, cut in ((800, 0.3), (10_000, 0.5)):
+    for tile_size, cut in ((800, 0.3), *[(10_000, 0.5)] * (scene in ONE_TILE)):
         report = write_normals(a, c, ESTIMATOR, tile_size=tile_size, cut=cut)
         assert c.read_bytes() == b.read_bytes()
         assert (report.n_proved < report.n_points) == (report.n_tiles > 1)
@@ -128,9 +131,9 @@ def test_many_points_at_few_places_are_refused(tmp_path, monkeypatch):
 
 def test_processes_and_attributes(tmp_path):
     a, b, c = (tmp_path / name for name in ("a.laz", "b.laz", "c.laz"))
-    write_points(a, street(4_000))
+    write_points(a, street(3_000))
     in_memory(a, b)
-    report = write_normals(a, c, ESTIMATOR, tile_size=1_500, n_jobs=2)
+    report = write_normals(a, c, ESTIMATOR, tile_size=1_200, n_jobs=2)
     assert c.read_bytes() == b.read_bytes()
     assert report.n_workers == 2
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.laz", "b.laz", "c.laz"]
@@ -182,11 +185,11 @@ def test_a_run_that_was_killed_goes_on(place, n_resumed, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_hundred_thousand_points_have_the_normals_of_memory(tmp_path):
+def test_many_points_have_the_normals_of_memory(tmp_path):
     a, b, c = (tmp_path / name for name in ("a.las", "b.las", "c.las"))
-    X = make_street(100_000, outlier_share=0.1, random_state=1).data
+    X = make_street(40_000, outlier_share=0.1, random_state=1).data
     write_points(a, PointCloud(np.round(X, 3)))
     in_memory(a, b)
-    for tile_size, cut, n_jobs in ((5_000, 0.5, 2), (20_000, 0.3, 1)):
+    for tile_size, cut, n_jobs in ((5_000, 0.5, 2), (30_000, 0.3, 1)):
         write_normals(a, c, ESTIMATOR, tile_size=tile_size, cut=cut, n_jobs=n_jobs)
         assert c.read_bytes() == b.read_bytes()

@@ -25,7 +25,7 @@ def files_in(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
-@pytest.mark.parametrize("tile_size", [2_000, 3_000, TILE, 8_000, 50_000])
+@pytest.mark.parametrize("tile_size", [2_000, TILE, 50_000])
 def test_the_output_is_that_of_memory_for_any_tile_size(street_file, tmp_path, tile_size):
     source, expected = street_file
     report = write_normals(source, tmp_path / "out.laz", ESTIMATOR, tile_size=tile_size)
@@ -465,21 +465,20 @@ def test_estimators_that_need_the_whole_cloud_are_refused(small_file, tmp_path, 
 
 
 SCENES = {
-    "street": lambda: make_street(100_000, outlier_share=0.1, random_state=1).data,
-    "mobile": lambda: make_mobile_scan(100_000, random_state=1).data,
-    "airborne": lambda: make_airborne_scan(100_000, random_state=1).data,
+    "street": lambda: make_street(40_000, outlier_share=0.1, random_state=1).data,
+    "mobile": lambda: make_mobile_scan(40_000, random_state=1).data,
+    "airborne": lambda: make_airborne_scan(40_000, random_state=1).data,
 }
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES)
-def test_a_hundred_thousand_points_have_the_normals_of_memory(scene, tmp_path):
+def test_many_points_have_the_normals_of_memory(scene, tmp_path):
     source = tmp_path / "scene.laz"
     write_points(source, PointCloud(np.round(SCENES[scene](), 3)))
     usual = RobustNormalEstimator(random_state=0)
     expected = in_memory(source, tmp_path / "expected.laz", usual).read_bytes()
-    runs = [(5_000, 0.5, 1), (10_000, 0.5, 2), (20_000, 0.3, 1), (35_000, 0.6, 2), (70_000, 0.5, 1)]
-    for tile_size, cut, n_jobs in runs:
+    for tile_size, cut, n_jobs in ((5_000, 0.5, 2), (30_000, 0.3, 1)):
         target = tmp_path / "out.laz"
         write_normals(source, target, tile_size=tile_size, cut=cut, n_jobs=n_jobs)
         assert target.read_bytes() == expected

@@ -55,6 +55,7 @@ SCENES = {
         [street_with_tree(2_500), street_with_tree(2_500, seed=1) / 30]
     ),
 }
+LARGER_TILES = {"street", "copies", "far apart", "volume"}  # these are tried with them, too
 SLOW_SCENES = ("bus stop", "single precision", "sparse beside dense")
 SWITCHES = [
     {"regrow_rest": False},
@@ -104,7 +105,8 @@ def some_slow(values, slow):
 @pytest.mark.parametrize("scene", some_slow(SCENES, SLOW_SCENES))
 def test_labels_are_those_of_memory_wherever_tiles_begin(scene, tmp_path):
     path, cloud = written(tmp_path, SCENES[scene]())
-    assert_equal_by_tiles(path, cloud, GROWING, ((800, 0.3), (2_600, 0.7)))
+    divisions = ((800, 0.3), (2_600, 0.7))
+    assert_equal_by_tiles(path, cloud, GROWING, divisions[: 1 + (scene in LARGER_TILES)])
 
 
 @pytest.mark.parametrize(
@@ -122,7 +124,7 @@ def test_labels_are_those_of_memory_for_all_parameters(params, tmp_path):
 def test_each_scene_has_the_labels_of_memory_with_other_parameters(scene, params, tmp_path):
     path, cloud = written(tmp_path, SCENES[scene]())
     growing = clone(GROWING).set_params(**params)
-    assert_equal_by_tiles(path, cloud, growing, ((900, 0.4), (2_500, 0.6)))
+    assert_equal_by_tiles(path, cloud, growing, ((900, 0.4),))
 
 
 @st.composite
@@ -304,14 +306,12 @@ def test_points_on_no_surface_that_take_more_than_the_memory_are_warned_of(tmp_p
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", ["street", "airborne"])
-def test_a_hundred_thousand_points_have_the_labels_of_memory(scene, tmp_path):
+def test_many_points_have_the_labels_of_memory(scene, tmp_path):
     make = {
-        "street": lambda: make_street(
-            100_000, spacing=0.02, outlier_share=0.02, tree=True, random_state=1
-        ),
-        "airborne": lambda: make_airborne_scan(100_000, random_state=1),
+        "street": lambda: make_street(40_000, outlier_share=0.02, tree=True, random_state=1),
+        "airborne": lambda: make_airborne_scan(40_000, random_state=1),
     }
     path, cloud = written(tmp_path, np.round(make[scene]().data, 3))
     growing = RegionGrowing(normal_estimator=RobustNormalEstimator(random_state=0))
-    divisions = ((5_000, 0.5), (20_000, 0.3), (70_000, 0.6))
+    divisions = ((5_000, 0.5), (30_000, 0.3))
     assert_equal_by_tiles(path, cloud, growing, divisions, n_jobs=2)
