@@ -22,7 +22,8 @@ __all__ = ["N_WARM", "make_cloud", "measure_apart"]
 NEAR = 4.0
 RIGHT = 10.0  # degrees
 NATIONAL_GRID = (5e5, 5.4e6, 0.0)
-# Points of the street on which each process compiles and loads what it needs, before the clock.
+# Points of the street on which each process compiles and loads what it needs, before the clock;
+# as many as are measured, if these are fewer.
 N_WARM = 10_000
 # Streets of at least so many points have 2 cm between points. Smaller ones would be too short.
 DENSE_FROM = 100_000

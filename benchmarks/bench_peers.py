@@ -127,7 +127,8 @@ def plan(options):
 
 def clouds(stack, conditions, k):
     """Folders with the streets of one size by order, and the small one to warm up with."""
-    folders = {"warm": (N_WARM, "random")}
+    largest = max(condition.size for condition in conditions)
+    folders = {"warm": (min(N_WARM, largest), "random")}
     folders |= {c.order: (c.size, c.order) for c in conditions}
     columns = any(c.job.startswith("regions") for c in conditions)
     for name, (n, order) in folders.items():

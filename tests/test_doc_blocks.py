@@ -3,6 +3,7 @@
 import json
 import pkgutil
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -66,19 +67,15 @@ def with_blocks():
     ]
 
 
-@pytest.fixture
-def reader(tmp_path, monkeypatch):
-    """Where a reader works: a folder of its own, no lines of progress, no windows of pictures."""
-    matplotlib = pytest.importorskip("matplotlib")
-    matplotlib.use("agg")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(_waiting, "PATIENCE", 3600.0)
-    return tmp_path
+@pytest.fixture(scope="module")
+def street_xyz():
+    return make_street(6_000, random_state=0).data
 
 
-def give_files(folder):
+@pytest.fixture(scope="module")
+def given_files(tmp_path_factory, street_xyz):
     """The files that commands of the pages read: a street, a wall, and a drive of two files."""
-    street = PointCloud(np.round(make_street(6_000, random_state=0).data, 4))
+    folder, street = tmp_path_factory.mktemp("given"), PointCloud(np.round(street_xyz, 4))
     (folder / "drive").mkdir()
     for name in ("street", "yours", "scan", "drive"):
         write_points(folder / f"{name}.laz", street)
@@ -87,16 +84,27 @@ def give_files(folder):
         write_points(folder / "drive" / f"{i}.laz", street.subset(slice(i, None, 2)))
     index = {"type": "FeatureCollection", "features": [{"type": "Feature"} | h for h in halves]}
     (folder / "drive.vpc").write_text(json.dumps(index))
+    return folder
+
+
+@pytest.fixture
+def reader(tmp_path, given_files, monkeypatch):
+    """Where a reader works: files of its own, no lines of progress, no windows of pictures."""
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("agg")
+    shutil.copytree(given_files, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(_waiting, "PATIENCE", 3600.0)
+    return tmp_path
 
 
 @pytest.mark.parametrize("name", with_blocks())
-def test_the_blocks_of_a_page_run_and_print_what_it_shows(name, reader):
-    give_files(reader)
+def test_the_blocks_of_a_page_run_and_print_what_it_shows(name, reader, street_xyz):
     if name in DEMO:
         write_street(reader / "street.laz")
     if name in FROM_NOTHING:
         (reader / "street.laz").unlink()
-    names = {"__name__": f"docs/{name}.rst", "xyz": make_street(6_000, random_state=0).data}
+    names = {"__name__": f"docs/{name}.rst", "xyz": street_xyz.copy()}
     exec(GIVEN.get(name, ""), names)
     found = blocks(PAGES[name].read_text("utf-8"))
     for block, after in zip(found, [*found[1:], None], strict=True):
