@@ -399,9 +399,7 @@ def test_detectors_that_cannot_work_are_refused_before_the_work(tmp_path, estima
 @pytest.mark.parametrize(("scene", "strictness"), [("street", "groups"), ("airborne", "surfaces")])
 def test_many_points_have_the_scores_of_memory(scene, strictness, by_tiles, tmp_path):
     make = {
-        "street": lambda: make_street(
-            40_000, spacing=0.02, outlier_share=0.1, tree=True, random_state=1
-        ),
+        "street": lambda: make_street(40_000, outlier_share=0.1, tree=True, random_state=1),
         "airborne": lambda: make_airborne_scan(40_000, random_state=1),
     }
     path, cloud = written(tmp_path, np.round(make[scene]().data, 3))

@@ -308,9 +308,7 @@ def test_points_on_no_surface_that_take_more_than_the_memory_are_warned_of(tmp_p
 @pytest.mark.parametrize("scene", ["street", "airborne"])
 def test_many_points_have_the_labels_of_memory(scene, tmp_path):
     make = {
-        "street": lambda: make_street(
-            40_000, spacing=0.02, outlier_share=0.02, tree=True, random_state=1
-        ),
+        "street": lambda: make_street(40_000, outlier_share=0.02, tree=True, random_state=1),
         "airborne": lambda: make_airborne_scan(40_000, random_state=1),
     }
     path, cloud = written(tmp_path, np.round(make[scene]().data, 3))
