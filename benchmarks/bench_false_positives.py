@@ -6,10 +6,12 @@ neighborhoods from the edge, for which the rate is stated. Numbers are means ove
 last column is the standard error of the stated rate for the same number of independent points.
 
     python benchmarks/bench_false_positives.py --seeds 3
-    python benchmarks/bench_false_positives.py --shapes
+    python benchmarks/bench_false_positives.py --shapes --forms isolated groups surfaces \
+        --rates 0.001 0.003 0.01 0.03
 
-With ``--shapes`` the clouds are whole clean scans: a cylinder, a plane of uneven density, and
-streets, without and with the sensor's position.
+With ``--shapes`` the clouds are whole clean scans of all kinds, without and with the sensor's
+position. With ``surfaces`` the rates are those of points on faces. With ``--outliers`` the share
+of these that is found is printed as well.
 """
 
 import argparse
@@ -19,9 +21,26 @@ import numpy as np
 
 FORMS = {
     "paper": {"strictness": None},
+    "isolated": {"strictness": "isolated"},
     "groups": {},
     "surfaces": {"strictness": "surfaces"},
 }
+# Parts of the names of what is no face.
+SOFT = (
+    "tree",
+    "crown",
+    "forest",
+    "shrub",
+    "bush",
+    "hedge",
+    "plant",
+    "grass",
+    "wire",
+    "cable",
+    "fence",
+    "post",
+    "pole",
+)
 
 
 def clean_plane(n, noise, n_neighbors, seed):
@@ -44,39 +63,83 @@ def achieved(X, far, form, n_neighbors, rate, n_jobs):
     return flagged.mean(), flagged[far].mean(), -detector.offset_
 
 
-def shapes(n, seed):
-    """Name, points and where a sensor may stand, of clean clouds in meters."""
-    from sklearn_mcmd.datasets import make_street
+def shapes(n, seed, outliers):
+    """Name, points, where the sensor stood, which are on faces, and which are real, of clouds.
+
+    Points of leaves, wires, posts and grass are on no face.
+    """
+    from sklearn_mcmd.datasets import (
+        make_airborne_scan,
+        make_depth_frame,
+        make_mobile_scan,
+        make_spinning_turn,
+        make_street,
+    )
 
     rng = np.random.default_rng([seed, n])
-    noise = rng.normal(0, 0.004, n)
+    everywhere, noise = np.ones(n, bool), rng.normal(0, 0.004, n)
+    along, far = rng.uniform(0, 3, n), 30 * rng.random(n) ** 3
+    plane, _ = clean_plane(n, 0.3, 50, seed)
+    yield "plane", plane, [np.sqrt(n) / 2, np.sqrt(n) / 2, 50.0], everywhere, everywhere
+    uneven = np.column_stack([far, along, noise])
+    yield "plane of uneven density", uneven, [0.0, 1.0, 2.0], everywhere, everywhere
     angle, radius = rng.uniform(0, 2 * np.pi, n), 1 + noise
-    along = rng.uniform(0, 3, n)
-    yield (
-        "cylinder",
-        np.column_stack([radius * np.cos(angle), radius * np.sin(angle), along]),
-        [0.0, 0.0, 1.5],
-    )
-    far = 30 * rng.random(n) ** 3
-    yield "uneven plane", np.column_stack([far, along, noise]), [0.0, 1.0, 2.0]
-    for sampling in ("uniform", "scan_lines"):
-        street = make_street(n, outlier_share=0, sampling=sampling, random_state=seed)
-        yield f"street, {sampling}", street.data, street.scanners[0]
+    cylinder = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), along])
+    yield "cylinder", cylinder, [0.0, 0.0, 1.5], everywhere, everywhere
+    sphere = rng.normal(size=(n, 3))
+    sphere *= (radius / np.linalg.norm(sphere, axis=1))[:, None]
+    yield "sphere", sphere, [0.0, 0.0, 0.0], everywhere, everywhere
+    for name, how in {
+        "street": {},
+        "street, spacing grows 3.4 times": {"spacing_growth": 3.4},
+        "street with a tree": {"tree": True},
+        "street in scan lines": {"sampling": "scan_lines"},
+        "street in scan lines, tree": {"sampling": "scan_lines", "tree": True},
+    }.items():
+        street = make_street(n, outlier_share=outliers, random_state=seed, **how)
+        yield name, street.data, street.scanners[0], faces_of(street), street.target == 1
+    for name, make in {
+        "mobile scan": make_mobile_scan,
+        "airborne scan": make_airborne_scan,
+        "spinning turn": make_spinning_turn,
+        "depth frame": make_depth_frame,
+    }.items():
+        made = make(n, outlier_share=outliers, far_share=0, random_state=seed)
+        yield name, made.data, made.viewpoints, faces_of(made), made.target == 1
+
+
+def faces_of(made):
+    """Which points are of faces, by the names of what they are on."""
+    names = np.asarray(made.surface_names)
+    soft = [any(word in name for word in SOFT) for name in names]
+    return ~np.asarray(soft)[made.surface]
 
 
 def print_shapes(options):
     from sklearn_mcmd import MCMDOutlierDetector
 
-    print("cloud                 sensor   asked %  flagged %", flush=True)
-    for name, X, position in shapes(options.n_points, 0):
-        for known, rate in product((False, True), options.rates):
+    rates = "".join(f"{100 * rate:8g}" for rate in options.rates)
+    rates += " (found, in the same order)" if options.outliers else ""
+    print(f"{'flagged %, asked:':33}{'strictness':11}{'sensor':8}{rates}    worst / asked")
+    for name, X, position, faces, real in shapes(
+        options.n_points, options.first_seed, options.outliers
+    ):
+        if not any(part in name for part in options.clouds):
+            continue
+        for form, known in product(options.forms, (False, True)):
             detector = MCMDOutlierDetector(
-                false_positive_rate=rate, sensor_origin=position if known else None,
-                random_state=0, n_jobs=options.threads,
-            )  # fmt: skip
-            flagged = (detector.fit_predict(X) == -1).mean()
-            sensor = "known" if known else "unknown"
-            print(f"{name:20}  {sensor:7}  {100 * rate:7g}  {100 * flagged:7.3f}", flush=True)
+                random_state=0, n_jobs=options.threads, **{"strictness": form, **FORMS[form]}
+            )
+            counted, lost, found = (faces & real if form == "surfaces" else real), [], []
+            for rate in options.rates:
+                detector.set_params(false_positive_rate=rate)
+                labels = detector.fit_predict(X, sensor_origin=position if known else None)
+                lost.append((labels[counted] == -1).mean())
+                found.append((labels[~real] == -1).sum() / max(1, np.count_nonzero(~real)))
+            sensor, worst = "known" if known else "unknown", max(np.divide(lost, options.rates))
+            shown = "".join(f"{100 * share:8.3f}" for share in lost)
+            shown += "".join(f"{100 * share:8.1f}" for share in found) if options.outliers else ""
+            print(f"{name:33}{form:11}{sensor:8}{shown}{worst:9.1f}", flush=True)
 
 
 def main():
@@ -87,6 +150,9 @@ def main():
     parser.add_argument("--noise", nargs="+", type=float, default=[0.1, 0.3, 1.0])
     parser.add_argument("--n-points", type=int, default=20_000)
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--outliers", type=float, default=0.0, help="share, with --shapes")
+    parser.add_argument("--clouds", nargs="+", default=[""], help="parts of names, with --shapes")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--shapes", action="store_true", help="whole clean scans instead")
     options = parser.parse_args()

@@ -76,7 +76,6 @@ STRICTNESS_OF = {Keep.things: Strictness.groups, Keep.surfaces: Strictness.surfa
 
 
 def denoise(
-    context: typer.Context,
     source: InFiles,
     target: OutFiles,
     mode: Annotated[
@@ -181,6 +180,7 @@ def denoise(
     report: ReportFolder = None,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
+    context: typer.Context = None,  # type: ignore[assignment]  # of no option
 ) -> None:
     """Remove or mark the points that lie on no surface and stand apart from all else.
 
