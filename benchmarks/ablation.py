@@ -49,6 +49,7 @@ from sklearn_mcmd.outliers._detector import CUTOFF
 
 RATES = (0.003, 0.01)  # of false positives
 
+
 @dataclass(frozen=True)
 class Part:
     """What is tried: constants and parameters, on clouds, by what measures.
@@ -163,7 +164,7 @@ def clean_scans(options):
     from sklearn_mcmd import datasets
 
     for share, seed in product((0.0, 0.1), range(options.seeds)):
-        for name in ("street", "mobile_scan", "airborne_scan", "spinning_turn"):
+        for name in ("street", "mobile_scan", "airborne_scan", "lidar_turn"):
             how = {"sampling": "scan_lines", "tree": True} if name == "street" else {}
             scan = getattr(datasets, f"make_{name}")(
                 options.size, outlier_share=share, random_state=seed, **how

@@ -71,8 +71,8 @@ def shapes(n, seed, outliers):
     from sklearn_mcmd.datasets import (
         make_airborne_scan,
         make_depth_frame,
+        make_lidar_turn,
         make_mobile_scan,
-        make_spinning_turn,
         make_street,
     )
 
@@ -101,7 +101,7 @@ def shapes(n, seed, outliers):
     for name, make in {
         "mobile scan": make_mobile_scan,
         "airborne scan": make_airborne_scan,
-        "spinning turn": make_spinning_turn,
+        "spinning turn": make_lidar_turn,
         "depth frame": make_depth_frame,
     }.items():
         made = make(n, outlier_share=outliers, far_share=0, random_state=seed)

@@ -30,7 +30,7 @@ from sklearn.metrics import (
 )
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_mobile_scan, make_spinning_turn, make_street
+from sklearn_mcmd.datasets import make_lidar_turn, make_mobile_scan, make_street
 
 # In the order of `load_clouds`. Their licences are CC0, BSD and BSD.
 CLOUDS = {
@@ -102,7 +102,7 @@ def simulated(n):
     how = {"outlier_share": 0.1, "random_state": 0}
     street = make_street(n, sampling="scan_lines", tree=True, **how)
     mobile = make_mobile_scan(n, far_share=0, **how)
-    turn = make_spinning_turn(n, outlier_kinds=("particle", "mixed_pixel"), **how)
+    turn = make_lidar_turn(n, outlier_kinds=("particle", "mixed_pixel"), **how)
     for title, made, position in (
         ("street in scan lines, tree", street, street.scanners[0]),
         ("mobile scan", mobile, mobile.viewpoints),

@@ -170,6 +170,14 @@ def denoise(
     low_groups: LowGroups = False,
     sensor: SensorPosition = None,
     trajectory: TrajectoryFile = None,
+    reflections: Annotated[
+        bool,
+        typer.Option(
+            "--reflections",
+            help="Also find reflections behind windows, polished floors and water: groups whose "
+            "mirror images lie on what stands before the plane. Needs --sensor or --trajectory.",
+        ),
+    ] = False,
     outlier_rate: OutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
@@ -215,6 +223,7 @@ def denoise(
         "false_positive_rate": false_positive_rate,
         "contamination": contamination,
         "outlier_rate": outlier_rate,
+        "reflections": reflections,
         "random_state": random_state,
         "n_jobs": n_jobs,
     }
@@ -229,7 +238,7 @@ def denoise(
             print_plan(source, target, catalog, _detector(params), memory, work=work)
             return
         if catalog is not None:
-            _refuse_sensor(source, sensor, trajectory)
+            _refuse_sensor(source, sensor, trajectory, reflections)
             return _by_tiles(
                 *(source, target, catalog, params, choice, heights, mode, memory, restart),
                 *(report, quiet, seconds),
@@ -256,12 +265,14 @@ def denoise(
         if not quiet:
             judged = {} if points.judged.all() else {"judged": count_and_share(points.judged)}
             found = {"marked" if mark else "removed": count_and_share(is_outlier)}
+            found |= {"mirrored": _mirrored(detector, len(cloud))} if reflections else {}
             print_summary(source, target, len(cloud), seconds(), **judged, **found)
 
 
-def _refuse_sensor(source, sensor, trajectory):
+def _refuse_sensor(source, sensor, trajectory, reflections):
     """Raise where a position is given: rays go through the whole cloud."""
-    for name, value in {"--sensor": sensor, "--trajectory": trajectory}.items():
+    given = {"--sensor": sensor, "--trajectory": trajectory, "--reflections": reflections or None}
+    for name, value in given.items():
         if value is not None:
             raise ValueError(
                 f"{source}: {name} needs the whole cloud in memory, and this one is divided into "
@@ -337,6 +348,16 @@ def _find_outliers(xyz, sensor_origin=None, **params):
     """The fitted detector."""
     with progress_part(*WORKING):
         return _detector(params).fit(xyz, sensor_origin=sensor_origin)
+
+
+def _mirrored(detector, n_points):
+    """How many points are reflections, and in which planes."""
+    mirrors = detector.mirrors_
+    planes = [
+        f"{n:,} in the plane {x:.4f} x {y:+.4f} y {z:+.4f} z = {offset:.3f}"
+        for (x, y, z), offset, n in zip(*mirrors[:3], strict=True)
+    ]
+    return "; ".join([number_and_share(int(mirrors.n_points.sum()), n_points), *planes])
 
 
 def _verdict(cloud, points, detector, low_groups):

@@ -137,6 +137,11 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         point. What beams pass on their way to the background is empty space, and surfaces that
         contain the rays are mixed pixels. See :ref:`sensor`. None goes by coordinates alone.
 
+    reflections : bool, default=False
+        Whether to seek reflections too, in 3D: groups behind a plane, such as a window, a polished
+        floor or water, whose mirror images lie on what stands before it. It takes a
+        `sensor_origin`. See :ref:`mirror_images`.
+
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of trials that all neighborhoods use.
 
@@ -159,6 +164,15 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
     plane_index_ : ndarray of int of shape (n_samples,)
         The row whose plane measured each fitted point: the point's own row, or that of the
         neighbor on a surface that lent its plane.
+
+    mirrors_ : Mirrors
+        Planes that mirror, a named tuple of arrays with a row each: unit ``normals`` toward the
+        sensor, ``offsets`` (points x of a plane have ``x @ normal == offset``), ``n_points``
+        behind each, and the ``evidence``, which is their score. Only with `reflections`.
+
+    mirror_index_ : ndarray of int of shape (n_samples,)
+        The mirror in which each fitted point is a reflection, -1 of all others. Only with
+        `reflections`.
 
     n_neighbors_ : int
         Size of a neighborhood: `n_neighbors`, or the number of samples if that is smaller.
@@ -241,6 +255,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         "strictness": [StrOptions({"isolated", "groups", "surfaces"}), None],
         "noise_scale": [Interval(Real, 0, None, closed="neither"), None],
         "sensor_origin": ["array-like", StrOptions({"origin"}), None],
+        "reflections": ["boolean"],
         "false_positive_rate": [Interval(Real, 0, 0.5, closed="neither"), None],
         "contamination": [Interval(Real, 0, 0.5, closed="right"), None],
     }
@@ -260,6 +275,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         refine: Literal["reweight"] | None = "reweight",
         noise_scale: float | None = None,
         sensor_origin: ArrayLike | Literal["origin"] | None = None,
+        reflections: bool = False,
         random_state: int | np.random.RandomState | None = None,
         n_jobs: int | None = None,
     ) -> None:
@@ -275,6 +291,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         self.refine = refine
         self.noise_scale = noise_scale
         self.sensor_origin = sensor_origin
+        self.reflections = reflections
         self.random_state = random_state
         self.n_jobs = n_jobs
 
@@ -308,7 +325,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             If X has NaN, infinite or too few values, or `n_neighbors` is too small; if more
             than one of `cutoff`, `false_positive_rate` and `contamination` is given, or the
             rate is out of reach; if `sensor_origin` has another shape, NaN, or is where all
-            points are, or there is no strictness to use it.
+            points are, or there is no strictness to use it; if `reflections` are sought without it.
         """
         given = {
             name: getattr(self, name)
@@ -328,6 +345,11 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
                 "sensor_origin has no meaning where each point is judged by one plane alone: "
                 'give n_neighbors and a strictness, such as "groups", or leave it None.'
             )
+        if self.reflections and sensor_origin is None:
+            raise ValueError(
+                "reflections=True needs to know where the sensor stood: give sensor_origin, or "
+                "leave reflections False."
+            )
         xyz = self._fit_planes(X)
         origins = check_sensor_origin(sensor_origin, xyz)
         settings = {
@@ -343,7 +365,9 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             begin, end = 0.4, 0.7 if self._is_rehearsed() else 1.0  # for the display of progress
             with progress_part(0.0, begin, "cutoff by simulation"), told_to(None):
                 cutoff = calibrated_cutoff(self._model, settings, self.false_positive_rate)
-        self._cloud = JudgedCloud(self._model, origins=origins, **settings)
+        self._cloud = JudgedCloud(
+            self._model, origins=origins, reflections=self.reflections, **settings
+        )
         with progress_part(begin, end):
             found = self._cloud.fit(xyz.astype(np.float64, copy=False))
         if end < 1.0:
@@ -351,6 +375,10 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
                 parts = self._scores_in_parts(xyz, origins, found.scores, settings)
                 cutoff = max(cutoff, exceeded_by_share(parts, self.false_positive_rate))
         self.plane_index_, self.on_surface_ = found.plane_index, found.on_surface
+        if self.reflections:
+            self.mirror_index_ = index = self._cloud.mirror[self._model.index.places]
+            counts = np.bincount(index[index >= 0], minlength=len(self._cloud.mirrors.offsets))
+            self.mirrors_ = self._cloud.mirrors._replace(n_points=counts)
         self.scores_ = np.negative(found.scores, out=found.scores)
         self.offset_ = -cutoff
         if self.contamination is not None:

@@ -265,7 +265,7 @@ def check_detector(estimator):
         raise ValueError(
             "n_neighbors=None cannot work by tiles: the whole cloud is one neighborhood."
         )
-    if estimator.sensor_origin is not None:
+    if estimator.sensor_origin is not None or estimator.reflections:
         raise ValueError(
             "sensor_origin cannot work by tiles yet: beams that are next to each other lie in "
             "different tiles. Leave it None, or denoise the points in memory."

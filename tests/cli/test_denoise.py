@@ -1,11 +1,13 @@
 """mcmd denoise: the detector's outliers, dropped or marked, and nothing else changed."""
 
+import re
+
 import numpy as np
 import pytest
 
 from commands import run
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_lidar_turn
+from sklearn_mcmd.datasets import make_lidar_turn, make_street
 from sklearn_mcmd.io import read_points, write_points
 from sklearn_mcmd.io._classes import noise_classes
 
@@ -244,6 +246,30 @@ def test_a_position_that_cannot_be_used_is_refused(turn, tmp_path, options, mess
     assert result.exit_code in (1, 2)
     assert message in " ".join(result.output.split())
     assert not (tmp_path / "out.npy").exists()
+
+
+def test_reflections_are_counted_with_their_plane(tmp_path):
+    street = make_street(
+        20_000, glass=True, sampling="scan_lines", outlier_share=0.03,
+        outlier_kinds=["reflection"], random_state=0,
+    )  # fmt: skip
+    np.save(tmp_path / "in.npy", street.data)
+    options = ("--sensor", "2.5,1,2", "--reflections", "--report", tmp_path / "report")
+    result = run("denoise", tmp_path / "in.npy", tmp_path / "out.npy", *options)
+    assert result.exit_code == 0, result.output
+    told = re.search(
+        r"mirrored +(\d+) \(([\d.]+) %\); \1 in the plane (-?[\d.]+) x ([-+][\d.]+) y",
+        result.stdout,
+    )
+    assert int(told[1]) > 500
+    assert float(told[4]) == pytest.approx(-1, abs=1e-3)
+    assert "reflections behind windows" in (tmp_path / "report" / "index.html").read_text()
+
+
+def test_reflections_need_a_position(turn, tmp_path):
+    result = run("denoise", turn[0], tmp_path / "out.npy", "--reflections")
+    assert result.exit_code == 1
+    assert "give --sensor or --trajectory" in " ".join(result.output.split())
 
 
 def test_tiles_refuse_a_position(turn, tmp_path):

@@ -9,8 +9,8 @@ from scenes import sphere
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import (
     make_airborne_scan,
+    make_lidar_turn,
     make_mobile_scan,
-    make_spinning_turn,
     make_street,
 )
 from sklearn_mcmd.outliers._rehearsal import PARTS, n_parts_of, parts_of, shuffled
@@ -21,7 +21,7 @@ SCENES = {
     "spacing grows": lambda: make_street(8_000, spacing_growth=3.4, tree=True, **CLEAN).data,
     "scan lines": lambda: make_street(8_000, sampling="scan_lines", tree=True, **CLEAN).data,
     "sphere": lambda: sphere(4_000)[0],
-    "turn": lambda: make_spinning_turn(8_000, **CLEAN).data,
+    "turn": lambda: make_lidar_turn(8_000, **CLEAN).data,
     "mobile": lambda: make_mobile_scan(8_000, far_share=0, **CLEAN).data,
     "airborne": lambda: make_airborne_scan(8_000, far_share=0, **CLEAN).data,
 }
@@ -54,7 +54,7 @@ def test_a_scan_of_thin_things_asks_for_a_larger_cutoff_than_a_plane_of_its_nois
 
 
 def test_the_sensors_position_counts_in_parts_too():
-    turn = make_spinning_turn(8_000, **CLEAN)
+    turn = make_lidar_turn(8_000, **CLEAN)
     cutoffs = []
     for origins in (None, turn.viewpoints):
         detector = MCMDOutlierDetector(false_positive_rate=0.02, random_state=0)

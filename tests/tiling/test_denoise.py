@@ -11,7 +11,7 @@ from numpy.testing import assert_array_equal
 from sklearn.base import clone
 
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
-from sklearn_mcmd.datasets import make_airborne_scan, make_spinning_turn, make_street
+from sklearn_mcmd.datasets import make_airborne_scan, make_lidar_turn, make_street
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.io._classes import noise_classes
 from sklearn_mcmd.tiling import TilingError, _denoise, _surfaces, _together, write_denoised
@@ -43,7 +43,7 @@ def far_apart():
 SCENES = {
     "street": lambda: street_with_tree(4_000),
     "airborne": lambda: make_airborne_scan(3_000, random_state=0).data,
-    "turn": lambda: make_spinning_turn(5_000, random_state=0).data,
+    "turn": lambda: make_lidar_turn(5_000, random_state=0).data,
     "copies": with_copies,
     "far apart": far_apart,
     "volume": lambda: RNG.uniform(0, 5, (2_500, 3)),
