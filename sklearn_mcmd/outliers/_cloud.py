@@ -242,24 +242,28 @@ class JudgedCloud:
     def _ask_rays(self, isolation, separation, spacing):
         """Isolation and separation of the rest, as the beams next to it see them."""
         rest, rays, index = self.company.rest, self.rays, self.model.index
-        alone = rays.next_to(rest, self.explained).alone()
-        together = np.ones(len(rest))
-        apart = np.flatnonzero(separation > 0)
-        groups = self.company.groups[apart]
-        together[apart] = rays.around(rest[apart], groups, self.explained).together(groups)
-        isolation, separation = _with_rays(
-            isolation, separation, spacing, alone, together, rays.steps(rest)
-        )
+        groups, step = self.company.groups, rays.steps(self.company.rest)
         sheet = self._sheet_scores(index.points[rest], lambda rows: index.query_own(rest[rows]))
-        return np.maximum(isolation, sheet), separation
+        self.unreal = np.zeros(len(index.points), dtype=bool)
+        known = self.explained, self.unreal
+
+        def single():
+            alone = rays.next_to(rest, *known).alone()
+            return np.maximum(_isolation_with_rays(isolation, spacing, alone, step), sheet)
+
+        # The next flake is no witness: what a first look finds is not asked again.
+        self.unreal[rest] = single() > self.surface_limits.explained
+        together = np.ones(len(rest))
+        rows = np.flatnonzero(separation > 0)
+        together[rows] = rays.around(rest[rows], groups[rows], *known).together(groups[rows])
+        return single(), _separation_with_rays(separation, together, step)
 
     def _ask_new_rays(self, queries, around, isolation, separation, spacing):
         witnesses = self.rays.new_witnesses(queries, around.indices[:, 0])
-        empty = Emptiness.of(witnesses, self.explained)
+        empty = Emptiness.of(witnesses, self.explained, self.unreal)
         together = empty.together(np.arange(len(queries)))
-        isolation, separation = _with_rays(
-            isolation, separation, spacing, empty.alone(), together, witnesses.step
-        )
+        isolation = _isolation_with_rays(isolation, spacing, empty.alone(), witnesses.step)
+        separation = _separation_with_rays(separation, together, witnesses.step)
         return np.maximum(isolation, self._sheet_scores(queries, around.take)), separation
 
     def _sheet_scores(self, queries, neighbors_of):
@@ -356,16 +360,16 @@ def joined_scores(distances, isolation, separation, strictness, limit, beside):
     return scores
 
 
-def _with_rays(isolation, separation, spacing, alone, together, step):
-    """What coordinates and beams say together.
+def _isolation_with_rays(isolation, spacing, alone, step):
+    """The spacing of a single point counts as much in steps as in usual spacings, by how empty
+    its place is. Points where the sensor is have no ray, and keep what coordinates say."""
+    both = np.sqrt(isolation * ratio(spacing, step))
+    return np.where(step > 0, alone * both, isolation)
 
-    The spacing of a single point counts as much in steps as in usual spacings. Both are weighed
-    by how empty the place is. A group is judged by its surroundings as a whole, so these must
-    agree more. Points where the sensor is have no ray, and keep what coordinates say.
-    """
-    seen = step > 0
-    isolation = np.where(seen, alone * np.sqrt(isolation * ratio(spacing, step)), isolation)
-    return isolation, np.where(seen, together**2 * separation, separation)
+
+def _separation_with_rays(separation, together, step):
+    """A group is judged by its surroundings as a whole, so these must agree more."""
+    return np.where(step > 0, together**2 * separation, separation)
 
 
 def _distances(points, queries, near):

@@ -74,13 +74,14 @@ class Emptiness(NamedTuple):
     """What the beams next to points say about their places: sums over the beams, of shape (m,).
 
     passing : ndarray
-        Beams that go on behind the point, and directions without an echo. The place is empty.
+        Beams that go on behind the point, and directions without an echo. The place is empty. If no
+        beam can be asked, that is one direction without an echo.
     ending : ndarray
         Beams that end before the point.
     hidden : ndarray
         Those of them that end on a surface.
     asked : ndarray
-        All.
+        All. What is known to be unreal itself, such as the next flake, is not.
     """
 
     passing: np.ndarray
@@ -89,14 +90,16 @@ class Emptiness(NamedTuple):
     asked: np.ndarray
 
     @classmethod
-    def of(cls, witnesses, on_surface):
-        """From `Witnesses`, and which points of the cloud a surface explains."""
-        heard = witnesses.asked & witnesses.near
-        silent = np.count_nonzero(witnesses.asked & ~witnesses.near, axis=1)
+    def of(cls, witnesses, on_surface, unreal):
+        """From `Witnesses`; which points surfaces explain, and which are known to be unreal."""
+        asked = witnesses.asked & ~unreal[witnesses.rows]
+        heard = asked & witnesses.near
+        silent = np.count_nonzero(asked & ~heard, axis=1)
+        silent[~asked.any(axis=1)] = 1
         passing = np.where(heard, np.maximum(witnesses.farther, 0.0), 0.0).sum(axis=1)
         ending = np.where(heard, np.maximum(-witnesses.farther, 0.0), 0.0)
         hidden = np.where(on_surface[witnesses.rows], ending, 0.0).sum(axis=1)
-        asked = np.count_nonzero(witnesses.asked, axis=1)
+        asked = np.maximum(np.count_nonzero(asked, axis=1), 1)
         return cls(passing + silent, ending.sum(axis=1), hidden, asked)
 
     def alone(self):
@@ -174,15 +177,15 @@ class Rays:
         """Forget what only the points themselves ask for."""
         self._beams = self._angles = self._step = None
 
-    def next_to(self, rows, on_surface):
+    def next_to(self, rows, on_surface, unreal):
         """The `Emptiness` of the places of some of the points."""
         step = self._step[rows]
         beams, angles, ranges = self._beams[rows], self._angles[rows], self.ranges[rows]
         everything = np.ones(beams.shape, dtype=bool)
         witnesses = self._asked(beams, everything, angles, ranges, step)
-        return Emptiness.of(witnesses, on_surface)
+        return Emptiness.of(witnesses, on_surface, unreal)
 
-    def around(self, rows, groups, on_surface):
+    def around(self, rows, groups, on_surface, unreal):
         """The `Emptiness` around groups of points: the beams next to them that are of others.
 
         Parameters
@@ -191,7 +194,7 @@ class Rays:
             Of the points of whole groups.
         groups : ndarray of int of shape (m,)
             Group of each.
-        on_surface : ndarray of bool of shape (n,)
+        on_surface, unreal : ndarray of bool of shape (n,)
         """
         group = np.full(len(self.points), -1)
         group[rows] = groups
@@ -203,10 +206,12 @@ class Rays:
             own = rows[part]
             angles, found = cloud.nearest(cloud.points[cloud.places[own]], n_searched + 1)
             angles, beams = angles[:, 1:], cloud.rows[found[:, 1:]]
-            strange = group[beams] != group[own][:, None]
+            strange = (group[beams] != group[own][:, None]) & ~unreal[beams]
             strange &= np.cumsum(strange, axis=1) <= k
             witnesses = self._asked(beams, strange, angles, ranges[part], self._step[own])
-            for field, values in zip(sums, Emptiness.of(witnesses, on_surface), strict=True):
+            for field, values in zip(
+                sums, Emptiness.of(witnesses, on_surface, unreal), strict=True
+            ):
                 field[part] = values
 
         each_slice(len(rows), CHUNK, ask, self.n_jobs)
