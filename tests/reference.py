@@ -212,7 +212,7 @@ def judged(X, k, trials, h, noise=None):
         spare = len(some) - X.shape[1]
         if spare > 0:
             thick, *_, long = np.sqrt(np.maximum(plane(points[some])[1], 0))
-            if 4 * thick * np.sqrt(len(some) / spare) <= long:
+            if 3 * thick * np.sqrt(len(some) / spare) * (1 + 1 / np.sqrt(2 * spare)) <= long:
                 length[some] = np.sqrt(12) * long
     length[isolation > 3] = 0
     for i in np.flatnonzero(length):

@@ -244,23 +244,17 @@ class JudgedCloud:
         rest, rays, index = self.company.rest, self.rays, self.model.index
         groups, step = self.company.groups, rays.steps(self.company.rest)
         sheet = self._sheet_scores(index.points[rest], lambda rows: index.query_own(rest[rows]))
-        self.unreal = np.zeros(len(index.points), dtype=bool)
-        known = self.explained, self.unreal
-
-        def single():
-            alone = rays.next_to(rest, *known).alone()
-            return np.maximum(_isolation_with_rays(isolation, spacing, alone, step), sheet)
-
-        # The next flake is no witness: what a first look finds is not asked again.
-        self.unreal[rest] = single() > self.surface_limits.explained
-        together = np.ones(len(rest))
+        alone = rays.next_to(rest, self.explained).alone()
+        isolation = np.maximum(_isolation_with_rays(isolation, spacing, alone, step), sheet)
         rows = np.flatnonzero(separation > 0)
-        together[rows] = rays.around(rest[rows], groups[rows], *known).together(groups[rows])
-        return single(), _separation_with_rays(separation, together, step)
+        empty = rays.around(rest[rows], groups[rows], self.explained)
+        together = np.ones(len(rest))
+        together[rows] = empty.together(groups[rows])
+        return isolation, _separation_with_rays(separation, together, step)
 
     def _ask_new_rays(self, queries, around, isolation, separation, spacing):
         witnesses = self.rays.new_witnesses(queries, around.indices[:, 0])
-        empty = Emptiness.of(witnesses, self.explained, self.unreal)
+        empty = Emptiness.of(witnesses, self.explained)
         together = empty.together(np.arange(len(queries)))
         isolation = _isolation_with_rays(isolation, spacing, empty.alone(), witnesses.step)
         separation = _separation_with_rays(separation, together, witnesses.step)

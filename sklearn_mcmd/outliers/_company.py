@@ -67,7 +67,7 @@ class CompanyLimits(NamedTuple):
     n_links: int = 16
     rest_weight: float = 2 / 3
     alone: float = 3.0
-    flat: float = 4.0
+    flat: float = 3.0
     bridge: float = 3.0
 
 
@@ -309,7 +309,8 @@ def lengths_of_pieces(points, group, limits):
     """Length of each group that is flat, 0 of the others.
 
     Sums are taken as by `separation_of_groups`. The deviation off the plane has as many degrees
-    of freedom as there are points beyond those that a plane needs.
+    of freedom as there are points beyond those that a plane needs, and counts with its standard
+    error: few points are flat by chance.
 
     Parameters
     ----------
@@ -327,7 +328,8 @@ def lengths_of_pieces(points, group, limits):
     spare = sizes - points.shape[1]
     deviations = _deviations(points[order], group[order], sizes, spare > 0)
     longest = deviations[:, -1]
-    off = deviations[:, 0] * np.sqrt(sizes / np.maximum(spare, 1))
+    spare = np.maximum(spare, 1)
+    off = deviations[:, 0] * np.sqrt(sizes / spare) * (1 + 1 / np.sqrt(2 * spare))
     return np.where(limits.flat * off <= longest, LENGTH * longest, 0.0)
 
 

@@ -28,7 +28,7 @@ class RayLimits(NamedTuple):
         Ranges differ if they do so by this many units: the root of the sum of squares of a step
         and of the noise of ranges. Those to a surface scatter by less about its tilt.
     usual : float
-        Beams are next to a ray within this many of the cloud's usual steps, and a step counts as
+        Beams are around a group within this many of the cloud's usual steps, and a step counts as
         that many at most.
     alone : float
         Most points of a surface have a beam's point within this many steps.
@@ -54,8 +54,8 @@ class Witnesses(NamedTuple):
         Of the points that the beams met.
     asked : ndarray of bool of shape (m, k)
         Which of them are asked.
-    near : ndarray of bool of shape (m, k)
-        Whether they really are next to the ray. Where the sensor got no echo, none is.
+    silent : ndarray of shape (m, k)
+        Share of the beams there that got no echo.
     farther : ndarray of shape (m, k)
         1 where the beam passes the point and goes on, -1 where it ends before, and between the
         two where it ends nearby.
@@ -65,7 +65,7 @@ class Witnesses(NamedTuple):
 
     rows: np.ndarray
     asked: np.ndarray
-    near: np.ndarray
+    silent: np.ndarray
     farther: np.ndarray
     step: np.ndarray
 
@@ -74,14 +74,13 @@ class Emptiness(NamedTuple):
     """What the beams next to points say about their places: sums over the beams, of shape (m,).
 
     passing : ndarray
-        Beams that go on behind the point, and directions without an echo. The place is empty. If no
-        beam can be asked, that is one direction without an echo.
+        Beams that go on behind the point, and those without an echo. The place is empty.
     ending : ndarray
         Beams that end before the point.
     hidden : ndarray
         Those of them that end on a surface.
     asked : ndarray
-        All. What is known to be unreal itself, such as the next flake, is not.
+        All.
     """
 
     passing: np.ndarray
@@ -90,17 +89,14 @@ class Emptiness(NamedTuple):
     asked: np.ndarray
 
     @classmethod
-    def of(cls, witnesses, on_surface, unreal):
-        """From `Witnesses`; which points surfaces explain, and which are known to be unreal."""
-        asked = witnesses.asked & ~unreal[witnesses.rows]
-        heard = asked & witnesses.near
-        silent = np.count_nonzero(asked & ~heard, axis=1)
-        silent[~asked.any(axis=1)] = 1
-        passing = np.where(heard, np.maximum(witnesses.farther, 0.0), 0.0).sum(axis=1)
-        ending = np.where(heard, np.maximum(-witnesses.farther, 0.0), 0.0)
-        hidden = np.where(on_surface[witnesses.rows], ending, 0.0).sum(axis=1)
-        asked = np.maximum(np.count_nonzero(asked, axis=1), 1)
-        return cls(passing + silent, ending.sum(axis=1), hidden, asked)
+    def of(cls, witnesses, on_surface):
+        """From `Witnesses`, and which points of the cloud a surface explains."""
+        silent = np.where(witnesses.asked, witnesses.silent, 0.0)
+        heard = witnesses.asked - silent
+        passing = silent + heard * np.maximum(witnesses.farther, 0.0)
+        ending = heard * np.maximum(-witnesses.farther, 0.0)
+        hidden = np.where(on_surface[witnesses.rows], ending, 0.0)
+        return cls(*(part.sum(axis=1) for part in (passing, ending, hidden, witnesses.asked)))
 
     def alone(self):
         """Evidence from 0 to 1 that a single point is nothing real.
@@ -177,15 +173,12 @@ class Rays:
         """Forget what only the points themselves ask for."""
         self._beams = self._angles = self._step = None
 
-    def next_to(self, rows, on_surface, unreal):
+    def next_to(self, rows, on_surface):
         """The `Emptiness` of the places of some of the points."""
-        step = self._step[rows]
         beams, angles, ranges = self._beams[rows], self._angles[rows], self.ranges[rows]
-        everything = np.ones(beams.shape, dtype=bool)
-        witnesses = self._asked(beams, everything, angles, ranges, step)
-        return Emptiness.of(witnesses, on_surface, unreal)
+        return Emptiness.of(self._next(beams, angles, ranges, self._step[rows]), on_surface)
 
-    def around(self, rows, groups, on_surface, unreal):
+    def around(self, rows, groups, on_surface):
         """The `Emptiness` around groups of points: the beams next to them that are of others.
 
         Parameters
@@ -194,7 +187,7 @@ class Rays:
             Of the points of whole groups.
         groups : ndarray of int of shape (m,)
             Group of each.
-        on_surface, unreal : ndarray of bool of shape (n,)
+        on_surface : ndarray of bool of shape (n,)
         """
         group = np.full(len(self.points), -1)
         group[rows] = groups
@@ -206,12 +199,11 @@ class Rays:
             own = rows[part]
             angles, found = cloud.nearest(cloud.points[cloud.places[own]], n_searched + 1)
             angles, beams = angles[:, 1:], cloud.rows[found[:, 1:]]
-            strange = (group[beams] != group[own][:, None]) & ~unreal[beams]
+            strange = group[beams] != group[own][:, None]
             strange &= np.cumsum(strange, axis=1) <= k
-            witnesses = self._asked(beams, strange, angles, ranges[part], self._step[own])
-            for field, values in zip(
-                sums, Emptiness.of(witnesses, on_surface, unreal), strict=True
-            ):
+            silent = angles > self.limits.usual * self.usual_angle
+            witnesses = self._asked(beams, strange, silent, ranges[part], self._step[own])
+            for field, values in zip(sums, Emptiness.of(witnesses, on_surface), strict=True):
                 field[part] = values
 
         each_slice(len(rows), CHUNK, ask, self.n_jobs)
@@ -231,8 +223,7 @@ class Rays:
         ranks = np.arange(1, self.n_beams + 1)
         angles, near = self.cloud.tree.query(self._places(directions, origins), k=ranks)
         step = self._steps(angles.mean(axis=1), ranges)
-        everything = np.ones(near.shape, dtype=bool)
-        return self._asked(self.cloud.rows[near], everything, angles, ranges, step)
+        return self._next(self.cloud.rows[near], angles, ranges, step)
 
     def steps(self, rows):
         """Steps at some of the points; 0 of points where the sensor is."""
@@ -245,12 +236,17 @@ class Rays:
         """What ranges may differ by where there is nothing but a surface."""
         return np.where(step > 0, np.hypot(step, self.noise), 0.0)
 
-    def _asked(self, beams, asked, angles, ranges, step):
-        reach = self.limits.usual * self.usual_angle
+    def _next(self, beams, angles, ranges, step):
+        """The `Witnesses` next to rays. Where they are sparser than usual, beams are missing."""
+        missing = 1 - np.minimum(ratio(self.usual_angle, angles.mean(axis=1)), 1.0) ** 2
+        silent = np.broadcast_to(missing[:, None], beams.shape)
+        return self._asked(beams, np.ones(beams.shape, dtype=bool), silent, ranges, step)
+
+    def _asked(self, beams, asked, silent, ranges, step):
         farther = self.ranges[beams] - ranges[:, None]
         unit = self.limits.differs * self._unit(step)
         farther = np.clip(ratio(farther, unit[:, None]), -1.0, 1.0)
-        return Witnesses(beams, asked, angles <= reach, farther, step)
+        return Witnesses(beams, asked, silent, farther, step)
 
     def measure(self, index, planes, explained):
         """How planes look from the sensor.

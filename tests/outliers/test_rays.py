@@ -248,8 +248,7 @@ def test_witnesses_pass_or_end_before():
     rays = Rays(X, np.zeros_like(X), RayLimits(), None)
     rows = np.array([len(X) - 2, len(X) - 1, 220])
     on_wall = np.arange(len(X)) < len(wall)
-    known = on_wall, np.zeros(len(X), dtype=bool)
-    empty, others = rays.next_to(rows, *known), rays.around(rows, np.arange(3), *known)
+    empty, others = rays.next_to(rows, on_wall), rays.around(rows, np.arange(3), on_wall)
     assert_allclose(
         empty.passing, [8, 0, 0], atol=0.1
     )  # of the third, next to the flake, 8 end on it
@@ -270,6 +269,5 @@ def test_beams_around_a_group_are_those_of_others():
     rays = Rays(X, np.zeros_like(X), RayLimits(), None)
     groups = np.zeros(len(ball), int)
     on_wall = np.arange(len(X)) < len(wall)
-    known = on_wall, np.zeros(len(X), dtype=bool)
-    assert np.median(rays.next_to(rows, *known).alone()) < 0.5
-    assert_allclose(rays.around(rows, groups, *known).together(groups), 1, atol=0.01)
+    assert np.median(rays.next_to(rows, on_wall).alone()) < 0.5
+    assert_allclose(rays.around(rows, groups, on_wall).together(groups), 1, atol=0.01)
