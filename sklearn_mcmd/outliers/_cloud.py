@@ -363,7 +363,7 @@ def _isolation_with_rays(isolation, spacing, alone, step):
 
 def _separation_with_rays(separation, together, step):
     """A group is judged by its surroundings as a whole, so these must agree more."""
-    return np.where(step > 0, together**2 * separation, separation)
+    return np.where(step > 0, together**3 * separation, separation)
 
 
 def _distances(points, queries, near):
