@@ -318,7 +318,7 @@ PARTS = {
     "rays": Part(
         tried=tuple(
             Limit("outliers._cloud", "RayLimits", name)
-            for name in ("n_beams", "differs", "usual", "alone", "n_near", "sheet")
+            for name in ("n_beams", "searched", "differs", "usual", "alone", "n_near", "sheet")
         ),
         scenes=seen,
         prepare=seen_planes_of,
