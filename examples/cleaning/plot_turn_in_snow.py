@@ -70,8 +70,8 @@ ax.legend()
 plt.show()
 
 # %%
-# Flakes found at 1 mm/h, and real points lost. Most of those that are missed are in the sky, where
-# flakes keep each other company and no beam tells that the place is empty.
+# Flakes found at 1 mm/h, and real points lost. With the position far rings stay, and beams without
+# an echo tell that a place in the sky is empty.
 forms = {
     "coordinates": {},
     "coordinates, isolated": {"strictness": "isolated"},

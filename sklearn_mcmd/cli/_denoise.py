@@ -31,7 +31,12 @@ from sklearn_mcmd.cli._options import (
     positive,
 )
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
-from sklearn_mcmd.cli._sensor import SensorPosition, TrajectoryFile, sensor_of_options
+from sklearn_mcmd.cli._sensor import (
+    SensorPosition,
+    TrajectoryFile,
+    check_one_position,
+    sensor_of_options,
+)
 from sklearn_mcmd.cli._speech import (
     clear_exits,
     count_and_share,
@@ -213,6 +218,11 @@ def denoise(
             "--contamination": contamination,
         }
     )
+    check_one_position(sensor, trajectory)
+    if reflections and sensor is None and trajectory is None:
+        raise typer.BadParameter(
+            "--reflections needs --sensor X,Y,Z|auto or --trajectory FILE: give one of them."
+        )
     strictness = _strictness_of(context, keep, strictness)
     params = {
         "n_neighbors": n_neighbors,
@@ -232,13 +242,15 @@ def denoise(
         choice = Choice(ignore_class or (), only_class or ())
         heights = {"above": above, "below": below, "low_groups": low_groups}
         catalog = large_catalog(source, memory, 0, scheduler is not None)
+        if catalog is not None:
+            _refuse_sensor(source, sensor, trajectory)
         if dry_run:
             asked = low_groups or above is not None or below is not None
             work = "heights" if asked else "outliers"
-            print_plan(source, target, catalog, _detector(params), memory, work=work)
+            estimator = _detector(params | {"reflections": False})  # positions are not read here
+            print_plan(source, target, catalog, estimator, memory, work=work)
             return
         if catalog is not None:
-            _refuse_sensor(source, sensor, trajectory, reflections)
             return _by_tiles(
                 *(source, target, catalog, params, choice, heights, mode, memory, restart),
                 *(report, quiet, seconds),
@@ -269,14 +281,13 @@ def denoise(
             print_summary(source, target, len(cloud), seconds(), **judged, **found)
 
 
-def _refuse_sensor(source, sensor, trajectory, reflections):
+def _refuse_sensor(source, sensor, trajectory):
     """Raise where a position is given: rays go through the whole cloud."""
-    given = {"--sensor": sensor, "--trajectory": trajectory, "--reflections": reflections or None}
-    for name, value in given.items():
+    for name, value in {"--sensor": sensor, "--trajectory": trajectory}.items():
         if value is not None:
             raise ValueError(
                 f"{source}: {name} needs the whole cloud in memory, and this one is divided into "
-                "tiles; give more --memory, or its files one by one"
+                "tiles; give one file at a time, more --memory if it is large, and no --scheduler"
             )
 
 

@@ -21,7 +21,13 @@ from sklearn_mcmd.cli._options import (
     positive,
 )
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
-from sklearn_mcmd.cli._sensor import AUTO, SensorPosition, TrajectoryFile, sensor_of_options
+from sklearn_mcmd.cli._sensor import (
+    AUTO,
+    SensorPosition,
+    TrajectoryFile,
+    check_one_position,
+    sensor_of_options,
+)
 from sklearn_mcmd.cli._speech import clear_exits, print_summary, stopwatch
 from sklearn_mcmd.cli._waiting import progress
 from sklearn_mcmd.planes._progress import progress_part
@@ -143,7 +149,10 @@ def normals(
         if catalog is not None:
             _check_local(source, orientation, sensor, trajectory)
         if dry_run:
-            estimator = _estimator(params)
+            known = params
+            if orientation is Orientation.sensor:  # positions are not read here
+                known = params | {"orientation": None, "sensor_origin": None}
+            estimator = _estimator(known)
             print_plan(source, target, catalog, estimator, memory, n_features=n_features, work=work)
             return
         if catalog is not None:
@@ -175,8 +184,8 @@ def _check_local(source, orientation, sensor, trajectory):
         if given:
             raise ValueError(
                 f"{source}: {name} needs the whole cloud in memory, and this one is divided into "
-                "tiles; give more --memory, its files one by one, or one position, such as "
-                "--sensor 0,0,0"
+                "tiles; give one file at a time, more --memory if it is large, and no --scheduler, "
+                "or one position, such as --sensor 0,0,0"
             )
     if orientation is Orientation.mst:
         raise ValueError(
@@ -264,10 +273,10 @@ def _check_sensor(orientation, sensor, trajectory):
     given = sensor is not None or trajectory is not None
     if given != (orientation is Orientation.sensor):
         raise typer.BadParameter(
-            "--orientation sensor and --sensor X,Y,Z or --trajectory FILE go together."
+            "--orientation sensor needs --sensor X,Y,Z|auto or --trajectory FILE, and these need "
+            "--orientation sensor: give both or neither."
         )
-    if sensor is not None and trajectory is not None:
-        raise typer.BadParameter("--sensor and --trajectory exclude each other: leave one out.")
+    check_one_position(sensor, trajectory)
 
 
 def _parse_features(text):

@@ -6,7 +6,13 @@ from typing import Annotated
 import numpy as np
 import typer
 
-__all__ = ["AUTO", "SensorPosition", "TrajectoryFile", "sensor_of_options"]
+__all__ = [
+    "AUTO",
+    "SensorPosition",
+    "TrajectoryFile",
+    "check_one_position",
+    "sensor_of_options",
+]
 
 AUTO = "auto"
 
@@ -31,7 +37,8 @@ SensorPosition = Annotated[
         parser=_position,
         metavar="X,Y,Z|auto",
         help="Where the sensor stood, in the coordinates of the file. auto: as the file says, by "
-        "E57's poses, PCD's VIEWPOINT, or LAS's scan angles; mcmd info shows it.",
+        "E57's poses, PCD's VIEWPOINT, or LAS's scan angles; mcmd info shows it. "
+        "By tiles only normals takes it, as X,Y,Z.",
         show_default="not known",
     ),
 ]
@@ -41,9 +48,15 @@ TrajectoryFile = Annotated[
         "--trajectory",
         metavar="FILE",
         help="Where a moving sensor was: CSV with the columns time (or gps_time), x, y, z. Points "
-        "need times as well.",
+        "need times as well. Not by tiles.",
     ),
 ]
+
+
+def check_one_position(sensor, trajectory):
+    """Wrong usage where a position is given twice."""
+    if sensor is not None and trajectory is not None:
+        raise typer.BadParameter("--sensor and --trajectory exclude each other: leave one out.")
 
 
 def sensor_of_options(source, cloud, sensor=None, trajectory=None):
@@ -59,8 +72,6 @@ def sensor_of_options(source, cloud, sensor=None, trajectory=None):
     """
     if sensor is None and trajectory is None:
         return None
-    if sensor is not None and trajectory is not None:
-        raise typer.BadParameter("--sensor and --trajectory exclude each other: leave one out.")
     if isinstance(sensor, tuple):
         return np.array(sensor)
     from sklearn_mcmd.io import read_trajectory, sensor_positions

@@ -111,6 +111,11 @@ def scan(make_scene, n_samples, scanning, random_state):
     for number, name in ((MIXED, "mixed_pixel"), (SNOW, "snow")):
         own[kind == number] = names.index(name) if name in names else 0
     regular = kind == REGULAR
+    if not regular.any():
+        raise ValueError(
+            "Snow and mixed pixels leave no regular point: give more points (n_samples), or less "
+            "snow."
+        )
 
     order = order_rng.permutation(n_samples)
 

@@ -193,6 +193,11 @@ def sense(make_world, sensor, n_samples, junk, random_state):
     points = sensor.record(origins, directions, ranges, beams.stretch[echoes.beam])
 
     regular = echoes.kind == REGULAR
+    if not regular.any():
+        raise ValueError(
+            "Snow and mixed pixels leave no regular point: give more points (n_samples), or less "
+            "snow."
+        )
     scan = _scan(world, sensor, beams, first, echoes.beam[regular], echoes.place[regular])
     rows = [(MAKERS | FAR)[kind](scan, size, outlier_rng) for kind, size in sizes.items() if size]
     rows = np.concatenate([np.empty((0, 7)), *rows])

@@ -12,6 +12,7 @@ from sklearn_mcmd.outliers._surfaces import (
     distances_to_surfaces,
     find_surfaces,
     own_distances,
+    usable_planes,
 )
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._chunks import each_chunk, each_slice, run
@@ -106,12 +107,13 @@ class JudgedCloud:
         rest, company = self.company.rest, self.company
         apart = company.isolation, company.separation
         if self.rays is not None:
-            apart = self._ask_rays(*apart, places.spacing)
+            company.isolation, company.separation = apart = self._ask_rays(*apart, places.spacing)
             self.rays.release()
         distances[rest] = self._joined(distances[rest], *apart, index.points[rest])
         if self.reflections:
             seen = Seen.of(self, places, owners)
             self.mirrors, self.mirror = find_mirrors(seen, least_surface, self.mirror_limits)
+            self.mirror_spacing = seen.spacing
             distances = np.maximum(distances, self.mirrors.scores(self.mirror))
         self.point_scores = distances
         first = index.places
@@ -138,7 +140,9 @@ class JudgedCloud:
             if len(new):
                 scores[rows[new]] = self._score_new(part[new], around.take(new), precision)
             if self.reflections:
-                mirrored = self.mirrors.scores(self.mirror[first])
+                gaps = self._distances(part, first[:, None])[:, 0]
+                near = gaps <= self.mirror_limits.reach * self.mirror_spacing[first]
+                mirrored = self.mirrors.scores(np.where(near, self.mirror[first], -1))
                 scores[rows] = np.maximum(scores[rows], mirrored)
 
         each_chunk(queries, self.model.chunk(), task, self.n_jobs)
@@ -159,13 +163,15 @@ class JudgedCloud:
         gaps = self._distances(queries, near)
         spacing = mean_distance(gaps, self.counts[near], self.company_limits.n_near)
         isolation, separation = np.zeros(len(queries)), np.zeros(len(queries))
+        joined = np.zeros(len(queries), dtype=bool)
         rest = np.flatnonzero(distances > self.surface_limits.explained)
         if len(rest):
-            isolation[rest], separation[rest] = self.company.measure(queries[rest], spacing[rest])
-        if self.rays is not None:
-            isolation, separation = self._ask_new_rays(
-                queries, around, isolation, separation, spacing
+            isolation[rest], separation[rest], joined[rest] = self.company.measure(
+                queries[rest], spacing[rest]
             )
+        if self.rays is not None:
+            isolation, apart = self._ask_new_rays(queries, around, isolation, separation, spacing)
+            separation = np.where(joined, separation, apart)  # rays have judged the group
         return self._joined(distances, isolation, separation, queries)
 
     def paper_scores(self, planes, distances):
@@ -212,6 +218,8 @@ class JudgedCloud:
         least, _ = least_of(k, n, n)
         self.on_sheet = beam_spacing = None
         if self.rays is not None:
+            usable = usable_planes(planes, distances, limits)
+            self.rays.learn_noise(self.noise_scale, planes, usable)
             self.scatter, beam_spacing = self.rays.measure(index, self.planes, limits.explained)
             self.on_sheet = self.scatter > self.ray_limits.differs
             if one_far_position(points, self.origins):

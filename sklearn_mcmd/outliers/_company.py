@@ -177,15 +177,17 @@ class Company:
         separation : ndarray of shape (m,)
             Gap between the query, with the small group that it belongs to, and what is real, over
             their size. 0 for what belongs to a large group.
+        joined : ndarray of bool of shape (m,)
+            Whether the query belongs to a group of the cloud, whose separation it has.
         """
         usual = self._usual(queries, n_jobs)
         distances, near = self.others.query(queries, self.limits.n_near, n_jobs)
         among_rest = self._among_rest(queries, distances, near, itself=False)
         steps = self._steps(usual, distances[:, :1], near[:, :1])[:, 0]
         separation = ratio(self._gaps(queries, n_jobs), usual)
-        joins = np.flatnonzero(steps <= self.limits.reach)
-        separation[joins] = self.separation[near[joins, 0]]
-        return self._isolated(among_rest, spacing, usual), separation
+        joined = steps <= self.limits.reach
+        separation[joined] = self.separation[near[joined, 0]]
+        return self._isolated(among_rest, spacing, usual), separation, joined
 
     def _usual(self, queries, n_jobs):
         """Spacing that is usual on the surfaces around queries."""

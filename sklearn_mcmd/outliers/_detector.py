@@ -1,5 +1,6 @@
 """MCMDOutlierDetector: outliers of the planes of local neighborhoods."""
 
+import warnings
 from numbers import Real
 from typing import ClassVar, Literal, Self
 
@@ -327,6 +328,8 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             rate is out of reach; if `sensor_origin` has another shape, NaN, or is where all
             points are, or there is no strictness to use it; if `reflections` are sought without it.
         """
+        for name in ("mirrors_", "mirror_index_"):  # of an earlier fit
+            self.__dict__.pop(name, None)
         given = {
             name: getattr(self, name)
             for name in ("cutoff", "false_positive_rate", "contamination")
@@ -441,11 +444,18 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
 
     def _scores_in_parts(self, X, origins, scores, settings):
         """Scores of the points that are no clear outliers, judged again part by part."""
-        part_of = parts_of(X, scores <= most_kept(self.strictness), self.n_neighbors)
+        kept = scores <= most_kept(self.strictness)
+        if self.reflections:
+            kept &= self._cloud.mirror[self._model.index.places] < 0
+        part_of = parts_of(X, kept, self.n_neighbors)
         detector = rehearsal_of(self, self._model.settings.step)
         for part in range(part_of.max(initial=-1) + 1):
             rows = np.flatnonzero(part_of == part)
-            xyz = detector._fit_planes(X[rows])
+            if len(rows) <= X.shape[1]:  # copies stay together
+                continue
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of the same settings the fit has warned
+                xyz = detector._fit_planes(X[rows])
             there = None if origins is None else origins[rows]
             cloud = JudgedCloud(detector._model, origins=there, **settings)
             yield cloud.fit(xyz.astype(np.float64, copy=False)).scores

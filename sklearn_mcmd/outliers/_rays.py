@@ -138,13 +138,15 @@ class Rays:
     usual_angle : float
         Between rays that are next to each other, the median of all.
     noise : float
-        Standard deviation of ranges, the median of all; 0 before `measure`.
+        Standard deviation of ranges; 0 before `learn_noise`.
     """
 
     def __init__(self, points, origins, limits, n_jobs):
         self.points, self.origins, self.limits, self.n_jobs = points, origins, limits, n_jobs
         self.ranges, self.directions = _polar(points, origins)
-        self.unit = None if (origins == origins[0]).all() else np.median(self.ranges)
+        self.unit = (
+            None if (origins == origins[0]).all() else np.median(self.ranges[self.ranges > 0])
+        )
         self.cloud = cloud = IndexedCloud(self._places(self.directions, origins))
         self.n_beams = k = min(limits.n_beams, len(cloud.points) - 1)
         beams = np.empty((len(cloud.points), k), np.int32)
@@ -248,6 +250,15 @@ class Rays:
         farther = np.clip(ratio(farther, unit[:, None]), -1.0, 1.0)
         return Witnesses(beams, asked, silent, farther, step)
 
+    def learn_noise(self, noise_scale, planes, usable):
+        """The noise of ranges: as stated, or that of half of the usable planes, along the rays."""
+        facing = np.abs(np.einsum("nd,nd->n", self.directions, planes.normals))
+        seen = usable & (facing > 0)
+        if noise_scale is not None:
+            self.noise = noise_scale
+        elif seen.any():
+            self.noise = float(np.median(planes.scale[seen] / facing[seen]))
+
     def measure(self, index, planes, explained):
         """How planes look from the sensor.
 
@@ -273,8 +284,6 @@ class Rays:
             Mean distance to the beams' points on the plane, 0 where there is none.
         """
         n, limits = len(self.points), self.limits
-        facing = np.abs(np.einsum("nd,nd->n", self.directions, planes.normals))
-        self.noise = float(np.median(ratio(planes.scale, facing)))
         scatter, alone, spacing = np.empty((3, n))
 
         def look(rows):

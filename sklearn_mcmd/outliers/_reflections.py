@@ -52,7 +52,7 @@ class MirrorLimits(NamedTuple):
     clear : float
         The same of a group that is evidence.
     evidence : float
-        Standard deviations by which a mirror explains more points than other places of it do.
+        Points that a mirror explains beyond those of its other places, over the root of the latter.
     least : float
         Points of the groups that a mirror explains at least, of the least size of a surface.
     """

@@ -77,11 +77,14 @@ def shuffled(X):
     for values, factor in zip(digits.T, np.resize(FACTORS, X.shape[1]), strict=True):
         numbers = (numbers ^ values.copy().view(np.uint64)) * factor
         numbers ^= numbers >> HALF_WORD
-    return numbers
+    numbers *= FACTORS[0]  # once more, for the last coordinate
+    return numbers ^ (numbers >> HALF_WORD)
 
 
 def rehearsal_of(detector, step):
     """The detector that judges parts, of a cloud whose coordinates are rounded to a step."""
-    rehearsal = clone(detector).set_params(false_positive_rate=None, sensor_origin=None)
+    rehearsal = clone(detector).set_params(
+        false_positive_rate=None, sensor_origin=None, reflections=False
+    )
     rehearsal._step_of_cloud = step
     return rehearsal

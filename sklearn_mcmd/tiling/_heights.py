@@ -159,7 +159,8 @@ class Heights:
         if needed > self.run.memory:
             raise ValueError(
                 f"{n_below:,} points lie below the ground, whose groups take about "
-                f"{needed / 1e6:.0f}MB, more than memory={self.run.memory / 1e6:.0f}MB"
+                f"{needed / 1e6:.0f}MB, more than memory={self.run.memory / 1e6:.0f}MB; give more "
+                "memory, check the ground (class 2), or leave groups below it out (low_groups)"
             )
         parts = [self.columns.read(cell, "below") for cell in range(n_cells)]
         below = np.concatenate(parts)

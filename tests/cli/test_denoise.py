@@ -268,8 +268,16 @@ def test_reflections_are_counted_with_their_plane(tmp_path):
 
 def test_reflections_need_a_position(turn, tmp_path):
     result = run("denoise", turn[0], tmp_path / "out.npy", "--reflections")
-    assert result.exit_code == 1
-    assert "give --sensor or --trajectory" in " ".join(result.output.split())
+    assert result.exit_code == 2
+    assert "--reflections needs --sensor" in " ".join(result.output.split())
+
+
+def test_a_dry_run_asks_for_no_positions(turn, tmp_path):
+    write_points(tmp_path / "in.las", turn[1])
+    options = ("--sensor", "0,0,0", "--reflections", "--dry-run")
+    result = run("denoise", tmp_path / "in.las", tmp_path / "out.las", *options)
+    assert result.exit_code == 0, result.output
+    assert not (tmp_path / "out.las").exists()
 
 
 def test_tiles_refuse_a_position(turn, tmp_path):

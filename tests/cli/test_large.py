@@ -73,6 +73,13 @@ def test_a_dry_run_of_what_fits_into_memory_says_so(source, tmp_path):
     assert files_in(tmp_path) == ["street.laz"]
 
 
+@pytest.mark.parametrize("options", [("--sensor", "auto"), ("--trajectory", "path.csv")])
+def test_a_dry_run_reads_no_positions(options, source, tmp_path):
+    asked = ("--memory", "4GB", "--orientation", "sensor", *options, "--dry-run")
+    result = run("normals", source, tmp_path / "b.laz", *asked)
+    assert result.exit_code == 0, result.output
+
+
 def test_what_needs_the_whole_cloud_is_refused(small_machine, source, tmp_path):
     options = ("--memory", "2MB", "--orientation", "mst")
     line = error_line(run("normals", source, tmp_path / "b.laz", *options))

@@ -207,7 +207,7 @@ def test_a_new_point_is_measured_as_if_it_alone_were_added():
     for query in queries:
         added = company(with_rest(rest, query), 400, least=70)
         spacing = spacing_of(with_rest(rest, query), np.ones(461, dtype=int))[-1:]
-        isolation, separation = fitted.measure(query[None], spacing)
+        isolation, separation, _ = fitted.measure(query[None], spacing)
         assert_allclose(isolation, added.isolation[-1:], rtol=1e-12)
         gap = np.linalg.norm(rest - query, axis=1).min()
         if gap > 2.5 * added.usual.max():  # a group of its own
@@ -216,7 +216,9 @@ def test_a_new_point_is_measured_as_if_it_alone_were_added():
 
 def test_a_new_point_beside_a_group_belongs_to_it():
     fitted = company(with_rest([10, 10, 5], [10, 10, 6]), 400)
-    _, separation = fitted.measure(np.array([[10, 10.5, 5.5], [10, 10, 9.5]]), np.ones(2))
+    queries = np.array([[10, 10.5, 5.5], [10, 10, 9.5]])
+    _, separation, joined = fitted.measure(queries, np.ones(2))
+    assert_array_equal(joined, [True, False])
     assert separation[0] == fitted.separation[400]
     assert_allclose(separation[1], 9.5 / LATTICE)
 
@@ -224,7 +226,7 @@ def test_a_new_point_beside_a_group_belongs_to_it():
 def test_a_new_point_is_measured_where_all_points_are_on_surfaces():
     fitted = company(with_rest(), 400)
     assert_array_equal(fitted.isolation, 0)
-    isolation, separation = fitted.measure(np.array([[10, 10, 5.0]]), np.array([6.0]))
+    isolation, separation, _ = fitted.measure(np.array([[10, 10, 5.0]]), np.array([6.0]))
     extent = np.linalg.norm([19, 19, 5])
     assert_allclose(isolation, np.cbrt(extent**2 * 6) / LATTICE)
     assert_allclose(separation, 5 / LATTICE)
@@ -235,7 +237,7 @@ def test_a_point_away_from_a_cloud_of_one_place_stands_off_without_bounds():
     counts, explained = np.ones(4, dtype=int), np.ones(4, dtype=bool)
     places = Places.of(X, counts, explained, np.zeros(4), np.zeros(4))
     fitted = Company(places, 2, CompanyLimits(), None)
-    isolation, separation = fitted.measure(np.array([[5.0, 0, 0]]), np.array([5.0]))
+    isolation, separation, _ = fitted.measure(np.array([[5.0, 0, 0]]), np.array([5.0]))
     assert isolation > 1e300
     assert separation > 1e300
 

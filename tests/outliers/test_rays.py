@@ -271,3 +271,21 @@ def test_beams_around_a_group_are_those_of_others():
     on_wall = np.arange(len(X)) < len(wall)
     assert np.median(rays.next_to(rows, on_wall).alone()) < 0.5
     assert_allclose(rays.around(rows, groups, on_wall).together(groups), 1, atol=0.01)
+
+
+def test_new_points_of_a_ghost_are_judged_as_the_ghost(snowed):
+    X, snow = snowed
+    ghost = np.array([3.0, 2.0, 0.3]) + np.random.default_rng(5).normal(0, 0.03, (40, 3))
+    fitted = detector(sensor_origin="origin").fit(np.vstack([X[~snow], ghost]))
+    assert (fitted.scores_[-40:] < -3).all()
+    assert (fitted.predict(ghost + 1e-4) == -1).all()
+
+
+def test_stated_noise_is_the_noise_of_ranges(snowed):
+    """However grazed the ground is, of which planes tell the heights only."""
+    X, snow = snowed
+    flagged = detector(sensor_origin="origin", noise_scale=0.003).fit_predict(X) == -1
+    assert flagged[snow].mean() > 0.95
+    assert flagged[~snow].mean() < 0.002
+    fitted = detector(sensor_origin="origin").fit(X)
+    assert 0.002 < fitted._cloud.rays.noise < 0.006

@@ -15,10 +15,10 @@ from sklearn_mcmd.outliers._reflections import HERE, images_of, large_planes
 PANE_Y = 4.6  # of the street
 
 
-def glazed(share=0.03, **parameters):
+def glazed():
     return make_street(
-        20_000, glass=True, tree=True, sampling="scan_lines", outlier_share=share,
-        outlier_kinds=["reflection"], random_state=0, **parameters,
+        20_000, glass=True, tree=True, sampling="scan_lines", outlier_share=0.03,
+        outlier_kinds=["reflection"], random_state=0,
     )  # fmt: skip
 
 
@@ -144,7 +144,9 @@ def asked(street):
 def test_what_is_behind_a_plane_equals_a_loop_over_the_points(asked):
     seen, least, limits = asked
     n = len(seen.points)
-    for pane in large_planes(seen, least, limits)[:6]:
+    panes, n_behind = large_planes(seen, least, limits)[:6], 0
+    assert panes
+    for pane in panes:
         expected = []
         for row, (x, sensor) in enumerate(zip(seen.points, seen.origins, strict=True)):
             deep, high = (x - pane.center) @ pane.normal, (sensor - pane.center) @ pane.normal
@@ -154,6 +156,8 @@ def test_what_is_behind_a_plane_equals_a_loop_over_the_points(asked):
             if (flat >= pane.low).all() and (flat <= pane.high).all():
                 expected.append(row)
         assert_array_equal(pane.behind(seen, np.ones(n, bool)), expected)
+        n_behind += len(expected)
+    assert n_behind > 0
 
 
 def test_images_that_lie_on_real_points_equal_a_loop(asked):
@@ -235,3 +239,18 @@ def test_small_clouds_of_any_dimension_have_none(d):
     found = detector(outlier_rate=0.1, sensor_origin=np.full(d, 5.0)).fit(X)
     assert found.mirrors_.normals.shape == (0, d)
     assert (found.mirror_index_ == -1).all()
+
+
+def test_new_points_of_the_room_between_reflections_stay(street, fitted):
+    room = np.flatnonzero([name.startswith("room") for name in street.surface_names])
+    kept = np.isin(street.surface, room) & (fitted.mirror_index_ < 0)
+    rng = np.random.default_rng(0)
+    X = street.data[kept]
+    new = X + rng.normal(0, 0.002, X.shape)
+    before, after = fitted.predict(X) == 1, fitted.predict(new) == 1
+    assert after.mean() > before.mean() - 0.02
+
+
+def test_reflections_do_not_count_as_real_points_of_a_rate(street):
+    rated = detector(sensor_origin=street.scanners[0], false_positive_rate=0.01).fit(street.data)
+    assert (rated.scores_[rated.mirror_index_ >= 0] < rated.offset_).all()

@@ -85,7 +85,7 @@ def test_outliers_are_found_all_the_same():
 
 def test_parts_are_even_and_keep_copies_together():
     X = np.round(np.random.default_rng(0).normal(size=(8_000, 3)), 1)
-    X[X == 0] *= -1  # no other number than 0
+    X[X == 0] *= -1  # -0.0 counts as 0.0
     kept = np.arange(len(X)) < 6_000
     parts = parts_of(X, kept, 50)
     assert (parts[~kept] == -1).all()
@@ -94,7 +94,13 @@ def test_parts_are_even_and_keep_copies_together():
     assert np.abs(sizes - 1500).max() < 250
     order = np.random.default_rng(1).permutation(len(X))
     assert_array_equal(parts_of(X[order], kept[order], 50), parts[order])
-    assert_array_equal(shuffled(np.abs(X[:50]) * 0), shuffled(np.zeros((50, 3))))
+    assert_array_equal(shuffled(-np.zeros((50, 3))), shuffled(np.zeros((50, 3))))
+    whole = np.random.default_rng(2).integers(0, 4_000, (8_000, 3)).astype(float)
+    whole[:, :2] //= 1_000  # columns of a wall in whole millimeters are divided, too
+    part = shuffled(whole) % np.uint64(4)
+    for place in np.unique(whole[:, :2], axis=0):
+        sizes = np.bincount(part[(whole[:, :2] == place).all(axis=1)].astype(int), minlength=4)
+        assert sizes.min() > 0.15 * sizes.sum()
     assert_array_equal(shuffled(X * 1024), shuffled(X))
     assert_array_equal(shuffled(X.astype(np.float32)), shuffled(X.astype(np.float32).astype(float)))
 
