@@ -5,7 +5,7 @@ import pytest
 import typer
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.cli._sensor import _position, sensor_of_options
+from sklearn_mcmd.cli._sensor import _position, check_one_position, sensor_of_options
 from sklearn_mcmd.io import PointCloud, PointFileError
 
 TIMED = PointCloud(np.eye(3), {"time": np.array([0.0, 1, 2])})
@@ -34,7 +34,7 @@ def test_options_tell_one_position_or_one_for_each_point_or_none(tmp_path):
 
 def test_a_position_and_a_trajectory_are_wrong_usage(tmp_path):
     with pytest.raises(typer.BadParameter, match="exclude each other"):
-        sensor_of_options("a.csv", TIMED, (0.0, 0.0, 0.0), tmp_path / "path.csv")
+        check_one_position((0.0, 0.0, 0.0), tmp_path / "path.csv")
 
 
 def test_errors_name_the_file_of_the_points(tmp_path):
