@@ -3,6 +3,7 @@
 import shutil
 import time
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import contextmanager
 from numbers import Integral
@@ -110,7 +111,7 @@ class Run(NamedTuple):
     memory: float
 
 
-class Verb:
+class Verb(ABC):
     """What one verb does in a run; `run_by_tiles` does all else.
 
     Parameters
@@ -129,6 +130,7 @@ class Verb:
         self.estimator, self.content, self.choice = estimator, content, choice
         self.needs_ground = needs_ground
 
+    @abstractmethod
     def prepare(self):
         """Put compiled code on disk for all processes, and raise for parameters that are wrong.
 
@@ -138,8 +140,8 @@ class Verb:
             Of `plan_run`.
         n_features : int
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def find(self, run):
         """Write the results of all tiles that an earlier run has not done.
 
@@ -147,11 +149,10 @@ class Verb:
         ----------
         run : Run
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def write(self, run):
         """Write the outputs; returns a dict of all other fields of the `RunReport`."""
-        raise NotImplementedError
 
 
 def run_by_tiles(
