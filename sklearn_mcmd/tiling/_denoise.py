@@ -14,6 +14,7 @@ from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff, sample_step
 from sklearn_mcmd.outliers._detector import CUTOFF
 from sklearn_mcmd.outliers._rehearsal import most_kept, n_parts_of, rehearsal_of, shuffled
+from sklearn_mcmd.outliers._volumes import lost_volumes, words_of
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._progress import listen_to_progress, progress_part
@@ -53,6 +54,7 @@ from sklearn_mcmd.tiling._surfaces import (
 from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._tile import tile_files, write_whole
 from sklearn_mcmd.tiling._together import fit_together
+from sklearn_mcmd.tiling._warnings import warn_caller
 
 __all__ = ["check_detector", "cutoff_of", "judge_cells", "write_denoised"]
 
@@ -160,7 +162,8 @@ def write_denoised(
     Warns
     -----
     UserWarning
-        If an output has no points, because all were outliers.
+        If an output has no points, because all were outliers, or if hundreds of outliers lie
+        together, as a thing does that is sparser than what is around it.
 
     See Also
     --------
@@ -190,10 +193,13 @@ def write_denoised(
     choice = Choice(tuple(sorted(ignore_classes)), tuple(sorted(only_classes)))
     limits = HeightLimits.of(above, below, low_groups)
     verb = _Denoise(clone(estimator).set_params(n_jobs=1), mode, choice, limits)
-    return run_by_tiles(
+    report = run_by_tiles(
         verb, source, target, memory=memory, n_jobs=n_jobs, tile_size=tile_size, cut=cut,
         as_folder=as_folder, restart=restart,
     )  # fmt: skip
+    if report.together:
+        warn_caller(report.together)
+    return report
 
 
 class _Denoise(Verb):
@@ -243,7 +249,11 @@ class _Denoise(Verb):
             run.catalog, run.targets, run.folder, self.mode, self.cutoff, self.choice,
             self.content, self.scored, lowest,
         )  # fmt: skip
+        together = ""
+        if self.estimator.strictness != "surfaces":  # which takes things that are no surfaces
+            together = words_of(lost_volumes(partial(self._removed, run.cells), self.n_used))
         return {
+            "together": together,
             "n_outliers": n_outliers,
             "n_exact": n_exact,
             "removed_fraction": n_outliers / run.catalog.n_points,
@@ -252,6 +262,11 @@ class _Denoise(Verb):
             "n_proved": self.n_proved,
             "n_resumed": self.n_resumed,
         }
+
+    def _removed(self, cells):
+        """Points, and which are outliers, tile by tile."""
+        for cell in range(len(cells)):
+            yield cells.read(cell)["xyz"], self.scored.flagged(cell, self.cutoff)
 
 
 def check_detector(estimator):

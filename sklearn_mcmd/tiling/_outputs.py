@@ -144,6 +144,12 @@ class Scored(NamedTuple):
         """The scores of all points, tile by tile."""
         return scores_in_parts(*self)
 
+    def flagged(self, cell, cutoff):
+        """Which points of a tile are outliers, but for those of groups below the ground."""
+        values = np.fromfile(tile_files(self.folder, cell)[0], self.dtype)["values"]
+        scores, depths = _judged(values)
+        return (scores > cutoff) & ~(depths > cutoff)
+
 
 def write_denoised_outputs(catalog, targets, folder, mode, cutoff, choice, content, scored, lowest):
     """Write each output without its outliers, or with marks.
