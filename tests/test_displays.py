@@ -1,5 +1,7 @@
 """Displays draw the verdict that they are given, and keep rare classes visible."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -242,3 +244,19 @@ def test_missing_coordinates_and_labels_are_refused_by_name(xyz):
     with pytest.raises(ValueError, match="xyz must be finite"):
         plot_cloud(broken)
     NormalsDisplay.from_predictions(xyz, np.full((400, 3), np.nan))  # gray
+
+
+@pytest.mark.parametrize("name", ["outliers", "scores", "normals", "segments", "edges"])
+def test_displays_without_matplotlib_name_what_to_install(name, xyz, monkeypatch):
+    found = xyz[:, 0] > 0.5
+    for module in [m for m in sys.modules if m.partition(".")[0] == "matplotlib"]:
+        monkeypatch.setitem(sys.modules, module, None)
+    make = {
+        "outliers": lambda: OutlierDisplay.from_predictions(xyz, found),
+        "scores": lambda: plot_cloud(xyz, color=xyz[:, 2]),
+        "normals": lambda: NormalsDisplay.from_predictions(xyz, Fitted(xyz).normals_),
+        "segments": lambda: SegmentationDisplay.from_predictions(xyz, found.astype(int)),
+        "edges": lambda: EdgeDisplay.from_predictions(xyz, found),
+    }
+    with pytest.raises(ImportError, match=r"Plotting needs matplotlib.*: pip install "):
+        make[name]()

@@ -1,6 +1,7 @@
 """Clouds larger than memory: options, and the plan that ``--dry-run`` shows."""
 
 import time
+import warnings
 from errno import ENOENT
 from typing import Annotated
 
@@ -30,7 +31,8 @@ Memory = Annotated[
     typer.Option(
         parser=_memory,
         metavar="SIZE",
-        help="What may be taken, such as 2GB. Files that need more are divided into tiles.",
+        help="What may be taken, such as 2GB, and 430MB or more. LAS and LAZ that need more are "
+        "divided into tiles.",
         show_default="half of the machine's memory",
     ),
 ]
@@ -58,6 +60,12 @@ def large_catalog(source, memory, n_features, always=False, *, work="normals"):
 
         return Catalog(source)
     if source.suffix.lower() not in PARSED_SUFFIXES:
+        if memory is not None:
+            warnings.warn(
+                f"{source}: is read as a whole, whatever --memory is; only LAS and LAZ are divided "
+                "into tiles",
+                stacklevel=2,
+            )
         return None
     from sklearn_mcmd.io import PointFileError
     from sklearn_mcmd.tiling import Catalog

@@ -155,8 +155,7 @@ def add_legend(ax, entries):
 
 def choose_colors(masks, chosen, otherwise):
     """The color of the first mask that holds, for each point."""
-    from matplotlib.colors import to_rgb
-
+    to_rgb = import_extra("matplotlib.colors", "plot", "Plotting").to_rgb
     colors = np.tile(to_rgb(otherwise), (len(masks[0]), 1))
     for mask, color in zip(masks, chosen, strict=True):
         colors[mask] = to_rgb(color)

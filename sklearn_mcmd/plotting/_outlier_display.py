@@ -16,7 +16,7 @@ from sklearn_mcmd.plotting._cloud_display import (
     choose_colors,
     one_for_each,
 )
-from sklearn_mcmd.plotting._still import check_points
+from sklearn_mcmd.plotting._still import check_points, color_modules
 
 if TYPE_CHECKING:
     from typing import Self
@@ -184,8 +184,7 @@ class OutlierDisplay(CloudDisplay):
         )
 
     def _scores_picture(self):
-        from matplotlib import cm, colors
-
+        cm, colors = color_modules()
         norm = colors.Normalize(0, 10, clip=True)
         shade = cm.ScalarMappable(norm, "viridis")
         return Picture(

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sklearn_mcmd.plotting._cloud_display import CloudDisplay, Picture, one_for_each
-from sklearn_mcmd.plotting._still import check_points
+from sklearn_mcmd.plotting._still import check_points, color_modules
 
 if TYPE_CHECKING:
     from typing import Self
@@ -84,8 +84,7 @@ class PlaneResidualDisplay(CloudDisplay):
         return ~self.is_outlier if not self.is_outlier.all() else self.is_outlier
 
     def _picture(self, view):
-        from matplotlib import cm, colors
-
+        cm, colors = color_modules()
         # Three standard deviations of what is kept; an outlier would take the contrast of all.
         reach = 3 * np.sqrt(np.mean(self.residuals[self._kept()] ** 2)) or 1.0
         shade = cm.ScalarMappable(colors.Normalize(-reach, reach, clip=True), "RdBu_r")

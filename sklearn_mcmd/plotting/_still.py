@@ -291,9 +291,13 @@ def _marker_size(ax, extent, n_points):
     return float(np.clip(scale * np.sqrt(extent[0] * extent[1] / n_points), 0.4, 6.0))
 
 
-def _as_rgb(color, n_points):
-    from matplotlib import cm, colors
+def color_modules():
+    """Matplotlib's modules of colored values and of colors."""
+    return (import_extra(f"matplotlib.{name}", "plot", "Plotting") for name in ("cm", "colors"))
 
+
+def _as_rgb(color, n_points):
+    cm, colors = color_modules()
     values = None if isinstance(color, str) else np.asarray(color)
     if values is not None and values.shape == (n_points,) and values.dtype.kind in "biuf":
         return cm.ScalarMappable().to_rgba(values)[:, :3].copy()

@@ -330,7 +330,7 @@ def _cutoff(estimator, score, found):
 
     if estimator.cutoff is not None:
         return float(estimator.cutoff)
-    simulated = estimator.contamination is not None or estimator.false_positive_rate is not None
+    simulated = estimator._share() is not None or estimator.false_positive_rate is not None
     if simulated or estimator.strictness is None:
         return float(score[~found].max(initial=0.0))
     return CUTOFF

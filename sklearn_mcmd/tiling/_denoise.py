@@ -292,7 +292,7 @@ def check_detector(estimator):
 def cutoff_of(estimator):
     """The cutoff, where the cloud has no part in it; compiled code is then on disk for all."""
     detector = clone(estimator)
-    if detector.cutoff is None and detector.contamination is None:
+    if detector.cutoff is None and detector._share() is None:
         detector.set_params(false_positive_rate=None)  # it takes long, and is found later
     return -warm_up(detector, WARM_UP).offset_
 
@@ -349,9 +349,9 @@ def judge_cells(job, cells, columns, n_workers, cutoff):
     sweep("scores", find_scores, is_done, target=write)
     if job.detector._is_rehearsed():
         return max(cutoff, _rehearsed_cutoff(job, cells, columns, n_workers))
-    if job.detector.contamination is not None:
+    if job.detector._share() is not None:
         parts = partial(scores_in_parts, job.columns, n_cells)
-        return exceeded_by(parts, job.detector.contamination)
+        return exceeded_by(parts, job.detector._share())
     return cutoff
 
 

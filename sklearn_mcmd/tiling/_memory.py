@@ -181,9 +181,9 @@ def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, wor
         if own > least:
             why = f", because one process joins the regions of all {n_points:,} points"
     if memory < own or memory < least:
+        given = f"{memory / 1e6:.0f}MB" if memory >= 1e6 else f"{memory:g} bytes"
         raise ValueError(
-            f"memory={memory / 1e6:.0f}MB is too little: at least {max(own, least) / 1e6:.0f}MB "
-            f"is needed{why}."
+            f"memory={given} is too little: at least {max(own, least) / 1e6:.0f}MB is needed{why}."
         )
     n_jobs = n_workers = _n_jobs(n_jobs)
     if work == "regions":  # other processes stay, while regions are joined

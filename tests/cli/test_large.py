@@ -9,6 +9,7 @@ import pytest
 from commands import error_line, files_in, run
 from sklearn_mcmd.io import read_points, write_points
 from sklearn_mcmd.tiling import _normals
+from tiled import street
 
 ONE = ("--n-jobs", 1)
 
@@ -144,3 +145,15 @@ def test_single_precision_that_is_too_coarse_is_refused_unless_allowed(tmp_path,
     assert "single precision" in in_memory
     assert "single precision" in run(*args, "--memory", "2MB").stderr
     assert run(*args, "--memory", "2MB", "--allow-coarse").exit_code == 0
+
+
+def test_a_memory_of_bytes_and_one_that_text_cannot_heed_are_told(tmp_path):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    write_points(folder / "a.las", street(300))
+    line = error_line(run("denoise", folder, tmp_path / "b.las", "--memory", 4))
+    assert "--memory 4 bytes is too little: at least 430MB is needed" in line
+    write_points(tmp_path / "a.csv", street(300))
+    result = run("denoise", tmp_path / "a.csv", tmp_path / "b.csv", "--memory", "2GB")
+    assert result.exit_code == 0
+    assert "a.csv: is read as a whole, whatever --memory is" in result.stderr

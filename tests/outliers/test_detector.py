@@ -3,6 +3,7 @@
 import pickle
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -413,3 +414,25 @@ def test_a_query_away_from_copies_of_the_origin_is_a_finite_outlier(strictness):
     score = detector.score_samples([[1.0, 0.0, 0.0]])[0]
     assert np.isfinite(score)
     assert score < detector.offset_
+
+
+def test_contamination_auto_is_the_cutoff_and_excludes_no_other_way():
+    X = np.random.default_rng(0).normal(size=(80, 3)) * [1, 1, 0.01]
+    one, auto = (MCMDOutlierDetector(contamination=c).fit(X) for c in (None, "auto"))
+    assert auto.offset_ == one.offset_
+    assert MCMDOutlierDetector(contamination="auto", cutoff=5).fit(X).offset_ == -5
+
+
+def test_company_warns_in_five_dimensions_and_distances_from_planes_find_all():
+    rng = np.random.default_rng(0)
+    X = rng.normal(size=(400, 5)) * [1, 1, 1, 1, 0.01]
+    X[:40, 4] = rng.uniform(1, 5, 40)
+    with pytest.warns(UserWarning, match="in 5D finds few outliers"):
+        MCMDOutlierDetector(outlier_rate=0.2, random_state=0).fit(X)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = MCMDOutlierDetector(
+            outlier_rate=0.2, strictness="surfaces", random_state=0
+        ).fit_predict(X)
+    assert (found[:40] == -1).all()
+    assert (found[40:] == 1).mean() > 0.98
