@@ -46,6 +46,7 @@ from sklearn_mcmd.cli._speech import (
 )
 from sklearn_mcmd.cli._waiting import progress
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, noise_classes
+from sklearn_mcmd.io._point_cloud import denoised_before, without_outliers
 from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["denoise"]
@@ -259,6 +260,8 @@ def denoise(
         with progress("denoise", quiet):
             mark = mode is Mode.mark
             cloud = read(source, target, "marks of outliers" if mark else None)
+            if cloud.metadata.get("denoised"):
+                warnings.warn(denoised_before(source), stacklevel=2)
             points = judged_points(source, cloud, choice, above, below, low_groups)
             nothing = blank(cloud)
             rehearse(target, *_denoised(cloud, nothing.astype(np.uint8), nothing, mark))
@@ -440,5 +443,5 @@ def _warn_if_without_scale(n_without, n_points):
 def _denoised(cloud, classes, score, mark):
     """The cloud to write, and the classes of noise to mark in it."""
     if not mark:
-        return cloud.subset(classes == 0), None
+        return without_outliers(cloud, classes == 0), None
     return with_results(cloud, {"outlier_score": score.astype(np.float32)}), classes

@@ -17,6 +17,7 @@ __all__ = [
     "coordinate_system",
     "forget_copc",
     "import_laspy",
+    "is_denoised",
     "las_of_cloud",
     "read_header",
     "read_las",
@@ -29,6 +30,9 @@ LARGEST = 2**31 - 1
 COLORS = ("red", "green", "blue")
 COLORED_FORMAT = {0: 2, 1: 3, 4: 5, 6: 7, 9: 10}  # from point format to the same with colors
 EXTRA_DTYPES = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"}
+
+# User, number and description of the record that says that outliers were removed.
+DENOISED = "sklearn-mcmd", 1, "outliers removed"
 
 
 def read_las(path):
@@ -80,6 +84,11 @@ def coordinate_system(header):
     return name
 
 
+def is_denoised(header):
+    """Whether the file of a LAS header is what `mcmd denoise` has left."""
+    return any((record.user_id, record.record_id) == DENOISED[:2] for record in header.vlrs)
+
+
 def cloud_of_points(points, header):
     """The cloud of some of a file's points, given as bytes."""
     laspy = import_laspy(compressed=False)
@@ -101,6 +110,8 @@ def las_of_cloud(laspy, cloud, noise=None):
     else:
         header, attributes = _new_header(laspy, cloud)
         records = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=header)
+    if cloud.metadata.get("denoised") and not is_denoised(header):
+        header.vlrs.append(laspy.VLR(*DENOISED))
     las = laspy.LasData(header, records)
     las, attributes = _with_colors(laspy, las, attributes)
     _store_coordinates(las, cloud.xyz)
@@ -137,6 +148,8 @@ def _cloud(las):
     }
     records = las.points.array
     metadata = {"las_header": las.header, "las_points": records}
+    if is_denoised(las.header):
+        metadata["denoised"] = True
     return PointCloud(_coordinates(records, las.header), attributes, metadata)
 
 

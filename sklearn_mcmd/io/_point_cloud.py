@@ -13,11 +13,13 @@ from sklearn_mcmd import _extras
 __all__ = [
     "PointCloud",
     "PointFileError",
+    "denoised_before",
     "fit_dtype",
     "flat_columns",
     "has_colors",
     "import_extra",
     "with_results",
+    "without_outliers",
 ]
 
 RESERVED = {"x", "y", "z", "xyz"}
@@ -45,7 +47,8 @@ class PointCloud:
     metadata : dict, default={}
         Data for a faithful copy of the source file: ``las_header`` and ``las_points``
         (the raw records, so that integer coordinates are kept), ``ply_comments``,
-        ``ply_obj_info``, ``pcd_viewpoint``, ``npz_arrays`` (arrays of another length). Also where
+        ``ply_obj_info``, ``pcd_viewpoint``, ``npz_arrays`` (arrays of another length). Also
+        ``denoised``, whether outliers were removed, which LAS, LAZ and PLY tell, and where
         the scanner of each E57 scan stood, ``sensor_positions``, NaN where that is not known.
     n_dropped : int, default=0
         Number of points of the file that were left out, because a coordinate was not finite
@@ -193,6 +196,21 @@ def with_results(cloud, results):
             f"the results replace what the input calls {', '.join(replaced)}", stacklevel=2
         )
     return PointCloud(cloud.xyz, {**kept, **results}, dict(cloud.metadata), cloud.n_dropped)
+
+
+def without_outliers(cloud, kept):
+    """The points that are kept, marked as denoised."""
+    left = cloud.subset(kept)
+    left.metadata["denoised"] = True
+    return left
+
+
+def denoised_before(path):
+    """What to say where a file is to be denoised that was before."""
+    return (
+        f"{path}: outliers were removed from it before; without them others stand alone, so that "
+        "more goes each time: denoise the original instead"
+    )
 
 
 def fit_dtype(name, values, allowed, format_name):

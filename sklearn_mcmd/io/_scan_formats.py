@@ -22,6 +22,7 @@ PCD_DTYPES = PLY_DTYPES | {"i8", "u8"}
 # Viewers expect normals in PLY under these names; in all other formats they have ours.
 PLY_NORMALS = {"nx": "normal_x", "ny": "normal_y", "nz": "normal_z"}
 COLORS = ("red", "green", "blue")
+DENOISED = "outliers removed by sklearn-mcmd"
 MERGED = "cloud without setup"  # name of a scan whose pose is no place of a scanner
 E57_FIELDS = {
     "intensity": ("intensity", "f4"),
@@ -45,6 +46,8 @@ def read_ply(path):
         warnings.warn(f"{path}: list properties are left out: {', '.join(lists)}.", stacklevel=3)
         vertices = vertices[[n for n in vertices.dtype.names if n not in lists]]
     metadata = {"ply_comments": list(ply.comments), "ply_obj_info": list(ply.obj_info)}
+    if DENOISED in ply.comments:
+        metadata["denoised"] = True
     cloud = cloud_from_records(vertices, metadata=metadata)
     cloud.attributes = _renamed(cloud.attributes, PLY_NORMALS)
     return cloud
@@ -62,9 +65,15 @@ def write_ply(path, cloud, encoding="binary"):
         [plyfile.PlyElement.describe(records, "vertex")],
         text=encoding == "ascii",
         byte_order="=" if encoding == "ascii" else "<",
-        comments=cloud.metadata.get("ply_comments", []),
+        comments=_comments(cloud),
         obj_info=cloud.metadata.get("ply_obj_info", []),
     ).write(str(path))
+
+
+def _comments(cloud):
+    comments = cloud.metadata.get("ply_comments", [])
+    marked = DENOISED in comments or not cloud.metadata.get("denoised")
+    return comments if marked else [*comments, DENOISED]
 
 
 def read_pcd(path):

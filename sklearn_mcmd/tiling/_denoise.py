@@ -10,6 +10,8 @@ import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.io._classes import Choice
+from sklearn_mcmd.io._las import is_denoised, read_header
+from sklearn_mcmd.io._point_cloud import denoised_before
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff, sample_step
 from sklearn_mcmd.outliers._detector import CUTOFF
@@ -162,8 +164,8 @@ def write_denoised(
     Warns
     -----
     UserWarning
-        If an output has no points, because all were outliers, or if hundreds of outliers lie
-        together, as a thing does that is sparser than what is around it.
+        If an input was denoised before, if an output has no points, because all were outliers, or
+        if hundreds of outliers lie together, as a thing does that is sparser than what is around.
 
     See Also
     --------
@@ -193,8 +195,12 @@ def write_denoised(
     choice = Choice(tuple(sorted(ignore_classes)), tuple(sorted(only_classes)))
     limits = HeightLimits.of(above, below, low_groups)
     verb = _Denoise(clone(estimator).set_params(n_jobs=1), mode, choice, limits)
+    catalog = source if isinstance(source, Catalog) else Catalog(source)
+    for path in catalog.paths:
+        if is_denoised(read_header(path)):
+            warn_caller(denoised_before(path))
     report = run_by_tiles(
-        verb, source, target, memory=memory, n_jobs=n_jobs, tile_size=tile_size, cut=cut,
+        verb, catalog, target, memory=memory, n_jobs=n_jobs, tile_size=tile_size, cut=cut,
         as_folder=as_folder, restart=restart,
     )  # fmt: skip
     if report.together:

@@ -13,7 +13,7 @@ from sklearn_mcmd.io._classes import LOW_NOISE, Choice, classes_of_noise
 from sklearn_mcmd.io._files import one_clear_line, replacing
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._las_parts import read_parts, writing_parts
-from sklearn_mcmd.io._point_cloud import has_colors, with_results
+from sklearn_mcmd.io._point_cloud import has_colors, with_results, without_outliers
 from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
 from sklearn_mcmd.planes._progress import current_span
 from sklearn_mcmd.tiling._catalog import EXTENSIONS, stamp_of
@@ -179,7 +179,7 @@ def write_denoised_outputs(catalog, targets, folder, mode, cutoff, choice, conte
         scores, depths = _judged(values)
         is_outlier = scores > cutoff
         if mode == "drop":
-            return cloud.subset(~is_outlier), None
+            return without_outliers(cloud, ~is_outlier), None
         classes = np.zeros(len(cloud), np.uint8)
         classes[is_outlier] = classes_of_noise(lowest, xyz[is_outlier])
         classes[depths > cutoff] = LOW_NOISE

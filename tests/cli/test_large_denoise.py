@@ -113,3 +113,28 @@ def test_a_sparse_ball_that_is_lost_before_a_dense_wall_is_told_in_memory_and_by
     )
     kept = run("denoise", path, out, "--keep", "surfaces")
     assert "together" not in kept.stderr  # which is to take all that is no surface
+
+
+@pytest.mark.parametrize("extension", ["las", "laz", "ply", "folder"])
+def test_denoising_again_warns_and_denoising_once_does_not(extension, tmp_path):
+    if extension == "ply":
+        pytest.importorskip("plyfile")
+    suffix = "las" if extension == "folder" else extension
+    source = tmp_path / "in"
+    source.mkdir()
+    write_points(source / f"a.{suffix}", street(1500))
+    first, again = tmp_path / "first", tmp_path / "again"
+    if extension != "folder":
+        source, first, again = (
+            path.with_suffix(f".{suffix}") for path in (source / "a", first, again)
+        )
+    once = run("denoise", source, first, *ONE)
+    assert once.exit_code == 0, once.output
+    assert "before" not in once.stderr
+    twice = run("denoise", first, again, *ONE)
+    assert twice.exit_code == 0, twice.output
+    assert f"first{'/a.las' if extension == 'folder' else '.' + suffix}: outliers were removed" in (
+        twice.stderr
+    )
+    marked = run("denoise", source, again, "--mode", "mark", *ONE)
+    assert marked.exit_code == 0  # which removes nothing
