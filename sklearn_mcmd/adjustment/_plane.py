@@ -10,7 +10,7 @@ from scipy.linalg import lstsq, orth
 
 from sklearn_mcmd._sklearn import StrOptions, validate_params
 
-__all__ = ["PlaneAdjustment", "adjust_plane", "row_chunks"]
+__all__ = ["PlaneAdjustment", "adjust_plane", "row_chunks", "weights_of"]
 
 # Rows that are processed together. Their centered copy stays in the processor's cache, and it is
 # the most working memory that a pass needs.
@@ -257,6 +257,11 @@ def adjust_plane(
         n_observations=int(n_observations),
         surface=surface,
     )
+
+
+def weights_of(members, weights):
+    """Weights of an adjustment of some points; 0 for the others."""
+    return members.astype(float) if weights is None else members * weights
 
 
 def row_chunks(n):

@@ -80,8 +80,9 @@ def plane(
     test: Annotated[
         Test,
         typer.Option(
-            help="w: compare residuals with sigma0. tau, t: compare them with their own scale; "
-            "these find nothing above about 5 % of outliers."
+            help="w: compare residuals with sigma0, or by tau if sigma0 is auto. tau, t: compare "
+            "them with their own scale; without the robust start these find nothing above about "
+            "5 % of outliers."
         ),
     ] = Test.w,
     alpha: Annotated[
@@ -98,8 +99,8 @@ def plane(
             parser=number_or("auto"),
             metavar="NUMBER|auto",
             help="Standard deviation of a coordinate, in units of the file. Give it if you know "
-            "it. auto: a robust scale of the residuals; a rough surface then passes like a smooth "
-            "one.",
+            "it. auto: estimated from the points that pass; a rough surface then passes like a "
+            "smooth one.",
         ),
     ] = "auto",
     correction: Annotated[
@@ -252,6 +253,13 @@ def _test_plane(xyz, method, params):
         warnings.filterwarnings("ignore", message=AS_THICK_AS_WIDE)
         fitted = detector(**params).fit(xyz)
     _check_width(fitted, xyz)
+    if fitted.global_test_pvalue_ < fitted.alpha:
+        warnings.warn(
+            f"the global test rejects this plane (p = {fitted.global_test_pvalue_:.2g}): its "
+            f"points scatter more than --sigma0 {fitted.sigma0:g} says, or their surface is no "
+            "plane",
+            stacklevel=2,
+        )
     return fitted, fitted.residuals(xyz)
 
 
@@ -332,19 +340,22 @@ def _record(source, target, plot):
 
 
 def _summarize(source, target, sheets, detector, residuals, unit, seconds):
+    import sklearn_mcmd.adjustment._report as rows_of
+
     is_outlier = detector.labels_ == -1
     unit = f" {unit}" if unit else ""
     rms = [np.sqrt(np.mean(residuals[rows] ** 2)) for rows in (slice(None), ~is_outlier)]
-    tilt = np.degrees(np.arccos(min(abs(detector.normal_[-1]), 1.0)))
-    how = "estimated" if detector.sigma0 == "auto" else "given"
+    how = rows_of.sigma0_origin(detector)
     if detector._sigma0_is_rounding:
-        how = "float64's rounding: no noise to test against"
+        how += ": no noise to test against"
     print_summary(
         *(source, target, len(is_outlier), seconds),
         outliers=count_and_share(is_outlier),
-        normal=f"{' '.join(f'{value:.6f}' for value in detector.normal_)}, tilt {tilt:.3f} degrees",
-        distance=f"{detector.distance_:.6g}{unit} from the origin",
-        residuals=f"rms {rms[0]:.4g}{unit}, without outliers {rms[1]:.4g}{unit}",
+        normal=f"{rows_of.normal_row(detector)}, tilt {rows_of.tilt(detector)}",
+        point=f"{rows_of.point_row(detector, unit)}, on the plane",
+        residuals=f"rms {rms[0]:.4g}{unit}, without outliers {rms[1]:.4g}{unit}; "
+        f"{rows_of.sign_of_residuals(detector)}",
         sigma0=f"{detector.sigma0_:.4g}{unit} ({how})",
+        **{"global test": rows_of.global_test_row(detector)},
         report=", ".join(str(path) for path in sheets if path is not None),
     )

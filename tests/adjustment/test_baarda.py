@@ -155,7 +155,7 @@ def test_sigma0_auto_finds_outliers_without_knowing_sigma():
     X = plane_with_outliers(2000, 200, 12.0, sigma=0.003)
     detector = BaardaPlaneDetector(sigma0="auto").fit(X)
     assert_array_equal(np.flatnonzero(detector.labels_ == -1), np.arange(200))
-    assert 0.003 < detector.sigma0_ < 0.0036
+    assert_allclose(detector.sigma0_, 0.003, rtol=0.05)  # 1,800 points: 1.7 %
 
 
 @pytest.mark.parametrize("loss", ["huber", "tukey"])

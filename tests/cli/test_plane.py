@@ -122,6 +122,39 @@ def test_the_summary_of_plane_has_the_figures_of_the_report(wall_file, tmp_path)
     assert run("plane", wall_file, tmp_path / "out.laz", "--quiet").output == ""
 
 
+def test_the_summary_of_plane_says_where_it_is_and_what_the_sign_of_a_residual_means(
+    wall_file, tmp_path
+):
+    result = run("plane", wall_file, tmp_path / "out.laz", "--unit", "m")
+    rows = dict(
+        re.split("  +", line.strip(), maxsplit=1) for line in result.stdout.splitlines()[1:]
+    )
+    normal, error = rows["normal"].split(", tilt")[0].split(" ± ")
+    truth = np.array([0.6, -0.8, 0.0])
+    np.testing.assert_allclose([float(v) for v in normal.split()], truth, atol=4 * float(error))
+    point = [float(value) for value in rows["point"].split(" ± ")[0].split()]
+    assert abs((np.array(point) - [512345, 5403210, 212]) @ truth) < 0.001
+    assert rows["residuals"].endswith("positive on the side of the normal")
+    assert rows["global test"].startswith("none: sigma0 is estimated")
+    assert "e+" not in result.stdout
+
+
+def test_a_rejected_global_test_is_said_on_the_terminal_and_in_the_report(wall_file, tmp_path):
+    options = ("--sigma0", 0.002, "--unit", "m", "--report", tmp_path / "report")
+    result = run("plane", wall_file, tmp_path / "out.laz", *options)
+    assert re.search(
+        "warning: the global test rejects this plane .p = .*--sigma0 0.002", result.stderr
+    )
+    assert re.search(
+        r"global test  p = \S+ with all points, \S+ without outliers; rejected", result.stdout
+    )
+    page = next((tmp_path / "report").glob("*.html")).read_text()
+    assert "The plane and sigma0 do not fit" in page
+    well = run("plane", wall_file, tmp_path / "out.laz", "--sigma0", 0.004)
+    assert "global test" not in well.stderr
+    assert "outliers; rejected" not in well.stdout
+
+
 def test_the_same_seed_gives_the_same_points(wall_file, tmp_path):
     for name in ("a", "b"):
         run("plane", wall_file, tmp_path / f"{name}.csv")
