@@ -71,6 +71,8 @@ class RunReport(NamedTuple):
     n_used : int
         Of `write_denoised`, points that were judged or used to judge others: not withheld, and of
         the classes asked for.
+    n_upright : int
+        Of `write_normals`, normals of upright faces.
     """
 
     n_points: int
@@ -88,6 +90,7 @@ class RunReport(NamedTuple):
     n_edges: int = 0
     n_judged: int = 0
     n_used: int = 0
+    n_upright: int = 0
 
 
 class Run(NamedTuple):
