@@ -179,8 +179,8 @@ def normals(
             print_summary(
                 *(source, target, len(cloud), seconds()),
                 removed=_removed(removed),
-                **{"surface variation": f"{np.median(results['surface_variation']):.2g} (median)"},
-                **_sides(orientation, count_upright(fitted.normals_), len(cloud)),
+                **{"surface variation": f"{np.median(results['surface_variation']):.2g} (median)"}
+                | _sides(orientation, count_upright(fitted.normals_), len(cloud)),
             )
 
 
