@@ -146,10 +146,11 @@ def normals(
     with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = stopwatch()
         n_features = len(_feature_columns(features))
-        work = "auto" if n_neighbors == "auto" else "normals"
+        work = "tree" if orientation is Orientation.mst else "normals"
+        work = "auto" if n_neighbors == "auto" else work
         catalog = large_catalog(source, memory, n_features, scheduler is not None, work=work)
         if catalog is not None:
-            _check_local(source, orientation, sensor, trajectory)
+            _check_local(source, sensor, trajectory)
         if dry_run:
             known = params
             if orientation is Orientation.sensor:  # positions are not read here
@@ -184,8 +185,8 @@ def normals(
             )
 
 
-def _check_local(source, orientation, sensor, trajectory):
-    """Raise if normals depend on the whole cloud, or on a position of each point."""
+def _check_local(source, sensor, trajectory):
+    """Raise if normals depend on a position of each point."""
     for name, given in {"--sensor auto": sensor == AUTO, "--trajectory": trajectory}.items():
         if given:
             raise ValueError(
@@ -193,11 +194,6 @@ def _check_local(source, orientation, sensor, trajectory):
                 "tiles; give one file at a time, more --memory if it is large, and no --scheduler, "
                 "or one position, such as --sensor 0,0,0"
             )
-    if orientation is Orientation.mst:
-        raise ValueError(
-            f"{source}: --orientation mst needs the whole cloud in memory; give more --memory, or "
-            "--orientation sensor"
-        )
 
 
 def _by_tiles(

@@ -8,8 +8,8 @@ __all__ = ["in_words_of_options"]
 OPTIONS = (
     *("alpha", "contamination", "criterion", "cutoff", "false_positive_rate", "features"),
     *("max_angle", "max_distance", "max_gap", "memory", "method", "min_angle"),
-    *("min_region_size", "n_jobs", "n_neighbors", "noise_scale", "outlier_rate", "radius"),
-    *("random_state", "robust_start", "sigma0", "strictness", "surface", "threshold"),
+    *("min_region_size", "n_jobs", "n_neighbors", "noise_scale", "orientation", "outlier_rate"),
+    *("radius", "random_state", "robust_start", "sigma0", "strictness", "surface", "threshold"),
 )
 # Whole phrases are replaced first; then remaining parameters are replaced one by one.
 PHRASES = (

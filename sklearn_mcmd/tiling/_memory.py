@@ -44,6 +44,8 @@ HEIGHTS_STORED, BELOW_POINT = 260, 750
 GROWN_STORED, GROWN_POINT, JOINED_POINT, JOINED_AT_ONCE, GROWN_CLOUD = 420, 60, 150, 1_000_000, 720
 # Of these, of each point, and of one that growth left over.
 GROWN_LEAST, REST_POINT = 26, 200
+# Of normals along a tree: temporary files; and what the tree takes, for each point of the cloud.
+TREE_STORED, TREE_POINT, TREE_CLOUD = 200, 200, 850
 # By the work: bytes for each point of a tile, of temporary files, and of a cloud in memory.
 COSTS = {
     "normals": (TILE_POINT, TILE_STORED, CLOUD_POINT),
@@ -51,6 +53,7 @@ COSTS = {
     "heights": (JUDGED_POINT, HEIGHTS_STORED, CLOUD_POINT),
     "edges": (EDGES_POINT, EDGES_STORED, EDGES_CLOUD),
     "auto": (AUTO_POINT, AUTO_STORED, AUTO_CLOUD),
+    "tree": (TILE_POINT, TREE_STORED, TREE_CLOUD),
     "regions": (TILE_POINT, GROWN_STORED, GROWN_CLOUD),
 }
 # Points read or written at once, and bytes for each while that is done.
@@ -180,13 +183,17 @@ def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, wor
         own = max(own, PROCESS + joining)
         if own > least:
             why = f", because one process joins the regions of all {n_points:,} points"
+    if work == "tree":
+        own = max(own, PROCESS + TREE_POINT * n_points)
+        if own > least:
+            why = f", because one process holds the tree of all {n_points:,} points"
     if memory < own or memory < least:
         raise ValueError(
             f"memory={memory / 1e6:.0f}MB is too little: at least {max(own, least) / 1e6:.0f}MB "
             f"is needed{why}."
         )
     n_jobs = n_workers = _n_jobs(n_jobs)
-    if work == "regions":  # other processes stay, while regions are joined
+    if work in ("regions", "tree"):  # other processes stay, while one works on the whole
         n_workers = max(1, min(n_workers, int((memory - own) // max(PROCESS, 1))))
     if n_workers > 1:  # processes of their own
         n_workers = max(1, min(n_workers, int((memory - PROCESS) // least)))
@@ -208,7 +215,7 @@ def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, wor
     n_threads = max(1, n_jobs // n_workers) if shares else 1
     used = PROCESS * (n_workers + (n_workers > 1)) + n_workers * tile_size * bytes_a_point
     disk = n_points * (stored + 4 * n_features)
-    if work == "regions" and n_workers > 1:
+    if work in ("regions", "tree") and n_workers > 1:
         own += PROCESS * n_workers
     return Plan(n_workers, n_threads, tile_size, n_tiles, max(own, used), disk)
 

@@ -8,6 +8,7 @@ import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.normals import RobustNormalEstimator
+from sklearn_mcmd.normals._features import needs_curvatures, settle_features
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.tiling._auto import find_auto_normals
@@ -20,6 +21,7 @@ from sklearn_mcmd.tiling._tile import (
     normals_of_tile,
     total_proved,
 )
+from sklearn_mcmd.tiling._trees import find_agreeing_normals
 from sklearn_mcmd.tiling._work import compute_cells
 
 __all__ = ["check_normals", "write_normals"]
@@ -56,9 +58,9 @@ def write_normals(
         A name that ends in ``.las`` or ``.laz`` joins several inputs in one file: with the richest
         point format, the finest scales and the attributes of all, in the order of the inputs.
     estimator : RobustNormalEstimator, default=None
-        With an int as `random_state`, a number of neighbors or "auto", and no
-        ``orientation="mst"``, which depends on the whole cloud. "auto" adds an attribute
-        ``n_neighbors``. None is ``RobustNormalEstimator(random_state=0)``.
+        With an int as `random_state`, and a number of neighbors or "auto", which adds an attribute
+        ``n_neighbors``. ``orientation="mst"`` takes a number, and no curvatures, which have the
+        sides of normals. None is ``RobustNormalEstimator(random_state=0)``.
     memory : str or float, default=None
         What the run may take, such as "2GB" or a number of bytes. None is half of the machine's.
     n_jobs : int, default=None
@@ -118,6 +120,15 @@ def write_normals(
 
 def check_normals(estimator, *, inner=False):
     """Raise if normals depend on the whole cloud; `inner` ones are those of another estimator."""
+    if not inner and _has_tree(estimator):
+        if estimator.n_neighbors == "auto" or needs_curvatures(
+            settle_features(estimator.features, 3)
+        ):
+            raise ValueError(
+                "orientation='mst' cannot work by tiles with n_neighbors='auto' or curvatures "
+                "among the features: leave these out, or give more memory."
+            )
+        estimator = clone(estimator).set_params(orientation=None)
     if not isinstance(estimator, BaseLocalPlanes) or estimator._locality()[0] is None:
         raise ValueError(
             f"{type(estimator).__name__} cannot work by tiles with these parameters: with "
@@ -133,19 +144,26 @@ def check_normals(estimator, *, inner=False):
     check_seed(estimator)
 
 
+def _has_tree(estimator):
+    asked = getattr(estimator, "orientation", None)
+    return isinstance(asked, str) and asked == "mst"
+
+
 class _Normals(Verb):
-    """Normals, by tiles that need nothing of each other but points."""
+    """Normals, by tiles that need nothing of each other but points, or signs along a tree."""
 
     def prepare(self):
         self.is_auto = self.estimator.n_neighbors == "auto"
         self.names = normal_columns(warm_up(self.estimator, WARM_UP))[0]
         if self.is_auto:
             self.names.append("n_neighbors")
-        return "auto" if self.is_auto else "normals", len(self.names) - len(NORMAL_COLUMNS)
+        work = "auto" if self.is_auto else "tree" if _has_tree(self.estimator) else "normals"
+        return work, len(self.names) - len(NORMAL_COLUMNS)
 
     def find(self, run):
         with progress_part(0.0, 1.0, "normals"):
             find = find_auto_normals if self.is_auto else _find_normals
+            find = find_agreeing_normals if _has_tree(self.estimator) else find
             self.n_resumed = find(run, self.estimator)
 
     def write(self, run):

@@ -1,5 +1,7 @@
 """RobustNormalEstimator: the reference, truth, invariances, orientation, columns."""
 
+from itertools import permutations
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -283,6 +285,21 @@ def test_copies_of_points_do_not_matter_to_the_spanning_tree():
     truth = np.vstack([directions, directions[:700]])
     outward = np.einsum("ij,ij->i", estimator.normals_[:2200], truth)
     assert (outward > 0.9).all()
+
+
+def test_of_equal_costs_coordinates_decide_and_not_the_order_of_points():
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    s = np.sqrt(0.5)
+    turning = np.array([[1, 0, 0], [s, s, 0], [0, 1, 0], [-s, s, 0]])  # they cannot all agree
+    around = np.array([[i, i - 1, i + 1] for i in range(4)]) % 4
+    signs = set()
+    for order in map(list, permutations(range(4))):
+        place = np.argsort(order)
+        found = _orientation.orient_by_spanning_tree(
+            turning[order], corners[order], place[around[order]]
+        )
+        signs.add(tuple(np.einsum("ij,ij->i", found[place], turning).round().tolist()))
+    assert len(signs) == 1
 
 
 def test_the_spanning_tree_is_asked_with_indices_that_older_scipy_takes(monkeypatch):

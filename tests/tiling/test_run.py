@@ -14,7 +14,16 @@ from sklearn.base import clone
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_airborne_scan, make_mobile_scan, make_street
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
-from sklearn_mcmd.tiling import Catalog, TilingError, _normals, _outputs, _run, _tile, write_normals
+from sklearn_mcmd.tiling import (
+    Catalog,
+    TilingError,
+    _normals,
+    _outputs,
+    _run,
+    _tile,
+    _trees,
+    write_normals,
+)
 from sklearn_mcmd.tiling._tile import normal_columns, normals_of_tile
 from tiled import ESTIMATOR, in_memory, street
 
@@ -66,6 +75,7 @@ def test_the_output_does_not_depend_on_the_number_of_processes(street_file, tmp_
         {"method": "mcmd_md", "n_neighbors": 20},
         {"radius": 0.2, "features": ["roughness", "mean_curvature", "max_curvature_direction"]},
         {"orientation": "sensor", "sensor_origin": [362_002, 5_157_002, 103]},
+        {"orientation": "mst", "radius": 0.2, "features": "roughness"},
     ],
     ids=lambda params: "-".join(params),
 )
@@ -74,6 +84,34 @@ def test_the_output_is_that_of_memory_for_all_parameters(small_file, tmp_path, p
     expected = in_memory(small_file, tmp_path / "expected.las", estimator)
     write_normals(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
     assert (tmp_path / "out.las").read_bytes() == expected.read_bytes()
+
+
+@pytest.mark.parametrize(("n", "n_jobs"), [(40, 1), (40, 2), (10, 1)])
+def test_normals_agree_along_the_tree_of_memory_where_costs_are_equal(tmp_path, n, n_jobs):
+    side = np.stack(np.meshgrid(np.arange(n), np.arange(n), [0.0], indexing="ij"), -1).reshape(
+        -1, 3
+    )
+    faces = [np.roll(side, turn, axis=1) + shift for turn in range(3) for shift in (0, 1000)]
+    shuffled = np.random.default_rng(0).permutation(np.vstack([*faces, side[:9]]) / 8)
+    source, target = tmp_path / "box.laz", tmp_path / "out.laz"
+    write_points(source, PointCloud(shuffled))
+    estimator = RobustNormalEstimator(16, orientation="mst", random_state=0)
+    expected = in_memory(source, tmp_path / "expected.laz", estimator).read_bytes()
+    report = write_normals(source, target, estimator, tile_size=len(shuffled) // 4, n_jobs=n_jobs)
+    assert report.n_tiles > 4
+    assert target.read_bytes() == expected
+
+
+def test_a_run_along_a_tree_that_failed_goes_on(small_file, tmp_path, monkeypatch):
+    estimator = RobustNormalEstimator(16, orientation="mst", random_state=0)
+    expected = in_memory(small_file, tmp_path / "expected.las", estimator).read_bytes()
+    with monkeypatch.context() as patch:
+        patch.setattr(_trees, "signs_along", lambda *_: 1 / 0)
+        with pytest.raises(TilingError, match="goes on from there"):
+            write_normals(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
+    report = write_normals(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
+    assert report.n_resumed == report.n_tiles
+    assert (tmp_path / "out.las").read_bytes() == expected
 
 
 def test_single_precision_is_recognized_in_the_whole_cloud(tmp_path):
@@ -453,7 +491,12 @@ def test_a_run_that_goes_on_needs_no_room_for_what_is_there(
 @pytest.mark.parametrize(
     ("estimator", "message"),
     [
-        (RobustNormalEstimator(orientation="mst", random_state=0), "whole cloud"),
+        (RobustNormalEstimator("auto", orientation="mst", random_state=0), "leave these out"),
+        (
+            RobustNormalEstimator(orientation="mst", features="shape_index", random_state=0),
+            "leave these out",
+        ),
+        (RobustNormalEstimator(None, orientation="mst", random_state=0), "whole cloud"),
         (RobustNormalEstimator(None, random_state=0), "whole cloud"),
         (RobustNormalEstimator(), "random_state"),
         (
