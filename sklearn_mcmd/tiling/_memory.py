@@ -44,8 +44,9 @@ HEIGHTS_STORED, BELOW_POINT = 260, 750
 GROWN_STORED, GROWN_POINT, JOINED_POINT, JOINED_AT_ONCE, GROWN_CLOUD = 420, 60, 150, 1_000_000, 720
 # Of these, of each point, and of one that growth left over.
 GROWN_LEAST, REST_POINT = 26, 200
-# Of normals along a tree: temporary files; and what the tree takes, for each point of the cloud.
-TREE_STORED, TREE_POINT, TREE_CLOUD = 200, 200, 850
+# Of normals along a tree: a tile; temporary files; what the tree takes, for each point of the
+# cloud; and the cloud in memory.
+TREE_TILE, TREE_STORED, TREE_POINT, TREE_CLOUD = 1200, 200, 200, 850
 # By the work: bytes for each point of a tile, of temporary files, and of a cloud in memory.
 COSTS = {
     "normals": (TILE_POINT, TILE_STORED, CLOUD_POINT),
@@ -53,7 +54,7 @@ COSTS = {
     "heights": (JUDGED_POINT, HEIGHTS_STORED, CLOUD_POINT),
     "edges": (EDGES_POINT, EDGES_STORED, EDGES_CLOUD),
     "auto": (AUTO_POINT, AUTO_STORED, AUTO_CLOUD),
-    "tree": (TILE_POINT, TREE_STORED, TREE_CLOUD),
+    "tree": (TREE_TILE, TREE_STORED, TREE_CLOUD),
     "regions": (TILE_POINT, GROWN_STORED, GROWN_CLOUD),
 }
 # Points read or written at once, and bytes for each while that is done.
