@@ -60,6 +60,13 @@ def pytest_configure(config):
         config.option.dist = "worksteal"
 
 
+@pytest.fixture(autouse=True)
+def _own_numbers(request, monkeypatch):
+    """A module's RNG gives a test the same numbers, whichever tests this process ran before."""
+    if hasattr(request.module, "RNG"):
+        monkeypatch.setattr(request.module, "RNG", np.random.default_rng(0))
+
+
 @pytest.fixture(scope="session")
 def shared_data():
     """The folder of real point clouds next to the checkout; tests skip where it is absent."""

@@ -204,7 +204,8 @@ class LocalPlaneModel:
         spread = ~null.any(axis=1)
         deviations[spread, :1] = np.maximum(np.sqrt(eigenvalues[spread, :1]), floor[spread])
         projections = np.matmul((queries - centers)[:, None], axes)[:, 0] / deviations
-        return np.sqrt(np.square(projections).sum(axis=1)), deviations[:, 0]
+        with np.errstate(over="ignore"):  # infinitely far from copies of one point
+            return np.sqrt(np.square(projections).sum(axis=1)), deviations[:, 0]
 
     def _fit_whole(self):
         points = self.index.points[None]

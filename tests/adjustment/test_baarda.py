@@ -13,6 +13,7 @@ from sklearn_mcmd.adjustment import BaardaPlaneDetector, _downdate, adjust_plane
 
 
 @pytest.mark.filterwarnings("ignore:The tests reject")
+@pytest.mark.filterwarnings("ignore:The points that pass are as thick as they are wide")
 @pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
 @pytest.mark.parametrize("test", ["w", "tau", "t"])
 @pytest.mark.parametrize("elimination", ["single", "all"])

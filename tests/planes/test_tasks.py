@@ -237,6 +237,7 @@ def test_pipelines_hold_the_tasks_of_their_steps(xyz):
     assert ("RegionGrowing", "growing regions") in recorder.named()
 
 
+@pytest.mark.filterwarnings("ignore:The estimator RandomForestClassifier does not support callback")
 @pytest.mark.parametrize("n_jobs", [1, 2])
 def test_a_grid_search_with_a_progress_bar_finds_what_it_finds_without(n_jobs, xyz, capsys):
     pytest.importorskip("rich")

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from sklearn.base import clone
@@ -120,7 +120,7 @@ def test_labels_are_those_of_memory_for_all_parameters(params, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("scene", "params"), zip(SCENES, SWITCHES, strict=True), ids=str)
+@pytest.mark.parametrize(("scene", "params"), list(zip(SCENES, SWITCHES, strict=True)), ids=str)
 def test_each_scene_has_the_labels_of_memory_with_other_parameters(scene, params, tmp_path):
     path, cloud = written(tmp_path, SCENES[scene]())
     growing = clone(GROWING).set_params(**params)
@@ -143,9 +143,7 @@ def clouds(draw):
 
 
 @given(X=clouds(), tile_size=st.integers(300, 1_500), cut=st.floats(0.2, 0.8))
-@settings(
-    max_examples=3, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=3)
 def test_labels_of_any_cloud_are_those_of_memory(X, tile_size, cut, tmp_path):
     path, cloud = written(tmp_path, X)
     assert_equal_by_tiles(path, cloud, GROWING, ((tile_size, cut),))
