@@ -123,15 +123,12 @@ def edges(
             cloud = read(source, target, "edges")
             if colors is None:
                 colors = not has_colors(cloud)
-            # LAS has colors of 16 bits.
-            largest = 65535 if target.suffix.lower() in (".las", ".laz") else 255
-            brightest = largest if colors else None
             nothing = blank(cloud)
-            rehearse(target, with_results(cloud, _results(nothing > 0, nothing, brightest)))
+            rehearse(target, with_results(cloud, _results(nothing > 0, nothing, colors)))
             with progress_part(*WORKING):
                 detector = _detector(params).fit(coordinates(cloud))
             is_edge, score = _verdict(detector)
-            write(target, with_results(cloud, _results(is_edge, score, brightest)))
+            write(target, with_results(cloud, _results(is_edge, score, colors)))
             write_report_of(report, source, target, seconds, lambda: _contents(cloud, detector))
         if not quiet:
             edges = count_and_share(is_edge)
@@ -185,8 +182,7 @@ def _contents(cloud, detector):
     return edges_contents(cloud, detector)
 
 
-def _results(is_edge, score, brightest):
-    """The columns to write, with colors up to `brightest` if that is a number."""
+def _results(is_edge, score, colors):
     from sklearn_mcmd.edges._painting import edge_columns
 
-    return edge_columns(is_edge, score, brightest)
+    return edge_columns(is_edge, score, colors)

@@ -1,7 +1,6 @@
 """The grid of integers on which LAS stores coordinates: as fine as the coordinates ask for."""
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from sklearn_mcmd.io._point_cloud import PointFileError
 
@@ -66,6 +65,8 @@ def _on_grid(xyz, step, usual):
 
 def _fine(xyz):
     """A small part of the spacing and extent of most points, and infinity if they have none."""
+    from scipy.spatial import cKDTree  # takes long to import
+
     low, middle, high = np.quantile(xyz, [0.25, 0.5, 0.75], axis=0)
     far = np.abs(xyz - middle).max(axis=1)
     near = np.unique(xyz[np.argpartition(far, min(AROUND, len(xyz) - 1))[:AROUND]], axis=0)
