@@ -223,7 +223,7 @@ def write_e57(path, cloud):
     except Exception as err:
         if hasattr(file, "image_file"):
             del file.image_file  # else pye57 closes it again, and prints an error
-        if "ErrorWriteFailed" in str(err):
+        if re.search("error_?write_?failed", str(err), re.IGNORECASE):
             raise PointFileError("cannot be written: the disk may be full") from err
         raise
 
