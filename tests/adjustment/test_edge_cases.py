@@ -164,7 +164,7 @@ def test_the_width_test_calls_a_rod_a_plane_as_often_as_alpha_says(n):
     p = []
     for seed in range(400):
         rng = np.random.default_rng(seed)
-        X = rng.normal(size=(n, 3)) * [100, 1, 1] @ Rotation.random(rng=rng).as_matrix()
+        X = rng.normal(size=(n, 3)) * [100, 1, 1] @ Rotation.random(None, rng).as_matrix()
         p.append(normal_pvalue(adjust_plane(X, surface="orthogonal")))
     for alpha in (0.05, 0.2, 0.5):
         # Four standard deviations of a share of 400.
