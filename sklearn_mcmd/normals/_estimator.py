@@ -52,7 +52,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Size of a neighborhood (k), at least ``n_features + 1``. A point of the fitted cloud
         is its own first neighbor. "auto" gives each point 16 to 256 neighbors, as many as it takes
         for the noise around it to tilt its normal by 2.5 degrees, unless the surface bends
-        before; see `n_neighbors_`. None means one neighborhood of all points.
+        before; see `n_neighbors_`. It needs 2D or 3D. None means one neighborhood of all points.
 
     method : {"mcmd_z", "mcmd_md", "pca", "ransac", "msac", "robpca", "ulsif", "qsp"}, \
             default="mcmd_z"
@@ -89,12 +89,13 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     refine : {"reweight"} or None, default="reweight"
         "reweight" refits plane and scale twice before outliers are removed. It removes none if
         a plane and noise, or one smooth curved surface, explain all neighbors; the normal of the
-        latter is that of the surface at the point. None is the paper's form.
+        latter is that of the surface at the point. From four dimensions on every point has its
+        refitted plane. None is the paper's form.
 
     borrow : bool, default=True
         Whether a point next to an edge is given the plane of the neighbor that explains it and
         the points nearest to it best. Most of its own neighborhood may lie on the other face, or
-        its own plane may run across both. Only with ``refine="reweight"``.
+        its own plane may run across both. Only with ``refine="reweight"``, in 2D and 3D.
 
     radius : float, default=None
         Largest distance of a neighbor, in units of X. A neighborhood then has this radius and
@@ -347,7 +348,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Raises
         ------
         ValueError
-            If X has NaN, infinite or too few values, if `n_neighbors` is too small, if
+            If X has NaN, infinite or too few values, if `n_neighbors` is too small or "auto" for
+            more than three features, if
             `orientation` and `sensor_origin` do not fit each other or X, or if `features` has an
             unknown name or one that is defined in 3D only.
         """
@@ -450,7 +452,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         self._feature_names = settle_features(self.features, X.shape[1])
         self._surfaces = None
         with self._part_of_planes():
-            if self._mends_planes():
+            if self._mends_planes() and X.shape[1] <= 3:
                 self._surfaces = SurfacePlanes(
                     self._model, self.borrow, self.n_jobs, self._tangents
                 )
@@ -473,6 +475,11 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     def _make_index(self, xyz, radius):
         if self.n_neighbors != "auto":
             return super()._make_index(xyz, radius)
+        if xyz.shape[1] > 3:
+            raise ValueError(
+                f'n_neighbors="auto" is for points in 2D and 3D, and X has {xyz.shape[1]} '
+                "features; give a number of neighbors, such as 50."
+            )
         if self._sizes_of_cloud is not None:
             largest, sizes = self._sizes_of_cloud
             return NeighborIndex(xyz, largest, radius, sizes[IndexedCloud.of(xyz).rows])

@@ -118,8 +118,7 @@ class Seen(NamedTuple):
         def groups():
             limits = judged.surface_limits
             links, width = link_limits(limits), min(limits.n_links, index.n_neighbors)
-            compiled = judged.model.ready()
-            parts, sizes = connected_planes(index, width, planes, links, on_plane, compiled)
+            parts, sizes = connected_planes(index, width, planes, links, on_plane)
             group = np.where(explained, parts[owners], -1).astype(np.int64)
             group[judged.company.rest] = len(sizes) + judged.company.groups
             return group

@@ -1,8 +1,8 @@
 """Algorithm 1: the maximum consistent set of a neighborhood, in any dimension.
 
 The batched NumPy form of this module is the reference for the compiled one in
-``_consistent_set_numba``. It is used where that one is not: in other dimensions than three,
-for a few neighborhoods (no pause for compiling), and on machines without Numba.
+``_consistent_set_numba``. It is used where that one is not: in other dimensions than three, and
+for clouds of few points.
 """
 
 from math import ceil, log1p

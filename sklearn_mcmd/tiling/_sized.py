@@ -124,7 +124,7 @@ class SizedCloud(WiderCloud):
         order = IndexedCloud.of(points)
         near = NeighborIndex(points, k, self.index.radius, found_sizes[order.rows])
         around = near.query_own(near.nearest(queries))
-        reach = SLACK * extents(near.points, queries, around, compiled=True)[1]
+        reach = SLACK * extents(near.points, queries, around)[1]
         if self.index.radius is not None:
             reach = np.maximum(reach, self.index.radius)
         used = np.unique(around.indices)

@@ -1,8 +1,6 @@
 """MCMDOutlierDetector: the paper's form, the interface, new points, odd clouds, bad input."""
 
 import pickle
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -371,27 +369,6 @@ def test_trials_beyond_space_are_limited_with_a_warning():
     X = np.random.default_rng(0).normal(size=(40, 8))
     with pytest.warns(UserWarning, match="outlier_rate=0.5 in 8D asks for 2354 trials; 300"):
         MCMDOutlierDetector(20, random_state=0).fit(X)
-
-
-def test_a_small_cloud_needs_no_compiled_code():
-    statement = (
-        "import sys, numpy as np, sklearn_mcmd; X = np.random.default_rng(0).normal(size=(50, 3));"
-        "sklearn_mcmd.MCMDOutlierDetector().fit_predict(X); sys.exit('numba' in sys.modules)"
-    )
-    assert subprocess.run([sys.executable, "-c", statement], check=False).returncode == 0
-
-
-@pytest.mark.parametrize("strictness", STRICTNESSES)
-def test_without_numba_the_answers_are_the_same(street, strictness, monkeypatch):
-    X, new = street[:3000], street[:300] + 0.2
-    compiled = MCMDOutlierDetector(strictness=strictness, random_state=0).fit(X)
-    expected = compiled.score_samples(new)
-    monkeypatch.setattr("sklearn_mcmd.planes._local_planes._compiled_driver", lambda: None)
-    monkeypatch.setattr("sklearn_mcmd.planes._linking.compiled_function", lambda *_: None)
-    plain = MCMDOutlierDetector(strictness=strictness, random_state=0).fit(X)
-    assert_array_equal(plain.on_surface_, compiled.on_surface_)
-    assert_allclose(plain.scores_, compiled.scores_, rtol=1e-9, atol=1e-12)
-    assert_allclose(plain.score_samples(new), expected, rtol=1e-9, atol=1e-12)
 
 
 def test_neighborhoods_are_those_of_sorting_all_distances(street):

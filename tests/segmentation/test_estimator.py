@@ -1,9 +1,5 @@
 """Region growing: shapes with truth, invariances, parameters, attributes, bad input."""
 
-import re
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -153,29 +149,6 @@ def test_copies_of_a_point_share_its_label_and_count(street):
     assert_array_equal(twice.labels_, np.repeat(alone.labels_, 2))
     assert_array_equal(twice.region_sizes_, 2 * alone.region_sizes_)
     assert_allclose(twice.region_centroids_, alone.region_centroids_, atol=1e-12)
-
-
-def test_labels_are_the_same_without_numba(street):
-    _, columns = street
-    labels = RegionGrowing(normals="precomputed").fit_predict(columns)
-    modules = [name for name in sys.modules if re.fullmatch(r"sklearn_mcmd\..*_numba", name)]
-    assert len(modules) > 3
-    with pytest.MonkeyPatch.context() as patch:
-        for module in modules:
-            patch.setitem(sys.modules, module, None)
-            patch.delattr(module, raising=False)
-        assert_array_equal(RegionGrowing(normals="precomputed").fit_predict(columns), labels)
-
-
-def test_few_points_do_not_wait_for_a_compiler():
-    statement = (
-        "import sys, numpy as np; from sklearn_mcmd import RegionGrowing;"
-        "RegionGrowing(random_state=0).fit(np.random.default_rng(0).normal(size=(60, 3)));"
-        "print('numba' in sys.modules)"
-    )
-    command = [sys.executable, "-c", statement]
-    result = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert result.stdout == "False\n"
 
 
 # ---- Parameters ------------------------------------------------------------------------------
