@@ -175,14 +175,6 @@ def denoise(
     low_groups: LowGroups = False,
     sensor: SensorPosition = None,
     trajectory: TrajectoryFile = None,
-    reflections: Annotated[
-        bool,
-        typer.Option(
-            "--reflections",
-            help="Also find reflections behind windows, polished floors and water: groups whose "
-            "mirror images lie on what stands before the plane. Needs --sensor or --trajectory.",
-        ),
-    ] = False,
     outlier_rate: OutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
@@ -219,10 +211,6 @@ def denoise(
         }
     )
     check_one_position(sensor, trajectory)
-    if reflections and sensor is None and trajectory is None:
-        raise typer.BadParameter(
-            "--reflections needs --sensor X,Y,Z|auto or --trajectory FILE: give one of them."
-        )
     strictness = _strictness_of(context, keep, strictness)
     params = {
         "n_neighbors": n_neighbors,
@@ -233,7 +221,6 @@ def denoise(
         "false_positive_rate": false_positive_rate,
         "contamination": contamination,
         "outlier_rate": outlier_rate,
-        "reflections": reflections,
         "random_state": random_state,
         "n_jobs": n_jobs,
     }
@@ -247,7 +234,7 @@ def denoise(
         if dry_run:
             asked = low_groups or above is not None or below is not None
             work = "heights" if asked else "outliers"
-            estimator = _detector(params | {"reflections": False})  # positions are not read here
+            estimator = _detector(params)
             print_plan(source, target, catalog, estimator, memory, work=work)
             return
         if catalog is not None:
@@ -277,7 +264,6 @@ def denoise(
         if not quiet:
             judged = {} if points.judged.all() else {"judged": count_and_share(points.judged)}
             found = {"marked" if mark else "removed": count_and_share(is_outlier)}
-            found |= {"mirrored": _mirrored(detector, len(cloud))} if reflections else {}
             print_summary(source, target, len(cloud), seconds(), **judged, **found)
 
 
@@ -359,16 +345,6 @@ def _find_outliers(xyz, sensor_origin=None, **params):
     """The fitted detector."""
     with progress_part(*WORKING):
         return _detector(params).fit(xyz, sensor_origin=sensor_origin)
-
-
-def _mirrored(detector, n_points):
-    """How many points are reflections, and in which planes."""
-    mirrors = detector.mirrors_
-    planes = [
-        f"{n:,} in the plane {x:.4f} x {y:+.4f} y {z:+.4f} z = {offset:.3f}"
-        for (x, y, z), offset, n in zip(*mirrors[:3], strict=True)
-    ]
-    return "; ".join([number_and_share(int(mirrors.n_points.sum()), n_points), *planes])
 
 
 def _verdict(cloud, points, detector, low_groups):

@@ -13,10 +13,6 @@ OPTIONS = (
 )
 # Whole phrases are replaced first; then remaining parameters are replaced one by one.
 PHRASES = (
-    (
-        r"reflections=True needs to know where the sensor stood.*",
-        "--reflections needs to know where the sensor stood: give --sensor or --trajectory",
-    ),
     (r"\bsensor_origin\b", "--sensor"),
     (
         r"n_samples=(\d+) is too few for planes in 3D: at least (\d+) are needed\.",

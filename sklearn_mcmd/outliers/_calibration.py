@@ -11,7 +11,6 @@ import numpy as np
 from scipy.special import ndtri
 
 from sklearn_mcmd.outliers._cloud import JudgedCloud
-from sklearn_mcmd.planes._adaptive_trials import StopRule
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
@@ -149,9 +148,7 @@ def _roughness(model, rows):
 def _model_over(model, X):
     """The model of another cloud, with the same settings and trials."""
     k = model.index.n_neighbors
-    settings = model.settings._replace(
-        precision=np.finfo(float).eps, step=0.0, stop_rule=StopRule.never()
-    )
+    settings = model.settings._replace(precision=np.finfo(float).eps, step=0.0)
     simulated = LocalPlaneModel(NeighborIndex(X, k), model.trials, settings)
     # However small the cloud is, this one is not.
     simulated.compiled = X.shape[1] == 3

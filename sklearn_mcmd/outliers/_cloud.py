@@ -6,7 +6,6 @@ import numpy as np
 
 from sklearn_mcmd.outliers._company import Company, CompanyLimits, Places, mean_distance
 from sklearn_mcmd.outliers._rays import Emptiness, RayLimits, Rays, one_far_position
-from sklearn_mcmd.outliers._reflections import MirrorLimits, Seen, find_mirrors
 from sklearn_mcmd.outliers._surfaces import (
     SurfaceLimits,
     distances_to_surfaces,
@@ -58,11 +57,9 @@ class JudgedCloud:
     n_jobs : int or None
     origins : ndarray of float64 of shape (n, d), default=None
         Where the sensor stood when it measured each row that the model has indexed.
-    reflections : bool, default=False
-        Whether mirror images behind panes are sought.
     """
 
-    def __init__(self, model, *, strictness, noise_scale, n_jobs, origins=None, reflections=False):
+    def __init__(self, model, *, strictness, noise_scale, n_jobs, origins=None):
         self.model = model
         self.own_planes_only = strictness is None or model.index.n_neighbors is None
         self.strictness = strictness
@@ -74,11 +71,8 @@ class JudgedCloud:
         self.surface_limits = SurfaceLimits()
         self.company_limits = CompanyLimits()
         self.ray_limits = RayLimits()
-        self.mirror_limits = MirrorLimits()
         self.origins = None if origins is None else origins[model.index.rows]
         self.rays = None
-        self.mirrors = self.mirror = None
-        self.reflections = reflections
 
     def fit(self, X):
         """The `Judgement` of the points X (n, d), those that the model has indexed."""
@@ -99,7 +93,7 @@ class JudgedCloud:
             if self.rays is not None:
                 # What is usual is what beams make of the surfaces around.
                 spacings[1] = np.maximum(spacings[1], beam_spacing)
-            least_surface, least = least_of(index.n_neighbors, len(index.points), len(X))
+            _, least = least_of(index.n_neighbors, len(index.points), len(X))
             places = Places.of(index.points, self.counts, self.explained, *spacings)
             del planes, spacings
             with progress_part(0.4, 1.0):
@@ -110,11 +104,6 @@ class JudgedCloud:
             company.isolation, company.separation = apart = self._ask_rays(*apart, places.spacing)
             self.rays.release()
         distances[rest] = self._joined(distances[rest], *apart, index.points[rest])
-        if self.reflections:
-            seen = Seen.of(self, places, owners)
-            self.mirrors, self.mirror = find_mirrors(seen, least_surface, self.mirror_limits)
-            self.mirror_spacing = seen.spacing
-            distances = np.maximum(distances, self.mirrors.scores(self.mirror))
         self.point_scores = distances
         first = index.places
         owners = owners[first]
@@ -139,11 +128,6 @@ class JudgedCloud:
             new = np.flatnonzero((part != index.points[first]).any(axis=1))
             if len(new):
                 scores[rows[new]] = self._score_new(part[new], around.take(new), precision)
-            if self.reflections:
-                gaps = self._distances(part, first[:, None])[:, 0]
-                near = gaps <= self.mirror_limits.reach * self.mirror_spacing[first]
-                mirrored = self.mirrors.scores(np.where(near, self.mirror[first], -1))
-                scores[rows] = np.maximum(scores[rows], mirrored)
 
         each_chunk(queries, self.model.chunk(), task, self.n_jobs)
         return scores

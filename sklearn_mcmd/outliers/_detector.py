@@ -85,17 +85,15 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         Of the first three, each flags all that the one before flags. With ``n_neighbors=None``
         there is one plane, and no such question.
 
-    support_fraction : float in (0, 1] or "auto", default=0.5
+    support_fraction : float in (0, 1], default=0.5
         Share of a neighborhood that forms the consistent set, ``h = ceil(support_fraction *
-        k)``. "auto" is ``1 - outlier_rate``. A value below 0.5 withstands more than half of
-        outliers if these are not consistent with a plane themselves.
+        k)``. A value below 0.5 withstands more than half of outliers if these are not
+        consistent with a plane themselves.
 
-    outlier_rate : float in [0, 1) or "auto", default=0.5
+    outlier_rate : float in [0, 1), default=0.5
         The largest share of outliers that a neighborhood must survive (epsilon in Eq. 13). It
         sets the number of trials, not how many points are removed. Too small a rate risks
-        planes through outliers. "auto" withstands 0.5. In three dimensions it makes all trials,
-        since compiled code screens them at once. From four dimensions on it makes fewer where
-        the neighborhood itself shows that they suffice.
+        planes through outliers.
 
     success_probability : float in (0, 1), default=0.9999
         Probability that at least one minimal subset has no outlier (P_r). It sets the number of
@@ -138,11 +136,6 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         point. What beams pass on their way to the background is empty space, and surfaces that
         contain the rays are mixed pixels. See :ref:`sensor`. None goes by coordinates alone.
 
-    reflections : bool, default=False
-        Whether to seek reflections too, in 3D: groups behind a plane, such as a window, a polished
-        floor or water, whose mirror images lie on what stands before it. It takes a
-        `sensor_origin`. See :ref:`mirror_images`.
-
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of trials that all neighborhoods use.
 
@@ -165,15 +158,6 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
     plane_index_ : ndarray of int of shape (n_samples,)
         The row whose plane measured each fitted point: the point's own row, or that of the
         neighbor on a surface that lent its plane.
-
-    mirrors_ : Mirrors
-        Planes that mirror, a named tuple of arrays with a row each: unit ``normals`` toward the
-        sensor, ``offsets`` (points x of a plane have ``x @ normal == offset``), ``n_points``
-        behind each, and the ``evidence``, which is their score. Only with `reflections`.
-
-    mirror_index_ : ndarray of int of shape (n_samples,)
-        The mirror in which each fitted point is a reflection, -1 of all others. Only with
-        `reflections`.
 
     n_neighbors_ : int
         Size of a neighborhood: `n_neighbors`, or the number of samples if that is smaller.
@@ -256,7 +240,6 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         "strictness": [StrOptions({"isolated", "groups", "surfaces"}), None],
         "noise_scale": [Interval(Real, 0, None, closed="neither"), None],
         "sensor_origin": ["array-like", StrOptions({"origin"}), None],
-        "reflections": ["boolean"],
         "false_positive_rate": [Interval(Real, 0, 0.5, closed="neither"), None],
         "contamination": [Interval(Real, 0, 0.5, closed="right"), None],
     }
@@ -267,8 +250,8 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         *,
         method: Literal["mcmd_z", "mcmd_md"] = "mcmd_z",
         strictness: Literal["isolated", "groups", "surfaces"] | None = "groups",
-        support_fraction: float | Literal["auto"] = 0.5,
-        outlier_rate: float | Literal["auto"] = 0.5,
+        support_fraction: float = 0.5,
+        outlier_rate: float = 0.5,
         success_probability: float = 0.9999,
         cutoff: float | None = None,
         false_positive_rate: float | None = None,
@@ -276,7 +259,6 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         refine: Literal["reweight"] | None = "reweight",
         noise_scale: float | None = None,
         sensor_origin: ArrayLike | Literal["origin"] | None = None,
-        reflections: bool = False,
         random_state: int | np.random.RandomState | None = None,
         n_jobs: int | None = None,
     ) -> None:
@@ -292,7 +274,6 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         self.refine = refine
         self.noise_scale = noise_scale
         self.sensor_origin = sensor_origin
-        self.reflections = reflections
         self.random_state = random_state
         self.n_jobs = n_jobs
 
@@ -326,10 +307,8 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             If X has NaN, infinite or too few values, or `n_neighbors` is too small; if more
             than one of `cutoff`, `false_positive_rate` and `contamination` is given, or the
             rate is out of reach; if `sensor_origin` has another shape, NaN, or is where all
-            points are, or there is no strictness to use it; if `reflections` are sought without it.
+            points are, or there is no strictness to use it.
         """
-        for name in ("mirrors_", "mirror_index_"):  # of an earlier fit
-            self.__dict__.pop(name, None)
         given = {
             name: getattr(self, name)
             for name in ("cutoff", "false_positive_rate", "contamination")
@@ -348,11 +327,6 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
                 "sensor_origin has no meaning where each point is judged by one plane alone: "
                 'give n_neighbors and a strictness, such as "groups", or leave it None.'
             )
-        if self.reflections and sensor_origin is None:
-            raise ValueError(
-                "reflections=True needs to know where the sensor stood: give sensor_origin, or "
-                "leave reflections False."
-            )
         xyz = self._fit_planes(X)
         origins = check_sensor_origin(sensor_origin, xyz)
         settings = {
@@ -368,9 +342,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             begin, end = 0.4, 0.7 if self._is_rehearsed() else 1.0  # for the display of progress
             with progress_part(0.0, begin, "cutoff by simulation"), told_to(None):
                 cutoff = calibrated_cutoff(self._model, settings, self.false_positive_rate)
-        self._cloud = JudgedCloud(
-            self._model, origins=origins, reflections=self.reflections, **settings
-        )
+        self._cloud = JudgedCloud(self._model, origins=origins, **settings)
         with progress_part(begin, end):
             found = self._cloud.fit(xyz.astype(np.float64, copy=False))
         if end < 1.0:
@@ -378,10 +350,6 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
                 parts = self._scores_in_parts(xyz, origins, found.scores, settings)
                 cutoff = max(cutoff, exceeded_by_share(parts, self.false_positive_rate))
         self.plane_index_, self.on_surface_ = found.plane_index, found.on_surface
-        if self.reflections:
-            self.mirror_index_ = index = self._cloud.mirror[self._model.index.places]
-            counts = np.bincount(index[index >= 0], minlength=len(self._cloud.mirrors.offsets))
-            self.mirrors_ = self._cloud.mirrors._replace(n_points=counts)
         self.scores_ = np.negative(found.scores, out=found.scores)
         self.offset_ = -cutoff
         if self.contamination is not None:
@@ -445,8 +413,6 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
     def _scores_in_parts(self, X, origins, scores, settings):
         """Scores of the points that are no clear outliers, judged again part by part."""
         kept = scores <= most_kept(self.strictness)
-        if self.reflections:
-            kept &= self._cloud.mirror[self._model.index.places] < 0
         part_of = parts_of(X, kept, self.n_neighbors)
         detector = rehearsal_of(self, self._model.settings.step)
         for part in range(part_of.max(initial=-1) + 1):

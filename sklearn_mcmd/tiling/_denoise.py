@@ -265,12 +265,11 @@ def check_detector(estimator):
         raise ValueError(
             "n_neighbors=None cannot work by tiles: the whole cloud is one neighborhood."
         )
-    for name, idle in {"sensor_origin": None, "reflections": False}.items():
-        if getattr(estimator, name) is not idle:
-            raise ValueError(
-                f"{name} cannot work by tiles: beams that are next to each other lie in different "
-                f"tiles. Leave it {idle}, or denoise the points in memory."
-            )
+    if estimator.sensor_origin is not None:
+        raise ValueError(
+            "sensor_origin cannot work by tiles: beams that are next to each other lie in "
+            "different tiles. Leave it None, or denoise the points in memory."
+        )
     check_seed(estimator)
 
 

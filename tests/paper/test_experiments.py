@@ -155,7 +155,7 @@ def test_breakdown_points_are_within_two_percent_of_the_replication():
             {
                 "method": "mcmd_md",
                 "refine": None,
-                "support_fraction": "auto",
+                "support_fraction": 0.96,
                 "outlier_rate": 0.04,
             },
         ),
