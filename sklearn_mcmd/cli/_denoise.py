@@ -151,9 +151,8 @@ def denoise(
                 fits=lambda rate: LEAST_RATE <= rate < LARGEST_RATE,
             ),
             metavar="RATE",
-            help="Share of the real points that may be lost, such as 0.01; with surfaces or paper, "
-            "of those on surfaces. A simulation and the cloud itself then tell the cutoff; do not "
-            "give --cutoff. From 0.0001 to below 0.5.",
+            help="Share of the points on surfaces that noise may flag, such as 0.01. A simulation "
+            "then tells the cutoff; do not give --cutoff. From 0.0001 to below 0.5.",
         ),
     ] = None,
     contamination: Annotated[
@@ -191,8 +190,8 @@ def denoise(
 
     The default keeps everything real, and is for any cloud: curved, with foliage and wires, of any
     spacing and noise. To keep only faces, give --keep surfaces. A score up to 3 means that the
-    point is on a surface or near other points, 10 means a clear error, and 100 a gross error. To
-    lose a stated share of good points at most, give --false-positive-rate 0.01.
+    point is on a surface or near other points, 10 means a clear error, and 100 a gross error. For
+    a stated share of good points that noise may take, give --false-positive-rate 0.01.
 
     Points that are marked withheld are neither judged nor used to judge others. With
     --ignore-class, --only-class, --above and --below, others are not judged either. All of these

@@ -5,13 +5,12 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.outliers._company import Company, CompanyLimits, Places, mean_distance
-from sklearn_mcmd.outliers._rays import Emptiness, RayLimits, Rays, one_far_position
+from sklearn_mcmd.outliers._rays import DIFFERS, Emptiness, RayLimits, Rays, one_far_position
 from sklearn_mcmd.outliers._surfaces import (
     SurfaceLimits,
     distances_to_surfaces,
     find_surfaces,
     own_distances,
-    usable_planes,
 )
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._chunks import each_chunk, each_slice, run
@@ -202,10 +201,8 @@ class JudgedCloud:
         least, _ = least_of(k, n, n)
         self.on_sheet = beam_spacing = None
         if self.rays is not None:
-            usable = usable_planes(planes, distances, limits)
-            self.rays.learn_noise(self.noise_scale, planes, usable)
             self.scatter, beam_spacing = self.rays.measure(index, self.planes, limits.explained)
-            self.on_sheet = self.scatter > self.ray_limits.differs
+            self.on_sheet = self.scatter > DIFFERS
             if one_far_position(points, self.origins):
                 self.on_sheet[:] = False
         with progress_part(0.0, 0.6):
@@ -354,8 +351,8 @@ def _isolation_with_rays(isolation, spacing, alone, step):
 
 
 def _separation_with_rays(separation, together, step):
-    """A group is judged by its surroundings as a whole, so these must agree more."""
-    return np.where(step > 0, together**3 * separation, separation)
+    """A group stands off by as much as the beams around it say that its place is empty."""
+    return np.where(step > 0, together * separation, separation)
 
 
 def _distances(points, queries, near):

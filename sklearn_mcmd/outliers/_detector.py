@@ -1,6 +1,5 @@
 """MCMDOutlierDetector: outliers of the planes of local neighborhoods."""
 
-import warnings
 from numbers import Real
 from typing import ClassVar, Literal, Self
 
@@ -11,13 +10,6 @@ from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd._validation import FittedScoresMixin, check_sensor_origin
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff
 from sklearn_mcmd.outliers._cloud import JudgedCloud
-from sklearn_mcmd.outliers._rehearsal import (
-    REHEARSED,
-    exceeded_by_share,
-    most_kept,
-    parts_of,
-    rehearsal_of,
-)
 from sklearn_mcmd.planes._base import BasePlaneOutliers
 from sklearn_mcmd.planes._progress import progress_part, told_to
 from sklearn_mcmd.planes._tasks import fit_in_tasks
@@ -107,12 +99,9 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         usual spacings from any company.
 
     false_positive_rate : float in (0, 0.5), default=None
-        Share of the real points that may be flagged, at least 1e-4 in 3D and 1e-3 otherwise. A
-        simulated plane with about the noise of X tells what noise does. With "isolated" and
-        "groups" the points of X that are no clear outliers tell what thin and sparse things do:
-        they are judged again, a quarter at a time. The cutoff is the larger of both. With
-        "surfaces" and None the rate is that of points on surfaces. See
-        :ref:`false_positive_rate`.
+        Share of the points on surfaces that noise may flag, at least 1e-4 in 3D and 1e-3
+        otherwise. The cutoff is that of a simulated plane with the noise of X. Thin and sparse
+        things may lose more. See :ref:`false_positive_rate`.
 
     contamination : float in (0, 0.5], default=None
         Share of the fitted points to flag: those of the worst scores. At most one of `cutoff`,
@@ -337,18 +326,13 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         begin, cutoff = 0.0, self.cutoff
         if cutoff is None:
             cutoff = self._model.settings.cutoff if one_plane else CUTOFF
-        end = 1.0
         if self.false_positive_rate is not None:
-            begin, end = 0.4, 0.7 if self._is_rehearsed() else 1.0  # for the display of progress
+            begin = 0.4  # for the display of progress
             with progress_part(0.0, begin, "cutoff by simulation"), told_to(None):
                 cutoff = calibrated_cutoff(self._model, settings, self.false_positive_rate)
         self._cloud = JudgedCloud(self._model, origins=origins, **settings)
-        with progress_part(begin, end):
+        with progress_part(begin, 1.0):
             found = self._cloud.fit(xyz.astype(np.float64, copy=False))
-        if end < 1.0:
-            with progress_part(end, 1.0, "cutoff by parts"), told_to(None):
-                parts = self._scores_in_parts(xyz, origins, found.scores, settings)
-                cutoff = max(cutoff, exceeded_by_share(parts, self.false_positive_rate))
         self.plane_index_, self.on_surface_ = found.plane_index, found.on_surface
         self.scores_ = np.negative(found.scores, out=found.scores)
         self.offset_ = -cutoff
@@ -402,29 +386,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
     def _stages(self):
         if self.false_positive_rate is None:
             return "planes", "outliers"
-        parts = ("cutoff by parts",) if self._is_rehearsed() else ()
-        return ("cutoff by simulation", "planes", "outliers", *parts)
-
-    def _is_rehearsed(self):
-        """Whether parts of the cloud have a say in the cutoff."""
-        company = self.strictness in REHEARSED and self.n_neighbors is not None
-        return self.false_positive_rate is not None and company
-
-    def _scores_in_parts(self, X, origins, scores, settings):
-        """Scores of the points that are no clear outliers, judged again part by part."""
-        kept = scores <= most_kept(self.strictness)
-        part_of = parts_of(X, kept, self.n_neighbors)
-        detector = rehearsal_of(self, self._model.settings.step)
-        for part in range(part_of.max(initial=-1) + 1):
-            rows = np.flatnonzero(part_of == part)
-            if len(rows) <= X.shape[1]:  # copies stay together
-                continue
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of the same settings the fit has warned
-                xyz = detector._fit_planes(X[rows])
-            there = None if origins is None else origins[rows]
-            cloud = JudgedCloud(detector._model, origins=there, **settings)
-            yield cloud.fit(xyz.astype(np.float64, copy=False)).scores
+        return "cutoff by simulation", "planes", "outliers"
 
     def _score(self, X):
         return self._cloud.score(X)

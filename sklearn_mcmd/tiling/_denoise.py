@@ -1,7 +1,6 @@
 """Outliers of clouds larger than memory: in sweeps over cells, with the scores of memory."""
 
 import os
-import shutil
 from collections.abc import Iterable
 from functools import partial
 from typing import Literal
@@ -12,13 +11,10 @@ from sklearn.base import clone
 from sklearn_mcmd.io._classes import Choice
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff, sample_step
-from sklearn_mcmd.outliers._detector import CUTOFF
-from sklearn_mcmd.outliers._rehearsal import most_kept, n_parts_of, rehearsal_of, shuffled
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._progress import listen_to_progress, progress_part
 from sklearn_mcmd.tiling._catalog import Catalog
-from sklearn_mcmd.tiling._cells import CellWriter
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._heights import HeightLimits, Heights
 from sklearn_mcmd.tiling._joining import join_parts
@@ -331,8 +327,6 @@ def judge_cells(job, cells, columns, n_workers, cutoff):
             job = job._replace(largest=columns.report("all", "thing")["largest"])
     write, is_done = partial(_write, job.columns), partial(has_scores, job.columns)
     sweep("scores", find_scores, is_done, target=write)
-    if job.detector._is_rehearsed():
-        return max(cutoff, _rehearsed_cutoff(job, cells, columns, n_workers))
     if job.detector.contamination is not None:
         parts = partial(scores_in_parts, job.columns, n_cells)
         return exceeded_by(parts, job.detector.contamination)
@@ -375,53 +369,6 @@ def _simulated_cutoff(job, columns, n_cells):
         )
     columns.finish("all", "cutoff", cutoff=cutoff)
     return cutoff
-
-
-def _rehearsed_cutoff(job, cells, columns, n_workers):
-    """The cutoff that the points themselves ask for, judged again in parts; 0 if there are none."""
-    if columns.is_done("all", "rehearsal"):
-        return columns.report("all", "rehearsal")["cutoff"]
-    limit = most_kept(job.detector.strictness)
-    n_kept = sum(
-        np.count_nonzero(scores <= limit) for scores in scores_in_parts(job.columns, len(cells))
-    )
-    n_parts = n_parts_of(n_kept, job.detector.n_neighbors)
-    cutoff, judged = 0.0, []
-    with listen_to_progress(None):
-        for part in range(n_parts):
-            judged.append(_judge_part(job, cells, n_workers, n_parts, part))
-
-    def scores():
-        for folder, n_cells in judged:
-            yield from scores_in_parts(folder, n_cells)
-
-    if judged:
-        cutoff = exceeded_by(scores, job.detector.false_positive_rate)
-    columns.finish("all", "rehearsal", cutoff=cutoff)
-    for folder, _ in judged:
-        shutil.rmtree(folder.parent)
-    return cutoff
-
-
-def _judge_part(job, cells, n_workers, n_parts, part):
-    """Judge one part of the points that are no clear outliers: its scores' folder, and cells."""
-    limit, folder = most_kept(job.detector.strictness), job.columns / f"part_{part}"
-    if folder.exists():  # of a run that was ended
-        shutil.rmtree(folder)
-    points, results = folder / "cells", folder / "results"
-    points.mkdir(parents=True)
-    results.mkdir()
-    writer = CellWriter(points, max(int(cells.counts.max()), 1))
-    for cell, scores in enumerate(scores_in_parts(job.columns, len(cells))):
-        records = cells.read(cell)[scores <= limit]
-        records = records[shuffled(records["xyz"]) % np.uint64(n_parts) == part]
-        if len(records):
-            writer.add(records["xyz"], records["row"])
-    part_cells = writer.close()
-    detector = rehearsal_of(job.detector, job.constants.step)
-    part_job = Job(points, results, detector, job.constants, writer.n_points)
-    judge_cells(part_job, part_cells, Columns(results), n_workers, CUTOFF)
-    return results, len(part_cells)
 
 
 def _write(folder, cell, rows, scores):
