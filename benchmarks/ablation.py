@@ -269,10 +269,9 @@ PARTS = {
             Limit("outliers._cloud", "CompanyLimits", "usual", most=1.0),
             *(Limit("outliers._cloud", "CompanyLimits", name) for name in ("reach", "n_links")),
             Limit("outliers._cloud", "CompanyLimits", "rest_weight", most=1.0),
-            *(Limit("outliers._cloud", "CompanyLimits", name) for name in ("alone", "flat")),
+            Limit("outliers._cloud", "CompanyLimits", "flat"),
             Limit("outliers._cloud", "CompanyLimits", "bridge"),
             *(Constant("outliers._cloud", name) for name in ("SURFACE", "THING", "LEAST_SHARE")),
-            Constant("outliers._company", "HALF"),
         ),
         scenes=lambda options: chain(streets(options), contaminated(options)),
         prepare=planes_of,
@@ -282,7 +281,7 @@ PARTS = {
     "rays": Part(
         tried=tuple(
             Limit("outliers._cloud", "RayLimits", name)
-            for name in ("n_beams", "searched", "differs", "usual", "alone", "n_near", "sheet")
+            for name in ("n_beams", "searched", "usual", "alone", "sheet")
         ),
         scenes=seen,
         prepare=seen_planes_of,

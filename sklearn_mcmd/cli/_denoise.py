@@ -279,10 +279,10 @@ def _refuse_sensor(source, sensor, trajectory):
 def _by_tiles(
     source, target, catalog, params, choice, heights, mode, memory, restart, report, quiet, seconds
 ):
-    from sklearn_mcmd.tiling import write_denoised
+    from sklearn_mcmd.tiling import process_files
 
     with progress("denoise", quiet):
-        told = write_denoised(
+        told = process_files(
             catalog, target, _detector(params), mode=str(mode), memory=memory,
             n_jobs=params["n_jobs"], restart=restart, ignore_classes=choice.ignored,
             only_classes=choice.only, **heights,

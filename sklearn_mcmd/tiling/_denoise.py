@@ -1,9 +1,6 @@
 """Outliers of clouds larger than memory: in sweeps over cells, with the scores of memory."""
 
-import os
-from collections.abc import Iterable
 from functools import partial
-from typing import Literal
 
 import numpy as np
 from sklearn.base import clone
@@ -14,7 +11,6 @@ from sklearn_mcmd.outliers._calibration import calibrated_cutoff, sample_step
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._progress import listen_to_progress, progress_part
-from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._heights import HeightLimits, Heights
 from sklearn_mcmd.tiling._joining import join_parts
@@ -35,7 +31,7 @@ from sklearn_mcmd.tiling._rest import (
     find_scores,
     find_things,
 )
-from sklearn_mcmd.tiling._run import RunReport, Verb, check_seed, run_by_tiles, warm_up
+from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
 from sklearn_mcmd.tiling._surfaces import (
     RADIUS,
     SCALE,
@@ -50,7 +46,7 @@ from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._tile import tile_files, write_whole
 from sklearn_mcmd.tiling._together import fit_together
 
-__all__ = ["check_detector", "cutoff_of", "judge_cells", "write_denoised"]
+__all__ = ["Denoise", "check_detector", "cutoff_of", "judge_cells"]
 
 WARM_UP = 3_000  # points that load or compile the code
 # The ends of the work on heights and on scores, as a share of the time, and then of each sweep.
@@ -81,124 +77,21 @@ DONE_WITH = {
 }
 
 
-def write_denoised(
-    source: Catalog | str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
-    target: str | os.PathLike[str],
-    estimator: MCMDOutlierDetector | None = None,
-    *,
-    mode: Literal["drop", "mark"] = "drop",
-    ignore_classes: Iterable[int] = (),
-    only_classes: Iterable[int] = (),
-    above: float | None = None,
-    below: float | None = None,
-    low_groups: bool = False,
-    memory: str | float | None = None,
-    n_jobs: int | None = None,
-    tile_size: int | None = None,
-    cut: float = 0.5,
-    as_folder: bool | None = None,
-    restart: bool = False,
-) -> RunReport:
-    """Large files without their outliers, judged as all points together are in memory.
-
-    All points are read once and divided into tiles. What the detector asks of the cloud is found
-    in sweeps over the tiles: planes, surfaces, what these explain, and the company of all other
-    points. Neighbors are searched for in other tiles wherever these may hold nearer ones, and
-    surfaces and groups are joined across tiles. So the scores are those of ``estimator.fit`` on all
-    points together, to the last bit, whatever the tiles are.
-
-    Parameters
-    ----------
-    source : Catalog, or what it takes
-        Files, a folder, or an index.
-    target : str or os.PathLike
-        A LAS or LAZ file, or a folder, as of `write_normals`.
-    estimator : MCMDOutlierDetector, default=None
-        With an int as `random_state` and as `n_neighbors`. None is
-        ``MCMDOutlierDetector(random_state=0)``.
-    mode : {"drop", "mark"}, default="drop"
-        "drop" leaves out outliers; a file of nothing else becomes one without points. "mark" keeps
-        all points, gives outliers the classification 7 (low noise) or 18 (high noise), and adds an
-        attribute ``outlier_score``. An outlier is low if it lies lower than all ground (class 2)
-        around it in plan, or if there is no ground, than all kept points: those in the smallest
-        square that has at least `n_neighbors` of them, of squares whose sides are powers of two.
-        Point formats 0 to 5 define no high noise: there it is 7, too.
-    ignore_classes : iterable of int, default=()
-        Points of these classes are neither judged nor used to judge others; their score is NaN.
-        They are kept as they are. So are points that are marked withheld, always.
-    only_classes : iterable of int, default=()
-        If there are any, points of all other classes are left out in the same way.
-    above, below : float, default=None
-        Judge only points that are higher, or lower, than this over the ground (class 2): over the
-        mean of the three ground points that are nearest in plan. All are used to judge others.
-        The score of those that are not judged is NaN, and they are kept.
-    low_groups : bool, default=False
-        Whether a group of any number of points is an outlier, of low noise, if it lies below the
-        ground by more sizes of its own than the cutoff. Points below the ground are in memory
-        together, see :doc:`/tiling`.
-    memory, n_jobs, tile_size, cut, as_folder, restart
-        As of `write_normals`.
-
-    Returns
-    -------
-    RunReport
-
-    Raises
-    ------
-    PointFileError
-        If a file cannot be read or written.
-    TilingError
-        If some tiles failed, or the run ended in another way after all points were read. Temporary
-        files are then kept, and the message names them.
-    ValueError
-        If the estimator cannot work by tiles, a height is not finite, or the memory is too little.
-
-    Warns
-    -----
-    UserWarning
-        If an output has no points, because all were outliers.
-
-    See Also
-    --------
-    Catalog : What files hold.
-    write_normals : Normals of such files.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> from sklearn_mcmd.datasets import make_street
-    >>> from sklearn_mcmd.io import read_points, write_points
-    >>> from sklearn_mcmd.tiling import write_denoised
-    >>> street = make_street(8_000, outlier_share=0.01, random_state=0).data
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     a, b = Path(folder) / "a.las", Path(folder) / "b.las"
-    ...     write_points(a, street)
-    ...     report = write_denoised(a, b, tile_size=3_000)
-    ...     print(report.n_tiles, "tiles;", len(read_points(b)) + report.n_outliers, "points")
-    4 tiles; 8000 points
-    """
-    if mode not in ("drop", "mark"):
-        raise ValueError(f"mode={mode!r} must be 'drop' or 'mark'.")
-    if estimator is None:
-        estimator = MCMDOutlierDetector(random_state=0)
-    check_detector(estimator)
-    choice = Choice(tuple(sorted(ignore_classes)), tuple(sorted(only_classes)))
-    limits = HeightLimits.of(above, below, low_groups)
-    verb = _Denoise(clone(estimator).set_params(n_jobs=1), mode, choice, limits)
-    return run_by_tiles(
-        verb, source, target, memory=memory, n_jobs=n_jobs, tile_size=tile_size, cut=cut,
-        as_folder=as_folder, restart=restart,
-    )  # fmt: skip
-
-
-class _Denoise(Verb):
+class Denoise(Verb):
     """Outliers, in sweeps; points without scores are kept."""
 
-    def __init__(self, estimator, mode, choice, limits):
-        self.mode, self.limits = mode, limits
-        content = content_of(mode, choice, limits)
-        super().__init__(estimator, content, choice, needs_ground=limits is not None)
+    options = ("mode", "ignore_classes", "only_classes", "above", "below", "low_groups")
+
+    def __init__(self, estimator, mode, ignore_classes, only_classes, above, below, low_groups):
+        if mode not in ("drop", "mark"):
+            raise ValueError(f"mode={mode!r} must be 'drop' or 'mark'.")
+        check_detector(estimator)
+        choice = Choice(ignore_classes, only_classes)
+        self.mode, self.limits = mode, HeightLimits.of(above, below, low_groups)
+        super().__init__(
+            clone(estimator).set_params(n_jobs=1), content_of(mode, choice, self.limits), choice,
+            needs_ground=self.limits is not None,
+        )  # fmt: skip
 
     def prepare(self):
         self.cutoff = cutoff_of(self.estimator)
