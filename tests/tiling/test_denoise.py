@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from sklearn.base import clone
 
-from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
+from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_airborne_scan, make_lidar_turn, make_street
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.io._classes import noise_classes
@@ -383,7 +383,6 @@ def test_a_tile_that_fails_has_its_line_and_does_not_end_the_others(tmp_path, mo
             "exclude each other",
         ),
         (MCMDOutlierDetector(strictness="much", random_state=0), "strictness"),
-        (RobustNormalEstimator(random_state=0), "MCMDOutlierDetector"),
     ],
 )
 def test_detectors_that_cannot_work_are_refused_before_the_work(tmp_path, estimator, message):

@@ -313,7 +313,6 @@ def test_a_run_that_was_killed_goes_on(place, n_resumed, by_tiles, tmp_path):
             ),
             "needs the column removed_fraction",
         ),
-        (RobustNormalEstimator(random_state=0), "SharpFeatureDetector"),
     ],
 )
 def test_detectors_that_cannot_work_are_refused_before_the_work(tmp_path, estimator, message):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from sklearn.base import clone
 
-from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
+from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import (
     make_airborne_scan,
     make_bus_stop,
@@ -279,7 +279,6 @@ def test_a_tile_that_fails_has_its_line_and_does_not_end_the_others(tmp_path, mo
         (RegionGrowing(), "random_state"),
         (RegionGrowing(normal_estimator=RobustNormalEstimator("auto", random_state=0)), "auto"),
         (RegionGrowing(max_angle=100, random_state=0), "max_angle"),
-        (MCMDOutlierDetector(random_state=0), "RegionGrowing"),
     ],
 )
 def test_estimators_that_cannot_work_are_refused_before_the_work(tmp_path, estimator, message):
