@@ -17,7 +17,7 @@ extension               extra           what is kept
 Where the sensor stood is told by E57, PCD, LAS with scan angles, and trajectories.
 """
 
-from sklearn_mcmd.io._files import read_points, supported_extensions, write_points
+from sklearn_mcmd.io._files import read_points, write_points
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 from sklearn_mcmd.io._sensor import sensor_positions
 from sklearn_mcmd.io._trajectory import Trajectory, read_trajectory
@@ -29,6 +29,5 @@ __all__ = [
     "read_points",
     "read_trajectory",
     "sensor_positions",
-    "supported_extensions",
     "write_points",
 ]

@@ -56,7 +56,7 @@ def read_points(path: str | os.PathLike[str]) -> PointCloud:
     Parameters
     ----------
     path : str or os.PathLike
-        A file with one of :func:`supported_extensions`.
+        A file of one of the extensions .csv .e57 .las .laz .npy .npz .pcd .ply .txt .xyz.
 
     Returns
     -------
@@ -238,18 +238,7 @@ def write_points(
 
 
 def supported_extensions() -> tuple[str, ...]:
-    """The known extensions, in alphabetical order.
-
-    Returns
-    -------
-    tuple of str
-
-    Examples
-    --------
-    >>> from sklearn_mcmd.io import supported_extensions
-    >>> print(*supported_extensions())
-    .csv .e57 .las .laz .npy .npz .pcd .ply .txt .xyz
-    """
+    """The known extensions, in alphabetical order."""
     return tuple(sorted(_FORMATS))
 
 

@@ -24,7 +24,6 @@ __all__ = [
     "usual_memory",
 ]
 
-UNITS = {"": 1, "B": 1, "KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
 # Share of the machine's memory that a run may take by itself, and what it takes where the machine
 # does not tell.
 SHARE, UNKNOWN = 0.5, 4e9

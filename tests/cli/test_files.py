@@ -5,7 +5,8 @@ import pytest
 
 from commands import error_line, files_in, run
 from sklearn_mcmd.cli import _denoise, _normals
-from sklearn_mcmd.io import read_points, supported_extensions, write_points
+from sklearn_mcmd.io import read_points, write_points
+from sklearn_mcmd.io._files import supported_extensions
 
 
 @pytest.mark.parametrize("verb", ["denoise", "normals"])

@@ -13,14 +13,8 @@ from hypothesis.extra import numpy as hnp
 from numpy.testing import assert_array_equal
 
 from scenes import REAL_CLOUDS
-from sklearn_mcmd.io import (
-    PointCloud,
-    PointFileError,
-    _files,
-    read_points,
-    supported_extensions,
-    write_points,
-)
+from sklearn_mcmd.io import PointCloud, PointFileError, _files, read_points, write_points
+from sklearn_mcmd.io._files import supported_extensions
 
 pytest.importorskip("laspy")
 pytest.importorskip("lazrs")

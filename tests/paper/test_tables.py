@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from benchmarks.paper._methods import mcmd
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_contaminated_plane
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.paper._methods import mcmd
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 
 RUNS = 1000

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from sklearn.base import clone
 
+from benchmarks._furniture import make_bus_stop
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import (
     make_airborne_scan,
-    make_bus_stop,
     make_crown_roof,
     make_street,
 )
