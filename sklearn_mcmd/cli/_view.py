@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from sklearn_mcmd._interrupts import ignore_interrupts
 from sklearn_mcmd.cli._files import read, standing_in
 from sklearn_mcmd.cli._options import Quiet
 from sklearn_mcmd.cli._speech import clear_exits, print_table, stopwatch
@@ -59,6 +60,7 @@ def view(
             made = _make(sources, page, color=color, only=only, max_points=max_points, title=title)
             with progress_part(0.97, 1.0, "writing"):
                 made.save(page)
+                ignore_interrupts()
         if not quiet:
             _report(sources, page, made, seconds())
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.base import clone
 
+from sklearn_mcmd._interrupts import ignoring_interrupts
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._las_parts import read_parts
@@ -199,7 +200,8 @@ def run_by_tiles(
             seconds=time.perf_counter() - begin, **found,
         )  # fmt: skip
         _moves(verb, catalog, targets, folder).finish(report._asdict())
-        folder.remove()
+        with ignoring_interrupts():
+            folder.remove()
     return report
 
 

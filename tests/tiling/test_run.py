@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 
@@ -12,7 +13,7 @@ from numpy.testing import assert_array_equal
 from sklearn.base import clone
 from sklearn.ensemble import IsolationForest
 
-from sklearn_mcmd import RobustNormalEstimator
+from sklearn_mcmd import RobustNormalEstimator, _interrupts
 from sklearn_mcmd.datasets import make_airborne_scan, make_mobile_scan, make_street
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.tiling import Catalog, TilingError, _normals, _outputs, _run, _tile, process_files
@@ -56,6 +57,19 @@ def test_the_output_does_not_depend_on_the_number_of_processes(street_file, tmp_
     report = process_files(source, tmp_path / "out.laz", ESTIMATOR, tile_size=TILE, n_jobs=2)
     assert report.n_workers == 2
     assert (tmp_path / "out.laz").read_bytes() == expected.read_bytes()
+
+
+def test_ctrl_c_while_temporary_files_are_removed_comes_too_late(small_file, tmp_path, monkeypatch):
+    def remove_late(folder, remove=_run.WorkFolder.remove):
+        signal.raise_signal(signal.SIGINT)
+        remove(folder)
+
+    monkeypatch.setattr(_interrupts, "_exit", signal.default_int_handler)  # as in `mcmd`
+    monkeypatch.setattr(_run.WorkFolder, "remove", remove_late)
+    write_normals(
+        small_file, tmp_path / "out.las", RobustNormalEstimator(method="pca", random_state=0)
+    )
+    assert files_in(tmp_path) == ["out.las", "small.las"]
 
 
 @pytest.mark.parametrize(
