@@ -246,7 +246,7 @@ def denoise(
             cloud = read(source, target, "marks of outliers" if mark else None)
             points = judged_points(source, cloud, choice, above, below, low_groups)
             nothing = blank(cloud)
-            rehearse(target, *_denoised(cloud, nothing.astype(np.uint8), nothing, mark))
+            rehearse(target, *_denoised(cloud, nothing.astype(np.uint8), nothing, mark), whole=mark)
             some = cloud if points.used.all() else cloud.subset(points.used)
             origins = sensor_of_options(source, cloud, sensor, trajectory)
             if np.ndim(origins) == 2:

@@ -8,8 +8,8 @@ extension               extra           what is kept
 ``.copc.laz``           ``las``         read only, like LAZ
 ``.ply``                ``formats``     vertex properties and comments; faces are dropped
 ``.pcd``                ``formats``     fields and viewpoint; organized clouds become a row
-``.e57``                ``formats``     coordinates (float32 about the center), intensity,
-                                        colors, grid indices; scans are merged by their poses
+``.e57``                ``formats``     coordinates, intensity, colors, grid indices; scans are
+                                        merged by their poses
 ``.xyz .txt .csv``      none            columns of numbers, with or without a header line
 ``.npy .npz``           none            everything numeric
 ======================  ==============  ====================================================

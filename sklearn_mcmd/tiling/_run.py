@@ -17,6 +17,7 @@ from sklearn_mcmd._interrupts import ignoring_interrupts
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._las_parts import read_parts
+from sklearn_mcmd.io._no_returns import NoReturns
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
@@ -303,7 +304,9 @@ def _scatter(verb, catalog, folder, capacity):
     if verb.needs_ground:
         ground = GroundWriter(folder.cells, capacity, CUT)
     for path in catalog.paths:
+        no_returns = NoReturns()
         for cloud in read_parts(path, PART):
+            no_returns.add(cloud.xyz)
             with one_clear_line(path, "read"):
                 chosen = None if choice is None else choice.of(cloud)
             xyz = cloud.xyz if chosen is None else cloud.xyz[chosen]
@@ -315,6 +318,8 @@ def _scatter(verb, catalog, folder, capacity):
                 ground.add(cloud)
             row += len(cloud)
             tell(row / catalog.n_points)
+        if warning := no_returns.warning(path):
+            warn_caller(warning)
     if not writer.n_points:
         raise PointFileError(
             f"{catalog.paths[0]}: no points are judged: all are withheld or of other classes"

@@ -91,6 +91,17 @@ def test_the_output_is_that_of_memory_for_all_parameters(small_file, tmp_path, p
     assert (tmp_path / "out.las").read_bytes() == expected.read_bytes()
 
 
+def test_zeros_amid_large_coordinates_are_named_as_in_memory(tmp_path):
+    xyz = np.r_[street(3_000).xyz, np.zeros((2, 3))]
+    las = laspy.create()
+    las.header.scales = [0.01] * 3
+    las.xyz = xyz
+    las.write(tmp_path / "in.las")
+    with pytest.warns(UserWarning, match="2 of 3,002 points are 0, 0, 0 .* is point 3001") as told:
+        write_normals(tmp_path / "in.las", tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+    assert [warning.filename for warning in told if "0, 0, 0" in str(warning.message)] == [__file__]
+
+
 def test_single_precision_is_recognized_in_the_whole_cloud(tmp_path):
     rng = np.random.default_rng(0)
     xyz = rng.integers(0, 3000, (4_000, 3)) * [1, 1, 0.02] // 1 / 64
