@@ -9,19 +9,19 @@ import typer
 from sklearn_mcmd.cli._denoise import denoise
 from sklearn_mcmd.cli._files import naming, read
 from sklearn_mcmd.cli._normals import normals
-from sklearn_mcmd.cli._options import InFile, NJobs, Quiet
+from sklearn_mcmd.cli._options import Columns, InFile, NJobs, Quiet
 from sklearn_mcmd.cli._speech import clear_exits, print_table, stopwatch
 from sklearn_mcmd.cli._waiting import progress
 
 __all__ = ["demo", "info"]
 
 
-def info(source: InFile) -> None:
+def info(source: InFile, columns: Columns = None) -> None:
     """Show what a file holds: points, bounds, spacing, duplicates, attributes."""
     with clear_exits():
         from sklearn_mcmd.cli._file_summary import summarize
 
-        print_table(str(source), **summarize(source, read(source)))
+        print_table(str(source), **summarize(source, read(source, columns=columns)))
 
 
 def demo(

@@ -20,6 +20,7 @@ from sklearn_mcmd.cli._judged import (
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
+    Columns,
     InFiles,
     NJobs,
     NNeighbors,
@@ -191,6 +192,7 @@ def denoise(
     dry_run: DryRun = False,
     restart: Restart = False,
     report: ReportFolder = None,
+    columns: Columns = None,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
     context: typer.Context = None,  # type: ignore[assignment]  # of no option
@@ -241,7 +243,7 @@ def denoise(
         seconds = stopwatch()
         choice = Choice(ignore_class or (), only_class or ())
         heights = {"above": above, "below": below, "low_groups": low_groups}
-        catalog = large_catalog(source, memory, 0, scheduler is not None)
+        catalog = large_catalog(source, memory, 0, scheduler is not None, columns)
         if catalog is not None:
             _refuse_sensor(source, sensor, trajectory)
         if dry_run:
@@ -257,7 +259,7 @@ def denoise(
             )
         with progress("denoise", quiet):
             mark = mode is Mode.mark
-            cloud = read(source, target, "marks of outliers" if mark else None)
+            cloud = read(source, target, "marks of outliers" if mark else None, columns=columns)
             points = judged_points(source, cloud, choice, above, below, low_groups)
             nothing = blank(cloud)
             rehearse(target, *_denoised(cloud, nothing.astype(np.uint8), nothing, mark))

@@ -19,6 +19,7 @@ from sklearn_mcmd.cli._files import (
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
+    Columns,
     InFiles,
     NJobs,
     NNeighbors,
@@ -86,6 +87,7 @@ def edges(
     dry_run: DryRun = False,
     restart: Restart = False,
     report: ReportFolder = None,
+    columns: Columns = None,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
@@ -111,7 +113,7 @@ def edges(
     }
     with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = stopwatch()
-        catalog = large_catalog(source, memory, 0, scheduler is not None, work="edges")
+        catalog = large_catalog(source, memory, 0, scheduler is not None, columns, work="edges")
         if dry_run:
             print_plan(source, target, catalog, _detector(params), memory, work="edges")
             return
@@ -120,7 +122,7 @@ def edges(
                 source, target, catalog, params, colors, memory, restart, report, quiet, seconds
             )
         with progress("edges", quiet):
-            cloud = read(source, target, "edges")
+            cloud = read(source, target, "edges", columns=columns)
             if colors is None:
                 colors = not has_colors(cloud)
             # LAS has colors of 16 bits.

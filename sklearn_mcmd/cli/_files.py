@@ -71,8 +71,11 @@ def color_columns(paint):
     return dict(zip(COLORS, paint.T.copy(), strict=True))
 
 
-def read(source, target=None, results=None):
-    """Read a cloud; first refuse a `target` that cannot be written or cannot hold `results`."""
+def read(source, target=None, results=None, *, columns=None):
+    """Read a cloud; first refuse a `target` that cannot be written or cannot hold `results`.
+
+    `columns` is as of `read_points`.
+    """
     from sklearn_mcmd.io import PointCloud, read_points
 
     if results is not None and target.suffix.lower() == ".e57":
@@ -80,11 +83,12 @@ def read(source, target=None, results=None):
     if target is not None:
         rehearse(target, PointCloud(np.zeros((1, 3))))
     with progress_part(0.0, WORKING[0], "reading"):
-        cloud = read_points(source)
+        cloud = read_points(source, columns=columns)
     if cloud.n_dropped:
+        points = "1 point" if cloud.n_dropped == 1 else f"{cloud.n_dropped:,} points"
+        verb = "is" if cloud.n_dropped == 1 else "are"
         warnings.warn(
-            f"{source}: {cloud.n_dropped:,} points without finite coordinates are left out",
-            stacklevel=2,
+            f"{source}: {points} without finite coordinates {verb} left out", stacklevel=2
         )
     return cloud
 

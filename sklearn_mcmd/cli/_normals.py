@@ -11,6 +11,7 @@ from sklearn_mcmd.cli._files import WORKING, blank, coordinates, read, rehearse,
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
+    Columns,
     InFiles,
     NJobs,
     NNeighborsOrAuto,
@@ -112,6 +113,7 @@ def normals(
     dry_run: DryRun = False,
     restart: Restart = False,
     report: ReportFolder = None,
+    columns: Columns = None,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
@@ -145,7 +147,9 @@ def normals(
         seconds = stopwatch()
         n_features = len(_feature_columns(features))
         work = "auto" if n_neighbors == "auto" else "normals"
-        catalog = large_catalog(source, memory, n_features, scheduler is not None, work=work)
+        catalog = large_catalog(
+            source, memory, n_features, scheduler is not None, columns, work=work
+        )
         if catalog is not None:
             _check_local(source, orientation, sensor, trajectory)
         if dry_run:
@@ -160,9 +164,9 @@ def normals(
                 source, target, catalog, params, memory, restart, report, quiet, seconds
             )
         with progress("normals", quiet):
-            cloud = read(source, target, "normals")
-            columns = (*_columns(), *_feature_columns(features), *_size_column(n_neighbors))
-            rehearse(target, with_results(cloud, dict.fromkeys(columns, blank(cloud))))
+            cloud = read(source, target, "normals", columns=columns)
+            names = (*_columns(), *_feature_columns(features), *_size_column(n_neighbors))
+            rehearse(target, with_results(cloud, dict.fromkeys(names, blank(cloud))))
             origins = sensor_of_options(source, cloud, sensor, trajectory)
             fitted, results = _find_normals(coordinates(cloud), params, origins)
             write(target, with_results(cloud, results))

@@ -8,6 +8,7 @@ import typer
 
 __all__ = [
     "AllowCoarse",
+    "Columns",
     "InFile",
     "InFiles",
     "NJobs",
@@ -71,6 +72,14 @@ def _not_zero(value):
     return value
 
 
+def _columns(text):
+    """The columns of axes, as in x=easting,y=northing,z=3."""
+    columns = dict(part.split("=", 1) for part in text.split(",") if "=" in part)
+    if len(columns) != text.count(",") + 1 or not columns.keys() <= set("xyz"):
+        raise typer.BadParameter(f"{text} is not of the form x=easting,y=northing,z=elevation")
+    return columns
+
+
 InFile = Annotated[Path, typer.Argument(metavar="IN", help="Point file to read.")]
 OutFile = Annotated[
     Path, typer.Argument(metavar="OUT", help="Point file to write, of any format; may be IN.")
@@ -119,6 +128,15 @@ RandomState = Annotated[
 ]
 NJobs = Annotated[
     int, typer.Option(callback=_not_zero, help="Number of threads. -1: one for each processor.")
+]
+Columns = Annotated[
+    dict | None,
+    typer.Option(
+        parser=_columns,
+        metavar="x=NAME,y=NAME,z=NAME",
+        help="Columns of text that are the coordinates: their names, or numbers from 1 on.",
+        show_default="x, y, z, easting and the like, as the header says",
+    ),
 ]
 AllowCoarse = Annotated[
     bool,

@@ -21,7 +21,15 @@ from sklearn_mcmd.cli._files import (
     with_results,
     write,
 )
-from sklearn_mcmd.cli._options import AllowCoarse, InFile, OutFile, Quiet, RandomState, number_or
+from sklearn_mcmd.cli._options import (
+    AllowCoarse,
+    Columns,
+    InFile,
+    OutFile,
+    Quiet,
+    RandomState,
+    number_or,
+)
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.cli._speech import (
     clear_exits,
@@ -153,6 +161,7 @@ def plane(
     ] = "",
     random_state: RandomState = 0,
     report: ReportFolder = None,
+    columns: Columns = None,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
@@ -175,7 +184,7 @@ def plane(
             with standing_in(target):
                 pass
             sheets = _rehearse_sheets(sheets, plot)
-            cloud = read(source, target, "results of a test")
+            cloud = read(source, target, "results of a test", columns=columns)
             warn_if_coarse(cloud)
             none = blank(cloud)
             rehearse(target, *_tested(cloud, none > 0, none, none))

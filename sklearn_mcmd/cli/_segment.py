@@ -19,6 +19,7 @@ from sklearn_mcmd.cli._files import (
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
+    Columns,
     InFiles,
     NJobs,
     NNeighbors,
@@ -132,6 +133,7 @@ def segment(
     dry_run: DryRun = False,
     restart: Restart = False,
     report: ReportFolder = None,
+    columns: Columns = None,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
@@ -165,7 +167,7 @@ def segment(
     }
     with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = stopwatch()
-        catalog = large_catalog(source, memory, 0, scheduler is not None, work="regions")
+        catalog = large_catalog(source, memory, 0, scheduler is not None, columns, work="regions")
         if dry_run:
             growing = _growing(normals, params)
             print_plan(source, target, catalog, growing, memory, work="regions")
@@ -176,7 +178,7 @@ def segment(
                 source, target, catalog, growing, colors, memory, restart, report, quiet, seconds
             )
         with progress("segment", quiet):
-            cloud = read(source, target, "regions")
+            cloud = read(source, target, "regions", columns=columns)
             if colors is None:
                 colors = not has_colors(cloud)
             rehearse(target, _segmented(cloud, np.zeros(len(cloud), np.int64), colors))

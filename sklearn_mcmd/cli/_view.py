@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from sklearn_mcmd.cli._files import read, standing_in
-from sklearn_mcmd.cli._options import Quiet
+from sklearn_mcmd.cli._options import Columns, Quiet
 from sklearn_mcmd.cli._speech import clear_exits, print_table, stopwatch
 from sklearn_mcmd.cli._waiting import progress
 from sklearn_mcmd.planes._progress import progress_part
@@ -46,6 +46,7 @@ def view(
     title: Annotated[
         str | None, typer.Option(help="Title of the page.", show_default="names of the files")
     ] = None,
+    columns: Columns = None,
     quiet: Quiet = False,
 ) -> None:
     """Make one HTML page that shows point clouds in any browser, offline.
@@ -56,14 +57,17 @@ def view(
     with clear_exits():
         seconds = stopwatch()
         with progress("view", quiet):
-            made = _make(sources, page, color=color, only=only, max_points=max_points, title=title)
+            made = _make(
+                *(sources, page, columns),
+                **{"color": color, "only": only, "max_points": max_points, "title": title},
+            )
             with progress_part(0.97, 1.0, "writing"):
                 made.save(page)
         if not quiet:
             _report(sources, page, made, seconds())
 
 
-def _make(sources, page, *, only, **options):
+def _make(sources, page, columns, *, only, **options):
     from sklearn_mcmd.view._page import check_suffix, cloud_page
 
     check_suffix(page)
@@ -72,7 +76,7 @@ def _make(sources, page, *, only, **options):
     clouds = []
     for number, source in enumerate(sources):
         with progress_part(0.4 * number / len(sources), 0.4 * (number + 1) / len(sources)):
-            clouds.append(read(source))
+            clouds.append(read(source, columns=columns))
     wanted = None if only is None else [name.strip() for name in only.split(",") if name.strip()]
     names = [source.name for source in sources]
     with progress_part(0.4, 0.97, "packing"):

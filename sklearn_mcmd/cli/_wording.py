@@ -14,6 +14,10 @@ OPTIONS = (
 # Whole phrases are replaced first; then remaining parameters are replaced one by one.
 PHRASES = (
     (
+        r"\bcolumns=\{(.*?)\}",
+        lambda found: "--columns " + re.sub(r"['\"]|(?<=[:,]) ", "", found[1]).replace(":", "="),
+    ),
+    (
         r"reflections=True needs to know where the sensor stood.*",
         "--reflections needs to know where the sensor stood: give --sensor or --trajectory",
     ),
