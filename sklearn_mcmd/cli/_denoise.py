@@ -8,7 +8,7 @@ import numpy as np
 import typer
 
 from sklearn_mcmd.cli._engine import Scheduler, engine
-from sklearn_mcmd.cli._files import WORKING, blank, coordinates, read, rehearse, with_results, write
+from sklearn_mcmd.cli._files import blank, coordinates, read, rehearse, with_results, working, write
 from sklearn_mcmd.cli._judged import (
     Above,
     Below,
@@ -47,7 +47,6 @@ from sklearn_mcmd.cli._speech import (
 )
 from sklearn_mcmd.cli._waiting import progress
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, noise_classes
-from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["denoise"]
 
@@ -267,7 +266,8 @@ def denoise(
             origins = sensor_of_options(source, cloud, sensor, trajectory)
             if np.ndim(origins) == 2:
                 origins = origins[points.used]
-            detector = _find_outliers(coordinates(some), origins, **params)
+            with working(source):
+                detector = _find_outliers(coordinates(some), origins, **params)
             classes, score = _verdict(cloud, points, detector, low_groups)
             is_outlier = classes != 0
             _warn_if_without_scale(_n_without_scale(score[is_outlier]), len(cloud))
@@ -359,8 +359,7 @@ def _detector(params):
 
 def _find_outliers(xyz, sensor_origin=None, **params):
     """The fitted detector."""
-    with progress_part(*WORKING):
-        return _detector(params).fit(xyz, sensor_origin=sensor_origin)
+    return _detector(params).fit(xyz, sensor_origin=sensor_origin)
 
 
 def _mirrored(detector, n_points):

@@ -7,13 +7,13 @@ import typer
 
 from sklearn_mcmd.cli._engine import Scheduler, engine
 from sklearn_mcmd.cli._files import (
-    WORKING,
     blank,
     coordinates,
     has_colors,
     read,
     rehearse,
     with_results,
+    working,
     write,
 )
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
@@ -38,7 +38,6 @@ from sklearn_mcmd.cli._speech import (
     stopwatch,
 )
 from sklearn_mcmd.cli._waiting import progress
-from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["edges"]
 
@@ -130,7 +129,7 @@ def edges(
             brightest = largest if colors else None
             nothing = blank(cloud)
             rehearse(target, with_results(cloud, _results(nothing > 0, nothing, brightest)))
-            with progress_part(*WORKING):
+            with working(source):
                 detector = _detector(params).fit(coordinates(cloud))
             is_edge, score = _verdict(detector)
             write(target, with_results(cloud, _results(is_edge, score, brightest)))

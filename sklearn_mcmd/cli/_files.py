@@ -12,7 +12,6 @@ from sklearn_mcmd.io._point_cloud import COLORS, has_colors, with_results
 from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = [
-    "WORKING",
     "blank",
     "color_columns",
     "coordinates",
@@ -23,6 +22,7 @@ __all__ = [
     "standing_in",
     "warn_if_coarse",
     "with_results",
+    "working",
     "write",
 ]
 
@@ -91,6 +91,17 @@ def read(source, target=None, results=None, *, columns=None):
             f"{source}: {points} without finite coordinates {verb} left out", stacklevel=2
         )
     return cloud
+
+
+@contextmanager
+def working(source, stage=None):
+    """The work between reading and writing. A note of its errors names the file."""
+    with progress_part(*WORKING, stage):
+        try:
+            yield
+        except Exception as err:
+            err.add_note(f"{source}: ")
+            raise
 
 
 def write(target, cloud, noise=None):

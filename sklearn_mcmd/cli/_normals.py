@@ -7,7 +7,7 @@ import numpy as np
 import typer
 
 from sklearn_mcmd.cli._engine import Scheduler, engine
-from sklearn_mcmd.cli._files import WORKING, blank, coordinates, read, rehearse, with_results, write
+from sklearn_mcmd.cli._files import blank, coordinates, read, rehearse, with_results, working, write
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
@@ -31,7 +31,6 @@ from sklearn_mcmd.cli._sensor import (
 )
 from sklearn_mcmd.cli._speech import clear_exits, print_summary, stopwatch
 from sklearn_mcmd.cli._waiting import progress
-from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["normals"]
 
@@ -168,7 +167,8 @@ def normals(
             names = (*_columns(), *_feature_columns(features), *_size_column(n_neighbors))
             rehearse(target, with_results(cloud, dict.fromkeys(names, blank(cloud))))
             origins = sensor_of_options(source, cloud, sensor, trajectory)
-            fitted, results = _find_normals(coordinates(cloud), params, origins)
+            with working(source):
+                fitted, results = _find_normals(coordinates(cloud), params, origins)
             write(target, with_results(cloud, results))
             write_report_of(
                 report, source, target, seconds, lambda: _contents(cloud, fitted, results)
@@ -247,8 +247,7 @@ def _find_normals(xyz, params, sensor_origin=None):
     """The fitted estimator, and the columns of results by their names."""
     from sklearn_mcmd.tiling._tile import normal_columns
 
-    with progress_part(*WORKING):
-        fitted = _estimator(params).fit(xyz, sensor_origin=sensor_origin)
+    fitted = _estimator(params).fit(xyz, sensor_origin=sensor_origin)
     names, columns = normal_columns(fitted)
     results = dict(zip(names, columns.T.copy(), strict=True))
     for name in _size_column(params["n_neighbors"]):

@@ -11,7 +11,6 @@ import typer
 
 from sklearn_mcmd._extras import how_to_install
 from sklearn_mcmd.cli._files import (
-    WORKING,
     blank,
     naming,
     read,
@@ -19,6 +18,7 @@ from sklearn_mcmd.cli._files import (
     standing_in,
     warn_if_coarse,
     with_results,
+    working,
     write,
 )
 from sklearn_mcmd.cli._options import (
@@ -38,7 +38,6 @@ from sklearn_mcmd.cli._speech import (
     stopwatch,
 )
 from sklearn_mcmd.cli._waiting import progress
-from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["plane"]
 
@@ -185,10 +184,11 @@ def plane(
                 pass
             sheets = _rehearse_sheets(sheets, plot)
             cloud = read(source, target, "results of a test", columns=columns)
-            warn_if_coarse(cloud)
             none = blank(cloud)
             rehearse(target, *_tested(cloud, none > 0, none, none))
-            detector, residuals = _test_plane(cloud.xyz, method, params)
+            with working(source, "plane"):
+                warn_if_coarse(cloud)
+                detector, residuals = _test_plane(cloud.xyz, method, params)
             words = _write_all(source, target, sheets, cloud, detector, residuals, unit)
             write_report_of(
                 report, source, target, seconds,
@@ -256,7 +256,7 @@ def _test_plane(xyz, method, params):
     from sklearn_mcmd.adjustment._determinacy import AS_THICK_AS_WIDE
 
     detector = {Method.baarda: BaardaPlaneDetector, Method.fuzzy: FuzzyPlaneDetector}[method]
-    with progress_part(*WORKING, "plane"), warnings.catch_warnings():
+    with warnings.catch_warnings():
         # Refused below, for both surfaces.
         warnings.filterwarnings("ignore", message=AS_THICK_AS_WIDE)
         fitted = detector(**params).fit(xyz)

@@ -7,13 +7,13 @@ import typer
 
 from sklearn_mcmd.cli._engine import Scheduler, engine
 from sklearn_mcmd.cli._files import (
-    WORKING,
     color_columns,
     coordinates,
     has_colors,
     read,
     rehearse,
     with_results,
+    working,
     write,
 )
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
@@ -40,7 +40,6 @@ from sklearn_mcmd.cli._speech import (
     stopwatch,
 )
 from sklearn_mcmd.cli._waiting import progress
-from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["segment"]
 
@@ -182,7 +181,7 @@ def segment(
             if colors is None:
                 colors = not has_colors(cloud)
             rehearse(target, _segmented(cloud, np.zeros(len(cloud), np.int64), colors))
-            with progress_part(*WORKING):
+            with working(source):
                 fitted = _growing(normals, params).fit(coordinates(cloud))
             write(target, _segmented(cloud, fitted.labels_, colors))
             write_report_of(report, source, target, seconds, lambda: _contents(cloud, fitted))

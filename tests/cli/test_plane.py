@@ -281,7 +281,9 @@ NO_PLANES = {
 def test_points_that_determine_no_plane_are_refused(kind, options, tmp_path):
     write_points(tmp_path / "a.npy", PointCloud(NO_PLANES[kind]))
     result = run("plane", tmp_path / "a.npy", tmp_path / "out.csv", *options)
-    assert re.search("too few|does not determine|determine no plane", error_line(result))
+    line = error_line(result)
+    assert re.search("too few|does not determine|determine no plane", line)
+    assert line.count("a.npy: ") == 1
     assert files_in(tmp_path) == ["a.npy"]
 
 
