@@ -7,9 +7,9 @@ from typing import Annotated
 import typer
 
 from sklearn_mcmd.cli._denoise import denoise
-from sklearn_mcmd.cli._files import naming, read
+from sklearn_mcmd.cli._files import naming, read, refuse_existing
 from sklearn_mcmd.cli._normals import normals
-from sklearn_mcmd.cli._options import Columns, InFile, NJobs, Quiet
+from sklearn_mcmd.cli._options import Columns, InFile, NJobs, NoClobber, Quiet
 from sklearn_mcmd.cli._speech import clear_exits, print_table, stopwatch
 from sklearn_mcmd.cli._waiting import progress
 
@@ -35,6 +35,7 @@ def demo(
         ),
     ] = False,
     n_jobs: NJobs = -1,
+    no_clobber: NoClobber = False,
     quiet: Quiet = False,
 ) -> None:
     """Clean a simulated street scan whose truth is known, and show how well that went.
@@ -52,6 +53,7 @@ def demo(
         )
         picture = folder / "demo.png"
         outputs = (street, clean, with_normals, picture)
+        refuse_existing(no_clobber, *outputs)
         there = [path.name for path in outputs if os.path.exists(path)]
         if there and not force and not _demo_run.made_by_demo(street):
             raise FileExistsError(

@@ -8,7 +8,16 @@ import numpy as np
 import typer
 
 from sklearn_mcmd.cli._engine import Scheduler, engine
-from sklearn_mcmd.cli._files import blank, coordinates, read, rehearse, with_results, working, write
+from sklearn_mcmd.cli._files import (
+    blank,
+    coordinates,
+    read,
+    refuse_existing,
+    rehearse,
+    with_results,
+    working,
+    write,
+)
 from sklearn_mcmd.cli._judged import (
     Above,
     Below,
@@ -24,6 +33,7 @@ from sklearn_mcmd.cli._options import (
     InFiles,
     NJobs,
     NNeighbors,
+    NoClobber,
     OutFiles,
     OutlierRate,
     Quiet,
@@ -192,6 +202,7 @@ def denoise(
     restart: Restart = False,
     report: ReportFolder = None,
     columns: Columns = None,
+    no_clobber: NoClobber = False,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
     context: typer.Context = None,  # type: ignore[assignment]  # of no option
@@ -251,6 +262,7 @@ def denoise(
             estimator = _detector(params | {"reflections": False})  # positions are not read here
             print_plan(source, target, catalog, estimator, memory, work=work)
             return
+        refuse_existing(no_clobber, target, report=report, catalog=catalog)
         if catalog is not None:
             return _by_tiles(
                 *(source, target, catalog, params, choice, heights, mode, memory, restart),

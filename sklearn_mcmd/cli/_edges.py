@@ -11,6 +11,7 @@ from sklearn_mcmd.cli._files import (
     coordinates,
     has_colors,
     read,
+    refuse_existing,
     rehearse,
     with_results,
     working,
@@ -23,6 +24,7 @@ from sklearn_mcmd.cli._options import (
     InFiles,
     NJobs,
     NNeighbors,
+    NoClobber,
     OutFiles,
     Quiet,
     RandomState,
@@ -87,6 +89,7 @@ def edges(
     restart: Restart = False,
     report: ReportFolder = None,
     columns: Columns = None,
+    no_clobber: NoClobber = False,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
@@ -116,6 +119,7 @@ def edges(
         if dry_run:
             print_plan(source, target, catalog, _detector(params), memory, work="edges")
             return
+        refuse_existing(no_clobber, target, report=report, catalog=catalog)
         if catalog is not None:
             return _by_tiles(
                 source, target, catalog, params, colors, memory, restart, report, quiet, seconds

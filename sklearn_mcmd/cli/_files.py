@@ -18,6 +18,7 @@ __all__ = [
     "has_colors",
     "naming",
     "read",
+    "refuse_existing",
     "rehearse",
     "standing_in",
     "warn_if_coarse",
@@ -91,6 +92,28 @@ def read(source, target=None, results=None, *, columns=None):
             f"{source}: {points} without finite coordinates {verb} left out", stacklevel=2
         )
     return cloud
+
+
+def refuse_existing(no_clobber, *targets, report=None, catalog=None):
+    """Raise if an output is there that --no-clobber keeps.
+
+    Of a `catalog`, those that an earlier run of the same target wrote before it ended may be there.
+    """
+    if not no_clobber:
+        return
+    known = set()
+    if catalog is not None:
+        from sklearn_mcmd.tiling._folder import WorkFolder
+        from sklearn_mcmd.tiling._outputs import targets_of
+
+        known, targets = WorkFolder.written(targets[0]), targets_of(catalog, targets[0])
+    if report is not None:
+        from sklearn_mcmd.report._folder import PAGE, VIEW
+
+        targets = [*targets, report.folder / PAGE, report.folder / VIEW]
+    for path in targets:
+        if os.path.lexists(path) and os.path.realpath(path) not in known:
+            raise FileExistsError(f"{path}: is there already, and --no-clobber keeps it")
 
 
 @contextmanager

@@ -7,7 +7,16 @@ import numpy as np
 import typer
 
 from sklearn_mcmd.cli._engine import Scheduler, engine
-from sklearn_mcmd.cli._files import blank, coordinates, read, rehearse, with_results, working, write
+from sklearn_mcmd.cli._files import (
+    blank,
+    coordinates,
+    read,
+    refuse_existing,
+    rehearse,
+    with_results,
+    working,
+    write,
+)
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
@@ -15,6 +24,7 @@ from sklearn_mcmd.cli._options import (
     InFiles,
     NJobs,
     NNeighborsOrAuto,
+    NoClobber,
     OutFiles,
     OutlierRate,
     Quiet,
@@ -113,6 +123,7 @@ def normals(
     restart: Restart = False,
     report: ReportFolder = None,
     columns: Columns = None,
+    no_clobber: NoClobber = False,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
@@ -158,6 +169,7 @@ def normals(
             estimator = _estimator(known)
             print_plan(source, target, catalog, estimator, memory, n_features=n_features, work=work)
             return
+        refuse_existing(no_clobber, target, report=report, catalog=catalog)
         if catalog is not None:
             return _by_tiles(
                 source, target, catalog, params, memory, restart, report, quiet, seconds

@@ -14,6 +14,7 @@ __all__ = [
     "NJobs",
     "NNeighbors",
     "NNeighborsOrAuto",
+    "NoClobber",
     "OutFile",
     "OutFiles",
     "OutlierRate",
@@ -145,6 +146,9 @@ AllowCoarse = Annotated[
         help="Accept coordinates that single precision rounds too coarsely for the spacing of the "
         "points, such as large coordinates in PLY or PCD. Without this they are an error.",
     ),
+]
+NoClobber = Annotated[
+    bool, typer.Option("--no-clobber", help="Replace no file: if an output is there, fail.")
 ]
 Quiet = Annotated[
     bool,

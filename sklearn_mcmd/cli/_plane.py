@@ -14,6 +14,7 @@ from sklearn_mcmd.cli._files import (
     blank,
     naming,
     read,
+    refuse_existing,
     rehearse,
     standing_in,
     warn_if_coarse,
@@ -25,6 +26,7 @@ from sklearn_mcmd.cli._options import (
     AllowCoarse,
     Columns,
     InFile,
+    NoClobber,
     OutFile,
     Quiet,
     RandomState,
@@ -161,6 +163,7 @@ def plane(
     random_state: RandomState = 0,
     report: ReportFolder = None,
     columns: Columns = None,
+    no_clobber: NoClobber = False,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
@@ -180,6 +183,7 @@ def plane(
     with clear_exits(allow_coarse=allow_coarse):
         seconds = stopwatch()
         with progress("plane", quiet):
+            refuse_existing(no_clobber, target, *sheets, report=report)
             with standing_in(target):
                 pass
             sheets = _rehearse_sheets(sheets, plot)

@@ -11,6 +11,7 @@ from sklearn_mcmd.cli._files import (
     coordinates,
     has_colors,
     read,
+    refuse_existing,
     rehearse,
     with_results,
     working,
@@ -23,6 +24,7 @@ from sklearn_mcmd.cli._options import (
     InFiles,
     NJobs,
     NNeighbors,
+    NoClobber,
     OutFiles,
     OutlierRate,
     Quiet,
@@ -133,6 +135,7 @@ def segment(
     restart: Restart = False,
     report: ReportFolder = None,
     columns: Columns = None,
+    no_clobber: NoClobber = False,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
@@ -171,6 +174,7 @@ def segment(
             growing = _growing(normals, params)
             print_plan(source, target, catalog, growing, memory, work="regions")
             return
+        refuse_existing(no_clobber, target, report=report, catalog=catalog)
         if catalog is not None:
             growing = _growing(normals, params)
             return _by_tiles(

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from sklearn_mcmd.cli._files import read, standing_in
-from sklearn_mcmd.cli._options import Columns, Quiet
+from sklearn_mcmd.cli._files import read, refuse_existing, standing_in
+from sklearn_mcmd.cli._options import Columns, NoClobber, Quiet
 from sklearn_mcmd.cli._speech import clear_exits, print_table, stopwatch
 from sklearn_mcmd.cli._waiting import progress
 from sklearn_mcmd.planes._progress import progress_part
@@ -47,6 +47,7 @@ def view(
         str | None, typer.Option(help="Title of the page.", show_default="names of the files")
     ] = None,
     columns: Columns = None,
+    no_clobber: NoClobber = False,
     quiet: Quiet = False,
 ) -> None:
     """Make one HTML page that shows point clouds in any browser, offline.
@@ -56,6 +57,7 @@ def view(
     """
     with clear_exits():
         seconds = stopwatch()
+        refuse_existing(no_clobber, page)
         with progress("view", quiet):
             made = _make(
                 *(sources, page, columns),

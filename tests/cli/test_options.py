@@ -1,10 +1,13 @@
 """Options that several verbs share: wrong values are wrong usage, threads change nothing."""
 
+import shutil
+
 import numpy as np
 import pytest
 
 from commands import error_line, files_in, run
 from sklearn_mcmd.io import read_points
+from sklearn_mcmd.tiling._folder import WorkFolder
 
 
 @pytest.mark.parametrize("value", ["local", "-0.01", "0", "nan", "inf"])
@@ -91,3 +94,47 @@ def test_columns_of_files_that_name_their_own_are_refused(source, tmp_path):
         line = error_line(run(verb, source, out, "--columns", "x=1,y=2"))
         assert "street.laz: --columns x=1,y=2 is for text files" in line
     assert "is for text" in error_line(run("normals", tmp_path, out, "--columns", "x=1"))
+
+
+@pytest.mark.parametrize("verb", ["denoise", "normals", "edges", "segment", "plane", "view"])
+def test_no_clobber_keeps_what_is_there(verb, room_file, tmp_path):
+    outputs = {"plane": ["a.laz", "a_report.txt", "a_report.png"], "view": ["a.html"]}
+    reports = [] if verb == "view" else ["report/index.html"]
+    for name in [*outputs.get(verb, ["a.laz"]), *reports]:
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("old")
+        target = ("-o", tmp_path / "a.html") if verb == "view" else (tmp_path / "a.laz",)
+        options = ("--report", tmp_path / "report") if name in reports else ()
+        line = error_line(run(verb, room_file, *target, *options, "--no-clobber"))
+        assert f"{path}: is there already" in line
+        assert path.read_text() == "old"
+        path.unlink()
+
+
+def test_no_clobber_of_the_demo_keeps_an_earlier_one(tmp_path):
+    (tmp_path / "clean.laz").write_text("old")
+    assert "clean.laz: is there" in error_line(run("demo", tmp_path, "--force", "--no-clobber"))
+
+
+def test_no_clobber_lets_a_run_go_on_and_keeps_what_others_wrote(tmp_path, source, monkeypatch):
+    (tmp_path / "in").mkdir()
+    for name in "ab":
+        shutil.copy(source, tmp_path / "in" / f"{name}.laz")
+    asked = ("normals", tmp_path / "in", tmp_path / "out", "--n-jobs", "1", "--no-clobber", "-q")
+    mark = WorkFolder.mark_written
+
+    def mark_and_end(*args):
+        mark(*args)
+        raise OSError("the end")
+
+    monkeypatch.setattr(WorkFolder, "mark_written", mark_and_end)
+    assert "the end" in error_line(run(*asked))
+    monkeypatch.undo()
+    assert files_in(tmp_path / "out") == ["a.laz"]
+    (tmp_path / "out" / "b.laz").write_text("old")
+    assert "b.laz: is there already" in error_line(run(*asked))
+    (tmp_path / "out" / "b.laz").unlink()
+    assert run(*asked).exit_code == 0
+    assert files_in(tmp_path / "out") == ["a.laz", "b.laz"]
+    assert "a.laz: is there already" in error_line(run(*asked))
