@@ -7,21 +7,37 @@ from typing import Annotated
 import typer
 
 from sklearn_mcmd.cli._denoise import denoise
-from sklearn_mcmd.cli._files import naming, read, refuse_existing
+from sklearn_mcmd.cli._files import files_of, naming, read, refuse_existing
 from sklearn_mcmd.cli._normals import normals
-from sklearn_mcmd.cli._options import Columns, InFile, NJobs, NoClobber, Quiet
+from sklearn_mcmd.cli._options import Columns, NJobs, NoClobber, Quiet
 from sklearn_mcmd.cli._speech import clear_exits, print_table, stopwatch
 from sklearn_mcmd.cli._waiting import progress
 
 __all__ = ["demo", "info"]
 
 
-def info(source: InFile, columns: Columns = None) -> None:
-    """Show what a file holds: points, bounds, spacing, duplicates, attributes."""
-    with clear_exits():
-        from sklearn_mcmd.cli._file_summary import summarize
+def info(
+    source: Annotated[
+        Path, typer.Argument(metavar="IN", help="Point file, or a folder or .vpc index of files.")
+    ],
+    columns: Columns = None,
+) -> None:
+    """Show what a file holds: points, bounds, spacing, duplicates, attributes.
 
-        print_table(str(source), **summarize(source, read(source, columns=columns)))
+    Of a folder or an index, each file has one line, and a line tells of all together.
+    """
+    with clear_exits():
+        from sklearn_mcmd.cli._file_summary import summarize, summarize_each
+        from sklearn_mcmd.io import PointFileError
+
+        paths = files_of(source)
+        if paths == [source]:
+            print_table(str(source), **summarize(source, read(source, columns=columns)))
+            return
+        rows, errors = summarize_each(paths, lambda path: read(path, columns=columns))
+        print_table(str(source), **rows)
+        if errors:
+            raise PointFileError("; ".join(errors))
 
 
 def demo(

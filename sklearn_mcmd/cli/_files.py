@@ -8,16 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
-from sklearn_mcmd.io._point_cloud import COLORS, has_colors, with_results
+from sklearn_mcmd.io._point_cloud import COLORS, has_colors, joined, with_results
 from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = [
     "blank",
     "color_columns",
     "coordinates",
+    "files_of",
     "has_colors",
     "naming",
     "read",
+    "read_all",
     "refuse_existing",
     "rehearse",
     "standing_in",
@@ -72,6 +74,27 @@ def color_columns(paint):
     return dict(zip(COLORS, paint.T.copy(), strict=True))
 
 
+def files_of(source):
+    """The point files of a folder or an index, or the file itself."""
+    from sklearn_mcmd.io import supported_extensions
+    from sklearn_mcmd.tiling._catalog import paths_of
+
+    return paths_of(source, supported_extensions())
+
+
+def read_all(source, columns=None):
+    """One cloud of a file, or of all files of a folder or an index."""
+    from sklearn_mcmd.tiling._catalog import EXTENSIONS, Catalog
+
+    paths, clouds = files_of(source), []
+    if len(paths) > 1 and all(path.suffix.lower() in EXTENSIONS for path in paths):
+        Catalog(paths)  # refuses several coordinate systems
+    for number, path in enumerate(paths):
+        with progress_part(number / len(paths), (number + 1) / len(paths)):
+            clouds.append(read(path, columns=columns))
+    return joined(clouds) if len(clouds) > 1 else clouds[0]
+
+
 def read(source, target=None, results=None, *, columns=None):
     """Read a cloud; first refuse a `target` that cannot be written or cannot hold `results`.
 
@@ -106,7 +129,8 @@ def refuse_existing(no_clobber, *targets, report=None, catalog=None):
         from sklearn_mcmd.tiling._folder import WorkFolder
         from sklearn_mcmd.tiling._outputs import targets_of
 
-        known, targets = WorkFolder.written(targets[0]), targets_of(catalog, targets[0])
+        known = WorkFolder.written(targets[0])
+        targets = (*targets_of(catalog, targets[0]), *targets[1:])
     if report is not None:
         from sklearn_mcmd.report._folder import PAGE, VIEW
 

@@ -9,13 +9,11 @@ import typer
 __all__ = [
     "AllowCoarse",
     "Columns",
-    "InFile",
     "InFiles",
     "NJobs",
     "NNeighbors",
     "NNeighborsOrAuto",
     "NoClobber",
-    "OutFile",
     "OutFiles",
     "OutlierRate",
     "Quiet",
@@ -81,10 +79,6 @@ def _columns(text):
     return columns
 
 
-InFile = Annotated[Path, typer.Argument(metavar="IN", help="Point file to read.")]
-OutFile = Annotated[
-    Path, typer.Argument(metavar="OUT", help="Point file to write, of any format; may be IN.")
-]
 InFiles = Annotated[
     Path,
     typer.Argument(

@@ -22,12 +22,13 @@ from sklearn_mcmd.cli._files import (
     working,
     write,
 )
+from sklearn_mcmd.cli._large import large_catalog
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
     Columns,
-    InFile,
+    InFiles,
     NoClobber,
-    OutFile,
+    OutFiles,
     Quiet,
     RandomState,
     number_or,
@@ -76,8 +77,8 @@ class Surface(StrEnum):
 
 
 def plane(
-    source: InFile,
-    target: OutFile,
+    source: InFiles,
+    target: OutFiles,
     method: Annotated[
         Method,
         typer.Option(
@@ -173,6 +174,9 @@ def plane(
     'outlier'. All points get a 'residual' (in units of the file) and a 'test_statistic', float32.
     The report, as text and as figure, shows the plane, its quality and the residuals. Points that
     determine no plane are refused: fewer than four distinct points, or points along a line.
+
+    The files of a folder, or of an index .vpc, are tested as one plane. A folder OUT gets one file
+    for each; an OUT that ends in .las or .laz gets all.
     """
     params = _detector_params(
         method, alpha, test, sigma0, correction, elimination, surface, robust_start
@@ -181,19 +185,28 @@ def plane(
         params["random_state"] = random_state
     sheets = _choose_sheets(source, target, text, plot)
     with clear_exits(allow_coarse=allow_coarse):
+        from sklearn_mcmd.io import PointCloud
+
         seconds = stopwatch()
         with progress("plane", quiet):
-            refuse_existing(no_clobber, target, *sheets, report=report)
-            with standing_in(target):
-                pass
+            catalog = large_catalog(source, np.inf, 0, columns=columns)
+            refuse_existing(no_clobber, target, *sheets, report=report, catalog=catalog)
+            if catalog is None:
+                with standing_in(target):
+                    pass
+            else:
+                _targets(catalog, target)
             sheets = _rehearse_sheets(sheets, plot)
-            cloud = read(source, target, "results of a test", columns=columns)
-            none = blank(cloud)
-            rehearse(target, *_tested(cloud, none > 0, none, none))
+            if catalog is None:
+                cloud = read(source, target, "results of a test", columns=columns)
+                none = blank(cloud)
+                rehearse(target, *_tested(cloud, none > 0, none, none))
+            else:
+                cloud = PointCloud(np.concatenate([read(path).xyz for path in catalog.paths]))
             with working(source, "plane"):
                 warn_if_coarse(cloud)
                 detector, residuals = _test_plane(cloud.xyz, method, params)
-            words = _write_all(source, target, sheets, cloud, detector, residuals, unit)
+            words = _write_all(source, target, catalog, sheets, cloud, detector, residuals, unit)
             write_report_of(
                 report, source, target, seconds,
                 lambda: _contents(cloud, detector, residuals, words, unit),
@@ -294,7 +307,7 @@ def _tested(cloud, is_outlier, statistic, residuals):
     return with_results(cloud, results), is_outlier
 
 
-def _write_all(source, target, sheets, cloud, detector, residuals, unit):
+def _write_all(source, target, catalog, sheets, cloud, detector, residuals, unit):
     """Write the points and both sheets; no file is replaced before all are on the disk.
 
     Returns the text.
@@ -316,9 +329,40 @@ def _write_all(source, target, sheets, cloud, detector, residuals, unit):
             figure = plot_report(detector, cloud.xyz, title=title, unit=unit)
             with naming(plot):
                 figure.savefig(temporary, dpi=150)
-        is_outlier = detector.labels_ == -1
-        write(target, *_tested(cloud, is_outlier, detector.test_statistic_, residuals))
+        results = (detector.labels_ == -1, detector.test_statistic_, residuals)
+        if catalog is None:
+            write(target, *_tested(cloud, *results))
+        else:
+            _write_each(catalog, target, results)
     return text
+
+
+def _targets(catalog, target):
+    from sklearn_mcmd.tiling._outputs import targets_of
+
+    return targets_of(catalog, target)
+
+
+def _write_each(catalog, target, results):
+    """Write the points of each file with their results, or all into one file."""
+    from sklearn_mcmd.io import read_points
+    from sklearn_mcmd.io._files import replacing
+    from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
+    from sklearn_mcmd.io._las_parts import writing_parts
+
+    targets = _targets(catalog, target)
+    ends = np.cumsum(catalog.counts)[:-1]
+    parts = zip(*(np.split(values, ends) for values in results), strict=True)
+    clouds = map(read_points, catalog.paths)
+    if len(targets) == len(catalog):
+        targets[0].parent.mkdir(exist_ok=True)
+        for path, cloud, part in zip(targets, clouds, parts, strict=True):
+            write(path, *_tested(cloud, *part))
+        return
+    header = joined_header(catalog.paths)
+    with replacing(target) as temporary, writing_parts(temporary) as put:
+        for cloud, part in zip(clouds, parts, strict=True):
+            put(*_tested(joined_cloud(cloud, header), *part))
 
 
 def _contents(cloud, detector, residuals, text, unit):

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from sklearn_mcmd.cli._files import read, refuse_existing, standing_in
+from sklearn_mcmd.cli._files import read_all, refuse_existing, standing_in
 from sklearn_mcmd.cli._options import Columns, NoClobber, Quiet
 from sklearn_mcmd.cli._speech import clear_exits, print_table, stopwatch
 from sklearn_mcmd.cli._waiting import progress
@@ -19,7 +19,10 @@ LARGE_PAGE = 50_000_000  # bytes; browsers on phones take no larger ones
 def view(
     sources: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE...", help="Point files to show, of any format; two compare."),
+        typer.Argument(
+            metavar="FILE...",
+            help="Point files to show, of any format, or folders of them; two compare.",
+        ),
     ],
     page: Annotated[
         Path, typer.Option("--output", "-o", metavar="PAGE.html", help="The page to write.")
@@ -53,7 +56,8 @@ def view(
     """Make one HTML page that shows point clouds in any browser, offline.
 
     Colors, classes, a threshold of scores, sections, distances, and all that is known of a point.
-    Give two files, such as before and after, for a slider between them.
+    Give two files, such as before and after, for a slider between them. The files of a folder, or
+    of an index .vpc, are one cloud.
     """
     with clear_exits():
         seconds = stopwatch()
@@ -78,7 +82,7 @@ def _make(sources, page, columns, *, only, **options):
     clouds = []
     for number, source in enumerate(sources):
         with progress_part(0.4 * number / len(sources), 0.4 * (number + 1) / len(sources)):
-            clouds.append(read(source, columns=columns))
+            clouds.append(read_all(source, columns))
     wanted = None if only is None else [name.strip() for name in only.split(",") if name.strip()]
     names = [source.name for source in sources]
     with progress_part(0.4, 0.97, "packing"):
