@@ -8,7 +8,16 @@ import numpy as np
 import typer
 
 from sklearn_mcmd.cli._engine import Scheduler, engine
-from sklearn_mcmd.cli._files import WORKING, blank, coordinates, read, rehearse, with_results, write
+from sklearn_mcmd.cli._files import (
+    blank,
+    coordinates,
+    read,
+    refuse_existing,
+    rehearse,
+    with_results,
+    working,
+    write,
+)
 from sklearn_mcmd.cli._judged import (
     Above,
     Below,
@@ -20,9 +29,11 @@ from sklearn_mcmd.cli._judged import (
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
+    Columns,
     InFiles,
     NJobs,
     NNeighbors,
+    NoClobber,
     OutFiles,
     OutlierRate,
     Quiet,
@@ -46,7 +57,6 @@ from sklearn_mcmd.cli._speech import (
 )
 from sklearn_mcmd.cli._waiting import progress
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, noise_classes
-from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["denoise"]
 
@@ -182,6 +192,8 @@ def denoise(
     dry_run: DryRun = False,
     restart: Restart = False,
     report: ReportFolder = None,
+    columns: Columns = None,
+    no_clobber: NoClobber = False,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
     context: typer.Context = None,  # type: ignore[assignment]  # of no option
@@ -227,7 +239,7 @@ def denoise(
         seconds = stopwatch()
         choice = Choice(ignore_class or (), only_class or ())
         heights = {"above": above, "below": below, "low_groups": low_groups}
-        catalog = large_catalog(source, memory, 0, scheduler is not None)
+        catalog = large_catalog(source, memory, 0, scheduler is not None, columns)
         if catalog is not None:
             _refuse_sensor(source, sensor, trajectory)
         if dry_run:
@@ -236,6 +248,7 @@ def denoise(
             estimator = _detector(params)
             print_plan(source, target, catalog, estimator, memory, work=work)
             return
+        refuse_existing(no_clobber, target, report=report, catalog=catalog)
         if catalog is not None:
             return _by_tiles(
                 *(source, target, catalog, params, choice, heights, mode, memory, restart),
@@ -243,7 +256,7 @@ def denoise(
             )
         with progress("denoise", quiet):
             mark = mode is Mode.mark
-            cloud = read(source, target, "marks of outliers" if mark else None)
+            cloud = read(source, target, "marks of outliers" if mark else None, columns=columns)
             points = judged_points(source, cloud, choice, above, below, low_groups)
             nothing = blank(cloud)
             rehearse(target, *_denoised(cloud, nothing.astype(np.uint8), nothing, mark), whole=mark)
@@ -251,7 +264,8 @@ def denoise(
             origins = sensor_of_options(source, cloud, sensor, trajectory)
             if np.ndim(origins) == 2:
                 origins = origins[points.used]
-            detector = _find_outliers(coordinates(some), origins, **params)
+            with working(source):
+                detector = _find_outliers(coordinates(some), origins, **params)
             classes, score = _verdict(cloud, points, detector, low_groups)
             is_outlier = classes != 0
             _warn_if_without_scale(_n_without_scale(score[is_outlier]), len(cloud))
@@ -342,8 +356,7 @@ def _detector(params):
 
 def _find_outliers(xyz, sensor_origin=None, **params):
     """The fitted detector."""
-    with progress_part(*WORKING):
-        return _detector(params).fit(xyz, sensor_origin=sensor_origin)
+    return _detector(params).fit(xyz, sensor_origin=sensor_origin)
 
 
 def _verdict(cloud, points, detector, low_groups):

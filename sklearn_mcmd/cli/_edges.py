@@ -7,21 +7,24 @@ import typer
 
 from sklearn_mcmd.cli._engine import Scheduler, engine
 from sklearn_mcmd.cli._files import (
-    WORKING,
     blank,
     coordinates,
     has_colors,
     read,
+    refuse_existing,
     rehearse,
     with_results,
+    working,
     write,
 )
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
+    Columns,
     InFiles,
     NJobs,
     NNeighbors,
+    NoClobber,
     OutFiles,
     Quiet,
     RandomState,
@@ -37,7 +40,6 @@ from sklearn_mcmd.cli._speech import (
     stopwatch,
 )
 from sklearn_mcmd.cli._waiting import progress
-from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["edges"]
 
@@ -86,6 +88,8 @@ def edges(
     dry_run: DryRun = False,
     restart: Restart = False,
     report: ReportFolder = None,
+    columns: Columns = None,
+    no_clobber: NoClobber = False,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
@@ -111,16 +115,17 @@ def edges(
     }
     with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = stopwatch()
-        catalog = large_catalog(source, memory, 0, scheduler is not None, work="edges")
+        catalog = large_catalog(source, memory, 0, scheduler is not None, columns, work="edges")
         if dry_run:
             print_plan(source, target, catalog, _detector(params), memory, work="edges")
             return
+        refuse_existing(no_clobber, target, report=report, catalog=catalog)
         if catalog is not None:
             return _by_tiles(
                 source, target, catalog, params, colors, memory, restart, report, quiet, seconds
             )
         with progress("edges", quiet):
-            cloud = read(source, target, "edges")
+            cloud = read(source, target, "edges", columns=columns)
             if colors is None:
                 colors = not has_colors(cloud)
             # LAS has colors of 16 bits.
@@ -128,7 +133,7 @@ def edges(
             brightest = largest if colors else None
             nothing = blank(cloud)
             rehearse(target, with_results(cloud, _results(nothing > 0, nothing, brightest)))
-            with progress_part(*WORKING):
+            with working(source):
                 detector = _detector(params).fit(coordinates(cloud))
             is_edge, score = _verdict(detector)
             write(target, with_results(cloud, _results(is_edge, score, brightest)))

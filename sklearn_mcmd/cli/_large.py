@@ -45,7 +45,7 @@ Restart = Annotated[
 ]
 
 
-def large_catalog(source, memory, n_features, always=False, *, work="normals"):
+def large_catalog(source, memory, n_features, always=False, columns=None, *, work="normals"):
     """The catalog of a source that is to be divided into tiles, else None.
 
     Faults of a single file are left to the reading of it, unless it is `always` divided. `work` is
@@ -53,7 +53,10 @@ def large_catalog(source, memory, n_features, always=False, *, work="normals"):
     """
     if not source.exists():
         raise FileNotFoundError(ENOENT, "no such file or folder", str(source))
-    if always or source.is_dir() or source.suffix.lower() == INDEX_SUFFIX:
+    several = source.is_dir() or source.suffix.lower() == INDEX_SUFFIX
+    if columns is not None and (always or several or source.suffix.lower() in PARSED_SUFFIXES):
+        raise ValueError(f"{source}: columns={columns} is for text files")
+    if always or several:
         from sklearn_mcmd.tiling import Catalog
 
         return Catalog(source)

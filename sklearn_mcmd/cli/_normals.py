@@ -7,13 +7,24 @@ import numpy as np
 import typer
 
 from sklearn_mcmd.cli._engine import Scheduler, engine
-from sklearn_mcmd.cli._files import WORKING, blank, coordinates, read, rehearse, with_results, write
+from sklearn_mcmd.cli._files import (
+    blank,
+    coordinates,
+    read,
+    refuse_existing,
+    rehearse,
+    with_results,
+    working,
+    write,
+)
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
+    Columns,
     InFiles,
     NJobs,
     NNeighborsOrAuto,
+    NoClobber,
     OutFiles,
     OutlierRate,
     Quiet,
@@ -30,7 +41,6 @@ from sklearn_mcmd.cli._sensor import (
 )
 from sklearn_mcmd.cli._speech import clear_exits, print_summary, stopwatch
 from sklearn_mcmd.cli._waiting import progress
-from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["normals"]
 
@@ -112,6 +122,8 @@ def normals(
     dry_run: DryRun = False,
     restart: Restart = False,
     report: ReportFolder = None,
+    columns: Columns = None,
+    no_clobber: NoClobber = False,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
@@ -145,7 +157,9 @@ def normals(
         seconds = stopwatch()
         n_features = len(_feature_columns(features))
         work = "auto" if n_neighbors == "auto" else "normals"
-        catalog = large_catalog(source, memory, n_features, scheduler is not None, work=work)
+        catalog = large_catalog(
+            source, memory, n_features, scheduler is not None, columns, work=work
+        )
         if catalog is not None:
             _check_local(source, orientation, sensor, trajectory)
         if dry_run:
@@ -155,16 +169,18 @@ def normals(
             estimator = _estimator(known)
             print_plan(source, target, catalog, estimator, memory, n_features=n_features, work=work)
             return
+        refuse_existing(no_clobber, target, report=report, catalog=catalog)
         if catalog is not None:
             return _by_tiles(
                 source, target, catalog, params, memory, restart, report, quiet, seconds
             )
         with progress("normals", quiet):
-            cloud = read(source, target, "normals")
-            columns = (*_columns(), *_feature_columns(features), *_size_column(n_neighbors))
-            rehearse(target, with_results(cloud, dict.fromkeys(columns, blank(cloud))))
+            cloud = read(source, target, "normals", columns=columns)
+            names = (*_columns(), *_feature_columns(features), *_size_column(n_neighbors))
+            rehearse(target, with_results(cloud, dict.fromkeys(names, blank(cloud))))
             origins = sensor_of_options(source, cloud, sensor, trajectory)
-            fitted, results = _find_normals(coordinates(cloud), params, origins)
+            with working(source):
+                fitted, results = _find_normals(coordinates(cloud), params, origins)
             write(target, with_results(cloud, results))
             write_report_of(
                 report, source, target, seconds, lambda: _contents(cloud, fitted, results)
@@ -243,8 +259,7 @@ def _find_normals(xyz, params, sensor_origin=None):
     """The fitted estimator, and the columns of results by their names."""
     from sklearn_mcmd.tiling._tile import normal_columns
 
-    with progress_part(*WORKING):
-        fitted = _estimator(params).fit(xyz, sensor_origin=sensor_origin)
+    fitted = _estimator(params).fit(xyz, sensor_origin=sensor_origin)
     names, columns = normal_columns(fitted)
     results = dict(zip(names, columns.T.copy(), strict=True))
     for name in _size_column(params["n_neighbors"]):

@@ -115,6 +115,8 @@ def _words(value):
         return "none"
     if isinstance(value, Report):
         return str(value.folder)
+    if isinstance(value, dict):
+        return ",".join(f"{axis}={name}" for axis, name in value.items())
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:g}" if isinstance(value, float) else str(value)

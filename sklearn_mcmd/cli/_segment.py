@@ -7,21 +7,24 @@ import typer
 
 from sklearn_mcmd.cli._engine import Scheduler, engine
 from sklearn_mcmd.cli._files import (
-    WORKING,
     color_columns,
     coordinates,
     has_colors,
     read,
+    refuse_existing,
     rehearse,
     with_results,
+    working,
     write,
 )
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
+    Columns,
     InFiles,
     NJobs,
     NNeighbors,
+    NoClobber,
     OutFiles,
     OutlierRate,
     Quiet,
@@ -39,7 +42,6 @@ from sklearn_mcmd.cli._speech import (
     stopwatch,
 )
 from sklearn_mcmd.cli._waiting import progress
-from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["segment"]
 
@@ -132,6 +134,8 @@ def segment(
     dry_run: DryRun = False,
     restart: Restart = False,
     report: ReportFolder = None,
+    columns: Columns = None,
+    no_clobber: NoClobber = False,
     allow_coarse: AllowCoarse = False,
     quiet: Quiet = False,
 ) -> None:
@@ -165,22 +169,23 @@ def segment(
     }
     with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = stopwatch()
-        catalog = large_catalog(source, memory, 0, scheduler is not None, work="regions")
+        catalog = large_catalog(source, memory, 0, scheduler is not None, columns, work="regions")
         if dry_run:
             growing = _growing(normals, params)
             print_plan(source, target, catalog, growing, memory, work="regions")
             return
+        refuse_existing(no_clobber, target, report=report, catalog=catalog)
         if catalog is not None:
             growing = _growing(normals, params)
             return _by_tiles(
                 source, target, catalog, growing, colors, memory, restart, report, quiet, seconds
             )
         with progress("segment", quiet):
-            cloud = read(source, target, "regions")
+            cloud = read(source, target, "regions", columns=columns)
             if colors is None:
                 colors = not has_colors(cloud)
             rehearse(target, _segmented(cloud, np.zeros(len(cloud), np.int64), colors))
-            with progress_part(*WORKING):
+            with working(source):
                 fitted = _growing(normals, params).fit(coordinates(cloud))
             write(target, _segmented(cloud, fitted.labels_, colors))
             write_report_of(report, source, target, seconds, lambda: _contents(cloud, fitted))

@@ -108,7 +108,7 @@ def bad_input(kind, folder):
         ("empty", "is empty"),
         ("only nan", "holds no points with finite coordinates"),
         ("two columns", "2 column"),
-        ("words", "'one' is not a number"),
+        ("words", "holds no row of numbers (header: 'x, y, z')"),
         ("three points", "too few points for a plane: 3, and at least 4"),
     ],
 )

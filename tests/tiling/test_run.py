@@ -66,7 +66,7 @@ def test_ctrl_c_while_temporary_files_are_removed_comes_too_late(small_file, tmp
 
     monkeypatch.setattr(_interrupts, "_exit", signal.default_int_handler)  # as in `mcmd`
     monkeypatch.setattr(_run.WorkFolder, "remove", remove_late)
-    write_normals(
+    process_files(
         small_file, tmp_path / "out.las", RobustNormalEstimator(method="pca", random_state=0)
     )
     assert files_in(tmp_path) == ["out.las", "small.las"]
@@ -98,7 +98,7 @@ def test_zeros_amid_large_coordinates_are_named_as_in_memory(tmp_path):
     las.xyz = xyz
     las.write(tmp_path / "in.las")
     with pytest.warns(UserWarning, match="2 of 3,002 points are 0, 0, 0 .* is point 3001") as told:
-        write_normals(tmp_path / "in.las", tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+        process_files(tmp_path / "in.las", tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
     assert [warning.filename for warning in told if "0, 0, 0" in str(warning.message)] == [__file__]
 
 
