@@ -110,38 +110,6 @@ def test_what_is_judged_and_by_what_reaches_the_detector(options, parameters, mi
         assert (marked != expected_outliers(mixed, **others)).any()
 
 
-@pytest.mark.parametrize(("keep", "strictness"), [("things", "groups"), ("surfaces", "surfaces")])
-def test_what_is_to_stay_is_another_name_of_a_strictness(keep, strictness, mixed, tmp_path):
-    np.save(tmp_path / "in.npy", mixed)
-    for name, options in {"a": ("--keep", keep), "b": ("--strictness", strictness)}.items():
-        target = tmp_path / f"{name}.npy"
-        result = run("denoise", tmp_path / "in.npy", target, "--mode", "mark", *options)
-        assert result.exit_code == 0, result.output
-    a, b = np.load(tmp_path / "a.npy"), np.load(tmp_path / "b.npy")
-    np.testing.assert_array_equal(a, b)
-    np.testing.assert_array_equal(a["outlier"], expected_outliers(mixed, strictness=strictness))
-
-
-@pytest.mark.parametrize("strictness", ["groups", "surfaces", "isolated"])
-def test_what_is_to_stay_and_a_strictness_exclude_each_other(strictness, mixed, tmp_path):
-    np.save(tmp_path / "in.npy", mixed)
-    result = run(
-        *("denoise", tmp_path / "in.npy", tmp_path / "out.npy"),
-        *("--strictness", strictness, "--keep", "surfaces"),
-    )
-    assert result.exit_code == 2
-    words = " ".join(line.strip("│╭╮╰╯─ ") for line in result.stderr.splitlines())
-    assert f"--keep surfaces and --strictness {strictness} exclude each other" in words
-    assert not (tmp_path / "out.npy").exists()
-
-
-def test_help_names_what_is_to_stay_and_the_strictness():
-    words = " ".join(word.strip("│╭╮╰╯─") for word in run("denoise", "--help").stdout.split())
-    assert "--keep" in words
-    assert "things|surfaces" in words
-    assert "same as --strictness groups" in " ".join(words.split())
-
-
 def test_groups_is_the_default_and_takes_a_ghost_that_isolated_keeps(mixed, tmp_path):
     np.save(tmp_path / "in.npy", mixed)
     outlier = {}
