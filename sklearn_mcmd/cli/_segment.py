@@ -5,23 +5,27 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._engine import Scheduler, engine
 from sklearn_mcmd.cli._files import (
-    WORKING,
     color_columns,
     coordinates,
     has_colors,
     read,
+    refuse_existing,
     rehearse,
     with_results,
+    working,
     write,
 )
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
+    Columns,
     InFiles,
     NJobs,
     NNeighbors,
+    NoClobber,
     OutFiles,
     OutlierRate,
     Quiet,
@@ -39,7 +43,6 @@ from sklearn_mcmd.cli._speech import (
     stopwatch,
 )
 from sklearn_mcmd.cli._waiting import progress
-from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["segment"]
 
@@ -132,15 +135,19 @@ def segment(
     dry_run: DryRun = False,
     restart: Restart = False,
     report: ReportFolder = None,
+    columns: Columns = None,
+    no_clobber: NoClobber = False,
     allow_coarse: AllowCoarse = False,
+    config: Config = None,
     quiet: Quiet = False,
 ) -> None:
     """Divide a cloud into surfaces: road, kerb and footpath, walls, signs, poles.
 
     LAS and LAZ that need more than --memory, and folders of them, are divided into tiles, and with
     --scheduler all are. The results are the same. Temporary files lie beside OUT, in OUT.tiles. If
-    a run ends early, they are kept, and the same command goes on from there. If IN is a folder or
-    an index .vpc, a folder OUT gets one file for each; an OUT that ends in .las or .laz gets all.
+    a run ends early, they are kept, and the same command goes on from there, or begins anew with
+    --restart. --dry-run tells tiles, memory and time. If IN is a folder or an index .vpc, a folder
+    OUT gets one file for each; an OUT that ends in .las or .laz gets all.
 
     All points are kept. New attributes are region (int32; 0 is the largest, -1 is none) and red,
     green and blue (8 bits, one color for each region). Denoise a cloud with outliers first.
@@ -165,22 +172,23 @@ def segment(
     }
     with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = stopwatch()
-        catalog = large_catalog(source, memory, 0, scheduler is not None, work="regions")
+        catalog = large_catalog(source, memory, 0, scheduler is not None, columns, work="regions")
         if dry_run:
             growing = _growing(normals, params)
             print_plan(source, target, catalog, growing, memory, work="regions")
             return
+        refuse_existing(no_clobber, target, report=report, catalog=catalog)
         if catalog is not None:
             growing = _growing(normals, params)
             return _by_tiles(
                 source, target, catalog, growing, colors, memory, restart, report, quiet, seconds
             )
         with progress("segment", quiet):
-            cloud = read(source, target, "regions")
+            cloud = read(source, target, "regions", columns=columns)
             if colors is None:
                 colors = not has_colors(cloud)
             rehearse(target, _segmented(cloud, np.zeros(len(cloud), np.int64), colors))
-            with progress_part(*WORKING):
+            with working(source):
                 fitted = _growing(normals, params).fit(coordinates(cloud))
             write(target, _segmented(cloud, fitted.labels_, colors))
             write_report_of(report, source, target, seconds, lambda: _contents(cloud, fitted))
@@ -194,10 +202,10 @@ def segment(
 
 
 def _by_tiles(source, target, catalog, growing, colors, memory, restart, report, quiet, seconds):
-    from sklearn_mcmd.tiling import write_segments
+    from sklearn_mcmd.tiling import process_files
 
     with progress("segment", quiet):
-        told = write_segments(
+        told = process_files(
             catalog, target, growing, colors=colors, memory=memory, n_jobs=growing.n_jobs,
             restart=restart,
         )  # fmt: skip

@@ -14,8 +14,8 @@ OPTIONS = (
 # Whole phrases are replaced first; then remaining parameters are replaced one by one.
 PHRASES = (
     (
-        r"reflections=True needs to know where the sensor stood.*",
-        "--reflections needs to know where the sensor stood: give --sensor or --trajectory",
+        r"\bcolumns=\{(.*?)\}",
+        lambda found: "--columns " + re.sub(r"['\"]|(?<=[:,]) ", "", found[1]).replace(":", "="),
     ),
     (r"\bsensor_origin\b", "--sensor"),
     (
@@ -32,8 +32,11 @@ PHRASES = (
     (
         r"n_neighbors=(\d+) is more than the number of distinct points, (\d+) of n_samples=\d+: "
         r"neighborhoods of all of them are used\.",
-        r"there are only \2 distinct points, fewer than the \1 of a neighborhood: each "
-        r"neighborhood is the whole cloud.",
+        lambda found: (
+            f"there {'is' if found[2] == '1' else 'are'} only {found[2]} distinct "
+            f"point{'s'[: found[2] != '1']}, fewer than the {found[1]} of a neighborhood: each "
+            "neighborhood is the whole cloud."
+        ),
     ),
     (
         r"X has a coordinate beyond (\S+) in row (\d+): \[(.*?)\]\.",

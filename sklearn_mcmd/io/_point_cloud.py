@@ -17,6 +17,7 @@ __all__ = [
     "flat_columns",
     "has_colors",
     "import_extra",
+    "joined",
     "with_results",
 ]
 
@@ -178,6 +179,21 @@ def flat_columns(attributes):
 
 def has_colors(cloud):
     return not cloud.attributes.keys().isdisjoint(COLORS)
+
+
+def joined(clouds):
+    """One cloud of several, with the attributes that all of them have; others are warned of."""
+    shapes = [{name: a.shape[1:] for name, a in cloud.attributes.items()} for cloud in clouds]
+    shared = [n for n, shape in shapes[0].items() if all(s.get(n) == shape for s in shapes)]
+    lost = sorted(set().union(*shapes) - set(shared))
+    if lost:
+        warnings.warn(
+            f"attributes that not every file has are left out: {', '.join(lost)}", stacklevel=2
+        )
+    return PointCloud(
+        np.concatenate([cloud.xyz for cloud in clouds]),
+        {name: np.concatenate([cloud.attributes[name] for cloud in clouds]) for name in shared},
+    )
 
 
 def with_results(cloud, results):

@@ -43,7 +43,7 @@ def test_columns_of_a_trajectory_are_found_by_their_names(head, tmp_path):
     ("text", "message"),
     [
         ("x,y,z\n1,2,3\n", "must name the columns x, y, z, and time or gps_time"),
-        ("time,x,y\n1,2,3\n", "no coordinate named z"),
+        ("time,x,y\n1,2,3\n", "no z among the columns time, x, y"),
         ("time,x,y,z\n1,2,3,4\n1,2,3,5\n", "two times or more"),
         ("time,x,y,z\n1,2,3,4\n2,nan,3,5\n", "finite"),
         ("", "is empty"),
