@@ -32,11 +32,11 @@ from sklearn_mcmd.cli._options import (
     AllowCoarse,
     Columns,
     InFiles,
+    MaxOutlierRate,
     NJobs,
     NNeighbors,
     NoClobber,
     OutFiles,
-    OutlierRate,
     Quiet,
     RandomState,
     number_or,
@@ -44,7 +44,7 @@ from sklearn_mcmd.cli._options import (
 )
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.cli._sensor import (
-    SensorPosition,
+    SensorOrigin,
     TrajectoryFile,
     check_one_position,
     sensor_of_options,
@@ -167,9 +167,9 @@ def denoise(
     above: Above = None,
     below: Below = None,
     low_groups: LowGroups = False,
-    sensor: SensorPosition = None,
+    sensor: SensorOrigin = None,
     trajectory: TrajectoryFile = None,
-    outlier_rate: OutlierRate = 0.5,
+    max_outlier_rate: MaxOutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
     memory: Memory = None,
@@ -215,7 +215,7 @@ def denoise(
         "cutoff": cutoff,
         "false_positive_rate": false_positive_rate,
         "contamination": contamination,
-        "outlier_rate": outlier_rate,
+        "max_outlier_rate": max_outlier_rate,
         "random_state": random_state,
         "n_jobs": n_jobs,
     }

@@ -23,11 +23,11 @@ from sklearn_mcmd.cli._options import (
     AllowCoarse,
     Columns,
     InFiles,
+    MaxOutlierRate,
     NJobs,
     NNeighborsOrAuto,
     NoClobber,
     OutFiles,
-    OutlierRate,
     Quiet,
     RandomState,
     positive,
@@ -35,7 +35,7 @@ from sklearn_mcmd.cli._options import (
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.cli._sensor import (
     AUTO,
-    SensorPosition,
+    SensorOrigin,
     TrajectoryFile,
     check_one_position,
     sensor_of_options,
@@ -90,7 +90,7 @@ def normals(
             "neighbors."
         ),
     ] = Orientation.none,
-    sensor: SensorPosition = None,
+    sensor: SensorOrigin = None,
     trajectory: TrajectoryFile = None,
     features: Annotated[
         str | None,
@@ -115,7 +115,7 @@ def normals(
             show_default="2.5, for mcmd_md 3.06",
         ),
     ] = None,
-    outlier_rate: OutlierRate = 0.5,
+    max_outlier_rate: MaxOutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
     memory: Memory = None,
@@ -152,7 +152,7 @@ def normals(
         "sensor_origin": sensor if isinstance(sensor, tuple) else None,
         "features": features,
         "cutoff": cutoff,
-        "outlier_rate": outlier_rate,
+        "max_outlier_rate": max_outlier_rate,
         "random_state": random_state,
         "n_jobs": n_jobs,
     }

@@ -10,12 +10,12 @@ __all__ = [
     "AllowCoarse",
     "Columns",
     "InFiles",
+    "MaxOutlierRate",
     "NJobs",
     "NNeighbors",
     "NNeighborsOrAuto",
     "NoClobber",
     "OutFiles",
-    "OutlierRate",
     "Quiet",
     "RandomState",
     "colors_option",
@@ -107,7 +107,7 @@ NNeighborsOrAuto = Annotated[
         "for each point as its noise asks for; then an attribute n_neighbors tells how many.",
     ),
 ]
-OutlierRate = Annotated[
+MaxOutlierRate = Annotated[
     float,
     typer.Option(
         parser=number_or(expected="a number from 0 to 0.99", fits=lambda rate: 0 <= rate <= 0.99),

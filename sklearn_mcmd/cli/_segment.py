@@ -23,11 +23,11 @@ from sklearn_mcmd.cli._options import (
     AllowCoarse,
     Columns,
     InFiles,
+    MaxOutlierRate,
     NJobs,
     NNeighbors,
     NoClobber,
     OutFiles,
-    OutlierRate,
     Quiet,
     RandomState,
     colors_option,
@@ -83,10 +83,10 @@ def segment(
     min_region_size: Annotated[
         int, typer.Option(min=1, help="Regions with fewer points are dissolved.")
     ] = 10,
-    regrow_rest: Annotated[
+    find_narrow_faces: Annotated[
         bool,
         typer.Option(
-            "--regrow-rest/--no-regrow-rest",
+            "--find-narrow-faces/--no-find-narrow-faces",
             help="Whether to grow regions again from the points that no region reached. This finds "
             "faces a few points wide beside larger ones, such as kerbs.",
         ),
@@ -107,10 +107,10 @@ def segment(
             "trunk.",
         ),
     ] = True,
-    assign_rest: Annotated[
+    assign_unlabeled: Annotated[
         bool,
         typer.Option(
-            "--assign-rest/--no-assign-rest",
+            "--assign-unlabeled/--no-assign-unlabeled",
             help="Whether to give points that no region reached to the region whose plane is "
             "nearest, if its noise explains the distance.",
         ),
@@ -127,7 +127,7 @@ def segment(
             help="Points in a neighborhood for growth. Regions grow to the nearer half of them.",
         ),
     ] = 30,
-    outlier_rate: OutlierRate = 0.5,
+    max_outlier_rate: MaxOutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
     memory: Memory = None,
@@ -154,7 +154,7 @@ def segment(
     """
     normals = {
         "n_neighbors": n_neighbors,
-        "outlier_rate": outlier_rate,
+        "max_outlier_rate": max_outlier_rate,
         "random_state": random_state,
         "n_jobs": n_jobs,
     }
@@ -164,10 +164,10 @@ def segment(
         "max_distance": max_distance,
         "max_gap": max_gap,
         "min_region_size": min_region_size,
-        "regrow_rest": regrow_rest,
+        "find_narrow_faces": find_narrow_faces,
         "join_coplanar": join_coplanar,
         "join_curved": join_curved,
-        "assign_rest": assign_rest,
+        "assign_unlabeled": assign_unlabeled,
         "n_jobs": n_jobs,
     }
     with clear_exits(allow_coarse=allow_coarse), engine(scheduler):

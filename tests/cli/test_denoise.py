@@ -64,11 +64,13 @@ def test_marked_points_carry_their_robust_distance_as_float32(room, room_file, t
 def test_options_of_denoise_reach_the_detector(room, room_file, tmp_path):
     result = run(
         *("denoise", room_file, tmp_path / "out.npy", "--mode", "mark", "--n-neighbors", 20),
-        *("--method", "mcmd_md", "--cutoff", 4, "--outlier-rate", 0.2, "--random-state", 3),
+        *("--method", "mcmd_md", "--cutoff", 4, "--max-outlier-rate", 0.2, "--random-state", 3),
         *("--n-jobs", 1),
     )
     assert result.exit_code == 0, result.output
-    detector = MCMDOutlierDetector(20, method="mcmd_md", cutoff=4, outlier_rate=0.2, random_state=3)
+    detector = MCMDOutlierDetector(
+        20, method="mcmd_md", cutoff=4, max_outlier_rate=0.2, random_state=3
+    )
     marked = np.load(tmp_path / "out.npy")["outlier"]
     np.testing.assert_array_equal(marked, detector.fit_predict(room.xyz) == -1)
 

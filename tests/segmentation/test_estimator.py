@@ -174,7 +174,7 @@ def test_regions_are_numbered_by_size(street):
 
 def test_regions_of_too_few_points_are_dissolved(street):
     _, columns = street
-    params = {"normals": "precomputed", "assign_rest": False, "join_coplanar": False}
+    params = {"normals": "precomputed", "assign_unlabeled": False, "join_coplanar": False}
     every = RegionGrowing(min_region_size=1, **params).fit(columns)
     large = RegionGrowing(min_region_size=50, **params).fit(columns)
     assert every.labels_.min() == 0
@@ -193,9 +193,9 @@ def test_stray_points_belong_to_no_region(street):
 def test_the_rest_is_assigned_to_planes_that_pass_it(street):
     X, _ = street
     # Points next to an edge that borrow their face's plane are in its region already.
-    columns = RobustNormalEstimator(borrow=False, random_state=0).fit_transform(X)
+    columns = RobustNormalEstimator(neighbor_planes=False, random_state=0).fit_transform(X)
     params = {"normals": "precomputed", "join_coplanar": False}
-    left = RegionGrowing(assign_rest=False, **params).fit_predict(columns)
+    left = RegionGrowing(assign_unlabeled=False, **params).fit_predict(columns)
     labels = RegionGrowing(**params).fit_predict(columns)
     assert_array_equal(labels[left >= 0], left[left >= 0])
     rest = np.flatnonzero((left < 0) & (labels >= 0))

@@ -128,7 +128,7 @@ PARAMETERS = {
         "criterion": "eigenvalue",
         "threshold": "mean",
         "outlier_detector": "passthrough",
-        "normal_estimator": RobustNormalEstimator(12, refine=None),
+        "normal_estimator": RobustNormalEstimator(12, reweight=False),
     },
 }
 
