@@ -230,7 +230,7 @@ def test_from_four_dimensions_on_each_point_has_its_own_refitted_plane():
     rng = np.random.default_rng(0)
     X = rng.uniform(-1, 1, (120, 4)) * [1, 1, 1, 0] + rng.normal(0, 0.01, (120, 4))
     X[:, 3] += 0.5 * np.maximum(X[:, 0], 0)  # a crease
-    estimator = RobustNormalEstimator(30, outlier_rate=0.2, random_state=0).fit(X)
+    estimator = RobustNormalEstimator(30, max_outlier_rate=0.2, random_state=0).fit(X)
     assert_array_equal(estimator.plane_index_, np.arange(120))
     trials = draw_trials(estimator.n_trials_, 30, 0)
     for i in range(0, 120, 10):
