@@ -16,10 +16,10 @@ def main():
 
         run_app()
     except KeyboardInterrupt:
-        import sys
+        import os
 
-        print("mcmd: interrupted", file=sys.stderr)
-        sys.exit(130)
+        os.write(2, b"mcmd: interrupted\n")
+        os._exit(130)  # Python would end by the signal if code in a string was interrupted
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ import os
 import re
 import sys
 
-from sklearn_mcmd._interrupts import INTERRUPTED, exit_at_once
+from sklearn_mcmd._interrupts import INTERRUPTED, exit_at_once, ignore_interrupts
 
 __all__ = ["how_to_install", "import_extra", "run_app"]
 
@@ -74,6 +74,7 @@ def run_app():
         if end.code == INTERRUPTED:
             # Threads may still compile or compute; do not wait for them.
             os._exit(INTERRUPTED)
+        ignore_interrupts()
         raise
 
 
