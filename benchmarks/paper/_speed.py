@@ -8,15 +8,15 @@ from time import process_time
 import numpy as np
 from scipy.optimize import curve_fit
 
+from benchmarks.paper import _draw
+from benchmarks.paper._clouds import contaminated_planes
+from benchmarks.paper._methods import METHODS, Method, mcmd
+from benchmarks.paper._printed import SECONDS, SIZES, TIMED_SHARES
+from benchmarks.paper._report import Report, Table, paired_rows
+from benchmarks.paper._runs import Steps, bootstrap_error, stream
+from benchmarks.paper._scene_methods import quietly
 from sklearn_mcmd.datasets import make_contaminated_plane
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
-from sklearn_mcmd.paper import _draw
-from sklearn_mcmd.paper._clouds import contaminated_planes
-from sklearn_mcmd.paper._methods import METHODS, Method, mcmd
-from sklearn_mcmd.paper._printed import SECONDS, SIZES, TIMED_SHARES
-from sklearn_mcmd.paper._report import Report, Table, paired_rows
-from sklearn_mcmd.paper._runs import Steps, bootstrap_error, stream
-from sklearn_mcmd.paper._scene_methods import quietly
 
 __all__ = ["cost", "table3"]
 
@@ -25,8 +25,8 @@ BUDGET = 1.0
 COST_SIZES = (10, 30, 100, 300, 1000, 3000, 10_000, 30_000, 100_000)
 COST_METHODS = {
     "PCA": {"method": "pca"},
-    "MCMD_Z": {"method": "mcmd_z", "refine": None},
-    "MCMD_MD h=.5n": {"method": "mcmd_md", "refine": None},
+    "MCMD_Z": {"method": "mcmd_z", "reweight": False},
+    "MCMD_MD h=.5n": {"method": "mcmd_md", "reweight": False},
     "reweighted": {"method": "mcmd_z"},
 }
 
