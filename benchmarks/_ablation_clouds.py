@@ -6,6 +6,7 @@ Each function takes the program's options, and yields name, key for the cache, p
 from pathlib import Path
 
 import numpy as np
+from _furniture import make_bus_stop, make_traffic_furniture
 from _pcpnet import benchmark_clouds
 from _real_clouds import inject, load_clouds
 
@@ -21,10 +22,11 @@ REAL = {  # and most points
 
 
 def simulated(options, truth, outlier_share):
-    from sklearn_mcmd import datasets
+    from sklearn_mcmd.datasets import make_box, make_crown_roof, make_street
 
-    for name in ("traffic_furniture", "bus_stop", "street", "box", "crown_roof"):
-        make = getattr(datasets, f"make_{name}")
+    makers = make_traffic_furniture, make_bus_stop, make_street, make_box, make_crown_roof
+    for make in makers:
+        name = make.__name__.removeprefix("make_")
         for seed in range(options.seeds):
             scene = make(options.size, outlier_share=outlier_share, random_state=seed)
             yield name, f"{name}_{options.size}_{seed}", scene.data, truth(scene)

@@ -10,8 +10,8 @@ last column is the standard error of the stated rate for the same number of inde
         --rates 0.001 0.003 0.01 0.03
 
 With ``--shapes`` the clouds are whole clean scans of all kinds, without and with the sensor's
-position. With ``surfaces`` the rates are those of points on faces. With ``--outliers`` the share
-of these that is found is printed as well.
+position, and the rates are those of points on faces. With ``--outliers`` the share of these that
+is found is printed as well.
 """
 
 import argparse
@@ -130,7 +130,7 @@ def print_shapes(options):
             detector = MCMDOutlierDetector(
                 random_state=0, n_jobs=options.threads, **{"strictness": form, **FORMS[form]}
             )
-            counted, lost, found = (faces & real if form == "surfaces" else real), [], []
+            counted, lost, found = faces & real, [], []
             for rate in options.rates:
                 detector.set_params(false_positive_rate=rate)
                 labels = detector.fit_predict(X, sensor_origin=position if known else None)

@@ -163,21 +163,19 @@ def run_scores(options):
 
 
 def run_scenes(options):
-    from sklearn_mcmd import datasets
+    from _furniture import make_bus_stop, make_traffic_furniture
 
-    for name, angle in (("make_traffic_furniture", 15.0), ("make_bus_stop", 5.0)):
-        if not hasattr(datasets, name):
-            print(f"{name} is not there")
-            continue
+    for make, angle in ((make_traffic_furniture, 15.0), (make_bus_stop, 5.0)):
         table = {}
         for seed in range(options.seeds):
-            scene = getattr(datasets, name)(random_state=seed)
+            scene = make(random_state=seed)
             keep = np.ones(len(scene.data), dtype=bool)
             rows = compare_forms(scene.data, scene.surface, keep, options, angle)
             for key, row in rows.items():
                 table.setdefault(key, []).append(row)
         print_head(
-            f"{name}, grown among {options.n_neighbors}, {angle:g} degrees, {options.seeds} seeds"
+            f"{make.__name__}, grown among {options.n_neighbors}, {angle:g} degrees, "
+            f"{options.seeds} seeds"
         )
         for key, rows in table.items():
             print_row(key, np.mean(rows, axis=0))

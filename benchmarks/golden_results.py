@@ -11,6 +11,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
+from _furniture import make_bus_stop, make_traffic_furniture
 
 from sklearn_mcmd import (
     MCMDOutlierDetector,
@@ -20,11 +21,9 @@ from sklearn_mcmd import (
 )
 from sklearn_mcmd.datasets import (
     make_box,
-    make_bus_stop,
     make_contaminated_plane,
     make_crown_roof,
     make_street,
-    make_traffic_furniture,
 )
 
 MOST_POINTS = 6_000

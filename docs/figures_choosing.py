@@ -165,8 +165,8 @@ def rates(runs=100):
         "outlier_rate=0.1": {"outlier_rate": 0.1},
         "outlier_rate=0.3": {"outlier_rate": 0.3},
         "outlier_rate=0.5 (default)": {},
-        'outlier_rate=0.7, support_fraction="auto", mcmd_md': {
-            "outlier_rate": 0.7, "support_fraction": "auto", "method": "mcmd_md", "refine": None,
+        'outlier_rate=0.7, support_fraction=0.3, mcmd_md': {
+            "outlier_rate": 0.7, "support_fraction": 0.3, "method": "mcmd_md", "refine": None,
         },
     }  # fmt: skip
     figure, ax = plt.subplots(figsize=(8, 4), layout="constrained")

@@ -18,7 +18,7 @@ QUICK = RobustNormalEstimator(outlier_rate=0.2, random_state=0)
     [
         MCMDOutlierDetector(),
         MCMDOutlierDetector(
-            20, method="mcmd_md", refine=None, outlier_rate=0.3, support_fraction="auto",
+            20, method="mcmd_md", refine=None, outlier_rate=0.3, support_fraction=0.7,
             contamination=0.1, n_jobs=2,
         ),
         MCMDOutlierDetector(
@@ -27,7 +27,7 @@ QUICK = RobustNormalEstimator(outlier_rate=0.2, random_state=0)
         MCMDOutlierDetector(20, strictness="isolated", contamination=0.2, outlier_rate=0.2),
         MCMDOutlierDetector(20, strictness=None, noise_scale=0.5, outlier_rate=0.2),
         MCMDOutlierDetector(None, contamination=0.1, outlier_rate=0.05),
-        RobustNormalEstimator(20, features="all", outlier_rate="auto"),
+        RobustNormalEstimator(20, features="all"),
         RobustNormalEstimator(20, method="mcmd_md", refine=None, radius=1.5, outlier_rate=0.1),
         RobustNormalEstimator(None, method="pca", orientation="mst"),
         RobustNormalEstimator(20, method="robpca", method_params={"n_trials": 30}, radius=1.5),

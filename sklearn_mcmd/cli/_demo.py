@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from sklearn_mcmd._interrupts import ignore_interrupts
 from sklearn_mcmd.cli._denoise import denoise
 from sklearn_mcmd.cli._files import files_of, naming, read, refuse_existing
 from sklearn_mcmd.cli._normals import normals
@@ -84,6 +85,7 @@ def demo(
         rates = _demo_run.outlier_rates(street, clean)
         with naming(picture):
             _demo_run.draw(street, clean, with_normals, picture)
+        ignore_interrupts()
         if not quiet:
             print_table(
                 "Outliers, against the truth",

@@ -161,9 +161,8 @@ def denoise(
                 fits=lambda rate: LEAST_RATE <= rate < LARGEST_RATE,
             ),
             metavar="RATE",
-            help="Share of the real points that may be lost, such as 0.01; with surfaces or paper, "
-            "of those on surfaces. A simulation and the cloud itself then tell the cutoff; do not "
-            "give --cutoff. From 0.0001 to below 0.5.",
+            help="Share of the points on surfaces that noise may flag, such as 0.01. A simulation "
+            "then tells the cutoff; do not give --cutoff. From 0.0001 to below 0.5.",
         ),
     ] = None,
     contamination: Annotated[
@@ -185,14 +184,6 @@ def denoise(
     low_groups: LowGroups = False,
     sensor: SensorPosition = None,
     trajectory: TrajectoryFile = None,
-    reflections: Annotated[
-        bool,
-        typer.Option(
-            "--reflections",
-            help="Also find reflections behind windows, polished floors and water: groups whose "
-            "mirror images lie on what stands before the plane. Needs --sensor or --trajectory.",
-        ),
-    ] = False,
     outlier_rate: OutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
@@ -211,8 +202,8 @@ def denoise(
 
     The default keeps everything real, and is for any cloud: curved, with foliage and wires, of any
     spacing and noise. To keep only faces, give --keep surfaces. A score up to 3 means that the
-    point is on a surface or near other points, 10 means a clear error, and 100 a gross error. To
-    lose a stated share of good points at most, give --false-positive-rate 0.01.
+    point is on a surface or near other points, 10 means a clear error, and 100 a gross error. For
+    a stated share of good points that noise may take, give --false-positive-rate 0.01.
 
     Points that are marked withheld are neither judged nor used to judge others. With
     --ignore-class, --only-class, --above and --below, others are not judged either. All of these
@@ -231,10 +222,6 @@ def denoise(
         }
     )
     check_one_position(sensor, trajectory)
-    if reflections and sensor is None and trajectory is None:
-        raise typer.BadParameter(
-            "--reflections needs --sensor X,Y,Z|auto or --trajectory FILE: give one of them."
-        )
     strictness = _strictness_of(context, keep, strictness)
     params = {
         "n_neighbors": n_neighbors,
@@ -245,7 +232,6 @@ def denoise(
         "false_positive_rate": false_positive_rate,
         "contamination": contamination,
         "outlier_rate": outlier_rate,
-        "reflections": reflections,
         "random_state": random_state,
         "n_jobs": n_jobs,
     }
@@ -259,7 +245,7 @@ def denoise(
         if dry_run:
             asked = low_groups or above is not None or below is not None
             work = "heights" if asked else "outliers"
-            estimator = _detector(params | {"reflections": False})  # positions are not read here
+            estimator = _detector(params)
             print_plan(source, target, catalog, estimator, memory, work=work)
             return
         refuse_existing(no_clobber, target, report=report, catalog=catalog)
@@ -273,7 +259,7 @@ def denoise(
             cloud = read(source, target, "marks of outliers" if mark else None, columns=columns)
             points = judged_points(source, cloud, choice, above, below, low_groups)
             nothing = blank(cloud)
-            rehearse(target, *_denoised(cloud, nothing.astype(np.uint8), nothing, mark))
+            rehearse(target, *_denoised(cloud, nothing.astype(np.uint8), nothing, mark), whole=mark)
             some = cloud if points.used.all() else cloud.subset(points.used)
             origins = sensor_of_options(source, cloud, sensor, trajectory)
             if np.ndim(origins) == 2:
@@ -291,7 +277,6 @@ def denoise(
         if not quiet:
             judged = {} if points.judged.all() else {"judged": count_and_share(points.judged)}
             found = {"marked" if mark else "removed": count_and_share(is_outlier)}
-            found |= {"mirrored": _mirrored(detector, len(cloud))} if reflections else {}
             print_summary(source, target, len(cloud), seconds(), **judged, **found)
 
 
@@ -308,10 +293,10 @@ def _refuse_sensor(source, sensor, trajectory):
 def _by_tiles(
     source, target, catalog, params, choice, heights, mode, memory, restart, report, quiet, seconds
 ):
-    from sklearn_mcmd.tiling import write_denoised
+    from sklearn_mcmd.tiling import process_files
 
     with progress("denoise", quiet):
-        told = write_denoised(
+        told = process_files(
             catalog, target, _detector(params), mode=str(mode), memory=memory,
             n_jobs=params["n_jobs"], restart=restart, ignore_classes=choice.ignored,
             only_classes=choice.only, **heights,
@@ -372,16 +357,6 @@ def _detector(params):
 def _find_outliers(xyz, sensor_origin=None, **params):
     """The fitted detector."""
     return _detector(params).fit(xyz, sensor_origin=sensor_origin)
-
-
-def _mirrored(detector, n_points):
-    """How many points are reflections, and in which planes."""
-    mirrors = detector.mirrors_
-    planes = [
-        f"{n:,} in the plane {x:.4f} x {y:+.4f} y {z:+.4f} z = {offset:.3f}"
-        for (x, y, z), offset, n in zip(*mirrors[:3], strict=True)
-    ]
-    return "; ".join([number_and_share(int(mirrors.n_points.sum()), n_points), *planes])
 
 
 def _verdict(cloud, points, detector, low_groups):

@@ -144,10 +144,10 @@ def edges(
 
 
 def _by_tiles(source, target, catalog, params, colors, memory, restart, report, quiet, seconds):
-    from sklearn_mcmd.tiling import write_edges
+    from sklearn_mcmd.tiling import process_files
 
     with progress("edges", quiet):
-        told = write_edges(
+        told = process_files(
             catalog, target, _detector(params), colors=colors, memory=memory,
             n_jobs=params["n_jobs"], restart=restart,
         )  # fmt: skip

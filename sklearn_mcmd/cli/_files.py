@@ -76,7 +76,7 @@ def color_columns(paint):
 
 def files_of(source):
     """The point files of a folder or an index, or the file itself."""
-    from sklearn_mcmd.io import supported_extensions
+    from sklearn_mcmd.io._files import supported_extensions
     from sklearn_mcmd.tiling._catalog import paths_of
 
     return paths_of(source, supported_extensions())
@@ -163,8 +163,17 @@ def _write(target, cloud, noise):
         write_points(target, cloud, noise=noise)
 
 
-def rehearse(target, cloud, noise=None):
-    """Write one point beside `target`, so that errors appear before the long work."""
+def rehearse(target, cloud, noise=None, *, whole=True):
+    """Write one point beside `target`, so that errors appear before the long work.
+
+    `whole` says that all points will be written.
+    """
+    if whole and target.suffix.lower() in (".las", ".laz") and "las_header" not in cloud.metadata:
+        from sklearn_mcmd.io._files import one_clear_line
+        from sklearn_mcmd.io._grid import scale_of
+
+        with one_clear_line(target, "written"):
+            scale_of(cloud.xyz)
     with standing_in(target) as stand_in:
         _write(stand_in, cloud.subset(slice(0, 1)), None if noise is None else noise[:1])
 

@@ -211,10 +211,10 @@ def _check_local(source, orientation, sensor, trajectory):
 
 
 def _by_tiles(source, target, catalog, params, memory, restart, report, quiet, seconds):
-    from sklearn_mcmd.tiling import write_normals
+    from sklearn_mcmd.tiling import process_files
 
     with progress("normals", quiet):
-        told = write_normals(
+        told = process_files(
             catalog, target, _estimator(params), memory=memory, n_jobs=params["n_jobs"],
             restart=restart,
         )  # fmt: skip

@@ -110,12 +110,10 @@ NNeighborsOrAuto = Annotated[
 OutlierRate = Annotated[
     float,
     typer.Option(
-        parser=number_or(
-            "auto", expected="a number from 0 to 0.99", fits=lambda rate: 0 <= rate <= 0.99
-        ),
-        metavar="NUMBER|auto",
+        parser=number_or(expected="a number from 0 to 0.99", fits=lambda rate: 0 <= rate <= 0.99),
+        metavar="NUMBER",
         help="Largest share of outliers that a neighborhood must survive, up to 0.99. It sets the "
-        "number of trials, not the share that is removed. auto: the same as 0.5.",
+        "number of trials, not the share that is removed.",
     ),
 ]
 RandomState = Annotated[

@@ -283,8 +283,8 @@ def _test_plane(xyz, method, params):
 
 def _check_width(detector, xyz):
     """Raise if the points that pass are no sheet, but lie around a line or a place."""
-    from sklearn_mcmd.adjustment import adjust_plane
     from sklearn_mcmd.adjustment._determinacy import AS_THICK_AS_WIDE, normal_pvalue
+    from sklearn_mcmd.adjustment._plane import adjust_plane
     from sklearn_mcmd.planes._resolution import coordinate_step
 
     retained = adjust_plane(xyz[detector.support_], surface="orthogonal")

@@ -6,6 +6,7 @@ from typing import Annotated, NamedTuple
 
 import typer
 
+from sklearn_mcmd._interrupts import ignore_interrupts
 from sklearn_mcmd.cli._speech import clear_exits
 from sklearn_mcmd.planes._progress import current_span, progress_part
 
@@ -47,7 +48,7 @@ ReportFolder = Annotated[
 
 
 def write_report_of(report, source, target, seconds, contents):
-    """Write a report, if one is asked for.
+    """Write a report, if one is asked for. Then all outputs are there: Ctrl-C comes too late.
 
     Parameters
     ----------
@@ -58,8 +59,12 @@ def write_report_of(report, source, target, seconds, contents):
     contents : callable
         Makes the `Contents`; it takes time.
     """
-    if report is None:
-        return
+    if report is not None:
+        _write_report(report, source, target, seconds, contents)
+    ignore_interrupts()
+
+
+def _write_report(report, source, target, seconds, contents):
     from sklearn_mcmd.report._contents import Run
     from sklearn_mcmd.report._folder import write_report
 

@@ -199,10 +199,10 @@ def segment(
 
 
 def _by_tiles(source, target, catalog, growing, colors, memory, restart, report, quiet, seconds):
-    from sklearn_mcmd.tiling import write_segments
+    from sklearn_mcmd.tiling import process_files
 
     with progress("segment", quiet):
-        told = write_segments(
+        told = process_files(
             catalog, target, growing, colors=colors, memory=memory, n_jobs=growing.n_jobs,
             restart=restart,
         )  # fmt: skip

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from sklearn_mcmd._interrupts import ignore_interrupts
 from sklearn_mcmd.cli._files import read_all, refuse_existing, standing_in
 from sklearn_mcmd.cli._options import Columns, NoClobber, Quiet
 from sklearn_mcmd.cli._speech import clear_exits, print_table, stopwatch
@@ -69,6 +70,7 @@ def view(
             )
             with progress_part(0.97, 1.0, "writing"):
                 made.save(page)
+                ignore_interrupts()
         if not quiet:
             _report(sources, page, made, seconds())
 

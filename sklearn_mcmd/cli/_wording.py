@@ -17,10 +17,6 @@ PHRASES = (
         r"\bcolumns=\{(.*?)\}",
         lambda found: "--columns " + re.sub(r"['\"]|(?<=[:,]) ", "", found[1]).replace(":", "="),
     ),
-    (
-        r"reflections=True needs to know where the sensor stood.*",
-        "--reflections needs to know where the sensor stood: give --sensor or --trajectory",
-    ),
     (r"\bsensor_origin\b", "--sensor"),
     (
         r"n_samples=(\d+) is too few for planes in 3D: at least (\d+) are needed\.",

@@ -4,6 +4,7 @@ import errno
 import os
 import secrets
 import shutil
+import warnings
 from collections.abc import Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike
 from sklearn_mcmd.io._arrays import read_npy, read_npz, write_npy, write_npz
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
 from sklearn_mcmd.io._las import read_las, write_las
+from sklearn_mcmd.io._no_returns import NoReturns
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 from sklearn_mcmd.io._scan_formats import (
     read_e57,
@@ -59,7 +61,7 @@ def read_points(
     Parameters
     ----------
     path : str or os.PathLike
-        A file with one of :func:`supported_extensions`.
+        A file of one of the extensions .csv .e57 .las .laz .npy .npz .pcd .ply .txt .xyz.
     columns : dict of str to str or int, default=None
         Which columns of text are x, y and z: their names, or their numbers from 1 on. None, and
         for what is not told, the names that people use, such as easting, northing and elevation.
@@ -81,7 +83,8 @@ def read_points(
     Warns
     -----
     UserWarning
-        If columns of text, or fields of other formats, are left out.
+        If columns of words, or fields of other formats, are left out. If points are 0, 0, 0 where
+        most coordinates are 100,000 and more: rays without a return.
 
     See Also
     --------
@@ -147,6 +150,8 @@ def read_points(
         if len(cloud) == 0:
             dropped = f" with finite coordinates ({cloud.n_dropped} dropped)"
             raise PointFileError("holds no points" + (dropped if cloud.n_dropped else ""))
+    if no_returns := NoReturns().add(cloud.xyz).warning(path):
+        warnings.warn(no_returns, stacklevel=2)
     return cloud
 
 
@@ -177,9 +182,10 @@ def write_points(
     ------
     PointFileError
         With a message of one line, if the folder is missing or not writable, the name is that
-        of a folder, an attribute has a name or dtype that the format cannot hold, LAZ would
-        change wave packets, an optional library is not installed, or writing failed. An existing
-        file is then unchanged.
+        of a folder, an attribute has a name or dtype that the format cannot hold, LAS has no room
+        for far points at the precision of the others (they are named), LAZ would change wave
+        packets, an optional library is not installed, or writing failed. An existing file is then
+        unchanged.
     ValueError
         If ``cloud``, ``noise`` or ``encoding`` is not of the stated form.
 
@@ -200,19 +206,19 @@ def write_points(
 
     *LAS, LAZ.* A cloud read from LAS keeps its header, and every unchanged coordinate keeps its
     integers. Changed coordinates are rounded to the header's scale (an error of at most half a
-    step). If they do not fit 32-bit integers there, a new offset is chosen for that axis, and a
-    new scale if needed. Other clouds become LAS 1.4, point format 6 (7 with colors; 8-bit colors
-    are multiplied by 256). Their scale is the coarsest of 1, 0.1 ... 1e-6 that holds all
-    coordinates exactly, else the finest power of ten that fits: better than 1e-8 of the largest
-    extent. Attributes without a standard dimension become extra dimensions and replace any of the
-    same name. LAZ is compressed in memory. Wave packets that lazrs would change (point formats 9
-    and 10 with several scanner channels) are refused. Samples of waveforms inside a file are
-    copied from LAS 1.4, but not from LAS 1.3.
+    step). If they do not fit 32-bit integers there, a new offset is chosen for that axis, and a new
+    scale if needed. Other clouds become LAS 1.4, point format 6 (7 with colors). Their scale is the
+    coarsest of 1, 0.1 ... 1e-6 that holds all coordinates exactly, else the finest power of ten
+    that fits. If far points would make it coarser than the decimal step of most points (0.0001 or
+    more), else than a hundredth of their spacing and a millionth of the extent of their middle
+    half, they are refused. Attributes without a standard dimension become extra dimensions and
+    replace any of the same name. LAZ is compressed in memory. Wave packets that lazrs would change
+    (point formats 9 and 10 with several scanner channels) are refused. Samples of waveforms inside
+    a file are copied from LAS 1.4, but not from LAS 1.3.
 
     *PLY, PCD.* Coordinates are float32 where that is exact, as viewers expect, else float64.
 
-    *E57.* Coordinates are float32 about the center: an error of at most 6e-8 of half the
-    largest extent.
+    *E57.* Coordinates are float64 about their median.
 
     Examples
     --------
@@ -262,18 +268,7 @@ def write_points(
 
 
 def supported_extensions() -> tuple[str, ...]:
-    """The known extensions, in alphabetical order.
-
-    Returns
-    -------
-    tuple of str
-
-    Examples
-    --------
-    >>> from sklearn_mcmd.io import supported_extensions
-    >>> print(*supported_extensions())
-    .csv .e57 .las .laz .npy .npz .pcd .ply .txt .xyz
-    """
+    """The known extensions, in alphabetical order."""
     return tuple(sorted(_FORMATS))
 
 

@@ -2,6 +2,7 @@
 
 import re
 import warnings
+from types import FunctionType, SimpleNamespace
 
 import numpy as np
 
@@ -188,12 +189,11 @@ def _setup(file, i, header):
 
 
 def write_e57(path, cloud):
-    """Write one E57 scan: float32 coordinates about a pose at the cloud's center."""
+    """Write one E57 scan, with a pose in the middle of its points."""
     pye57 = import_extra("pye57", "formats", "E57")
-    low, high = cloud.xyz.min(axis=0), cloud.xyz.max(axis=0)
-    center = np.round(low / 2 + high / 2)
-    # pye57 stores single precision, and refuses coordinates that rounding moves out of bounds.
-    local = (cloud.xyz - center).astype(np.float32).astype(np.float64)
+    write_scan = _in_double_precision(pye57)
+    center = np.round(np.median(cloud.xyz, axis=0))
+    local = cloud.xyz - center
     data = {f"cartesian{axis}": np.ascontiguousarray(local[:, i]) for i, axis in enumerate("XYZ")}
     columns = flat_columns(cloud.attributes)
     if all(c in columns and columns[c].dtype == np.uint16 for c in COLORS):
@@ -220,7 +220,7 @@ def write_e57(path, cloud):
         )
     file = pye57.E57(str(path), mode="w")
     try:
-        file.write_scan_raw(data, name=MERGED, translation=center)
+        write_scan(file, data, name=MERGED, translation=center)
         file.close()
     except Exception as err:
         if hasattr(file, "image_file"):
@@ -228,6 +228,17 @@ def write_e57(path, cloud):
         if "ErrorWriteFailed" in str(err):
             raise PointFileError("cannot be written: the disk may be full") from err
         raise
+
+
+def _in_double_precision(pye57):
+    """pye57's function that writes a scan, for which single precision is fixed, with double."""
+    written = pye57.E57.write_scan_raw
+    library = pye57.libe57
+    double = SimpleNamespace(**{**vars(library), "E57_SINGLE": library.E57_DOUBLE})
+    names = {**written.__globals__, "libe57": double}
+    function = FunctionType(written.__code__, names, argdefs=written.__defaults__)
+    function.__kwdefaults__ = written.__kwdefaults__
+    return function
 
 
 def _pcd_header(file):

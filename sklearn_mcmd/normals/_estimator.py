@@ -66,16 +66,13 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         the other classes there. "ulsif" and "qsp" need a ``"contamination"``. The parameters
         from `support_fraction` to `refine` belong to "mcmd_z" and "mcmd_md".
 
-    support_fraction : float in (0, 1] or "auto", default=0.5
-        Share of a neighborhood that forms the consistent set. "auto" is
-        ``1 - outlier_rate``.
+    support_fraction : float in (0, 1], default=0.5
+        Share of a neighborhood that forms the consistent set.
 
-    outlier_rate : float in [0, 1) or "auto", default=0.5
+    outlier_rate : float in [0, 1), default=0.5
         The largest share of outliers that a neighborhood must survive (epsilon in Eq. 13). It
         sets the number of trials, not how many points are removed. Too small a rate risks
-        planes through outliers. "auto" withstands 0.5. In three dimensions it makes all trials,
-        since compiled code screens them at once. From four dimensions on it makes fewer where
-        the neighborhood itself shows that they suffice.
+        planes through outliers.
 
     success_probability : float in (0, 1), default=0.9999
         Probability that at least one minimal subset has no outlier (P_r). It sets the number of
@@ -291,8 +288,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         *,
         method: str = "mcmd_z",
         method_params: dict[str, Any] | None = None,
-        support_fraction: float | Literal["auto"] = 0.5,
-        outlier_rate: float | Literal["auto"] = 0.5,
+        support_fraction: float = 0.5,
+        outlier_rate: float = 0.5,
         success_probability: float = 0.9999,
         cutoff: float | None = None,
         refine: Literal["reweight"] | None = "reweight",

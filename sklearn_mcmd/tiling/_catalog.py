@@ -54,7 +54,7 @@ class Catalog:
 
     See Also
     --------
-    write_normals : Normals of all points of a catalog.
+    process_files : What an estimator finds in the files of a catalog.
 
     Examples
     --------

@@ -27,8 +27,6 @@ from sklearn_mcmd.tiling._whole import CHUNK, StoredIndex, WholeColumns
 
 __all__ = ["GrowthJob", "find_links", "find_neighbors", "find_planes"]
 
-N_PLANE_COLUMNS = 9  # normal, variation, eigenvalues, offset and scale
-
 
 class GrowthJob(NamedTuple):
     """What all sweeps over the cells of a cloud know.

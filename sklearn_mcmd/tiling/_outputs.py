@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.edges._painting import edge_columns
-from sklearn_mcmd.io import PointFileError, supported_extensions
+from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, classes_of_noise
-from sklearn_mcmd.io._files import one_clear_line, replacing
+from sklearn_mcmd.io._files import one_clear_line, replacing, supported_extensions
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._las_parts import read_parts, writing_parts
 from sklearn_mcmd.io._point_cloud import has_colors, with_results

@@ -1,13 +1,11 @@
 """mcmd denoise: the detector's outliers, dropped or marked, and nothing else changed."""
 
-import re
-
 import numpy as np
 import pytest
 
 from commands import run
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_lidar_turn, make_street
+from sklearn_mcmd.datasets import make_lidar_turn
 from sklearn_mcmd.io import read_points, write_points
 from sklearn_mcmd.io._classes import noise_classes
 
@@ -248,33 +246,9 @@ def test_a_position_that_cannot_be_used_is_refused(turn, tmp_path, options, mess
     assert not (tmp_path / "out.npy").exists()
 
 
-def test_reflections_are_counted_with_their_plane(tmp_path):
-    street = make_street(
-        20_000, glass=True, sampling="scan_lines", outlier_share=0.03,
-        outlier_kinds=["reflection"], random_state=0,
-    )  # fmt: skip
-    np.save(tmp_path / "in.npy", street.data)
-    options = ("--sensor", "2.5,1,2", "--reflections", "--report", tmp_path / "report")
-    result = run("denoise", tmp_path / "in.npy", tmp_path / "out.npy", *options)
-    assert result.exit_code == 0, result.output
-    told = re.search(
-        r"mirrored +(\d+) \(([\d.]+) %\); \1 in the plane (-?[\d.]+) x ([-+][\d.]+) y",
-        result.stdout,
-    )
-    assert int(told[1]) > 500
-    assert float(told[4]) == pytest.approx(-1, abs=1e-3)
-    assert "reflections behind windows" in (tmp_path / "report" / "index.html").read_text()
-
-
-def test_reflections_need_a_position(turn, tmp_path):
-    result = run("denoise", turn[0], tmp_path / "out.npy", "--reflections")
-    assert result.exit_code == 2
-    assert "--reflections needs --sensor" in " ".join(result.output.split())
-
-
 def test_a_dry_run_asks_for_no_positions(turn, tmp_path):
     write_points(tmp_path / "in.las", turn[1])
-    options = ("--sensor", "0,0,0", "--reflections", "--dry-run")
+    options = ("--sensor", "0,0,0", "--dry-run")
     result = run("denoise", tmp_path / "in.las", tmp_path / "out.las", *options)
     assert result.exit_code == 0, result.output
     assert not (tmp_path / "out.las").exists()

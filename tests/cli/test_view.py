@@ -8,7 +8,8 @@ import pytest
 
 from commands import error_line, files_in, run
 from pages import read_page
-from sklearn_mcmd.io import PointCloud, supported_extensions, write_points
+from sklearn_mcmd.io import PointCloud, write_points
+from sklearn_mcmd.io._files import supported_extensions
 
 
 def page_of(*args, path):

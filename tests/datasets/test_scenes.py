@@ -8,14 +8,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import cKDTree
 from scipy.stats import kstest
 
-from sklearn_mcmd.datasets import (
-    make_box,
+from benchmarks._furniture import (
+    _bus_stop,
+    _traffic_furniture,
     make_bus_stop,
-    make_crown_roof,
-    make_street,
     make_traffic_furniture,
 )
-from sklearn_mcmd.datasets._furniture import _bus_stop, _traffic_furniture
+from sklearn_mcmd.datasets import make_box, make_crown_roof, make_street
 from sklearn_mcmd.datasets._panels import Bilinear, Disc, Polygon
 from sklearn_mcmd.datasets._scan_lines import LOWEST, scan_lines
 from sklearn_mcmd.datasets._scene import Scene

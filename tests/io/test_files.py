@@ -13,14 +13,8 @@ from hypothesis.extra import numpy as hnp
 from numpy.testing import assert_array_equal
 
 from scenes import REAL_CLOUDS
-from sklearn_mcmd.io import (
-    PointCloud,
-    PointFileError,
-    _files,
-    read_points,
-    supported_extensions,
-    write_points,
-)
+from sklearn_mcmd.io import PointCloud, PointFileError, _files, read_points, write_points
+from sklearn_mcmd.io._files import supported_extensions
 
 pytest.importorskip("laspy")
 pytest.importorskip("lazrs")
@@ -48,6 +42,7 @@ FLOAT64_EXACT = [".ply", ".pcd", ".npy", ".npz", ".csv", ".xyz", ".txt"]
         elements=st.floats(allow_nan=False, allow_infinity=False),
     )
 )
+@pytest.mark.filterwarnings("ignore:.*no returns")
 def test_every_float64_survives_formats_that_can_hold_it(tmp_path, extension, xyz):
     write_points(tmp_path / f"a{extension}", xyz)
     assert_array_equal(read_points(tmp_path / f"a{extension}").xyz, xyz)

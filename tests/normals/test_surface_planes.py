@@ -90,7 +90,7 @@ def test_results_do_not_depend_on_threads_chunks_or_order(monkeypatch):
 
 
 METHODS = [
-    {}, {"borrow": False}, {"method": "mcmd_md"}, {"refine": None}, {"outlier_rate": "auto"},
+    {}, {"borrow": False}, {"method": "mcmd_md"}, {"refine": None}, {"outlier_rate": 0.3},
     {"method": "pca"}, {"method": "ransac"}, {"method": "msac"}, {"method": "robpca"},
     {"method": "ulsif", "method_params": {"contamination": 0.1}},
     {"method": "qsp", "method_params": {"contamination": 0.1}},

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
-from sklearn_mcmd.datasets import make_box, make_bus_stop
-from sklearn_mcmd.metrics import segmentation_scores
-from sklearn_mcmd.paper import (
+from benchmarks._furniture import make_bus_stop
+from benchmarks.paper import (
     figure9,
     figure10,
     figure11,
@@ -23,11 +21,14 @@ from sklearn_mcmd.paper import (
     table5,
     table6,
 )
-from sklearn_mcmd.paper._denoising import noisy_sign
-from sklearn_mcmd.paper._printed import DENOISING, SEGMENTATION
-from sklearn_mcmd.paper._runs import stream
-from sklearn_mcmd.paper._scene_methods import SCENE_METHODS, summary
-from sklearn_mcmd.paper._sharp import edge_detector
+from benchmarks.paper._denoising import noisy_sign
+from benchmarks.paper._printed import DENOISING, SEGMENTATION
+from benchmarks.paper._runs import stream
+from benchmarks.paper._scene_methods import SCENE_METHODS, summary
+from benchmarks.paper._sharp import edge_detector
+from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
+from sklearn_mcmd.datasets import make_box
+from sklearn_mcmd.metrics import segmentation_scores
 from sklearn_mcmd.planes._progress import listen_to_progress
 
 SLOW = {"RPCA", "uLSIF"}

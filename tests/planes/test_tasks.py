@@ -116,7 +116,7 @@ def test_results_are_the_same_with_callbacks_and_without(estimator, xyz):
         (MCMDOutlierDetector(random_state=0), ["planes", "outliers"]),
         (
             MCMDOutlierDetector(false_positive_rate=0.05, random_state=0),
-            ["cutoff by simulation", "planes", "outliers", "cutoff by parts"],
+            ["cutoff by simulation", "planes", "outliers"],
         ),
         (
             RobustNormalEstimator("auto", features="all", random_state=0),

@@ -13,8 +13,9 @@ from sklearn.metrics import adjusted_rand_score
 from sklearn.model_selection import ParameterGrid
 from sklearn.pipeline import Pipeline, make_pipeline
 
+from benchmarks._furniture import make_bus_stop, make_traffic_furniture
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
-from sklearn_mcmd.datasets import make_bus_stop, make_street, make_traffic_furniture
+from sklearn_mcmd.datasets import make_street
 
 N_STRAY = 9  # fewer than make a region
 

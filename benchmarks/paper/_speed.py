@@ -8,15 +8,15 @@ from time import process_time
 import numpy as np
 from scipy.optimize import curve_fit
 
+from benchmarks.paper import _draw
+from benchmarks.paper._clouds import contaminated_planes
+from benchmarks.paper._methods import METHODS, Method, mcmd
+from benchmarks.paper._printed import SECONDS, SIZES, TIMED_SHARES
+from benchmarks.paper._report import Report, Table, paired_rows
+from benchmarks.paper._runs import Steps, bootstrap_error, stream
+from benchmarks.paper._scene_methods import quietly
 from sklearn_mcmd.datasets import make_contaminated_plane
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
-from sklearn_mcmd.paper import _draw
-from sklearn_mcmd.paper._clouds import contaminated_planes
-from sklearn_mcmd.paper._methods import METHODS, Method, mcmd
-from sklearn_mcmd.paper._printed import SECONDS, SIZES, TIMED_SHARES
-from sklearn_mcmd.paper._report import Report, Table, paired_rows
-from sklearn_mcmd.paper._runs import Steps, bootstrap_error, stream
-from sklearn_mcmd.paper._scene_methods import quietly
 
 __all__ = ["cost", "table3"]
 

@@ -1,13 +1,13 @@
 """The first paper's tables and figures, one function each: its printed numbers beside ours."""
 
-from sklearn_mcmd.paper._angles import figure3, figure4, table1
-from sklearn_mcmd.paper._classification import figure8, table4
-from sklearn_mcmd.paper._denoising import figure9, table5
-from sklearn_mcmd.paper._report import Report
-from sklearn_mcmd.paper._segments import figure14, figure15, table6
-from sklearn_mcmd.paper._sharp import figure10, figure11, figure12, figure13
-from sklearn_mcmd.paper._speed import cost, table3
-from sklearn_mcmd.paper._sweeps import figure5, figure6, figure7, table2
+from benchmarks.paper._angles import figure3, figure4, table1
+from benchmarks.paper._classification import figure8, table4
+from benchmarks.paper._denoising import figure9, table5
+from benchmarks.paper._report import Report
+from benchmarks.paper._segments import figure14, figure15, table6
+from benchmarks.paper._sharp import figure10, figure11, figure12, figure13
+from benchmarks.paper._speed import cost, table3
+from benchmarks.paper._sweeps import figure5, figure6, figure7, table2
 
 __all__ = [
     "EXPERIMENTS",

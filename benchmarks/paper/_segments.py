@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from sklearn.exceptions import UndefinedMetricWarning
 
-from sklearn_mcmd.datasets import make_bus_stop, make_traffic_furniture
+from benchmarks._furniture import make_bus_stop, make_traffic_furniture
+from benchmarks.paper import _draw
+from benchmarks.paper._printed import SEGMENTATION
+from benchmarks.paper._report import Report, Table, paired_rows
+from benchmarks.paper._runs import Steps, stream
+from benchmarks.paper._scene_methods import SCENE_METHODS, quietly, runs_of, summary
 from sklearn_mcmd.metrics import segmentation_scores
-from sklearn_mcmd.paper import _draw
-from sklearn_mcmd.paper._printed import SEGMENTATION
-from sklearn_mcmd.paper._report import Report, Table, paired_rows
-from sklearn_mcmd.paper._runs import Steps, stream
-from sklearn_mcmd.paper._scene_methods import SCENE_METHODS, quietly, runs_of, summary
 from sklearn_mcmd.segmentation._estimator import RegionGrowing
 
 __all__ = ["figure14", "figure15", "table6"]

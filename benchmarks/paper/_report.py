@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sklearn_mcmd._extras import import_extra
-
 __all__ = ["Report", "Table", "paired_rows"]
 
 
@@ -79,14 +77,13 @@ class Report:
 
         Raises
         ------
-        ImportError
-            If Matplotlib is not installed.
         ValueError
             If there is nothing to draw.
         """
         if self.draw is None:
             raise ValueError(f"{self.name} has no plot.")
-        plt = import_extra("matplotlib.pyplot", "plot", f"The plot of {self.name}")
+        import matplotlib.pyplot as plt
+
         figure = plt.figure(figsize=self.size, layout="constrained")
         self.draw(figure)
         return figure

@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from benchmarks.paper._report import Report, Table
+from benchmarks.paper._runs import Steps, stream
+from benchmarks.paper._scene_methods import SCENE_METHODS, quietly, runs_of, summary
 from sklearn_mcmd.datasets import make_box, make_crown_roof
 from sklearn_mcmd.edges._detector import SharpFeatureDetector
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.paper._report import Report, Table
-from sklearn_mcmd.paper._runs import Steps, stream
-from sklearn_mcmd.paper._scene_methods import SCENE_METHODS, quietly, runs_of, summary
 
 __all__ = ["figure10", "figure11", "figure12", "figure13"]
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 
+from benchmarks.paper import _draw
+from benchmarks.paper._clouds import contaminated_planes
+from benchmarks.paper._methods import METHODS
+from benchmarks.paper._printed import ANGLES, OUTLIERS, STATISTICS
+from benchmarks.paper._report import Report, Table, paired_rows
+from benchmarks.paper._runs import Steps, affordable, bias_angles, bootstrap_error, stream
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.paper import _draw
-from sklearn_mcmd.paper._clouds import contaminated_planes
-from sklearn_mcmd.paper._methods import METHODS
-from sklearn_mcmd.paper._printed import ANGLES, OUTLIERS, STATISTICS
-from sklearn_mcmd.paper._report import Report, Table, paired_rows
-from sklearn_mcmd.paper._runs import Steps, affordable, bias_angles, bootstrap_error, stream
 
 __all__ = ["figure3", "figure4", "table1"]
 

@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from benchmarks.paper._methods import QSP_SAMPLE
 from sklearn_mcmd.baselines import PlaneOutlierDetector
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.outliers._detector import MCMDOutlierDetector
-from sklearn_mcmd.paper._methods import QSP_SAMPLE
 from sklearn_mcmd.planes._progress import listen_to_progress
 
 __all__ = ["SCENE_METHODS", "SceneMethod", "quietly", "runs_of", "summary"]

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from sklearn.neighbors import LocalOutlierFactor
 
-from sklearn_mcmd.datasets import make_traffic_furniture
+from benchmarks._furniture import make_traffic_furniture
+from benchmarks.paper import _draw
+from benchmarks.paper._printed import DENOISING
+from benchmarks.paper._report import Report, Table, paired_rows
+from benchmarks.paper._runs import Steps, stream
+from benchmarks.paper._scene_methods import SCENE_METHODS, quietly, runs_of, summary
 from sklearn_mcmd.metrics import outlier_scores
-from sklearn_mcmd.paper import _draw
-from sklearn_mcmd.paper._printed import DENOISING
-from sklearn_mcmd.paper._report import Report, Table, paired_rows
-from sklearn_mcmd.paper._runs import Steps, stream
-from sklearn_mcmd.paper._scene_methods import SCENE_METHODS, quietly, runs_of, summary
 
 __all__ = ["figure9", "table5"]
 

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from sklearn_mcmd.paper import _draw
-from sklearn_mcmd.paper._clouds import contaminated_planes
-from sklearn_mcmd.paper._methods import METHODS, PEERS
-from sklearn_mcmd.paper._printed import BREAKDOWN, VARIANCES, Z_VARIANCES
-from sklearn_mcmd.paper._report import Report, Table
-from sklearn_mcmd.paper._runs import Steps, affordable, bias_angles, stream
+from benchmarks.paper import _draw
+from benchmarks.paper._clouds import contaminated_planes
+from benchmarks.paper._methods import METHODS, PEERS
+from benchmarks.paper._printed import BREAKDOWN, VARIANCES, Z_VARIANCES
+from benchmarks.paper._report import Report, Table
+from benchmarks.paper._runs import Steps, affordable, bias_angles, stream
 
 __all__ = ["figure5", "figure6", "figure7", "table2"]
 

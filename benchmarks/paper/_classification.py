@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from sklearn_mcmd.paper import _draw
-from sklearn_mcmd.paper._clouds import contaminated_planes
-from sklearn_mcmd.paper._methods import METHODS
-from sklearn_mcmd.paper._printed import CLASSIFICATION, RATES, SHARES
-from sklearn_mcmd.paper._report import Report, Table, paired_rows
-from sklearn_mcmd.paper._runs import Steps, affordable, flag_counts, stream
+from benchmarks.paper import _draw
+from benchmarks.paper._clouds import contaminated_planes
+from benchmarks.paper._methods import METHODS
+from benchmarks.paper._printed import CLASSIFICATION, RATES, SHARES
+from benchmarks.paper._report import Report, Table, paired_rows
+from benchmarks.paper._runs import Steps, affordable, flag_counts, stream
 
 __all__ = ["figure8", "table4"]
 
