@@ -16,6 +16,7 @@ from sklearn.pipeline import Pipeline, make_pipeline
 from benchmarks._furniture import make_bus_stop, make_traffic_furniture
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
+from sklearn_mcmd.io import read_points
 
 N_STRAY = 9  # fewer than make a region
 
@@ -136,6 +137,13 @@ def test_labels_depend_on_neither_unit_nor_origin(street, unit, offset):
     labels = RegionGrowing(random_state=0).fit_predict(X)
     moved = RegionGrowing(random_state=0).fit_predict(unit * X + offset)
     assert adjusted_rand_score(labels, moved) > 0.999
+
+
+def test_labels_are_the_same_in_national_coordinates_and_minus_whole_meters():
+    offset = np.array([119849.0, 485249.0, -1.0])
+    X = np.round(make_street(6000, random_state=2).data, 3) + offset
+    labels, moved = (RegionGrowing(random_state=0).fit_predict(Y) for Y in (X, X - offset))
+    assert_array_equal(labels, moved)
 
 
 def test_labels_depend_little_on_the_attitude(street):
@@ -407,3 +415,13 @@ def test_a_scanned_plane_in_centimeters_is_one_region(shared_data):
         X = arrays["xyz"][::2]
     growing = RegionGrowing(random_state=0).fit(X)
     assert growing.region_sizes_[0] > 0.98 * len(X)
+
+
+def test_regions_of_an_airborne_tile_are_the_same_minus_whole_meters(shared_data):
+    pytest.importorskip("laspy")
+    X = read_points(shared_data / "ahn3_amsterdam_2397" / "ahn_2397_9705.laz").xyz
+    X = X[np.argsort(np.linalg.norm(X - X[0], axis=1), kind="stable")[:12_000]]
+    labels, moved = (
+        RegionGrowing(random_state=0).fit_predict(Y) for Y in (X, X - np.floor(X.min(axis=0)))
+    )
+    assert_array_equal(labels, moved)
