@@ -94,7 +94,9 @@ def seen(options):
             street = make_street(
                 sampling="scan_lines", tree=True, outlier_share=share, random_state=seed
             )
-            X = np.hstack([street.data, np.broadcast_to(street.scanners[0], street.data.shape)])
+            X = np.hstack(
+                [street.data, np.broadcast_to(street.sensor_origins[0], street.data.shape)]
+            )
             yield f"street {share:.0%}", None, X, street.target == -1
     for name in ("snow_spinning_lidar", "fast_gicp_velodyne"):
         for cloud in load_clouds(options.data, [name]):

@@ -97,7 +97,7 @@ def shapes(n, seed, outliers):
         "street in scan lines, tree": {"sampling": "scan_lines", "tree": True},
     }.items():
         street = make_street(n, outlier_share=outliers, random_state=seed, **how)
-        yield name, street.data, street.scanners[0], faces_of(street), street.target == 1
+        yield name, street.data, street.sensor_origins[0], faces_of(street), street.target == 1
     for name, make in {
         "mobile scan": make_mobile_scan,
         "airborne scan": make_airborne_scan,
@@ -105,7 +105,7 @@ def shapes(n, seed, outliers):
         "depth frame": make_depth_frame,
     }.items():
         made = make(n, outlier_share=outliers, far_share=0, random_state=seed)
-        yield name, made.data, made.viewpoints, faces_of(made), made.target == 1
+        yield name, made.data, made.sensor_origins, faces_of(made), made.target == 1
 
 
 def faces_of(made):

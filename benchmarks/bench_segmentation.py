@@ -31,17 +31,17 @@ import numpy as np
 
 PAPER = {
     "mutual": False,
-    "regrow_rest": False,
+    "find_narrow_faces": False,
     "join_coplanar": False,
     "join_curved": False,
-    "assign_rest": False,
+    "assign_unlabeled": False,
 }
 FORMS = {
     "paper's rules": PAPER,
     "and mutual": {**PAPER, "mutual": True},
-    "and rest assigned": {"regrow_rest": False, "join_coplanar": False, "join_curved": False},
-    "and coplanar joined": {"regrow_rest": False, "join_curved": False},
-    "and curved joined": {"regrow_rest": False},
+    "and rest assigned": {"find_narrow_faces": False, "join_coplanar": False, "join_curved": False},
+    "and coplanar joined": {"find_narrow_faces": False, "join_curved": False},
+    "and curved joined": {"find_narrow_faces": False},
     "default": {},
 }
 DENOISERS = {
@@ -55,10 +55,10 @@ SMALLEST = 100  # points of a surface that must be found
 def normals_of(X, k, method, threads):
     from sklearn_mcmd import RobustNormalEstimator
 
-    refine = "reweight"
+    reweight = True
     if method == "mcmd_z, literal":
-        method, refine = "mcmd_z", None
-    estimator = RobustNormalEstimator(k, method=method, refine=refine, random_state=0)
+        method, reweight = "mcmd_z", False
+    estimator = RobustNormalEstimator(k, method=method, reweight=reweight, random_state=0)
     return estimator.set_params(n_jobs=threads).fit_transform(X)
 
 

@@ -59,7 +59,7 @@ def results(X):
     yield "outlier plane", detector.plane_index_
     probe = X[::7] + 0.01 * (X[:1] - X[::7])
     yield "new scores", detector.score_samples(probe)
-    literal = MCMDOutlierDetector(refine=None, strictness=None, random_state=0, n_jobs=2)
+    literal = MCMDOutlierDetector(reweight=False, strictness=None, random_state=0, n_jobs=2)
     yield "literal scores", literal.fit(X).scores_
     normals = RobustNormalEstimator(random_state=0, n_jobs=2)
     columns = normals.fit_transform(X)

@@ -72,7 +72,7 @@ class SceneMethod:
 
 
 OWN_PLANE = {"strictness": None}
-LITERAL = {"refine": None}
+LITERAL = {"reweight": False}
 
 SCENE_METHODS = {
     method.name: method

@@ -25,8 +25,8 @@ BUDGET = 1.0
 COST_SIZES = (10, 30, 100, 300, 1000, 3000, 10_000, 30_000, 100_000)
 COST_METHODS = {
     "PCA": {"method": "pca"},
-    "MCMD_Z": {"method": "mcmd_z", "refine": None},
-    "MCMD_MD h=.5n": {"method": "mcmd_md", "refine": None},
+    "MCMD_Z": {"method": "mcmd_z", "reweight": False},
+    "MCMD_MD h=.5n": {"method": "mcmd_md", "reweight": False},
     "reweighted": {"method": "mcmd_z"},
 }
 

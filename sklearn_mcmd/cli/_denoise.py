@@ -7,6 +7,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._engine import Scheduler, engine
 from sklearn_mcmd.cli._files import (
     blank,
@@ -31,11 +32,11 @@ from sklearn_mcmd.cli._options import (
     AllowCoarse,
     Columns,
     InFiles,
+    MaxOutlierRate,
     NJobs,
     NNeighbors,
     NoClobber,
     OutFiles,
-    OutlierRate,
     Quiet,
     RandomState,
     number_or,
@@ -43,7 +44,7 @@ from sklearn_mcmd.cli._options import (
 )
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.cli._sensor import (
-    SensorPosition,
+    SensorOrigin,
     TrajectoryFile,
     check_one_position,
     sensor_of_options,
@@ -74,20 +75,11 @@ class OutlierMethod(StrEnum):
     mcmd_md = "mcmd_md"
 
 
-class Keep(StrEnum):
-    things = "things"
-    surfaces = "surfaces"
-
-
 class Strictness(StrEnum):
     isolated = "isolated"
     groups = "groups"
     surfaces = "surfaces"
     paper = "paper"
-
-
-# What is kept, and the strictness that keeps it.
-STRICTNESS_OF = {Keep.things: Strictness.groups, Keep.surfaces: Strictness.surfaces}
 
 
 def denoise(
@@ -109,26 +101,18 @@ def denoise(
         typer.Option(
             help="How outliers of a plane are removed before it is fitted. mcmd_z: by their "
             "distance to it. mcmd_md: by their distance within it as well; with --strictness paper "
-            "it also decides which points are outliers."
+            "it also decides which points are outliers.",
+            hidden=True,
         ),
     ] = OutlierMethod.mcmd_z,
-    keep: Annotated[
-        Keep | None,
-        typer.Option(
-            help="What is to stay. things: everything real, also foliage, wires and cars; the same "
-            "as --strictness groups. surfaces: only faces, such as road, walls and roofs; the same "
-            "as --strictness surfaces.",
-            show_default="what --strictness says",
-        ),
-    ] = None,
     strictness: Annotated[
         Strictness,
         typer.Option(
-            help="In place of --keep, which points are outliers. isolated: single points and pairs "
-            "far from everything else. groups: also small groups that stand apart, such as ghosts, "
-            "birds and dust; foliage, wires and small things that touch others are kept. surfaces: "
-            "all points that lie on no surface; foliage, wires and thin posts are removed. paper: "
-            "points off the plane of their own neighborhood, as in the paper; weak on whole clouds."
+            help="Which points are outliers. isolated: single points and pairs far from everything "
+            "else. groups: also small groups that stand apart, such as ghosts, birds and dust; "
+            "foliage, wires and small things that touch others are kept. surfaces: all points that "
+            "lie on no surface; foliage, wires and thin posts are removed. paper: points off the "
+            "plane of their own neighborhood, as in the paper; weak on whole clouds."
         ),
     ] = Strictness.groups,
     noise_scale: Annotated[
@@ -163,6 +147,7 @@ def denoise(
             metavar="RATE",
             help="Share of the points on surfaces that noise may flag, such as 0.01. A simulation "
             "then tells the cutoff; do not give --cutoff. From 0.0001 to below 0.5.",
+            hidden=True,
         ),
     ] = None,
     contamination: Annotated[
@@ -182,9 +167,9 @@ def denoise(
     above: Above = None,
     below: Below = None,
     low_groups: LowGroups = False,
-    sensor: SensorPosition = None,
+    sensor: SensorOrigin = None,
     trajectory: TrajectoryFile = None,
-    outlier_rate: OutlierRate = 0.5,
+    max_outlier_rate: MaxOutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
     memory: Memory = None,
@@ -195,15 +180,14 @@ def denoise(
     columns: Columns = None,
     no_clobber: NoClobber = False,
     allow_coarse: AllowCoarse = False,
+    config: Config = None,
     quiet: Quiet = False,
-    context: typer.Context = None,  # type: ignore[assignment]  # of no option
 ) -> None:
     """Remove or mark the points that lie on no surface and stand apart from all else.
 
     The default keeps everything real, and is for any cloud: curved, with foliage and wires, of any
-    spacing and noise. To keep only faces, give --keep surfaces. A score up to 3 means that the
-    point is on a surface or near other points, 10 means a clear error, and 100 a gross error. For
-    a stated share of good points that noise may take, give --false-positive-rate 0.01.
+    spacing and noise. To keep only faces, give --strictness surfaces. A score up to 3 means that
+    the point is on a surface or near other points, 10 means a clear error, and 100 a gross error.
 
     Points that are marked withheld are neither judged nor used to judge others. With
     --ignore-class, --only-class, --above and --below, others are not judged either. All of these
@@ -211,8 +195,9 @@ def denoise(
 
     LAS and LAZ that need more than --memory, and folders of them, are divided into tiles, and with
     --scheduler all are. The results are the same. Temporary files lie beside OUT, in OUT.tiles. If
-    a run ends early, they are kept, and the same command goes on from there. If IN is a folder or
-    an index .vpc, a folder OUT gets one file for each; an OUT that ends in .las or .laz gets all.
+    a run ends early, they are kept, and the same command goes on from there, or begins anew with
+    --restart. --dry-run tells tiles, memory and time. If IN is a folder or an index .vpc, a folder
+    OUT gets one file for each; an OUT that ends in .las or .laz gets all.
     """
     _at_most_one(
         {
@@ -222,7 +207,6 @@ def denoise(
         }
     )
     check_one_position(sensor, trajectory)
-    strictness = _strictness_of(context, keep, strictness)
     params = {
         "n_neighbors": n_neighbors,
         "method": str(method),
@@ -231,7 +215,7 @@ def denoise(
         "cutoff": cutoff,
         "false_positive_rate": false_positive_rate,
         "contamination": contamination,
-        "outlier_rate": outlier_rate,
+        "max_outlier_rate": max_outlier_rate,
         "random_state": random_state,
         "n_jobs": n_jobs,
     }
@@ -334,18 +318,6 @@ def _at_most_one(options):
         raise typer.BadParameter(
             f"{' and '.join(given)} exclude each other: leave all but one out."
         )
-
-
-def _strictness_of(context, keep, strictness):
-    """What --keep or --strictness says; both together are wrong usage."""
-    if keep is None:
-        return strictness
-    if context.get_parameter_source("strictness").name == "COMMANDLINE":
-        raise typer.BadParameter(
-            f"--keep {keep} and --strictness {strictness} exclude each other: leave one out."
-        )
-    context.params["strictness"] = "what --keep says"  # for the report
-    return STRICTNESS_OF[keep]
 
 
 def _detector(params):

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._engine import Scheduler, engine
 from sklearn_mcmd.cli._files import (
     blank,
@@ -91,6 +92,7 @@ def edges(
     columns: Columns = None,
     no_clobber: NoClobber = False,
     allow_coarse: AllowCoarse = False,
+    config: Config = None,
     quiet: Quiet = False,
 ) -> None:
     """Mark edges and corners: points next to a line where two faces meet.
@@ -101,8 +103,9 @@ def edges(
 
     LAS and LAZ that need more than --memory, and folders of them, are divided into tiles, and with
     --scheduler all are. The results are the same. Temporary files lie beside OUT, in OUT.tiles. If
-    a run ends early, they are kept, and the same command goes on from there. If IN is a folder or
-    an index .vpc, a folder OUT gets one file for each; an OUT that ends in .las or .laz gets all.
+    a run ends early, they are kept, and the same command goes on from there, or begins anew with
+    --restart. --dry-run tells tiles, memory and time. If IN is a folder or an index .vpc, a folder
+    OUT gets one file for each; an OUT that ends in .las or .laz gets all.
     """
     params = {
         "n_neighbors": n_neighbors,
@@ -128,15 +131,12 @@ def edges(
             cloud = read(source, target, "edges", columns=columns)
             if colors is None:
                 colors = not has_colors(cloud)
-            # LAS has colors of 16 bits.
-            largest = 65535 if target.suffix.lower() in (".las", ".laz") else 255
-            brightest = largest if colors else None
             nothing = blank(cloud)
-            rehearse(target, with_results(cloud, _results(nothing > 0, nothing, brightest)))
+            rehearse(target, with_results(cloud, _results(nothing > 0, nothing, colors)))
             with working(source):
                 detector = _detector(params).fit(coordinates(cloud))
             is_edge, score = _verdict(detector)
-            write(target, with_results(cloud, _results(is_edge, score, brightest)))
+            write(target, with_results(cloud, _results(is_edge, score, colors)))
             write_report_of(report, source, target, seconds, lambda: _contents(cloud, detector))
         if not quiet:
             edges = count_and_share(is_edge)
@@ -190,8 +190,7 @@ def _contents(cloud, detector):
     return edges_contents(cloud, detector)
 
 
-def _results(is_edge, score, brightest):
-    """The columns to write, with colors up to `brightest` if that is a number."""
+def _results(is_edge, score, colors):
     from sklearn_mcmd.edges._painting import edge_columns
 
-    return edge_columns(is_edge, score, brightest)
+    return edge_columns(is_edge, score, colors)

@@ -10,7 +10,7 @@ from sklearn_mcmd.report._facts import distinct_points, median_spacing
 
 __all__ = ["summarize", "summarize_each"]
 
-TELLING = {"las_header", "pcd_viewpoint", "sensor_positions"}  # of formats that may tell the sensor
+TELLING = {"las_header", "pcd_viewpoint", "sensor_origins"}  # of formats that may tell the sensor
 
 
 def summarize(source, cloud):

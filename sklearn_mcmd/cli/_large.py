@@ -37,11 +37,14 @@ Memory = Annotated[
 DryRun = Annotated[
     bool,
     typer.Option(
-        "--dry-run", help="Show tiles, memory and time of LAS or LAZ, as estimated, and stop."
+        "--dry-run",
+        help="Show tiles, memory and time of LAS or LAZ, as estimated, and stop.",
+        hidden=True,
     ),
 ]
 Restart = Annotated[
-    bool, typer.Option("--restart", help="Begin anew, whatever an earlier run has left.")
+    bool,
+    typer.Option("--restart", help="Begin anew, whatever an earlier run has left.", hidden=True),
 ]
 
 

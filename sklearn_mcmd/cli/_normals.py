@@ -6,6 +6,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._engine import Scheduler, engine
 from sklearn_mcmd.cli._files import (
     blank,
@@ -22,11 +23,11 @@ from sklearn_mcmd.cli._options import (
     AllowCoarse,
     Columns,
     InFiles,
+    MaxOutlierRate,
     NJobs,
     NNeighborsOrAuto,
     NoClobber,
     OutFiles,
-    OutlierRate,
     Quiet,
     RandomState,
     positive,
@@ -34,7 +35,7 @@ from sklearn_mcmd.cli._options import (
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.cli._sensor import (
     AUTO,
-    SensorPosition,
+    SensorOrigin,
     TrajectoryFile,
     check_one_position,
     sensor_of_options,
@@ -89,7 +90,7 @@ def normals(
             "neighbors."
         ),
     ] = Orientation.none,
-    sensor: SensorPosition = None,
+    sensor: SensorOrigin = None,
     trajectory: TrajectoryFile = None,
     features: Annotated[
         str | None,
@@ -114,7 +115,7 @@ def normals(
             show_default="2.5, for mcmd_md 3.06",
         ),
     ] = None,
-    outlier_rate: OutlierRate = 0.5,
+    max_outlier_rate: MaxOutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
     memory: Memory = None,
@@ -125,14 +126,16 @@ def normals(
     columns: Columns = None,
     no_clobber: NoClobber = False,
     allow_coarse: AllowCoarse = False,
+    config: Config = None,
     quiet: Quiet = False,
 ) -> None:
     """Add normals, surface variation and eigenvalues, robust to outliers and edges.
 
     LAS and LAZ that need more than --memory, and folders of them, are divided into tiles, and with
     --scheduler all are. The results are the same. Temporary files lie beside OUT, in OUT.tiles. If
-    a run ends early, they are kept, and the same command goes on from there. If IN is a folder or
-    an index .vpc, a folder OUT gets one file for each; an OUT that ends in .las or .laz gets all.
+    a run ends early, they are kept, and the same command goes on from there, or begins anew with
+    --restart. --dry-run tells tiles, memory and time. If IN is a folder or an index .vpc, a folder
+    OUT gets one file for each; an OUT that ends in .las or .laz gets all.
 
     All points are kept. New attributes, float32, are normal_x, normal_y, normal_z,
     surface_variation (0 on a plane, at most 1/3), eigenvalue_0 to eigenvalue_2
@@ -149,7 +152,7 @@ def normals(
         "sensor_origin": sensor if isinstance(sensor, tuple) else None,
         "features": features,
         "cutoff": cutoff,
-        "outlier_rate": outlier_rate,
+        "max_outlier_rate": max_outlier_rate,
         "random_state": random_state,
         "n_jobs": n_jobs,
     }

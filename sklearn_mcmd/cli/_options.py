@@ -10,12 +10,12 @@ __all__ = [
     "AllowCoarse",
     "Columns",
     "InFiles",
+    "MaxOutlierRate",
     "NJobs",
     "NNeighbors",
     "NNeighborsOrAuto",
     "NoClobber",
     "OutFiles",
-    "OutlierRate",
     "Quiet",
     "RandomState",
     "colors_option",
@@ -107,20 +107,27 @@ NNeighborsOrAuto = Annotated[
         "for each point as its noise asks for; then an attribute n_neighbors tells how many.",
     ),
 ]
-OutlierRate = Annotated[
+MaxOutlierRate = Annotated[
     float,
     typer.Option(
         parser=number_or(expected="a number from 0 to 0.99", fits=lambda rate: 0 <= rate <= 0.99),
         metavar="NUMBER",
         help="Largest share of outliers that a neighborhood must survive, up to 0.99. It sets the "
         "number of trials, not the share that is removed.",
+        hidden=True,
     ),
 ]
 RandomState = Annotated[
-    int, typer.Option(min=0, max=2**32 - 1, help="Seed. The same seed gives the same file.")
+    int,
+    typer.Option(
+        min=0, max=2**32 - 1, help="Seed. The same seed gives the same file.", hidden=True
+    ),
 ]
 NJobs = Annotated[
-    int, typer.Option(callback=_not_zero, help="Number of threads. -1: one for each processor.")
+    int,
+    typer.Option(
+        callback=_not_zero, help="Number of threads. -1: one for each processor.", hidden=True
+    ),
 ]
 Columns = Annotated[
     dict | None,
@@ -137,6 +144,7 @@ AllowCoarse = Annotated[
         "--allow-coarse",
         help="Accept coordinates that single precision rounds too coarsely for the spacing of the "
         "points, such as large coordinates in PLY or PCD. Without this they are an error.",
+        hidden=True,
     ),
 ]
 NoClobber = Annotated[

@@ -10,6 +10,7 @@ import numpy as np
 import typer
 
 from sklearn_mcmd._extras import how_to_install
+from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._files import (
     blank,
     naming,
@@ -166,6 +167,7 @@ def plane(
     columns: Columns = None,
     no_clobber: NoClobber = False,
     allow_coarse: AllowCoarse = False,
+    config: Config = None,
     quiet: Quiet = False,
 ) -> None:
     """Test one plane, such as a wall or a floor: mark its outliers and write a report.

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from sklearn_mcmd._interrupts import ignore_interrupts
+from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._files import read_all, refuse_existing, standing_in
 from sklearn_mcmd.cli._options import Columns, NoClobber, Quiet
 from sklearn_mcmd.cli._speech import clear_exits, print_table, stopwatch
@@ -52,6 +53,7 @@ def view(
     ] = None,
     columns: Columns = None,
     no_clobber: NoClobber = False,
+    config: Config = None,
     quiet: Quiet = False,
 ) -> None:
     """Make one HTML page that shows point clouds in any browser, offline.

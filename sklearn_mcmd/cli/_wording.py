@@ -8,7 +8,7 @@ __all__ = ["in_words_of_options"]
 OPTIONS = (
     *("alpha", "contamination", "criterion", "cutoff", "false_positive_rate", "features"),
     *("max_angle", "max_distance", "max_gap", "memory", "method", "min_angle"),
-    *("min_region_size", "n_jobs", "n_neighbors", "noise_scale", "outlier_rate", "radius"),
+    *("min_region_size", "n_jobs", "n_neighbors", "noise_scale", "max_outlier_rate", "radius"),
     *("random_state", "robust_start", "sigma0", "strictness", "surface", "threshold"),
 )
 # Whole phrases are replaced first; then remaining parameters are replaced one by one.
@@ -43,7 +43,7 @@ PHRASES = (
         lambda found: f"point {int(found[2]) + 1} has a coordinate beyond {found[1]}: {found[3]}.",
     ),
     (r"X spans no more than (.*?)\. Scale it up\.", r"the points span no more than \1."),
-    (r"outlier_rate=(\S+) in 3D asks", r"--outlier-rate \1 asks"),
+    (r"max_outlier_rate=(\S+) in 3D asks", r"--max-outlier-rate \1 asks"),
     (r"If all columns are coordinates of like precision, as in the scan", "In the scan"),
 )
 _GIVEN = re.compile(rf"(?<![-/\w])({'|'.join(OPTIONS)})=(?:'([^']*)'|([^\s,:;]*[^\s,:;.]))")

@@ -135,11 +135,10 @@ def scan(make_scene, n_samples, scanning, random_state):
         edge_distance=truth(edge_distance, np.nan),
         outlier_kind=rows(own, codes),
         noise_scale=rows(scale, noise_at(outliers)),
-        viewpoints=rows(scanners[bay], scanners[scene.to_bay(outliers)[1]]),
+        sensor_origins=rows(scanners[bay], scanners[scene.to_bay(outliers)[1]]),
         surface_names=[part.name for part in scene.parts],
         outlier_kind_names=names,
         feature_names=["x", "y", "z"],
-        scanners=scanners,
         spacing=float(np.sqrt(scene.n_bays * per_bay / max(np.sum(kind != SNOW), 1))),
         length=scene.length,
     )

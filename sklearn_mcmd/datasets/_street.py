@@ -142,9 +142,8 @@ def make_street(
         - ``noise_scale``, float64 (n_samples,): standard deviation, on each axis or along the ray,
           of the noise at that range, for outliers that of a regular point there;
         - ``surface_names``, ``outlier_kind_names``, ``feature_names``: lists of str;
-        - ``scanners``, float64 (n_bays, 3): the scanners' positions, one for each bay;
-        - ``viewpoints``, float64 (n_samples, 3): that of each point; of an outlier, that of the
-          bay it lies in;
+        - ``sensor_origins``, float64 (n_samples, 3): where the scanner of each point's bay
+          stood; of an outlier, that of the bay it lies in;
         - ``spacing``, ``length``: floats, the true spacing at the near end and the length of the
           street.
 
@@ -178,6 +177,7 @@ def make_street(
 
     Examples
     --------
+    >>> import numpy as np
     >>> from sklearn_mcmd.datasets import make_street
     >>> street = make_street(20_000, random_state=0)
     >>> street.data.shape, int((street.target == -1).sum())
@@ -187,7 +187,7 @@ def make_street(
     >>> round(street.spacing, 3)
     0.045
     >>> long_street = make_street(20_000, spacing=0.1, random_state=0)
-    >>> len(long_street.scanners), round(long_street.spacing, 3)
+    >>> len(np.unique(long_street.sensor_origins, axis=0)), round(long_street.spacing, 3)
     (5, 0.1)
     """
 

@@ -207,16 +207,18 @@ def write_points(
     *LAS, LAZ.* A cloud read from LAS keeps its header, and every unchanged coordinate keeps its
     integers. Changed coordinates are rounded to the header's scale (an error of at most half a
     step). If they do not fit 32-bit integers there, a new offset is chosen for that axis, and a new
-    scale if needed. Other clouds become LAS 1.4, point format 6 (7 with colors). Their scale is the
-    coarsest of 1, 0.1 ... 1e-6 that holds all coordinates exactly, else the finest power of ten
-    that fits. If far points would make it coarser than the decimal step of most points (0.0001 or
-    more), else than a hundredth of their spacing and a millionth of the extent of their middle
-    half, they are refused. Attributes without a standard dimension become extra dimensions and
-    replace any of the same name. LAZ is compressed in memory. Wave packets that lazrs would change
-    (point formats 9 and 10 with several scanner channels) are refused. Samples of waveforms inside
-    a file are copied from LAS 1.4, but not from LAS 1.3.
+    scale if needed. Other clouds become LAS 1.4, point format 6 (7 with colors). Colors of 8 bits,
+    and integers up to 255 but uint16, are multiplied by 257. Their scale is the coarsest of 1, 0.1
+    ... 1e-6 that holds all coordinates exactly, else the finest power of ten that fits. If far
+    points would make it coarser than the decimal step of most points (0.0001 or more), else than a
+    hundredth of their spacing and a millionth of the extent of their middle half, they are refused.
+    Attributes without a standard dimension become extra dimensions and replace any of the same
+    name. LAZ is compressed in memory. Wave packets that lazrs would change (point formats 9 and 10
+    with several scanner channels) are refused. Samples of waveforms inside a file are copied from
+    LAS 1.4, but not from LAS 1.3.
 
     *PLY, PCD.* Coordinates are float32 where that is exact, as viewers expect, else float64.
+    Colors of LAS that were made of 8 bits have 8 bits again.
 
     *E57.* Coordinates are float64 about their median.
 

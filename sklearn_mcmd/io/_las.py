@@ -27,6 +27,7 @@ FIRST_WITH_HIGH_NOISE = 6  # point format
 USER_DEFINED = 32767  # GeoTIFF's code for a system without a code
 COLORS = ("red", "green", "blue")
 COLORED_FORMAT = {0: 2, 1: 3, 4: 5, 6: 7, 9: 10}  # from point format to the same with colors
+WIDER = {"i2", "i4", "u4", "i8", "u8"}  # dtypes that may hold colors of 8 bits
 EXTRA_DTYPES = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"}
 
 
@@ -101,7 +102,7 @@ def las_of_cloud(laspy, cloud, noise=None):
         header, attributes = _new_header(laspy, cloud)
         records = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=header)
     las = laspy.LasData(header, records)
-    las, attributes = _with_colors(laspy, las, attributes)
+    las, attributes = _with_colors(laspy, las, attributes, "las_points" in cloud.metadata)
     _store_coordinates(las, cloud.xyz)
     _store_attributes(laspy, las, attributes)
     if noise is not None:
@@ -157,16 +158,23 @@ def _records(laspy, points, header):
     )
 
 
-def _with_colors(laspy, las, attributes):
-    """A point format with colors, and 8-bit colors times 256 (LAS 1.4)."""
+def _with_colors(laspy, las, attributes, from_las):
+    """A point format with colors, and colors of 8 bits in the 16 of LAS: 255 becomes 65535.
+
+    Integers up to 255 have 8 bits, unless they are uint16 or LAS had them.
+    """
     if not set(COLORS) <= attributes.keys():
         return las, attributes
     names = set(las.point_format.dimension_names)
     wanted = COLORED_FORMAT.get(las.header.point_format.id)
     if wanted is not None and not names & set(COLORS):
         las = laspy.convert(las, point_format_id=wanted)
-    if all(attributes[color].dtype == np.uint8 for color in COLORS):
-        wide = {color: attributes[color].astype(np.uint16) << 8 for color in COLORS}
+    colors = [attributes[color] for color in COLORS]
+    wider = {v.dtype.str[1:] for v in colors} - {"u1"}
+    if not wider or not (
+        from_las or wider - WIDER or any(v.min() < 0 or v.max() > 255 for v in colors)
+    ):
+        wide = {color: v.astype(np.uint16) * 257 for color, v in zip(COLORS, colors, strict=True)}
         attributes = {**attributes, **wide}
     return las, attributes
 

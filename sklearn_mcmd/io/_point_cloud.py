@@ -47,7 +47,7 @@ class PointCloud:
         Data for a faithful copy of the source file: ``las_header`` and ``las_points``
         (the raw records, so that integer coordinates are kept), ``ply_comments``,
         ``ply_obj_info``, ``pcd_viewpoint``, ``npz_arrays`` (arrays of another length). Also where
-        the scanner of each E57 scan stood, ``sensor_positions``, NaN where that is not known.
+        the scanner of each E57 scan stood, ``sensor_origins``, NaN where that is not known.
     n_dropped : int, default=0
         Number of points of the file that were left out, because a coordinate was not finite
         or was marked invalid.

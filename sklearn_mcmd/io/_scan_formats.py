@@ -54,9 +54,7 @@ def read_ply(path):
 def write_ply(path, cloud, encoding="binary"):
     """Write the vertices of a PLY file, little-endian binary unless ``encoding="ascii"``."""
     plyfile = import_extra("plyfile", "formats", "PLY")
-    columns = _renamed(
-        flat_columns(cloud.attributes), {ours: theirs for theirs, ours in PLY_NORMALS.items()}
-    )
+    columns = _renamed(_columns(cloud), {ours: theirs for theirs, ours in PLY_NORMALS.items()})
     columns = {n: fit_dtype(n, v, PLY_DTYPES, "PLY") for n, v in columns.items()}
     records = _records(cloud.xyz, columns)
     plyfile.PlyData(
@@ -104,7 +102,7 @@ def read_pcd(path):
 def write_pcd(path, cloud, encoding="binary"):
     """Write PCD as one row of points: binary, binary_compressed or ascii."""
     pypcd4 = import_extra("pypcd4", "formats", "PCD")
-    columns = flat_columns(cloud.attributes)
+    columns = _columns(cloud)
     if all(c in columns and columns[c].dtype == np.uint8 for c in COLORS):
         red, green, blue = (columns.pop(c).astype(np.uint32) for c in COLORS)
         columns["rgb"] = (red << 16 | green << 8 | blue).view(np.float32)
@@ -170,7 +168,7 @@ def read_e57(path):
         for name in parts[0][1]
         if name in shared
     }
-    metadata = {"sensor_positions": np.array(setups)}
+    metadata = {"sensor_origins": np.array(setups)}
     return PointCloud(xyz, merged, metadata, n_dropped=n_points - len(xyz))
 
 
@@ -225,7 +223,7 @@ def write_e57(path, cloud):
     except Exception as err:
         if hasattr(file, "image_file"):
             del file.image_file  # else pye57 closes it again, and prints an error
-        if "ErrorWriteFailed" in str(err):
+        if re.search("error_?write_?failed", str(err), re.IGNORECASE):
             raise PointFileError("cannot be written: the disk may be full") from err
         raise
 
@@ -273,6 +271,17 @@ def _axes(xyz):
         single = xyz.astype(np.float32)
     kept = single if np.array_equal(single, xyz) else xyz
     return {axis: kept[:, i] for i, axis in enumerate("xyz")}
+
+
+def _columns(cloud):
+    """Attributes as columns. Colors of LAS that were made of 8 bits have 8 bits again."""
+    columns = flat_columns(cloud.attributes)
+    if "las_points" in cloud.metadata and all(c in columns for c in COLORS):
+        colors = np.array([columns[c] for c in COLORS])
+        low = colors & 255
+        if colors.dtype == np.uint16 and (not low.any() or (low == colors >> 8).all()):
+            columns |= zip(COLORS, (colors >> 8).astype(np.uint8), strict=True)
+    return columns
 
 
 def _records(xyz, columns):

@@ -187,7 +187,7 @@ class JudgedCloud:
 
     def _find_surfaces(self, planes):
         """What explains points: its rows, and how far from it they are."""
-        index, compiled = self.model.index, self.model.ready()
+        index = self.model.index
         points, n, k = index.points, len(index.points), index.n_neighbors
         limits, chunk = self.surface_limits, self.model.chunk()
         self.planes = self.measured(planes).without("kept")
@@ -206,20 +206,17 @@ class JudgedCloud:
             if one_far_position(points, self.origins):
                 self.on_sheet[:] = False
         with progress_part(0.0, 0.6):
-            self.explaining = find_surfaces(
-                index, planes, distances, least, limits, compiled, self.on_sheet
-            )
+            self.explaining = find_surfaces(index, planes, distances, least, limits, self.on_sheet)
         if self.rays is not None:
             self.on_sheet = find_surfaces(
-                index, planes, distances, self.ray_limits.sheet * least, limits, compiled,
-                ~self.on_sheet,
+                index, planes, distances, self.ray_limits.sheet * least, limits, ~self.on_sheet,
             )  # fmt: skip
         others = np.flatnonzero(~self.explaining)
         queries = points[others]
         with progress_part(0.6, 1.0):
             found, distances[others] = distances_to_surfaces(
                 queries, lambda rows: index.query_own(others[rows]), self.planes,
-                self.explaining, self._floor(queries, 0.0), compiled, chunk, self.n_jobs,
+                self.explaining, self._floor(queries, 0.0), chunk, self.n_jobs,
             )  # fmt: skip
         owners[others] = np.where(found < 0, others, found)
         self.explained = distances <= limits.explained

@@ -7,7 +7,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
-from sklearn_mcmd.planes._around import quantile, ratio
+from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._linking import connected
 from sklearn_mcmd.planes._nearest import NearestPoints
 from sklearn_mcmd.planes._progress import progress_part
@@ -29,8 +29,6 @@ __all__ = [
 
 # Each point of the rest is linked to at most so many others, as those of surfaces are.
 LINKED = SurfaceLimits().n_links
-# Fewer points of the rest are grouped by SciPy: loading compiled code would take longer.
-COMPILE_FROM = 4096
 # Length of an evenly filled line, in its standard deviations.
 LENGTH = np.sqrt(12.0)
 
@@ -136,7 +134,7 @@ class Company:
         with progress_part(0.2, 0.7):
             among_rest, linked = self._neighbors(n_jobs)
         self.isolation = self._isolated(among_rest, places.spacing, self.usual)
-        groups = connected(linked, compiled=len(rest) >= COMPILE_FROM)[0]
+        groups = connected(linked)[0]
         del linked
         small = self._small(groups, least, explained)
         self.groups = groups = self._joined(groups, small, least, n_jobs)
@@ -276,7 +274,8 @@ class Company:
 
 def usual_of(spacings, share):
     """The spacing (m,) that is usual among the nearest points on surfaces, (m, k)."""
-    return quantile(spacings, np.ones_like(spacings, dtype=bool), share)
+    place = int(share * spacings.shape[1])
+    return np.partition(spacings, place, axis=1)[:, place]
 
 
 def mean_distance_to_rest(queries, distances, counts, box, n_near):

@@ -82,14 +82,14 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         k)``. A value below 0.5 withstands more than half of outliers if these are not
         consistent with a plane themselves.
 
-    outlier_rate : float in [0, 1), default=0.5
+    max_outlier_rate : float in [0, 1), default=0.5
         The largest share of outliers that a neighborhood must survive (epsilon in Eq. 13). It
         sets the number of trials, not how many points are removed. Too small a rate risks
         planes through outliers.
 
     success_probability : float in (0, 1), default=0.9999
         Probability that at least one minimal subset has no outlier (P_r). It sets the number of
-        trials, together with `outlier_rate`.
+        trials, together with `max_outlier_rate`.
 
     cutoff : float, default=None
         Score beyond which a point is an outlier. It changes no score. None means 3. With
@@ -107,10 +107,10 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         Share of the fitted points to flag: those of the worst scores. At most one of `cutoff`,
         `false_positive_rate` and `contamination` may be given.
 
-    refine : {"reweight"} or None, default="reweight"
-        "reweight" refits plane and scale twice to the neighbors within 2.5 robust standard
+    reweight : bool, default=True
+        Whether plane and scale are refitted twice to the neighbors within 2.5 robust standard
         deviations. It keeps regular points that "mcmd_md" would lose, gives more accurate
-        planes, and needs no knowledge of the outlier rate. None is the paper's form.
+        planes, and needs no knowledge of the share of outliers. False is the paper's form.
 
     noise_scale : float, default=None
         The scanner's standard deviation, in units of X, by which distances to planes are then
@@ -172,8 +172,8 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
 
     Notes
     -----
-    ``MCMDOutlierDetector(refine=None, strictness=None)`` is the paper's form. It is weak on whole
-    clouds: an isolated outlier has neighbors far apart, so the scale is large and it passes.
+    ``MCMDOutlierDetector(reweight=False, strictness=None)`` is the paper's form. It is weak on
+    whole clouds: an isolated outlier has neighbors far apart, so the scale is large and it passes.
 
     There is one pass over the cloud, and no threshold depends on the verdict. The score is a
     continuous function of the coordinates almost everywhere: moving, turning or scaling the cloud
@@ -240,12 +240,12 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         method: Literal["mcmd_z", "mcmd_md"] = "mcmd_z",
         strictness: Literal["isolated", "groups", "surfaces"] | None = "groups",
         support_fraction: float = 0.5,
-        outlier_rate: float = 0.5,
+        max_outlier_rate: float = 0.5,
         success_probability: float = 0.9999,
         cutoff: float | None = None,
         false_positive_rate: float | None = None,
         contamination: float | None = None,
-        refine: Literal["reweight"] | None = "reweight",
+        reweight: bool = True,
         noise_scale: float | None = None,
         sensor_origin: ArrayLike | Literal["origin"] | None = None,
         random_state: int | np.random.RandomState | None = None,
@@ -255,12 +255,12 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         self.method = method
         self.strictness = strictness
         self.support_fraction = support_fraction
-        self.outlier_rate = outlier_rate
+        self.max_outlier_rate = max_outlier_rate
         self.success_probability = success_probability
         self.cutoff = cutoff
         self.false_positive_rate = false_positive_rate
         self.contamination = contamination
-        self.refine = refine
+        self.reweight = reweight
         self.noise_scale = noise_scale
         self.sensor_origin = sensor_origin
         self.random_state = random_state

@@ -37,10 +37,10 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         "n_neighbors": [Interval(Integral, 2, None, closed="left"), None],
         "method": [StrOptions(set(METHODS))],
         "support_fraction": [Interval(Real, 0, 1, closed="right")],
-        "outlier_rate": [Interval(Real, 0, 1, closed="left")],
+        "max_outlier_rate": [Interval(Real, 0, 1, closed="left")],
         "success_probability": [Interval(Real, 0, 1, closed="neither")],
         "cutoff": [Interval(Real, 0, None, closed="neither"), None],
-        "refine": [StrOptions({"reweight"}), None],
+        "reweight": ["boolean"],
         "random_state": ["random_state"],
         "n_jobs": [Integral, None],
     }
@@ -94,7 +94,7 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
             step=self._coordinate_step(X),
             support_fraction=self.support_fraction,
             cutoff=rule.default_cutoff(d) if cutoff is None else float(cutoff),
-            reweight=self.refine == "reweight",
+            reweight=self.reweight,
         )
         self._model = LocalPlaneModel(index, trials, settings)
         return X
@@ -163,12 +163,12 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         return X
 
     def _settle_n_trials(self, d):
-        needed = n_trials_needed(self.outlier_rate, self.success_probability, d)
+        needed = n_trials_needed(self.max_outlier_rate, self.success_probability, d)
         most = MAX_TRIALS if d <= 3 else MAX_TRIALS_BEYOND_SPACE
         if needed > most and METHODS[self.method].needs_consistent_set:
             warnings.warn(
-                f"outlier_rate={self.outlier_rate!r} in {d}D asks for {needed} trials; {most} are "
-                "made. A lower outlier_rate asks for fewer.",
+                f"max_outlier_rate={self.max_outlier_rate!r} in {d}D asks for {needed} trials; "
+                f"{most} are made. A lower max_outlier_rate asks for fewer.",
                 stacklevel=7,
             )
         return min(needed, most)

@@ -136,7 +136,7 @@ class LocalPlaneModel:
 
     def ready(self):
         """Whether compiled code does the work."""
-        return self.compiled and self.settings.comparator is None and _compiled_driver() is not None
+        return self.compiled and self.settings.comparator is None
 
     def _evaluate_chunk(self, queries, neighborhoods, rounding):
         planes, distance = Planes.empty(*queries.shape), np.empty(len(queries))
@@ -144,7 +144,7 @@ class LocalPlaneModel:
         fit = self._fit_compiled if self.ready() else self._fit_numpy
         fit(queries, neighborhoods, rounding, planes, directions, distance)
         self._measure_flat(queries, neighborhoods, rounding, planes, distance)
-        spacing, radius = extents(self.index.points, queries, neighborhoods, self.ready())
+        spacing, radius = extents(self.index.points, queries, neighborhoods)
         planes.spacing[:], planes.radius[:] = spacing, radius
         self._finish(planes, directions, neighborhoods.sizes)
         return planes, distance
@@ -166,7 +166,7 @@ class LocalPlaneModel:
         own = self.settings
         rule = RuleLimits.of(own.method, own.cutoff, own.reweight, rounding, self.least_scale)
         out = planes, directions, distance
-        fit = _compiled_driver()
+        fit = compiled_function("planes._local_planes_numba", "fit_neighborhoods_3d")
         fit(self.index.points, neighborhoods, queries, trials, rule, *out)
 
     def _fit_numpy(self, queries, neighborhoods, rounding, planes, directions, distance):
@@ -264,7 +264,3 @@ class LocalPlaneModel:
         whitening[flat], scale[flat] = 0.0, -1.0
         inliers = valid & (robust_distances(local, centers, whitening) < self.settings.cutoff)
         return RuleFit(origin, radius, centers, whitening, radius * scale, inliers)
-
-
-def _compiled_driver():
-    return compiled_function("planes._local_planes_numba", "fit_neighborhoods_3d")

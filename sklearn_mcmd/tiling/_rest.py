@@ -93,7 +93,7 @@ def find_groups(cell, job):
     others = linked[rows, places] - n
     linked = np.where(linked >= n, own[:, None], linked)
     labels = np.full(len(points), -1, np.int32)
-    labels[rest] = connected(linked, compiled=True)[0]
+    labels[rest] = connected(linked)[0]
     there, rows_there = found.places
     parts = parts_of_cell(labels, counts, rest[rows], there[others], rows_there[others])
     columns.write(cell, **{f"group_{name}": values for name, values in parts._asdict().items()})

@@ -7,8 +7,9 @@ from sklearn.base import clone
 
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.normals import RobustNormalEstimator
+from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._progress import progress_part
-from sklearn_mcmd.segmentation._graph import COMPILE_FROM, grow_regions, seed_order
+from sklearn_mcmd.segmentation._graph import grow_regions, seed_order
 from sklearn_mcmd.segmentation._region_sums import region_sizes
 from sklearn_mcmd.segmentation._steps import finish_regions
 from sklearn_mcmd.tiling._columns import Columns

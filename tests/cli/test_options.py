@@ -20,7 +20,7 @@ def test_a_noise_scale_that_is_no_positive_number_is_wrong_usage(value, room_fil
 
 @pytest.mark.parametrize(
     "option",
-    [("--n-neighbors", 3), ("--outlier-rate", 1), ("--mode", "x"), ("--strictness", "none")],
+    [("--n-neighbors", 3), ("--max-outlier-rate", 1), ("--mode", "x"), ("--strictness", "none")],
 )
 def test_options_out_of_range_are_wrong_usage(option, room_file, tmp_path):
     result = run("denoise", room_file, tmp_path / "out.laz", *option)

@@ -115,7 +115,7 @@ def test_a_rate_beyond_the_noise_of_the_planes_is_reached(room, room_file, tmp_p
     assert 0.3 < np.load(target)["outlier"][:900].mean() < 0.5
 
 
-# ---- --outlier-rate -------------------------------------------------------------------------
+# ---- --max-outlier-rate -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("given", "parsed"), [("0", 0.0), ("0.99", 0.99)])
@@ -125,19 +125,19 @@ def test_the_ends_of_the_range_are_parsed(verb, given, parsed, room_file, tmp_pa
 
     def work(*given, **params):
         settings = [part for part in (*given, params) if isinstance(part, dict)]
-        asked.extend(part["outlier_rate"] for part in settings if "outlier_rate" in part)
+        asked.extend(part["max_outlier_rate"] for part in settings if "max_outlier_rate" in part)
         raise ValueError("enough is known")
 
     monkeypatch.setattr(*VERBS[verb], work)
-    assert run(verb, room_file, tmp_path / "out.npy", "--outlier-rate", given).exit_code == 1
+    assert run(verb, room_file, tmp_path / "out.npy", "--max-outlier-rate", given).exit_code == 1
     assert asked == [parsed]
 
 
 @pytest.mark.parametrize("rate", ["1", "-0.1", "nan", "half", "auto"])
 @pytest.mark.parametrize("verb", VERBS)
 def test_an_outlier_rate_out_of_range_is_named_with_the_range(verb, rate, room_file, tmp_path):
-    error = usage_error(run(verb, room_file, tmp_path / "out.npy", "--outlier-rate", rate))
-    assert "'--outlier-rate'" in error
+    error = usage_error(run(verb, room_file, tmp_path / "out.npy", "--max-outlier-rate", rate))
+    assert "'--max-outlier-rate'" in error
     assert f"{rate} is not a number from 0 to 0.99" in error
     assert not (tmp_path / "out.npy").exists()
 
@@ -169,6 +169,6 @@ def test_what_is_no_number_or_out_of_range_is_named(
 def test_the_default_of_every_option_is_the_estimators():
     estimator = inspect.signature(MCMDOutlierDetector).parameters
     verb = inspect.signature(_denoise.denoise).parameters
-    shared = ("contamination", "cutoff", "false_positive_rate", "noise_scale", "outlier_rate")
+    shared = ("contamination", "cutoff", "false_positive_rate", "noise_scale", "max_outlier_rate")
     for name in (*shared, "n_neighbors", "method", "strictness"):
         assert verb[name].default == estimator[name].default

@@ -61,7 +61,7 @@ def test_a_point_without_a_position_is_named_by_its_number(tmp_path):
 
 
 def test_more_trials_than_are_made_are_told_of_the_option(room_file, tmp_path):
-    result = run("normals", room_file, tmp_path / "out.laz", "--outlier-rate", 0.99)
+    result = run("normals", room_file, tmp_path / "out.laz", "--max-outlier-rate", 0.99)
     assert result.exit_code == 0
-    assert "--outlier-rate 0.99 asks for 9210336 trials; 10000 are made" in result.stderr
+    assert "--max-outlier-rate 0.99 asks for 9210336 trials; 10000 are made" in result.stderr
     assert not any(word in result.stderr for word in PYTHON)

@@ -149,17 +149,17 @@ def test_breakdown_points_are_within_two_percent_of_the_replication():
     ("name", "parameters"),
     [
         ("PCA", {"method": "pca"}),
-        ("MCMD_Z", {"refine": None}),
+        ("MCMD_Z", {"reweight": False}),
         (
             "MCMD_MD",
             {
                 "method": "mcmd_md",
-                "refine": None,
+                "reweight": False,
                 "support_fraction": 0.96,
-                "outlier_rate": 0.04,
+                "max_outlier_rate": 0.04,
             },
         ),
-        ("MCMD_MD h=.5n", {"method": "mcmd_md", "refine": None}),
+        ("MCMD_MD h=.5n", {"method": "mcmd_md", "reweight": False}),
         ("reweighted", {}),
     ],
 )

@@ -81,7 +81,7 @@ def test_table_5_runs_slow_methods_once_and_all_others_every_time(denoised):
 
 def test_table_5_is_what_the_estimators_give(denoised):
     cloud = noisy_sign(stream(1, "table5", 1), 500)
-    detector = MCMDOutlierDetector(50, refine=None, strictness=None, random_state=1)
+    detector = MCMDOutlierDetector(50, reweight=False, strictness=None, random_state=1)
     labels = detector.fit_predict(cloud.points)
     found = denoised.results["MCMD_Z"][1]
     assert found[0] == pytest.approx(100 * np.mean(labels[cloud.target == -1] == -1))
@@ -129,10 +129,10 @@ def test_table_6_is_what_the_estimators_give(segmented):
         50,
         max_angle=5,
         mutual=False,
-        regrow_rest=False,
+        find_narrow_faces=False,
         join_coplanar=False,
         join_curved=False,
-        assign_rest=False,
+        assign_unlabeled=False,
         normals="precomputed",
     )
     scores = segmentation_scores(cloud.surface, growing.fit_predict(columns))
@@ -218,7 +218,7 @@ def test_every_method_is_the_one_it_is_called():
     assert named["RPCA"] == "robpca"
     assert named["MCMD_MD"] == named["MCMD_MD h=.5k"] == "mcmd_md"
     estimator = SCENE_METHODS["MCMD_MD"].normal_estimator(50, 3)
-    assert (estimator.support_fraction, estimator.refine) == (0.75, None)
+    assert (estimator.support_fraction, estimator.reweight) == (0.75, False)
     assert {name for name, method in SCENE_METHODS.items() if method.slow} == SLOW
 
 

@@ -22,13 +22,13 @@ from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 RUNS = 1000
 # Parameters of the estimators, and the same as a function of many clouds.
 ROWS = {
-    "literal Z": ({"refine": None}, mcmd("mcmd_z", told=False, reweight=False)),
+    "literal Z": ({"reweight": False}, mcmd("mcmd_z", told=False, reweight=False)),
     "oracle MD": (
-        {"method": "mcmd_md", "refine": None, "support_fraction": 0.8, "outlier_rate": 0.2},
+        {"method": "mcmd_md", "reweight": False, "support_fraction": 0.8, "max_outlier_rate": 0.2},
         mcmd("mcmd_md", told=True, reweight=False),
     ),
     "literal MD": (
-        {"method": "mcmd_md", "refine": None},
+        {"method": "mcmd_md", "reweight": False},
         mcmd("mcmd_md", told=False, reweight=False),
     ),
     "reweighted Z": ({}, mcmd("mcmd_z", told=False, reweight=True)),

@@ -80,8 +80,8 @@ def test_normals_are_those_of_memory_wherever_tiles_begin(scene, tmp_path, monke
     "params",
     [
         {"method": "pca", "radius": 0.3},
-        {"method": "mcmd_md", "borrow": False},
-        {"refine": None, "features": ["normal_error", "mean_curvature"]},
+        {"method": "mcmd_md", "neighbor_planes": False},
+        {"reweight": False, "features": ["normal_error", "mean_curvature"]},
     ],
     ids=lambda params: "-".join(params),
 )

@@ -113,7 +113,7 @@ def test_scores_are_those_of_memory_wherever_tiles_begin(scene, by_tiles, tmp_pa
         ("volume", {"method": "mcmd_md"}),
         ("street", {"noise_scale": 0.02, "n_neighbors": 40}),
         ("volume", {"noise_scale": 0.02, "n_neighbors": 40}),
-        ("street", {"refine": None, "support_fraction": 0.7, "n_neighbors": 6}),
+        ("street", {"reweight": False, "support_fraction": 0.7, "n_neighbors": 6}),
     ],
     ids=str,
 )

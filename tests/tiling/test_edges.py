@@ -128,7 +128,7 @@ PARAMETERS = {
         "criterion": "eigenvalue",
         "threshold": "mean",
         "outlier_detector": "passthrough",
-        "normal_estimator": RobustNormalEstimator(12, refine=None),
+        "normal_estimator": RobustNormalEstimator(12, reweight=False),
     },
 }
 
@@ -209,8 +209,7 @@ def test_files_are_those_that_memory_writes(n_jobs, colors, tmp_path):
     cloud = read_points(path)
     fitted = clone(DETECTOR).fit(cloud.xyz)
     is_edge = fitted.scores_ < fitted.offset_
-    brightest = 65535 if colors is None else None
-    results = edge_columns(is_edge, fitted.scores_, brightest)
+    results = edge_columns(is_edge, fitted.scores_, colors is None)
     write_points(expected, with_results(cloud, results))
     report = process_files(path, target, DETECTOR, colors=colors, tile_size=2_000, n_jobs=n_jobs)
     assert target.read_bytes() == expected.read_bytes()

@@ -27,8 +27,8 @@ def narrow(monkeypatch):
     "params",
     [
         {},
-        {"borrow": False, "features": ["roughness", "mean_curvature"]},
-        {"refine": None, "radius": 0.15},
+        {"neighbor_planes": False, "features": ["roughness", "mean_curvature"]},
+        {"reweight": False, "radius": 0.15},
         {"radius": 0.1, "orientation": [1.0, 2.0, 3.0]},
     ],
     ids=lambda params: "-".join(params) or "default",

@@ -75,8 +75,8 @@ def test_ctrl_c_while_temporary_files_are_removed_comes_too_late(small_file, tmp
 @pytest.mark.parametrize(
     "params",
     [
-        {"borrow": False},
-        {"refine": None},
+        {"neighbor_planes": False},
+        {"reweight": False},
         {"method": "pca"},
         {"method": "mcmd_md", "n_neighbors": 20},
         {"radius": 0.2, "features": ["roughness", "mean_curvature", "max_curvature_direction"]},

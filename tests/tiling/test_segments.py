@@ -58,10 +58,10 @@ SCENES = {
 LARGER_TILES = {"street", "copies", "far apart", "volume"}  # these are tried with them, too
 SLOW_SCENES = ("bus stop", "single precision", "sparse beside dense")
 SWITCHES = [
-    {"regrow_rest": False},
+    {"find_narrow_faces": False},
     {"join_coplanar": False},
     {"join_curved": False},
-    {"assign_rest": False},
+    {"assign_unlabeled": False},
     {"mutual": False},
     {"max_gap": 0.15},
     {"max_distance": 0.02},
