@@ -325,7 +325,7 @@ def test_the_palette_and_the_axis_of_the_histogram_tell_their_own_numbers(tab, s
 
 
 def test_lengths_have_the_unit_that_the_file_tells(chromium, scan, tmp_path):
-    scan = PointCloud(scan.xyz, {}, {"sensor_positions": np.zeros((1, 3))})  # as E57 is read
+    scan = PointCloud(scan.xyz, {}, {"sensor_origins": np.zeros((1, 3))})  # as E57 is read
     tab = Tab(chromium, view(scan).save(tmp_path / "unit.html"))
     assert tab.text("#legend b") == "height, m"
     assert re.fullmatch(r"\d+ m at the center", tab.text("#scale"))
