@@ -23,7 +23,6 @@ WORDS = {
     "isolated": "single points and pairs, far from everything else",
     "in groups": "small groups that stand apart: ghosts, birds, dust",
     "off surfaces": "points that lie on no surface: foliage, wires, noise",
-    "mirrored": "reflections behind windows, polished floors and water",
 }
 
 
@@ -163,7 +162,7 @@ def _kind_table(detector, found):
     rows = [
         (name, f"{count:,}", percent(count, n), WORDS[name])
         for name, count in zip(KINDS, counts.tolist(), strict=True)
-        if count or name not in ("off surfaces", "mirrored")
+        if count or name != "off surfaces"
     ]
     n_large = int(np.count_nonzero(kinds < 0))
     if n_large:
