@@ -41,6 +41,7 @@ from sklearn_mcmd.plotting import (
     plot_cloud,
     region_colors,
 )
+from sklearn_mcmd.plotting._still import draw_ball
 
 SOFTWARE_RENDERING = [
     *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"),
@@ -55,8 +56,9 @@ def landing():
     plot_cloud(street().data, outliers=flagged, ax=axes[0])
     plot_cloud(kept(), color=normal_colors(normals().normals_), ax=axes[1])
     axes[1].set(xlim=axes[0].get_xlim(), ylim=axes[0].get_ylim())
+    draw_ball(axes[1], VIEW)
     for ax, text in zip(axes, ("before", "after"), strict=True):
-        ax.text(0.02, 0.95, text, transform=ax.transAxes, fontsize=15, color="0.3")
+        ax.set_title(text, loc="left", fontsize=15, color="0.3")
     save(fig, "landing.jpg")
 
 

@@ -110,9 +110,10 @@ def denoise(
         typer.Option(
             help="Which points are outliers. isolated: single points and pairs far from everything "
             "else. groups: also small groups that stand apart, such as ghosts, birds and dust; "
-            "foliage, wires and small things that touch others are kept. surfaces: all points that "
-            "lie on no surface; foliage, wires and thin posts are removed. paper: points off the "
-            "plane of their own neighborhood, as in the paper; weak on whole clouds."
+            "foliage, wires and small things that touch others are kept, unless they are more than "
+            "three times as sparse as the surfaces around. surfaces: all points that lie on no "
+            "surface; foliage, wires and thin posts are removed. paper: points off the plane of "
+            "their own neighborhood, as in the paper; weak on whole clouds."
         ),
     ] = Strictness.groups,
     noise_scale: Annotated[
@@ -250,13 +251,18 @@ def denoise(
                 origins = origins[points.used]
             with working(source):
                 detector = _find_outliers(coordinates(some), origins, **params)
-            classes, score = _verdict(cloud, points, detector, low_groups)
+            classes, score, under = _verdict(cloud, points, detector, low_groups)
             is_outlier = classes != 0
             _warn_if_without_scale(_n_without_scale(score[is_outlier]), len(cloud))
+            together = _together(some.xyz, (is_outlier & ~under)[points.used], detector)
+            if together:
+                warnings.warn(together, stacklevel=2)
             write(target, *_denoised(cloud, classes, score, mark))
             write_report_of(
                 report, source, target, seconds,
-                lambda: _contents(some, detector, mark, is_outlier[points.used], len(cloud)),
+                lambda: _contents(
+                    some, detector, mark, is_outlier[points.used], len(cloud), together
+                ),
             )  # fmt: skip
         if not quiet:
             judged = {} if points.judged.all() else {"judged": count_and_share(points.judged)}
@@ -332,7 +338,8 @@ def _find_outliers(xyz, sensor_origin=None, **params):
 
 
 def _verdict(cloud, points, detector, low_groups):
-    """The class of each outlier as noise, 0 of others, and scores, NaN where none is judged."""
+    """The class of each outlier as noise, 0 of others; scores, NaN where none is judged; and which
+    points are in groups below the ground."""
     score, cutoff = np.full(len(cloud), np.nan), -detector.offset_
     score[points.used] = -detector.scores_
     under = np.zeros(len(cloud), bool)
@@ -349,13 +356,27 @@ def _verdict(cloud, points, detector, low_groups):
         detector.n_neighbors or len(cloud),
     )  # fmt: skip
     classes[under] = LOW_NOISE
-    return classes, score
+    return classes, score, under
 
 
-def _contents(cloud, detector, mark, found, n_all):
+def _together(xyz, removed, detector):
+    """In words, where outliers lie together that nobody asked for; "" if nowhere."""
+    from sklearn_mcmd.outliers._volumes import lost_volumes, words_of
+
+    if detector.strictness == "surfaces":  # things that are no surfaces are to go
+        return ""
+    if detector.reflections:
+        removed = removed & (detector.mirror_index_ < 0)
+    return words_of(lost_volumes(lambda: [(xyz, removed)], len(xyz)))
+
+
+def _contents(cloud, detector, mark, found, n_all, together):
     from sklearn_mcmd.report._denoise import denoise_contents
 
-    return denoise_contents(cloud, detector, marked=mark, found=found, n_others=n_all - len(cloud))
+    n_others = n_all - len(cloud)
+    return denoise_contents(
+        cloud, detector, marked=mark, found=found, n_others=n_others, together=together
+    )
 
 
 def _n_without_scale(scores):

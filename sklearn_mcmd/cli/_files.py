@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sklearn_mcmd.cli._large import PARSED_SUFFIXES, is_several
 from sklearn_mcmd.io._point_cloud import COLORS, has_colors, joined, with_results
 from sklearn_mcmd.planes._progress import progress_part
 
@@ -76,6 +77,8 @@ def color_columns(paint):
 
 def files_of(source):
     """The point files of a folder or an index, or the file itself."""
+    if not is_several(source):
+        return [source]
     from sklearn_mcmd.io._files import supported_extensions
     from sklearn_mcmd.tiling._catalog import paths_of
 
@@ -84,10 +87,10 @@ def files_of(source):
 
 def read_all(source, columns=None):
     """One cloud of a file, or of all files of a folder or an index."""
-    from sklearn_mcmd.tiling._catalog import EXTENSIONS, Catalog
-
     paths, clouds = files_of(source), []
-    if len(paths) > 1 and all(path.suffix.lower() in EXTENSIONS for path in paths):
+    if len(paths) > 1 and all(path.suffix.lower() in PARSED_SUFFIXES for path in paths):
+        from sklearn_mcmd.tiling import Catalog
+
         Catalog(paths)  # refuses several coordinate systems
     for number, path in enumerate(paths):
         with progress_part(number / len(paths), (number + 1) / len(paths)):

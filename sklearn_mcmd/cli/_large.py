@@ -8,7 +8,7 @@ import typer
 
 from sklearn_mcmd.cli._speech import print_table
 
-__all__ = ["DryRun", "Memory", "Restart", "large_catalog", "print_plan"]
+__all__ = ["DryRun", "Memory", "Restart", "is_several", "large_catalog", "print_plan"]
 
 SAMPLE = 50_000  # points whose time is measured
 # Time of tiles over that in memory, about.
@@ -48,6 +48,11 @@ Restart = Annotated[
 ]
 
 
+def is_several(source):
+    """Whether a source stands for several files."""
+    return source.is_dir() or source.suffix.lower() == INDEX_SUFFIX
+
+
 def large_catalog(source, memory, n_features, always=False, columns=None, *, work="normals"):
     """The catalog of a source that is to be divided into tiles, else None.
 
@@ -56,7 +61,7 @@ def large_catalog(source, memory, n_features, always=False, columns=None, *, wor
     """
     if not source.exists():
         raise FileNotFoundError(ENOENT, "no such file or folder", str(source))
-    several = source.is_dir() or source.suffix.lower() == INDEX_SUFFIX
+    several = is_several(source)
     if columns is not None and (always or several or source.suffix.lower() in PARSED_SUFFIXES):
         raise ValueError(f"{source}: columns={columns} is for text files")
     if always or several:

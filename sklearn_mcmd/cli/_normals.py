@@ -59,6 +59,8 @@ class Orientation(StrEnum):
     mst = "mst"
 
 
+# Share of normals of upright faces that is worth a line.
+SOME_UPRIGHT = 0.05
 DIRECTIONS = {Orientation.none: None, Orientation.up: [0.0, 0.0, 1.0]}
 
 
@@ -85,9 +87,9 @@ def normals(
     orientation: Annotated[
         Orientation,
         typer.Option(
-            help="Which of two opposite normals to take. none, up: the one with positive z. "
-            "sensor: the one toward --sensor or --trajectory. mst: the one that agrees with the "
-            "neighbors."
+            help="Which of two opposite normals to take. none, up: the one with positive z, which "
+            "for upright faces noise decides from point to point. sensor: the one toward --sensor "
+            "or --trajectory. mst: the one that agrees with the neighbors."
         ),
     ] = Orientation.none,
     sensor: SensorOrigin = None,
@@ -175,7 +177,8 @@ def normals(
         refuse_existing(no_clobber, target, report=report, catalog=catalog)
         if catalog is not None:
             return _by_tiles(
-                source, target, catalog, params, memory, restart, report, quiet, seconds
+                *(source, target, catalog, params, orientation),
+                *(memory, restart, report, quiet, seconds),
             )
         with progress("normals", quiet):
             cloud = read(source, target, "normals", columns=columns)
@@ -189,11 +192,14 @@ def normals(
                 report, source, target, seconds, lambda: _contents(cloud, fitted, results)
             )
         if not quiet:
+            from sklearn_mcmd.planes._orientation import count_upright
+
             removed = float(results["removed_fraction"].mean(dtype=np.float64))
             print_summary(
                 *(source, target, len(cloud), seconds()),
                 removed=_removed(removed),
-                **{"surface variation": f"{np.median(results['surface_variation']):.2g} (median)"},
+                **{"surface variation": f"{np.median(results['surface_variation']):.2g} (median)"}
+                | _sides(orientation, count_upright(fitted.normals_), len(cloud)),
             )
 
 
@@ -213,7 +219,9 @@ def _check_local(source, orientation, sensor, trajectory):
         )
 
 
-def _by_tiles(source, target, catalog, params, memory, restart, report, quiet, seconds):
+def _by_tiles(
+    source, target, catalog, params, orientation, memory, restart, report, quiet, seconds
+):
     from sklearn_mcmd.tiling import process_files
 
     with progress("normals", quiet):
@@ -231,6 +239,7 @@ def _by_tiles(source, target, catalog, params, memory, restart, report, quiet, s
             tiles=f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
             removed=_removed(told.removed_fraction),
             proved=f"all; {again:,} from more points than lie around their tile",
+            **_sides(orientation, told.n_upright, told.n_points),
         )
 
 
@@ -240,6 +249,14 @@ def _tile_contents(catalog, target, params, told):
 
     names = (*_columns(), *_feature_columns(params["features"]))
     return normals_of_tiles(catalog, targets_of(catalog, target), names, told)
+
+
+def _sides(orientation, n_upright, n_points):
+    """The row of the summary that names the option where noise decides the side of many."""
+    if orientation is not Orientation.none or n_upright <= SOME_UPRIGHT * n_points:
+        return {}
+    share = f"{100 * n_upright / n_points:.0f} % are of upright faces"
+    return {"sides": f"{share}, to either side by chance; see --orientation sensor and mst"}
 
 
 def _removed(share):

@@ -23,7 +23,7 @@ from sklearn_mcmd.cli._files import (
     working,
     write,
 )
-from sklearn_mcmd.cli._large import large_catalog
+from sklearn_mcmd.cli._large import is_several, large_catalog
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
     Columns,
@@ -191,7 +191,7 @@ def plane(
 
         seconds = stopwatch()
         with progress("plane", quiet):
-            catalog = large_catalog(source, np.inf, 0, columns=columns)
+            catalog = large_catalog(source, 0, 0, columns=columns) if is_several(source) else None
             refuse_existing(no_clobber, target, *sheets, report=report, catalog=catalog)
             if catalog is None:
                 with standing_in(target):

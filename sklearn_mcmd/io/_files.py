@@ -83,7 +83,7 @@ def read_points(
     Warns
     -----
     UserWarning
-        If columns of text, or fields of other formats, are left out; if points are 0, 0, 0 where
+        If columns of words, or fields of other formats, are left out. If points are 0, 0, 0 where
         most coordinates are 100,000 and more: rays without a return.
 
     See Also

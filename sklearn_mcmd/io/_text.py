@@ -31,7 +31,7 @@ def read_text(path, columns=None):
     """Read a table of numbers. Integer columns become int64, all others float64."""
     with open(path, encoding="utf-8-sig", errors="surrogateescape") as file:
         layout, first = _begin(file, columns)
-        tables, words, empty = _tables(chain([first], file), layout)
+        tables, words = _tables(chain([first], file), layout)
     n_points = sum(map(len, tables))
     if layout.n_points not in (None, n_points):
         raise PointFileError(f"the file promises {layout.n_points:,} points and holds {n_points:,}")
@@ -45,14 +45,16 @@ def read_text(path, columns=None):
         )
     attributes = {}
     for j, name in enumerate(layout.names):
-        if j in layout.positions or j in words or j in empty:
+        if j in layout.positions or j in words:
             continue
         if name in attributes:
             raise PointFileError(f"two columns are named {name!r}; rename one")
         values = np.concatenate([table[:, j] for table in tables])
+        if name == f"column_{j + 1}" and np.isnan(values).all():
+            continue  # of trailing delimiters
         # Class numbers and labels stay integers; above 2**53 a float64 does not hold all integers.
         is_integer = layout.fields[j].lstrip("+-").isdigit()
-        if is_integer and (np.abs(values) <= 2**53).all() and (values == np.rint(values)).all():
+        if is_integer and (np.abs(values) < 2**53).all() and (values == np.rint(values)).all():
             values = values.astype(np.int64)
         attributes[f"{name}_value" if name.lower() in RESERVED else name] = values
     return PointCloud(np.concatenate([table[:, layout.positions] for table in tables]), attributes)
@@ -90,9 +92,6 @@ class _Layout(NamedTuple):
     names: list
     positions: list  # of x, y, z
     n_points: int | None  # None if the file does not say
-
-    def is_nameless(self, j):
-        return j >= len(self.names) or self.names[j] == f"column_{j + 1}"
 
 
 def _begin(file, columns):
@@ -142,7 +141,9 @@ def _begin(file, columns):
     if known is not None:
         if known[-1] == "" and len(known) == len(fields) + 1:
             known = known[:-1]
-        if len(fields) != len(known) + (len(fields) > len(known) and fields[-1] == ""):
+        if fields[-1] == "" and len(fields) == len(known) + 1:
+            known = [*known, ""]
+        if len(fields) != len(known):
             raise PointFileError(
                 f"the header names {len(known)} columns, line {number} has {len(fields)}"
             )
@@ -154,15 +155,10 @@ def _begin(file, columns):
 
 
 def _tables(lines, layout):
-    """The table in parts, and its odd columns: with words, nameless and empty, with gaps."""
-    tables, number, width = [], layout.first, len(layout.names)
-    first = {j: _number(cell) for j, cell in enumerate(layout.fields) if j not in layout.positions}
-    words = {j: (number, layout.fields[j]) for j, value in first.items() if value is None}
-    empty = {j for j in first if not layout.fields[j] and layout.is_nameless(j)}
-    gaps = {j for j, value in first.items() if value is not None and np.isnan(value)}
+    """The table in parts, and the first word of each column that has words: its line and itself."""
+    tables, number, words, gaps = [], layout.first, {}, set()
     while part := list(islice(lines, ROWS_A_TIME)):
-        converters = dict.fromkeys(gaps, _filled) | dict.fromkeys(empty, _blank)
-        converters |= dict.fromkeys(words, _skipped)
+        converters = dict.fromkeys(gaps, _filled) | dict.fromkeys(words, lambda cell: np.nan)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of a part without rows
@@ -172,11 +168,11 @@ def _tables(lines, layout):
                 )  # fmt: skip
         except ValueError:
             table = np.empty((0, 0))
-        if table.shape[1] != len(layout.fields):
-            table = _slow_table(part, number, layout, words, empty, gaps)
-        tables.append(table[:, :width])
+        if table.shape[1] != len(layout.names):
+            table = _slow_table(part, number, layout, words, gaps)
+        tables.append(table)
         number += len(part)
-    return tables, words, empty
+    return tables, words
 
 
 def _filled(cell):
@@ -186,35 +182,21 @@ def _filled(cell):
     return value
 
 
-def _blank(cell):
-    if cell.strip():
-        raise ValueError
-    return np.nan
-
-
-def _skipped(cell):
-    return np.nan
-
-
-def _slow_table(part, number, layout, words, empty, gaps):
-    """A table of lines that NumPy cannot read, where cells may be missing."""
-    rows, numbers = [], []
+def _slow_table(part, number, layout, words, gaps):
+    """A table of lines that NumPy cannot read; columns with words and gaps are remembered."""
+    rows, numbers, width = [], [], len(layout.names)
     for at, line in enumerate(part, start=number):
-        fields = _row(line, layout.delimiter, len(layout.names))
+        fields = _row(line, layout.delimiter, width)
         if not any(fields):
             continue
-        if len(fields) == len(layout.names) + 1 and fields[-1] == "":
-            fields.pop()
-        if len(fields) != len(layout.names):
+        if len(fields) != width:
             raise PointFileError(
-                f"line {at} has {len(fields)} columns, line {layout.first} has {len(layout.names)}"
+                f"line {at} has {len(fields)} columns, line {layout.first} has {width}"
             )
         rows.append(fields)
         numbers.append(at)
-    table = np.full((len(rows), len(layout.names)), np.nan)
+    table = np.full((len(rows), width), np.nan)
     for j, cells in enumerate(zip(*rows, strict=True)):
-        if any(cells):
-            empty.discard(j)
         if j in layout.positions:
             table[:, j] = [_coordinate(*cell) for cell in zip(cells, numbers, strict=True)]
         elif j not in words:

@@ -103,7 +103,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     orientation : {"sensor", "mst"} or array-like of shape (n_features,), default=None
         Which of the two normals is taken:
 
-        - None: the one whose last coordinate (z) is positive;
+        - None: the one whose last coordinate (z) is positive. Upright faces have no upper side:
+          noise decides from point to point, and neighbors often look opposite ways;
         - "sensor": the one toward `sensor_origin`;
         - "mst": the one that agrees with the neighbors, along a minimum spanning tree from the
           highest point of each connected part, where the normal points up;

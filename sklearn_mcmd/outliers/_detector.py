@@ -184,9 +184,11 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
     ``fit(X).predict(X)``.
 
     A surface has at least as many points as a neighborhood, and a group of twice as many is a
-    thing, however far it stands off. In clouds of fewer than ``10 * n_neighbors`` points
-    a fifth of the cloud will do. Where there is no surface at all, or the cloud is no larger than
-    one neighborhood, ``strictness="surfaces"`` judges by company, as "groups" does.
+    thing, however far it stands off, if it is dense enough: points whose spacing is more than
+    three times the usual one of the surfaces around are isolated, each by itself. In clouds of
+    fewer than ``10 * n_neighbors`` points a fifth of the cloud will do. Where there is no surface
+    at all, or the cloud is no larger than one neighborhood, ``strictness="surfaces"`` judges by
+    company, as "groups" does.
 
     A neighborhood of exactly coplanar points has no scale. The rounding error of the coordinates
     is taken instead, and any point visibly off the plane is an outlier with a very large but

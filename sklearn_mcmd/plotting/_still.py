@@ -205,7 +205,8 @@ def draw_ball(ax, view):
     inset.imshow(picture, origin="lower", extent=(-1, 1, -1, 1), interpolation="antialiased")
     inset.set(aspect="equal", xlim=(-1.05, 1.05), ylim=(-1.05, 1.05))
     inset.set_axis_off()
-    inset.set_title("a ball in these colors", fontsize=9, color="0.25", pad=3)
+    words = "a ball in these colors;\nopposite normals look alike"
+    inset.set_title(words, fontsize=9, color="0.25", pad=3)
     return inset
 
 

@@ -8,6 +8,7 @@ from sklearn.base import clone
 from sklearn_mcmd.io._classes import Choice
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff, sample_step
+from sklearn_mcmd.outliers._volumes import lost_volumes, words_of
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._progress import listen_to_progress, progress_part
@@ -132,7 +133,11 @@ class Denoise(Verb):
             run.catalog, run.targets, run.folder, self.mode, self.cutoff, self.choice,
             self.content, self.scored, lowest,
         )  # fmt: skip
+        together = ""
+        if self.estimator.strictness != "surfaces":  # which takes things that are no surfaces
+            together = words_of(lost_volumes(partial(self._removed, run.cells), self.n_used))
         return {
+            "together": together,
             "n_outliers": n_outliers,
             "n_exact": n_exact,
             "removed_fraction": n_outliers / run.catalog.n_points,
@@ -141,6 +146,11 @@ class Denoise(Verb):
             "n_proved": self.n_proved,
             "n_resumed": self.n_resumed,
         }
+
+    def _removed(self, cells):
+        """Points, and which are outliers, tile by tile."""
+        for cell in range(len(cells)):
+            yield cells.read(cell)["xyz"], self.scored.flagged(cell, self.cutoff)
 
 
 def check_detector(estimator):

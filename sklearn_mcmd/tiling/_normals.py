@@ -60,8 +60,10 @@ class Normals(Verb):
             self.n_resumed = find(run, self.estimator)
 
     def write(self, run):
+        removed, n_upright = write_outputs(run.catalog, run.targets, run.folder, self.names)
         return {
-            "removed_fraction": write_outputs(run.catalog, run.targets, run.folder, self.names),
+            "removed_fraction": removed,
+            "n_upright": n_upright,
             "n_proved": total_proved(run.folder.results, range(len(run.cells))),
             "n_resumed": self.n_resumed,
         }

@@ -16,6 +16,7 @@ from sklearn_mcmd.tiling._edges import Edges
 from sklearn_mcmd.tiling._normals import Normals
 from sklearn_mcmd.tiling._run import RunReport, run_by_tiles
 from sklearn_mcmd.tiling._segments import Segments
+from sklearn_mcmd.tiling._warnings import warn_caller
 
 __all__ = ["process_files"]
 
@@ -127,7 +128,8 @@ def process_files(
     Warns
     -----
     UserWarning
-        If an output has no points, because all were outliers, or if so many points are on no
+        If an output has no points, because all were outliers; if hundreds of outliers lie together,
+        as a thing does that is sparser than what is around it; or if so many points are on no
         surface that regions take more than the memory.
 
     See Also
@@ -170,10 +172,13 @@ def process_files(
                 f"{idle!r}."
             )
     options = {name: given[name][0] for name in verb.options}
-    return run_by_tiles(
+    report = run_by_tiles(
         verb(estimator, **options), source, target, memory=memory, n_jobs=n_jobs,
         tile_size=tile_size, as_folder=as_folder, restart=restart,
     )  # fmt: skip
+    if report.together:
+        warn_caller(report.together)
+    return report
 
 
 def _verb_of(estimator):

@@ -75,6 +75,10 @@ class RunReport(NamedTuple):
     n_used : int
         Points that were judged or used to judge others: not withheld, and of
         the classes asked for.
+    together : str
+        Where hundreds of outliers lie together, in words; "" if nowhere.
+    n_upright : int
+        Normals of upright faces.
     """
 
     n_points: int
@@ -92,6 +96,8 @@ class RunReport(NamedTuple):
     n_edges: int = 0
     n_judged: int = 0
     n_used: int = 0
+    together: str = ""
+    n_upright: int = 0
 
 
 class Run(NamedTuple):

@@ -7,7 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.testing import assert_array_equal
@@ -29,12 +29,7 @@ FLOAT64_EXACT = [".ply", ".pcd", ".npy", ".npz", ".csv", ".xyz", ".txt"]
 
 
 @pytest.mark.parametrize("extension", FLOAT64_EXACT)
-@settings(
-    max_examples=25,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-    derandomize=True,
-)
+@settings(max_examples=25)
 @given(
     xyz=hnp.arrays(
         np.float64,

@@ -96,7 +96,7 @@ def test_text_may_be_in_latin_1(tmp_path):
 def test_surprises_late_in_a_file_are_met_in_its_other_parts(tmp_path, monkeypatch):
     monkeypatch.setattr(_text, "ROWS_A_TIME", 2)
     rows = [f"{i},{i + 1},{i + 2},{i}" for i in range(9)]
-    rows[3], rows[6] = "3,4,5,", "6,7,8,NA,"
+    rows[3], rows[6] = "3,4,5,", "6,7,8,NA"
     whole = read(tmp_path, "\n".join(["x,y,z,a", *rows, "", "", "# the end"]))
     assert_array_equal(whole.xyz, np.arange(9)[:, None] + np.arange(3))
     assert_array_equal(whole.attributes["a"], [0, 1, 2, np.nan, 4, 5, np.nan, 7, 8])

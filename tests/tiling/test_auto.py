@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.base import clone
 
@@ -101,9 +101,7 @@ def test_normals_are_those_of_memory_for_all_parameters(params, tmp_path):
     tile_size=st.integers(150, 900),
     cut=st.floats(0.2, 0.8),
 )
-@settings(
-    max_examples=2, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=2)
 def test_normals_of_any_cloud_are_those_of_memory(n, noise, digits, tile_size, cut, tmp_path):
     a, b, c = (tmp_path / name for name in ("a.las", "b.las", "c.las"))
     write_points(a, PointCloud(np.round(noisy_floor(n, noise), digits)))

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from sklearn.base import clone
@@ -162,9 +162,7 @@ def clouds(draw):
     cut=st.floats(0.2, 0.8),
     cleaner=st.sampled_from([None, "passthrough"]),
 )
-@settings(
-    max_examples=2, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=2)
 def test_scores_of_any_cloud_are_those_of_memory(X, tile_size, cut, cleaner, by_tiles, tmp_path):
     path, cloud = written(tmp_path, X)
     detector = SharpFeatureDetector(10, outlier_detector=cleaner, random_state=1)

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from sklearn.base import clone
@@ -142,9 +142,7 @@ def test_verdicts_are_those_of_memory_for_other_points_and_detectors(
     cut=st.floats(0.2, 0.8),
     above=st.sampled_from([None, -8.0, 0.0]),
 )
-@settings(
-    max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=4)
 def test_verdicts_of_any_cloud_are_those_of_memory(
     n, seed, digits, tile_size, cut, above, tmp_path
 ):
