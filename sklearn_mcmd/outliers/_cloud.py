@@ -139,7 +139,6 @@ class JudgedCloud:
             self.planes,
             self.explaining,
             floor,
-            self.model.ready(),
             len(queries),
         )
         near = around.indices[:, : self.company_limits.n_near]
@@ -250,7 +249,7 @@ class JudgedCloud:
         """How much ranges scatter on the sheet of rays that explains a point; 0 if none does."""
         owners, off = distances_to_surfaces(
             queries, neighbors_of, self.planes, self.on_sheet, self._floor(queries, 0.0),
-            self.model.ready(), self.model.chunk(), self.n_jobs,
+            self.model.chunk(), self.n_jobs,
         )  # fmt: skip
         return np.where(off <= self.surface_limits.explained, self.scatter[owners], 0.0)
 

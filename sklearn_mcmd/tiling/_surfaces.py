@@ -197,7 +197,7 @@ def find_explained(cell, job):
     def explain(rows, _, near):
         near = Neighborhoods(near.astype(np.int32), np.full(len(near), near.shape[1]))
         owners, distances[off[rows]] = distances_to_surfaces(
-            queries[rows], near.take, around, usable, floor[rows], True, len(near.sizes)
+            queries[rows], near.take, around, usable, floor[rows], len(near.sizes)
         )
         owner_scale[off[rows]] = np.where(owners < 0, owner_scale[off[rows]], around.scale[owners])
 
