@@ -309,29 +309,6 @@ def test_bad_input_of_plane_fails_with_one_line(kind, tmp_path):
     assert files_in(tmp_path) == before
 
 
-def full_disk(*args, **kwargs):
-    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-
-def test_a_figure_that_does_not_fit_the_disk_is_named_in_the_error(
-    wall_file, tmp_path, monkeypatch
-):
-    figure = pytest.importorskip("matplotlib.figure")
-    monkeypatch.setattr(figure.Figure, "savefig", full_disk)
-    line = error_line(run("plane", wall_file, tmp_path / "out.laz"))
-    assert f"{tmp_path / 'out_report.png'}: cannot be written: no space left" in line
-    assert files_in(tmp_path) == ["wall.laz"]
-
-
-def test_a_report_that_does_not_fit_the_disk_is_named_in_the_error(
-    wall_file, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(Path, "write_text", full_disk)
-    line = error_line(run("plane", wall_file, tmp_path / "out.laz"))
-    assert f"{tmp_path / 'out_report.txt'}: cannot be written: no space left" in line
-    assert files_in(tmp_path) == ["wall.laz"]
-
-
 def test_the_files_of_a_folder_are_tested_as_one_plane(wall, wall_file, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)  # figures take seconds
     folder = tmp_path / "parts"
