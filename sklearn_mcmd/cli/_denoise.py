@@ -365,8 +365,6 @@ def _together(xyz, removed, detector):
 
     if detector.strictness == "surfaces":  # things that are no surfaces are to go
         return ""
-    if detector.reflections:
-        removed = removed & (detector.mirror_index_ < 0)
     return words_of(lost_volumes(lambda: [(xyz, removed)], len(xyz)))
 
 
