@@ -79,9 +79,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         trials, together with `max_outlier_rate`.
 
     cutoff : float, default=None
-        Robust distance beyond which a neighbor is removed. None means 2.5 for "mcmd_z" and
-        the root of the 0.975 quantile of chi-squared with ``n_features`` degrees of freedom
-        for "mcmd_md".
+        Robust distance beyond which a neighbor is removed. None means 2.5 for "mcmd_z" and 3.06
+        in 3D for "mcmd_md", see :ref:`cutoffs`.
 
     reweight : bool, default=True
         Whether plane and scale are refitted twice before outliers are removed. None is removed if

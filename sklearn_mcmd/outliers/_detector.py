@@ -92,11 +92,10 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         trials, together with `max_outlier_rate`.
 
     cutoff : float, default=None
-        Score beyond which a point is an outlier. It changes no score. None means 3. With
-        ``strictness=None`` or ``n_neighbors=None`` it means 2.5 for "mcmd_z" and the root of the
-        0.975 quantile of chi-squared with ``n_features`` degrees of freedom for "mcmd_md" (3.0575
-        in 3D). 10 asks for gross errors only: ten standard deviations off the surfaces, and ten
-        usual spacings from any company.
+        Score beyond which a point is an outlier. It changes no score. None means 3; with
+        ``strictness=None`` or ``n_neighbors=None`` 2.5 for "mcmd_z" and 3.06 in 3D for "mcmd_md",
+        see :ref:`cutoffs`. 10 asks for gross errors only: ten standard deviations off the
+        surfaces, and ten usual spacings from any company.
 
     false_positive_rate : float in (0, 0.5), default=None
         Share of the points on surfaces that noise may flag, at least 1e-4 in 3D and 1e-3

@@ -1,7 +1,5 @@
 """mcmd plane: what it writes, what it refuses, and that nothing is lost."""
 
-import errno
-import os
 import re
 import sys
 from pathlib import Path
@@ -93,7 +91,7 @@ def test_a_vertical_surface_is_warned_of_on_a_wall(wall_file, tmp_path):
     assert result.stderr.startswith("mcmd: warning: The points lie along a plane tilted by 90")
 
 
-def test_report_and_figure_go_where_they_are_told(wall_file, tmp_path):
+def test_report_and_figure_go_where_they_are_told(wall_file, tmp_path, real_figures):
     (tmp_path / "filed").mkdir()
     text, figure = tmp_path / "filed" / "a.md", tmp_path / "filed" / "a.pdf"
     result = run(
@@ -309,29 +307,6 @@ def test_bad_input_of_plane_fails_with_one_line(kind, tmp_path):
     before = files_in(tmp_path)
     error_line(run("plane", path, tmp_path / "out.laz"))
     assert files_in(tmp_path) == before
-
-
-def full_disk(*args, **kwargs):
-    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-
-def test_a_figure_that_does_not_fit_the_disk_is_named_in_the_error(
-    wall_file, tmp_path, monkeypatch
-):
-    figure = pytest.importorskip("matplotlib.figure")
-    monkeypatch.setattr(figure.Figure, "savefig", full_disk)
-    line = error_line(run("plane", wall_file, tmp_path / "out.laz"))
-    assert f"{tmp_path / 'out_report.png'}: cannot be written: no space left" in line
-    assert files_in(tmp_path) == ["wall.laz"]
-
-
-def test_a_report_that_does_not_fit_the_disk_is_named_in_the_error(
-    wall_file, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(Path, "write_text", full_disk)
-    line = error_line(run("plane", wall_file, tmp_path / "out.laz"))
-    assert f"{tmp_path / 'out_report.txt'}: cannot be written: no space left" in line
-    assert files_in(tmp_path) == ["wall.laz"]
 
 
 def test_the_files_of_a_folder_are_tested_as_one_plane(wall, wall_file, tmp_path, monkeypatch):

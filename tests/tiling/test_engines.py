@@ -67,7 +67,7 @@ def test_the_memory_is_that_of_the_workers(client):
 
 def lose_a_worker(folder, pid):
     """Kill a process once a tile is done."""
-    end = time.monotonic() + 60
+    end = time.monotonic() + 600
     while time.monotonic() < end and not list(folder.glob("*.results")):
         time.sleep(0.01)
     os.kill(pid, signal.SIGKILL)
