@@ -100,7 +100,7 @@ def test_the_cutoff_and_the_verdict_of_the_detector_divide_the_whole_without_gap
         first, last = ends.get(stage, (share, share))
         ends[stage] = min(first, share), max(last, share)
     ends.pop("")  # the parts that hold stages
-    stages = ["cutoff by simulation", "planes", "outliers", "cutoff by parts"]
+    stages = ["cutoff by simulation", "planes", "outliers"]
     assert list(ends) == stages == list(detector._stages())
     assert min(begin for begin, _ in ends.values()) == 0
     for (_, end), (begin, _) in pairwise(ends.values()):

@@ -51,7 +51,7 @@ class SurfacePlanes:
     ----------
     model : LocalPlaneModel
         A model with neighborhoods.
-    borrow : bool
+    lends : bool
     n_jobs : int or None
     tangents : bool, default=True
         Whether a neighborhood that bends has the tangent plane of its quadric, and not the plane of
@@ -60,10 +60,10 @@ class SurfacePlanes:
 
     ROUGH, BENT = ROUGH, BENT
 
-    def __init__(self, model, borrow, n_jobs, tangents=True):
+    def __init__(self, model, lends, n_jobs, tangents=True):
         self.model = model
         self.tangents = tangents
-        self.borrow = borrow
+        self.lends = lends
         self.n_jobs = n_jobs
 
     def fit(self, X):
@@ -108,7 +108,7 @@ class SurfacePlanes:
             with progress_part(0.0, 0.5):
                 each_slice(m, self.model.chunk(), bend, self.n_jobs)
             self.bent = np.flatnonzero(forms == BENT)
-            if self.borrow:
+            if self.lends:
                 own_scale = planes.scale[self.bent]
                 planes.scale[self.bent] = self.left[self.bent]
                 with progress_part(0.5, 1.0):
@@ -129,7 +129,7 @@ class SurfacePlanes:
             own = Planes.empty(*points.shape)
             forms, _, left = self._own(points, own, around)
             self._bend(points, own, forms, left, around)
-            if self.borrow:
+            if self.lends:
                 self.lend(points, own, forms, around, members, noise)
             planes.put(part, own)
 

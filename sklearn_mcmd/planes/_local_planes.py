@@ -5,11 +5,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._adaptive_trials import StopRule, adaptive_consistent_sets
 from sklearn_mcmd.planes._around import extents
 from sklearn_mcmd.planes._chunks import each_chunk, each_slice
 from sklearn_mcmd.planes._compiling import compiled_function
-from sklearn_mcmd.planes._consistent_set import Trials, localize, n_support_points
+from sklearn_mcmd.planes._consistent_set import (
+    Trials,
+    localize,
+    maximum_consistent_sets,
+    n_support_points,
+)
 from sklearn_mcmd.planes._plane import RANK_TOLERANCE, fit_planes, flat_normals, normal_errors
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import METHODS, RuleLimits, robust_distances
@@ -51,8 +55,6 @@ class PlaneSettings(NamedTuple):
     reweight : bool
     comparator : baselines.Method
         Judges neighborhoods in the place of a rule; trials are then its tables.
-    stop_rule : StopRule
-        When to stop before the end of the table.
     """
 
     method: str
@@ -62,7 +64,6 @@ class PlaneSettings(NamedTuple):
     cutoff: float | None = None
     reweight: bool = False
     comparator: object = None
-    stop_rule: StopRule = StopRule.never()
 
 
 class LocalPlaneModel:
@@ -253,9 +254,7 @@ class LocalPlaneModel:
         support, flat = None, np.zeros(len(local), dtype=bool)
         if rule.needs_consistent_set:
             n_support = n_support_points(self.settings.support_fraction, sizes, d)
-            support, _, flat, _ = adaptive_consistent_sets(
-                neighborhoods, self.trials, n_support, self.settings.stop_rule, sizes
-            )
+            support, _, flat = maximum_consistent_sets(neighborhoods, self.trials, n_support, sizes)
         centers, whitening = rule.apply(local, valid, support, self.settings.reweight, floor)
         scale = 1.0 / np.linalg.norm(whitening[..., 0], axis=1)
         origin = neighborhoods[:, 0]

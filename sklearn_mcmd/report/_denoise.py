@@ -9,7 +9,7 @@ from sklearn_mcmd.report._facts import Facts
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._html import paragraph, table
 from sklearn_mcmd.report._maps import found_maps
-from sklearn_mcmd.report._notes import CHECKS, cloud_notes, lost_places
+from sklearn_mcmd.report._notes import CHECKS, cloud_notes, together_notes
 from sklearn_mcmd.report._places import Places, place_sections
 
 __all__ = ["denoise_contents", "grade_table", "judged_notes"]
@@ -23,11 +23,10 @@ WORDS = {
     "isolated": "single points and pairs, far from everything else",
     "in groups": "small groups that stand apart: ghosts, birds, dust",
     "off surfaces": "points that lie on no surface: foliage, wires, noise",
-    "mirrored": "reflections behind windows, polished floors and water",
 }
 
 
-def denoise_contents(cloud, detector, *, marked, found=None, n_others=0):
+def denoise_contents(cloud, detector, *, marked, found=None, n_others=0, together=""):
     """The contents of a report of `mcmd denoise`.
 
     Parameters
@@ -42,6 +41,8 @@ def denoise_contents(cloud, detector, *, marked, found=None, n_others=0):
         The outliers, if not all that the detector calls so, or others too.
     n_others : int, default=0
         Points of the file that the detector has not seen.
+    together : str, default=""
+        Where outliers lie together, by `words_of`.
     """
     score, cutoff = -detector.scores_, float(-detector.offset_)
     found = score > cutoff if found is None else found
@@ -51,9 +52,8 @@ def denoise_contents(cloud, detector, *, marked, found=None, n_others=0):
     scales = None if paper else judged.planes.scale
     facts = Facts.of(cloud.xyz, detector.n_neighbors_, scales)
     places = Places.of(cloud.xyz, found, facts.near)
-    notes = judged_notes(n, n_all) + _surface_notes(detector, n_all) + cloud_notes(facts)
-    lost = lost_places(places, facts.n_neighbors)
-    notes = [lost, *notes] if lost else notes
+    notes = together_notes(together) + judged_notes(n, n_all)
+    notes += _surface_notes(detector, n_all) + cloud_notes(facts)
     on_surface = int(np.count_nonzero(detector.on_surface_))
     done = "are marked" if marked else "were removed"
     cards = [
@@ -81,7 +81,7 @@ def denoise_contents(cloud, detector, *, marked, found=None, n_others=0):
         headline=f"{share(n, n_all)} are outliers; they {done}.",
         cards=cards,
         notes=notes,
-        checks=f"many outliers, many in one place, {CHECKS}",
+        checks=f"many outliers, many that lie together, {CHECKS}",
         sections=sections,
         cloud_rows=facts.rows(cloud),
         output=f"{n_all + n_others - (0 if marked else n):,} points"
@@ -162,7 +162,7 @@ def _kind_table(detector, found):
     rows = [
         (name, f"{count:,}", percent(count, n), WORDS[name])
         for name, count in zip(KINDS, counts.tolist(), strict=True)
-        if count or name not in ("off surfaces", "mirrored")
+        if count or name != "off surfaces"
     ]
     n_large = int(np.count_nonzero(kinds < 0))
     if n_large:

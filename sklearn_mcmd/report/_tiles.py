@@ -19,7 +19,7 @@ from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._html import paragraph
 from sklearn_mcmd.report._maps import found_maps
 from sklearn_mcmd.report._normals import normals_maps, normals_notes, removed_words, tilt_table
-from sklearn_mcmd.report._notes import lost_places
+from sklearn_mcmd.report._notes import together_notes
 from sklearn_mcmd.report._places import Places, place_sections
 from sklearn_mcmd.report._segment import (
     LISTED,
@@ -34,7 +34,7 @@ __all__ = ["denoised_tiles", "edges_of_tiles", "normals_of_tiles", "regions_of_t
 SAMPLE = 500_000  # points; maps show a quarter of them, and shares are known to 0.1 %
 PART = 1_000_000  # points that are read at a time
 NOISE = (LOW_NOISE, HIGH_NOISE)  # the classes of outliers in LAS
-CHECKS = "many outliers and many in one place; the cloud itself is not measured by tiles"
+CHECKS = "many outliers, many that lie together; the cloud itself is not measured by tiles"
 
 
 def denoised_tiles(catalog, outputs, estimator, run, *, marked):
@@ -63,7 +63,7 @@ def denoised_tiles(catalog, outputs, estimator, run, *, marked):
     else:
         cloud, found = _with_removed(catalog.paths, outputs, step)
     xyz, near = cloud.xyz, usual_rows(cloud.xyz)
-    notes = judged_notes(n, n_all)
+    notes = together_notes(run.together) + judged_notes(n, n_all)
     if found is None:
         sections.append(
             Section(
@@ -74,9 +74,6 @@ def denoised_tiles(catalog, outputs, estimator, run, *, marked):
         )  # fmt: skip
     else:
         places = Places.of(xyz, found, near)
-        whole = places._replace(n_all=step * places.n_all, n_found=step * places.n_found)
-        lost = lost_places(whole, estimator.n_neighbors)
-        notes = [lost, *notes] if lost else notes
         words = _stated(len(xyz), n_all, step)
         drawn = words + found_maps(xyz, found, near, "outliers")
         sections.append(Section("Where the outliers are", drawn))

@@ -74,7 +74,7 @@ class Claims:
         number[pairs[most, 0]] = pairs[most, 1]
         return relabeled(labels, number)
 
-    def assign_rest(self, labels, content=()):
+    def assign_unlabeled(self, labels, content=()):
         """Give points without a region to that of the neighbor whose plane is nearest.
 
         Points claimed in one round may claim others in the next: the outcome depends on no

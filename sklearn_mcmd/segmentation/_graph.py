@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._around import quantile_around
+from sklearn_mcmd.planes._around import quantile_around, ratio
 from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._compiling import compiled_function
 from sklearn_mcmd.planes._linking import LinkLimits, row_linker
@@ -31,6 +31,9 @@ N_ERRORS = 3.0
 BENT = 1 / 8
 # The paper's rule A: neighbors within the median and so many standard deviations.
 N_DEVIATIONS = 2.0
+# Seeds are as flat, or as near to their planes, if they differ by less than these bits of the
+# surface variation, and of the plane's standard deviation.
+VARIATION_BITS, HEIGHT_BITS = 30, 16
 
 
 class GrowthRules(NamedTuple):
@@ -176,15 +179,18 @@ def seed_order(variation, points, planes):
 
     Points that borrowed the same plane have the same curvature. Among them those nearest to the
     plane come first, so that the order of rows does not decide, and last their coordinates tell.
+    Both are rounded, so that neither do rounding errors, which change with the place of the cloud.
     """
-    seeds = np.argsort(variation)  # not stable, which takes longer
-    same = np.diff(variation[seeds]) == 0
+    flatness = np.rint(np.ldexp(variation, VARIATION_BITS)).astype(np.int32)  # of 1/d at most
+    seeds = np.argsort(flatness)  # not stable, which takes longer
+    same = np.diff(flatness[seeds]) == 0
     tied = np.flatnonzero(np.append(same, False) | np.append(False, same))
     equal = seeds[tied]
     own = points[equal]
     gaps = own - planes.centroids[equal]
     heights = np.abs(np.einsum("nd,nd->n", gaps, planes.normals[equal]))
-    seeds[tied] = equal[np.lexsort((*own.T, heights, variation[equal]))]
+    heights = np.rint(np.ldexp(ratio(heights, planes.scale[equal]), HEIGHT_BITS))
+    seeds[tied] = equal[np.lexsort((*own.T, heights, flatness[equal]))]
     return seeds
 
 

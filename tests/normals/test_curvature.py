@@ -121,7 +121,7 @@ def test_a_saddle_bends_both_ways():
 
 
 @given(seed=st.integers(0, 2**32 - 1), slope=st.floats(0, 2), bend=st.floats(0.01, 2))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_curvatures_of_a_graph_do_not_depend_on_the_frame(seed, slope, bend):
     """The Weingarten map of a tilted quadric is that of the same quadric by three dimensions."""
     rng = np.random.default_rng(seed)
@@ -264,7 +264,7 @@ def test_curvatures_do_not_depend_on_the_order_of_rows(mixed):
     scale=st.floats(1e-3, 1e3),
     shift=st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=3),
 )
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_curvatures_move_with_the_cloud(seed, scale, shift):
     X, N = torus(1500, 0.004)
     turn = Rotation.random(random_state=seed).as_matrix()

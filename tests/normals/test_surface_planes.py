@@ -35,7 +35,7 @@ def test_points_next_to_an_edge_borrow_the_plane_of_their_face():
     X, N, distance = corner(4000)
     # Nearer than three standard deviations the two faces cannot be told apart.
     near = (distance > 0.006) & (distance < 0.06)
-    own, borrowed = (angles(X, N, n_neighbors=30, borrow=b)[near] for b in (False, True))
+    own, borrowed = (angles(X, N, n_neighbors=30, neighbor_planes=b)[near] for b in (False, True))
     assert (borrowed < 10).mean() > max(0.98, (own < 10).mean() + 0.015)
 
 
@@ -75,7 +75,8 @@ def test_results_do_not_depend_on_threads_chunks_or_order(monkeypatch):
 
 
 METHODS = [
-    {}, {"borrow": False}, {"method": "mcmd_md"}, {"refine": None}, {"outlier_rate": "auto"},
+    {}, {"neighbor_planes": False}, {"method": "mcmd_md"}, {"reweight": False},
+    {"max_outlier_rate": 0.3},
     {"method": "pca"}, {"method": "ransac"}, {"method": "msac"}, {"method": "robpca"},
     {"method": "ulsif", "method_params": {"contamination": 0.1}},
     {"method": "qsp", "method_params": {"contamination": 0.1}},
@@ -183,9 +184,9 @@ def test_neighborhoods_on_two_scan_lines_determine_no_quadric():
 @pytest.mark.parametrize(("n", "k", "share", "height"), [
     (900, 50, 0.4, 0.06), (3000, 50, 0.3, 0.04), (3000, 100, 0.45, 0.04), (3000, 50, 0.4, 0.02),
 ])  # fmt: skip
-@pytest.mark.parametrize("borrow", [False, True])
+@pytest.mark.parametrize("neighbor_planes", [False, True])
 @pytest.mark.parametrize("levels", ["between", "at"])
-def test_scattered_outliers_do_not_pass_for_noise(n, k, share, height, borrow, levels):
+def test_scattered_outliers_do_not_pass_for_noise(n, k, share, height, neighbor_planes, levels):
     """Kept whole, neighborhoods with two fifths of these tilt by 8 degrees and more."""
     rng = np.random.default_rng(0)
     X = np.column_stack([rng.uniform(0, 1, (n, 2)), rng.normal(0, 0.001, n)])
@@ -194,8 +195,10 @@ def test_scattered_outliers_do_not_pass_for_noise(n, k, share, height, borrow, l
         rng.uniform(-height, height, n) if levels == "between" else rng.choice([-1, 1], n) * height
     )
     X[outlier, 2] = off[outlier]
-    tilt = angles(X, np.tile([0.0, 0.0, 1.0], (n, 1)), n_neighbors=k, borrow=borrow)[~outlier]
-    paper = angles(X, np.tile([0.0, 0.0, 1.0], (n, 1)), n_neighbors=k, refine=None)[~outlier]
+    tilt = angles(
+        X, np.tile([0.0, 0.0, 1.0], (n, 1)), n_neighbors=k, neighbor_planes=neighbor_planes
+    )[~outlier]
+    paper = angles(X, np.tile([0.0, 0.0, 1.0], (n, 1)), n_neighbors=k, reweight=False)[~outlier]
     assert np.quantile(tilt, 0.95) <= 1.2 * np.quantile(paper, 0.95)
 
 
@@ -227,7 +230,7 @@ def test_from_four_dimensions_on_each_point_has_its_own_refitted_plane():
     rng = np.random.default_rng(0)
     X = rng.uniform(-1, 1, (120, 4)) * [1, 1, 1, 0] + rng.normal(0, 0.01, (120, 4))
     X[:, 3] += 0.5 * np.maximum(X[:, 0], 0)  # a crease
-    estimator = RobustNormalEstimator(30, outlier_rate=0.2, random_state=0).fit(X)
+    estimator = RobustNormalEstimator(30, max_outlier_rate=0.2, random_state=0).fit(X)
     assert_array_equal(estimator.plane_index_, np.arange(120))
     trials = draw_trials(estimator.n_trials_, 30, 0)
     for i in range(0, 120, 10):
@@ -264,7 +267,7 @@ def test_planes_across_a_kerb_come_last():
     clear = (street.target == 1) & (street.edge_distance > 0.015)
     near = clear & (street.edge_distance < 4 * street.spacing)
     angle = angles(street.data, street.normals, n_neighbors=50)
-    own = angles(street.data, street.normals, n_neighbors=50, borrow=False)
+    own = angles(street.data, street.normals, n_neighbors=50, neighbor_planes=False)
     # Three standard deviations off the edge the faces can be told apart.
     assert (angle[near] < 10).mean() > max(0.9, (own[near] < 10).mean() + 0.05)
     assert np.median(angle[clear & ~near]) <= 1.05 * np.median(own[clear & ~near])
@@ -272,7 +275,7 @@ def test_planes_across_a_kerb_come_last():
 
 def test_the_paper_to_the_letter_borrows_nothing():
     X, _, _ = corner(2000)
-    literal = RobustNormalEstimator(30, refine=None, random_state=0).fit(X)
+    literal = RobustNormalEstimator(30, reweight=False, random_state=0).fit(X)
     assert_array_equal(literal.plane_index_, np.arange(len(X)))
 
 
@@ -295,3 +298,13 @@ def test_neighborhoods_of_too_few_members_for_a_quadric_warn_of_nothing():
     street = make_street(5_000, noise=0.008, random_state=0)
     normals = RobustNormalEstimator(10, random_state=0).fit(street.data).normals_
     assert np.isfinite(normals).all()
+
+
+@pytest.mark.parametrize(
+    "parameters", [{"reweight": False}, {"method": "pca"}, {"n_neighbors": None}]
+)
+def test_planes_of_neighbors_follow_reweighting_and_are_not_promised_without_it(parameters):
+    X = np.random.default_rng(0).uniform(size=(200, 3))
+    with pytest.raises(ValueError, match="neighbor_planes=True needs"):
+        RobustNormalEstimator(neighbor_planes=True, random_state=0, **parameters).fit(X)
+    RobustNormalEstimator(random_state=0, **parameters).fit(X)

@@ -43,7 +43,7 @@ def test_what_comes_out_is_what_went_in(k, spread):
         assert_array_equal(table.query(slice(37, n - 5), fewer), indices[37 : n - 5, :fewer])
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     n=st.integers(1, 700),
     k=st.integers(1, 90),

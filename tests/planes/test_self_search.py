@@ -65,7 +65,7 @@ def test_distances_are_those_of_scipy_to_the_last_bit(kind):
     assert_array_equal(np.sqrt(squares), expected)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     n=st.integers(20, 300),
     k=st.integers(1, 20),
