@@ -310,11 +310,18 @@ def _by_tiles(
 
 
 def _tile_contents(catalog, target, params, told, mark):
-    from sklearn_mcmd.report._tiles import denoised_tiles
+    from sklearn_mcmd.outliers._detector import CUTOFF
+    from sklearn_mcmd.report._denoise import Verdict, denoise_contents, shown_of_tiles
     from sklearn_mcmd.tiling._outputs import targets_of
 
-    outputs = targets_of(catalog, target)
-    return denoised_tiles(catalog, outputs, _detector(params), told, marked=mark)
+    shown = shown_of_tiles(catalog, targets_of(catalog, target), told, mark)
+    found_by_run = (params["contamination"], params["false_positive_rate"]) != (None, None)
+    cutoff = params["cutoff"]
+    if cutoff is None and not found_by_run and params["strictness"] is not None:
+        cutoff = CUTOFF
+    n_others = told.n_points - told.n_used
+    verdict = Verdict(told.n_outliers, told.n_used, n_others, cutoff)
+    return denoise_contents(shown, verdict, marked=mark, together=told.together)
 
 
 def _at_most_one(options):
@@ -369,12 +376,17 @@ def _together(xyz, removed, detector):
 
 
 def _contents(cloud, detector, mark, found, n_all, together):
-    from sklearn_mcmd.report._denoise import denoise_contents
+    from sklearn_mcmd.report._denoise import Verdict, denoise_contents
+    from sklearn_mcmd.report._shown import Shown
 
+    scales = None if detector._cloud.own_planes_only else detector._cloud.planes.scale
+    shown = Shown.of_memory(
+        cloud, detector.n_neighbors_, scales, outlier=found.astype(np.uint8),
+        outlier_score=(-detector.scores_).astype(np.float32),
+    )  # fmt: skip
     n_others = n_all - len(cloud)
-    return denoise_contents(
-        cloud, detector, marked=mark, found=found, n_others=n_others, together=together
-    )
+    verdict = Verdict(np.count_nonzero(found), len(cloud), n_others, -float(detector.offset_))
+    return denoise_contents(shown, verdict, marked=mark, together=together, judged=[detector])
 
 
 def _n_without_scale(scores):

@@ -3,6 +3,7 @@
 from enum import StrEnum
 from typing import Annotated
 
+import numpy as np
 import typer
 
 from sklearn_mcmd.cli._config import Config
@@ -165,11 +166,14 @@ def _by_tiles(source, target, catalog, params, colors, memory, restart, report, 
 
 
 def _tile_contents(catalog, target, params, told):
-    from sklearn_mcmd.report._tiles import edges_of_tiles
+    from sklearn_mcmd.report._edges import edges_contents
+    from sklearn_mcmd.report._shown import Shown
     from sklearn_mcmd.tiling._outputs import targets_of
 
-    outputs = targets_of(catalog, target)
-    return edges_of_tiles(catalog, outputs, _detector(params), told)
+    detector, names = _detector(params), ("edge", "edge_score")
+    shown = Shown.of_tiles(catalog, targets_of(catalog, target), told, names)
+    limit = detector._crease_width() if detector.criterion == "crease" else None
+    return edges_contents(shown, detector.criterion, told.n_edges, limit, [])
 
 
 def _detector(params):
@@ -186,8 +190,16 @@ def _verdict(detector):
 
 def _contents(cloud, detector):
     from sklearn_mcmd.report._edges import edges_contents
+    from sklearn_mcmd.report._shown import Shown
 
-    return edges_contents(cloud, detector)
+    is_edge, score = _verdict(detector)
+    scales = getattr(detector.normal_estimator_, "plane_scale_", None)
+    results = {"edge": is_edge.astype(np.uint8), "edge_score": score.astype(np.float32)}
+    shown = Shown.of_memory(cloud, detector.n_neighbors, scales, **results)
+    limit = float(detector.offset_ if detector.criterion == "crease" else -detector.offset_)
+    n_outliers = np.count_nonzero(~detector.inlier_mask_)
+    cards = [(f"{n_outliers:,}", "outliers that were left out")]
+    return edges_contents(shown, detector.criterion, np.count_nonzero(is_edge), limit, cards)
 
 
 def _results(is_edge, score, colors):

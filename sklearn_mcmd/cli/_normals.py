@@ -244,11 +244,13 @@ def _by_tiles(
 
 
 def _tile_contents(catalog, target, params, told):
-    from sklearn_mcmd.report._tiles import normals_of_tiles
+    from sklearn_mcmd.report._normals import normals_contents
+    from sklearn_mcmd.report._shown import Shown
     from sklearn_mcmd.tiling._outputs import targets_of
 
     names = (*_columns(), *_feature_columns(params["features"]))
-    return normals_of_tiles(catalog, targets_of(catalog, target), names, told)
+    shown = Shown.of_tiles(catalog, targets_of(catalog, target), told, names)
+    return normals_contents(shown, names, told.removed_fraction)
 
 
 def _sides(orientation, n_upright, n_points):
@@ -289,8 +291,13 @@ def _find_normals(xyz, params, sensor_origin=None):
 
 def _contents(cloud, fitted, results):
     from sklearn_mcmd.report._normals import normals_contents
+    from sklearn_mcmd.report._shown import Shown
 
-    return normals_contents(cloud, fitted, results)
+    shown = Shown.of_memory(
+        cloud, int(np.median(fitted.n_neighbors_)), fitted.plane_scale_, **results,
+        normal_error=fitted.normal_error_.astype(np.float32),
+    )  # fmt: skip
+    return normals_contents(shown, results, float(fitted.removed_fraction_.mean()))
 
 
 def _size_column(n_neighbors):

@@ -225,11 +225,13 @@ def _by_tiles(source, target, catalog, growing, colors, memory, restart, report,
 
 
 def _tile_contents(catalog, target, told):
-    from sklearn_mcmd.report._tiles import regions_of_tiles
+    from sklearn_mcmd.report._segment import Regions, segment_contents
+    from sklearn_mcmd.report._shown import Shown
     from sklearn_mcmd.tiling._outputs import targets_of
 
-    outputs = targets_of(catalog, target)
-    return regions_of_tiles(catalog, outputs, told)
+    shown = Shown.of_tiles(catalog, targets_of(catalog, target), told, ("region",))
+    regions = Regions.of_sample(shown.cloud, told.largest)
+    return segment_contents(shown, regions, told.n_regions, told.n_inside)
 
 
 def _in_words(sizes):
@@ -243,9 +245,17 @@ def _growing(normals, params):
 
 
 def _contents(cloud, fitted):
-    from sklearn_mcmd.report._segment import segment_contents
+    from sklearn_mcmd.report._segment import Regions, segment_contents
+    from sklearn_mcmd.report._shown import Shown
 
-    return segment_contents(cloud, fitted)
+    planes, labels = fitted.normal_estimator_, fitted.labels_
+    n_neighbors = int(np.median(planes.n_neighbors_))
+    shown = Shown.of_memory(cloud, n_neighbors, planes.plane_scale_, region=labels.astype(np.int32))
+    regions = Regions(
+        fitted.region_sizes_, fitted.region_normals_, fitted.region_centroids_,
+        fitted.region_errors_,
+    )  # fmt: skip
+    return segment_contents(shown, regions, fitted.n_regions_, np.count_nonzero(labels >= 0))
 
 
 def _segmented(cloud, labels, colors):

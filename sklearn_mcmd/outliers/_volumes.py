@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import label
 
-__all__ = ["LostVolume", "lost_volumes", "words_of"]
+__all__ = ["LostVolume", "lost_volumes", "place_numbers", "words_of"]
 
 # Boxes overlap by half. If all removed points were strewn evenly, each would hold one. A box is
 # lost if it holds so many times that, and so large a share of its points is removed ...
@@ -50,7 +50,7 @@ def lost_volumes(parts, n_points):
     n_removed, samples = 0, ([], [])
     for xyz, removed in parts():
         n_removed += int(np.count_nonzero(removed))
-        chosen = _shuffled(xyz) % step == 0
+        chosen = place_numbers(xyz) % step == 0
         for some, own in zip(samples, (removed, ~removed), strict=True):
             some.append(xyz[chosen & own])
     ends = [
@@ -114,8 +114,8 @@ def _pairs(values, joined):
     return values
 
 
-def _shuffled(xyz):
-    """A number for each point that is as good as random, whatever the order of points is."""
+def place_numbers(xyz):
+    """A number for each point, as good as random; two places share one in 2 ** 64 by chance."""
     numbers = np.zeros(len(xyz), np.uint64)
     for values, factor in zip(xyz.T + 0.0, FACTORS, strict=True):
         numbers = (numbers ^ np.ascontiguousarray(values).view(np.uint64)) * factor

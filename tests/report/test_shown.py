@@ -9,8 +9,8 @@ import pytest
 from commands import run
 from pages import read_page
 from sklearn_mcmd.io import read_points, write_points
-from sklearn_mcmd.report import _tiles
-from sklearn_mcmd.report._tiles import _sample, _with_removed
+from sklearn_mcmd.report import _shown
+from sklearn_mcmd.report._shown import _sample, removed_of
 from tiled import street
 
 N = 4_400
@@ -50,7 +50,7 @@ def test_outliers_of_tiles_are_those_of_memory(mode, tmp_path, monkeypatch):
 
 
 def test_a_sample_is_every_so_many_th_point_across_files_and_parts(folder, monkeypatch):
-    monkeypatch.setattr(_tiles, "PART", 1000)
+    monkeypatch.setattr(_shown, "PART", 1000)
     paths = sorted(folder.iterdir())
     whole = np.vstack([read_points(path).xyz for path in paths])
     for step in (1, 7, 5000):
@@ -59,7 +59,7 @@ def test_a_sample_is_every_so_many_th_point_across_files_and_parts(folder, monke
 
 
 def test_what_was_removed_is_found_from_both_files(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(_tiles, "PART", 1000)
+    monkeypatch.setattr(_shown, "PART", 1000)
     paths, outputs, gone = sorted(folder.iterdir()), [], []
     (tmp_path / "out").mkdir()
     for path in paths:
@@ -68,9 +68,9 @@ def test_what_was_removed_is_found_from_both_files(folder, tmp_path, monkeypatch
         gone.append(removed)
         outputs.append(tmp_path / "out" / path.name)
         write_points(outputs[-1], cloud.subset(~removed))
-    _, found = _with_removed(paths, outputs, 1)
+    _, found = removed_of(paths, outputs, 1)
     assert (found == np.concatenate(gone)).all()
-    _, found = _with_removed(paths, outputs, 3)
+    _, found = removed_of(paths, outputs, 3)
     assert (found == np.concatenate(gone)[::3]).all()
 
 
@@ -80,8 +80,8 @@ def test_outputs_of_other_points_are_not_compared(folder, tmp_path):
     cloud.xyz[:] += 5
     write_points(tmp_path / "o.npz", cloud)
     write_points(tmp_path / "o.laz", read_points(tmp_path / "o.npz"))
-    assert _with_removed(paths, [tmp_path / "o.laz"], 1)[1] is None
-    assert _with_removed(paths, paths, 1)[1] is None
+    assert removed_of(paths, [tmp_path / "o.laz"], 1)[1] is None
+    assert removed_of(paths, paths, 1)[1] is None
 
 
 def test_a_run_in_place_has_a_report_without_maps(folder, tmp_path):
@@ -91,7 +91,7 @@ def test_a_run_in_place_has_a_report_without_maps(folder, tmp_path):
 
 
 def test_normals_of_tiles_state_the_sample(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(_tiles, "SAMPLE", 1_100)
+    monkeypatch.setattr(_shown, "SAMPLE", 1_100)
     options = ("--features", "normal_error", "--report", tmp_path / "r")
     result = run("normals", folder, tmp_path / "out", *options, *TILES)
     assert result.exit_code == 0, result.output
