@@ -5,6 +5,7 @@ import os
 import secrets
 import shutil
 import warnings
+from collections.abc import Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Literal
@@ -52,13 +53,18 @@ _FORMATS = {
 _ENCODINGS = {".ply": ("ascii", "binary"), ".pcd": ("ascii", "binary", "binary_compressed")}
 
 
-def read_points(path: str | os.PathLike[str]) -> PointCloud:
+def read_points(
+    path: str | os.PathLike[str], *, columns: Mapping[str, str | int] | None = None
+) -> PointCloud:
     """Read a point cloud. The extension, in upper or lower case, chooses the format.
 
     Parameters
     ----------
     path : str or os.PathLike
-        A file with one of :func:`supported_extensions`.
+        A file of one of the extensions .csv .e57 .las .laz .npy .npz .pcd .ply .txt .xyz.
+    columns : dict of str to str or int, default=None
+        Which columns of text are x, y and z: their names, or their numbers from 1 on. None, and
+        for what is not told, the names that people use, such as easting, northing and elevation.
 
     Returns
     -------
@@ -70,13 +76,15 @@ def read_points(path: str | os.PathLike[str]) -> PointCloud:
     ------
     PointFileError
         With a message of one line, if the file is missing, a folder, empty, truncated or not of
-        the format of its extension; if it holds no points; if a column is not numeric; or if an
-        optional library is not installed.
+        the format of its extension; if it holds no points; if no column is known as x, y or z, or
+        several may be one; if a coordinate is not a number; if ``columns`` is given for a file
+        that is no text; or if an optional library is not installed.
 
     Warns
     -----
     UserWarning
-        If points are 0, 0, 0 where most coordinates are 100,000 and more: rays without a return.
+        If columns of words, or fields of other formats, are left out. If points are 0, 0, 0 where
+        most coordinates are 100,000 and more: rays without a return.
 
     See Also
     --------
@@ -88,9 +96,14 @@ def read_points(path: str | os.PathLike[str]) -> PointCloud:
     Points with a coordinate that is not finite (common in organized PCD), or that E57
     marks invalid, are dropped and counted in ``PointCloud.n_dropped``.
 
-    Whitespace, commas or semicolons may separate text. Coordinates are the columns named x, y, z
-    in upper or lower case, else the first three columns. Columns without a name are called
-    ``column_4`` and so on. NPY holds a table (n, >= 3) or a structured array. NPZ holds an array
+    Whitespace, commas, semicolons or tabs may separate text, which is UTF-8 or Latin-1. A header
+    has no number among its first three fields. Titles above it and units below it are no rows.
+    Coordinates are the columns named x, y, z, or as people name them otherwise, in upper or lower
+    case and with units. Without a header they are the first three columns. Columns without a name
+    are called ``column_4`` and so on. Empty cells, NA, N/A, NULL and None are NaN; in coordinates
+    they are an error. Columns that hold other words, such as dates, are left out.
+
+    NPY holds a table (n, >= 3) or a structured array. NPZ holds an array
     ``xyz``, or ``x``, ``y``, ``z``; else its first array of shape (n, 3) is taken. Arrays of NPZ
     of another length (for example an ``offset`` of length 3) are not applied to the coordinates:
     they stay in ``metadata["npz_arrays"]``.
@@ -120,8 +133,15 @@ def read_points(path: str | os.PathLike[str]) -> PointCloud:
         if path.is_dir():
             raise PointFileError("is a folder; a point file is needed")
         reader, _ = _FORMATS[_extension(path)]
+        options = {}
+        if columns is not None:
+            if reader is not read_text:
+                raise PointFileError(f"columns={columns} is for text files")
+            if not columns.keys() <= set("xyz"):
+                raise PointFileError(f"columns={columns} must tell of x, y or z")
+            options["columns"] = columns
         check_file(path)
-        cloud = reader(path)
+        cloud = reader(path, **options)
         finite = np.isfinite(cloud.xyz).all(axis=1)
         if not finite.all():
             n_dropped = cloud.n_dropped + int(np.count_nonzero(~finite))
@@ -250,18 +270,7 @@ def write_points(
 
 
 def supported_extensions() -> tuple[str, ...]:
-    """The known extensions, in alphabetical order.
-
-    Returns
-    -------
-    tuple of str
-
-    Examples
-    --------
-    >>> from sklearn_mcmd.io import supported_extensions
-    >>> print(*supported_extensions())
-    .csv .e57 .las .laz .npy .npz .pcd .ply .txt .xyz
-    """
+    """The known extensions, in alphabetical order."""
     return tuple(sorted(_FORMATS))
 
 

@@ -168,7 +168,7 @@ def read_e57(path):
         for name in parts[0][1]
         if name in shared
     }
-    metadata = {"sensor_positions": np.array(setups)}
+    metadata = {"sensor_origins": np.array(setups)}
     return PointCloud(xyz, merged, metadata, n_dropped=n_points - len(xyz))
 
 

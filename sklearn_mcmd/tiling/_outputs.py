@@ -8,13 +8,14 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.edges._painting import edge_columns
-from sklearn_mcmd.io import PointFileError, supported_extensions
+from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, classes_of_noise
-from sklearn_mcmd.io._files import one_clear_line, replacing
+from sklearn_mcmd.io._files import one_clear_line, replacing, supported_extensions
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._las_parts import read_parts, writing_parts
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
+from sklearn_mcmd.planes._orientation import count_upright
 from sklearn_mcmd.planes._progress import current_span
 from sklearn_mcmd.tiling._catalog import EXTENSIONS, stamp_of
 from sklearn_mcmd.tiling._cells import Cells
@@ -108,18 +109,26 @@ def targets_of(catalog, target, as_folder=None):
 
 
 def write_outputs(catalog, targets, folder, names):
-    """Write each output in the order of its inputs; returns the mean share that was removed."""
+    """Write each output in the order of its inputs.
+
+    Returns
+    -------
+    removed : float
+        Mean share of a neighborhood that was removed.
+    n_upright : int
+        Normals of upright faces.
+    """
     removed = names.index("removed_fraction")
 
     def with_normals(cloud, values, _):
         return with_results(cloud, dict(zip(names, values.T.copy(), strict=True))), None
 
-    def total(values):
-        return values[:, removed].sum(dtype=np.float64)
+    def totals(values):
+        return np.array([values[:, removed].sum(dtype=np.float64), count_upright(values)])
 
     results = _results(folder, result_dtype(len(names)))
-    whole = _write(catalog, targets, folder, results, with_normals, total, names)
-    return float(whole) / catalog.n_points
+    whole, n_upright = _write(catalog, targets, folder, results, with_normals, totals, names)
+    return float(whole) / catalog.n_points, int(n_upright)
 
 
 class Scored(NamedTuple):
@@ -142,6 +151,12 @@ class Scored(NamedTuple):
     def in_parts(self):
         """The scores of all points, tile by tile."""
         return scores_in_parts(*self)
+
+    def flagged(self, cell, cutoff):
+        """Which points of a tile are outliers, but for those of groups below the ground."""
+        values = np.fromfile(tile_files(self.folder, cell)[0], self.dtype)["values"]
+        scores, depths = _judged(values)
+        return (scores > cutoff) & ~(depths > cutoff)
 
 
 def write_denoised_outputs(catalog, targets, folder, mode, cutoff, choice, content, scored, lowest):

@@ -8,8 +8,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from adjustment_clouds import plane_with_outliers
-from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector, adjust_plane
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
 from sklearn_mcmd.adjustment._determinacy import normal_pvalue
+from sklearn_mcmd.adjustment._plane import adjust_plane
 
 DETECTORS = [
     BaardaPlaneDetector(),

@@ -5,7 +5,8 @@ import pytest
 
 from commands import error_line, files_in, run
 from sklearn_mcmd.cli import _denoise, _normals
-from sklearn_mcmd.io import read_points, supported_extensions, write_points
+from sklearn_mcmd.io import read_points, write_points
+from sklearn_mcmd.io._files import supported_extensions
 
 
 @pytest.mark.parametrize("verb", ["denoise", "normals"])
@@ -107,7 +108,7 @@ def bad_input(kind, folder):
         ("empty", "is empty"),
         ("only nan", "holds no points with finite coordinates"),
         ("two columns", "2 column"),
-        ("words", "'one' is not a number"),
+        ("words", "holds no row of numbers (header: 'x, y, z')"),
         ("three points", "too few points for a plane: 3, and at least 4"),
     ],
 )

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -205,12 +205,7 @@ def test_coordinates_beyond_the_integers_of_the_header_get_a_new_grid(tmp_path):
     assert_array_equal(las.Y, laspy.read(source).Y)
 
 
-@settings(
-    max_examples=60,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-    derandomize=True,
-)
+@settings(max_examples=60)
 @given(
     extent=st.floats(1e-6, 1e9),
     shift=st.floats(-1e7, 1e7),

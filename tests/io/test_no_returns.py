@@ -5,7 +5,8 @@ import warnings
 import numpy as np
 import pytest
 
-from sklearn_mcmd.io import read_points, supported_extensions, write_points
+from sklearn_mcmd.io import read_points, write_points
+from sklearn_mcmd.io._files import supported_extensions
 from sklearn_mcmd.io._no_returns import NoReturns
 
 CORNER = np.array([500_000, 200_000, 100])
