@@ -14,7 +14,7 @@ def main():
     try:  # imports above this line would run before Ctrl-C is handled
         from sklearn_mcmd._extras import run_app
 
-        run_app("sklearn_mcmd.cli", "mcmd", prog_name="mcmd")
+        run_app()
     except KeyboardInterrupt:
         import os
 

@@ -100,14 +100,18 @@ def _parameters(context):
         if parameter.param_type_name != "option" or parameter.name == "help":
             continue
         value = context.params.get(parameter.name)
-        is_default = not _given(context, parameter)
+        is_default = _source(context, parameter) == "DEFAULT"
         shown = getattr(parameter, "show_default", None)
         words = shown if is_default and value is None and isinstance(shown, str) else _words(value)
         yield Parameter(max(parameter.opts, key=len), words, is_default)
 
 
 def _given(context, parameter):
-    return context.get_parameter_source(parameter.name).name == "COMMANDLINE"
+    return _source(context, parameter) == "COMMANDLINE"
+
+
+def _source(context, parameter):
+    return context.get_parameter_source(parameter.name).name
 
 
 def _words(value):
@@ -115,6 +119,8 @@ def _words(value):
         return "none"
     if isinstance(value, Report):
         return str(value.folder)
+    if isinstance(value, dict):
+        return ",".join(f"{axis}={name}" for axis, name in value.items())
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -8,7 +8,14 @@ from scipy.sparse.csgraph import (
     minimum_spanning_tree,
 )
 
-__all__ = ["orient_by_spanning_tree", "orient_toward", "point_up"]
+__all__ = ["count_upright", "orient_by_spanning_tree", "orient_toward", "point_up"]
+
+UPRIGHT = 80.0  # tilt in degrees from which on noise may decide which normal points up
+
+
+def count_upright(normals):
+    """How many normals (n, 3) are those of upright faces, which have no upper side."""
+    return int(np.count_nonzero(np.abs(normals[:, 2]) < np.cos(np.radians(UPRIGHT))))
 
 
 def point_up(normals):

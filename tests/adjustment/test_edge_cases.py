@@ -8,8 +8,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from adjustment_clouds import plane_with_outliers
-from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector, adjust_plane
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
 from sklearn_mcmd.adjustment._determinacy import normal_pvalue
+from sklearn_mcmd.adjustment._plane import adjust_plane
 
 DETECTORS = [
     BaardaPlaneDetector(),
@@ -166,7 +167,7 @@ def test_the_width_test_calls_a_rod_a_plane_as_often_as_alpha_says(n):
     p = []
     for seed in range(400):
         rng = np.random.default_rng(seed)
-        X = rng.normal(size=(n, 3)) * [100, 1, 1] @ Rotation.random(rng=rng).as_matrix()
+        X = rng.normal(size=(n, 3)) * [100, 1, 1] @ Rotation.random(None, rng).as_matrix()
         p.append(normal_pvalue(adjust_plane(X, surface="orthogonal")))
     for alpha in (0.05, 0.2, 0.5):
         # Four standard deviations of a share of 400.

@@ -279,7 +279,9 @@ NO_PLANES = {
 def test_points_that_determine_no_plane_are_refused(kind, options, tmp_path):
     write_points(tmp_path / "a.npy", PointCloud(NO_PLANES[kind]))
     result = run("plane", tmp_path / "a.npy", tmp_path / "out.csv", *options)
-    assert re.search("too few|does not determine|determine no plane", error_line(result))
+    line = error_line(result)
+    assert re.search("too few|does not determine|determine no plane", line)
+    assert line.count("a.npy: ") == 1
     assert files_in(tmp_path) == ["a.npy"]
 
 
@@ -305,3 +307,26 @@ def test_bad_input_of_plane_fails_with_one_line(kind, tmp_path):
     before = files_in(tmp_path)
     error_line(run("plane", path, tmp_path / "out.laz"))
     assert files_in(tmp_path) == before
+
+
+def test_the_files_of_a_folder_are_tested_as_one_plane(wall, wall_file, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)  # figures take seconds
+    folder = tmp_path / "parts"
+    folder.mkdir()
+    for i, name in enumerate(("a.las", "b.laz")):
+        write_points(folder / name, wall.subset(slice(i * N // 2, (i + 1) * N // 2)))
+    run("plane", wall_file, tmp_path / "whole.laz")
+    assert run("plane", folder, tmp_path / "joined.laz").exit_code == 0
+    assert run("plane", folder, tmp_path / "each").exit_code == 0
+    assert files_in(tmp_path / "each") == ["a.las", "b.laz"]
+    assert (tmp_path / "each_report.txt").exists()
+    whole, joined, *each = (
+        read_points(tmp_path / name).attributes
+        for name in ("whole.laz", "joined.laz", "each/a.las", "each/b.laz")
+    )
+    for name, values in whole.items():
+        np.testing.assert_array_equal(joined[name], values)
+        np.testing.assert_array_equal(np.concatenate([part[name] for part in each]), values)
+    assert "become a folder" in error_line(run("plane", folder, tmp_path / "out.csv"))
+    line = error_line(run("plane", folder, tmp_path / "each", "--no-clobber"))
+    assert "a.las: is there already" in line

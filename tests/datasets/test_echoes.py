@@ -150,13 +150,13 @@ def test_ranges_of_a_street_are_those_of_many_random_rays(street):
             for chosen, n in ((mixed, 60), (street.target == 1, 60))
         ]
     )
-    ray = street.data[sample] - street.viewpoints[sample]
+    ray = street.data[sample] - street.sensor_origins[sample]
     ranges = np.linalg.norm(ray, axis=1)
     mean, spread = np.empty((2, len(sample)))
     for i, axis in enumerate(ray / ranges[:, None]):
         ways = axis + rng.normal(0, WIDTH / 4, (1500, 3)) @ (np.eye(3) - np.outer(axis, axis))
-        ends = street.viewpoints[sample[i]] + 20 * ways
-        met = 20 * np.min([p.hit(street.viewpoints[sample[i]], ends) for p in solid], axis=0)
+        ends = street.sensor_origins[sample[i]] + 20 * ways
+        met = 20 * np.min([p.hit(street.sensor_origins[sample[i]], ends) for p in solid], axis=0)
         met = met[np.isfinite(met)]
         mean[i], spread[i] = np.sum(1 / met) / np.sum(1 / met**2), np.ptp(met)
     error = np.abs(ranges - mean)

@@ -11,8 +11,6 @@ from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._self_search import SelfSearch
 
-pytest.importorskip("numba")
-
 
 def brute_force(points, k):
     """Neighbors by squared distance, then by coordinates, each sum in the order of the axes."""
