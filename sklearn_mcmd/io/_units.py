@@ -17,7 +17,7 @@ def length_unit(cloud):
 
     LAS tells by its coordinate system, if that is projected. E57 is in meters by its standard.
     """
-    if "sensor_positions" in cloud.metadata:
+    if "sensor_origins" in cloud.metadata:
         return "m"
     header = cloud.metadata.get("las_header")
     found, keys = set(), {}

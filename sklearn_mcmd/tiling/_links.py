@@ -34,8 +34,6 @@ __all__ = [
     "places_of_cell",
 ]
 
-N_PLANE_COLUMNS = 9  # normal, variation, eigenvalues, offset and scale
-
 
 class GrowthJob(NamedTuple):
     """What all sweeps over the cells of a cloud know.
@@ -155,7 +153,7 @@ def nearest_rows(cells, whole, cell, k):
         near[rows] = rows_of["rows"][found_near]
 
     queries = np.array(points[own])
-    if len(queries) >= max(k, COMPILE_FROM) and SelfSearch.available():
+    if len(queries) >= max(k, COMPILE_FROM):
         bounds = _search_own(queries, near, own.start)
         n_far = visit_far(cells, load, cell, queries, k, bounds, keep)
     else:
@@ -187,7 +185,7 @@ def _search_own(points, near, start):
     for rows in _chunks(slice(0, len(points))):
         found = Neighborhoods(search.query(rows, k), np.full(rows.stop - rows.start, k))
         own = search.order[rows]
-        bounds[own] = farthest_neighbors(search.points, found, rows.start, compiled=True)
+        bounds[own] = farthest_neighbors(search.points, found, rows.start)
         near[own] = start + search.order[found.indices]
     return bounds
 

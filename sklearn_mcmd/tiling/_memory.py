@@ -3,7 +3,7 @@
 import os
 import re
 from contextlib import suppress
-from numbers import Integral, Real
+from numbers import Integral
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,13 +18,12 @@ __all__ = [
     "bytes_in_memory",
     "bytes_of_groups",
     "bytes_to_join",
-    "check_division",
+    "check_tile_size",
     "parse_memory",
     "plan_run",
     "usual_memory",
 ]
 
-UNITS = {"": 1, "B": 1, "KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
 # Share of the machine's memory that a run may take by itself, and what it takes where the machine
 # does not tell.
 SHARE, UNKNOWN = 0.5, 4e9
@@ -103,14 +102,12 @@ def parse_memory(memory):
     return float(number) * (1024 if binary else 1000) ** power
 
 
-def check_division(tile_size, cut):
+def check_tile_size(tile_size):
     """Raise if a cloud cannot be divided like this."""
     if tile_size is not None and not (
         isinstance(tile_size, Integral) and not isinstance(tile_size, bool) and tile_size >= 1
     ):
         raise ValueError(f"tile_size={tile_size!r} must be an int of 1 or more, or None.")
-    if not (isinstance(cut, Real) and 0 < cut < 1):
-        raise ValueError(f"cut={cut!r} must be between 0 and 1.")
 
 
 def usual_memory():

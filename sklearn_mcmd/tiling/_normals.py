@@ -1,20 +1,16 @@
 """Normals of clouds larger than memory."""
 
-import os
-from collections.abc import Iterable
 from functools import partial
 
 import numpy as np
 from sklearn.base import clone
 
-from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.normals._features import needs_curvatures, settle_features
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.tiling._auto import find_auto_normals
-from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._outputs import write_outputs
-from sklearn_mcmd.tiling._run import RunReport, Verb, check_seed, run_by_tiles, warm_up
+from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
 from sklearn_mcmd.tiling._tile import (
     NORMAL_COLUMNS,
     normal_columns,
@@ -24,98 +20,9 @@ from sklearn_mcmd.tiling._tile import (
 from sklearn_mcmd.tiling._trees import find_agreeing_normals
 from sklearn_mcmd.tiling._work import compute_cells
 
-__all__ = ["check_normals", "write_normals"]
+__all__ = ["Normals", "check_normals"]
 
 WARM_UP = 1_500  # points that load or compile the code
-
-
-def write_normals(
-    source: Catalog | str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
-    target: str | os.PathLike[str],
-    estimator: RobustNormalEstimator | None = None,
-    *,
-    memory: str | float | None = None,
-    n_jobs: int | None = None,
-    tile_size: int | None = None,
-    cut: float = 0.5,
-    as_folder: bool | None = None,
-    restart: bool = False,
-) -> RunReport:
-    """Normals of all points of large files, equal to those computed in memory.
-
-    All points are read once and divided into tiles. The normals of a tile are computed with the
-    points around it, its halo. Each is proved: if a neighborhood that it depends on reaches beyond
-    the halo, it is computed again from all points that it depends on. So the output is that of
-    ``estimator.fit`` on all points together, to the last bit, whatever the tiles are.
-
-    Parameters
-    ----------
-    source : Catalog, or what it takes
-        Files, a folder, or an index.
-    target : str or os.PathLike
-        A LAS or LAZ file for one file, or a folder for several or a folder. Outputs have the names
-        of their inputs, all attributes, and the order of the points. They may replace the inputs.
-        A name that ends in ``.las`` or ``.laz`` joins several inputs in one file: with the richest
-        point format, the finest scales and the attributes of all, in the order of the inputs.
-    estimator : RobustNormalEstimator, default=None
-        With an int as `random_state`, and a number of neighbors or "auto", which adds an attribute
-        ``n_neighbors``. ``orientation="mst"`` takes a number, and no curvatures, which have the
-        sides of normals. None is ``RobustNormalEstimator(random_state=0)``.
-    memory : str or float, default=None
-        What the run may take, such as "2GB" or a number of bytes. None is half of the machine's.
-    n_jobs : int, default=None
-        Processes. None means 1 unless in a :obj:`joblib.parallel_config` context, and -1 means all
-        processors; fewer, where the memory asks for it.
-    tile_size : int, default=None
-        Largest number of points in a tile; None is what the memory allows.
-    cut : float in (0, 1), default=0.5
-        Share of a tile that comes to the left when it is divided. Results do not depend on it.
-    as_folder : bool, default=None
-        Whether `target` is a folder. None means that it is, if `source` is a folder, an index or
-        several files, and `target` is not named as a file.
-    restart : bool, default=False
-        Whether to forget what an earlier run has left. By default a run with the same inputs and
-        parameters goes on where the earlier one ended.
-
-    Returns
-    -------
-    RunReport
-
-    Raises
-    ------
-    PointFileError
-        If a file cannot be read or written.
-    TilingError
-        If some tiles failed, or the run ended in another way after all points were read. Temporary
-        files are then kept, and the message names them.
-    ValueError
-        If the estimator's results depend on the whole cloud, or the memory is too little.
-
-    See Also
-    --------
-    Catalog : What files hold.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> from sklearn_mcmd.datasets import make_street
-    >>> from sklearn_mcmd.io import read_points, write_points
-    >>> from sklearn_mcmd.tiling import write_normals
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     a, b = Path(folder) / "a.las", Path(folder) / "b.las"
-    ...     write_points(a, make_street(8_000, random_state=0).data)
-    ...     report = write_normals(a, b, tile_size=3_000)
-    ...     print(report.n_tiles, "tiles;", *list(read_points(b).attributes)[-8:-4])
-    4 tiles; normal_x normal_y normal_z surface_variation
-    """
-    if estimator is None:
-        estimator = RobustNormalEstimator(random_state=0)
-    check_normals(estimator)
-    return run_by_tiles(
-        _Normals(clone(estimator).set_params(n_jobs=1)), source, target, memory=memory,
-        n_jobs=n_jobs, tile_size=tile_size, cut=cut, as_folder=as_folder, restart=restart,
-    )  # fmt: skip
 
 
 def check_normals(estimator, *, inner=False):
@@ -149,8 +56,12 @@ def _has_tree(estimator):
     return isinstance(asked, str) and asked == "mst"
 
 
-class _Normals(Verb):
+class Normals(Verb):
     """Normals, by tiles that need nothing of each other but points, or signs along a tree."""
+
+    def __init__(self, estimator):
+        check_normals(estimator)
+        super().__init__(clone(estimator).set_params(n_jobs=1))
 
     def prepare(self):
         self.is_auto = self.estimator.n_neighbors == "auto"

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.edges._painting import edge_columns
-from sklearn_mcmd.io import PointFileError, supported_extensions
+from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, classes_of_noise
-from sklearn_mcmd.io._files import one_clear_line, replacing
+from sklearn_mcmd.io._files import one_clear_line, replacing, supported_extensions
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._las_parts import read_parts, writing_parts
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
@@ -50,7 +50,6 @@ SCORED = np.dtype([("row", np.int64), ("values", np.float64, (1,))])
 VERDICTS = np.dtype([("row", np.int64), ("values", np.float64, (2,))])
 # Of the file of a tile's regions.
 LABELED = np.dtype([("row", np.int64), ("values", np.int32, (1,))])
-BRIGHTEST = 65535  # color in LAS
 
 
 def targets_of(catalog, target, as_folder=None):
@@ -152,6 +151,12 @@ class Scored(NamedTuple):
     def in_parts(self):
         """The scores of all points, tile by tile."""
         return scores_in_parts(*self)
+
+    def flagged(self, cell, cutoff):
+        """Which points of a tile are outliers, but for those of groups below the ground."""
+        values = np.fromfile(tile_files(self.folder, cell)[0], self.dtype)["values"]
+        scores, depths = _judged(values)
+        return (scores > cutoff) & ~(depths > cutoff)
 
 
 def write_denoised_outputs(catalog, targets, folder, mode, cutoff, choice, content, scored, lowest):
@@ -301,7 +306,7 @@ def write_edge_outputs(catalog, targets, folder, limit, by_distance, colors, con
         scores = scores[:, 0]
         paints = not has_colors(cloud) if colors is None else colors
         values = scores if by_distance else -scores
-        columns = edge_columns(scores < limit, values, BRIGHTEST if paints else None)
+        columns = edge_columns(scores < limit, values, paints)
         return with_results(cloud, columns), None
 
     def count(scores):

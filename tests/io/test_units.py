@@ -48,7 +48,7 @@ def test_the_unit_of_a_projected_system_is_told_where_all_axes_have_it(wkt, keys
 
 
 def test_e57_is_in_meters_and_other_formats_do_not_tell():
-    assert length_unit(PointCloud(np.eye(3), {}, {"sensor_positions": np.zeros((1, 3))})) == "m"
+    assert length_unit(PointCloud(np.eye(3), {}, {"sensor_origins": np.zeros((1, 3))})) == "m"
     assert length_unit(PointCloud(np.eye(3))) is None
 
 

@@ -32,7 +32,7 @@ def street():
 def test_normals_equal_algorithm_4_taken_literally(n, method, cutoff):
     X = make_street(n, random_state=2).data
     estimator = RobustNormalEstimator(
-        30, method=method, refine=None, outlier_rate=0.2, random_state=1
+        30, method=method, reweight=False, max_outlier_rate=0.2, random_state=1
     ).fit(X)
     trials = draw_trials(estimator.n_trials_, 30, random_state=1)
     for i in range(0, 60, 3):
@@ -341,7 +341,7 @@ def test_bad_parameters_are_named(street, parameters, message):
 
 
 def test_detector_and_normals_come_from_the_same_planes(street):
-    detector = MCMDOutlierDetector(refine=None, random_state=0).fit(street.data)
-    estimator = RobustNormalEstimator(refine=None, random_state=0).fit(street.data)
+    detector = MCMDOutlierDetector(reweight=False, random_state=0).fit(street.data)
+    estimator = RobustNormalEstimator(reweight=False, random_state=0).fit(street.data)
     planes, _ = detector._model.evaluate(street.data)
     assert_allclose(np.abs(np.einsum("ij,ij->i", planes.normals, estimator.normals_)), 1)

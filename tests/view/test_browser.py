@@ -76,9 +76,13 @@ class Tab:
         return self.tab.evaluate(expression)
 
     def rest(self):
-        """Wait until all is drawn. The page forbids the evaluation that Playwright's wait needs."""
-        end = time.monotonic() + 120
-        while not self.ask(f"Boolean(window.cloudPage && {STILL})"):
+        """Wait until all is drawn."""
+        self.wait_for(f"Boolean(window.cloudPage && {STILL})")
+
+    def wait_for(self, expression):
+        """The page forbids the evaluation that Playwright's wait needs."""
+        end = time.monotonic() + 600
+        while not self.ask(expression):
             assert time.monotonic() < end, self.said
             time.sleep(0.05)
 
@@ -215,9 +219,9 @@ def test_distances_are_those_of_the_points(tab, scan):
     tab.tab.keyboard.press("2")
     tab.tab.keyboard.press("m")
     tab.rest()
-    for x, y in ((450, 300), (520, 420), (400, 480)):
+    for n, (x, y) in enumerate([(450, 300), (520, 420), (400, 480)], 1):
         tab.tab.mouse.click(x, y)
-        time.sleep(0.4)
+        tab.wait_for(f"cloudPage.overlay.measured.length === {n}")
     rows = tab.ask("cloudPage.overlay.measured.map(({ cloud, i }) => cloud.rows[i])")
     assert len(rows) == 3
     a, b, c = scan.xyz[rows]
@@ -325,7 +329,7 @@ def test_the_palette_and_the_axis_of_the_histogram_tell_their_own_numbers(tab, s
 
 
 def test_lengths_have_the_unit_that_the_file_tells(chromium, scan, tmp_path):
-    scan = PointCloud(scan.xyz, {}, {"sensor_positions": np.zeros((1, 3))})  # as E57 is read
+    scan = PointCloud(scan.xyz, {}, {"sensor_origins": np.zeros((1, 3))})  # as E57 is read
     tab = Tab(chromium, view(scan).save(tmp_path / "unit.html"))
     assert tab.text("#legend b") == "height, m"
     assert re.fullmatch(r"\d+ m at the center", tab.text("#scale"))
@@ -349,8 +353,7 @@ def test_the_page_follows_the_theme_and_fits_a_phone(chromium, page_file, scheme
     assert tab.ask("document.documentElement.dataset.theme") == scheme
     assert tab.ask("document.documentElement.scrollWidth") <= 390
     tab.tab.click("#panel-button")
-    time.sleep(0.4)
-    assert tab.tab.locator("#color-by").is_visible()
+    tab.tab.locator("#color-by").wait_for()  # until it is seen
     assert tab.said == []
     tab.context.close()
 
@@ -401,7 +404,7 @@ def test_in_a_notebook_the_page_runs_in_its_frame(chromium, scan, tmp_path):
     tab.on("console", lambda message: said.append(message.text))
     tab.goto(notebook.as_uri())
     frame = tab.frames[1]
-    end = time.monotonic() + 60
+    end = time.monotonic() + 600
     while not frame.evaluate(f"Boolean(window.cloudPage && {STILL})"):
         assert time.monotonic() < end, said
         time.sleep(0.05)
