@@ -112,7 +112,7 @@ def test_normals_agree_along_the_tree_of_memory_where_costs_are_equal(tmp_path, 
     write_points(source, PointCloud(shuffled))
     estimator = RobustNormalEstimator(16, orientation="mst", random_state=0)
     expected = in_memory(source, tmp_path / "expected.laz", estimator).read_bytes()
-    report = write_normals(source, target, estimator, tile_size=len(shuffled) // 4, n_jobs=n_jobs)
+    report = process_files(source, target, estimator, tile_size=len(shuffled) // 4, n_jobs=n_jobs)
     assert report.n_tiles > 4
     assert target.read_bytes() == expected
 
@@ -123,8 +123,8 @@ def test_a_run_along_a_tree_that_failed_goes_on(small_file, tmp_path, monkeypatc
     with monkeypatch.context() as patch:
         patch.setattr(_trees, "signs_along", lambda *_: 1 / 0)
         with pytest.raises(TilingError, match="goes on from there"):
-            write_normals(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
-    report = write_normals(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
+            process_files(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
+    report = process_files(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
     assert report.n_resumed == report.n_tiles
     assert (tmp_path / "out.las").read_bytes() == expected
 
