@@ -130,7 +130,7 @@ class FuzzyPlaneDetector(PlaneDetector):
     Notes
     -----
     **One formula is left** of Eqs 11-21, because m_H is always m_B (see
-    `outlier_membership`): with ``G_i = 1 - m_H = r~n_i m_N(v_i)`` a point is an outlier where
+    `normal_error_complement`): with ``G_i = 1 - m_H = r~n_i m_N(v_i)`` a point is an outlier where
     ``G_i <= 1 - C_H``. It needs two guards that the paper lacks. Without any abnormal
     residual there is no outlier: Eqs 19-21 would flag a quarter of a clean cloud, by
     leverage alone. Without any normal one, all are.

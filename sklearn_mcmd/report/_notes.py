@@ -4,7 +4,7 @@ import numpy as np
 
 from sklearn_mcmd.report._contents import Note, percent
 
-__all__ = ["CHECKS", "CHECKS_OF_ALL", "cloud_notes", "lost_places"]
+__all__ = ["CHECKS", "CHECKS_OF_ALL", "cloud_notes", "together_notes"]
 
 CHECKS_OF_ALL = (
     "duplicates, coordinates that are rounded or too coarse, and points far from all others"
@@ -21,9 +21,6 @@ STEP = 0.505
 FLAT = 0.15
 # Density falls with the square of the radius: five times the radius is a twenty-fifth of it.
 SPARSE = 5.0
-# A group of more than two neighborhoods is kept as a thing. So many outliers in one cell, and the
-# larger part of its points, are things that were cut to pieces, or a noisy part of the scan.
-THINGS, MOST = 2, 0.5
 
 
 def cloud_notes(facts, *, local=True):
@@ -37,8 +34,9 @@ def _few(facts):
         return None
     return Note(
         "Few points.",
-        f"The cloud has {facts.n_distinct:,} distinct points, and a neighborhood takes "
-        f"{facts.n_neighbors:,} of them. What is a surface and what is usual is then a guess.",
+        f"The cloud has {facts.n_distinct:,} distinct point{'s' * (facts.n_distinct > 1)}, and a "
+        f"neighborhood takes {facts.n_neighbors:,} of them. What is a surface and what is usual is "
+        "then a guess.",
         "Give a larger part of the scan, or a smaller --n-neighbors.",
     )
 
@@ -119,27 +117,13 @@ OF_ALL = (_copies, _rounded, _coarse, _far)
 OF_NEIGHBORHOODS = (_few, _sparse, _noisy)
 
 
-def lost_places(places, n_neighbors):
-    """The note on cells of which most points were flagged; None if there are none.
-
-    Parameters
-    ----------
-    places : Places
-    n_neighbors : int
-    """
-    lost = places.n_found > np.maximum(THINGS * n_neighbors, MOST * places.n_all)
-    if not lost.any():
-        return None
-    worst = int(np.argmax(np.where(lost, places.n_found, 0)))
-    n = int(np.count_nonzero(lost))
-    cells = f"{n:,} cells" if n > 1 else "one cell"
-    return Note(
-        "Many points lost in one place.",
-        f"In {cells} of the table below, more than half of the points are outliers. The worst "
-        f"has {places.n_found[worst]:,} of {places.n_all[worst]:,}, at {places.where(worst)}. That "
-        "may be one large error, such as a reflection, or a thing that you want.",
-        "Look at it before it is dropped; a higher --cutoff or --strictness isolated keeps more.",
+def together_notes(words):
+    """The note on outliers that lie together, if there are `words_of` such."""
+    remedy = (
+        "Look at the maps. A thing that is sparser than what is around it is kept if the dense "
+        "parts are thinned to its spacing first."
     )
+    return [Note("Outliers lie together.", f"{words}.", remedy)] if words else []
 
 
 def _spans(extent):

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._around import quantile_around
+from sklearn_mcmd.planes._around import quantile_around, ratio
 from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._compiling import compiled_function
 from sklearn_mcmd.planes._linking import LinkLimits, row_linker
@@ -20,8 +20,6 @@ __all__ = [
     "seed_order",
 ]
 
-# Smaller clouds take NumPy: loading compiled code would take longer than the work.
-COMPILE_FROM = 2_000
 # A plane explains a point that is within so many of its standard deviations.
 CUTOFF = 3.0
 # What is usual around is this quantile of the neighbors' noise: next to an edge less than half
@@ -33,6 +31,9 @@ N_ERRORS = 3.0
 BENT = 1 / 8
 # The paper's rule A: neighbors within the median and so many standard deviations.
 N_DEVIATIONS = 2.0
+# Seeds are as flat, or as near to their planes, if they differ by less than these bits of the
+# surface variation, and of the plane's standard deviation.
+VARIATION_BITS, HEIGHT_BITS = 30, 16
 
 
 class GrowthRules(NamedTuple):
@@ -142,7 +143,7 @@ class Linking:
             The planes' scales, or what `measured` has found.
         usable : ndarray of bool of shape (n,)
         """
-        n, max_gap = len(self.index.points), self.rules.max_gap
+        max_gap = self.rules.max_gap
         limits = LinkLimits(
             self.rules.min_cosine,
             1.0 if self.has_limits else CUTOFF,
@@ -150,7 +151,7 @@ class Linking:
             self.rules.mutual,
         )
         planes = self.planes._replace(scale=limit)
-        return row_linker(self.index, self.k, planes, limits, usable, n >= COMPILE_FROM)
+        return row_linker(self.index, self.k, planes, limits, usable)
 
 
 def grow_regions(links, seeds):
@@ -170,10 +171,7 @@ def grow_regions(links, seeds):
     labels : ndarray of int32 of shape (n,)
         From 0, in the order of the seeds.
     """
-    grow = _grow
-    if len(links) >= COMPILE_FROM:
-        grow = _compiled("grow") or _grow
-    return grow(links, seeds)
+    return compiled_function("segmentation._graph_numba", "grow")(links, seeds)
 
 
 def seed_order(variation, points, planes):
@@ -181,15 +179,18 @@ def seed_order(variation, points, planes):
 
     Points that borrowed the same plane have the same curvature. Among them those nearest to the
     plane come first, so that the order of rows does not decide, and last their coordinates tell.
+    Both are rounded, so that neither do rounding errors, which change with the place of the cloud.
     """
-    seeds = np.argsort(variation)  # not stable, which takes longer
-    same = np.diff(variation[seeds]) == 0
+    flatness = np.rint(np.ldexp(variation, VARIATION_BITS)).astype(np.int32)  # of 1/d at most
+    seeds = np.argsort(flatness)  # not stable, which takes longer
+    same = np.diff(flatness[seeds]) == 0
     tied = np.flatnonzero(np.append(same, False) | np.append(False, same))
     equal = seeds[tied]
     own = points[equal]
     gaps = own - planes.centroids[equal]
     heights = np.abs(np.einsum("nd,nd->n", gaps, planes.normals[equal]))
-    seeds[tied] = equal[np.lexsort((*own.T, heights, variation[equal]))]
+    heights = np.rint(np.ldexp(ratio(heights, planes.scale[equal]), HEIGHT_BITS))
+    seeds[tied] = equal[np.lexsort((*own.T, heights, flatness[equal]))]
     return seeds
 
 
@@ -205,7 +206,7 @@ def n_within_median(k):
 
 def _is_quiet(scale, rows, around, radius, n_neighbors, rules):
     """Whether planes are no noisier than is usual around, and than curvature makes them."""
-    usual = quantile_around(scale, around, USUAL, compiled=len(scale) >= COMPILE_FROM)
+    usual = quantile_around(scale, around, USUAL)
     bent = BENT * np.arccos(min(rules.min_cosine, 1.0)) * radius
     # The standard error of a standard deviation that so many neighbors tell.
     most = 1 + N_ERRORS / np.sqrt(2 * n_neighbors)
@@ -219,34 +220,3 @@ def _rule_a(points, planes, around):
     middle = np.median(away, axis=1)
     spread = MAD_TO_SD * np.median(np.abs(away - middle[:, None]), axis=1)
     return middle + N_DEVIATIONS * spread
-
-
-def _grow(links, seeds):
-    """The loop of `grow_regions`, which compiles as it is."""
-    n, width = links.shape
-    labels = np.full(n, -1, np.int32)
-    waiting = np.empty(n, np.int32)  # the current seed list, S_c
-    region = 0
-    for seed in seeds:
-        if labels[seed] >= 0:
-            continue
-        labels[seed] = region
-        waiting[0] = seed
-        n_waiting = 1
-        while n_waiting > 0:
-            n_waiting -= 1
-            i = waiting[n_waiting]
-            for a in range(width):
-                j = links[i, a]
-                if j < 0:
-                    break
-                if labels[j] < 0:
-                    labels[j] = region
-                    waiting[n_waiting] = j
-                    n_waiting += 1
-        region += 1
-    return labels
-
-
-def _compiled(name):
-    return compiled_function("segmentation._graph_numba", name)

@@ -67,6 +67,7 @@ def exact_plane(offset):
     return np.column_stack([xy, xy @ [0.1, 0.3] + 7])
 
 
+@pytest.mark.filterwarnings("ignore:The points that pass are as thick as they are wide")
 @pytest.mark.parametrize("detector", DETECTORS)
 def test_a_point_more_than_three_has_a_report_too(detector, tmp_path):
     pytest.importorskip("matplotlib")

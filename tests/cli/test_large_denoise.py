@@ -1,12 +1,13 @@
 """mcmd denoise on files larger than memory, and on folders."""
 
+import re
 import shutil
 
 import numpy as np
 import pytest
 
 from commands import error_line, files_in, run
-from sklearn_mcmd.io import read_points, write_points
+from sklearn_mcmd.io import PointCloud, read_points, write_points
 from tiled import street
 
 ONE = ("--n-jobs", 1)
@@ -16,7 +17,7 @@ ONE = ("--n-jobs", 1)
     "options",
     [
         ("--mode", "mark"),
-        ("--contamination", 0.05, "--keep", "surfaces"),
+        ("--contamination", 0.05, "--strictness", "surfaces"),
         ("--false-positive-rate", 0.02),
         ("--strictness", "paper", "--n-neighbors", 20),
     ],
@@ -88,3 +89,27 @@ def test_outliers_off_exact_planes_are_warned_of(small_machine, tmp_path):
 def test_too_little_memory_is_said_in_words_of_the_option(source, tmp_path):
     line = error_line(run("denoise", source, tmp_path / "b.laz", "--memory", "10MB"))
     assert "--memory 10MB is too little" in line
+
+
+def test_a_sparse_ball_that_is_lost_before_a_dense_wall_is_told_in_memory_and_by_tiles(tmp_path):
+    rng = np.random.default_rng(0)
+    directions = rng.normal(size=(800, 3))
+    directions *= np.cbrt(rng.random((800, 1))) / np.linalg.norm(directions, axis=1)[:, None]
+    ball = [0.6, -1.5, 0.6] + 0.4 * directions  # its spacing is six times that of the wall
+    wall = rng.uniform([0, 0, 0], [1.2, 0.004, 1.2], (11_000, 3))
+    (tmp_path / "in").mkdir()
+    path, out, told = tmp_path / "in" / "a.las", tmp_path / "b.las", []
+    write_points(path, PointCloud(np.vstack([wall, ball])))
+    for source, name in ((path, "memory"), (path.parent, "tiles")):
+        report = tmp_path / name
+        result = run("denoise", source, out, "--report", report, *ONE)
+        assert result.exit_code == 0, result.output
+        (line,) = [line for line in result.stderr.splitlines() if "together" in line]
+        told.append(line)
+        assert line[len("mcmd: warning: ") :] in (report / "index.html").read_text()
+    assert told[0] == told[1]
+    assert re.match(
+        r"mcmd: warning: \d{3} outliers lie together, of \d{3} points at x 0.\d", told[0]
+    )
+    kept = run("denoise", path, out, "--keep", "surfaces")
+    assert "together" not in kept.stderr  # which is to take all that is no surface

@@ -1,7 +1,5 @@
 """mcmd plane: what it writes, what it refuses, and that nothing is lost."""
 
-import errno
-import os
 import re
 import sys
 from pathlib import Path
@@ -93,7 +91,7 @@ def test_a_vertical_surface_is_warned_of_on_a_wall(wall_file, tmp_path):
     assert result.stderr.startswith("mcmd: warning: The points lie along a plane tilted by 90")
 
 
-def test_report_and_figure_go_where_they_are_told(wall_file, tmp_path):
+def test_report_and_figure_go_where_they_are_told(wall_file, tmp_path, real_figures):
     (tmp_path / "filed").mkdir()
     text, figure = tmp_path / "filed" / "a.md", tmp_path / "filed" / "a.pdf"
     result = run(
@@ -314,7 +312,9 @@ NO_PLANES = {
 def test_points_that_determine_no_plane_are_refused(kind, options, tmp_path):
     write_points(tmp_path / "a.npy", PointCloud(NO_PLANES[kind]))
     result = run("plane", tmp_path / "a.npy", tmp_path / "out.csv", *options)
-    assert re.search("too few|does not determine|determine no plane", error_line(result))
+    line = error_line(result)
+    assert re.search("too few|does not determine|determine no plane", line)
+    assert line.count("a.npy: ") == 1
     assert files_in(tmp_path) == ["a.npy"]
 
 
@@ -342,24 +342,24 @@ def test_bad_input_of_plane_fails_with_one_line(kind, tmp_path):
     assert files_in(tmp_path) == before
 
 
-def full_disk(*args, **kwargs):
-    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-
-def test_a_figure_that_does_not_fit_the_disk_is_named_in_the_error(
-    wall_file, tmp_path, monkeypatch
-):
-    figure = pytest.importorskip("matplotlib.figure")
-    monkeypatch.setattr(figure.Figure, "savefig", full_disk)
-    line = error_line(run("plane", wall_file, tmp_path / "out.laz"))
-    assert f"{tmp_path / 'out_report.png'}: cannot be written: no space left" in line
-    assert files_in(tmp_path) == ["wall.laz"]
-
-
-def test_a_report_that_does_not_fit_the_disk_is_named_in_the_error(
-    wall_file, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(Path, "write_text", full_disk)
-    line = error_line(run("plane", wall_file, tmp_path / "out.laz"))
-    assert f"{tmp_path / 'out_report.txt'}: cannot be written: no space left" in line
-    assert files_in(tmp_path) == ["wall.laz"]
+def test_the_files_of_a_folder_are_tested_as_one_plane(wall, wall_file, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)  # figures take seconds
+    folder = tmp_path / "parts"
+    folder.mkdir()
+    for i, name in enumerate(("a.las", "b.laz")):
+        write_points(folder / name, wall.subset(slice(i * N // 2, (i + 1) * N // 2)))
+    run("plane", wall_file, tmp_path / "whole.laz")
+    assert run("plane", folder, tmp_path / "joined.laz").exit_code == 0
+    assert run("plane", folder, tmp_path / "each").exit_code == 0
+    assert files_in(tmp_path / "each") == ["a.las", "b.laz"]
+    assert (tmp_path / "each_report.txt").exists()
+    whole, joined, *each = (
+        read_points(tmp_path / name).attributes
+        for name in ("whole.laz", "joined.laz", "each/a.las", "each/b.laz")
+    )
+    for name, values in whole.items():
+        np.testing.assert_array_equal(joined[name], values)
+        np.testing.assert_array_equal(np.concatenate([part[name] for part in each]), values)
+    assert "become a folder" in error_line(run("plane", folder, tmp_path / "out.csv"))
+    line = error_line(run("plane", folder, tmp_path / "each", "--no-clobber"))
+    assert "a.las: is there already" in line

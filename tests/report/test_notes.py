@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from sklearn_mcmd.report._facts import Facts
-from sklearn_mcmd.report._notes import cloud_notes, lost_places
-from sklearn_mcmd.report._places import Places
+from sklearn_mcmd.report._notes import cloud_notes
 
 N, SIDE = 4000, 10.0
 
@@ -60,13 +59,3 @@ def test_every_warning_has_a_number_and_a_remedy():
 
 def test_rounding_finer_than_the_noise_is_no_fault():
     assert titles(np.round(plane(), 3)) == []
-
-
-def test_a_cell_that_lost_most_points_is_told_and_scattered_ones_are_not():
-    xyz = plane()
-    near = np.ones(N, bool)
-    cell = (xyz[:, 0] < 2) & (xyz[:, 1] < 2)
-    note = lost_places(Places.of(xyz, cell, near), 5)
-    assert "15 of 15, at x 0.5 to 1, y 0 to 0.5" in note.text
-    scattered = np.random.default_rng(0).random(N) < 0.2
-    assert lost_places(Places.of(xyz, scattered, near), 5) is None
