@@ -6,6 +6,7 @@ Each function takes the program's options, and yields name, key for the cache, p
 from pathlib import Path
 
 import numpy as np
+from _furniture import make_bus_stop, make_traffic_furniture
 from _pcpnet import benchmark_clouds
 from _real_clouds import inject, load_clouds
 
@@ -21,10 +22,11 @@ REAL = {  # and most points
 
 
 def simulated(options, truth, outlier_share):
-    from sklearn_mcmd import datasets
+    from sklearn_mcmd.datasets import make_box, make_crown_roof, make_street
 
-    for name in ("traffic_furniture", "bus_stop", "street", "box", "crown_roof"):
-        make = getattr(datasets, f"make_{name}")
+    makers = make_traffic_furniture, make_bus_stop, make_street, make_box, make_crown_roof
+    for make in makers:
+        name = make.__name__.removeprefix("make_")
         for seed in range(options.seeds):
             scene = make(options.size, outlier_share=outlier_share, random_state=seed)
             yield name, f"{name}_{options.size}_{seed}", scene.data, truth(scene)
@@ -92,7 +94,9 @@ def seen(options):
             street = make_street(
                 sampling="scan_lines", tree=True, outlier_share=share, random_state=seed
             )
-            X = np.hstack([street.data, np.broadcast_to(street.scanners[0], street.data.shape)])
+            X = np.hstack(
+                [street.data, np.broadcast_to(street.sensor_origins[0], street.data.shape)]
+            )
             yield f"street {share:.0%}", None, X, street.target == -1
     for name in ("snow_spinning_lidar", "fast_gicp_velodyne"):
         for cloud in load_clouds(options.data, [name]):

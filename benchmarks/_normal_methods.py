@@ -13,7 +13,7 @@ OPEN3D_NEIGHBORS = 30  # what Open3D takes by itself
 OUR_FORMS = {  # the largest neighborhoods first: the others reuse their search
     "ours, k = 112": {"n_neighbors": 112},
     "ours, default": {},
-    "ours, borrow=False": {"borrow": False},
+    "ours, neighbor_planes=False": {"neighbor_planes": False},
     "ours, auto": {"n_neighbors": "auto"},
 }
 # Singular values of a jet's equations below this share of the largest are zero.

@@ -234,7 +234,7 @@ JOBS = {
     "search: pgeof, float32": Job(pgeof_search, "pgeof"),
     "search: scikit-learn kd_tree": Job(sklearn_search, "sklearn"),
     "normals: sklearn_mcmd, default": Job(our_normals(), "sklearn_mcmd"),
-    "normals: sklearn_mcmd, literal": Job(our_normals(refine=None), "sklearn_mcmd"),
+    "normals: sklearn_mcmd, literal": Job(our_normals(reweight=False), "sklearn_mcmd"),
     "normals: sklearn_mcmd, pca": Job(our_normals(method="pca"), "sklearn_mcmd"),
     "normals: Open3D": Job(open3d_normals, "open3d"),
     "normals: pgeof, float32": Job(pgeof_normals, "pgeof"),

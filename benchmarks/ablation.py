@@ -10,7 +10,6 @@ cloud with a truth, or loses (-), and the number of regions in real clouds.
     python benchmarks/ablation.py detector --data ../shared/data
     python benchmarks/ablation.py rays --seeds 1 --data ../shared/data
     python benchmarks/ablation.py ground --data ../shared/data
-    python benchmarks/ablation.py rate --size 20000 --seeds 1
 
 The detector is measured by what it keeps of real points, what it finds of outliers (TPR), the
 average precision of its score (AP) and the share of right labels, on streets and on real clouds
@@ -27,7 +26,7 @@ import functools
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import chain, product
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -46,8 +45,6 @@ from sklearn.metrics import average_precision_score
 
 from sklearn_mcmd.outliers._cloud import JudgedCloud
 from sklearn_mcmd.outliers._detector import CUTOFF
-
-RATES = (0.003, 0.01)  # of false positives
 
 
 @dataclass(frozen=True)
@@ -159,39 +156,6 @@ def seen_scores(outlier, scores):
     return {"kept": 100 * (~flagged[~outlier]).mean(), "TPR": found}
 
 
-def clean_scans(options):
-    """Simulated scans, clean and with a tenth of outliers. True for outliers."""
-    from sklearn_mcmd import datasets
-
-    for share, seed in product((0.0, 0.1), range(options.seeds)):
-        for name in ("street", "mobile_scan", "airborne_scan", "lidar_turn"):
-            how = {"sampling": "scan_lines", "tree": True} if name == "street" else {}
-            scan = getattr(datasets, f"make_{name}")(
-                options.size, outlier_share=share, random_state=seed, **how
-            )
-            yield f"{name} {share:.0%}", None, scan.data, scan.target == -1
-
-
-def flagged_at_rates(X):
-    """Points beyond the cutoffs of `RATES`, (n, 2)."""
-    from sklearn_mcmd import MCMDOutlierDetector
-
-    labels = [
-        MCMDOutlierDetector(false_positive_rate=rate, random_state=0).fit_predict(X)
-        for rate in RATES
-    ]
-    return np.stack(labels, axis=1) == -1
-
-
-def rate_scores(outlier, flagged):
-    """Real points flagged over those asked for, and outliers found, at each rate."""
-    found = {}
-    for rate, labels in zip(RATES, flagged.T, strict=True):
-        found[f"got/asked {rate:.1%}"] = labels[~outlier].mean() / rate
-        found[f"TPR {rate:.1%}"] = 100 * labels[outlier].mean() if outlier.any() else np.nan
-    return found
-
-
 def outlier_scores(outlier, scores):
     flagged = scores > CUTOFF
     return {
@@ -236,10 +200,10 @@ PARTS = {
             Parameter("max_angle", (7.5, 12, 18.75, 30)),
             Parameter("min_region_size", (1, 5, 8, 12, 20)),
             Parameter("mutual", (False,)),
-            Parameter("regrow_rest", (False,)),
+            Parameter("find_narrow_faces", (False,)),
             Parameter("join_coplanar", (False,)),
             Parameter("join_curved", (False,)),
-            Parameter("assign_rest", (False,)),
+            Parameter("assign_unlabeled", (False,)),
         ),
         scenes=lambda options: simulated(options, lambda scene: scene.surface, 0.0),
         prepare=columns_of,
@@ -268,8 +232,8 @@ PARTS = {
             Constant("normals._smoothness", "PIVOT", 0.0),
             Constant("normals._smoothness", "PERFECT", 0.0),
             Constant("planes._rules", "REWEIGHT_CUTOFF"),
-            Parameter("refine", (None,)),
-            Parameter("borrow", (False,)),
+            Parameter("reweight", (False,)),
+            Parameter("neighbor_planes", (False,)),
             Parameter("n_neighbors", (20, 30, 80)),
         ),
         scenes=lambda options: chain(
@@ -305,10 +269,9 @@ PARTS = {
             Limit("outliers._cloud", "CompanyLimits", "usual", most=1.0),
             *(Limit("outliers._cloud", "CompanyLimits", name) for name in ("reach", "n_links")),
             Limit("outliers._cloud", "CompanyLimits", "rest_weight", most=1.0),
-            *(Limit("outliers._cloud", "CompanyLimits", name) for name in ("alone", "flat")),
+            Limit("outliers._cloud", "CompanyLimits", "flat"),
             Limit("outliers._cloud", "CompanyLimits", "bridge"),
             *(Constant("outliers._cloud", name) for name in ("SURFACE", "THING", "LEAST_SHARE")),
-            Constant("outliers._company", "HALF"),
         ),
         scenes=lambda options: chain(streets(options), contaminated(options)),
         prepare=planes_of,
@@ -318,7 +281,7 @@ PARTS = {
     "rays": Part(
         tried=tuple(
             Limit("outliers._cloud", "RayLimits", name)
-            for name in ("n_beams", "searched", "differs", "usual", "alone", "n_near", "sheet")
+            for name in ("n_beams", "searched", "usual", "alone", "sheet")
         ),
         scenes=seen,
         prepare=seen_planes_of,
@@ -331,13 +294,6 @@ PARTS = {
         prepare=lambda X: X,
         run=low_points,
         measure=low_scores,
-    ),
-    "rate": Part(
-        tried=tuple(Constant("outliers._rehearsal", name) for name in ("PARTS", "KEPT_GROUPS")),
-        scenes=clean_scans,
-        prepare=lambda X: X,
-        run=flagged_at_rates,
-        measure=rate_scores,
     ),
 }
 

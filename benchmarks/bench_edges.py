@@ -41,12 +41,12 @@ def make_forms(options):
             30, **literal, normal_estimator=RobustNormalEstimator(30, method="pca")
         ),
         "Eq. 25, MCMD_Z": SharpFeatureDetector(
-            30, **literal, normal_estimator=RobustNormalEstimator(30, refine=None)
+            30, **literal, normal_estimator=RobustNormalEstimator(30, reweight=False)
         ),
         "Eq. 25, MCMD_MD": SharpFeatureDetector(
             30,
             **literal,
-            normal_estimator=RobustNormalEstimator(30, method="mcmd_md", refine=None),
+            normal_estimator=RobustNormalEstimator(30, method="mcmd_md", reweight=False),
         ),
         "eigenvalue": SharpFeatureDetector(30, criterion="eigenvalue", **ours),
         "surface_variation": SharpFeatureDetector(30, criterion="surface_variation", **ours),

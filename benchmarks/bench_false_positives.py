@@ -10,8 +10,8 @@ last column is the standard error of the stated rate for the same number of inde
         --rates 0.001 0.003 0.01 0.03
 
 With ``--shapes`` the clouds are whole clean scans of all kinds, without and with the sensor's
-position. With ``surfaces`` the rates are those of points on faces. With ``--outliers`` the share
-of these that is found is printed as well.
+position, and the rates are those of points on faces. With ``--outliers`` the share of these that
+is found is printed as well.
 """
 
 import argparse
@@ -97,7 +97,7 @@ def shapes(n, seed, outliers):
         "street in scan lines, tree": {"sampling": "scan_lines", "tree": True},
     }.items():
         street = make_street(n, outlier_share=outliers, random_state=seed, **how)
-        yield name, street.data, street.scanners[0], faces_of(street), street.target == 1
+        yield name, street.data, street.sensor_origins[0], faces_of(street), street.target == 1
     for name, make in {
         "mobile scan": make_mobile_scan,
         "airborne scan": make_airborne_scan,
@@ -105,7 +105,7 @@ def shapes(n, seed, outliers):
         "depth frame": make_depth_frame,
     }.items():
         made = make(n, outlier_share=outliers, far_share=0, random_state=seed)
-        yield name, made.data, made.viewpoints, faces_of(made), made.target == 1
+        yield name, made.data, made.sensor_origins, faces_of(made), made.target == 1
 
 
 def faces_of(made):
@@ -130,7 +130,7 @@ def print_shapes(options):
             detector = MCMDOutlierDetector(
                 random_state=0, n_jobs=options.threads, **{"strictness": form, **FORMS[form]}
             )
-            counted, lost, found = (faces & real if form == "surfaces" else real), [], []
+            counted, lost, found = faces & real, [], []
             for rate in options.rates:
                 detector.set_params(false_positive_rate=rate)
                 labels = detector.fit_predict(X, sensor_origin=position if known else None)

@@ -40,8 +40,8 @@ from _pcpnet import DENSITIES, BenchmarkError, benchmark_clouds, noise_kind
 
 FORMS = {
     "least squares": {"method": "pca"},
-    "paper (literal)": {"refine": None},
-    "own planes": {"borrow": False},
+    "paper (literal)": {"reweight": False},
+    "own planes": {"neighbor_planes": False},
     "default": {},
     "auto": {"n_neighbors": "auto"},
 }

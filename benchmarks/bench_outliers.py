@@ -59,7 +59,7 @@ def mean_distance(X, options, share):
 
 
 FORMS = {
-    "paper (literal)": {"strictness": None, "refine": None},
+    "paper (literal)": {"strictness": None, "reweight": False},
     "paper, reweighted": {"strictness": None},
     "isolated": {"strictness": "isolated"},
     "groups (default)": {},

@@ -31,17 +31,17 @@ import numpy as np
 
 PAPER = {
     "mutual": False,
-    "regrow_rest": False,
+    "find_narrow_faces": False,
     "join_coplanar": False,
     "join_curved": False,
-    "assign_rest": False,
+    "assign_unlabeled": False,
 }
 FORMS = {
     "paper's rules": PAPER,
     "and mutual": {**PAPER, "mutual": True},
-    "and rest assigned": {"regrow_rest": False, "join_coplanar": False, "join_curved": False},
-    "and coplanar joined": {"regrow_rest": False, "join_curved": False},
-    "and curved joined": {"regrow_rest": False},
+    "and rest assigned": {"find_narrow_faces": False, "join_coplanar": False, "join_curved": False},
+    "and coplanar joined": {"find_narrow_faces": False, "join_curved": False},
+    "and curved joined": {"find_narrow_faces": False},
     "default": {},
 }
 DENOISERS = {
@@ -55,10 +55,10 @@ SMALLEST = 100  # points of a surface that must be found
 def normals_of(X, k, method, threads):
     from sklearn_mcmd import RobustNormalEstimator
 
-    refine = "reweight"
+    reweight = True
     if method == "mcmd_z, literal":
-        method, refine = "mcmd_z", None
-    estimator = RobustNormalEstimator(k, method=method, refine=refine, random_state=0)
+        method, reweight = "mcmd_z", False
+    estimator = RobustNormalEstimator(k, method=method, reweight=reweight, random_state=0)
     return estimator.set_params(n_jobs=threads).fit_transform(X)
 
 
@@ -163,21 +163,19 @@ def run_scores(options):
 
 
 def run_scenes(options):
-    from sklearn_mcmd import datasets
+    from _furniture import make_bus_stop, make_traffic_furniture
 
-    for name, angle in (("make_traffic_furniture", 15.0), ("make_bus_stop", 5.0)):
-        if not hasattr(datasets, name):
-            print(f"{name} is not there")
-            continue
+    for make, angle in ((make_traffic_furniture, 15.0), (make_bus_stop, 5.0)):
         table = {}
         for seed in range(options.seeds):
-            scene = getattr(datasets, name)(random_state=seed)
+            scene = make(random_state=seed)
             keep = np.ones(len(scene.data), dtype=bool)
             rows = compare_forms(scene.data, scene.surface, keep, options, angle)
             for key, row in rows.items():
                 table.setdefault(key, []).append(row)
         print_head(
-            f"{name}, grown among {options.n_neighbors}, {angle:g} degrees, {options.seeds} seeds"
+            f"{make.__name__}, grown among {options.n_neighbors}, {angle:g} degrees, "
+            f"{options.seeds} seeds"
         )
         for key, rows in table.items():
             print_row(key, np.mean(rows, axis=0))

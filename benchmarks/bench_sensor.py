@@ -90,7 +90,7 @@ def main():
         print(f"{name:25}", "  ".join(cells), f" x {ratio:.2f}", flush=True)
     print("street: Gaussian, uniform, mixed pixels, ghosts found; regular, foliage kept; right")
     for outliers, street in simulated_streets():
-        forms, ratio = judged(street.data, street.viewpoints)
+        forms, ratio = judged(street.data, street.sensor_origins)
         for name, flagged in zip(("unknown", "isolated", "known"), forms, strict=True):
             print(f"{outliers:6} {name:9}", street_line(street, flagged), flush=True)
         print(f"{outliers:6} time x {ratio:.2f}")

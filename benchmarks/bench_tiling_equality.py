@@ -14,23 +14,29 @@ import tempfile
 import time
 import warnings
 from contextlib import contextmanager, nullcontext
-from functools import partial
 from itertools import product
 from pathlib import Path
+from unittest.mock import patch
 
 import joblib
 import numpy as np
 from bench_tiling import ORIGIN, equal, timed
 
+from sklearn_mcmd import (
+    MCMDOutlierDetector,
+    RegionGrowing,
+    RobustNormalEstimator,
+    SharpFeatureDetector,
+)
 from sklearn_mcmd.datasets import make_airborne_scan, make_street
 from sklearn_mcmd.io import PointCloud, write_points
-from sklearn_mcmd.tiling import write_denoised, write_edges, write_normals, write_segments
+from sklearn_mcmd.tiling import _run, process_files
 
-WRITE = {
-    "normals": write_normals,
-    "denoise": partial(write_denoised, mode="mark"),
-    "segment": write_segments,
-    "edges": write_edges,
+VERBS = {
+    "normals": (RobustNormalEstimator(random_state=0), {}),
+    "denoise": (MCMDOutlierDetector(random_state=0), {"mode": "mark"}),
+    "segment": (RegionGrowing(random_state=0), {}),
+    "edges": (SharpFeatureDetector(random_state=0), {}),
 }
 IN_MEMORY = {
     "normals": ["normals"],
@@ -45,7 +51,7 @@ SHARES, CUTS = (0.05, 0.1, 0.2, 0.4, 0.8), (0.5, 0.35, 0.6)
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--points", type=int, default=1_000_000)
-    parser.add_argument("--verbs", nargs="+", choices=list(WRITE), default=list(WRITE))
+    parser.add_argument("--verbs", nargs="+", choices=list(VERBS), default=list(VERBS))
     parser.add_argument("--clouds", nargs="+", choices=list(CLOUDS), default=list(CLOUDS))
     parser.add_argument("--engines", nargs="+", choices=list(ENGINES), default=list(ENGINES))
     parser.add_argument("--processes", type=int, default=2)
@@ -74,9 +80,12 @@ def compare(source, verb, engine, share, cut, options):
     """One line of the table; returns whether the output differs."""
     target, tile_size = source.with_name("tiles.laz"), int(share * options.points)
     begin = time.perf_counter()
-    report = WRITE[verb](
-        source, target, tile_size=tile_size, cut=cut, n_jobs=options.processes, restart=True
-    )
+    estimator, how = VERBS[verb]
+    with patch.object(_run, "CUT", cut):
+        report = process_files(
+            source, target, estimator, tile_size=tile_size, n_jobs=options.processes, restart=True,
+            **how,
+        )  # fmt: skip
     seconds = time.perf_counter() - begin
     same = equal(source.with_name(f"{source.stem}-{verb}.laz"), target)
     proved = f"{report.n_proved / report.n_points:.2%}"

@@ -104,9 +104,9 @@ def simulated(n):
     mobile = make_mobile_scan(n, far_share=0, **how)
     turn = make_lidar_turn(n, outlier_kinds=("particle", "mixed_pixel"), **how)
     for title, made, position in (
-        ("street in scan lines, tree", street, street.scanners[0]),
-        ("mobile scan", mobile, mobile.viewpoints),
-        ("spinning turn", turn, turn.viewpoints),
+        ("street in scan lines, tree", street, street.sensor_origins[0]),
+        ("mobile scan", mobile, mobile.sensor_origins),
+        ("spinning turn", turn, turn.sensor_origins),
     ):
         curves = []
         for label, form in FORMS.items():

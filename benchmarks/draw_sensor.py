@@ -41,8 +41,8 @@ def main():
     for row, (scan, origin, name) in zip(
         axes,
         (
-            (turn, turn.viewpoints[0], "a turn with particles, from above"),
-            (street, street.scanners[0], "a street with mixed pixels, from above"),
+            (turn, turn.sensor_origins[0], "a turn with particles, from above"),
+            (street, street.sensor_origins[0], "a street with mixed pixels, from above"),
         ),
         strict=True,
     ):

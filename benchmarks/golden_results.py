@@ -11,6 +11,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
+from _furniture import make_bus_stop, make_traffic_furniture
 
 from sklearn_mcmd import (
     MCMDOutlierDetector,
@@ -20,11 +21,9 @@ from sklearn_mcmd import (
 )
 from sklearn_mcmd.datasets import (
     make_box,
-    make_bus_stop,
     make_contaminated_plane,
     make_crown_roof,
     make_street,
-    make_traffic_furniture,
 )
 
 MOST_POINTS = 6_000
@@ -60,7 +59,7 @@ def results(X):
     yield "outlier plane", detector.plane_index_
     probe = X[::7] + 0.01 * (X[:1] - X[::7])
     yield "new scores", detector.score_samples(probe)
-    literal = MCMDOutlierDetector(refine=None, strictness=None, random_state=0, n_jobs=2)
+    literal = MCMDOutlierDetector(reweight=False, strictness=None, random_state=0, n_jobs=2)
     yield "literal scores", literal.fit(X).scores_
     normals = RobustNormalEstimator(random_state=0, n_jobs=2)
     columns = normals.fit_transform(X)

@@ -24,7 +24,7 @@ X = cloud.xyz
 street = make_street(len(X), random_state=0)
 assert np.abs(street.data - X).max() < 1e-3, "not the demo's street"
 
-PAPER = {"refine": None, "strictness": None}
+PAPER = {"reweight": False, "strictness": None}
 good = street.target == 1
 for parameters in ({}, {"strictness": "isolated"}, {"strictness": "surfaces"}, PAPER):
     detector = MCMDOutlierDetector(random_state=0, n_jobs=-1, **parameters).fit(X)
@@ -43,7 +43,7 @@ for parameters in ({}, {"strictness": "isolated"}, {"strictness": "surfaces"}, P
 
 known = good & np.isfinite(street.normals).all(axis=1)
 near = known & (street.edge_distance < 0.08)
-for parameters in ({"method": "pca"}, {}, {"refine": None}):
+for parameters in ({"method": "pca"}, {}, {"reweight": False}):
     normals = RobustNormalEstimator(random_state=0, n_jobs=-1, **parameters).fit(X).normals_
     angles = [bias_angle(normals[rows], street.normals[rows]) for rows in (known, near)]
     print(f"{parameters}: median {np.median(angles[0]):.2f}, ", end="")

@@ -3,12 +3,14 @@
 python docs/figures.py                 # all of them, in docs/images/guide
 python docs/figures.py landing doors   # these two
 
-Clouds are simulated with fixed seeds, and results are those of the estimators. The picture of the
-page (``first_scan_page``) needs playwright and a browser: ``--browser /usr/bin/chromium``.
+Clouds are simulated with fixed seeds, and results are those of the estimators. The pictures of
+pages (``browser_pages``) need playwright and a browser: ``--browser /usr/bin/chromium``.
 """
 
 import argparse
 import io
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -39,6 +41,7 @@ from sklearn_mcmd.plotting import (
     plot_cloud,
     region_colors,
 )
+from sklearn_mcmd.plotting._still import draw_ball
 
 SOFTWARE_RENDERING = [
     *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"),
@@ -53,8 +56,9 @@ def landing():
     plot_cloud(street().data, outliers=flagged, ax=axes[0])
     plot_cloud(kept(), color=normal_colors(normals().normals_), ax=axes[1])
     axes[1].set(xlim=axes[0].get_xlim(), ylim=axes[0].get_ylim())
+    draw_ball(axes[1], VIEW)
     for ax, text in zip(axes, ("before", "after"), strict=True):
-        ax.text(0.02, 0.95, text, transform=ax.transAxes, fontsize=15, color="0.3")
+        ax.set_title(text, loc="left", fontsize=15, color="0.3")
     save(fig, "landing.jpg")
 
 
@@ -96,14 +100,14 @@ def first_scan():
         save(fig, f"first_scan_{name}.jpg")
 
 
-def first_scan_page(browser):
-    """The page that ``mcmd view`` makes, in a browser."""
+def browser_pages(browser):
+    """Pages that ``mcmd view`` and ``--report`` make, in a browser."""
     from playwright.sync_api import sync_playwright
 
     from sklearn_mcmd.plotting import view
 
     scores = -detector().scores_
-    cloud = PointCloud(
+    marked = PointCloud(
         street().data,
         {
             "outlier_score": scores.astype(np.float32),
@@ -111,17 +115,23 @@ def first_scan_page(browser):
         },
     )
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as play:
-        page_file = Path(folder) / "marked.html"
-        write_points(Path(folder) / "marked.laz", cloud)
-        view(Path(folder) / "marked.laz").save(page_file)
+        folder = Path(folder)
+        files = folder / "marked.laz", folder / "clean.laz"
+        for file, cloud in zip(files, (marked, PointCloud(kept())), strict=True):
+            write_points(file, cloud)
+        view(files[0]).save(folder / "first_scan_page.html")
+        view(*files).save(folder / "view_compare.html")
+        command = ["denoise", str(files[0]), str(folder / "out.laz"), "--report", str(folder)]
+        subprocess.run([sys.executable, "-m", "sklearn_mcmd", *command], check=True)
         window = play.chromium.launch(executable_path=browser, args=SOFTWARE_RENDERING)
-        page = window.new_page(viewport={"width": 1200, "height": 680}, color_scheme="light")
-        page.goto(page_file.as_uri())
-        while not page.evaluate(f"Boolean({DRAWN})"):
-            page.wait_for_timeout(200)
-        picture = Image.open(io.BytesIO(page.screenshot()))
+        for name in ("first_scan_page", "view_compare", "report"):
+            page = window.new_page(viewport={"width": 1200, "height": 680}, color_scheme="light")
+            file = folder / ("index.html" if name == "report" else f"{name}.html")
+            page.goto(file.as_uri())
+            while name != "report" and not page.evaluate(f"Boolean({DRAWN})"):
+                page.wait_for_timeout(200)
+            write_jpg(Image.open(io.BytesIO(page.screenshot())), f"{name}.jpg", quality=82)
         window.close()
-    write_jpg(picture, "first_scan_page.jpg", quality=82)
 
 
 PICTURES = {
@@ -131,14 +141,14 @@ PICTURES = {
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("names", nargs="*", help=f"of {', '.join(PICTURES)}, first_scan_page")
-    parser.add_argument("--browser", help="Chromium, for first_scan_page")
+    parser.add_argument("names", nargs="*", help=f"of {', '.join(PICTURES)}, browser_pages")
+    parser.add_argument("--browser", help="Chromium, for browser_pages")
     options = parser.parse_args()
     FOLDER.mkdir(parents=True, exist_ok=True)
-    names = options.names or [*PICTURES, *(["first_scan_page"] if options.browser else [])]
+    names = options.names or [*PICTURES, *(["browser_pages"] if options.browser else [])]
     for name in names:
-        if name == "first_scan_page":
-            first_scan_page(options.browser)
+        if name == "browser_pages":
+            browser_pages(options.browser)
         else:
             PICTURES[name]()
 

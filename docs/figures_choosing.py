@@ -147,7 +147,7 @@ def trials():
         ax.plot(rate, count, color=color, label=f"success_probability={probability:g}")
     ax.plot(0.5, 69, "ko")
     ax.annotate("default: 69", (0.5, 69), (0.27, 180), arrowprops={"arrowstyle": "->"})
-    ax.set(xlabel="outlier_rate", ylabel="trials", yscale="log", ylim=(1, 1500))
+    ax.set(xlabel="max_outlier_rate", ylabel="trials", yscale="log", ylim=(1, 1500))
     ax.grid(alpha=0.3)
     ax.legend()
     save(figure, "choosing_trials")
@@ -162,11 +162,12 @@ def rates(runs=100):
     """Neighborhoods of 50 points whose plane tilts, by the outliers in them and by the rate."""
     shares = np.arange(0.0, 0.75, 0.08)
     forms = {
-        "outlier_rate=0.1": {"outlier_rate": 0.1},
-        "outlier_rate=0.3": {"outlier_rate": 0.3},
-        "outlier_rate=0.5 (default)": {},
-        'outlier_rate=0.7, support_fraction="auto", mcmd_md': {
-            "outlier_rate": 0.7, "support_fraction": "auto", "method": "mcmd_md", "refine": None,
+        "max_outlier_rate=0.1": {"max_outlier_rate": 0.1},
+        "max_outlier_rate=0.3": {"max_outlier_rate": 0.3},
+        "max_outlier_rate=0.5 (default)": {},
+        'max_outlier_rate=0.7, support_fraction=0.3, mcmd_md': {
+            "max_outlier_rate": 0.7, "support_fraction": 0.3,
+            "method": "mcmd_md", "reweight": False,
         },
     }  # fmt: skip
     figure, ax = plt.subplots(figsize=(8, 4), layout="constrained")
@@ -179,7 +180,7 @@ def rates(runs=100):
                     50, outlier_share=share, outliers="uniform", random_state=seed
                 )
                 estimator = RobustNormalEstimator(
-                    None, borrow=False, random_state=seed, **options
+                    None, neighbor_planes=False, random_state=seed, **options
                 ).fit(X)
                 bad += np.degrees(np.arccos(min(1, abs(estimator.normals_[0, 2])))) > 5
             tilted.append(100 * bad / runs)

@@ -35,7 +35,7 @@ def sheets():
     near = (np.abs(xyz[:, 0] - 1.2) < 1.4) & (xyz[:, 1] > 2.6) & (xyz[:, 2] > 0.2)
     kept = labels == 1
     columns = RobustNormalEstimator(30, random_state=0).fit_transform(xyz[kept])
-    rays = xyz[kept] - street.scanners[0]
+    rays = xyz[kept] - street.sensor_origins[0]
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     grazing = np.degrees(np.arcsin(np.abs(np.sum(rays * columns[:, 3:6], axis=1)))) < 10
     high = xyz[kept, 2] > 0.2  # the road is grazed as well
@@ -57,7 +57,11 @@ def sheets():
     axes[0, 1].set_title("from above: they lie along the rays", fontsize=12)
     for x, y in xyz[near & (truth == -1)][::60, :2]:
         axes[0, 1].plot(
-            [street.scanners[0, 0], x], [street.scanners[0, 1], y], color="0.8", lw=0.5, zorder=0
+            [street.sensor_origins[0, 0], x],
+            [street.sensor_origins[0, 1], y],
+            color="0.8",
+            lw=0.5,
+            zorder=0,
         )
     shown = near[kept]
     plot_cloud(xyz[kept][shown], color=GRAY, outliers=suspect[shown], view=(-35, 20), ax=axes[1, 0])

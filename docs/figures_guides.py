@@ -268,10 +268,10 @@ def segments_principle():
     near = (points[:, 0] > 1.0) & (points[:, 0] < 1.25)
     alone = {
         "mutual": False,
-        "regrow_rest": False,
+        "find_narrow_faces": False,
         "join_coplanar": False,
         "join_curved": False,
-        "assign_rest": False,
+        "assign_unlabeled": False,
     }
     fig, axes = plt.subplots(2, 1, figsize=(9, 3.0), layout="constrained")
     for ax, model, title in (
@@ -322,8 +322,8 @@ def segments_angle():
 
 
 def segments_street():
-    alone = {"mutual": False, "regrow_rest": False, "join_coplanar": False}
-    alone |= {"join_curved": False, "assign_rest": False}
+    alone = {"mutual": False, "find_narrow_faces": False, "join_coplanar": False}
+    alone |= {"join_curved": False, "assign_unlabeled": False}
     fig, axes = plt.subplots(1, 2, figsize=(12, 4.6), layout="constrained")
     for ax, model, name in (
         (

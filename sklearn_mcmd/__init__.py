@@ -43,6 +43,7 @@ _SUBPACKAGES = {
     "plotting",
     "resampling",
     "segmentation",
+    "tiling",
     "view",
 }
 

@@ -14,12 +14,12 @@ def main():
     try:  # imports above this line would run before Ctrl-C is handled
         from sklearn_mcmd._extras import run_app
 
-        run_app("sklearn_mcmd.cli", "mcmd", prog_name="mcmd")
+        run_app()
     except KeyboardInterrupt:
-        import sys
+        import os
 
-        print("mcmd: interrupted", file=sys.stderr)
-        sys.exit(130)
+        os.write(2, b"mcmd: interrupted\n")
+        os._exit(130)  # Python would end by the signal if code in a string was interrupted
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ import os
 import re
 import sys
 
-from sklearn_mcmd._interrupts import INTERRUPTED, exit_at_once
+from sklearn_mcmd._interrupts import INTERRUPTED, exit_at_once, ignore_interrupts
 
 __all__ = ["how_to_install", "import_extra", "run_app"]
 
@@ -53,38 +53,28 @@ def how_to_install(library, extra):
     return "pip install " + " ".join(f'"{requirement}"' for requirement in wanted)
 
 
-def run_app(module, name, arguments=None, *, prog_name):
-    """Run a module's `app`; without the command line's libraries, say how to install them.
-
-    Parameters
-    ----------
-    module : str
-    name : str
-        Name of the command, with which its errors begin.
-    arguments : list of str, default=None
-        None means those of the process. The process is then ours, and Ctrl-C ends it with one line.
-    prog_name : str
-        The name that help shows.
+def run_app():
+    """Run the command line; without its libraries, say how to install them.
 
     Raises
     ------
     SystemExit
         Always, with the exit code: 0 done, 1 failed, 2 wrong usage, 130 interrupted.
     """
-    if arguments is None:
-        exit_at_once(name)
+    exit_at_once("mcmd")
     try:
         for library in ("rich", "typer"):
             import_extra(library, "cli", "the command line")
     except ImportError as err:
-        print(f"{name}: error: {err}", file=sys.stderr)
+        print(f"mcmd: error: {err}", file=sys.stderr)
         sys.exit(1)
     try:
-        importlib.import_module(module).app(arguments, prog_name=prog_name)
+        importlib.import_module("sklearn_mcmd.cli").app(prog_name="mcmd")
     except SystemExit as end:
-        if arguments is None and end.code == INTERRUPTED:
+        if end.code == INTERRUPTED:
             # Threads may still compile or compute; do not wait for them.
             os._exit(INTERRUPTED)
+        ignore_interrupts()
         raise
 
 

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 import threading
 from pathlib import Path
 
@@ -15,6 +16,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
+from hypothesis.database import DirectoryBasedExampleDatabase
 
 from sklearn_mcmd.io import PointCloud, write_points
 
@@ -22,11 +25,25 @@ from sklearn_mcmd.io import PointCloud, write_points
 pytest.register_assert_rewrite("commands")
 
 
+# Every run has the same examples. `--hypothesis-profile random`, of the nightly job, draws others.
+# No test fails because the machine is slow, and folders of a test serve all its examples.
+UNTIMED = settings(
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+)
+settings.register_profile("fixed", UNTIMED, derandomize=True, database=None)
+FOUND = DirectoryBasedExampleDatabase(".hypothesis/examples")
+settings.register_profile("random", UNTIMED, derandomize=False, database=FOUND, print_blob=True)
+settings.load_profile("fixed")
+
 N_ROOM, N_STRAY = 900, 30  # few enough for the form that needs no compilation
 
 
 def pytest_configure(config):
     """Hand neighboring tests to the same worker: they share the fixtures of their module.
+
+    Fixed examples do not depend on which modules a worker has imported: Hypothesis also draws
+    numbers that it reads in their code.
 
     Programs that tests start inherit ignored signals. A run in the background (`&`, nohup) ignores
     some, which are tests' subject: they are put back.
@@ -36,8 +53,18 @@ def pytest_configure(config):
             number = getattr(signal, name, None)  # Windows has no SIGHUP
             if number is not None and signal.getsignal(number) is signal.SIG_IGN:
                 signal.signal(number, handler)
+    providers = sys.modules.get("hypothesis.internal.conjecture.providers")  # None in old versions
+    if config.getoption("--hypothesis-profile") is None and providers is not None:
+        providers._get_local_constants = lambda: providers._local_constants  # none
     if getattr(config.option, "dist", None) == "load":  # what -n asks for by itself
         config.option.dist = "worksteal"
+
+
+@pytest.fixture(autouse=True)
+def _own_numbers(request, monkeypatch):
+    """A module's RNG gives a test the same numbers, whichever tests this process ran before."""
+    if hasattr(request.module, "RNG"):
+        monkeypatch.setattr(request.module, "RNG", np.random.default_rng(0))
 
 
 @pytest.fixture(scope="session")

@@ -75,7 +75,7 @@ def torus(n, noise):
 
 def scene_of(street, tree=False):
     """The surfaces that a street of `make_street` was scanned from."""
-    n_bays = len(street.scanners)
+    n_bays = len(np.unique(street.sensor_origins, axis=0))
     return _street(street.length / n_bays, n_bays, tree)
 
 

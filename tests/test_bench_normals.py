@@ -11,8 +11,6 @@ import pytest
 from sklearn_mcmd import RobustNormalEstimator
 
 BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
-if not BENCHMARKS.is_dir():  # as in a source distribution
-    pytest.skip("the folder benchmarks is not beside the tests", allow_module_level=True)
 ALL_KINDS = ["none", "0.12 %", "0.6 %", "1.2 %", "stripes", "gradient"]
 MODULES = ("bench_normals", "_normal_methods", "_pcpnet")
 

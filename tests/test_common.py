@@ -1,5 +1,6 @@
 """scikit-learn's own checks, on the fewest configurations that take every branch."""
 
+import pytest
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from sklearn_mcmd import (
@@ -11,24 +12,28 @@ from sklearn_mcmd import (
 from sklearn_mcmd.baselines import PlaneOutlierDetector
 
 # Checks of many features would ask the default's 50 % of outliers for a great many trials.
-QUICK = RobustNormalEstimator(outlier_rate=0.2, random_state=0)
+QUICK = RobustNormalEstimator(max_outlier_rate=0.2, random_state=0)
 
 
+# Checks of ten features ask for more trials than are made.
+@pytest.mark.filterwarnings("ignore:max_outlier_rate=.* in 10D asks for")
 @parametrize_with_checks(
     [
         MCMDOutlierDetector(),
         MCMDOutlierDetector(
-            20, method="mcmd_md", refine=None, outlier_rate=0.3, support_fraction="auto",
+            20, method="mcmd_md", reweight=False, max_outlier_rate=0.3, support_fraction=0.7,
             contamination=0.1, n_jobs=2,
         ),
         MCMDOutlierDetector(
-            20, strictness="surfaces", noise_scale=0.5, contamination=0.1, outlier_rate=0.2
+            20, strictness="surfaces", noise_scale=0.5, contamination=0.1, max_outlier_rate=0.2
         ),
-        MCMDOutlierDetector(20, strictness="isolated", contamination=0.2, outlier_rate=0.2),
-        MCMDOutlierDetector(20, strictness=None, noise_scale=0.5, outlier_rate=0.2),
-        MCMDOutlierDetector(None, contamination=0.1, outlier_rate=0.05),
-        RobustNormalEstimator(20, features="all", outlier_rate="auto"),
-        RobustNormalEstimator(20, method="mcmd_md", refine=None, radius=1.5, outlier_rate=0.1),
+        MCMDOutlierDetector(20, strictness="isolated", contamination=0.2, max_outlier_rate=0.2),
+        MCMDOutlierDetector(20, strictness=None, noise_scale=0.5, max_outlier_rate=0.2),
+        MCMDOutlierDetector(None, contamination=0.1, max_outlier_rate=0.05),
+        RobustNormalEstimator(20, features="all"),
+        RobustNormalEstimator(
+            20, method="mcmd_md", reweight=False, radius=1.5, max_outlier_rate=0.1
+        ),
         RobustNormalEstimator(None, method="pca", orientation="mst"),
         RobustNormalEstimator(20, method="robpca", method_params={"n_trials": 30}, radius=1.5),
         PlaneOutlierDetector(20, n_jobs=2),
@@ -39,13 +44,13 @@ QUICK = RobustNormalEstimator(outlier_rate=0.2, random_state=0)
         RegionGrowing(normal_estimator=QUICK),
         RegionGrowing(
             10, max_distance=0.5, max_gap=1.0, mutual=False, min_region_size=12,
-            join_coplanar=False, join_curved=False, assign_rest=False, regrow_rest=False,
+            join_coplanar=False, join_curved=False, assign_unlabeled=False, find_narrow_faces=False,
             normal_estimator=QUICK, n_jobs=2,
         ),
         SharpFeatureDetector(
             20,
-            outlier_detector=MCMDOutlierDetector(20, outlier_rate=0.2),
-            normal_estimator=RobustNormalEstimator(20, outlier_rate=0.2),
+            outlier_detector=MCMDOutlierDetector(20, max_outlier_rate=0.2),
+            normal_estimator=RobustNormalEstimator(20, max_outlier_rate=0.2),
         ),
         SharpFeatureDetector(
             20,
@@ -53,7 +58,7 @@ QUICK = RobustNormalEstimator(outlier_rate=0.2, random_state=0)
             threshold="mean",
             outlier_detector="passthrough",
             normal_estimator=RobustNormalEstimator(
-                20, outlier_rate=0.2, features=["removed_fraction"]
+                20, max_outlier_rate=0.2, features=["removed_fraction"]
             ),
         ),
     ],

@@ -46,6 +46,11 @@ def test_only_public_names_have_pages():
         assert name in importlib.import_module(module).__all__, page
 
 
+def test_a_subpackage_with_pages_needs_no_import_of_its_own():
+    homes = {page.split(".")[1] for page in documented() if page.count(".") == 2}
+    assert homes <= sklearn_mcmd._SUBPACKAGES & set(dir(sklearn_mcmd))
+
+
 def test_no_name_has_two_pages():
     assert len(documented()) == len(set(documented()))
 

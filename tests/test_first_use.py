@@ -6,8 +6,6 @@ import sys
 
 import pytest
 
-pytest.importorskip("numba")
-
 # Estimators in turn, each of which needs some functions that those before it have not compiled.
 CODE = """
 import sys

@@ -30,11 +30,11 @@ def test_public_names_are_listed_and_found(name):
     assert getattr(sklearn_mcmd, name) is not None
 
 
-@pytest.mark.parametrize("name", ["adjustment", "datasets", "io", "metrics", "plotting"])
-def test_subpackages_are_found_without_importing_them_by_name(name):
-    assert python(f"import sklearn_mcmd; print(sklearn_mcmd.{name}.__name__)") == [
-        f"sklearn_mcmd.{name}"
-    ]
+def test_subpackages_are_found_without_importing_them_by_name():
+    found = python("import sklearn_mcmd; print(sklearn_mcmd.tiling.__name__)")
+    assert found == ["sklearn_mcmd.tiling"]
+    for name in ("adjustment", "datasets", "io", "plotting"):  # as of a name that is not there yet
+        assert sklearn_mcmd.__getattr__(name).__name__ == f"sklearn_mcmd.{name}"
 
 
 def test_an_unknown_name_is_an_attribute_error_that_names_it():

@@ -29,8 +29,6 @@ ROOMS = {
     "view": {"io"},
     "plotting": {"io", "view"},
     "report": {"adjustment", "io", "outliers", "planes", "plotting", "view"},
-    "paper": {"baselines", "cli", "datasets", "edges", "io", "metrics", "normals", "outliers",
-              "planes", "plotting", "segmentation"},
     "cli": {"adjustment", "datasets", "edges", "io", "metrics", "normals", "outliers", "planes",
             "plotting", "report", "segmentation", "tiling", "view"},
 }  # fmt: skip

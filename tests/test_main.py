@@ -14,7 +14,7 @@ def program(*args, code=None):
         capture_output=True,
         text=True,
         cwd=Path(__file__).parents[1],
-        timeout=120,
+        timeout=600,
     )
 
 

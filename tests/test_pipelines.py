@@ -53,7 +53,7 @@ def test_no_plane_is_sought_or_fitted_again_behind_normals(make, box, monkeypatc
     if make is edges:
         last.set_params(outlier_detector="passthrough")  # cleaning seeks planes of its own
     else:
-        last.set_params(regrow_rest=False)  # narrow faces are planes of what is left over
+        last.set_params(find_narrow_faces=False)  # narrow faces are planes of what is left over
     columns = normals.fit_transform(box.data)
     expected = last.fit_predict(columns)
 
@@ -71,7 +71,7 @@ def test_no_plane_is_sought_or_fitted_again_behind_normals(make, box, monkeypatc
 
 def test_growing_takes_planes_as_they_are_handed_on(box):
     columns = RobustNormalEstimator(20, random_state=0).fit_transform(box.data)
-    growing = RegionGrowing(normals="precomputed", regrow_rest=False, assign_rest=False)
+    growing = RegionGrowing(normals="precomputed", find_narrow_faces=False, assign_unlabeled=False)
     labels = growing.fit_predict(columns)
     face = np.flatnonzero(labels == 0)
     upper = face[box.data[face, 0] > np.median(box.data[face, 0])]

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sklearn_mcmd.plotting import normal_colors, plot_before_after, plot_cloud, region_colors
+from sklearn_mcmd.plotting import normal_colors, plot_cloud, region_colors
+from sklearn_mcmd.plotting._still import plot_before_after
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("agg")

@@ -2,8 +2,10 @@
 
 from itertools import pairwise
 
+import numba
 import numpy as np
 import pytest
+from numba.core import event
 
 from sklearn_mcmd import (
     MCMDOutlierDetector,
@@ -98,7 +100,7 @@ def test_the_cutoff_and_the_verdict_of_the_detector_divide_the_whole_without_gap
         first, last = ends.get(stage, (share, share))
         ends[stage] = min(first, share), max(last, share)
     ends.pop("")  # the parts that hold stages
-    stages = ["cutoff by simulation", "planes", "outliers", "cutoff by parts"]
+    stages = ["cutoff by simulation", "planes", "outliers"]
     assert list(ends) == stages == list(detector._stages())
     assert min(begin for begin, _ in ends.values()) == 0
     for (_, end), (begin, _) in pairwise(ends.values()):
@@ -107,7 +109,6 @@ def test_the_cutoff_and_the_verdict_of_the_detector_divide_the_whole_without_gap
 
 
 def test_compilation_is_told_and_its_end():
-    numba = pytest.importorskip("numba")
     watch_compilation()
 
     @numba.njit
@@ -123,9 +124,6 @@ def test_compilation_is_told_and_its_end():
 @pytest.fixture
 def own_compilation(monkeypatch):
     """A watcher of its own, and what compiles a function as if it were one of the package."""
-    numba = pytest.importorskip("numba")
-    from numba.core import event
-
     registered = event._registered["numba:compile"]
     others = list(registered)
     registered.clear()

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.skipif(
 
 
 def extract(*args):
-    return subprocess.run(["bash", SCRIPT, *args], capture_output=True, text=True, timeout=60)
+    return subprocess.run(["bash", SCRIPT, *args], capture_output=True, text=True, timeout=600)
 
 
 def steps(name):

@@ -1,5 +1,7 @@
 """Clouds in files and their normals in memory, which those by tiles must equal."""
 
+from unittest.mock import patch
+
 import numpy as np
 from sklearn.base import clone
 
@@ -7,6 +9,7 @@ from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.tiling import _run, process_files
 from sklearn_mcmd.tiling._tile import normal_columns
 
 # Few neighbors, so that little lies around small tiles.
@@ -27,3 +30,9 @@ def in_memory(source, target, estimator=ESTIMATOR):
     names, columns = normal_columns(clone(estimator).fit(cloud.xyz))
     write_points(target, with_results(cloud, dict(zip(names, columns.T.copy(), strict=True))))
     return target
+
+
+def divide(source, target, estimator, *, cut=0.5, **options):
+    """`process_files` with tiles that begin elsewhere: `cut` is the share left of a division."""
+    with patch.object(_run, "CUT", cut):
+        return process_files(source, target, estimator, **options)

@@ -23,7 +23,7 @@ from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.plotting import OutlierDisplay, SegmentationDisplay
-from sklearn_mcmd.tiling import write_denoised
+from sklearn_mcmd.tiling import process_files
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--points", type=int, default=16_000, help="points of the street")
@@ -41,14 +41,15 @@ with TemporaryDirectory() as folder:
     for i in range(4):
         write_points(source / f"part{i}.laz", PointCloud(xyz[part == i]))
     parts = [read_points(source / f"part{i}.laz") for i in range(4)]
-    report = write_denoised(source, target, mode="mark", tile_size=4_000, n_jobs=1)
+    detector = MCMDOutlierDetector(random_state=0)
+    report = process_files(source, target, detector, mode="mark", tile_size=4_000, n_jobs=1)
     clouds = [read_points(target / f"part{i}.laz") for i in range(4)]
 print(f"{report.n_points:,} points in {report.n_tiles} tiles, {report.n_outliers} outliers")
 
 # %%
 # The same in memory, and the number of points with another place, score or verdict.
 whole = np.vstack([cloud.xyz for cloud in parts])
-detector = MCMDOutlierDetector(random_state=0).fit(whole)
+detector.fit(whole)
 scores = np.concatenate([cloud.attributes["outlier_score"] for cloud in clouds])
 classes = np.concatenate([cloud.attributes["classification"] for cloud in clouds])
 flagged = np.isin(classes, (7, 18))  # low and high noise

@@ -2,8 +2,9 @@
 Which parameters find the most outliers, and do other detectors do better?
 ==========================================================================
 
-`GridSearchCV` searches ``n_neighbors``, ``outlier_rate`` and ``success_probability`` on a labeled,
-simulated street. `LocalOutlierFactor` and `IsolationForest` are candidates in the same search.
+`GridSearchCV` searches ``n_neighbors``, ``max_outlier_rate`` and ``success_probability`` on a
+labeled, simulated street. `LocalOutlierFactor` and `IsolationForest` are candidates in the same
+search.
 
 **The splits.** A local detector judges a point by its neighbors. Random folds fit on a thinned
 cloud. Spatial blocks as groups score the points of a block by a cloud with a hole there. Both

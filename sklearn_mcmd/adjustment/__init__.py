@@ -3,19 +3,14 @@
 from sklearn_mcmd.adjustment._baarda import BaardaPlaneDetector
 from sklearn_mcmd.adjustment._figure import plot_report
 from sklearn_mcmd.adjustment._fuzzy import FuzzyPlaneDetector
-from sklearn_mcmd.adjustment._plane import PlaneAdjustment, adjust_plane
 from sklearn_mcmd.adjustment._report import text_report
-from sklearn_mcmd.adjustment._robust import m_estimate
 from sklearn_mcmd.adjustment._tests import critical_value, local_level
 
 __all__ = [
     "BaardaPlaneDetector",
     "FuzzyPlaneDetector",
-    "PlaneAdjustment",
-    "adjust_plane",
     "critical_value",
     "local_level",
-    "m_estimate",
     "plot_report",
     "text_report",
 ]

@@ -17,10 +17,11 @@ from sklearn_mcmd.adjustment._elimination import (
     eliminate_one_by_one,
     own_redundancy,
 )
-from sklearn_mcmd.adjustment._start import robust_start
+from sklearn_mcmd.adjustment._plane import adjust_plane, weights_of
+from sklearn_mcmd.adjustment._start import CUT, robust_start
 from sklearn_mcmd.adjustment._tests import (
+    chance_outside,
     critical_value,
-    global_test_pvalue,
     local_level,
     residual_limit,
     standardized_residuals,
@@ -30,6 +31,12 @@ from sklearn_mcmd.adjustment._tests import (
 from sklearn_mcmd.planes._tasks import fit_in_tasks
 
 __all__ = ["BaardaPlaneDetector"]
+
+# Deviations within which points always come back. Without those beyond it the deviation is 1.3 %
+# too small.
+NEAR = 3.0
+# Points come back in portions of at most a sixteenth of those inside.
+FEW = 16
 
 
 class BaardaPlaneDetector(PlaneDetector):
@@ -46,20 +53,19 @@ class BaardaPlaneDetector(PlaneDetector):
     alpha : float in (0, 1), default=0.05
         Level of the test of the whole cloud, or of each point with ``correction="none"``.
     test : {"w", "tau", "t"}, default="w"
-        "w" compares with a known `sigma0` (Baarda). "tau" compares with the scale estimated from
-        all residuals (Pope), "t" with the scale estimated without the tested point. The last two
-        decide alike. They fail where more than some 5 % of the points are outliers, because
-        outliers enlarge the scale.
+        "w" compares with a known `sigma0` (Baarda); with ``sigma0="auto"`` it is replaced by tau.
+        "tau" compares with the scale estimated from all residuals (Pope), "t" with the scale
+        estimated without the tested point. The last two decide alike. Alone they fail where more
+        than some 5 % of the points are outliers, because outliers enlarge the scale.
     sigma0 : float > 0 or "auto", default=1.0
         Standard deviation of an observation of weight 1, in the units of the dependent
         column (along the normal, for an orthogonal surface). It is the noise that
         `MCMDOutlierDetector` calls `noise_scale`: give a scanner's deviation to either.
         **Set it**. In a cloud in meters the default of 1 m finds no outlier among residuals of
-        millimeters. "auto" takes a robust scale of the residuals about a Huber plane. It is
-        within a few percent of the truth in clean data. It is a factor of 1.3 too large with 20 %
-        of one-sided outliers, of 2 with 40 %, and no use where most points are not on the
-        plane. With `robust_start` it is the deviation of the points near the start's plane, which
-        separate outliers do not enlarge. Used by ``test="w"`` only.
+        millimeters. "auto" estimates it from the points that pass, and tests by tau, because an
+        estimate is not known. Points far from a robust plane (Huber's, or that of `robust_start`)
+        are left out first; see Notes. With a `loss` other than "squared_error" it is a robust
+        scale, which is taken as known.
     correction : {"sidak", "bonferroni", "none"}, default="sidak"
         Local level: ``1 - (1 - alpha)^(1/n)`` (Eq. 1), ``alpha / n`` or alpha itself.
     elimination : {"single", "all"}, default="single"
@@ -81,10 +87,10 @@ class BaardaPlaneDetector(PlaneDetector):
     robust_start : bool, default=False
         Whether round 1 starts from the plane of the most coplanar half of the points (the
         maximum consistent set), improved by concentration and reweighting, in place of all
-        points. Points that fail its test are left out in round 1. Least squares follows outliers
-        gathered at one edge and fails there from a share of 20 to 30 %. With this start a share
-        of 45 % of outliers of 10 sigma is found, and of up to 40 % without knowing sigma or with
-        an orthogonal surface.
+        points. Points that stay outside of it are left out in round 1. Least squares follows
+        outliers gathered at one edge and fails there from a share of 20 to 30 %. With this start
+        a share of 45 % of outliers of 10 sigma is found, and of up to 40 % without knowing sigma
+        or with an orthogonal surface.
     random_state : int, RandomState instance or None, default=None
         Seed of the trials of the robust start. An int makes results repeatable.
 
@@ -95,6 +101,8 @@ class BaardaPlaneDetector(PlaneDetector):
         point that was removed in an earlier round may have come back.
     elimination_step_ : ndarray of int of shape (n_samples,)
         Round in which a point was removed, 0 for those never removed.
+    test_ : {"w", "tau", "t"}
+        The test that was done: `test`, or "tau" in place of "w" where `sigma0` is estimated.
     support_ : ndarray of bool of shape (n_samples,)
         Points the final plane was adjusted to.
     test_statistic_ : ndarray of shape (n_samples,)
@@ -113,14 +121,16 @@ class BaardaPlaneDetector(PlaneDetector):
     distance_ : float
         ``normal_ @ x`` of its points.
     sigma0_ : float
-        `sigma0`, or its robust estimate; no less than what float64 may add to a residual at
-        these coordinates (some 1e-14 at 10, 1e-9 at 5e6), which is all the noise there is in
-        points of an exact plane.
+        `sigma0`, or its estimate from the support; no less than what float64 may add to a
+        residual at these coordinates (some 1e-14 at 10, 1e-9 at 5e6), which is all the noise
+        there is in points of an exact plane.
     variance_factor_, variance_factor_initial_ : float
         v'Pv / f of the support, and of all points before the first test.
-    global_test_pvalue_ : float
-        Probability of a larger v'Pv / sigma0^2 than the support's in clean data. Near 0:
-        sigma0 is too small or outliers are left; near 1: sigma0 is too large.
+    global_test_pvalue_, global_test_pvalue_initial_ : float
+        Probability of a larger v'Pv / sigma0^2 in clean data than that of the support, and of all
+        points before the first test. Near 0: sigma0 is too small or outliers are left; near 1:
+        sigma0 is too large. nan with ``sigma0="auto"``: an estimate from the same points would
+        be tested against itself.
     dof_, rank_ : int
         Degrees of freedom f and number of estimable parameters u.
     n_iter_ : int
@@ -153,8 +163,14 @@ class BaardaPlaneDetector(PlaneDetector):
     next removal are computed again, and a bound covers all others. So n points with k removals
     cost about ``n + k (512 + n / 256)``.
 
-    tau and t find outliers only up to a share of ``1 / (1 + c^2)`` (7 % at c = 3.66), no matter
-    how large they are. Set sigma0, or take "auto".
+    tau and t of all points find outliers only up to a share of ``1 / (1 + c^2)`` (7 % at
+    c = 3.66), no matter how large they are. Set sigma0, or take "auto" or `robust_start`: then
+    points far from a robust plane are left out first. With an estimated sigma0 they come back,
+    the nearest first, until it is too far from the plane of those inside, measured by their
+    deviation. It is if it is beyond 3, and of n clean points any i, as many as are outside, lie as
+    far off with a probability below ``alpha / i^3``. This counts all C(n, i) choices, because
+    points that were chosen for lying on a plane are nearer to it than their noise. For i = 1 it is
+    the t test. So the level holds from 8 points on.
 
     References
     ----------
@@ -258,6 +274,8 @@ class BaardaPlaneDetector(PlaneDetector):
         initial, _ = self._adjust(X, weights)
         check_rank(initial, X.shape[1])
         state = Elimination(step=np.zeros(len(X), dtype=np.intp), support=used.copy(), n_rounds=0)
+        estimated = self.sigma0 == "auto" and self.loss == "squared_error"
+        self.test_ = "tau" if self.test == "w" and estimated else self.test
         start = None
         if self.robust_start:
             start, sigma = robust_start(
@@ -269,13 +287,14 @@ class BaardaPlaneDetector(PlaneDetector):
                 sigma0=self._known_sigma(),
                 random_state=self.random_state,
             )
-        if start is not None:
-            self._set_sigma0(sigma if self.sigma0 == "auto" else float(self.sigma0), start)
-            self._keep_passing(X, weights, used, start, sigma, state)
-        else:
-            self._choose_sigma0(X, weights, initial)
-            if self.robust_start:
+            if start is None:
                 self._warn_of_start()
+        is_robust = start is not None or self.test_ != self.test
+        if start is None:
+            start, sigma = self._first_plane(X, weights, initial)
+        self._set_sigma0(sigma if self.sigma0 == "auto" else float(self.sigma0), start)
+        if is_robust:
+            self._leave_out(X, weights, used, start, sigma, state)
         if self.loss == "squared_error" and self.elimination == "single":
             state = eliminate_one_by_one(
                 X, weights, self.surface, self._limit, state, max_rounds=self.max_iter
@@ -295,13 +314,9 @@ class BaardaPlaneDetector(PlaneDetector):
         self.n_iter_ = max(state.n_rounds, 1)
         n_retained = state.plane.n_observations
         level = local_level(self.alpha, n_retained, self.correction)
-        self.critical_value_ = critical_value(self.test, level, self.dof_)
-        self.global_test_pvalue_ = global_test_pvalue(
-            state.plane.sum_of_squares, self.sigma0_, self.dof_
-        )
+        self.critical_value_ = critical_value(self.test_, level, self.dof_)
         scores = self._test_training(X, weights, state)
-        # The scale does not include a new point, so its test is t, also for tau.
-        limit = critical_value("w" if self.test == "w" else "t", level, self.dof_ + 1)
+        limit = self._limit_of_joining(n_retained, self.dof_)
         self.offset_ = self._choose_offset(scores, used, -limit)
         self.labels_ = np.where(scores - self.offset_ < 0, -1, 1)
         self._warn_of(state)
@@ -322,45 +337,76 @@ class BaardaPlaneDetector(PlaneDetector):
         """
         X = self._check_query(X)
         residuals, _, spread = self._plane.evaluate(X)
-        return _added_scores(residuals, spread, None, self._test_scale)
+        return _added_scores(residuals, spread, None, self._scale_of(self._plane))
 
-    @property
-    def _test_scale(self):
-        """Divisor of the statistic, beside the root of the cofactor."""
-        return self.sigma0_ if self.test == "w" else self._scale
+    def _scale_of(self, plane):
+        """Divisor of the statistic of a point that joins, beside the root of the cofactor."""
+        return self.sigma0_ if self.test_ == "w" else self._deviation_of(plane)
 
     def _limit(self, n_retained, dof, variance_factor, direction):
         """Largest standardized residual that passes, for the loops of removal."""
         level = local_level(self.alpha, n_retained, self.correction)
         scale = max(np.sqrt(variance_factor), self._rounding_of(direction))
-        return residual_limit(self.test, level, dof, self.sigma0_, scale)
+        return residual_limit(self.test_, level, dof, self.sigma0_, scale)
 
-    def _keep_passing(self, X, weights, used, start, sigma, state):
-        """Start the snooping with the points that pass on the start's plane."""
-        n = np.count_nonzero(used)
-        limit = critical_value("w", local_level(self.alpha, n, self.correction), n)
+    def _leave_out(self, X, weights, used, start, sigma, state):
+        """Start the snooping without the points that stay outside of a robust plane."""
+        n = int(np.count_nonzero(used))
+        level = local_level(self.alpha, n, self.correction)
+        limit = critical_value("w", level, n) if self.test_ == "w" else CUT
         residuals, _, spread = start.evaluate(X)
-        passing = used & (_added_scores(residuals, spread, weights, sigma) >= -limit)
-        if np.count_nonzero(passing) <= start.rank:
+        support = used & (_added_scores(residuals, spread, weights, sigma) >= -limit)
+        if np.count_nonzero(support) <= start.rank:
             return  # sigma0 is far too small, which the rounds will report
-        state.support[:] = passing
-        left_out = used & ~passing
-        if left_out.any():
+        if self.test_ != "w":
+            self._take_back(X, weights, used, support, n * level)
+        state.support[:] = support
+        if not np.array_equal(support, used):
             state.n_rounds = 1
-            state.step[left_out] = 1
+            state.step[used & ~support] = 1
+
+    def _take_back(self, X, weights, used, support, level):
+        """Take points back into the support, nearest first, until the nearest is too far off.
+
+        It is beyond `NEAR`, and i points as far off as it is, of n good points, have a chance below
+        ``level / i^3``; these chances sum to 1.2 `level`, and for i = 1 the test is that of t.
+        """
+        n, size = int(np.count_nonzero(used)), np.count_nonzero(support)
+        while size < n:
+            plane = adjust_plane(X, weights_of(support, weights), surface=self.surface)
+            residuals, _, spread = plane.evaluate(X)
+            values = -_added_scores(residuals, spread, weights, self._deviation_of(plane))
+            outside = np.flatnonzero(used & ~support)
+            nearest = outside[np.argsort(values[outside], kind="stable")]
+            n_back, last = 0, 0
+            # Portions of 1, 2, 4 ... points; where few are inside, each point counts.
+            while last < len(nearest) and last <= size // FEW:
+                i, value = len(nearest) - last, values[nearest[last]]
+                if value > NEAR and chance_outside(value, i, n, plane.dof) < level / i**3:
+                    break
+                n_back, last = last + 1, 2 * last + 1
+            if n_back == 0:
+                break
+            support[nearest[:n_back]] = True
+            size += n_back
+
+    def _limit_of_joining(self, n_inside, dof):
+        """Critical value of a point that joins others: t, for tau too, as their scale lacks it."""
+        level = local_level(self.alpha, n_inside + 1, self.correction)
+        return critical_value("w" if self.test_ == "w" else "t", level, dof + 1)
 
     def _test_training(self, X, weights, state):
         """Set the attributes of the training points and return their scores."""
         plane, support = state.plane, state.support
         residuals, cofactors, spread = plane.evaluate(X)
-        scores = _added_scores(residuals, spread, weights, self._test_scale)
+        scores = _added_scores(residuals, spread, weights, self._scale_of(plane))
         outside = -scores  # points outside the support are tested as if they joined it
-        if self.test == "tau":
+        if self.test_ == "tau":
             outside = t_to_tau(outside, self.dof_ + 1)
         redundancy = own_redundancy(cofactors, spread, weights, state.robust_weights)
         redundancy[~support] = 1 / (1 + spread * (1 if weights is None else weights))[~support]
         standardized = standardized_residuals(residuals, weights, redundancy)
-        tests = statistic(standardized, self.test, self.sigma0_, self._scale, self.dof_)
+        tests = statistic(standardized, self.test_, self.sigma0_, self._scale, self.dof_)
         self.test_statistic_ = np.where(support, tests, outside)
         self.redundancy_, self.leverage_ = redundancy, 1 - redundancy
         if state.robust_weights is not None:

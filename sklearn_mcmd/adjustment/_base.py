@@ -20,6 +20,7 @@ from sklearn_mcmd.adjustment._determinacy import (
 from sklearn_mcmd.adjustment._plane import adjust_plane
 from sklearn_mcmd.adjustment._robust import WEIGHT_FUNCTIONS, m_estimate
 from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
+from sklearn_mcmd.adjustment._tests import global_test_pvalue
 
 __all__ = ["PlaneDetector"]
 
@@ -122,13 +123,12 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         known = self.test == "w" and self.sigma0 != "auto"
         return float(self.sigma0) if known else None
 
-    def _choose_sigma0(self, X, weights, initial):
-        """The sigma0 of w: as given, or a robust scale about a robust plane."""
-        if self.sigma0 == "auto":
-            plane, _, sigma = m_estimate(X, weights, loss="huber", surface=self.surface)
-        else:
-            plane, sigma = initial, float(self.sigma0)
-        self._set_sigma0(sigma, plane)
+    def _first_plane(self, X, weights, initial):
+        """The plane of least squares and the given sigma0, or a robust plane and its scale."""
+        if self.sigma0 != "auto":
+            return initial, float(self.sigma0)
+        plane, _, sigma = m_estimate(X, weights, loss="huber", surface=self.surface)
+        return plane, sigma
 
     def _set_sigma0(self, sigma, plane):
         """Set `sigma0_` to sigma, or to the rounding of a residual from this plane if larger."""
@@ -141,12 +141,22 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
                 f"coordinates, {rounding:.2g}, which is taken in its place. Subtract an offset "
                 "from X before its digits are lost, or give the noise of the points as sigma0.",
                 UserWarning,
-                stacklevel=6,
+                stacklevel=5,
             )
 
     def _rounding_of(self, direction):
         """Largest rounding error of float64 in a residual of this direction."""
         return residual_rounding(self._rounding_errors, direction)
+
+    def _deviation_of(self, plane):
+        """Estimated standard deviation of unit weight, no less than rounding."""
+        return max(np.sqrt(plane.variance_factor), self._rounding_of(plane.direction))
+
+    def _global_test(self, plane):
+        """p of the global test; nan where sigma0 comes from the same points, and fits them."""
+        if self.sigma0 == "auto":
+            return np.nan
+        return global_test_pvalue(plane.sum_of_squares, self.sigma0_, plane.dof)
 
     def _adjust(self, X, weights):
         """Plane by the chosen loss, and the weights W of a robust one."""
@@ -175,7 +185,11 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         self.rank_, self.dof_ = plane.rank, plane.dof
         self.variance_factor_ = plane.variance_factor
         self.variance_factor_initial_ = initial.variance_factor
-        self._scale = max(np.sqrt(plane.variance_factor), self._rounding_of(plane.direction))
+        self._scale = self._deviation_of(plane)
+        if self.sigma0 == "auto" and self.test_ != "w":
+            self._set_sigma0(np.sqrt(plane.variance_factor), plane)
+        self.global_test_pvalue_initial_ = self._global_test(initial)
+        self.global_test_pvalue_ = self._global_test(plane)
         if plane.surface == "orthogonal" and normal_pvalue(plane) > self.alpha:
             warnings.warn(
                 f"{AS_THICK_AS_WIDE}, which determines no normal: normal_ points anywhere across "

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._plane import adjust_plane, weights_of
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED, first_of_largest, standardized_residuals
 
 __all__ = ["DowndatedPlane"]
@@ -95,9 +95,7 @@ class DowndatedPlane:
 
     def _adjust(self):
         """Adjust all retained points and choose new candidates."""
-        retained = self.support.astype(float)
-        if self.weights is not None:
-            retained *= self.weights
+        retained = weights_of(self.support, self.weights)
         plane = adjust_plane(self.X, retained, surface=self.surface)
         residuals, cofactors, _ = plane.evaluate(self.X)
         leverage = cofactors if self.weights is None else cofactors * self.weights

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sklearn_mcmd.adjustment._downdate import DowndatedPlane
-from sklearn_mcmd.adjustment._plane import PlaneAdjustment, adjust_plane
+from sklearn_mcmd.adjustment._plane import PlaneAdjustment, adjust_plane, weights_of
 from sklearn_mcmd.adjustment._tests import first_of_largest, standardized_residuals
 
 __all__ = ["Elimination", "eliminate", "eliminate_one_by_one", "own_redundancy"]
@@ -64,10 +64,7 @@ def eliminate(X, weights, adjust, limit, state, *, single, max_rounds=None):
     """
     before = state.support
     while True:
-        retained = state.support.astype(float)
-        if weights is not None:
-            retained *= weights
-        plane, robust_weights = adjust(retained)
+        plane, robust_weights = adjust(weights_of(state.support, weights))
         if state.plane is not None and plane.rank < state.plane.rank:
             state.support, state.ran_out_of_points = before, True
             return state
@@ -112,10 +109,7 @@ def eliminate_one_by_one(X, weights, surface, limit, state, *, max_rounds=None):
             state.ran_out_of_points = True
             break
         plane.remove_largest()
-    retained = state.support.astype(float)
-    if weights is not None:
-        retained *= weights
-    state.plane = adjust_plane(X, retained, surface=surface)
+    state.plane = adjust_plane(X, weights_of(state.support, weights), surface=surface)
     return state
 
 

@@ -10,7 +10,15 @@ from scipy.special import ndtri, stdtrit
 
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.adjustment._base import PlaneDetector
-from sklearn_mcmd.adjustment._report import check_points, describe, share, sigma0_origin, tilt
+from sklearn_mcmd.adjustment._report import (
+    check_points,
+    describe,
+    normal_row,
+    share,
+    sigma0_origin,
+    sign_of_residuals,
+    tilt,
+)
 from sklearn_mcmd.adjustment._tests import t_to_tau
 
 if TYPE_CHECKING:
@@ -83,13 +91,13 @@ def plot_report(
 def _key_figures(detector, outliers, unit):
     """The lines below the panels."""
     unit = f" {unit}" if unit else ""
-    normal = ", ".join(f"{value:.6f}" for value in detector.normal_)
     return "\n".join(
         [
             f"{share(outliers.sum(), len(outliers))} outliers; deviation of one observation "
             f"without them {np.sqrt(detector.variance_factor_):.4g}{unit}",
-            f"Normal ({normal}), tilt {tilt(detector):.3f} degrees",
-            f"Test {detector.test}, alpha {detector.alpha:g}, correction {detector.correction}, "
+            f"Normal {normal_row(detector)}, tilt {tilt(detector)}; residuals are "
+            f"{sign_of_residuals(detector)}",
+            f"Test {detector.test_}, alpha {detector.alpha:g}, correction {detector.correction}, "
             f"critical value {detector.critical_value_:.3f}, "
             f"sigma0 {detector.sigma0_:.4g}{unit} ({sigma0_origin(detector)})",
             describe(detector),
@@ -234,7 +242,7 @@ def _draw_statistics(axes, detector, outliers):
         axes.yaxis.set_major_formatter("{x:g}")
     axes.set(
         title="Test statistics", xlabel="points, in ascending order",
-        ylabel=f"test statistic {detector.test}",
+        ylabel=f"test statistic {detector.test_}",
         ylim=(0, 1.3 * max(statistic.max(), limit if np.isfinite(limit) else 1)),
     )  # fmt: skip
     axes.legend(loc="center left")
@@ -243,7 +251,7 @@ def _draw_statistics(axes, detector, outliers):
 def _expected(detector, probability):
     """Quantiles of the statistic in clean data."""
     level = 1 - probability
-    if detector.test == "w" or detector.dof_ < 2:
+    if detector.test_ == "w" or detector.dof_ < 2:
         return -ndtri(level / 2)
     t = -stdtrit(detector.dof_ - 1, level / 2)
-    return t if detector.test == "t" else t_to_tau(t, detector.dof_)
+    return t if detector.test_ == "t" else t_to_tau(t, detector.dof_)

@@ -24,7 +24,6 @@ from sklearn_mcmd.adjustment._memberships import (
 )
 from sklearn_mcmd.adjustment._tests import (
     critical_value,
-    global_test_pvalue,
     local_level,
     standardized_residuals,
     statistic,
@@ -86,6 +85,8 @@ class FuzzyPlaneDetector(PlaneDetector):
         C_H, Eq. 19; nan if no residual is abnormal, since nothing is compared then.
     defuzzification_complement_ : float
         ``1 - C_H`` with all its digits.
+    test_ : {"w", "tau", "t"}
+        `test`.
     test_statistic_ : ndarray of shape (n_samples,)
         w, tau or t.
     redundancy_, leverage_ : ndarray of shape (n_samples,)
@@ -108,8 +109,9 @@ class FuzzyPlaneDetector(PlaneDetector):
     variance_factor_initial_, variance_factor_ : float
         v'Pv / f of all points, and after the outliers are left out and the plane is adjusted
         again, as in the paper's Table 4.
-    global_test_pvalue_ : float
-        Probability of a larger v'Pv / sigma0^2 in clean data, without the outliers.
+    global_test_pvalue_, global_test_pvalue_initial_ : float
+        Probability of a larger v'Pv / sigma0^2 in clean data, without the outliers and of all
+        points. nan with ``sigma0="auto"``, which fits the same points.
     dof_, rank_ : int
         Degrees of freedom f and number of estimable parameters u of the tested plane.
     robust_weights_ : ndarray of shape (n_samples,)
@@ -128,7 +130,7 @@ class FuzzyPlaneDetector(PlaneDetector):
     Notes
     -----
     **One formula is left** of Eqs 11-21, because m_H is always m_B (see
-    `outlier_membership`): with ``G_i = 1 - m_H = r~n_i m_N(v_i)`` a point is an outlier where
+    `normal_error_complement`): with ``G_i = 1 - m_H = r~n_i m_N(v_i)`` a point is an outlier where
     ``G_i <= 1 - C_H``. It needs two guards that the paper lacks. Without any abnormal
     residual there is no outlier: Eqs 19-21 would flag a quarter of a clean cloud, by
     leverage alone. Without any normal one, all are.
@@ -231,7 +233,9 @@ class FuzzyPlaneDetector(PlaneDetector):
         X, weights, used = self._check_training(X, weights)
         plane, robust_weights = self._adjust(X, weights)
         check_rank(plane, X.shape[1])
-        self._choose_sigma0(X, weights, plane)
+        self.test_ = self.test
+        first, sigma = self._first_plane(X, weights, plane)
+        self._set_sigma0(sigma, first)
         self._set_plane(X, plane, plane)
         self.support_ = used
         level = local_level(self.alpha, plane.n_observations, self.correction)
@@ -383,4 +387,4 @@ class FuzzyPlaneDetector(PlaneDetector):
             retained = left.astype(float) if weights is None else left * weights
             plane, _ = self._adjust(X, retained)
             self.variance_factor_ = plane.variance_factor
-        self.global_test_pvalue_ = global_test_pvalue(plane.sum_of_squares, self.sigma0_, plane.dof)
+            self.global_test_pvalue_ = self._global_test(plane)

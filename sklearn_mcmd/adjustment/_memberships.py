@@ -1,4 +1,4 @@
-"""Memberships of the fuzzy approach, one function for each equation (Eqs 11-21).
+"""Memberships of the fuzzy approach, one function for each equation (of Eqs 11-20).
 
 Decisions are made in complement form, ``1 - m_H`` against ``1 - C_H``: in a large cloud both
 m_H and C_H differ from 1 by 1e-3 to 1e-11, and numbers so close to 1 would lose their digits.
@@ -7,16 +7,11 @@ m_H and C_H differ from 1 by 1e-3 to 1e-11, and numbers so close to 1 would lose
 import numpy as np
 
 __all__ = [
-    "abnormal_error_membership",
     "abnormal_residual_membership",
     "defuzzification_complement",
     "defuzzification_weights",
-    "is_outlier",
-    "largest_relative_effect",
     "normal_error_complement",
     "normal_residual_membership",
-    "outlier_membership",
-    "relative_redundancy",
 ]
 
 
@@ -44,43 +39,13 @@ def normal_residual_membership(statistic, redundancy, critical, width):
     return 1 / (1 + _squared_excess(statistic, redundancy, critical, width))
 
 
-def relative_redundancy(redundancy_matrix):
-    """Absolute redundancy matrix over its largest element (Eq. 13)."""
-    size = np.abs(redundancy_matrix)
-    return size / size.max()
-
-
-def largest_relative_effect(relative, members):
-    """Largest effect of each observation's error on the residuals of a set (Eqs 14, 17).
-
-    Parameters
-    ----------
-    relative : ndarray of shape (n, n)
-        Result of Eq. 13. For small n; `FuzzyPlaneDetector` finds the same without the matrix.
-    members : ndarray of bool of shape (n,)
-        For Eq. 14 the set M.5, ``m_M >= 1/2`` (the text's "<=" would put every good point into
-        it). For Eq. 17 the set N.5 of the others. An empty set has effect 0.
-    """
-    return relative[members].max(axis=0, initial=0.0)
-
-
-def abnormal_error_membership(effect_on_abnormal, abnormal_residual):
-    """m_A: error that acts on abnormal residuals (Eq. 15). It is at most m_B."""
-    return effect_on_abnormal * abnormal_residual
-
-
 def normal_error_complement(effect_on_normal, normal_residual):
-    """1 - m_B: error that acts on normal residuals (Eq. 16)."""
-    return effect_on_normal * normal_residual
+    """1 - m_B: error that acts on normal residuals (Eq. 16).
 
-
-def outlier_membership(abnormal_error, normal_error_complement):
-    """m_H: an error in A or in B, the larger of the two (Eq. 18).
-
-    It is always m_B: ``1 - r~n m_N >= 1 - m_N = m_M >= r~m m_M``. So Eqs 14 and 15 change
-    nothing, and the detector doesn't compute them.
+    m_H, the larger of m_A and m_B (Eq. 18), is always m_B:
+    ``1 - r~n m_N >= 1 - m_N = m_M >= r~m m_M``. So Eqs 14 and 15 change nothing.
     """
-    return np.maximum(abnormal_error, 1 - normal_error_complement)
+    return effect_on_normal * normal_residual
 
 
 def defuzzification_complement(complement, effect_on_normal, normal_residual, weighting):
@@ -103,11 +68,6 @@ def defuzzification_weights(effect_on_normal, normal_residual, weighting):
         return 1 - effect_on_normal
     with np.errstate(divide="ignore"):
         return 1 / normal_residual - effect_on_normal
-
-
-def is_outlier(outlier_membership, limit):
-    """m_H >= C_H (Eq. 21)."""
-    return outlier_membership >= limit
 
 
 def _squared_excess(statistic, redundancy, critical, width):

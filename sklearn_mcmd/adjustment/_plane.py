@@ -8,9 +8,7 @@ from numpy.linalg import eigh
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lstsq, orth
 
-from sklearn_mcmd._sklearn import StrOptions, validate_params
-
-__all__ = ["PlaneAdjustment", "adjust_plane", "row_chunks"]
+__all__ = ["PlaneAdjustment", "adjust_plane", "row_chunks", "weights_of"]
 
 # Rows that are processed together. Their centered copy stays in the processor's cache, and it is
 # the most working memory that a pass needs.
@@ -151,14 +149,6 @@ class PlaneAdjustment:
         return replace(self, kernel=kernel)
 
 
-@validate_params(
-    {
-        "X": ["array-like"],
-        "weights": ["array-like", None],
-        "surface": [StrOptions({"vertical", "orthogonal"})],
-    },
-    prefer_skip_nested_validation=True,
-)
 def adjust_plane(
     X: ArrayLike,
     weights: ArrayLike | None = None,
@@ -194,20 +184,6 @@ def adjust_plane(
 
     The whitening is done twice, like a second Gram-Schmidt step. The first pass squares the
     condition number, and the second restores the accuracy lost by that.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from sklearn_mcmd.adjustment import adjust_plane
-    >>> X = np.array([[0.0, 0, 1], [1, 0, 3], [0, 1, 4], [1, 1, 6], [2, 2, 11.5]])
-    >>> plane = adjust_plane(X)
-    >>> plane.rank, plane.dof
-    (3, 2)
-    >>> residuals, cofactors, _ = plane.evaluate(X)
-    >>> print(residuals.round(3))
-    [ 0.109 -0.022 -0.022 -0.152  0.087]
-    >>> float((1 - cofactors).sum().round(12))  # redundancy numbers sum to dof
-    2.0
     """
     X = np.asarray(X, dtype=np.float64)
     if X.ndim != 2 or X.shape[1] < 2:
@@ -257,6 +233,11 @@ def adjust_plane(
         n_observations=int(n_observations),
         surface=surface,
     )
+
+
+def weights_of(members, weights):
+    """Weights of an adjustment of some points; 0 for the others."""
+    return members.astype(float) if weights is None else members * weights
 
 
 def row_chunks(n):

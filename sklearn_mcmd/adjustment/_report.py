@@ -7,7 +7,18 @@ from sklearn.utils.validation import check_array, check_is_fitted
 from sklearn_mcmd.adjustment._base import PlaneDetector
 from sklearn_mcmd.adjustment._tests import local_level
 
-__all__ = ["check_points", "describe", "share", "sigma0_origin", "text_report", "tilt"]
+__all__ = [
+    "check_points",
+    "describe",
+    "global_test_row",
+    "normal_row",
+    "point_row",
+    "share",
+    "sigma0_origin",
+    "sign_of_residuals",
+    "text_report",
+    "tilt",
+]
 
 
 def text_report(
@@ -59,7 +70,7 @@ def text_report(
     level = local_level(
         detector.alpha, int(np.count_nonzero(detector.support_)), detector.correction
     )
-    suffix = f" {unit}" if unit else ""
+    suffix, squared = (f" {unit}", f" {unit}^2") if unit else ("", "")
     digits = _decimals(residuals[~outliers])
     lines = [
         title,
@@ -70,37 +81,33 @@ def text_report(
         "",
         "Plane",
         "-----",
-        # Nine digits: with six, points at coordinates of 1e7 would be wrong by meters.
-        f"normal                {_row(detector.normal_, 9)}",
-        f"distance from origin  {detector.distance_:.6f}{suffix}",
-        f"point of the plane    {_row(detector._plane.center)}",
+        f"normal                {normal_row(detector)}",
+        f"point of the plane    {point_row(detector, suffix)}",
     ]
     if detector.surface == "vertical":
-        lines += [
-            f"slopes                {_row(detector.coef_)}",
-            f"intercept             {detector.intercept_:.6f}{suffix}",
-        ]
+        lines.append(f"slopes                {_with_error(detector.coef_, _slope_error(detector))}")
     lines += [
-        f"tilt from horizontal  {tilt(detector):.4f} degrees",
+        f"tilt from horizontal  {tilt(detector)}",
         "",
         "Tests",
         "-----",
-        f"test                  {detector.test}, {detector.correction} correction, "
+        f"test                  {_test_row(detector)}, {detector.correction} correction, "
         f"alpha = {detector.alpha:g}",
         f"level of one point    {level:.3g}",
         f"critical value        {detector.critical_value_:.4f}",
         f"sigma0                {detector.sigma0_:.6g}{suffix} ({sigma0_origin(detector)})",
         f"degrees of freedom    {detector.dof_}",
-        f"variance factor       {detector.variance_factor_initial_:.6g} with all points, "
-        f"{detector.variance_factor_:.6g} without outliers",
+        f"variance factor       {detector.variance_factor_initial_:.6g}{squared} with all points, "
+        f"{detector.variance_factor_:.6g}{squared} without outliers",
         f"deviation             {np.sqrt(detector.variance_factor_):.6g}{suffix} of one "
         "observation, without outliers",
-        f"global test           p = {detector.global_test_pvalue_:.4g}",
+        f"global test           {global_test_row(detector)}",
         *_details(detector),
         *_notes(detector, suffix),
         "",
         f"Residuals{suffix and f' ({unit})'}",
         "---------",
+        f"A residual is {sign_of_residuals(detector)}.",
         f"{'':<12}{'points':>10}{'mean':>14}{'rms':>14}{'least':>14}{'largest':>14}",
         _residual_row("all", residuals, digits),
         _residual_row("inliers", residuals[~outliers], digits),
@@ -144,7 +151,52 @@ def sigma0_origin(detector):
     """The origin of sigma0, in words."""
     if detector._sigma0_is_rounding:
         return "float64's rounding"
-    return "robust estimate" if detector.sigma0 == "auto" else "given"
+    return "estimated" if detector.sigma0 == "auto" else "given"
+
+
+def global_test_row(detector):
+    """p of the global test before and after the removal, or why there is none, in words."""
+    if detector.sigma0 == "auto":
+        return "none: sigma0 is estimated from these points, so it fits them at any noise"
+    before, after = detector.global_test_pvalue_initial_, detector.global_test_pvalue_
+    verdict = "; rejected" if after < detector.alpha else ""
+    return f"p = {before:.2g} with all points, {after:.2g} without outliers{verdict}"
+
+
+def sign_of_residuals(detector):
+    """What the sign of a residual means, in words."""
+    side = "on the side of the normal" if detector.surface == "orthogonal" else "above the plane"
+    return f"positive {side}"
+
+
+def normal_row(detector):
+    """The normal and the standard error of its direction, in radians."""
+    error = _slope_error(detector)
+    if detector.surface == "vertical":
+        error *= abs(detector.normal_[-1])
+    return _with_error(detector.normal_, error)
+
+
+def point_row(detector, suffix):
+    """The center of the points that pass, and the standard error of the plane there."""
+    plane = detector._plane
+    return _with_error(plane.center, detector._scale / np.sqrt(plane.sum_weights)) + suffix
+
+
+def _slope_error(detector):
+    """Largest standard error of the plane's slope, in any direction along it."""
+    return detector._scale * np.linalg.norm(detector._plane.axes, 2)
+
+
+def _with_error(values, error):
+    """Numbers to the first digit of their standard error."""
+    digits = int(np.clip(-np.floor(np.log10(error)), 0, 9))
+    return f"{_row(np.round(values, digits) + 0.0, digits)} ± {error:.{digits}f}"
+
+
+def _test_row(detector):
+    replaced = " in place of w, as sigma0 is estimated" if detector.test_ != detector.test else ""
+    return detector.test_ + replaced
 
 
 def _notes(detector, suffix):
@@ -195,8 +247,10 @@ def share(part, total):
 
 
 def tilt(detector):
-    """Angle between the plane and the horizontal plane, in degrees."""
-    return np.rad2deg(np.arccos(min(abs(detector.normal_[-1]), 1.0)))
+    """Angle between the plane and the horizontal plane, in words."""
+    degrees = np.rad2deg(np.arccos(min(abs(detector.normal_[-1]), 1.0)))
+    digits = int(np.clip(-np.floor(np.log10(np.rad2deg(_slope_error(detector)))), 0, 6))
+    return f"{degrees:.{digits}f} degrees"
 
 
 def _row(values, digits=6):

@@ -3,7 +3,7 @@
 import numpy as np
 from sklearn.utils import check_random_state
 
-from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._plane import adjust_plane, weights_of
 from sklearn_mcmd.adjustment._robust import robust_scale
 from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED
@@ -15,7 +15,7 @@ from sklearn_mcmd.planes._consistent_set import (
 )
 from sklearn_mcmd.planes._plane import fit_planes
 
-__all__ = ["robust_start"]
+__all__ = ["CUT", "robust_start"]
 
 # Standard deviations within which points belong to the start's plane, a usual choice of least
 # trimmed squares. Normal residuals cut there have CUT_DEVIATION of their standard deviation.
@@ -68,7 +68,7 @@ def robust_start(X, weights, used, *, rank, surface, sigma0, random_state):
     size = np.count_nonzero(members)
     root = np.sqrt(used if weights is None else weights)
     for _ in range(MAX_ROUNDS):
-        plane = adjust_plane(X, _weights_of(members, weights), surface=surface)
+        plane = adjust_plane(X, weights_of(members, weights), surface=surface)
         residuals = plane.evaluate(X)[0]
         distances = np.where(used, np.abs(residuals) * root, np.inf)
         nearest = np.zeros(len(X), dtype=bool)
@@ -89,7 +89,7 @@ def robust_start(X, weights, used, *, rank, surface, sigma0, random_state):
         if np.count_nonzero(near) <= plane.rank or np.array_equal(near, members):
             break
         made_of = members = near
-        plane = adjust_plane(X, _weights_of(members, weights), surface=surface)
+        plane = adjust_plane(X, weights_of(members, weights), surface=surface)
         if sigma0 is None:
             floor = residual_rounding(errors, plane.direction)
             sigma = max(np.sqrt(plane.variance_factor) / CUT_DEVIATION, floor)
@@ -110,10 +110,6 @@ def _stretched(X):
     U, residuals = adjust_plane(X).whiten(X)
     typical = np.median(np.abs(residuals - np.median(residuals))) or np.ptp(residuals) or 1.0
     return np.column_stack([U * (1000 * typical * np.sqrt(len(X))), residuals])
-
-
-def _weights_of(members, weights):
-    return members.astype(float) if weights is None else members * weights
 
 
 def _robust_start_plane(X, random_state=None):

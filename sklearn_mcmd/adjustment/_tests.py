@@ -4,11 +4,12 @@ from numbers import Integral, Real
 from typing import Literal
 
 import numpy as np
-from scipy.special import chdtrc, ndtri, stdtrit
+from scipy.special import betaln, chdtrc, log_ndtr, logsumexp, ndtri, stdtrit
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
 
 __all__ = [
+    "chance_outside",
     "critical_value",
     "first_of_largest",
     "global_test_pvalue",
@@ -185,6 +186,21 @@ def t_to_tau(t, dof):
     """Inverse of `tau_to_t`, ``sqrt(f t^2 / (f - 1 + t^2))``, as in Table 1's critical value."""
     with np.errstate(over="ignore", divide="ignore"):
         return np.sqrt(dof / ((dof - 1) / np.square(t) + 1)) if dof > 1 else 1.0
+
+
+def chance_outside(t, n_outside, n, dof):
+    """Bound of the chance that any `n_outside` of n good points all lie beyond t.
+
+    Where few points are inside, their plane and deviation fit them too well, because they were
+    chosen for it. There are ``C(n, i)`` ways to choose i points outside, and all i are measured by
+    one deviation s: given points lie outside with probability ``E[(2 Phi(-t s))^i]``, with
+    ``f s^2`` of chi-squared with f degrees of freedom (in units of the true variance).
+    """
+    log_s = np.linspace(-25, 4, 1000) / np.sqrt(max(dof, 1))
+    log_density = dof * (log_s - np.exp(2 * log_s) / 2)
+    beyond = n_outside * (np.log(2) + log_ndtr(-t * np.exp(log_s)))
+    ways = -betaln(n - n_outside + 1, n_outside + 1) - np.log1p(n)
+    return np.exp(ways + logsumexp(log_density + beyond) - logsumexp(log_density))
 
 
 def global_test_pvalue(sum_of_squares, sigma0, dof):

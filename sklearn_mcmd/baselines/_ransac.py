@@ -7,6 +7,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from sklearn_mcmd.baselines._fits import Found, Method, WhitenedModel, check
+from sklearn_mcmd.planes._compiling import compiled_function
 from sklearn_mcmd.planes._consistent_set import n_trials_needed
 from sklearn_mcmd.planes._plane import fit_planes, orthogonal_distances
 from sklearn_mcmd.planes._rules import MAD_TO_SD
@@ -94,7 +95,9 @@ class Ransac(Method):
         if compiled is None:
             compiled = n_sets * n >= COMPILE_FROM
         if compiled and d == 3:
-            select, scales = _compiled() or (select, scales)
+            names, module = ("best_planes_3d", "least_median_scales_3d"), "baselines._ransac_numba"
+            forms = (compiled_function(module, name) for name in names)
+            select, scales = (partial(form, rank_tolerance=RANK_TOLERANCE) for form in forms)
         if self.noise_scale is None:
             enough = min(len(table), n_trials_needed(0.5, self.stop_probability, d))
             scale = scales(points, table[:enough])
@@ -225,13 +228,3 @@ def _trial_distances(points, anchors, normals):
     """Signed distances (B, T, n) of the members to the trial planes."""
     offsets = np.einsum("bti,bti->bt", anchors, normals)
     return normals @ np.swapaxes(points, 1, 2) - offsets[..., None]
-
-
-def _compiled():
-    """The compiled forms, imported on first use; None where Numba cannot be imported."""
-    try:
-        from sklearn_mcmd.baselines._ransac_numba import best_planes_3d, least_median_scales_3d
-    except (ImportError, RuntimeError):
-        return None
-    forms = best_planes_3d, least_median_scales_3d
-    return tuple(partial(form, rank_tolerance=RANK_TOLERANCE) for form in forms)

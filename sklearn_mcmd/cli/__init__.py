@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from sklearn_mcmd.cli._config import config
 from sklearn_mcmd.cli._demo import demo, info
 from sklearn_mcmd.cli._denoise import denoise
 from sklearn_mcmd.cli._edges import edges
@@ -50,5 +51,8 @@ def _root(
     pass
 
 
-for verb in (denoise, normals, edges, segment, plane, view, info, demo):
-    app.command()(verb)
+# Options that few need are not in the help of a verb; `mcmd config` has them all.
+for verb in (denoise, normals, edges, segment, plane, view):
+    app.command(epilog=f"All options and their defaults: mcmd config {verb.__name__}.")(verb)
+for other in (config, info, demo):
+    app.command()(other)

@@ -6,22 +6,39 @@ from typing import Annotated
 
 import typer
 
+from sklearn_mcmd._interrupts import ignore_interrupts
 from sklearn_mcmd.cli._denoise import denoise
-from sklearn_mcmd.cli._files import naming, read
+from sklearn_mcmd.cli._files import files_of, naming, read, refuse_existing
 from sklearn_mcmd.cli._normals import normals
-from sklearn_mcmd.cli._options import InFile, NJobs, Quiet
+from sklearn_mcmd.cli._options import Columns, NJobs, NoClobber, Quiet
 from sklearn_mcmd.cli._speech import clear_exits, print_table, stopwatch
 from sklearn_mcmd.cli._waiting import progress
 
 __all__ = ["demo", "info"]
 
 
-def info(source: InFile) -> None:
-    """Show what a file holds: points, bounds, spacing, duplicates, attributes."""
-    with clear_exits():
-        from sklearn_mcmd.cli._file_summary import summarize
+def info(
+    source: Annotated[
+        Path, typer.Argument(metavar="IN", help="Point file, or a folder or .vpc index of files.")
+    ],
+    columns: Columns = None,
+) -> None:
+    """Show what a file holds: points, bounds, spacing, duplicates, attributes.
 
-        print_table(str(source), **summarize(source, read(source)))
+    Of a folder or an index, each file has one line, and a line tells of all together.
+    """
+    with clear_exits():
+        from sklearn_mcmd.cli._file_summary import summarize, summarize_each
+        from sklearn_mcmd.io import PointFileError
+
+        paths = files_of(source)
+        if paths == [source]:
+            print_table(str(source), **summarize(source, read(source, columns=columns)))
+            return
+        rows, errors = summarize_each(paths, lambda path: read(path, columns=columns))
+        print_table(str(source), **rows)
+        if errors:
+            raise PointFileError("; ".join(errors))
 
 
 def demo(
@@ -35,6 +52,7 @@ def demo(
         ),
     ] = False,
     n_jobs: NJobs = -1,
+    no_clobber: NoClobber = False,
     quiet: Quiet = False,
 ) -> None:
     """Clean a simulated street scan whose truth is known, and show how well that went.
@@ -52,6 +70,7 @@ def demo(
         )
         picture = folder / "demo.png"
         outputs = (street, clean, with_normals, picture)
+        refuse_existing(no_clobber, *outputs)
         there = [path.name for path in outputs if os.path.exists(path)]
         if there and not force and not _demo_run.made_by_demo(street):
             raise FileExistsError(
@@ -66,6 +85,7 @@ def demo(
         rates = _demo_run.outlier_rates(street, clean)
         with naming(picture):
             _demo_run.draw(street, clean, with_normals, picture)
+        ignore_interrupts()
         if not quiet:
             print_table(
                 "Outliers, against the truth",

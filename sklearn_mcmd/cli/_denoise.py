@@ -7,8 +7,18 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._engine import Scheduler, engine
-from sklearn_mcmd.cli._files import WORKING, blank, coordinates, read, rehearse, with_results, write
+from sklearn_mcmd.cli._files import (
+    blank,
+    coordinates,
+    read,
+    refuse_existing,
+    rehearse,
+    with_results,
+    working,
+    write,
+)
 from sklearn_mcmd.cli._judged import (
     Above,
     Below,
@@ -20,11 +30,13 @@ from sklearn_mcmd.cli._judged import (
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
+    Columns,
     InFiles,
+    MaxOutlierRate,
     NJobs,
     NNeighbors,
+    NoClobber,
     OutFiles,
-    OutlierRate,
     Quiet,
     RandomState,
     number_or,
@@ -32,7 +44,7 @@ from sklearn_mcmd.cli._options import (
 )
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.cli._sensor import (
-    SensorPosition,
+    SensorOrigin,
     TrajectoryFile,
     check_one_position,
     sensor_of_options,
@@ -47,7 +59,6 @@ from sklearn_mcmd.cli._speech import (
 from sklearn_mcmd.cli._waiting import progress
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, noise_classes
 from sklearn_mcmd.io._point_cloud import denoised_before, without_outliers
-from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["denoise"]
 
@@ -65,20 +76,11 @@ class OutlierMethod(StrEnum):
     mcmd_md = "mcmd_md"
 
 
-class Keep(StrEnum):
-    things = "things"
-    surfaces = "surfaces"
-
-
 class Strictness(StrEnum):
     isolated = "isolated"
     groups = "groups"
     surfaces = "surfaces"
     paper = "paper"
-
-
-# What is kept, and the strictness that keeps it.
-STRICTNESS_OF = {Keep.things: Strictness.groups, Keep.surfaces: Strictness.surfaces}
 
 
 def denoise(
@@ -100,27 +102,19 @@ def denoise(
         typer.Option(
             help="How outliers of a plane are removed before it is fitted. mcmd_z: by their "
             "distance to it. mcmd_md: by their distance within it as well; with --strictness paper "
-            "it also decides which points are outliers."
+            "it also decides which points are outliers.",
+            hidden=True,
         ),
     ] = OutlierMethod.mcmd_z,
-    keep: Annotated[
-        Keep | None,
-        typer.Option(
-            help="What is to stay. things: everything real, also foliage, wires and cars; the same "
-            "as --strictness groups. surfaces: only faces, such as road, walls and roofs; the same "
-            "as --strictness surfaces.",
-            show_default="what --strictness says",
-        ),
-    ] = None,
     strictness: Annotated[
         Strictness,
         typer.Option(
-            help="In place of --keep, which points are outliers. isolated: single points and pairs "
-            "far from everything else. groups: also small groups that stand apart, such as ghosts, "
-            "birds and dust; foliage, wires and small things that touch others are kept, unless "
-            "they are more than three times as sparse as the surfaces around. surfaces: all points "
-            "that lie on no surface; foliage, wires and thin posts are removed. paper: "
-            "points off the plane of their own neighborhood, as in the paper; weak on whole clouds."
+            help="Which points are outliers. isolated: single points and pairs far from everything "
+            "else. groups: also small groups that stand apart, such as ghosts, birds and dust; "
+            "foliage, wires and small things that touch others are kept, unless they are more than "
+            "three times as sparse as the surfaces around. surfaces: all points that lie on no "
+            "surface; foliage, wires and thin posts are removed. paper: points off the plane of "
+            "their own neighborhood, as in the paper; weak on whole clouds."
         ),
     ] = Strictness.groups,
     noise_scale: Annotated[
@@ -153,9 +147,9 @@ def denoise(
                 fits=lambda rate: LEAST_RATE <= rate < LARGEST_RATE,
             ),
             metavar="RATE",
-            help="Share of the real points that may be lost, such as 0.01; with surfaces or paper, "
-            "of those on surfaces. A simulation and the cloud itself then tell the cutoff; do not "
-            "give --cutoff. From 0.0001 to below 0.5.",
+            help="Share of the points on surfaces that noise may flag, such as 0.01. A simulation "
+            "then tells the cutoff; do not give --cutoff. From 0.0001 to below 0.5.",
+            hidden=True,
         ),
     ] = None,
     contamination: Annotated[
@@ -175,17 +169,9 @@ def denoise(
     above: Above = None,
     below: Below = None,
     low_groups: LowGroups = False,
-    sensor: SensorPosition = None,
+    sensor: SensorOrigin = None,
     trajectory: TrajectoryFile = None,
-    reflections: Annotated[
-        bool,
-        typer.Option(
-            "--reflections",
-            help="Also find reflections behind windows, polished floors and water: groups whose "
-            "mirror images lie on what stands before the plane. Needs --sensor or --trajectory.",
-        ),
-    ] = False,
-    outlier_rate: OutlierRate = 0.5,
+    max_outlier_rate: MaxOutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
     memory: Memory = None,
@@ -193,16 +179,17 @@ def denoise(
     dry_run: DryRun = False,
     restart: Restart = False,
     report: ReportFolder = None,
+    columns: Columns = None,
+    no_clobber: NoClobber = False,
     allow_coarse: AllowCoarse = False,
+    config: Config = None,
     quiet: Quiet = False,
-    context: typer.Context = None,  # type: ignore[assignment]  # of no option
 ) -> None:
     """Remove or mark the points that lie on no surface and stand apart from all else.
 
     The default keeps everything real, and is for any cloud: curved, with foliage and wires, of any
-    spacing and noise. To keep only faces, give --keep surfaces. A score up to 3 means that the
-    point is on a surface or near other points, 10 means a clear error, and 100 a gross error. To
-    lose a stated share of good points at most, give --false-positive-rate 0.01.
+    spacing and noise. To keep only faces, give --strictness surfaces. A score up to 3 means that
+    the point is on a surface or near other points, 10 means a clear error, and 100 a gross error.
 
     Points that are marked withheld are neither judged nor used to judge others. With
     --ignore-class, --only-class, --above and --below, others are not judged either. All of these
@@ -210,8 +197,9 @@ def denoise(
 
     LAS and LAZ that need more than --memory, and folders of them, are divided into tiles, and with
     --scheduler all are. The results are the same. Temporary files lie beside OUT, in OUT.tiles. If
-    a run ends early, they are kept, and the same command goes on from there. If IN is a folder or
-    an index .vpc, a folder OUT gets one file for each; an OUT that ends in .las or .laz gets all.
+    a run ends early, they are kept, and the same command goes on from there, or begins anew with
+    --restart. --dry-run tells tiles, memory and time. If IN is a folder or an index .vpc, a folder
+    OUT gets one file for each; an OUT that ends in .las or .laz gets all.
     """
     _at_most_one(
         {
@@ -221,11 +209,6 @@ def denoise(
         }
     )
     check_one_position(sensor, trajectory)
-    if reflections and sensor is None and trajectory is None:
-        raise typer.BadParameter(
-            "--reflections needs --sensor X,Y,Z|auto or --trajectory FILE: give one of them."
-        )
-    strictness = _strictness_of(context, keep, strictness)
     params = {
         "n_neighbors": n_neighbors,
         "method": str(method),
@@ -234,8 +217,7 @@ def denoise(
         "cutoff": cutoff,
         "false_positive_rate": false_positive_rate,
         "contamination": contamination,
-        "outlier_rate": outlier_rate,
-        "reflections": reflections,
+        "max_outlier_rate": max_outlier_rate,
         "random_state": random_state,
         "n_jobs": n_jobs,
     }
@@ -243,15 +225,16 @@ def denoise(
         seconds = stopwatch()
         choice = Choice(ignore_class or (), only_class or ())
         heights = {"above": above, "below": below, "low_groups": low_groups}
-        catalog = large_catalog(source, memory, 0, scheduler is not None)
+        catalog = large_catalog(source, memory, 0, scheduler is not None, columns)
         if catalog is not None:
             _refuse_sensor(source, sensor, trajectory)
         if dry_run:
             asked = low_groups or above is not None or below is not None
             work = "heights" if asked else "outliers"
-            estimator = _detector(params | {"reflections": False})  # positions are not read here
+            estimator = _detector(params)
             print_plan(source, target, catalog, estimator, memory, work=work)
             return
+        refuse_existing(no_clobber, target, report=report, catalog=catalog)
         if catalog is not None:
             return _by_tiles(
                 *(source, target, catalog, params, choice, heights, mode, memory, restart),
@@ -259,17 +242,18 @@ def denoise(
             )
         with progress("denoise", quiet):
             mark = mode is Mode.mark
-            cloud = read(source, target, "marks of outliers" if mark else None)
+            cloud = read(source, target, "marks of outliers" if mark else None, columns=columns)
             if cloud.metadata.get("denoised"):
                 warnings.warn(denoised_before(source), stacklevel=2)
             points = judged_points(source, cloud, choice, above, below, low_groups)
             nothing = blank(cloud)
-            rehearse(target, *_denoised(cloud, nothing.astype(np.uint8), nothing, mark))
+            rehearse(target, *_denoised(cloud, nothing.astype(np.uint8), nothing, mark), whole=mark)
             some = cloud if points.used.all() else cloud.subset(points.used)
             origins = sensor_of_options(source, cloud, sensor, trajectory)
             if np.ndim(origins) == 2:
                 origins = origins[points.used]
-            detector = _find_outliers(coordinates(some), origins, **params)
+            with working(source):
+                detector = _find_outliers(coordinates(some), origins, **params)
             classes, score, under = _verdict(cloud, points, detector, low_groups)
             is_outlier = classes != 0
             _warn_if_without_scale(_n_without_scale(score[is_outlier]), len(cloud))
@@ -286,7 +270,6 @@ def denoise(
         if not quiet:
             judged = {} if points.judged.all() else {"judged": count_and_share(points.judged)}
             found = {"marked" if mark else "removed": count_and_share(is_outlier)}
-            found |= {"mirrored": _mirrored(detector, len(cloud))} if reflections else {}
             print_summary(source, target, len(cloud), seconds(), **judged, **found)
 
 
@@ -303,10 +286,10 @@ def _refuse_sensor(source, sensor, trajectory):
 def _by_tiles(
     source, target, catalog, params, choice, heights, mode, memory, restart, report, quiet, seconds
 ):
-    from sklearn_mcmd.tiling import write_denoised
+    from sklearn_mcmd.tiling import process_files
 
     with progress("denoise", quiet):
-        told = write_denoised(
+        told = process_files(
             catalog, target, _detector(params), mode=str(mode), memory=memory,
             n_jobs=params["n_jobs"], restart=restart, ignore_classes=choice.ignored,
             only_classes=choice.only, **heights,
@@ -330,11 +313,18 @@ def _by_tiles(
 
 
 def _tile_contents(catalog, target, params, told, mark):
-    from sklearn_mcmd.report._tiles import denoised_tiles
+    from sklearn_mcmd.outliers._detector import CUTOFF
+    from sklearn_mcmd.report._denoise import Verdict, denoise_contents, shown_of_tiles
     from sklearn_mcmd.tiling._outputs import targets_of
 
-    outputs = targets_of(catalog, target)
-    return denoised_tiles(catalog, outputs, _detector(params), told, marked=mark)
+    shown = shown_of_tiles(catalog, targets_of(catalog, target), told, mark)
+    found_by_run = (params["contamination"], params["false_positive_rate"]) != (None, None)
+    cutoff = params["cutoff"]
+    if cutoff is None and not found_by_run and params["strictness"] is not None:
+        cutoff = CUTOFF
+    n_others = told.n_points - told.n_used
+    verdict = Verdict(told.n_outliers, told.n_used, n_others, cutoff)
+    return denoise_contents(shown, verdict, marked=mark, together=told.together)
 
 
 def _at_most_one(options):
@@ -346,18 +336,6 @@ def _at_most_one(options):
         )
 
 
-def _strictness_of(context, keep, strictness):
-    """What --keep or --strictness says; both together are wrong usage."""
-    if keep is None:
-        return strictness
-    if context.get_parameter_source("strictness").name == "COMMANDLINE":
-        raise typer.BadParameter(
-            f"--keep {keep} and --strictness {strictness} exclude each other: leave one out."
-        )
-    context.params["strictness"] = "what --keep says"  # for the report
-    return STRICTNESS_OF[keep]
-
-
 def _detector(params):
     from sklearn_mcmd import MCMDOutlierDetector
 
@@ -366,18 +344,7 @@ def _detector(params):
 
 def _find_outliers(xyz, sensor_origin=None, **params):
     """The fitted detector."""
-    with progress_part(*WORKING):
-        return _detector(params).fit(xyz, sensor_origin=sensor_origin)
-
-
-def _mirrored(detector, n_points):
-    """How many points are reflections, and in which planes."""
-    mirrors = detector.mirrors_
-    planes = [
-        f"{n:,} in the plane {x:.4f} x {y:+.4f} y {z:+.4f} z = {offset:.3f}"
-        for (x, y, z), offset, n in zip(*mirrors[:3], strict=True)
-    ]
-    return "; ".join([number_and_share(int(mirrors.n_points.sum()), n_points), *planes])
+    return _detector(params).fit(xyz, sensor_origin=sensor_origin)
 
 
 def _verdict(cloud, points, detector, low_groups):
@@ -408,18 +375,21 @@ def _together(xyz, removed, detector):
 
     if detector.strictness == "surfaces":  # things that are no surfaces are to go
         return ""
-    if detector.reflections:
-        removed = removed & (detector.mirror_index_ < 0)
     return words_of(lost_volumes(lambda: [(xyz, removed)], len(xyz)))
 
 
 def _contents(cloud, detector, mark, found, n_all, together):
-    from sklearn_mcmd.report._denoise import denoise_contents
+    from sklearn_mcmd.report._denoise import Verdict, denoise_contents
+    from sklearn_mcmd.report._shown import Shown
 
+    scales = None if detector._cloud.own_planes_only else detector._cloud.planes.scale
+    shown = Shown.of_memory(
+        cloud, detector.n_neighbors_, scales, outlier=found.astype(np.uint8),
+        outlier_score=(-detector.scores_).astype(np.float32),
+    )  # fmt: skip
     n_others = n_all - len(cloud)
-    return denoise_contents(
-        cloud, detector, marked=mark, found=found, n_others=n_others, together=together
-    )
+    verdict = Verdict(np.count_nonzero(found), len(cloud), n_others, -float(detector.offset_))
+    return denoise_contents(shown, verdict, marked=mark, together=together, judged=[detector])
 
 
 def _n_without_scale(scores):

@@ -3,25 +3,30 @@
 from enum import StrEnum
 from typing import Annotated
 
+import numpy as np
 import typer
 
+from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._engine import Scheduler, engine
 from sklearn_mcmd.cli._files import (
-    WORKING,
     blank,
     coordinates,
     has_colors,
     read,
+    refuse_existing,
     rehearse,
     with_results,
+    working,
     write,
 )
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
+    Columns,
     InFiles,
     NJobs,
     NNeighbors,
+    NoClobber,
     OutFiles,
     Quiet,
     RandomState,
@@ -37,7 +42,6 @@ from sklearn_mcmd.cli._speech import (
     stopwatch,
 )
 from sklearn_mcmd.cli._waiting import progress
-from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["edges"]
 
@@ -86,7 +90,10 @@ def edges(
     dry_run: DryRun = False,
     restart: Restart = False,
     report: ReportFolder = None,
+    columns: Columns = None,
+    no_clobber: NoClobber = False,
     allow_coarse: AllowCoarse = False,
+    config: Config = None,
     quiet: Quiet = False,
 ) -> None:
     """Mark edges and corners: points next to a line where two faces meet.
@@ -97,8 +104,9 @@ def edges(
 
     LAS and LAZ that need more than --memory, and folders of them, are divided into tiles, and with
     --scheduler all are. The results are the same. Temporary files lie beside OUT, in OUT.tiles. If
-    a run ends early, they are kept, and the same command goes on from there. If IN is a folder or
-    an index .vpc, a folder OUT gets one file for each; an OUT that ends in .las or .laz gets all.
+    a run ends early, they are kept, and the same command goes on from there, or begins anew with
+    --restart. --dry-run tells tiles, memory and time. If IN is a folder or an index .vpc, a folder
+    OUT gets one file for each; an OUT that ends in .las or .laz gets all.
     """
     params = {
         "n_neighbors": n_neighbors,
@@ -111,27 +119,25 @@ def edges(
     }
     with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = stopwatch()
-        catalog = large_catalog(source, memory, 0, scheduler is not None, work="edges")
+        catalog = large_catalog(source, memory, 0, scheduler is not None, columns, work="edges")
         if dry_run:
             print_plan(source, target, catalog, _detector(params), memory, work="edges")
             return
+        refuse_existing(no_clobber, target, report=report, catalog=catalog)
         if catalog is not None:
             return _by_tiles(
                 source, target, catalog, params, colors, memory, restart, report, quiet, seconds
             )
         with progress("edges", quiet):
-            cloud = read(source, target, "edges")
+            cloud = read(source, target, "edges", columns=columns)
             if colors is None:
                 colors = not has_colors(cloud)
-            # LAS has colors of 16 bits.
-            largest = 65535 if target.suffix.lower() in (".las", ".laz") else 255
-            brightest = largest if colors else None
             nothing = blank(cloud)
-            rehearse(target, with_results(cloud, _results(nothing > 0, nothing, brightest)))
-            with progress_part(*WORKING):
+            rehearse(target, with_results(cloud, _results(nothing > 0, nothing, colors)))
+            with working(source):
                 detector = _detector(params).fit(coordinates(cloud))
             is_edge, score = _verdict(detector)
-            write(target, with_results(cloud, _results(is_edge, score, brightest)))
+            write(target, with_results(cloud, _results(is_edge, score, colors)))
             write_report_of(report, source, target, seconds, lambda: _contents(cloud, detector))
         if not quiet:
             edges = count_and_share(is_edge)
@@ -139,10 +145,10 @@ def edges(
 
 
 def _by_tiles(source, target, catalog, params, colors, memory, restart, report, quiet, seconds):
-    from sklearn_mcmd.tiling import write_edges
+    from sklearn_mcmd.tiling import process_files
 
     with progress("edges", quiet):
-        told = write_edges(
+        told = process_files(
             catalog, target, _detector(params), colors=colors, memory=memory,
             n_jobs=params["n_jobs"], restart=restart,
         )  # fmt: skip
@@ -160,11 +166,14 @@ def _by_tiles(source, target, catalog, params, colors, memory, restart, report, 
 
 
 def _tile_contents(catalog, target, params, told):
-    from sklearn_mcmd.report._tiles import edges_of_tiles
+    from sklearn_mcmd.report._edges import edges_contents
+    from sklearn_mcmd.report._shown import Shown
     from sklearn_mcmd.tiling._outputs import targets_of
 
-    outputs = targets_of(catalog, target)
-    return edges_of_tiles(catalog, outputs, _detector(params), told)
+    detector, names = _detector(params), ("edge", "edge_score")
+    shown = Shown.of_tiles(catalog, targets_of(catalog, target), told, names)
+    limit = detector._crease_width() if detector.criterion == "crease" else None
+    return edges_contents(shown, detector.criterion, told.n_edges, limit, [])
 
 
 def _detector(params):
@@ -181,12 +190,19 @@ def _verdict(detector):
 
 def _contents(cloud, detector):
     from sklearn_mcmd.report._edges import edges_contents
+    from sklearn_mcmd.report._shown import Shown
 
-    return edges_contents(cloud, detector)
+    is_edge, score = _verdict(detector)
+    scales = getattr(detector.normal_estimator_, "plane_scale_", None)
+    results = {"edge": is_edge.astype(np.uint8), "edge_score": score.astype(np.float32)}
+    shown = Shown.of_memory(cloud, detector.n_neighbors, scales, **results)
+    limit = float(detector.offset_ if detector.criterion == "crease" else -detector.offset_)
+    n_outliers = np.count_nonzero(~detector.inlier_mask_)
+    cards = [(f"{n_outliers:,}", "outliers that were left out")]
+    return edges_contents(shown, detector.criterion, np.count_nonzero(is_edge), limit, cards)
 
 
-def _results(is_edge, score, brightest):
-    """The columns to write, with colors up to `brightest` if that is a number."""
+def _results(is_edge, score, colors):
     from sklearn_mcmd.edges._painting import edge_columns
 
-    return edge_columns(is_edge, score, brightest)
+    return edge_columns(is_edge, score, colors)

@@ -19,6 +19,7 @@ Scheduler = Annotated[
         help="Divide the work among the workers of this dask scheduler, such as tcp://node1:8786. "
         "They must see the folder of OUT.",
         show_default="processes of this machine",
+        hidden=True,
     ),
 ]
 

@@ -3,13 +3,14 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._las import coordinate_system
 from sklearn_mcmd.io._sensor import stated_positions
 from sklearn_mcmd.report._facts import distinct_points, median_spacing
 
-__all__ = ["summarize"]
+__all__ = ["summarize", "summarize_each"]
 
-TELLING = {"las_header", "pcd_viewpoint", "sensor_positions"}  # of formats that may tell the sensor
+TELLING = {"las_header", "pcd_viewpoint", "sensor_origins"}  # of formats that may tell the sensor
 
 
 def summarize(source, cloud):
@@ -48,6 +49,31 @@ def summarize(source, cloud):
     if constant:
         rows["constant"] = ", ".join(constant)
     return rows
+
+
+def summarize_each(paths, read):
+    """A row for each file and one for all of them, and the errors of those that `read` refuses."""
+    rows, errors, bounds, n_points = {}, [], [], 0
+    for path in paths:
+        try:
+            cloud = read(path)
+        except PointFileError as err:
+            rows[path.name] = "cannot be read"
+            errors.append(str(err))
+            continue
+        told = summarize(path, cloud)
+        known = (
+            f"{name} {told[name].partition(' (')[0]}" for name in ("spacing", "CRS") if name in told
+        )
+        bounds += [cloud.xyz.min(axis=0), cloud.xyz.max(axis=0)]
+        n_points += len(cloud)
+        size = " x ".join(f"{extent:.4g}" for extent in bounds[-1] - bounds[-2])
+        rows[path.name] = ", ".join([f"{told['points']} points", size, *known])
+    rows["all"] = f"{n_points:,} points of {len(bounds) // 2:,} files"
+    if bounds:
+        ranges = _bounds(np.min(bounds, axis=0), np.max(bounds, axis=0))
+        rows["all"] += "".join(f", {axis} {words}" for axis, words in ranges.items())
+    return rows, errors
 
 
 def _sensor(cloud):

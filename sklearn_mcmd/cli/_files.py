@@ -8,21 +8,25 @@ from pathlib import Path
 
 import numpy as np
 
-from sklearn_mcmd.io._point_cloud import COLORS, has_colors, with_results
+from sklearn_mcmd.cli._large import PARSED_SUFFIXES, is_several
+from sklearn_mcmd.io._point_cloud import COLORS, has_colors, joined, with_results
 from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = [
-    "WORKING",
     "blank",
     "color_columns",
     "coordinates",
+    "files_of",
     "has_colors",
     "naming",
     "read",
+    "read_all",
+    "refuse_existing",
     "rehearse",
     "standing_in",
     "warn_if_coarse",
     "with_results",
+    "working",
     "write",
 ]
 
@@ -71,8 +75,34 @@ def color_columns(paint):
     return dict(zip(COLORS, paint.T.copy(), strict=True))
 
 
-def read(source, target=None, results=None):
-    """Read a cloud; first refuse a `target` that cannot be written or cannot hold `results`."""
+def files_of(source):
+    """The point files of a folder or an index, or the file itself."""
+    if not is_several(source):
+        return [source]
+    from sklearn_mcmd.io._files import supported_extensions
+    from sklearn_mcmd.tiling._catalog import paths_of
+
+    return paths_of(source, supported_extensions())
+
+
+def read_all(source, columns=None):
+    """One cloud of a file, or of all files of a folder or an index."""
+    paths, clouds = files_of(source), []
+    if len(paths) > 1 and all(path.suffix.lower() in PARSED_SUFFIXES for path in paths):
+        from sklearn_mcmd.tiling import Catalog
+
+        Catalog(paths)  # refuses several coordinate systems
+    for number, path in enumerate(paths):
+        with progress_part(number / len(paths), (number + 1) / len(paths)):
+            clouds.append(read(path, columns=columns))
+    return joined(clouds) if len(clouds) > 1 else clouds[0]
+
+
+def read(source, target=None, results=None, *, columns=None):
+    """Read a cloud; first refuse a `target` that cannot be written or cannot hold `results`.
+
+    `columns` is as of `read_points`.
+    """
     from sklearn_mcmd.io import PointCloud, read_points
 
     if results is not None and target.suffix.lower() == ".e57":
@@ -80,13 +110,48 @@ def read(source, target=None, results=None):
     if target is not None:
         rehearse(target, PointCloud(np.zeros((1, 3))))
     with progress_part(0.0, WORKING[0], "reading"):
-        cloud = read_points(source)
+        cloud = read_points(source, columns=columns)
     if cloud.n_dropped:
+        points = "1 point" if cloud.n_dropped == 1 else f"{cloud.n_dropped:,} points"
+        verb = "is" if cloud.n_dropped == 1 else "are"
         warnings.warn(
-            f"{source}: {cloud.n_dropped:,} points without finite coordinates are left out",
-            stacklevel=2,
+            f"{source}: {points} without finite coordinates {verb} left out", stacklevel=2
         )
     return cloud
+
+
+def refuse_existing(no_clobber, *targets, report=None, catalog=None):
+    """Raise if an output is there that --no-clobber keeps.
+
+    Of a `catalog`, those that an earlier run of the same target wrote before it ended may be there.
+    """
+    if not no_clobber:
+        return
+    known = set()
+    if catalog is not None:
+        from sklearn_mcmd.tiling._folder import WorkFolder
+        from sklearn_mcmd.tiling._outputs import targets_of
+
+        known = WorkFolder.written(targets[0])
+        targets = (*targets_of(catalog, targets[0]), *targets[1:])
+    if report is not None:
+        from sklearn_mcmd.report._folder import PAGE, VIEW
+
+        targets = [*targets, report.folder / PAGE, report.folder / VIEW]
+    for path in targets:
+        if os.path.lexists(path) and os.path.realpath(path) not in known:
+            raise FileExistsError(f"{path}: is there already, and --no-clobber keeps it")
+
+
+@contextmanager
+def working(source, stage=None):
+    """The work between reading and writing. A note of its errors names the file."""
+    with progress_part(*WORKING, stage):
+        try:
+            yield
+        except Exception as err:
+            err.add_note(f"{source}: ")
+            raise
 
 
 def write(target, cloud, noise=None):
@@ -101,8 +166,17 @@ def _write(target, cloud, noise):
         write_points(target, cloud, noise=noise)
 
 
-def rehearse(target, cloud, noise=None):
-    """Write one point beside `target`, so that errors appear before the long work."""
+def rehearse(target, cloud, noise=None, *, whole=True):
+    """Write one point beside `target`, so that errors appear before the long work.
+
+    `whole` says that all points will be written.
+    """
+    if whole and target.suffix.lower() in (".las", ".laz") and "las_header" not in cloud.metadata:
+        from sklearn_mcmd.io._files import one_clear_line
+        from sklearn_mcmd.io._grid import scale_of
+
+        with one_clear_line(target, "written"):
+            scale_of(cloud.xyz)
     with standing_in(target) as stand_in:
         _write(stand_in, cloud.subset(slice(0, 1)), None if noise is None else noise[:1])
 

@@ -57,6 +57,7 @@ Above = Annotated[
         metavar="HEIGHT",
         help="Judge only points that are higher than this over the ground (class 2): over the mean "
         "of the three ground points that are nearest in plan. All are used.",
+        hidden=True,
     ),
 ]
 Below = Annotated[
@@ -66,6 +67,7 @@ Below = Annotated[
         metavar="HEIGHT",
         help="Judge only points that are lower than this over the ground; -0.5 is half a unit "
         "under it.",
+        hidden=True,
     ),
 ]
 LowGroups = Annotated[
@@ -74,6 +76,7 @@ LowGroups = Annotated[
         "--low-groups",
         help="A group of any number of points is an outlier if it lies below the ground (class 2) "
         "by more sizes of its own than the cutoff. Otherwise large groups are kept.",
+        hidden=True,
     ),
 ]
 

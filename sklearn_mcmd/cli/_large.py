@@ -9,7 +9,7 @@ import typer
 
 from sklearn_mcmd.cli._speech import print_table
 
-__all__ = ["DryRun", "Memory", "Restart", "large_catalog", "print_plan"]
+__all__ = ["DryRun", "Memory", "Restart", "is_several", "large_catalog", "print_plan"]
 
 SAMPLE = 50_000  # points whose time is measured
 # Time of tiles over that in memory, about.
@@ -39,15 +39,23 @@ Memory = Annotated[
 DryRun = Annotated[
     bool,
     typer.Option(
-        "--dry-run", help="Show tiles, memory and time of LAS or LAZ, as estimated, and stop."
+        "--dry-run",
+        help="Show tiles, memory and time of LAS or LAZ, as estimated, and stop.",
+        hidden=True,
     ),
 ]
 Restart = Annotated[
-    bool, typer.Option("--restart", help="Begin anew, whatever an earlier run has left.")
+    bool,
+    typer.Option("--restart", help="Begin anew, whatever an earlier run has left.", hidden=True),
 ]
 
 
-def large_catalog(source, memory, n_features, always=False, *, work="normals"):
+def is_several(source):
+    """Whether a source stands for several files."""
+    return source.is_dir() or source.suffix.lower() == INDEX_SUFFIX
+
+
+def large_catalog(source, memory, n_features, always=False, columns=None, *, work="normals"):
     """The catalog of a source that is to be divided into tiles, else None.
 
     Faults of a single file are left to the reading of it, unless it is `always` divided. `work` is
@@ -55,7 +63,10 @@ def large_catalog(source, memory, n_features, always=False, *, work="normals"):
     """
     if not source.exists():
         raise FileNotFoundError(ENOENT, "no such file or folder", str(source))
-    if always or source.is_dir() or source.suffix.lower() == INDEX_SUFFIX:
+    several = is_several(source)
+    if columns is not None and (always or several or source.suffix.lower() in PARSED_SUFFIXES):
+        raise ValueError(f"{source}: columns={columns} is for text files")
+    if always or several:
         from sklearn_mcmd.tiling import Catalog
 
         return Catalog(source)

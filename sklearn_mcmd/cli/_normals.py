@@ -6,16 +6,28 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._engine import Scheduler, engine
-from sklearn_mcmd.cli._files import WORKING, blank, coordinates, read, rehearse, with_results, write
+from sklearn_mcmd.cli._files import (
+    blank,
+    coordinates,
+    read,
+    refuse_existing,
+    rehearse,
+    with_results,
+    working,
+    write,
+)
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
+    Columns,
     InFiles,
+    MaxOutlierRate,
     NJobs,
     NNeighborsOrAuto,
+    NoClobber,
     OutFiles,
-    OutlierRate,
     Quiet,
     RandomState,
     positive,
@@ -23,14 +35,13 @@ from sklearn_mcmd.cli._options import (
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.cli._sensor import (
     AUTO,
-    SensorPosition,
+    SensorOrigin,
     TrajectoryFile,
     check_one_position,
     sensor_of_options,
 )
 from sklearn_mcmd.cli._speech import clear_exits, print_summary, stopwatch
 from sklearn_mcmd.cli._waiting import progress
-from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["normals"]
 
@@ -48,6 +59,8 @@ class Orientation(StrEnum):
     mst = "mst"
 
 
+# Share of normals of upright faces that is worth a line.
+SOME_UPRIGHT = 0.05
 DIRECTIONS = {Orientation.none: None, Orientation.up: [0.0, 0.0, 1.0]}
 
 
@@ -74,12 +87,12 @@ def normals(
     orientation: Annotated[
         Orientation,
         typer.Option(
-            help="Which of two opposite normals to take. none, up: the one with positive z. "
-            "sensor: the one toward --sensor or --trajectory. mst: the one that agrees with the "
-            "neighbors."
+            help="Which of two opposite normals to take. none, up: the one with positive z, which "
+            "for upright faces noise decides from point to point. sensor: the one toward --sensor "
+            "or --trajectory. mst: the one that agrees with the neighbors."
         ),
     ] = Orientation.none,
-    sensor: SensorPosition = None,
+    sensor: SensorOrigin = None,
     trajectory: TrajectoryFile = None,
     features: Annotated[
         str | None,
@@ -104,7 +117,7 @@ def normals(
             show_default="2.5, for mcmd_md 3.06",
         ),
     ] = None,
-    outlier_rate: OutlierRate = 0.5,
+    max_outlier_rate: MaxOutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
     memory: Memory = None,
@@ -112,15 +125,19 @@ def normals(
     dry_run: DryRun = False,
     restart: Restart = False,
     report: ReportFolder = None,
+    columns: Columns = None,
+    no_clobber: NoClobber = False,
     allow_coarse: AllowCoarse = False,
+    config: Config = None,
     quiet: Quiet = False,
 ) -> None:
     """Add normals, surface variation and eigenvalues, robust to outliers and edges.
 
     LAS and LAZ that need more than --memory, and folders of them, are divided into tiles, and with
     --scheduler all are. The results are the same. Temporary files lie beside OUT, in OUT.tiles. If
-    a run ends early, they are kept, and the same command goes on from there. If IN is a folder or
-    an index .vpc, a folder OUT gets one file for each; an OUT that ends in .las or .laz gets all.
+    a run ends early, they are kept, and the same command goes on from there, or begins anew with
+    --restart. --dry-run tells tiles, memory and time. If IN is a folder or an index .vpc, a folder
+    OUT gets one file for each; an OUT that ends in .las or .laz gets all.
 
     All points are kept. New attributes, float32, are normal_x, normal_y, normal_z,
     surface_variation (0 on a plane, at most 1/3), eigenvalue_0 to eigenvalue_2
@@ -137,17 +154,20 @@ def normals(
         "sensor_origin": sensor if isinstance(sensor, tuple) else None,
         "features": features,
         "cutoff": cutoff,
-        "outlier_rate": outlier_rate,
+        "max_outlier_rate": max_outlier_rate,
         "random_state": random_state,
         "n_jobs": n_jobs,
     }
     with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = stopwatch()
         n_features = len(_feature_columns(features))
-        work = "auto" if n_neighbors == "auto" else "normals"
-        catalog = large_catalog(source, memory, n_features, scheduler is not None, work=work)
+        work = "tree" if orientation is Orientation.mst else "normals"
+        work = "auto" if n_neighbors == "auto" else work
+        catalog = large_catalog(
+            source, memory, n_features, scheduler is not None, columns, work=work
+        )
         if catalog is not None:
-            _check_local(source, orientation, sensor, trajectory)
+            _check_local(source, sensor, trajectory)
         if dry_run:
             known = params
             if orientation is Orientation.sensor:  # positions are not read here
@@ -155,31 +175,37 @@ def normals(
             estimator = _estimator(known)
             print_plan(source, target, catalog, estimator, memory, n_features=n_features, work=work)
             return
+        refuse_existing(no_clobber, target, report=report, catalog=catalog)
         if catalog is not None:
             return _by_tiles(
-                source, target, catalog, params, memory, restart, report, quiet, seconds
+                *(source, target, catalog, params, orientation),
+                *(memory, restart, report, quiet, seconds),
             )
         with progress("normals", quiet):
-            cloud = read(source, target, "normals")
-            columns = (*_columns(), *_feature_columns(features), *_size_column(n_neighbors))
-            rehearse(target, with_results(cloud, dict.fromkeys(columns, blank(cloud))))
+            cloud = read(source, target, "normals", columns=columns)
+            names = (*_columns(), *_feature_columns(features), *_size_column(n_neighbors))
+            rehearse(target, with_results(cloud, dict.fromkeys(names, blank(cloud))))
             origins = sensor_of_options(source, cloud, sensor, trajectory)
-            fitted, results = _find_normals(coordinates(cloud), params, origins)
+            with working(source):
+                fitted, results = _find_normals(coordinates(cloud), params, origins)
             write(target, with_results(cloud, results))
             write_report_of(
                 report, source, target, seconds, lambda: _contents(cloud, fitted, results)
             )
         if not quiet:
+            from sklearn_mcmd.planes._orientation import count_upright
+
             removed = float(results["removed_fraction"].mean(dtype=np.float64))
             print_summary(
                 *(source, target, len(cloud), seconds()),
                 removed=_removed(removed),
-                **{"surface variation": f"{np.median(results['surface_variation']):.2g} (median)"},
+                **{"surface variation": f"{np.median(results['surface_variation']):.2g} (median)"}
+                | _sides(orientation, count_upright(fitted.normals_), len(cloud)),
             )
 
 
-def _check_local(source, orientation, sensor, trajectory):
-    """Raise if normals depend on the whole cloud, or on a position of each point."""
+def _check_local(source, sensor, trajectory):
+    """Raise if normals depend on a position of each point."""
     for name, given in {"--sensor auto": sensor == AUTO, "--trajectory": trajectory}.items():
         if given:
             raise ValueError(
@@ -187,18 +213,15 @@ def _check_local(source, orientation, sensor, trajectory):
                 "tiles; give one file at a time, more --memory if it is large, and no --scheduler, "
                 "or one position, such as --sensor 0,0,0"
             )
-    if orientation is Orientation.mst:
-        raise ValueError(
-            f"{source}: --orientation mst needs the whole cloud in memory; give more --memory, or "
-            "--orientation sensor"
-        )
 
 
-def _by_tiles(source, target, catalog, params, memory, restart, report, quiet, seconds):
-    from sklearn_mcmd.tiling import write_normals
+def _by_tiles(
+    source, target, catalog, params, orientation, memory, restart, report, quiet, seconds
+):
+    from sklearn_mcmd.tiling import process_files
 
     with progress("normals", quiet):
-        told = write_normals(
+        told = process_files(
             catalog, target, _estimator(params), memory=memory, n_jobs=params["n_jobs"],
             restart=restart,
         )  # fmt: skip
@@ -212,15 +235,26 @@ def _by_tiles(source, target, catalog, params, memory, restart, report, quiet, s
             tiles=f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
             removed=_removed(told.removed_fraction),
             proved=f"all; {again:,} from more points than lie around their tile",
+            **_sides(orientation, told.n_upright, told.n_points),
         )
 
 
 def _tile_contents(catalog, target, params, told):
-    from sklearn_mcmd.report._tiles import normals_of_tiles
+    from sklearn_mcmd.report._normals import normals_contents
+    from sklearn_mcmd.report._shown import Shown
     from sklearn_mcmd.tiling._outputs import targets_of
 
     names = (*_columns(), *_feature_columns(params["features"]))
-    return normals_of_tiles(catalog, targets_of(catalog, target), names, told)
+    shown = Shown.of_tiles(catalog, targets_of(catalog, target), told, names)
+    return normals_contents(shown, names, told.removed_fraction)
+
+
+def _sides(orientation, n_upright, n_points):
+    """The row of the summary that names the option where noise decides the side of many."""
+    if orientation is not Orientation.none or n_upright <= SOME_UPRIGHT * n_points:
+        return {}
+    share = f"{100 * n_upright / n_points:.0f} % are of upright faces"
+    return {"sides": f"{share}, to either side by chance; see --orientation sensor and mst"}
 
 
 def _removed(share):
@@ -243,8 +277,7 @@ def _find_normals(xyz, params, sensor_origin=None):
     """The fitted estimator, and the columns of results by their names."""
     from sklearn_mcmd.tiling._tile import normal_columns
 
-    with progress_part(*WORKING):
-        fitted = _estimator(params).fit(xyz, sensor_origin=sensor_origin)
+    fitted = _estimator(params).fit(xyz, sensor_origin=sensor_origin)
     names, columns = normal_columns(fitted)
     results = dict(zip(names, columns.T.copy(), strict=True))
     for name in _size_column(params["n_neighbors"]):
@@ -254,8 +287,13 @@ def _find_normals(xyz, params, sensor_origin=None):
 
 def _contents(cloud, fitted, results):
     from sklearn_mcmd.report._normals import normals_contents
+    from sklearn_mcmd.report._shown import Shown
 
-    return normals_contents(cloud, fitted, results)
+    shown = Shown.of_memory(
+        cloud, int(np.median(fitted.n_neighbors_)), fitted.plane_scale_, **results,
+        normal_error=fitted.normal_error_.astype(np.float32),
+    )  # fmt: skip
+    return normals_contents(shown, results, float(fitted.removed_fraction_.mean()))
 
 
 def _size_column(n_neighbors):

@@ -8,14 +8,14 @@ import typer
 
 __all__ = [
     "AllowCoarse",
-    "InFile",
+    "Columns",
     "InFiles",
+    "MaxOutlierRate",
     "NJobs",
     "NNeighbors",
     "NNeighborsOrAuto",
-    "OutFile",
+    "NoClobber",
     "OutFiles",
-    "OutlierRate",
     "Quiet",
     "RandomState",
     "colors_option",
@@ -71,10 +71,14 @@ def _not_zero(value):
     return value
 
 
-InFile = Annotated[Path, typer.Argument(metavar="IN", help="Point file to read.")]
-OutFile = Annotated[
-    Path, typer.Argument(metavar="OUT", help="Point file to write, of any format; may be IN.")
-]
+def _columns(text):
+    """The columns of axes, as in x=easting,y=northing,z=3."""
+    columns = dict(part.split("=", 1) for part in text.split(",") if "=" in part)
+    if len(columns) != text.count(",") + 1 or not columns.keys() <= set("xyz"):
+        raise typer.BadParameter(f"{text} is not of the form x=easting,y=northing,z=elevation")
+    return columns
+
+
 InFiles = Annotated[
     Path,
     typer.Argument(
@@ -103,22 +107,36 @@ NNeighborsOrAuto = Annotated[
         "for each point as its noise asks for; then an attribute n_neighbors tells how many.",
     ),
 ]
-OutlierRate = Annotated[
+MaxOutlierRate = Annotated[
     float,
     typer.Option(
-        parser=number_or(
-            "auto", expected="a number from 0 to 0.99", fits=lambda rate: 0 <= rate <= 0.99
-        ),
-        metavar="NUMBER|auto",
+        parser=number_or(expected="a number from 0 to 0.99", fits=lambda rate: 0 <= rate <= 0.99),
+        metavar="NUMBER",
         help="Largest share of outliers that a neighborhood must survive, up to 0.99. It sets the "
-        "number of trials, not the share that is removed. auto: the same as 0.5.",
+        "number of trials, not the share that is removed.",
+        hidden=True,
     ),
 ]
 RandomState = Annotated[
-    int, typer.Option(min=0, max=2**32 - 1, help="Seed. The same seed gives the same file.")
+    int,
+    typer.Option(
+        min=0, max=2**32 - 1, help="Seed. The same seed gives the same file.", hidden=True
+    ),
 ]
 NJobs = Annotated[
-    int, typer.Option(callback=_not_zero, help="Number of threads. -1: one for each processor.")
+    int,
+    typer.Option(
+        callback=_not_zero, help="Number of threads. -1: one for each processor.", hidden=True
+    ),
+]
+Columns = Annotated[
+    dict | None,
+    typer.Option(
+        parser=_columns,
+        metavar="x=NAME,y=NAME,z=NAME",
+        help="Columns of text that are the coordinates: their names, or numbers from 1 on.",
+        show_default="x, y, z, easting and the like, as the header says",
+    ),
 ]
 AllowCoarse = Annotated[
     bool,
@@ -126,7 +144,11 @@ AllowCoarse = Annotated[
         "--allow-coarse",
         help="Accept coordinates that single precision rounds too coarsely for the spacing of the "
         "points, such as large coordinates in PLY or PCD. Without this they are an error.",
+        hidden=True,
     ),
+]
+NoClobber = Annotated[
+    bool, typer.Option("--no-clobber", help="Replace no file: if an output is there, fail.")
 ]
 Quiet = Annotated[
     bool,

@@ -10,18 +10,30 @@ import numpy as np
 import typer
 
 from sklearn_mcmd._extras import how_to_install
+from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._files import (
-    WORKING,
     blank,
     naming,
     read,
+    refuse_existing,
     rehearse,
     standing_in,
     warn_if_coarse,
     with_results,
+    working,
     write,
 )
-from sklearn_mcmd.cli._options import AllowCoarse, InFile, OutFile, Quiet, RandomState, number_or
+from sklearn_mcmd.cli._large import is_several, large_catalog
+from sklearn_mcmd.cli._options import (
+    AllowCoarse,
+    Columns,
+    InFiles,
+    NoClobber,
+    OutFiles,
+    Quiet,
+    RandomState,
+    number_or,
+)
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.cli._speech import (
     clear_exits,
@@ -30,7 +42,6 @@ from sklearn_mcmd.cli._speech import (
     stopwatch,
 )
 from sklearn_mcmd.cli._waiting import progress
-from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["plane"]
 
@@ -67,8 +78,8 @@ class Surface(StrEnum):
 
 
 def plane(
-    source: InFile,
-    target: OutFile,
+    source: InFiles,
+    target: OutFiles,
     method: Annotated[
         Method,
         typer.Option(
@@ -80,8 +91,9 @@ def plane(
     test: Annotated[
         Test,
         typer.Option(
-            help="w: compare residuals with sigma0. tau, t: compare them with their own scale; "
-            "these find nothing above about 5 % of outliers."
+            help="w: compare residuals with sigma0, or by tau if sigma0 is auto. tau, t: compare "
+            "them with their own scale; without the robust start these find nothing above about "
+            "5 % of outliers."
         ),
     ] = Test.w,
     alpha: Annotated[
@@ -98,8 +110,8 @@ def plane(
             parser=number_or("auto"),
             metavar="NUMBER|auto",
             help="Standard deviation of a coordinate, in units of the file. Give it if you know "
-            "it. auto: a robust scale of the residuals; a rough surface then passes like a smooth "
-            "one.",
+            "it. auto: estimated from the points that pass; a rough surface then passes like a "
+            "smooth one.",
         ),
     ] = "auto",
     correction: Annotated[
@@ -153,7 +165,10 @@ def plane(
     ] = "",
     random_state: RandomState = 0,
     report: ReportFolder = None,
+    columns: Columns = None,
+    no_clobber: NoClobber = False,
     allow_coarse: AllowCoarse = False,
+    config: Config = None,
     quiet: Quiet = False,
 ) -> None:
     """Test one plane, such as a wall or a floor: mark its outliers and write a report.
@@ -162,6 +177,9 @@ def plane(
     'outlier'. All points get a 'residual' (in units of the file) and a 'test_statistic', float32.
     The report, as text and as figure, shows the plane, its quality and the residuals. Points that
     determine no plane are refused: fewer than four distinct points, or points along a line.
+
+    The files of a folder, or of an index .vpc, are tested as one plane. A folder OUT gets one file
+    for each; an OUT that ends in .las or .laz gets all.
     """
     params = _detector_params(
         method, alpha, test, sigma0, correction, elimination, surface, robust_start
@@ -170,17 +188,28 @@ def plane(
         params["random_state"] = random_state
     sheets = _choose_sheets(source, target, text, plot)
     with clear_exits(allow_coarse=allow_coarse):
+        from sklearn_mcmd.io import PointCloud
+
         seconds = stopwatch()
         with progress("plane", quiet):
-            with standing_in(target):
-                pass
+            catalog = large_catalog(source, 0, 0, columns=columns) if is_several(source) else None
+            refuse_existing(no_clobber, target, *sheets, report=report, catalog=catalog)
+            if catalog is None:
+                with standing_in(target):
+                    pass
+            else:
+                _targets(catalog, target)
             sheets = _rehearse_sheets(sheets, plot)
-            cloud = read(source, target, "results of a test")
-            warn_if_coarse(cloud)
-            none = blank(cloud)
-            rehearse(target, *_tested(cloud, none > 0, none, none))
-            detector, residuals = _test_plane(cloud.xyz, method, params)
-            words = _write_all(source, target, sheets, cloud, detector, residuals, unit)
+            if catalog is None:
+                cloud = read(source, target, "results of a test", columns=columns)
+                none = blank(cloud)
+                rehearse(target, *_tested(cloud, none > 0, none, none))
+            else:
+                cloud = PointCloud(np.concatenate([read(path).xyz for path in catalog.paths]))
+            with working(source, "plane"):
+                warn_if_coarse(cloud)
+                detector, residuals = _test_plane(cloud.xyz, method, params)
+            words = _write_all(source, target, catalog, sheets, cloud, detector, residuals, unit)
             write_report_of(
                 report, source, target, seconds,
                 lambda: _contents(cloud, detector, residuals, words, unit),
@@ -247,18 +276,25 @@ def _test_plane(xyz, method, params):
     from sklearn_mcmd.adjustment._determinacy import AS_THICK_AS_WIDE
 
     detector = {Method.baarda: BaardaPlaneDetector, Method.fuzzy: FuzzyPlaneDetector}[method]
-    with progress_part(*WORKING, "plane"), warnings.catch_warnings():
+    with warnings.catch_warnings():
         # Refused below, for both surfaces.
         warnings.filterwarnings("ignore", message=AS_THICK_AS_WIDE)
         fitted = detector(**params).fit(xyz)
     _check_width(fitted, xyz)
+    if fitted.global_test_pvalue_ < fitted.alpha:
+        warnings.warn(
+            f"the global test rejects this plane (p = {fitted.global_test_pvalue_:.2g}): its "
+            f"points scatter more than --sigma0 {fitted.sigma0:g} says, or their surface is no "
+            "plane",
+            stacklevel=2,
+        )
     return fitted, fitted.residuals(xyz)
 
 
 def _check_width(detector, xyz):
     """Raise if the points that pass are no sheet, but lie around a line or a place."""
-    from sklearn_mcmd.adjustment import adjust_plane
     from sklearn_mcmd.adjustment._determinacy import AS_THICK_AS_WIDE, normal_pvalue
+    from sklearn_mcmd.adjustment._plane import adjust_plane
     from sklearn_mcmd.planes._resolution import coordinate_step
 
     retained = adjust_plane(xyz[detector.support_], surface="orthogonal")
@@ -281,7 +317,7 @@ def _tested(cloud, is_outlier, statistic, residuals):
     return with_results(cloud, results), is_outlier
 
 
-def _write_all(source, target, sheets, cloud, detector, residuals, unit):
+def _write_all(source, target, catalog, sheets, cloud, detector, residuals, unit):
     """Write the points and both sheets; no file is replaced before all are on the disk.
 
     Returns the text.
@@ -303,9 +339,40 @@ def _write_all(source, target, sheets, cloud, detector, residuals, unit):
             figure = plot_report(detector, cloud.xyz, title=title, unit=unit)
             with naming(plot):
                 figure.savefig(temporary, dpi=150)
-        is_outlier = detector.labels_ == -1
-        write(target, *_tested(cloud, is_outlier, detector.test_statistic_, residuals))
+        results = (detector.labels_ == -1, detector.test_statistic_, residuals)
+        if catalog is None:
+            write(target, *_tested(cloud, *results))
+        else:
+            _write_each(catalog, target, results)
     return text
+
+
+def _targets(catalog, target):
+    from sklearn_mcmd.tiling._outputs import targets_of
+
+    return targets_of(catalog, target)
+
+
+def _write_each(catalog, target, results):
+    """Write the points of each file with their results, or all into one file."""
+    from sklearn_mcmd.io import read_points
+    from sklearn_mcmd.io._files import replacing
+    from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
+    from sklearn_mcmd.io._las_parts import writing_parts
+
+    targets = _targets(catalog, target)
+    ends = np.cumsum(catalog.counts)[:-1]
+    parts = zip(*(np.split(values, ends) for values in results), strict=True)
+    clouds = map(read_points, catalog.paths)
+    if len(targets) == len(catalog):
+        targets[0].parent.mkdir(exist_ok=True)
+        for path, cloud, part in zip(targets, clouds, parts, strict=True):
+            write(path, *_tested(cloud, *part))
+        return
+    header = joined_header(catalog.paths)
+    with replacing(target) as temporary, writing_parts(temporary) as put:
+        for cloud, part in zip(clouds, parts, strict=True):
+            put(*_tested(joined_cloud(cloud, header), *part))
 
 
 def _contents(cloud, detector, residuals, text, unit):
@@ -332,19 +399,22 @@ def _record(source, target, plot):
 
 
 def _summarize(source, target, sheets, detector, residuals, unit, seconds):
+    import sklearn_mcmd.adjustment._report as rows_of
+
     is_outlier = detector.labels_ == -1
     unit = f" {unit}" if unit else ""
     rms = [np.sqrt(np.mean(residuals[rows] ** 2)) for rows in (slice(None), ~is_outlier)]
-    tilt = np.degrees(np.arccos(min(abs(detector.normal_[-1]), 1.0)))
-    how = "estimated" if detector.sigma0 == "auto" else "given"
+    how = rows_of.sigma0_origin(detector)
     if detector._sigma0_is_rounding:
-        how = "float64's rounding: no noise to test against"
+        how += ": no noise to test against"
     print_summary(
         *(source, target, len(is_outlier), seconds),
         outliers=count_and_share(is_outlier),
-        normal=f"{' '.join(f'{value:.6f}' for value in detector.normal_)}, tilt {tilt:.3f} degrees",
-        distance=f"{detector.distance_:.6g}{unit} from the origin",
-        residuals=f"rms {rms[0]:.4g}{unit}, without outliers {rms[1]:.4g}{unit}",
+        normal=f"{rows_of.normal_row(detector)}, tilt {rows_of.tilt(detector)}",
+        point=f"{rows_of.point_row(detector, unit)}, on the plane",
+        residuals=f"rms {rms[0]:.4g}{unit}, without outliers {rms[1]:.4g}{unit}; "
+        f"{rows_of.sign_of_residuals(detector)}",
         sigma0=f"{detector.sigma0_:.4g}{unit} ({how})",
+        **{"global test": rows_of.global_test_row(detector)},
         report=", ".join(str(path) for path in sheets if path is not None),
     )

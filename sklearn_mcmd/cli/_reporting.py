@@ -6,6 +6,7 @@ from typing import Annotated, NamedTuple
 
 import typer
 
+from sklearn_mcmd._interrupts import ignore_interrupts
 from sklearn_mcmd.cli._speech import clear_exits
 from sklearn_mcmd.planes._progress import current_span, progress_part
 
@@ -47,7 +48,7 @@ ReportFolder = Annotated[
 
 
 def write_report_of(report, source, target, seconds, contents):
-    """Write a report, if one is asked for.
+    """Write a report, if one is asked for. Then all outputs are there: Ctrl-C comes too late.
 
     Parameters
     ----------
@@ -58,8 +59,12 @@ def write_report_of(report, source, target, seconds, contents):
     contents : callable
         Makes the `Contents`; it takes time.
     """
-    if report is None:
-        return
+    if report is not None:
+        _write_report(report, source, target, seconds, contents)
+    ignore_interrupts()
+
+
+def _write_report(report, source, target, seconds, contents):
     from sklearn_mcmd.report._contents import Run
     from sklearn_mcmd.report._folder import write_report
 
@@ -95,14 +100,18 @@ def _parameters(context):
         if parameter.param_type_name != "option" or parameter.name == "help":
             continue
         value = context.params.get(parameter.name)
-        is_default = not _given(context, parameter)
+        is_default = _source(context, parameter) == "DEFAULT"
         shown = getattr(parameter, "show_default", None)
         words = shown if is_default and value is None and isinstance(shown, str) else _words(value)
         yield Parameter(max(parameter.opts, key=len), words, is_default)
 
 
 def _given(context, parameter):
-    return context.get_parameter_source(parameter.name).name == "COMMANDLINE"
+    return _source(context, parameter) == "COMMANDLINE"
+
+
+def _source(context, parameter):
+    return context.get_parameter_source(parameter.name).name
 
 
 def _words(value):
@@ -110,6 +119,8 @@ def _words(value):
         return "none"
     if isinstance(value, Report):
         return str(value.folder)
+    if isinstance(value, dict):
+        return ",".join(f"{axis}={name}" for axis, name in value.items())
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:g}" if isinstance(value, float) else str(value)

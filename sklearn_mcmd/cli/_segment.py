@@ -5,25 +5,29 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._engine import Scheduler, engine
 from sklearn_mcmd.cli._files import (
-    WORKING,
     color_columns,
     coordinates,
     has_colors,
     read,
+    refuse_existing,
     rehearse,
     with_results,
+    working,
     write,
 )
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._options import (
     AllowCoarse,
+    Columns,
     InFiles,
+    MaxOutlierRate,
     NJobs,
     NNeighbors,
+    NoClobber,
     OutFiles,
-    OutlierRate,
     Quiet,
     RandomState,
     colors_option,
@@ -39,7 +43,6 @@ from sklearn_mcmd.cli._speech import (
     stopwatch,
 )
 from sklearn_mcmd.cli._waiting import progress
-from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = ["segment"]
 
@@ -80,10 +83,10 @@ def segment(
     min_region_size: Annotated[
         int, typer.Option(min=1, help="Regions with fewer points are dissolved.")
     ] = 10,
-    regrow_rest: Annotated[
+    find_narrow_faces: Annotated[
         bool,
         typer.Option(
-            "--regrow-rest/--no-regrow-rest",
+            "--find-narrow-faces/--no-find-narrow-faces",
             help="Whether to grow regions again from the points that no region reached. This finds "
             "faces a few points wide beside larger ones, such as kerbs.",
         ),
@@ -104,10 +107,10 @@ def segment(
             "trunk.",
         ),
     ] = True,
-    assign_rest: Annotated[
+    assign_unlabeled: Annotated[
         bool,
         typer.Option(
-            "--assign-rest/--no-assign-rest",
+            "--assign-unlabeled/--no-assign-unlabeled",
             help="Whether to give points that no region reached to the region whose plane is "
             "nearest, if its noise explains the distance.",
         ),
@@ -124,7 +127,7 @@ def segment(
             help="Points in a neighborhood for growth. Regions grow to the nearer half of them.",
         ),
     ] = 30,
-    outlier_rate: OutlierRate = 0.5,
+    max_outlier_rate: MaxOutlierRate = 0.5,
     random_state: RandomState = 0,
     n_jobs: NJobs = -1,
     memory: Memory = None,
@@ -132,22 +135,26 @@ def segment(
     dry_run: DryRun = False,
     restart: Restart = False,
     report: ReportFolder = None,
+    columns: Columns = None,
+    no_clobber: NoClobber = False,
     allow_coarse: AllowCoarse = False,
+    config: Config = None,
     quiet: Quiet = False,
 ) -> None:
     """Divide a cloud into surfaces: road, kerb and footpath, walls, signs, poles.
 
     LAS and LAZ that need more than --memory, and folders of them, are divided into tiles, and with
     --scheduler all are. The results are the same. Temporary files lie beside OUT, in OUT.tiles. If
-    a run ends early, they are kept, and the same command goes on from there. If IN is a folder or
-    an index .vpc, a folder OUT gets one file for each; an OUT that ends in .las or .laz gets all.
+    a run ends early, they are kept, and the same command goes on from there, or begins anew with
+    --restart. --dry-run tells tiles, memory and time. If IN is a folder or an index .vpc, a folder
+    OUT gets one file for each; an OUT that ends in .las or .laz gets all.
 
     All points are kept. New attributes are region (int32; 0 is the largest, -1 is none) and red,
     green and blue (8 bits, one color for each region). Denoise a cloud with outliers first.
     """
     normals = {
         "n_neighbors": n_neighbors,
-        "outlier_rate": outlier_rate,
+        "max_outlier_rate": max_outlier_rate,
         "random_state": random_state,
         "n_jobs": n_jobs,
     }
@@ -157,30 +164,31 @@ def segment(
         "max_distance": max_distance,
         "max_gap": max_gap,
         "min_region_size": min_region_size,
-        "regrow_rest": regrow_rest,
+        "find_narrow_faces": find_narrow_faces,
         "join_coplanar": join_coplanar,
         "join_curved": join_curved,
-        "assign_rest": assign_rest,
+        "assign_unlabeled": assign_unlabeled,
         "n_jobs": n_jobs,
     }
     with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = stopwatch()
-        catalog = large_catalog(source, memory, 0, scheduler is not None, work="regions")
+        catalog = large_catalog(source, memory, 0, scheduler is not None, columns, work="regions")
         if dry_run:
             growing = _growing(normals, params)
             print_plan(source, target, catalog, growing, memory, work="regions")
             return
+        refuse_existing(no_clobber, target, report=report, catalog=catalog)
         if catalog is not None:
             growing = _growing(normals, params)
             return _by_tiles(
                 source, target, catalog, growing, colors, memory, restart, report, quiet, seconds
             )
         with progress("segment", quiet):
-            cloud = read(source, target, "regions")
+            cloud = read(source, target, "regions", columns=columns)
             if colors is None:
                 colors = not has_colors(cloud)
             rehearse(target, _segmented(cloud, np.zeros(len(cloud), np.int64), colors))
-            with progress_part(*WORKING):
+            with working(source):
                 fitted = _growing(normals, params).fit(coordinates(cloud))
             write(target, _segmented(cloud, fitted.labels_, colors))
             write_report_of(report, source, target, seconds, lambda: _contents(cloud, fitted))
@@ -194,10 +202,10 @@ def segment(
 
 
 def _by_tiles(source, target, catalog, growing, colors, memory, restart, report, quiet, seconds):
-    from sklearn_mcmd.tiling import write_segments
+    from sklearn_mcmd.tiling import process_files
 
     with progress("segment", quiet):
-        told = write_segments(
+        told = process_files(
             catalog, target, growing, colors=colors, memory=memory, n_jobs=growing.n_jobs,
             restart=restart,
         )  # fmt: skip
@@ -217,11 +225,13 @@ def _by_tiles(source, target, catalog, growing, colors, memory, restart, report,
 
 
 def _tile_contents(catalog, target, told):
-    from sklearn_mcmd.report._tiles import regions_of_tiles
+    from sklearn_mcmd.report._segment import Regions, segment_contents
+    from sklearn_mcmd.report._shown import Shown
     from sklearn_mcmd.tiling._outputs import targets_of
 
-    outputs = targets_of(catalog, target)
-    return regions_of_tiles(catalog, outputs, told)
+    shown = Shown.of_tiles(catalog, targets_of(catalog, target), told, ("region",))
+    regions = Regions.of_sample(shown.cloud, told.largest)
+    return segment_contents(shown, regions, told.n_regions, told.n_inside)
 
 
 def _in_words(sizes):
@@ -235,9 +245,17 @@ def _growing(normals, params):
 
 
 def _contents(cloud, fitted):
-    from sklearn_mcmd.report._segment import segment_contents
+    from sklearn_mcmd.report._segment import Regions, segment_contents
+    from sklearn_mcmd.report._shown import Shown
 
-    return segment_contents(cloud, fitted)
+    planes, labels = fitted.normal_estimator_, fitted.labels_
+    n_neighbors = int(np.median(planes.n_neighbors_))
+    shown = Shown.of_memory(cloud, n_neighbors, planes.plane_scale_, region=labels.astype(np.int32))
+    regions = Regions(
+        fitted.region_sizes_, fitted.region_normals_, fitted.region_centroids_,
+        fitted.region_errors_,
+    )  # fmt: skip
+    return segment_contents(shown, regions, fitted.n_regions_, np.count_nonzero(labels >= 0))
 
 
 def _segmented(cloud, labels, colors):

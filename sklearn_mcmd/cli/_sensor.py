@@ -8,7 +8,7 @@ import typer
 
 __all__ = [
     "AUTO",
-    "SensorPosition",
+    "SensorOrigin",
     "TrajectoryFile",
     "check_one_position",
     "sensor_of_options",
@@ -30,7 +30,7 @@ def _position(text):
     return position
 
 
-SensorPosition = Annotated[
+SensorOrigin = Annotated[
     tuple | None,
     typer.Option(
         "--sensor",
@@ -74,7 +74,7 @@ def sensor_of_options(source, cloud, sensor=None, trajectory=None):
         return None
     if isinstance(sensor, tuple):
         return np.array(sensor)
-    from sklearn_mcmd.io import read_trajectory, sensor_positions
+    from sklearn_mcmd.io import read_trajectory, sensor_origins
     from sklearn_mcmd.io._files import one_clear_line
     from sklearn_mcmd.io._sensor import stated_positions
 
@@ -84,4 +84,4 @@ def sensor_of_options(source, cloud, sensor=None, trajectory=None):
             positions = stated_positions(cloud).positions
             if positions is not None and len(positions) == 1:
                 return positions[0]
-        return sensor_positions(cloud, path)
+        return sensor_origins(cloud, path)

@@ -38,14 +38,15 @@ def clear_exits(*, allow_coarse=False):
             raise typer.Exit(INTERRUPTED) from None
         if isinstance(err, BrokenPipeError):
             raise
+        file = "".join(getattr(err, "__notes__", ()))  # of the work on its points
         if isinstance(err, MemoryError):
-            _fail("not enough memory; take fewer points or a smaller --n-neighbors")
+            _fail(f"{file}not enough memory; take fewer points or a smaller --n-neighbors")
         if isinstance(err, ValueError | OSError | ImportError):
-            _fail(_in_words(err) or type(err).__name__)
+            _fail(file + (_in_words(err) or type(err).__name__))
         if _is_coarse(err):
             _fail(
-                f"{_coarse_words(err)}. Write the file in double precision, as LAS, LAZ or text, "
-                "or subtract an offset where it is made; or give --allow-coarse"
+                f"{file}{_coarse_words(err)}. Write the file in double precision, as LAS, LAZ or "
+                "text, or subtract an offset where it is made; or give --allow-coarse"
             )
         raise
 

@@ -5,8 +5,10 @@ from typing import Annotated
 
 import typer
 
-from sklearn_mcmd.cli._files import read, standing_in
-from sklearn_mcmd.cli._options import Quiet
+from sklearn_mcmd._interrupts import ignore_interrupts
+from sklearn_mcmd.cli._config import Config
+from sklearn_mcmd.cli._files import read_all, refuse_existing, standing_in
+from sklearn_mcmd.cli._options import Columns, NoClobber, Quiet
 from sklearn_mcmd.cli._speech import clear_exits, print_table, stopwatch
 from sklearn_mcmd.cli._waiting import progress
 from sklearn_mcmd.planes._progress import progress_part
@@ -19,7 +21,10 @@ LARGE_PAGE = 50_000_000  # bytes; browsers on phones take no larger ones
 def view(
     sources: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE...", help="Point files to show, of any format; two compare."),
+        typer.Argument(
+            metavar="FILE...",
+            help="Point files to show, of any format, or folders of them; two compare.",
+        ),
     ],
     page: Annotated[
         Path, typer.Option("--output", "-o", metavar="PAGE.html", help="The page to write.")
@@ -46,24 +51,33 @@ def view(
     title: Annotated[
         str | None, typer.Option(help="Title of the page.", show_default="names of the files")
     ] = None,
+    columns: Columns = None,
+    no_clobber: NoClobber = False,
+    config: Config = None,
     quiet: Quiet = False,
 ) -> None:
     """Make one HTML page that shows point clouds in any browser, offline.
 
     Colors, classes, a threshold of scores, sections, distances, and all that is known of a point.
-    Give two files, such as before and after, for a slider between them.
+    Give two files, such as before and after, for a slider between them. The files of a folder, or
+    of an index .vpc, are one cloud.
     """
     with clear_exits():
         seconds = stopwatch()
+        refuse_existing(no_clobber, page)
         with progress("view", quiet):
-            made = _make(sources, page, color=color, only=only, max_points=max_points, title=title)
+            made = _make(
+                *(sources, page, columns),
+                **{"color": color, "only": only, "max_points": max_points, "title": title},
+            )
             with progress_part(0.97, 1.0, "writing"):
                 made.save(page)
+                ignore_interrupts()
         if not quiet:
             _report(sources, page, made, seconds())
 
 
-def _make(sources, page, *, only, **options):
+def _make(sources, page, columns, *, only, **options):
     from sklearn_mcmd.view._page import check_suffix, cloud_page
 
     check_suffix(page)
@@ -72,7 +86,7 @@ def _make(sources, page, *, only, **options):
     clouds = []
     for number, source in enumerate(sources):
         with progress_part(0.4 * number / len(sources), 0.4 * (number + 1) / len(sources)):
-            clouds.append(read(source))
+            clouds.append(read_all(source, columns))
     wanted = None if only is None else [name.strip() for name in only.split(",") if name.strip()]
     names = [source.name for source in sources]
     with progress_part(0.4, 0.97, "packing"):

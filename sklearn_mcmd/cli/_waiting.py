@@ -111,7 +111,7 @@ def _lines(title, console):
                 doing, note, share = state.doing, state.note, state.share
                 lasted = now - state.since
             news = doing != told and lasted >= PATIENCE
-            if news or now - at >= AGAIN:
+            if doing and (news or now - at >= AGAIN):
                 told, at = doing, now
                 doing_so = f"{doing}, {note}" if note else doing
                 line = f"mcmd: {title}: {doing_so}, {100 * share:.0f} % done, {now - start:.0f} s"

@@ -8,14 +8,15 @@ __all__ = ["in_words_of_options"]
 OPTIONS = (
     *("alpha", "contamination", "criterion", "cutoff", "false_positive_rate", "features"),
     *("max_angle", "max_distance", "max_gap", "memory", "method", "min_angle"),
-    *("min_region_size", "n_jobs", "n_neighbors", "noise_scale", "outlier_rate", "radius"),
-    *("random_state", "robust_start", "sigma0", "strictness", "surface", "threshold"),
+    *("min_region_size", "n_jobs", "n_neighbors", "noise_scale", "orientation", "radius"),
+    *("max_outlier_rate", "random_state", "robust_start", "sigma0", "strictness", "surface"),
+    "threshold",
 )
 # Whole phrases are replaced first; then remaining parameters are replaced one by one.
 PHRASES = (
     (
-        r"reflections=True needs to know where the sensor stood.*",
-        "--reflections needs to know where the sensor stood: give --sensor or --trajectory",
+        r"\bcolumns=\{(.*?)\}",
+        lambda found: "--columns " + re.sub(r"['\"]|(?<=[:,]) ", "", found[1]).replace(":", "="),
     ),
     (r"\bsensor_origin\b", "--sensor"),
     (
@@ -32,15 +33,18 @@ PHRASES = (
     (
         r"n_neighbors=(\d+) is more than the number of distinct points, (\d+) of n_samples=\d+: "
         r"neighborhoods of all of them are used\.",
-        r"there are only \2 distinct points, fewer than the \1 of a neighborhood: each "
-        r"neighborhood is the whole cloud.",
+        lambda found: (
+            f"there {'is' if found[2] == '1' else 'are'} only {found[2]} distinct "
+            f"point{'s'[: found[2] != '1']}, fewer than the {found[1]} of a neighborhood: each "
+            "neighborhood is the whole cloud."
+        ),
     ),
     (
         r"X has a coordinate beyond (\S+) in row (\d+): \[(.*?)\]\.",
         lambda found: f"point {int(found[2]) + 1} has a coordinate beyond {found[1]}: {found[3]}.",
     ),
     (r"X spans no more than (.*?)\. Scale it up\.", r"the points span no more than \1."),
-    (r"outlier_rate=(\S+) in 3D asks", r"--outlier-rate \1 asks"),
+    (r"max_outlier_rate=(\S+) in 3D asks", r"--max-outlier-rate \1 asks"),
     (r"If all columns are coordinates of like precision, as in the scan", "In the scan"),
 )
 _GIVEN = re.compile(rf"(?<![-/\w])({'|'.join(OPTIONS)})=(?:'([^']*)'|([^\s,:;]*[^\s,:;.]))")

@@ -146,10 +146,10 @@ def make_mobile_scan(
         - ``echo``, int8 (n_samples,): 1 for the first echo of a beam, 2 for what it meets behind,
           and so on; 0 for outliers;
         - ``stretch``, int64 (n_samples,): 1 where the vehicle stood, else 0; -1 for outliers;
-        - ``viewpoints``, float64 (n_samples, 3): where the sensor was;
+        - ``sensor_origins``, float64 (n_samples, 3): where the sensor was;
         - ``gps_time``, float64 (n_samples,): when, in seconds; and ``trajectory``, times (m,) and
-          positions (m, 3), of which :func:`sklearn_mcmd.io.sensor_positions` makes
-          ``viewpoints`` again;
+          positions (m, 3), of which :func:`sklearn_mcmd.io.sensor_origins` makes
+          ``sensor_origins`` again;
         - ``noise_scale``, float64 (n_samples,): standard deviation of a range like that;
         - ``outlier_kind``, int8 (n_samples,): number of the kind in ``outlier_kind_names``; 0,
           "regular", for no outlier;

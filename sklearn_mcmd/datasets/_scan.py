@@ -9,7 +9,6 @@ from sklearn.utils import Bunch, check_random_state
 
 from sklearn_mcmd._sklearn import Interval, StrOptions
 from sklearn_mcmd.datasets._echoes import MIXED, REGULAR, SNOW
-from sklearn_mcmd.datasets._glass import reflection
 from sklearn_mcmd.datasets._outliers import CLEARANCE, MAKERS
 from sklearn_mcmd.datasets._scan_lines import Optics, effective_area, scan_lines
 
@@ -97,15 +96,12 @@ def scan(make_scene, n_samples, scanning, random_state):
 
     sizes = np.full(len(kinds), n_outliers // len(kinds)) if kinds else np.zeros(0, int)
     sizes[: n_outliers - sizes.sum()] += 1
-    makers = MAKERS
-    if "reflection" in scanning.possible_kinds:
-        makers = {**MAKERS, "reflection": reflection}
     outliers = [
-        makers[kind](scene, size, lambda points: CLEARANCE * noise_at(points), outlier_rng)
+        MAKERS[kind](scene, size, lambda points: CLEARANCE * noise_at(points), outlier_rng)
         for kind, size in zip(kinds, sizes, strict=True)
     ]
     outliers = np.concatenate([np.empty((0, 3)), *outliers])
-    names = ["regular", *makers, *(["snow"] if snow else [])]
+    names = ["regular", *MAKERS, *(["snow"] if snow else [])]
     codes = np.repeat([names.index(kind) for kind in kinds], sizes)
     own = np.zeros(n_echoes, np.int8)
     for number, name in ((MIXED, "mixed_pixel"), (SNOW, "snow")):
@@ -139,11 +135,10 @@ def scan(make_scene, n_samples, scanning, random_state):
         edge_distance=truth(edge_distance, np.nan),
         outlier_kind=rows(own, codes),
         noise_scale=rows(scale, noise_at(outliers)),
-        viewpoints=rows(scanners[bay], scanners[scene.to_bay(outliers)[1]]),
+        sensor_origins=rows(scanners[bay], scanners[scene.to_bay(outliers)[1]]),
         surface_names=[part.name for part in scene.parts],
         outlier_kind_names=names,
         feature_names=["x", "y", "z"],
-        scanners=scanners,
         spacing=float(np.sqrt(scene.n_bays * per_bay / max(np.sum(kind != SNOW), 1))),
         length=scene.length,
     )

@@ -201,8 +201,8 @@ def sense(make_world, sensor, n_samples, junk, random_state):
     scan = _scan(world, sensor, beams, first, echoes.beam[regular], echoes.place[regular])
     rows = [(MAKERS | FAR)[kind](scan, size, outlier_rng) for kind, size in sizes.items() if size]
     rows = np.concatenate([np.empty((0, 7)), *rows])
-    outliers, viewpoints, beam = rows[:, :3], rows[:, 3:6], rows[:, 6]
-    outlier_range = np.linalg.norm(outliers - viewpoints, axis=1)
+    outliers, sensor_origins, beam = rows[:, :3], rows[:, 3:6], rows[:, 6]
+    outlier_range = np.linalg.norm(outliers - sensor_origins, axis=1)
 
     names = ["regular", *MAKERS, *FAR, *(["snow"] if sensor.snow else [])]
     codes = np.repeat([names.index(kind) for kind in sizes], list(sizes.values()))
@@ -228,7 +228,7 @@ def sense(make_world, sensor, n_samples, junk, random_state):
         classification=truth(world.class_of[echoes.part], -1),
         echo=truth(echoes.order, 0),
         stretch=truth(beams.stretch[echoes.beam], -1),
-        viewpoints=join(origins, viewpoints),
+        sensor_origins=join(origins, sensor_origins),
         noise_scale=join(scale, sensor.noise_at(outlier_range)),
         outlier_kind=join(own, codes),
         surface_names=[part.name for part in world.parts],
@@ -370,12 +370,12 @@ def _let_it_snow(world, sensor, beams, target, echoes, rng):
     return Echoes(*(np.concatenate([a[left], b]) for a, b in zip(echoes, flakes, strict=True)))
 
 
-def _normals(world, points, viewpoints, part):
+def _normals(world, points, sensor_origins, part):
     """True normals toward the sensor, NaN where there is no surface."""
     normals = np.empty_like(points)
     for number in np.unique(part):
         mine = np.flatnonzero(part == number)
         normals[mine] = world.parts[number].normals(points[mine])
-    away = np.einsum("ij,ij->i", normals, viewpoints - points) < 0
+    away = np.einsum("ij,ij->i", normals, sensor_origins - points) < 0
     normals[away] *= -1.0
     return normals

@@ -134,7 +134,7 @@ def make_lidar_turn(
     >>> turn = make_lidar_turn(10_000, random_state=0)
     >>> turn.class_names[:4]
     ['ground', 'building', 'pole', 'vegetation']
-    >>> np.unique(turn.viewpoints, axis=0).tolist()
+    >>> np.unique(turn.sensor_origins, axis=0).tolist()
     [[0.0, 0.0, 0.0]]
     >>> winter = make_lidar_turn(10_000, snow=2.0, random_state=0)
     >>> int((winter.outlier_kind == winter.outlier_kind_names.index("snow")).sum())

@@ -8,8 +8,6 @@ import numpy as np
 from sklearn.utils import Bunch
 
 from sklearn_mcmd._sklearn import Interval, validate_params
-from sklearn_mcmd.datasets._glass import SHOP_WINDOW, glazed_opening
-from sklearn_mcmd.datasets._outliers import MAKERS
 from sklearn_mcmd.datasets._road import (
     KERB_Y,
     PATH_Z,
@@ -42,7 +40,6 @@ _SIGN, _POLE, _TREE = (0.9, 3.4), (3.6, 3.45), (2.3, 3.55)  # x, y of their feet
         "tree": ["boolean"],
         "beam_divergence": [Interval(Real, 0, None, closed="left")],
         "snow": [Interval(Real, 0, None, closed="left")],
-        "glass": ["boolean"],
     },
     prefer_skip_nested_validation=True,
 )
@@ -56,7 +53,6 @@ def make_street(
     outlier_share: float = 0.1,
     outlier_kinds: Sequence[str] = ("gaussian", "uniform", "mixed_pixel", "ghost"),
     tree: bool = False,
-    glass: bool = False,
     sampling: Literal["uniform", "scan_lines"] = "uniform",
     beam_divergence: float = 0.0,
     snow: float = 0.0,
@@ -97,15 +93,10 @@ def make_street(
         - ``"uniform"``: points anywhere in the bounding box;
         - ``"mixed_pixel"``: points on rays that pass an outline (sign, post, pole, window or
           door), between it and the background;
-        - ``"ghost"``: dense balls of 10 to 60 points, 5 to 10 cm in radius, off the surfaces;
-        - ``"reflection"``, with `glass` alone: what scanners see mirrored in the panes. The point
-          lies behind the pane, at the mirror image of what the beam met, with noise along the ray.
+        - ``"ghost"``: dense balls of 10 to 60 points, 5 to 10 cm in radius, off the surfaces.
     tree : bool, default=False
         Whether each bay has a tree: a trunk and a ball of foliage. Foliage is regular, but has
         no normal and no edge.
-    glass : bool, default=False
-        Whether a pane of glass takes the place of the window: 1.75 m by 1.85 m, 10 cm behind the
-        wall. One beam in twenty ends at it. The others pass into a room with a table.
     sampling : {"uniform", "scan_lines"}, default="uniform"
         Sampling of the surface that the scanner sees:
 
@@ -151,9 +142,8 @@ def make_street(
         - ``noise_scale``, float64 (n_samples,): standard deviation, on each axis or along the ray,
           of the noise at that range, for outliers that of a regular point there;
         - ``surface_names``, ``outlier_kind_names``, ``feature_names``: lists of str;
-        - ``scanners``, float64 (n_bays, 3): the scanners' positions, one for each bay;
-        - ``viewpoints``, float64 (n_samples, 3): that of each point; of an outlier, that of the
-          bay it lies in;
+        - ``sensor_origins``, float64 (n_samples, 3): where the scanner of each point's bay
+          stood; of an outlier, that of the bay it lies in;
         - ``spacing``, ``length``: floats, the true spacing at the near end and the length of the
           street.
 
@@ -187,6 +177,7 @@ def make_street(
 
     Examples
     --------
+    >>> import numpy as np
     >>> from sklearn_mcmd.datasets import make_street
     >>> street = make_street(20_000, random_state=0)
     >>> street.data.shape, int((street.target == -1).sum())
@@ -196,12 +187,12 @@ def make_street(
     >>> round(street.spacing, 3)
     0.045
     >>> long_street = make_street(20_000, spacing=0.1, random_state=0)
-    >>> len(long_street.scanners), round(long_street.spacing, 3)
+    >>> len(np.unique(long_street.sensor_origins, axis=0)), round(long_street.spacing, 3)
     (5, 0.1)
     """
 
     def fit_street(n_regular):
-        return _fit_street(n_regular, spacing, sampling, spacing_growth, tree, glass)
+        return _fit_street(n_regular, spacing, sampling, spacing_growth, tree)
 
     scanning = Scanning(
         sampling=sampling,
@@ -212,14 +203,13 @@ def make_street(
         outlier_kinds=outlier_kinds,
         beam_divergence=beam_divergence,
         snow=snow,
-        possible_kinds=(*MAKERS, "reflection") if glass else tuple(MAKERS),
     )
     return scan(fit_street, n_samples, scanning, random_state)
 
 
-def _fit_street(n_regular, spacing, sampling, spacing_growth, tree, glass):
+def _fit_street(n_regular, spacing, sampling, spacing_growth, tree):
     """The street that n_regular points fill at this spacing."""
-    scene = _street(_BAY, 1, tree, glass)
+    scene = _street(_BAY, 1, tree)
     if spacing is None:
         return scene
     per_bay = points_per_bay(scene, spacing, sampling, spacing_growth)
@@ -229,7 +219,7 @@ def _fit_street(n_regular, spacing, sampling, spacing_growth, tree, glass):
     for _ in range(3):
         bay_length *= n_regular / (n_bays * per_bay)
         bay_length = min(max(bay_length, _BAY_MIN), _BAY_MAX)
-        scene = _street(bay_length, n_bays, tree, glass)
+        scene = _street(bay_length, n_bays, tree)
         per_bay = points_per_bay(scene, spacing, sampling, spacing_growth)
     if bay_length == _BAY_MIN and n_regular < 0.97 * n_bays * per_bay:
         raise ValueError(
@@ -240,9 +230,8 @@ def _fit_street(n_regular, spacing, sampling, spacing_growth, tree, glass):
     return scene
 
 
-def _street(length, n_bays, tree, glass=False):
+def _street(length, n_bays, tree):
     """The street of n_bays bays of that length."""
-    window = SHOP_WINDOW if glass else _WINDOW
     recess_y = _WALL_Y + _DOOR_DEPTH
     along = np.array([length, 0, 0])
     beside_door = [
@@ -268,14 +257,10 @@ def _street(length, n_bays, tree, glass=False):
             (0, _WALL_Y, PATH_Z),
             along,
             (_WALL_TOP - PATH_Z) * UP,
-            holes=[(x0, x1, z0 - PATH_Z, z1 - PATH_Z) for x0, x1, z0, z1 in (window, _DOOR)],
+            holes=[(x0, x1, z0 - PATH_Z, z1 - PATH_Z) for x0, x1, z0, z1 in (_WINDOW, _DOOR)],
             smooth=("u0", "u1", "v1"),
         ),
-        *(
-            glazed_opening(_WALL_Y)
-            if glass
-            else recess("window", _WALL_Y, _WINDOW, _WINDOW_DEPTH, sill=True)
-        ),
+        *recess("window", _WALL_Y, _WINDOW, _WINDOW_DEPTH, sill=True),
         *recess("door", _WALL_Y, _DOOR, _DOOR_DEPTH, sill=False),
         *things,
     ]

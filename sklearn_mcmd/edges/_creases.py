@@ -19,7 +19,6 @@ from sklearn_mcmd.edges._faces import (
     measure_spacing,
 )
 from sklearn_mcmd.planes._chunks import each_chunk, run
-from sklearn_mcmd.planes._local_planes import COMPILE_FROM
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._record import Neighborhoods
@@ -89,8 +88,6 @@ class CreaseModel:
             around = self._search_own()
         with progress_part(*MEASURING):
             self._in_chunks(around, self._measure_spacing)
-        # Decided by the fitted cloud, so that any query is the same arithmetic.
-        self.compiled = len(self.points) >= COMPILE_FROM
         limit = flatness_limit(np.median(flatness_of(self.planes)))
         self.flat = are_flat(self.planes, limit)
         with progress_part(*GIVING):
@@ -165,7 +162,7 @@ class CreaseModel:
         faces, usable = Faces.empty(*queries.shape), np.ones(len(self.points), dtype=bool)
 
         def give(part, around):
-            given = give_faces(queries[part], around, self.planes, self.flat, usable, self.compiled)
+            given = give_faces(queries[part], around, self.planes, self.flat, usable)
             faces.put(part, given)
 
         self._in_chunks(around, give)

@@ -125,7 +125,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
     -----
     Equation 25 to the letter is ``SharpFeatureDetector(30, criterion="eigenvalue",
     threshold="mean", outlier_detector="passthrough",
-    normal_estimator=RobustNormalEstimator(30, refine=None))``. A few outliers with huge
+    normal_estimator=RobustNormalEstimator(30, reweight=False))``. A few outliers with huge
     eigenvalues raise its limit above every edge. A robust fit keeps to one face right up to the
     edge and has no large eigenvalue there. Therefore the other criteria work in two stages and
     take the median.

@@ -94,7 +94,7 @@ def are_flat(planes, limit):
     return flatness_of(planes) <= limit
 
 
-def give_faces(queries, around, planes, flat, usable, compiled):
+def give_faces(queries, around, planes, flat, usable):
     """Of the planes of its neighbors, the one that explains each query best.
 
     Parameters
@@ -107,7 +107,6 @@ def give_faces(queries, around, planes, flat, usable, compiled):
     flat : ndarray of bool of shape (n,)
     usable : ndarray of bool of shape (n,)
         True; an array, so that it is made once.
-    compiled : bool
 
     Returns
     -------
@@ -115,7 +114,7 @@ def give_faces(queries, around, planes, flat, usable, compiled):
     """
     spacing = np.median(planes.spacing[around.indices], axis=1)
     least = np.maximum(LEAST_NOISE * spacing, np.finfo(float).tiny)
-    owners = _likeliest(queries, around, planes, usable, least, compiled)
+    owners = _likeliest(queries, around, planes, usable, least)
     far = np.flatnonzero(owners < 0)
     if len(far):
         # What no plane reaches is given the likeliest as if all were boundless.
@@ -124,9 +123,7 @@ def give_faces(queries, around, planes, flat, usable, compiled):
         boundless = planes.take(members)
         boundless = boundless._replace(radius=np.full_like(boundless.radius, np.inf))
         near = near._replace(indices=np.searchsorted(members, near.indices).astype(np.int32))
-        found = _likeliest(
-            queries[far], near, boundless, usable[: len(members)], least[far], compiled
-        )
+        found = _likeliest(queries[far], near, boundless, usable[: len(members)], least[far])
         # Points in one place have no planes.
         owners[far] = members[np.where(found < 0, near.indices[:, 0], found)]
     normals = planes.normals[owners]
@@ -138,10 +135,10 @@ def give_faces(queries, around, planes, flat, usable, compiled):
     return Faces(normals, levels, height, scale, spacing, flat, on_face)
 
 
-def _likeliest(queries, around, planes, usable, least, compiled):
+def _likeliest(queries, around, planes, usable, least):
     """Whose plane explains each query best, -1 where none does."""
     most = np.full(len(queries), np.inf)
-    return explain(queries, around, planes, LIKELIEST, usable, least, most, compiled)[0]
+    return explain(queries, around, planes, LIKELIEST, usable, least, most)[0]
 
 
 def _spacing(distances, d):

@@ -9,11 +9,10 @@ SURFACE_COLOR, EDGE_COLOR = (170, 170, 170), (215, 30, 30)
 COLORS = ("red", "green", "blue")
 
 
-def edge_columns(is_edge, score, brightest=None):
-    """Labels and scores of points (n,), with colors up to `brightest` if that is a number."""
+def edge_columns(is_edge, score, paints):
+    """Labels and scores of points (n,), and colors of 8 bits if it `paints`."""
     columns = {"edge": is_edge.astype(np.uint8), "edge_score": score.astype(np.float32)}
-    if brightest is not None:
-        paint = np.where(is_edge[:, None], EDGE_COLOR, SURFACE_COLOR) * (brightest // 255)
-        paint = paint.astype(np.min_scalar_type(brightest))
+    if paints:
+        paint = np.where(is_edge[:, None], EDGE_COLOR, SURFACE_COLOR).astype(np.uint8)
         columns |= dict(zip(COLORS, paint.T.copy(), strict=True))
     return columns

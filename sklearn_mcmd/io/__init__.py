@@ -8,8 +8,8 @@ extension               extra           what is kept
 ``.copc.laz``           ``las``         read only, like LAZ
 ``.ply``                ``formats``     vertex properties and comments; faces are dropped
 ``.pcd``                ``formats``     fields and viewpoint; organized clouds become a row
-``.e57``                ``formats``     coordinates (float32 about the center), intensity,
-                                        colors, grid indices; scans are merged by their poses
+``.e57``                ``formats``     coordinates, intensity, colors, grid indices; scans are
+                                        merged by their poses
 ``.xyz .txt .csv``      none            columns of numbers, with or without a header line
 ``.npy .npz``           none            everything numeric
 ======================  ==============  ====================================================
@@ -17,9 +17,9 @@ extension               extra           what is kept
 Where the sensor stood is told by E57, PCD, LAS with scan angles, and trajectories.
 """
 
-from sklearn_mcmd.io._files import read_points, supported_extensions, write_points
+from sklearn_mcmd.io._files import read_points, write_points
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
-from sklearn_mcmd.io._sensor import sensor_positions
+from sklearn_mcmd.io._sensor import sensor_origins
 from sklearn_mcmd.io._trajectory import Trajectory, read_trajectory
 
 __all__ = [
@@ -28,7 +28,6 @@ __all__ = [
     "Trajectory",
     "read_points",
     "read_trajectory",
-    "sensor_positions",
-    "supported_extensions",
+    "sensor_origins",
     "write_points",
 ]

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from sklearn_mcmd.io._column_names import coordinate_columns
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
-from sklearn_mcmd.io._text import split_table, xyz_positions
 
 __all__ = ["cloud_from_records", "read_npy", "read_npz", "write_npy", "write_npz"]
 
@@ -21,7 +21,8 @@ def read_npy(path):
             f"holds dtype {array.dtype} of shape {array.shape}; numbers of shape (n, 3) or more "
             "columns, or a structured array with x, y, z are needed"
         )
-    return split_table(array)
+    others = {f"column_{i + 1}": array[:, i].copy() for i in range(3, array.shape[1])}
+    return PointCloud(np.ascontiguousarray(array[:, :3], dtype=np.float64), others)
 
 
 def read_npz(path):
@@ -88,10 +89,7 @@ def cloud_from_records(records, **kwargs):
     if records.ndim != 1:
         raise PointFileError(f"the structured array has shape {records.shape}; (n,) is needed")
     names = list(records.dtype.names)
-    positions = xyz_positions(names)
-    if positions is None:
-        raise PointFileError(f"has no x, y, z among its fields {', '.join(names)}")
-    axes = [names[i] for i in positions]
+    axes = [names[i] for i in coordinate_columns(names)]
     xyz = np.empty((len(records), 3))
     for i, axis in enumerate(axes):
         xyz[:, i] = records[axis]

@@ -4,6 +4,8 @@ import errno
 import os
 import secrets
 import shutil
+import warnings
+from collections.abc import Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Literal
@@ -14,6 +16,7 @@ from numpy.typing import ArrayLike
 from sklearn_mcmd.io._arrays import read_npy, read_npz, write_npy, write_npz
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
 from sklearn_mcmd.io._las import read_las, write_las
+from sklearn_mcmd.io._no_returns import NoReturns
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 from sklearn_mcmd.io._scan_formats import (
     read_e57,
@@ -50,13 +53,18 @@ _FORMATS = {
 _ENCODINGS = {".ply": ("ascii", "binary"), ".pcd": ("ascii", "binary", "binary_compressed")}
 
 
-def read_points(path: str | os.PathLike[str]) -> PointCloud:
+def read_points(
+    path: str | os.PathLike[str], *, columns: Mapping[str, str | int] | None = None
+) -> PointCloud:
     """Read a point cloud. The extension, in upper or lower case, chooses the format.
 
     Parameters
     ----------
     path : str or os.PathLike
-        A file with one of :func:`supported_extensions`.
+        A file of one of the extensions .csv .e57 .las .laz .npy .npz .pcd .ply .txt .xyz.
+    columns : dict of str to str or int, default=None
+        Which columns of text are x, y and z: their names, or their numbers from 1 on. None, and
+        for what is not told, the names that people use, such as easting, northing and elevation.
 
     Returns
     -------
@@ -68,8 +76,15 @@ def read_points(path: str | os.PathLike[str]) -> PointCloud:
     ------
     PointFileError
         With a message of one line, if the file is missing, a folder, empty, truncated or not of
-        the format of its extension; if it holds no points; if a column is not numeric; or if an
-        optional library is not installed.
+        the format of its extension; if it holds no points; if no column is known as x, y or z, or
+        several may be one; if a coordinate is not a number; if ``columns`` is given for a file
+        that is no text; or if an optional library is not installed.
+
+    Warns
+    -----
+    UserWarning
+        If columns of words, or fields of other formats, are left out. If points are 0, 0, 0 where
+        most coordinates are 100,000 and more: rays without a return.
 
     See Also
     --------
@@ -81,9 +96,14 @@ def read_points(path: str | os.PathLike[str]) -> PointCloud:
     Points with a coordinate that is not finite (common in organized PCD), or that E57
     marks invalid, are dropped and counted in ``PointCloud.n_dropped``.
 
-    Whitespace, commas or semicolons may separate text. Coordinates are the columns named x, y, z
-    in upper or lower case, else the first three columns. Columns without a name are called
-    ``column_4`` and so on. NPY holds a table (n, >= 3) or a structured array. NPZ holds an array
+    Whitespace, commas, semicolons or tabs may separate text, which is UTF-8 or Latin-1. A header
+    has no number among its first three fields. Titles above it and units below it are no rows.
+    Coordinates are the columns named x, y, z, or as people name them otherwise, in upper or lower
+    case and with units. Without a header they are the first three columns. Columns without a name
+    are called ``column_4`` and so on. Empty cells, NA, N/A, NULL and None are NaN; in coordinates
+    they are an error. Columns that hold other words, such as dates, are left out.
+
+    NPY holds a table (n, >= 3) or a structured array. NPZ holds an array
     ``xyz``, or ``x``, ``y``, ``z``; else its first array of shape (n, 3) is taken. Arrays of NPZ
     of another length (for example an ``offset`` of length 3) are not applied to the coordinates:
     they stay in ``metadata["npz_arrays"]``.
@@ -113,8 +133,15 @@ def read_points(path: str | os.PathLike[str]) -> PointCloud:
         if path.is_dir():
             raise PointFileError("is a folder; a point file is needed")
         reader, _ = _FORMATS[_extension(path)]
+        options = {}
+        if columns is not None:
+            if reader is not read_text:
+                raise PointFileError(f"columns={columns} is for text files")
+            if not columns.keys() <= set("xyz"):
+                raise PointFileError(f"columns={columns} must tell of x, y or z")
+            options["columns"] = columns
         check_file(path)
-        cloud = reader(path)
+        cloud = reader(path, **options)
         finite = np.isfinite(cloud.xyz).all(axis=1)
         if not finite.all():
             n_dropped = cloud.n_dropped + int(np.count_nonzero(~finite))
@@ -123,6 +150,8 @@ def read_points(path: str | os.PathLike[str]) -> PointCloud:
         if len(cloud) == 0:
             dropped = f" with finite coordinates ({cloud.n_dropped} dropped)"
             raise PointFileError("holds no points" + (dropped if cloud.n_dropped else ""))
+    if no_returns := NoReturns().add(cloud.xyz).warning(path):
+        warnings.warn(no_returns, stacklevel=2)
     return cloud
 
 
@@ -153,9 +182,10 @@ def write_points(
     ------
     PointFileError
         With a message of one line, if the folder is missing or not writable, the name is that
-        of a folder, an attribute has a name or dtype that the format cannot hold, LAZ would
-        change wave packets, an optional library is not installed, or writing failed. An existing
-        file is then unchanged.
+        of a folder, an attribute has a name or dtype that the format cannot hold, LAS has no room
+        for far points at the precision of the others (they are named), LAZ would change wave
+        packets, an optional library is not installed, or writing failed. An existing file is then
+        unchanged.
     ValueError
         If ``cloud``, ``noise`` or ``encoding`` is not of the stated form.
 
@@ -176,19 +206,21 @@ def write_points(
 
     *LAS, LAZ.* A cloud read from LAS keeps its header, and every unchanged coordinate keeps its
     integers. Changed coordinates are rounded to the header's scale (an error of at most half a
-    step). If they do not fit 32-bit integers there, a new offset is chosen for that axis, and a
-    new scale if needed. Other clouds become LAS 1.4, point format 6 (7 with colors; 8-bit colors
-    are multiplied by 256). Their scale is the coarsest of 1, 0.1 ... 1e-6 that holds all
-    coordinates exactly, else the finest power of ten that fits: better than 1e-8 of the largest
-    extent. Attributes without a standard dimension become extra dimensions and replace any of the
-    same name. LAZ is compressed in memory. Wave packets that lazrs would change (point formats 9
-    and 10 with several scanner channels) are refused. Samples of waveforms inside a file are
-    copied from LAS 1.4, but not from LAS 1.3.
+    step). If they do not fit 32-bit integers there, a new offset is chosen for that axis, and a new
+    scale if needed. Other clouds become LAS 1.4, point format 6 (7 with colors). Colors of 8 bits,
+    and integers up to 255 but uint16, are multiplied by 257. Their scale is the coarsest of 1, 0.1
+    ... 1e-6 that holds all coordinates exactly, else the finest power of ten that fits. If far
+    points would make it coarser than the decimal step of most points (0.0001 or more), else than a
+    hundredth of their spacing and a millionth of the extent of their middle half, they are refused.
+    Attributes without a standard dimension become extra dimensions and replace any of the same
+    name. LAZ is compressed in memory. Wave packets that lazrs would change (point formats 9 and 10
+    with several scanner channels) are refused. Samples of waveforms inside a file are copied from
+    LAS 1.4, but not from LAS 1.3.
 
     *PLY, PCD.* Coordinates are float32 where that is exact, as viewers expect, else float64.
+    Colors of LAS that were made of 8 bits have 8 bits again.
 
-    *E57.* Coordinates are float32 about the center: an error of at most 6e-8 of half the
-    largest extent.
+    *E57.* Coordinates are float64 about their median.
 
     Examples
     --------
@@ -238,18 +270,7 @@ def write_points(
 
 
 def supported_extensions() -> tuple[str, ...]:
-    """The known extensions, in alphabetical order.
-
-    Returns
-    -------
-    tuple of str
-
-    Examples
-    --------
-    >>> from sklearn_mcmd.io import supported_extensions
-    >>> print(*supported_extensions())
-    .csv .e57 .las .laz .npy .npz .pcd .ply .txt .xyz
-    """
+    """The known extensions, in alphabetical order."""
     return tuple(sorted(_FORMATS))
 
 

@@ -6,13 +6,13 @@ import warnings
 import numpy as np
 
 from sklearn_mcmd.io._classes import LOW_NOISE
+from sklearn_mcmd.io._grid import LARGEST, fits, offset_of, scale_of
 from sklearn_mcmd.io._las_structure import check_structure
 from sklearn_mcmd.io._laz import read_compressed_points, write_compressed
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, flat_columns, import_extra
 from sklearn_mcmd.io._waveforms import place_waveforms
 
 __all__ = [
-    "LARGEST",
     "cloud_of_points",
     "coordinate_system",
     "forget_copc",
@@ -26,9 +26,9 @@ __all__ = [
 
 FIRST_WITH_HIGH_NOISE = 6  # point format
 USER_DEFINED = 32767  # GeoTIFF's code for a system without a code
-LARGEST = 2**31 - 1
 COLORS = ("red", "green", "blue")
 COLORED_FORMAT = {0: 2, 1: 3, 4: 5, 6: 7, 9: 10}  # from point format to the same with colors
+WIDER = {"i2", "i4", "u4", "i8", "u8"}  # dtypes that may hold colors of 8 bits
 EXTRA_DTYPES = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"}
 
 # User, number and description of the record that says that outliers were removed.
@@ -113,7 +113,7 @@ def las_of_cloud(laspy, cloud, noise=None):
     if cloud.metadata.get("denoised") and not is_denoised(header):
         header.vlrs.append(laspy.VLR(*DENOISED))
     las = laspy.LasData(header, records)
-    las, attributes = _with_colors(laspy, las, attributes)
+    las, attributes = _with_colors(laspy, las, attributes, "las_points" in cloud.metadata)
     _store_coordinates(las, cloud.xyz)
     _store_attributes(laspy, las, attributes)
     if noise is not None:
@@ -171,16 +171,23 @@ def _records(laspy, points, header):
     )
 
 
-def _with_colors(laspy, las, attributes):
-    """A point format with colors, and 8-bit colors times 256 (LAS 1.4)."""
+def _with_colors(laspy, las, attributes, from_las):
+    """A point format with colors, and colors of 8 bits in the 16 of LAS: 255 becomes 65535.
+
+    Integers up to 255 have 8 bits, unless they are uint16 or LAS had them.
+    """
     if not set(COLORS) <= attributes.keys():
         return las, attributes
     names = set(las.point_format.dimension_names)
     wanted = COLORED_FORMAT.get(las.header.point_format.id)
     if wanted is not None and not names & set(COLORS):
         las = laspy.convert(las, point_format_id=wanted)
-    if all(attributes[color].dtype == np.uint8 for color in COLORS):
-        wide = {color: attributes[color].astype(np.uint16) << 8 for color in COLORS}
+    colors = [attributes[color] for color in COLORS]
+    wider = {v.dtype.str[1:] for v in colors} - {"u1"}
+    if not wider or not (
+        from_las or wider - WIDER or any(v.min() < 0 or v.max() > 255 for v in colors)
+    ):
+        wide = {color: v.astype(np.uint16) * 257 for color, v in zip(COLORS, colors, strict=True)}
         attributes = {**attributes, **wide}
     return las, attributes
 
@@ -220,9 +227,9 @@ def _store_coordinates(las, xyz):
         steps = np.rint((xyz[:, i] - offsets[i]) / scales[i])
         if np.abs(steps).max() > LARGEST:
             low, high = xyz[:, i].min(), xyz[:, i].max()
-            if (high - low) / scales[i] > 0.9 * LARGEST:
-                scales[i] = _finest_scale(high - low)
-            offsets[i] = _offset(low, high)
+            if not fits(high - low, scales[i]):
+                scales[i] = scale_of(xyz, [i])
+            offsets[i] = offset_of(low, high, scales[i])
             steps = np.rint((xyz[:, i] - offsets[i]) / scales[i])
         records["XYZ"[i]] = steps.astype(np.int32)
     header.scales, header.offsets = scales, offsets
@@ -235,40 +242,10 @@ def _new_header(laspy, cloud):
     colored = set(COLORS) <= attributes.keys()
     header = laspy.LasHeader(version="1.4", point_format=7 if colored else 6)
     low, high = cloud.xyz.min(axis=0), cloud.xyz.max(axis=0)
-    scale = _decimal_scale(cloud.xyz, _finest_scale((high - low).max()))
+    scale = scale_of(cloud.xyz)
     header.scales = np.full(3, scale)
-    header.offsets = np.array([_offset(a, b) for a, b in zip(low, high, strict=True)])
+    header.offsets = np.array([offset_of(a, b, scale) for a, b in zip(low, high, strict=True)])
     return header, attributes
-
-
-def _finest_scale(extent):
-    """The finest power of ten with which ``extent`` fits 31 bits."""
-    # An offset on a round number may lie up to one extent below the minimum.
-    return 10.0 ** np.ceil(np.log10(2 * extent / LARGEST)) if extent > 0 else 1e-3
-
-
-def _offset(low, high):
-    """A round number at or below the minimum; it is lower by less than the extent."""
-    if high <= low:
-        return low
-    unit = 10.0 ** np.floor(np.log10(high - low))
-    return np.floor(low / unit) * unit
-
-
-def _decimal_scale(xyz, finest):
-    """The coarsest of 1, 0.1, ... 1e-6 on whose grid all coordinates lie, else ``finest``."""
-    tolerance = 4 * np.spacing(np.abs(xyz).max())
-    for exponent in range(7):
-        scale = 10.0**-exponent
-        if scale < finest:
-            break
-        for part in (xyz[:1000], xyz):  # the first points already exclude most grids
-            steps = np.rint(part * 10.0**exponent)
-            if not (np.abs(steps / 10.0**exponent - part) <= tolerance).all():
-                break
-        else:
-            return scale
-    return finest
 
 
 def _store_attributes(laspy, las, attributes):

@@ -4,13 +4,8 @@ import copy
 
 import numpy as np
 
-from sklearn_mcmd.io._las import (
-    LARGEST,
-    cloud_of_points,
-    forget_copc,
-    import_laspy,
-    read_header,
-)
+from sklearn_mcmd.io._grid import LARGEST
+from sklearn_mcmd.io._las import cloud_of_points, forget_copc, import_laspy, read_header
 from sklearn_mcmd.io._laz import WAVE_PACKET_FORMATS
 from sklearn_mcmd.io._point_cloud import PointFileError
 

@@ -18,6 +18,7 @@ __all__ = [
     "flat_columns",
     "has_colors",
     "import_extra",
+    "joined",
     "with_results",
     "without_outliers",
 ]
@@ -49,7 +50,7 @@ class PointCloud:
         (the raw records, so that integer coordinates are kept), ``ply_comments``,
         ``ply_obj_info``, ``pcd_viewpoint``, ``npz_arrays`` (arrays of another length). Also
         ``denoised``, whether outliers were removed, which LAS, LAZ and PLY tell, and where
-        the scanner of each E57 scan stood, ``sensor_positions``, NaN where that is not known.
+        the scanner of each E57 scan stood, ``sensor_origins``, NaN where that is not known.
     n_dropped : int, default=0
         Number of points of the file that were left out, because a coordinate was not finite
         or was marked invalid.
@@ -181,6 +182,21 @@ def flat_columns(attributes):
 
 def has_colors(cloud):
     return not cloud.attributes.keys().isdisjoint(COLORS)
+
+
+def joined(clouds):
+    """One cloud of several, with the attributes that all of them have; others are warned of."""
+    shapes = [{name: a.shape[1:] for name, a in cloud.attributes.items()} for cloud in clouds]
+    shared = [n for n, shape in shapes[0].items() if all(s.get(n) == shape for s in shapes)]
+    lost = sorted(set().union(*shapes) - set(shared))
+    if lost:
+        warnings.warn(
+            f"attributes that not every file has are left out: {', '.join(lost)}", stacklevel=2
+        )
+    return PointCloud(
+        np.concatenate([cloud.xyz for cloud in clouds]),
+        {name: np.concatenate([cloud.attributes[name] for cloud in clouds]) for name in shared},
+    )
 
 
 def with_results(cloud, results):

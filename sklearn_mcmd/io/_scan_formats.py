@@ -2,6 +2,7 @@
 
 import re
 import warnings
+from types import FunctionType, SimpleNamespace
 
 import numpy as np
 
@@ -56,9 +57,7 @@ def read_ply(path):
 def write_ply(path, cloud, encoding="binary"):
     """Write the vertices of a PLY file, little-endian binary unless ``encoding="ascii"``."""
     plyfile = import_extra("plyfile", "formats", "PLY")
-    columns = _renamed(
-        flat_columns(cloud.attributes), {ours: theirs for theirs, ours in PLY_NORMALS.items()}
-    )
+    columns = _renamed(_columns(cloud), {ours: theirs for theirs, ours in PLY_NORMALS.items()})
     columns = {n: fit_dtype(n, v, PLY_DTYPES, "PLY") for n, v in columns.items()}
     records = _records(cloud.xyz, columns)
     plyfile.PlyData(
@@ -112,7 +111,7 @@ def read_pcd(path):
 def write_pcd(path, cloud, encoding="binary"):
     """Write PCD as one row of points: binary, binary_compressed or ascii."""
     pypcd4 = import_extra("pypcd4", "formats", "PCD")
-    columns = flat_columns(cloud.attributes)
+    columns = _columns(cloud)
     if all(c in columns and columns[c].dtype == np.uint8 for c in COLORS):
         red, green, blue = (columns.pop(c).astype(np.uint32) for c in COLORS)
         columns["rgb"] = (red << 16 | green << 8 | blue).view(np.float32)
@@ -178,7 +177,7 @@ def read_e57(path):
         for name in parts[0][1]
         if name in shared
     }
-    metadata = {"sensor_positions": np.array(setups)}
+    metadata = {"sensor_origins": np.array(setups)}
     return PointCloud(xyz, merged, metadata, n_dropped=n_points - len(xyz))
 
 
@@ -197,12 +196,11 @@ def _setup(file, i, header):
 
 
 def write_e57(path, cloud):
-    """Write one E57 scan: float32 coordinates about a pose at the cloud's center."""
+    """Write one E57 scan, with a pose in the middle of its points."""
     pye57 = import_extra("pye57", "formats", "E57")
-    low, high = cloud.xyz.min(axis=0), cloud.xyz.max(axis=0)
-    center = np.round(low / 2 + high / 2)
-    # pye57 stores single precision, and refuses coordinates that rounding moves out of bounds.
-    local = (cloud.xyz - center).astype(np.float32).astype(np.float64)
+    write_scan = _in_double_precision(pye57)
+    center = np.round(np.median(cloud.xyz, axis=0))
+    local = cloud.xyz - center
     data = {f"cartesian{axis}": np.ascontiguousarray(local[:, i]) for i, axis in enumerate("XYZ")}
     columns = flat_columns(cloud.attributes)
     if all(c in columns and columns[c].dtype == np.uint16 for c in COLORS):
@@ -229,14 +227,25 @@ def write_e57(path, cloud):
         )
     file = pye57.E57(str(path), mode="w")
     try:
-        file.write_scan_raw(data, name=MERGED, translation=center)
+        write_scan(file, data, name=MERGED, translation=center)
         file.close()
     except Exception as err:
         if hasattr(file, "image_file"):
             del file.image_file  # else pye57 closes it again, and prints an error
-        if "ErrorWriteFailed" in str(err):
+        if re.search("error_?write_?failed", str(err), re.IGNORECASE):
             raise PointFileError("cannot be written: the disk may be full") from err
         raise
+
+
+def _in_double_precision(pye57):
+    """pye57's function that writes a scan, for which single precision is fixed, with double."""
+    written = pye57.E57.write_scan_raw
+    library = pye57.libe57
+    double = SimpleNamespace(**{**vars(library), "E57_SINGLE": library.E57_DOUBLE})
+    names = {**written.__globals__, "libe57": double}
+    function = FunctionType(written.__code__, names, argdefs=written.__defaults__)
+    function.__kwdefaults__ = written.__kwdefaults__
+    return function
 
 
 def _pcd_header(file):
@@ -271,6 +280,17 @@ def _axes(xyz):
         single = xyz.astype(np.float32)
     kept = single if np.array_equal(single, xyz) else xyz
     return {axis: kept[:, i] for i, axis in enumerate("xyz")}
+
+
+def _columns(cloud):
+    """Attributes as columns. Colors of LAS that were made of 8 bits have 8 bits again."""
+    columns = flat_columns(cloud.attributes)
+    if "las_points" in cloud.metadata and all(c in columns for c in COLORS):
+        colors = np.array([columns[c] for c in COLORS])
+        low = colors & 255
+        if colors.dtype == np.uint16 and (not low.any() or (low == colors >> 8).all()):
+            columns |= zip(COLORS, (colors >> 8).astype(np.uint8), strict=True)
+    return columns
 
 
 def _records(xyz, columns):

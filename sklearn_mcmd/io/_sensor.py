@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 from sklearn_mcmd.io._trajectory import Trajectory, positions_at, trajectory_of
 
-__all__ = ["Stated", "sensor_positions", "stated_positions"]
+__all__ = ["Stated", "sensor_origins", "stated_positions"]
 
-SETUPS = "sensor_positions"  # in the metadata: (n_scans, 3), NaN where a scan tells none
+SETUPS = "sensor_origins"  # in the metadata: (n_scans, 3), NaN where a scan tells none
 NO_VIEWPOINT = (0.0, 0.0, 0.0)
 
 
@@ -27,7 +27,7 @@ class Stated(NamedTuple):
     words: str
 
 
-def sensor_positions(
+def sensor_origins(
     cloud: PointCloud,
     trajectory: Trajectory | tuple[ArrayLike, ArrayLike] | None = None,
 ) -> NDArray[np.float64]:
@@ -76,9 +76,9 @@ def sensor_positions(
 
     Examples
     --------
-    >>> from sklearn_mcmd.io import PointCloud, sensor_positions
+    >>> from sklearn_mcmd.io import PointCloud, sensor_origins
     >>> cloud = PointCloud([[0, 5, 0], [4, 5, 0]], {"gps_time": [10.0, 10.5]})
-    >>> sensor_positions(cloud, ([10, 11], [[0, 0, 2], [8, 0, 2]]))
+    >>> sensor_origins(cloud, ([10, 11], [[0, 0, 2], [8, 0, 2]]))
     array([[0., 0., 2.],
            [4., 0., 2.]])
     """

@@ -58,7 +58,7 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
 
     See Also
     --------
-    sensor_positions : Where the sensor was for each point.
+    sensor_origins : Where the sensor was for each point.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def trajectory_of(times, positions):
 
 
 def positions_at(cloud: PointCloud, trajectory: Trajectory) -> NDArray[np.float64]:
-    """Where the sensor was for each point, by its time; see `sensor_positions`."""
+    """Where the sensor was for each point, by its time; see `sensor_origins`."""
     name = next((time for time in TIMES if time in cloud.attributes), None)
     if name is None:
         raise PointFileError(

@@ -5,17 +5,10 @@ import warnings
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.exceptions import UndefinedMetricWarning
-from sklearn.metrics import accuracy_score, confusion_matrix
+from sklearn.metrics import confusion_matrix
 from sklearn.utils import Bunch, check_array, check_consistent_length, column_or_1d
 
-__all__ = [
-    "bias_angle",
-    "masking_rate",
-    "outlier_scores",
-    "swamping_rate",
-    "true_negative_rate",
-    "true_positive_rate",
-]
+__all__ = ["bias_angle", "outlier_scores"]
 
 
 def bias_angle(normals_a: ArrayLike, normals_b: ArrayLike) -> float | NDArray[np.float64]:
@@ -76,163 +69,22 @@ def bias_angle(normals_a: ArrayLike, normals_b: ArrayLike) -> float | NDArray[np
     return float(angle) if angle.ndim == 0 else angle
 
 
-def true_positive_rate(y_true: ArrayLike, y_pred: ArrayLike) -> float:
-    """Correct outlier identification rate, COIR (Eq. 20).
-
-    It is the share of the true outliers (-1) that are called outliers. The paper prints it times
-    100.
-
-    Parameters
-    ----------
-    y_true : array-like of shape (n_samples,)
-        The truth: -1 for outliers, +1 for inliers.
-    y_pred : array-like of shape (n_samples,)
-        The labels that any outlier detector's ``predict`` returns.
-
-    Returns
-    -------
-    rate : float
-        In [0, 1]; NaN, with an ``UndefinedMetricWarning``, where `y_true` has no outlier.
-
-    Raises
-    ------
-    ValueError
-        If a label is neither -1 nor +1, or the lengths differ.
-
-    See Also
-    --------
-    masking_rate : One minus this rate.
-    outlier_scores : All of Eqs. 20 to 24 at once.
-    sklearn.metrics.recall_score : The same with ``pos_label=-1``, where both labels occur.
-
-    Examples
-    --------
-    >>> from sklearn_mcmd.metrics import true_positive_rate
-    >>> true_positive_rate([1, 1, 1, -1, -1], [1, 1, -1, -1, 1])
-    0.5
-    """
-    (found, missed), _ = _counts(y_true, y_pred)
-    return _rate(found, found + missed, "true_positive_rate", "outlier (-1)")
-
-
-def true_negative_rate(y_true: ArrayLike, y_pred: ArrayLike) -> float:
-    """Correct inlier identification rate, CIIR (Eq. 21).
-
-    It is the share of the true inliers (+1) that are called inliers. The paper prints it times 100.
-
-    Parameters
-    ----------
-    y_true, y_pred : array-like of shape (n_samples,)
-        Truth and verdict: -1 for outliers, +1 for inliers.
-
-    Returns
-    -------
-    rate : float
-        In [0, 1]; NaN, with an ``UndefinedMetricWarning``, where `y_true` has no inlier.
-
-    Raises
-    ------
-    ValueError
-        If a label is neither -1 nor +1, or the lengths differ.
-
-    See Also
-    --------
-    swamping_rate : One minus this rate.
-
-    Examples
-    --------
-    >>> from sklearn_mcmd.metrics import true_negative_rate
-    >>> true_negative_rate([1, 1, 1, 1, -1], [1, 1, 1, -1, -1])
-    0.75
-    """
-    _, (swamped, kept) = _counts(y_true, y_pred)
-    return _rate(kept, swamped + kept, "true_negative_rate", "inlier (+1)")
-
-
-def swamping_rate(y_true: ArrayLike, y_pred: ArrayLike) -> float:
-    """Swamping rate or false positive rate, FPR (Eq. 22).
-
-    It is the share of the true inliers (+1) that are called outliers. The paper prints it times
-    100.
-
-    Parameters
-    ----------
-    y_true, y_pred : array-like of shape (n_samples,)
-        Truth and verdict: -1 for outliers, +1 for inliers.
-
-    Returns
-    -------
-    rate : float
-        In [0, 1]; NaN, with an ``UndefinedMetricWarning``, where `y_true` has no inlier.
-
-    Raises
-    ------
-    ValueError
-        If a label is neither -1 nor +1, or the lengths differ.
-
-    See Also
-    --------
-    true_negative_rate : One minus this rate.
-
-    Examples
-    --------
-    >>> from sklearn_mcmd.metrics import swamping_rate
-    >>> swamping_rate([1, 1, 1, 1, -1], [1, 1, 1, -1, -1])
-    0.25
-    """
-    _, (swamped, kept) = _counts(y_true, y_pred)
-    return _rate(swamped, swamped + kept, "swamping_rate", "inlier (+1)")
-
-
-def masking_rate(y_true: ArrayLike, y_pred: ArrayLike) -> float:
-    """Masking rate or false negative rate, FNR (Eq. 23).
-
-    It is the share of the true outliers (-1) that are called inliers. The paper prints it times
-    100.
-
-    Parameters
-    ----------
-    y_true, y_pred : array-like of shape (n_samples,)
-        Truth and verdict: -1 for outliers, +1 for inliers.
-
-    Returns
-    -------
-    rate : float
-        In [0, 1]; NaN, with an ``UndefinedMetricWarning``, where `y_true` has no outlier.
-
-    Raises
-    ------
-    ValueError
-        If a label is neither -1 nor +1, or the lengths differ.
-
-    See Also
-    --------
-    true_positive_rate : One minus this rate.
-
-    Examples
-    --------
-    >>> from sklearn_mcmd.metrics import masking_rate
-    >>> masking_rate([1, 1, 1, -1, -1], [1, 1, -1, -1, -1])
-    0.0
-    """
-    (found, missed), _ = _counts(y_true, y_pred)
-    return _rate(missed, found + missed, "masking_rate", "outlier (-1)")
-
-
 def outlier_scores(y_true: ArrayLike, y_pred: ArrayLike) -> Bunch:
     """The five measures of an outlier detector as a classifier (Eqs. 20-24).
 
     Parameters
     ----------
     y_true, y_pred : array-like of shape (n_samples,)
-        Truth and verdict: -1 for outliers, +1 for inliers.
+        Truth and verdict: -1 for outliers, +1 for inliers, as from ``predict``.
 
     Returns
     -------
     scores : :class:`~sklearn.utils.Bunch`
-        Floats in [0, 1]: ``true_positive_rate``, ``true_negative_rate``, ``swamping_rate``,
-        ``masking_rate`` and ``accuracy`` (the share of all labels that are right). The rates of
-        a class that `y_true` lacks are NaN, with one ``UndefinedMetricWarning`` each.
+        Floats in [0, 1]: ``true_positive_rate``, the share of the true outliers that are called
+        outliers (Eq. 20), ``true_negative_rate``, that of inliers that are called inliers (Eq. 21),
+        ``swamping_rate`` and ``masking_rate``, one minus the second and the first (Eqs. 22, 23),
+        and ``accuracy``, the share of all labels that are right. The paper prints them times 100.
+        The rates of a class that `y_true` lacks are NaN, with an ``UndefinedMetricWarning``.
 
     Raises
     ------
@@ -250,12 +102,20 @@ def outlier_scores(y_true: ArrayLike, y_pred: ArrayLike) -> Bunch:
     >>> scores.accuracy, scores.swamping_rate, scores.masking_rate
     (0.8, 0.25, 0.0)
     """
+    counts = _counts(y_true, y_pred)
+    totals = counts.sum(axis=1)
+    for total, missing in zip(totals, ("outlier (-1)", "inlier (+1)"), strict=True):
+        if total == 0:
+            message = f"Rates are undefined and set to nan: y_true holds no {missing}."
+            warnings.warn(message, UndefinedMetricWarning, stacklevel=2)
+    with np.errstate(invalid="ignore"):
+        (found, missed), (swamped, kept) = (counts / totals[:, None]).tolist()
     return Bunch(
-        true_positive_rate=true_positive_rate(y_true, y_pred),
-        true_negative_rate=true_negative_rate(y_true, y_pred),
-        swamping_rate=swamping_rate(y_true, y_pred),
-        masking_rate=masking_rate(y_true, y_pred),
-        accuracy=float(accuracy_score(y_true, y_pred)),
+        true_positive_rate=found,
+        true_negative_rate=kept,
+        swamping_rate=swamped,
+        masking_rate=missed,
+        accuracy=float(np.trace(counts) / totals.sum()),
     )
 
 
@@ -301,14 +161,3 @@ def _labels(y, name):
             f"+1 (inlier). Flags turn into labels by np.where(is_outlier, -1, 1)."
         )
     return y.astype(np.int8)
-
-
-def _rate(count, total, name, missing):
-    if total == 0:
-        warnings.warn(
-            f"{name} is undefined and set to nan: y_true holds no {missing}.",
-            UndefinedMetricWarning,
-            stacklevel=3,
-        )
-        return np.nan
-    return float(count / total)

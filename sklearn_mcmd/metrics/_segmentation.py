@@ -148,7 +148,7 @@ def _overlaps(surface, y_pred):
     shape = (int(surface.max()) + 1, len(names))
     table = coo_array((np.ones(len(inside), np.int64), (surface[inside], segment)), shape=shape)
     table = table.tocsr().tocoo()  # adds up entries at the same place
-    rows, columns = table.coords
+    rows, columns = table.row, table.col
     return rows, columns, table.data, np.bincount(segment, minlength=len(names))
 
 

@@ -3,8 +3,7 @@
 The quadric is the osculating jet of degree 2 of F. Cazals, M. Pouget, "Estimating differential
 quantities using polynomial fitting of osculating jets", Computer Aided Geometric Design 22 (2005)
 121-146. Its members are those of the neighborhood that belong to the surface: first those that the
-point's plane explains, then those that the quadric does. This NumPy form does any size of cloud;
-``_curvature_numba`` repeats the fit for large ones.
+point's plane explains, then those that the quadric does.
 """
 
 from typing import NamedTuple
@@ -12,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr, ndtri, stdtrit
 
-from sklearn_mcmd.normals._quadrics import PIVOT, back_substituted, decompose, tangents_of
+from sklearn_mcmd.normals._quadrics import PIVOT, tangents_of
 from sklearn_mcmd.planes._chunks import each_chunk, each_slice
 from sklearn_mcmd.planes._compiling import compiled_function
 from sklearn_mcmd.planes._orientation import point_up
@@ -192,55 +191,9 @@ def _fit_jets(model, planes, queries, around, tangents):
     points, limits = model.index.points, JetLimits()
     floor = model.rounding * np.abs(planes.centroids).max(axis=1)
     floor = np.maximum(floor, model.least_scale)
-    if model.compiled:
-        fit = compiled_function("normals._curvature_numba", "fit_jets_3d")
-        if fit is not None:
-            jets = Jets.undetermined(len(queries))
-            fit(points, around, queries, tangents, planes, floor, limits, jets)
-            return jets
-    return fit_jets(points, around, queries, tangents, planes, floor, limits)
-
-
-def fit_jets(points, around, queries, tangents, planes, floor, limits):
-    """Fit quadrics to the members of neighborhoods that belong to the surfaces.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3)
-    around : Neighborhoods
-    queries : ndarray of shape (m, 3)
-    tangents : ndarray of shape (m, 2, 3)
-    planes : Planes
-    floor : ndarray of shape (m,)
-        Least standard deviation of the noise, in units of the points.
-    limits : JetLimits
-
-    Returns
-    -------
-    Jets
-    """
-    usable = (planes.scale > 0) & (planes.radius > 0)
-    radius = np.where(usable, planes.radius, 1.0)
-    local = (points[around.indices] - queries[:, None]) / radius[:, None, None]
-    u, v = np.moveaxis(np.einsum("mkd,mtd->mkt", local, tangents), -1, 0)
-    height = np.einsum("mkd,md->mk", local, planes.normals)
-    design = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
-    plane = np.einsum("md,md->m", planes.centroids - queries, planes.normals) / radius
-    floor = floor / radius
-    deviations, noise = height - plane[:, None], planes.scale / radius
-    for _ in range(1 + limits.rounds):
-        used = around.valid & (np.abs(deviations) <= limits.explained * noise[:, None])
-        n_used = np.count_nonzero(used, axis=1)
-        lower, forward, determined = decompose(design * used[..., None], height * used)
-        usable &= determined & (n_used >= limits.least_members)
-        coefficients = back_substituted(lower, forward)
-        deviations = height - np.einsum("mki,mi->mk", design, coefficients)
-        squares = np.square(deviations * used).sum(axis=1) / np.maximum(n_used - TERMS, 1)
-        noise = np.maximum(limits.truncation * np.sqrt(squares), floor)
-    jets, corner = Jets.undetermined(len(queries)), lower[usable][:, 3:, 3:]
-    jets.slopes[usable], jets.bends[usable] = coefficients[usable, 1:3], coefficients[usable, 3:]
-    jets.factors[usable] = corner[:, *np.tril_indices(3)]
-    jets.noise[usable], jets.n_used[usable] = noise[usable], n_used[usable]
+    jets = Jets.undetermined(len(queries))
+    fit = compiled_function("normals._curvature_numba", "fit_jets")
+    fit(points, around, queries, tangents, planes, floor, limits, jets)
     return jets
 
 

@@ -7,17 +7,31 @@ from sklearn_mcmd.normals._quadrics_numba import (
     back_substitute,
     decompose,
     deviate,
+    frame,
     quadric_moments,
-    vector,
     work_arrays,
 )
 from sklearn_mcmd.planes._kernels import kernel
 
-__all__ = ["fit_jets_3d"]
+__all__ = ["fit_jets"]
+
+ORIGIN = (0.0, 0.0, 0.0)
 
 
-def fit_jets_3d(points, around, queries, tangents, planes, floor, limits, jets):
-    """Fill `jets`, as `fit_jets` returns them, which are undetermined before."""
+def fit_jets(points, around, queries, tangents, planes, floor, limits, jets):
+    """Fit quadrics to the members of neighborhoods that belong to the surfaces.
+
+    Parameters
+    ----------
+    points : float64 (n, 3)
+    around : Neighborhoods
+    queries : float64 (m, 3)
+    tangents : float64 (m, 2, 3)
+    planes : Planes
+    floor : float64 (m,), least standard deviation of the noise, in units of the points
+    limits : JetLimits
+    jets : Jets, which are undetermined before, and filled
+    """
     k = around.indices.shape[1]
     arrays, equations = work_arrays(8, k)
     room = arrays[:3], arrays[3:6], arrays[6], arrays[7], np.empty(k, bool), *equations
@@ -35,7 +49,7 @@ def _fit_jets(points, around, queries, tangents, planes, floor, limits, room, je
         for j in range(size):
             for axis in range(3):
                 local[axis, j] = points[indices[i, j], axis] - queries[i, axis]
-        axes = (vector(planes.normals[i]), vector(tangents[i, 0]), vector(tangents[i, 1]))
+        axes = frame(planes.normals[i], tangents[i])
         solution[:] = 0.0
         for axis in range(3):
             solution[0] += axes[0][axis] * (planes.centroids[i, axis] - queries[i, axis]) / radius
@@ -51,7 +65,7 @@ def _fit_jets(points, around, queries, tangents, planes, floor, limits, room, je
             jets.n_used[i] = 0
             if n_used < limits.least_members:
                 break
-            quadric_moments(chosen, n_used, (0.0, 0.0, 0.0), axes, radius, lower, right, heights)
+            quadric_moments(chosen, n_used, 3, ORIGIN, axes, radius, lower, right, heights)
             _, determined = decompose(lower, right, solution, 0.0, limits.pivot)
             if not determined:
                 break

@@ -52,7 +52,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Size of a neighborhood (k), at least ``n_features + 1``. A point of the fitted cloud
         is its own first neighbor. "auto" gives each point 16 to 256 neighbors, as many as it takes
         for the noise around it to tilt its normal by 2.5 degrees, unless the surface bends
-        before; see `n_neighbors_`. None means one neighborhood of all points.
+        before; see `n_neighbors_`. It needs 2D or 3D. None means one neighborhood of all points.
 
     method : {"mcmd_z", "mcmd_md", "pca", "ransac", "msac", "robpca", "ulsif", "qsp"}, \
             default="mcmd_z"
@@ -64,37 +64,35 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     method_params : dict, default=None
         Parameters of the last five methods, see :class:`~sklearn_mcmd.baselines.Ransac` and
         the other classes there. "ulsif" and "qsp" need a ``"contamination"``. The parameters
-        from `support_fraction` to `refine` belong to "mcmd_z" and "mcmd_md".
+        from `support_fraction` to `reweight` belong to "mcmd_z" and "mcmd_md".
 
-    support_fraction : float in (0, 1] or "auto", default=0.5
-        Share of a neighborhood that forms the consistent set. "auto" is
-        ``1 - outlier_rate``.
+    support_fraction : float in (0, 1], default=0.5
+        Share of a neighborhood that forms the consistent set.
 
-    outlier_rate : float in [0, 1) or "auto", default=0.5
+    max_outlier_rate : float in [0, 1), default=0.5
         The largest share of outliers that a neighborhood must survive (epsilon in Eq. 13). It
         sets the number of trials, not how many points are removed. Too small a rate risks
-        planes through outliers. "auto" withstands 0.5. In three dimensions it makes all trials,
-        since compiled code screens them at once. From four dimensions on it makes fewer where
-        the neighborhood itself shows that they suffice.
+        planes through outliers.
 
     success_probability : float in (0, 1), default=0.9999
         Probability that at least one minimal subset has no outlier (P_r). It sets the number of
-        trials, together with `outlier_rate`.
+        trials, together with `max_outlier_rate`.
 
     cutoff : float, default=None
-        Robust distance beyond which a neighbor is removed. None means 2.5 for "mcmd_z" and
-        the root of the 0.975 quantile of chi-squared with ``n_features`` degrees of freedom
-        for "mcmd_md".
+        Robust distance beyond which a neighbor is removed. None means 2.5 for "mcmd_z" and 3.06
+        in 3D for "mcmd_md", see :ref:`cutoffs`.
 
-    refine : {"reweight"} or None, default="reweight"
-        "reweight" refits plane and scale twice before outliers are removed. It removes none if
+    reweight : bool, default=True
+        Whether plane and scale are refitted twice before outliers are removed. None is removed if
         a plane and noise, or one smooth curved surface, explain all neighbors; the normal of the
-        latter is that of the surface at the point. None is the paper's form.
+        latter is that of the surface at the point. From four dimensions on every point has its
+        refitted plane. False is the paper's form.
 
-    borrow : bool, default=True
+    neighbor_planes : bool, default=None
         Whether a point next to an edge is given the plane of the neighbor that explains it and
         the points nearest to it best. Most of its own neighborhood may lie on the other face, or
-        its own plane may run across both. Only with ``refine="reweight"``.
+        its own plane may run across both. In 2D and 3D. None means as `reweight` says; it cannot
+        be True without it.
 
     radius : float, default=None
         Largest distance of a neighbor, in units of X. A neighborhood then has this radius and
@@ -104,7 +102,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     orientation : {"sensor", "mst"} or array-like of shape (n_features,), default=None
         Which of the two normals is taken:
 
-        - None: the one whose last coordinate (z) is positive;
+        - None: the one whose last coordinate (z) is positive. Upright faces have no upper side:
+          noise decides from point to point, and neighbors often look opposite ways;
         - "sensor": the one toward `sensor_origin`;
         - "mst": the one that agrees with the neighbors, along a minimum spanning tree from the
           highest point of each connected part, where the normal points up;
@@ -211,7 +210,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     point. In simulations of planes in 3D with 20, 30 and 50 neighbors, 92 to 94 % of the normals
     are within 1.73 errors without outliers, and 93 to 95 % with 20 % of them (by "pca" 94 to 98
     %); of noisy quadrics 93 to 95 % of the tangents are. A borrowed normal has the larger error of
-    both planes, because it is in doubt on which surface the point lies. With ``refine=None`` the
+    both planes, because it is in doubt on which surface the point lies. With ``reweight=False`` the
     scale and the error are too small. In a long, narrow neighborhood 95 % of the normals are
     within 1.96 errors.
 
@@ -272,7 +271,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         "n_neighbors": [Interval(Integral, 2, None, closed="left"), StrOptions({"auto"}), None],
         "method": [StrOptions({*METHODS, *METHOD_NAMES})],
         "method_params": [dict, None],
-        "borrow": ["boolean"],
+        "neighbor_planes": ["boolean", None],
         "radius": [Interval(Real, 0, None, closed="neither"), None],
         "orientation": [StrOptions({"sensor", "mst"}), "array-like", None],
         "sensor_origin": ["array-like", StrOptions({"origin"}), None],
@@ -291,12 +290,12 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         *,
         method: str = "mcmd_z",
         method_params: dict[str, Any] | None = None,
-        support_fraction: float | Literal["auto"] = 0.5,
-        outlier_rate: float | Literal["auto"] = 0.5,
+        support_fraction: float = 0.5,
+        max_outlier_rate: float = 0.5,
         success_probability: float = 0.9999,
         cutoff: float | None = None,
-        refine: Literal["reweight"] | None = "reweight",
-        borrow: bool = True,
+        reweight: bool = True,
+        neighbor_planes: bool | None = None,
         radius: float | None = None,
         orientation: Literal["sensor", "mst"] | ArrayLike | None = None,
         sensor_origin: ArrayLike | Literal["origin"] | None = None,
@@ -308,11 +307,11 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         self.method = method
         self.method_params = method_params
         self.support_fraction = support_fraction
-        self.outlier_rate = outlier_rate
+        self.max_outlier_rate = max_outlier_rate
         self.success_probability = success_probability
         self.cutoff = cutoff
-        self.refine = refine
-        self.borrow = borrow
+        self.reweight = reweight
+        self.neighbor_planes = neighbor_planes
         self.radius = radius
         self.orientation = orientation
         self.sensor_origin = sensor_origin
@@ -347,7 +346,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Raises
         ------
         ValueError
-            If X has NaN, infinite or too few values, if `n_neighbors` is too small, if
+            If X has NaN, infinite or too few values, if `n_neighbors` is too small or "auto" for
+            more than three features, if
             `orientation` and `sensor_origin` do not fit each other or X, or if `features` has an
             unknown name or one that is defined in 3D only.
         """
@@ -443,6 +443,11 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
                 f"radius={self.radius} has no meaning with n_neighbors=None, one neighborhood of "
                 "all points; give a number of neighbors."
             )
+        if self.neighbor_planes and not self._mends_planes():
+            raise ValueError(
+                "neighbor_planes=True needs robust planes of neighborhoods that are refitted: "
+                'reweight=True, a method "mcmd_z" or "mcmd_md", and a number of neighbors.'
+            )
         X = self._fit_planes(X, self.radius, self.cutoff)
         if sensor_origin is None:
             sensor_origin = self.sensor_origin
@@ -450,10 +455,9 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         self._feature_names = settle_features(self.features, X.shape[1])
         self._surfaces = None
         with self._part_of_planes():
-            if self._mends_planes():
-                self._surfaces = SurfacePlanes(
-                    self._model, self.borrow, self.n_jobs, self._tangents
-                )
+            if self._mends_planes() and X.shape[1] <= 3:
+                lends = self.neighbor_planes is not False
+                self._surfaces = SurfacePlanes(self._model, lends, self.n_jobs, self._tangents)
                 planes, self.plane_index_ = self._surfaces.fit(X)
             else:
                 with progress_part(0.0, 1.0, "normals"):
@@ -473,6 +477,11 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     def _make_index(self, xyz, radius):
         if self.n_neighbors != "auto":
             return super()._make_index(xyz, radius)
+        if xyz.shape[1] > 3:
+            raise ValueError(
+                f'n_neighbors="auto" is for points in 2D and 3D, and X has {xyz.shape[1]} '
+                "features; give a number of neighbors, such as 50."
+            )
         if self._sizes_of_cloud is not None:
             largest, sizes = self._sizes_of_cloud
             return NeighborIndex(xyz, largest, radius, sizes[IndexedCloud.of(xyz).rows])
@@ -510,9 +519,9 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
             return 0, k
         # A smooth neighborhood is compared with the noise of its members. Then a member may lend
         # its plane, which was compared with the noise of the member's members.
-        return 2 if self.borrow else 1, k
+        return 1 if self.neighbor_planes is False else 2, k
 
     def _mends_planes(self):
         """Whether the planes of Algorithm 4 are corrected by `SurfacePlanes`."""
         robust = self.method in METHODS and METHODS[self.method].needs_consistent_set
-        return robust and self.refine == "reweight" and self.n_neighbors is not None
+        return robust and self.reweight and self.n_neighbors is not None

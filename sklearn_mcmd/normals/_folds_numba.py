@@ -1,4 +1,4 @@
-"""The folds and tangents of ``_folds`` in three dimensions, compiled."""
+"""The folds and tangents of ``_folds``, compiled."""
 
 import numpy as np
 
@@ -7,6 +7,7 @@ from sklearn_mcmd.normals._quadrics_numba import (
     back_substitute,
     decompose,
     deviate,
+    frame,
     quadric_moments,
     vector,
     work_arrays,
@@ -14,18 +15,18 @@ from sklearn_mcmd.normals._quadrics_numba import (
 from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.planes._moments_numba import (
     FASTMATH,
-    eigh_3d,
     kth_smallest,
+    principal_axes,
     weighted_covariance,
 )
 
-__all__ = ["are_folded_3d", "quadric_normals_3d"]
+__all__ = ["find_folded", "find_quadric_normals"]
 
 ORIGIN = (0.0, 0.0, 0.0)
 TINY = np.finfo(np.float64).tiny
 
 
-def are_folded_3d(points, around, planes, tangents, faces, limits, folded):
+def find_folded(points, around, planes, tangents, faces, limits, folded):
     """Fill `folded` as `are_folded` returns it."""
     arrays, equations = work_arrays(7, around.indices.shape[1])
     room = arrays[:3], *arrays[3:], arrays.view(np.int64)[3], *equations
@@ -35,21 +36,23 @@ def are_folded_3d(points, around, planes, tangents, faces, limits, folded):
 @kernel(cache=True)
 def _are_folded(points, around, planes, tangents, faces, limits, room, folded):
     local, work, weight, first, second, keys, lower, right, solution = room
+    d = points.shape[1]
     for i in range(len(folded)):
         size = around.sizes[i]
         _localize(points, around.indices[i], size, planes.centroids[i], local)
         face = vector(faces.normals[i])
         level = 0.0
-        for axis in range(3):
+        for axis in range(d):
             level += face[axis] * (faces.centroids[i, axis] - planes.centroids[i, axis])
         _height(local, size, face, level, first)
-        _fit_two(local, size, limits.off * faces.scale[i], limits.rounds, weight, first, second)
+        off = limits.off * faces.scale[i]
+        _fit_two(local, size, d, off, limits.rounds, weight, first, second)
         n_best = int(limits.best * size)
         by_planes = _least(first, size, n_best, work, keys)
 
-        axes = vector(planes.normals[i]), vector(tangents[i, 0]), vector(tangents[i, 1])
-        extent = np.sqrt(max(planes.eigenvalues[i, 2], TINY))
-        quadric_moments(local, size, ORIGIN, axes, extent, lower, right, first)
+        axes = frame(planes.normals[i], tangents[i])
+        extent = np.sqrt(max(planes.eigenvalues[i, d - 1], TINY))
+        quadric_moments(local, size, d, ORIGIN, axes, extent, lower, right, first)
         decompose(lower, right, solution, 0.0, 0.0)
         back_substitute(lower, solution)
         deviate(local, size, axes, extent, solution, first)
@@ -58,41 +61,43 @@ def _are_folded(points, around, planes, tangents, faces, limits, room, folded):
 
 
 @kernel
-def _fit_two(local, size, off, rounds, weight, first, second):
+def _fit_two(local, size, d, off, rounds, weight, first, second):
     """Overwrite the heights over one plane, `first`, with those over the nearer of two."""
     n_second = 0
     for j in range(size):
         second[j] = np.inf
         weight[j] = 1.0 if abs(first[j]) > off else 0.0
         n_second += 1 if abs(first[j]) > off else 0
-    if n_second >= 3:
-        _heights_over_fitted(local, size, weight, second)
+    if n_second >= d:
+        _heights_over_fitted(local, size, d, weight, second)
         for _ in range(rounds):
             n_second = 0
             for j in range(size):
                 nearer = abs(second[j]) < abs(first[j])
                 weight[j] = 1.0 if nearer else 0.0
                 n_second += 1 if nearer else 0
-            if n_second < 3 or size - n_second < 3:
+            if n_second < d or size - n_second < d:
                 break
-            _heights_over_fitted(local, size, weight, second)
+            _heights_over_fitted(local, size, d, weight, second)
             for j in range(size):
                 weight[j] = 1.0 - weight[j]
-            _heights_over_fitted(local, size, weight, first)
+            _heights_over_fitted(local, size, d, weight, first)
     for j in range(size):
         first[j] = min(abs(first[j]), abs(second[j]))
 
 
 @kernel
-def _heights_over_fitted(local, size, weight, heights):
+def _heights_over_fitted(local, size, d, weight, heights):
     """Fill the heights over the plane of the weighted members."""
     mean, covariance = weighted_covariance(local, size, weight)
-    _, axes = eigh_3d(covariance)
+    _, axes = principal_axes(covariance, d)
     x, y, z = axes[0]
     _height(local, size, axes[0], x * mean[0] + y * mean[1] + z * mean[2], heights)
 
 
-def quadric_normals_3d(points, queries, around, planes, tangents, pivot, normals, centroids, tilt):
+def find_quadric_normals(
+    points, queries, around, planes, tangents, pivot, normals, centroids, tilt
+):
     """Fill the tangent planes of `quadric_normals`, and the errors for a noise of one."""
     arrays, equations = work_arrays(4, around.indices.shape[1])
     room = arrays[:3], arrays[3], *equations, *np.empty((2, TERMS))
@@ -105,23 +110,24 @@ def _quadric_normals(
     points, queries, around, planes, tangents, pivot, room, normals, centroids, tilt
 ):
     local, heights, lower, right, solution, first, second = room
+    d = points.shape[1]
     for i in range(len(queries)):
         size = around.sizes[i]
         _localize(points, around.indices[i], size, planes.centroids[i], local)
-        axes = vector(planes.normals[i]), vector(tangents[i, 0]), vector(tangents[i, 1])
+        axes = frame(planes.normals[i], tangents[i])
         normal, tangent, other = axes
-        extent = np.sqrt(max(planes.eigenvalues[i, 2], TINY))
-        quadric_moments(local, size, ORIGIN, axes, extent, lower, right, heights)
+        extent = np.sqrt(max(planes.eigenvalues[i, d - 1], TINY))
+        quadric_moments(local, size, d, ORIGIN, axes, extent, lower, right, heights)
         _, determined = decompose(lower, right, solution, 0.0, pivot)
         tilt[i] = np.inf
-        for axis in range(3):
+        for axis in range(d):
             normals[i, axis], centroids[i, axis] = normal[axis], planes.centroids[i, axis]
         if not determined:
             continue
         back_substitute(lower, solution)
 
         u = v = 0.0
-        for axis in range(3):
+        for axis in range(d):
             gap = (queries[i, axis] - planes.centroids[i, axis]) / extent
             u += tangent[axis] * gap
             v += other[axis] * gap
@@ -135,12 +141,14 @@ def _quadric_normals(
         height = one + su * u + sv * v + uu * u * u + uv * u * v + vv * v * v
         su, sv = su + 2.0 * uu * u + uv * v, sv + uv * u + 2.0 * vv * v
         steep = 1.0 + su * su + sv * sv
-        for axis in range(3):
+        for axis in range(d):
             slope = su * tangent[axis] + sv * other[axis]
             normals[i, axis] = (normal[axis] - slope) / np.sqrt(steep)
             flat = u * tangent[axis] + v * other[axis]
             centroids[i, axis] += extent * (flat + height * normal[axis])
         _gradient(lower, u, v, first, second)
+        if d == 2:
+            second[:] = 0.0
         variance = 0.0
         for row in range(TERMS):
             along = first[row] * su + second[row] * sv
@@ -151,7 +159,7 @@ def _quadric_normals(
 @kernel
 def _localize(points, members, size, origin, local):
     for j in range(size):
-        for axis in range(3):
+        for axis in range(len(origin)):
             local[axis, j] = points[members[j], axis] - origin[axis]
 
 

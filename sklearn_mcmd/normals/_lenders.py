@@ -2,7 +2,6 @@
 
 One point alone lies near many planes by chance, also near wrong ones. So a plane must explain the
 nearest neighbors as well, of which most lie on the same face as the point.
-This NumPy form works in any dimension, and ``_lenders_numba`` repeats it.
 """
 
 from typing import NamedTuple
@@ -27,7 +26,7 @@ class PatchLimits(NamedTuple):
     patch: float
 
 
-def find_lenders(points, queries, around, planes, least, most, compiled):
+def find_lenders(points, queries, around, planes, least, most):
     """The neighbors whose planes are the most likely ones of patches.
 
     By Bayes' rule this is the plane with the least sum of ``log S + (r / S)^2 / 2 - log f``, where
@@ -48,8 +47,6 @@ def find_lenders(points, queries, around, planes, least, most, compiled):
     least : ndarray of shape (m,)
         Standard deviation that is added to each plane's, for each query.
     most : ndarray of shape (m,)
-    compiled : bool
-        Whether to use compiled code, if Numba is there; the lenders are the same.
 
     Returns
     -------
@@ -57,38 +54,6 @@ def find_lenders(points, queries, around, planes, least, most, compiled):
         Rows of `planes`, -1 where none reaches the query.
     """
     limits, lenders = PatchLimits(EXPLAINED, PATCH), np.empty(len(queries), dtype=np.int64)
-    find = compiled_function("normals._lenders_numba", "find_lenders") if compiled else None
-    if find is not None:
-        find(points, queries, around, planes, least, most, limits, lenders)
-        return lenders
-    for i, (query, row, size) in enumerate(zip(queries, *around, strict=True)):
-        lenders[i] = _lender(points, query, row[:size], planes, least[i], most[i], limits)
+    find = compiled_function("normals._lenders_numba", "find_lenders")
+    find(points, queries, around, planes, least, most, limits, lenders)
     return lenders
-
-
-def _lender(points, query, row, planes, least, most, limits):
-    gaps = query - planes.centroids[row]
-    normals, variance = planes.normals[row], np.square(planes.scale[row]) + least**2
-    heights = np.einsum("kd,kd->k", gaps, normals)
-    reached = np.sqrt(np.square(gaps).sum(axis=1)) <= planes.radius[row]
-    patch, weights = _patch(points, query, row, limits.patch)
-    squares = np.square(heights[:, None] + normals @ (patch - query).T)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        distances = np.square(heights) / variance
-        others = np.minimum(squares / variance[:, None], limits.explained**2) @ weights
-        cost = np.log(variance) - 2.0 * np.log(planes.kept[row]) + 0.5 * (distances + others)
-    known = reached & (planes.scale[row] > 0) & np.isfinite(cost)
-    if not known.any():
-        return -1
-    first = known & (variance <= most**2) & (distances <= limits.explained**2)
-    known = first if first.any() else known
-    return row[np.where(known, cost, np.inf).argmin()]
-
-
-def _patch(points, query, row, share):
-    """Neighbors other than the query, nearest first, and their weights, with the sum of one."""
-    start = int((points[row[0]] == query).all())
-    n = max(1, int(share * len(row)))
-    members = points[row[start : start + n]]
-    weights = np.arange(len(members), 0.0, -1.0)
-    return members, weights / max(weights.sum(), 1.0)

@@ -1,4 +1,4 @@
-"""``find_lenders`` of ``_lenders``, compiled; any dimension."""
+"""``find_lenders`` of ``_lenders``, compiled."""
 
 import numpy as np
 

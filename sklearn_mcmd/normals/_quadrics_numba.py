@@ -1,4 +1,6 @@
-"""Quadrics over planes in three dimensions, compiled: equations, solutions and heights.
+"""Quadrics over planes, compiled: equations, solutions and heights.
+
+In 2D the third coordinate, and v with it, is zero. The terms of v then have the coefficient 0.
 
 A compiler takes one form of a loop where arrays may share memory, and another where they do not,
 and the two add numbers in another order. Parts of one array are told apart in the same way always.
@@ -15,6 +17,7 @@ __all__ = [
     "back_substitute",
     "decompose",
     "deviate",
+    "frame",
     "quadric_moments",
     "vector",
     "work_arrays",
@@ -29,11 +32,11 @@ def work_arrays(rows, k):
     Python makes the arrays, since Numba takes long to compile what makes them.
     """
     equations = np.empty((TERMS + 2, TERMS))
-    return np.empty((rows, k)), (equations[:TERMS], equations[TERMS], equations[TERMS + 1])
+    return np.zeros((rows, k)), (equations[:TERMS], equations[TERMS], equations[TERMS + 1])
 
 
 @kernel(fastmath=FASTMATH)
-def quadric_moments(local, size, mean, axes, extent, moments, right, heights):
+def quadric_moments(local, size, d, mean, axes, extent, moments, right, heights):
     """Normal equations of the quadric (lower triangle) and the sum of squared heights.
 
     The terms are 1, u, v, uu, uv and vv. The sums are numbers and not arrays, because compilers
@@ -82,6 +85,8 @@ def quadric_moments(local, size, mean, axes, extent, moments, right, heights):
     moments[4, 3], moments[4, 4] = suuuv, suuvv
     moments[5, 0], moments[5, 1], moments[5, 2] = svv, suvv, svvv
     moments[5, 3], moments[5, 4], moments[5, 5] = suuvv, suvvv, svvvv
+    if d == 2:
+        moments[2, 2] = moments[4, 4] = moments[5, 5] = 1.0
     right[0], right[1], right[2], right[3], right[4], right[5] = sh, shu, shv, shuu, shuv, shvv
     return shh
 
@@ -136,4 +141,11 @@ def back_substitute(lower, solution):
 
 @kernel
 def vector(values):
-    return values[0], values[1], values[2]
+    return values[0], values[1], values[2] if len(values) > 2 else 0.0
+
+
+@kernel
+def frame(normal, tangents):
+    """The normal and the axes of u and v."""
+    last = vector(tangents[1]) if len(tangents) > 1 else (0.0, 0.0, 1.0)
+    return vector(normal), vector(tangents[0]), last

@@ -11,11 +11,9 @@ more, the surface bends or folds within them.
 import numpy as np
 
 from sklearn_mcmd.normals._quadrics import noise_quantiles
-from sklearn_mcmd.normals._smoothness import SmoothnessLimits, whole_planes
+from sklearn_mcmd.normals._smoothness import whole_planes
 from sklearn_mcmd.planes._around import quantile_around
 from sklearn_mcmd.planes._chunks import each_slice
-from sklearn_mcmd.planes._compiling import compiled_function
-from sklearn_mcmd.planes._local_planes import COMPILE_FROM
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._plane import normal_errors
 from sklearn_mcmd.planes._progress import progress_part
@@ -30,7 +28,6 @@ __all__ = [
     "TURNED",
     "ScaleFinder",
     "angles",
-    "compiles",
     "errors_of",
     "sizes_of",
     "wanted_by",
@@ -56,16 +53,14 @@ class ScaleFinder:
 
     Parameters
     ----------
-    X : ndarray of float64 of shape (n, d)
+    X : ndarray of float64 of shape (n, d), in 2D or 3D
     n_jobs : int or None
     """
 
     def __init__(self, X, n_jobs):
         self.index = NeighborIndex(X, AROUND)
         self.n_jobs = n_jobs
-        m, d = self.index.points.shape
         self._done = 0.0
-        self.compiled = compiles(m, d)
 
     def sizes(self):
         """Members of the neighborhoods of the index's points: ndarray of int of shape (m,)."""
@@ -109,7 +104,7 @@ class ScaleFinder:
         errors, normals = np.full(len(rows), 90.0), np.zeros_like(self.index.points)
 
         def task(part, around):
-            errors[part], normals[part] = errors_of(self.index.points, around, self.compiled)
+            errors[part], normals[part] = errors_of(self.index.points, around)
 
         self._each(rows, k, task)
         return errors, normals
@@ -119,7 +114,7 @@ class ScaleFinder:
         found = np.empty(len(rows))
 
         def task(part, around):
-            found[part] = quantile_around(values, around, QUIET, self.compiled)
+            found[part] = quantile_around(values, around, QUIET)
 
         self._each(rows, AROUND, task)
         return found[rows]
@@ -140,20 +135,16 @@ class ScaleFinder:
             each_slice(m, index.chunk, task, self.n_jobs)
 
 
-def compiles(m, d):
-    """Whether compiled code does the work of m points in d dimensions."""
-    return d == 3 and m >= COMPILE_FROM and _compiled_fit() is not None
-
-
-def errors_of(points, around, compiled):
+def errors_of(points, around):
     """Errors (m,), in degrees, and normals (m, d) of planes of neighborhoods.
 
     The error is 90 where the members do not determine a quadric.
     """
-    left, eigenvalues, normals = _whole(points, around, compiled)
+    planes = Planes.empty(len(around.sizes), points.shape[1])
+    _, left, _ = whole_planes(points, around, planes, np.empty_like(planes.normals))
     known = np.isfinite(left)
-    found = normal_errors(np.where(known, left, 0.0), eigenvalues, around.sizes)
-    return np.where(known, found, 90.0), normals
+    found = normal_errors(np.where(known, left, 0.0), planes.eigenvalues, around.sizes)
+    return np.where(known, found, 90.0), planes.normals
 
 
 def wanted_by(quiet, k, d):
@@ -175,20 +166,3 @@ def angles(first, second):
     """Angles (m,) between normals of either sign, in degrees."""
     cosine = np.abs(np.einsum("md,md->m", first, second))
     return np.degrees(np.arccos(np.minimum(cosine, 1.0)))
-
-
-def _whole(points, around, compiled):
-    """What quadrics leave of neighborhoods (m,), eigenvalues (m, d) and normals (m, d)."""
-    m, k = around.indices.shape
-    if not compiled:
-        _, eigenvalues, axes, _, left, _ = whole_planes(points[around.indices], around.sizes)
-        return left, eigenvalues, axes[..., 0]
-    planes, (deviation, left) = Planes.empty(m, 3), np.empty((2, m))
-    directions, ordinary = np.empty((m, 3)), np.empty(m, dtype=bool)
-    limits = SmoothnessLimits.of(k, 3)
-    _compiled_fit()(points, around, limits, planes, directions, deviation, left, ordinary)
-    return left, planes.eigenvalues, planes.normals
-
-
-def _compiled_fit():
-    return compiled_function("normals._smoothness_numba", "whole_planes_3d")

@@ -4,7 +4,6 @@ On a curved surface the noise can be smaller than the bend within a neighborhood
 off the majority's plane look like outliers, and a plane fitted to the rest leans. So a test comes
 first: does one smooth surface, a quadric over the plane of all members, explain the neighborhood as
 well as the robust plane explains the members that it keeps? It does not at an edge.
-This NumPy form works in any dimension; ``_smoothness_numba`` repeats it in three.
 """
 
 from math import pi, sqrt
@@ -13,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import fdtri, ndtr, ndtri
 
-from sklearn_mcmd.normals._quadrics import PIVOT, decompose, least_members, n_terms, quadric_terms
-from sklearn_mcmd.planes._plane import fit_planes
+from sklearn_mcmd.normals._quadrics import PIVOT, least_members, n_terms
+from sklearn_mcmd.planes._compiling import compiled_function
 
-__all__ = ["SmoothnessLimits", "is_smooth", "whole_planes"]
+__all__ = ["is_smooth", "whole_planes"]
 
 # Largest ratio of the quadric's standard deviation to the robust plane's scale. Curvature enlarges
 # that scale, so on a smooth surface the ratio is about 1. At a sharp crease the scale is the noise,
@@ -85,50 +84,30 @@ def is_smooth(left, scale):
     return (left <= CURVED * scale) & np.isfinite(left) & (scale > 0)
 
 
-def whole_planes(neighborhoods, sizes):
-    """Planes of all members, and the residuals of a quadric over them.
+def whole_planes(points, around, planes, directions):
+    """Fill planes of all members; what a quadric over them leaves tells whether they are smooth.
 
     Parameters
     ----------
-    neighborhoods : ndarray of shape (B, k, d)
-    sizes : ndarray of int of shape (B,)
+    points : ndarray of shape (n, d), in 2D or 3D
+    around : Neighborhoods
+    planes : Planes
+        Of m neighborhoods: centroids, eigenvalues and normals are filled.
+    directions : ndarray of shape (m, d)
+        Filled with the axes of the largest eigenvalues.
 
     Returns
     -------
-    centroids, eigenvalues, axes : as from `fit_planes`
-    deviation : ndarray of shape (B,)
+    deviation : ndarray of shape (m,)
         Standard deviation of the members from the plane; inf if they are too few.
-    left : ndarray of shape (B,)
+    left : ndarray of shape (m,)
         Their standard deviation from the quadric; inf if they do not determine it.
-    ordinary : ndarray of bool of shape (B,)
+    ordinary : ndarray of bool of shape (m,)
         Whether the members deviate from the plane by noise alone.
     """
-    _, k, d = neighborhoods.shape
-    valid = np.arange(k) < sizes[:, None]
-    centroids, eigenvalues, axes = fit_planes(neighborhoods, valid)
-    extent = np.sqrt(np.maximum(eigenvalues[:, -1:], np.finfo(float).tiny))
-    local = np.matmul((neighborhoods - centroids[:, None]) / extent[:, None], axes)
-    local *= valid[..., None]
-    height, flat = local[..., 0], local[..., 1:]
-    design = quadric_terms(flat) * valid[..., None]
-    total = np.square(height).sum(axis=1)
-    _, forward, determined = decompose(design, height)
-    squares = np.maximum(total - np.square(forward).sum(axis=1), 0.0)
-    enough, extent = sizes >= least_members(d), extent[:, 0]
-    deviation = np.sqrt(total / np.maximum(sizes - d, 1))
-    left = np.sqrt(squares / np.maximum(sizes - design.shape[-1], 1))
-    variance = total / sizes
-    limits = SmoothnessLimits.of(k, d)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        skew = (height**3).sum(axis=1) / sizes / variance**1.5
-        geary = np.abs(height).sum(axis=1) / sizes / np.sqrt(variance)
-    ordinary = deviation <= limits.most_ratio[sizes] * left
-    ordinary &= np.abs(skew) <= limits.most_skew[sizes]
-    ordinary &= np.abs(geary - GEARY) <= limits.geary[sizes]
-    ordinary &= np.square(height).max(axis=1) <= np.square(limits.farthest[sizes]) * variance
-    ordinary |= deviation <= PERFECT
-    wide = eigenvalues[:, min(1, d - 1)] > LEAST_WIDTH**2 * eigenvalues[:, -1]
-    ordinary &= enough & determined & wide
-    deviation = np.where(enough, deviation * extent, np.inf)
-    left = np.where(enough & determined, left * extent, np.inf)
-    return centroids, eigenvalues, axes, deviation, left, ordinary
+    m, k = around.indices.shape
+    limits = SmoothnessLimits.of(k, points.shape[1])
+    found = np.empty(m), np.empty(m), np.empty(m, dtype=bool)
+    fit = compiled_function("normals._smoothness_numba", "fit_whole_planes")
+    fit(points, around, limits, planes, directions, *found)
+    return found

@@ -1,19 +1,16 @@
-"""The smoothness of ``_smoothness`` in three dimensions, compiled."""
+"""The smoothness of ``_smoothness``, compiled."""
 
 import numpy as np
 
-from sklearn_mcmd.normals._quadrics_numba import TERMS, decompose, quadric_moments, work_arrays
+from sklearn_mcmd.normals._quadrics_numba import decompose, quadric_moments, work_arrays
 from sklearn_mcmd.planes._kernels import kernel
-from sklearn_mcmd.planes._moments_numba import FASTMATH, eigh_3d, weighted_covariance
+from sklearn_mcmd.planes._moments_numba import FASTMATH, principal_axes, weighted_covariance
 
-__all__ = ["whole_planes_3d"]
+__all__ = ["fit_whole_planes"]
 
 
-def whole_planes_3d(points, around, limits, planes, directions, deviation, left, ordinary):
-    """Fill the results of `whole_planes`; of the axes only the first and the last.
-
-    `around` are Neighborhoods. Of `planes`, centroids, eigenvalues and normals are filled.
-    """
+def fit_whole_planes(points, around, limits, planes, directions, deviation, left, ordinary):
+    """Fill the results of `whole_planes`."""
     k = around.indices.shape[1]
     arrays, equations = work_arrays(4, k)
     room = arrays[:3], arrays[3], np.ones(k), *equations
@@ -23,35 +20,36 @@ def whole_planes_3d(points, around, limits, planes, directions, deviation, left,
 
 @kernel(cache=True)
 def _whole_planes(points, around, limits, room, planes, directions, deviation, left, ordinary):
-    indices, sizes = around.indices, around.sizes
+    indices, sizes, d = around.indices, around.sizes, points.shape[1]
+    terms = d * (d + 1) // 2
     local, height, weight, moments, right, forward = room
     for i in range(len(indices)):
         size = sizes[i]
         origin = indices[i, 0]
         for j in range(size):
-            for axis in range(3):
+            for axis in range(d):
                 local[axis, j] = points[indices[i, j], axis] - points[origin, axis]
         mean, covariance = weighted_covariance(local, size, weight)
-        values, axes = eigh_3d(covariance)
-        for axis in range(3):
+        values, axes = principal_axes(covariance, d)
+        for axis in range(d):
             planes.centroids[i, axis] = points[origin, axis] + mean[axis]
             planes.eigenvalues[i, axis] = values[axis]
             planes.normals[i, axis] = axes[0][axis]
-            directions[i, axis] = axes[2][axis]
-        extent = np.sqrt(values[2])
+            directions[i, axis] = axes[d - 1][axis]
+        extent = np.sqrt(values[d - 1])
         deviation[i] = left[i] = np.inf
         ordinary[i] = False
-        if size < 2 * TERMS or extent == 0.0:
+        if size < 2 * terms or extent == 0.0:
             continue
-        total = quadric_moments(local, size, mean, axes, extent, moments, right, height)
+        total = quadric_moments(local, size, d, mean, axes, extent, moments, right, height)
         squares, determined = decompose(moments, right, forward, total, limits.pivot)
-        plane = np.sqrt(total / (size - 3))
+        plane = np.sqrt(total / (size - d))
         deviation[i] = plane * extent
         if not determined:
             continue
-        quadric = np.sqrt(squares / (size - TERMS))
+        quadric = np.sqrt(squares / (size - terms))
         left[i] = quadric * extent
-        if values[1] <= limits.least_width**2 * values[2]:
+        if values[1] <= limits.least_width**2 * values[d - 1]:
             continue
         if plane <= limits.perfect:
             ordinary[i] = True

@@ -11,7 +11,7 @@ import numpy as np
 from sklearn_mcmd.normals._folds import are_folded, quadric_normals
 from sklearn_mcmd.normals._lenders import find_lenders
 from sklearn_mcmd.normals._quadrics import noise_quantiles
-from sklearn_mcmd.normals._smoothness import SmoothnessLimits, is_smooth, whole_planes
+from sklearn_mcmd.normals._smoothness import is_smooth, whole_planes
 from sklearn_mcmd.planes._around import extents, quantile_around
 from sklearn_mcmd.planes._chunks import each_chunk, each_slice
 from sklearn_mcmd.planes._plane import flat_normals, normal_errors
@@ -51,7 +51,7 @@ class SurfacePlanes:
     ----------
     model : LocalPlaneModel
         A model with neighborhoods.
-    borrow : bool
+    lends : bool
     n_jobs : int or None
     tangents : bool, default=True
         Whether a neighborhood that bends has the tangent plane of its quadric, and not the plane of
@@ -60,10 +60,10 @@ class SurfacePlanes:
 
     ROUGH, BENT = ROUGH, BENT
 
-    def __init__(self, model, borrow, n_jobs, tangents=True):
+    def __init__(self, model, lends, n_jobs, tangents=True):
         self.model = model
         self.tangents = tangents
-        self.borrow = borrow
+        self.lends = lends
         self.n_jobs = n_jobs
 
     def fit(self, X):
@@ -108,7 +108,7 @@ class SurfacePlanes:
             with progress_part(0.0, 0.5):
                 each_slice(m, self.model.chunk(), bend, self.n_jobs)
             self.bent = np.flatnonzero(forms == BENT)
-            if self.borrow:
+            if self.lends:
                 own_scale = planes.scale[self.bent]
                 planes.scale[self.bent] = self.left[self.bent]
                 with progress_part(0.5, 1.0):
@@ -129,7 +129,7 @@ class SurfacePlanes:
             own = Planes.empty(*points.shape)
             forms, _, left = self._own(points, own, around)
             self._bend(points, own, forms, left, around)
-            if self.borrow:
+            if self.lends:
                 self.lend(points, own, forms, around, members, noise)
             planes.put(part, own)
 
@@ -174,11 +174,6 @@ class SurfacePlanes:
         borrowing = lenders >= 0
         self._lend(planes, rough[borrowing], members.take(lenders[borrowing]))
 
-    @property
-    def compiled(self):
-        """Whether compiled code can do the work on this machine; a pickle may reach another."""
-        return self.model.ready()
-
     def _query(self, points):
         return self.model.index.query(np.ascontiguousarray(points, dtype=np.float64))
 
@@ -212,21 +207,10 @@ class SurfacePlanes:
         If there are too few members for a deviation, the caller must overwrite the plane.
         """
         members, directions = self.model.index.points, np.empty_like(planes.normals)
-        if self.compiled:
-            from sklearn_mcmd.normals._smoothness_numba import whole_planes_3d
-
-            m = len(points)
-            found = np.empty(m), np.empty(m), np.empty(m, dtype=bool)
-            limits = SmoothnessLimits.of(around.indices.shape[1], 3)
-            whole_planes_3d(members, around, limits, planes, directions, *found)
-        else:
-            fitted = whole_planes(members[around.indices], around.sizes)
-            planes.centroids[:], planes.eigenvalues[:], axes = fitted[:3]
-            planes.normals[:], directions[:] = axes[..., 0], axes[..., -1]
-            found = fitted[3:]
+        found = whole_planes(members, around, planes, directions)
         flat_normals(planes.normals, planes.eigenvalues, directions)
         points = np.ascontiguousarray(points, dtype=np.float64)
-        planes.spacing[:], planes.radius[:] = extents(members, points, around, self.compiled)
+        planes.spacing[:], planes.radius[:] = extents(members, points, around)
         deviation = np.where(np.isfinite(found[0]), found[0], 0.0)
         planes.scale[:] = np.maximum(deviation, self._floor(planes))
         planes.kept[:] = 1.0
@@ -245,9 +229,8 @@ class SurfacePlanes:
             whole = planes.take(rows)
             queries = np.ascontiguousarray(points[rows], dtype=np.float64)
             normals, centroids, errors = quadric_normals(
-                self.model.index.points, queries, around.take(rows), whole, left[rows],
-                self.compiled,
-            )  # fmt: skip
+                self.model.index.points, queries, around.take(rows), whole, left[rows]
+            )
             planes.put(
                 rows, whole._replace(normals=normals, centroids=centroids, normal_error=errors)
             )
@@ -269,9 +252,8 @@ class SurfacePlanes:
             folded = forms[rows] == FLAT  # one plane across the faces, with noise of their heights
             bent = np.flatnonzero(~folded)
             folded[bent] = are_folded(
-                self.model.index.points, near.take(bent), planes.take(rows[bent]),
-                faces.take(bent), self.compiled,
-            )  # fmt: skip
+                self.model.index.points, near.take(bent), planes.take(rows[bent]), faces.take(bent)
+            )
             planes.put(rows[folded], faces.take(folded))
             forms[rows[folded]] = ROUGH
 
@@ -294,7 +276,7 @@ class SurfacePlanes:
         asking = np.flatnonzero((1 - own.kept > REMOVED) | (np.hypot(own.scale, least) > most))
         best = find_lenders(
             self.model.index.points, queries[asking], around.take(asking), members,
-            least[asking], most[asking], self.compiled,
+            least[asking], most[asking],
         )  # fmt: skip
         asking, best = asking[best >= 0], best[best >= 0]
         cosine = np.einsum("md,md->m", own.normals[asking], members.normals[best])
@@ -316,7 +298,7 @@ class SurfacePlanes:
 
     def _most(self, values, radius, around):
         """The largest deviation that is usual among the neighbors."""
-        usual = quantile_around(values, around, BEST, self.compiled)
+        usual = quantile_around(values, around, BEST)
         usual /= noise_quantiles(BEST, around.sizes, self.model.index.points.shape[1])
         return (1 + NOISY / np.sqrt(2 * around.sizes)) * np.hypot(usual, LEAST_NOISE * radius)
 

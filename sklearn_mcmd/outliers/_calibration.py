@@ -1,4 +1,4 @@
-"""The cutoff of a stated false-positive rate: a rehearsal on a clean plane.
+"""The cutoff of a stated false-positive rate, by the simulation of a clean plane.
 
 No formula gives the law of a score that is the least over planes which the point itself helped
 to fit. So a plane with Gaussian noise is simulated and judged by the code and settings that
@@ -11,7 +11,6 @@ import numpy as np
 from scipy.special import ndtri
 
 from sklearn_mcmd.outliers._cloud import JudgedCloud
-from sklearn_mcmd.planes._adaptive_trials import StopRule
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
@@ -19,7 +18,7 @@ from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 __all__ = ["calibrated_cutoff", "sample_step"]
 
 SEED = 20_150
-# Flagged points wanted in the rehearsal, and what it takes at least: its own error is 14 or 30 %.
+# Flagged points wanted in the simulation, and what it takes at least: its own error is 14 or 30 %.
 EXPECTED, LEAST_EXPECTED = 50, 10
 # Points that count, fewest and most, where compiled code does the work and where it doesn't.
 FEWEST, MOST = {True: 10_000, False: 1_000}, {True: 100_000, False: 10_000}
@@ -71,8 +70,8 @@ def calibrated_cutoff(model, settings, rate, roughness=None):
     X, counted = _clean_plane(n_counted, model.index.n_neighbors, d, noise)
     if settings["noise_scale"] is not None:
         settings = {**settings, "noise_scale": noise}
-    rehearsal = JudgedCloud(_model_over(model, X), **settings).fit(X)
-    return float(np.quantile(rehearsal.scores[counted], 1 - rate))
+    simulated = JudgedCloud(_model_over(model, X), **settings).fit(X)
+    return float(np.quantile(simulated.scores[counted], 1 - rate))
 
 
 def _clean_plane(n_counted, n_neighbors, d, noise):
@@ -149,9 +148,7 @@ def _roughness(model, rows):
 def _model_over(model, X):
     """The model of another cloud, with the same settings and trials."""
     k = model.index.n_neighbors
-    settings = model.settings._replace(
-        precision=np.finfo(float).eps, step=0.0, stop_rule=StopRule.never()
-    )
+    settings = model.settings._replace(precision=np.finfo(float).eps, step=0.0)
     simulated = LocalPlaneModel(NeighborIndex(X, k), model.trials, settings)
     # However small the cloud is, this one is not.
     simulated.compiled = X.shape[1] == 3

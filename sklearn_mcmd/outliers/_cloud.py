@@ -5,14 +5,12 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.outliers._company import Company, CompanyLimits, Places, mean_distance
-from sklearn_mcmd.outliers._rays import Emptiness, RayLimits, Rays, one_far_position
-from sklearn_mcmd.outliers._reflections import MirrorLimits, Seen, find_mirrors
+from sklearn_mcmd.outliers._rays import DIFFERS, Emptiness, RayLimits, Rays, one_far_position
 from sklearn_mcmd.outliers._surfaces import (
     SurfaceLimits,
     distances_to_surfaces,
     find_surfaces,
     own_distances,
-    usable_planes,
 )
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._chunks import each_chunk, each_slice, run
@@ -58,11 +56,9 @@ class JudgedCloud:
     n_jobs : int or None
     origins : ndarray of float64 of shape (n, d), default=None
         Where the sensor stood when it measured each row that the model has indexed.
-    reflections : bool, default=False
-        Whether mirror images behind panes are sought.
     """
 
-    def __init__(self, model, *, strictness, noise_scale, n_jobs, origins=None, reflections=False):
+    def __init__(self, model, *, strictness, noise_scale, n_jobs, origins=None):
         self.model = model
         self.own_planes_only = strictness is None or model.index.n_neighbors is None
         self.strictness = strictness
@@ -74,11 +70,8 @@ class JudgedCloud:
         self.surface_limits = SurfaceLimits()
         self.company_limits = CompanyLimits()
         self.ray_limits = RayLimits()
-        self.mirror_limits = MirrorLimits()
         self.origins = None if origins is None else origins[model.index.rows]
         self.rays = None
-        self.mirrors = self.mirror = None
-        self.reflections = reflections
 
     def fit(self, X):
         """The `Judgement` of the points X (n, d), those that the model has indexed."""
@@ -99,7 +92,7 @@ class JudgedCloud:
             if self.rays is not None:
                 # What is usual is what beams make of the surfaces around.
                 spacings[1] = np.maximum(spacings[1], beam_spacing)
-            least_surface, least = least_of(index.n_neighbors, len(index.points), len(X))
+            _, least = least_of(index.n_neighbors, len(index.points), len(X))
             places = Places.of(index.points, self.counts, self.explained, *spacings)
             del planes, spacings
             with progress_part(0.4, 1.0):
@@ -110,11 +103,6 @@ class JudgedCloud:
             company.isolation, company.separation = apart = self._ask_rays(*apart, places.spacing)
             self.rays.release()
         distances[rest] = self._joined(distances[rest], *apart, index.points[rest])
-        if self.reflections:
-            seen = Seen.of(self, places, owners)
-            self.mirrors, self.mirror = find_mirrors(seen, least_surface, self.mirror_limits)
-            self.mirror_spacing = seen.spacing
-            distances = np.maximum(distances, self.mirrors.scores(self.mirror))
         self.point_scores = distances
         first = index.places
         owners = owners[first]
@@ -139,11 +127,6 @@ class JudgedCloud:
             new = np.flatnonzero((part != index.points[first]).any(axis=1))
             if len(new):
                 scores[rows[new]] = self._score_new(part[new], around.take(new), precision)
-            if self.reflections:
-                gaps = self._distances(part, first[:, None])[:, 0]
-                near = gaps <= self.mirror_limits.reach * self.mirror_spacing[first]
-                mirrored = self.mirrors.scores(np.where(near, self.mirror[first], -1))
-                scores[rows] = np.maximum(scores[rows], mirrored)
 
         each_chunk(queries, self.model.chunk(), task, self.n_jobs)
         return scores
@@ -156,7 +139,6 @@ class JudgedCloud:
             self.planes,
             self.explaining,
             floor,
-            self.model.ready(),
             len(queries),
         )
         near = around.indices[:, : self.company_limits.n_near]
@@ -204,7 +186,7 @@ class JudgedCloud:
 
     def _find_surfaces(self, planes):
         """What explains points: its rows, and how far from it they are."""
-        index, compiled = self.model.index, self.model.ready()
+        index = self.model.index
         points, n, k = index.points, len(index.points), index.n_neighbors
         limits, chunk = self.surface_limits, self.model.chunk()
         self.planes = self.measured(planes).without("kept")
@@ -218,27 +200,22 @@ class JudgedCloud:
         least, _ = least_of(k, n, n)
         self.on_sheet = beam_spacing = None
         if self.rays is not None:
-            usable = usable_planes(planes, distances, limits)
-            self.rays.learn_noise(self.noise_scale, planes, usable)
             self.scatter, beam_spacing = self.rays.measure(index, self.planes, limits.explained)
-            self.on_sheet = self.scatter > self.ray_limits.differs
+            self.on_sheet = self.scatter > DIFFERS
             if one_far_position(points, self.origins):
                 self.on_sheet[:] = False
         with progress_part(0.0, 0.6):
-            self.explaining = find_surfaces(
-                index, planes, distances, least, limits, compiled, self.on_sheet
-            )
+            self.explaining = find_surfaces(index, planes, distances, least, limits, self.on_sheet)
         if self.rays is not None:
             self.on_sheet = find_surfaces(
-                index, planes, distances, self.ray_limits.sheet * least, limits, compiled,
-                ~self.on_sheet,
+                index, planes, distances, self.ray_limits.sheet * least, limits, ~self.on_sheet,
             )  # fmt: skip
         others = np.flatnonzero(~self.explaining)
         queries = points[others]
         with progress_part(0.6, 1.0):
             found, distances[others] = distances_to_surfaces(
                 queries, lambda rows: index.query_own(others[rows]), self.planes,
-                self.explaining, self._floor(queries, 0.0), compiled, chunk, self.n_jobs,
+                self.explaining, self._floor(queries, 0.0), chunk, self.n_jobs,
             )  # fmt: skip
         owners[others] = np.where(found < 0, others, found)
         self.explained = distances <= limits.explained
@@ -272,7 +249,7 @@ class JudgedCloud:
         """How much ranges scatter on the sheet of rays that explains a point; 0 if none does."""
         owners, off = distances_to_surfaces(
             queries, neighbors_of, self.planes, self.on_sheet, self._floor(queries, 0.0),
-            self.model.ready(), self.model.chunk(), self.n_jobs,
+            self.model.chunk(), self.n_jobs,
         )  # fmt: skip
         return np.where(off <= self.surface_limits.explained, self.scatter[owners], 0.0)
 
@@ -370,8 +347,8 @@ def _isolation_with_rays(isolation, spacing, alone, step):
 
 
 def _separation_with_rays(separation, together, step):
-    """A group is judged by its surroundings as a whole, so these must agree more."""
-    return np.where(step > 0, together**3 * separation, separation)
+    """A group stands off by as much as the beams around it say that its place is empty."""
+    return np.where(step > 0, together * separation, separation)
 
 
 def _distances(points, queries, near):

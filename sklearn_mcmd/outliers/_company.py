@@ -6,13 +6,14 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from sklearn_mcmd.planes._around import quantile, ratio
+from sklearn_mcmd.outliers._surfaces import SurfaceLimits
+from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._linking import connected
 from sklearn_mcmd.planes._nearest import NearestPoints
 from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = [
-    "HALF",
+    "LINKED",
     "Company",
     "CompanyLimits",
     "Places",
@@ -26,11 +27,8 @@ __all__ = [
     "usual_of",
 ]
 
-# Where no point is on a surface, what is usual is half of all points: the sparse quarter of them
-# would be the very points that are judged.
-HALF = 0.5
-# Fewer points of the rest are grouped by SciPy: loading compiled code would take longer.
-COMPILE_FROM = 4096
+# Each point of the rest is linked to at most so many others, as those of surfaces are.
+LINKED = SurfaceLimits().n_links
 # Length of an evenly filled line, in its standard deviations.
 LENGTH = np.sqrt(12.0)
 
@@ -46,13 +44,9 @@ class CompanyLimits(NamedTuple):
         Of their spacings it is this quantile.
     reach : float
         Two points of the rest are of one group if they are within this many usual spacings.
-    n_links : int
-        Each point of the rest is linked to at most this many others.
     rest_weight : float
         Weight of the spacing among the rest against that among all points, in their geometric
         mean.
-    alone : float
-        What is isolated by more is no piece of anything.
     flat : float
         A group is flat if its standard deviation along its longest axis is so many times the one
         off its plane.
@@ -64,9 +58,7 @@ class CompanyLimits(NamedTuple):
     n_usual: int = 128
     usual: float = 0.75
     reach: float = 2.5
-    n_links: int = 16
     rest_weight: float = 2 / 3
-    alone: float = 3.0
     flat: float = 3.0
     bridge: float = 3.0
 
@@ -134,7 +126,6 @@ class Company:
         self.low, self.high = points.min(axis=0), points.max(axis=0)
         self.reference = NearestPoints(points, explained if explained.any() else None)
         self.reference_spacing = places.usual_spacing
-        self.quantile = limits.usual if explained.any() else HALF
         self.rest = rest = np.flatnonzero(~explained)
         self.points, self.counts = points[rest], places.counts[rest]
         self.others = NearestPoints(self.points)
@@ -143,7 +134,7 @@ class Company:
         with progress_part(0.2, 0.7):
             among_rest, linked = self._neighbors(n_jobs)
         self.isolation = self._isolated(among_rest, places.spacing, self.usual)
-        groups = connected(linked, compiled=len(rest) >= COMPILE_FROM)[0]
+        groups = connected(linked)[0]
         del linked
         small = self._small(groups, least, explained)
         self.groups = groups = self._joined(groups, small, least, n_jobs)
@@ -195,14 +186,14 @@ class Company:
         usual = np.empty(len(queries))
 
         def measure(rows, distances, near):
-            usual[rows] = usual_of(self.reference_spacing[near], self.quantile)
+            usual[rows] = usual_of(self.reference_spacing[near], self.limits.usual)
 
         self.reference.visit(queries, n_usual, measure, n_jobs)
         return usual
 
     def _neighbors(self, n_jobs):
         """Mean distance of each of the rest to others of it, and those that are of its group."""
-        m, n_links = len(self.points), max(self.limits.n_links, self.limits.n_near)
+        m, n_links = len(self.points), max(LINKED, self.limits.n_near)
         own = np.arange(m, dtype=np.int32)  # as `connected` takes them
         among_rest, linked = np.empty(m), np.empty((m, n_links), np.int32)
 
@@ -227,7 +218,6 @@ class Company:
         _, group = np.unique(groups[rows], return_inverse=True)
         length = np.zeros(len(groups))
         length[rows] = lengths_of_pieces(self.points[rows], group, self.limits)[group]
-        length[self.isolation > self.limits.alone] = 0.0
         rows = np.flatnonzero(length)
         if len(rows) == 0:
             return groups
@@ -284,7 +274,8 @@ class Company:
 
 def usual_of(spacings, share):
     """The spacing (m,) that is usual among the nearest points on surfaces, (m, k)."""
-    return quantile(spacings, np.ones_like(spacings, dtype=bool), share)
+    place = int(share * spacings.shape[1])
+    return np.partition(spacings, place, axis=1)[:, place]
 
 
 def mean_distance_to_rest(queries, distances, counts, box, n_near):

@@ -1,6 +1,5 @@
 """MCMDOutlierDetector: outliers of the planes of local neighborhoods."""
 
-import warnings
 from numbers import Real
 from typing import ClassVar, Literal, Self
 
@@ -11,13 +10,6 @@ from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd._validation import FittedScoresMixin, check_sensor_origin
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff
 from sklearn_mcmd.outliers._cloud import JudgedCloud
-from sklearn_mcmd.outliers._rehearsal import (
-    REHEARSED,
-    exceeded_by_share,
-    most_kept,
-    parts_of,
-    rehearsal_of,
-)
 from sklearn_mcmd.planes._base import BasePlaneOutliers
 from sklearn_mcmd.planes._progress import progress_part, told_to
 from sklearn_mcmd.planes._tasks import fit_in_tasks
@@ -88,46 +80,40 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         Of the first three, each flags all that the one before flags. With ``n_neighbors=None``
         there is one plane, and no such question.
 
-    support_fraction : float in (0, 1] or "auto", default=0.5
+    support_fraction : float in (0, 1], default=0.5
         Share of a neighborhood that forms the consistent set, ``h = ceil(support_fraction *
-        k)``. "auto" is ``1 - outlier_rate``. A value below 0.5 withstands more than half of
-        outliers if these are not consistent with a plane themselves.
+        k)``. A value below 0.5 withstands more than half of outliers if these are not
+        consistent with a plane themselves.
 
-    outlier_rate : float in [0, 1) or "auto", default=0.5
+    max_outlier_rate : float in [0, 1), default=0.5
         The largest share of outliers that a neighborhood must survive (epsilon in Eq. 13). It
         sets the number of trials, not how many points are removed. Too small a rate risks
-        planes through outliers. "auto" withstands 0.5. In three dimensions it makes all trials,
-        since compiled code screens them at once. From four dimensions on it makes fewer where
-        the neighborhood itself shows that they suffice.
+        planes through outliers.
 
     success_probability : float in (0, 1), default=0.9999
         Probability that at least one minimal subset has no outlier (P_r). It sets the number of
-        trials, together with `outlier_rate`.
+        trials, together with `max_outlier_rate`.
 
     cutoff : float, default=None
-        Score beyond which a point is an outlier. It changes no score. None means 3. With
-        ``strictness=None`` or ``n_neighbors=None`` it means 2.5 for "mcmd_z" and the root of the
-        0.975 quantile of chi-squared with ``n_features`` degrees of freedom for "mcmd_md" (3.0575
-        in 3D). 10 asks for gross errors only: ten standard deviations off the surfaces, and ten
-        usual spacings from any company.
+        Score beyond which a point is an outlier. It changes no score. None means 3; with
+        ``strictness=None`` or ``n_neighbors=None`` 2.5 for "mcmd_z" and 3.06 in 3D for "mcmd_md",
+        see :ref:`cutoffs`. 10 asks for gross errors only: ten standard deviations off the
+        surfaces, and ten usual spacings from any company.
 
     false_positive_rate : float in (0, 0.5), default=None
-        Share of the real points that may be flagged, at least 1e-4 in 3D and 1e-3 otherwise. A
-        simulated plane with about the noise of X tells what noise does. With "isolated" and
-        "groups" the points of X that are no clear outliers tell what thin and sparse things do:
-        they are judged again, a quarter at a time. The cutoff is the larger of both. With
-        "surfaces" and None the rate is that of points on surfaces. See
-        :ref:`false_positive_rate`.
+        Share of the points on surfaces that noise may flag, at least 1e-4 in 3D and 1e-3
+        otherwise. The cutoff is that of a simulated plane with the noise of X. Thin and sparse
+        things may lose more. See :ref:`false_positive_rate`.
 
     contamination : float in (0, 0.5] or "auto", default=None
         Share of the fitted points to flag: those of the worst scores. At most one of `cutoff`,
         `false_positive_rate` and `contamination` may be given. "auto", as other detectors have it,
         is None: the cutoff tells.
 
-    refine : {"reweight"} or None, default="reweight"
-        "reweight" refits plane and scale twice to the neighbors within 2.5 robust standard
+    reweight : bool, default=True
+        Whether plane and scale are refitted twice to the neighbors within 2.5 robust standard
         deviations. It keeps regular points that "mcmd_md" would lose, gives more accurate
-        planes, and needs no knowledge of the outlier rate. None is the paper's form.
+        planes, and needs no knowledge of the share of outliers. False is the paper's form.
 
     noise_scale : float, default=None
         The scanner's standard deviation, in units of X, by which distances to planes are then
@@ -141,11 +127,6 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         point. With it, company is measured in the distance between beams at the range of a
         point. What beams pass on their way to the background is empty space, and surfaces that
         contain the rays are mixed pixels. See :ref:`sensor`. None goes by coordinates alone.
-
-    reflections : bool, default=False
-        Whether to seek reflections too, in 3D: groups behind a plane, such as a window, a polished
-        floor or water, whose mirror images lie on what stands before it. It takes a
-        `sensor_origin`. See :ref:`mirror_images`.
 
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of trials that all neighborhoods use.
@@ -169,15 +150,6 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
     plane_index_ : ndarray of int of shape (n_samples,)
         The row whose plane measured each fitted point: the point's own row, or that of the
         neighbor on a surface that lent its plane.
-
-    mirrors_ : Mirrors
-        Planes that mirror, a named tuple of arrays with a row each: unit ``normals`` toward the
-        sensor, ``offsets`` (points x of a plane have ``x @ normal == offset``), ``n_points``
-        behind each, and the ``evidence``, which is their score. Only with `reflections`.
-
-    mirror_index_ : ndarray of int of shape (n_samples,)
-        The mirror in which each fitted point is a reflection, -1 of all others. Only with
-        `reflections`.
 
     n_neighbors_ : int
         Size of a neighborhood: `n_neighbors`, or the number of samples if that is smaller.
@@ -203,8 +175,8 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
 
     Notes
     -----
-    ``MCMDOutlierDetector(refine=None, strictness=None)`` is the paper's form. It is weak on whole
-    clouds: an isolated outlier has neighbors far apart, so the scale is large and it passes.
+    ``MCMDOutlierDetector(reweight=False, strictness=None)`` is the paper's form. It is weak on
+    whole clouds: an isolated outlier has neighbors far apart, so the scale is large and it passes.
 
     There is one pass over the cloud, and no threshold depends on the verdict. The score is a
     continuous function of the coordinates almost everywhere: moving, turning or scaling the cloud
@@ -262,7 +234,6 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         "strictness": [StrOptions({"isolated", "groups", "surfaces"}), None],
         "noise_scale": [Interval(Real, 0, None, closed="neither"), None],
         "sensor_origin": ["array-like", StrOptions({"origin"}), None],
-        "reflections": ["boolean"],
         "false_positive_rate": [Interval(Real, 0, 0.5, closed="neither"), None],
         "contamination": [Interval(Real, 0, 0.5, closed="right"), StrOptions({"auto"}), None],
     }
@@ -273,16 +244,15 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         *,
         method: Literal["mcmd_z", "mcmd_md"] = "mcmd_z",
         strictness: Literal["isolated", "groups", "surfaces"] | None = "groups",
-        support_fraction: float | Literal["auto"] = 0.5,
-        outlier_rate: float | Literal["auto"] = 0.5,
+        support_fraction: float = 0.5,
+        max_outlier_rate: float = 0.5,
         success_probability: float = 0.9999,
         cutoff: float | None = None,
         false_positive_rate: float | None = None,
         contamination: float | Literal["auto"] | None = None,
-        refine: Literal["reweight"] | None = "reweight",
+        reweight: bool = True,
         noise_scale: float | None = None,
         sensor_origin: ArrayLike | Literal["origin"] | None = None,
-        reflections: bool = False,
         random_state: int | np.random.RandomState | None = None,
         n_jobs: int | None = None,
     ) -> None:
@@ -290,15 +260,14 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         self.method = method
         self.strictness = strictness
         self.support_fraction = support_fraction
-        self.outlier_rate = outlier_rate
+        self.max_outlier_rate = max_outlier_rate
         self.success_probability = success_probability
         self.cutoff = cutoff
         self.false_positive_rate = false_positive_rate
         self.contamination = contamination
-        self.refine = refine
+        self.reweight = reweight
         self.noise_scale = noise_scale
         self.sensor_origin = sensor_origin
-        self.reflections = reflections
         self.random_state = random_state
         self.n_jobs = n_jobs
 
@@ -332,10 +301,8 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             If X has NaN, infinite or too few values, or `n_neighbors` is too small; if more
             than one of `cutoff`, `false_positive_rate` and `contamination` is given, or the
             rate is out of reach; if `sensor_origin` has another shape, NaN, or is where all
-            points are, or there is no strictness to use it; if `reflections` are sought without it.
+            points are, or there is no strictness to use it.
         """
-        for name in ("mirrors_", "mirror_index_"):  # of an earlier fit
-            self.__dict__.pop(name, None)
         given = {
             name: getattr(self, name)
             for name in ("cutoff", "false_positive_rate", "contamination")
@@ -353,11 +320,6 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             raise ValueError(
                 "sensor_origin has no meaning where each point is judged by one plane alone: "
                 'give n_neighbors and a strictness, such as "groups", or leave it None.'
-            )
-        if self.reflections and sensor_origin is None:
-            raise ValueError(
-                "reflections=True needs to know where the sensor stood: give sensor_origin, or "
-                "leave reflections False."
             )
         xyz = self._fit_planes(X)
         by_company = not one_plane and self.strictness != "surfaces" and self._share() is None
@@ -377,25 +339,14 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         begin, cutoff = 0.0, self.cutoff
         if cutoff is None:
             cutoff = self._model.settings.cutoff if one_plane else CUTOFF
-        end = 1.0
         if self.false_positive_rate is not None:
-            begin, end = 0.4, 0.7 if self._is_rehearsed() else 1.0  # for the display of progress
+            begin = 0.4  # for the display of progress
             with progress_part(0.0, begin, "cutoff by simulation"), told_to(None):
                 cutoff = calibrated_cutoff(self._model, settings, self.false_positive_rate)
-        self._cloud = JudgedCloud(
-            self._model, origins=origins, reflections=self.reflections, **settings
-        )
-        with progress_part(begin, end):
+        self._cloud = JudgedCloud(self._model, origins=origins, **settings)
+        with progress_part(begin, 1.0):
             found = self._cloud.fit(xyz.astype(np.float64, copy=False))
-        if end < 1.0:
-            with progress_part(end, 1.0, "cutoff by parts"), told_to(None):
-                parts = self._scores_in_parts(xyz, origins, found.scores, settings)
-                cutoff = max(cutoff, exceeded_by_share(parts, self.false_positive_rate))
         self.plane_index_, self.on_surface_ = found.plane_index, found.on_surface
-        if self.reflections:
-            self.mirror_index_ = index = self._cloud.mirror[self._model.index.places]
-            counts = np.bincount(index[index >= 0], minlength=len(self._cloud.mirrors.offsets))
-            self.mirrors_ = self._cloud.mirrors._replace(n_points=counts)
         self.scores_ = np.negative(found.scores, out=found.scores)
         self.offset_ = -cutoff
         if (share := self._share()) is not None:
@@ -448,35 +399,11 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
     def _stages(self):
         if self.false_positive_rate is None:
             return "planes", "outliers"
-        parts = ("cutoff by parts",) if self._is_rehearsed() else ()
-        return ("cutoff by simulation", "planes", "outliers", *parts)
+        return "cutoff by simulation", "planes", "outliers"
 
     def _share(self) -> float | None:
         """The share of points to flag, None if the cutoff tells."""
         return None if isinstance(self.contamination, str) else self.contamination
-
-    def _is_rehearsed(self):
-        """Whether parts of the cloud have a say in the cutoff."""
-        company = self.strictness in REHEARSED and self.n_neighbors is not None
-        return self.false_positive_rate is not None and company
-
-    def _scores_in_parts(self, X, origins, scores, settings):
-        """Scores of the points that are no clear outliers, judged again part by part."""
-        kept = scores <= most_kept(self.strictness)
-        if self.reflections:
-            kept &= self._cloud.mirror[self._model.index.places] < 0
-        part_of = parts_of(X, kept, self.n_neighbors)
-        detector = rehearsal_of(self, self._model.settings.step)
-        for part in range(part_of.max(initial=-1) + 1):
-            rows = np.flatnonzero(part_of == part)
-            if len(rows) <= X.shape[1]:  # copies stay together
-                continue
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of the same settings the fit has warned
-                xyz = detector._fit_planes(X[rows])
-            there = None if origins is None else origins[rows]
-            cloud = JudgedCloud(detector._model, origins=there, **settings)
-            yield cloud.fit(xyz.astype(np.float64, copy=False)).scores
 
     def _score(self, X):
         return self._cloud.score(X)

@@ -1,19 +1,18 @@
-"""Kinds of outliers: single points, groups, reflections, and what lies on no surface."""
+"""Kinds of outliers: single points, groups, and what lies on no surface."""
 
 import numpy as np
 
 __all__ = ["KINDS", "kinds_of_outliers"]
 
-KINDS = ("isolated", "in groups", "off surfaces", "mirrored")
+KINDS = ("isolated", "in groups", "off surfaces")
 
 
 def kinds_of_outliers(detector):
     """Why each fitted point is an outlier: its place in `KINDS`, and -1 of all others.
 
     Isolated points are farther from their neighbors than the cutoff, in usual spacings. Those in
-    groups are not, but their group stands off by more than the cutoff. Mirrored points are
-    reflections, whatever else they are. The others lie on no surface, and
-    ``strictness="surfaces"`` flags them for that alone, as does the paper's form.
+    groups are not, but their group stands off by more than the cutoff. The others lie on no
+    surface, and ``strictness="surfaces"`` flags them for that alone, as does the paper's form.
 
     Parameters
     ----------
@@ -33,6 +32,4 @@ def kinds_of_outliers(detector):
     cutoff = -detector.offset_
     of_places[company.rest[company.separation > cutoff]] = 1
     of_places[company.rest[company.isolation > cutoff]] = 0
-    if cloud.reflections:
-        of_places[cloud.mirror >= 0] = 3
     return np.where(is_outlier, of_places[index.places], kinds)

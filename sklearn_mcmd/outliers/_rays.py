@@ -8,11 +8,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 
-__all__ = ["Emptiness", "RayLimits", "Rays", "one_far_position"]
+__all__ = ["DIFFERS", "Emptiness", "RayLimits", "Rays", "one_far_position"]
+
+# Steps by which ranges differ, as many as standard deviations that a surface does not explain.
+# Those to a surface scatter by less about its tilt.
+DIFFERS = SurfaceLimits().explained
 
 CHUNK = 4096
 
@@ -24,26 +29,19 @@ class RayLimits(NamedTuple):
         Beams next to a ray, by their direction.
     searched : int
         Beams next to a ray among which those of other groups are sought, in `n_beams`.
-    differs : float
-        Ranges differ if they do so by this many units: the root of the sum of squares of a step
-        and of the noise of ranges. Those to a surface scatter by less about its tilt.
     usual : float
         Beams are around a group within this many of the cloud's usual steps, and a step counts as
         that many at most.
     alone : float
         Most points of a surface have a beam's point within this many steps.
-    n_near : int
-        Points near each other, itself the first, whose median tells what a plane is.
     sheet : float
         Least size of a sheet of rays, of the least size of a surface.
     """
 
     n_beams: int = 8
     searched: float = 8.0
-    differs: float = 3.0
     usual: float = 2.0
     alone: float = 1.25
-    n_near: int = 9
     sheet: float = 0.5
 
 
@@ -137,8 +135,6 @@ class Rays:
         Distances from the sensor.
     usual_angle : float
         Between rays that are next to each other, the median of all.
-    noise : float
-        Standard deviation of ranges; 0 before `learn_noise`.
     """
 
     def __init__(self, points, origins, limits, n_jobs):
@@ -163,7 +159,6 @@ class Rays:
         means = self._angles.mean(axis=1)
         self.usual_angle = float(np.median(means[self.ranges > 0]))
         self._step = self._steps(means, self.ranges)
-        self.noise = 0.0
 
     def _places(self, directions, origins):
         """Rays are next to each other if their directions are, and the sensor's positions too."""
@@ -234,10 +229,6 @@ class Rays:
     def _steps(self, mean_angles, ranges):
         return np.minimum(mean_angles, self.limits.usual * self.usual_angle) * ranges
 
-    def _unit(self, step):
-        """What ranges may differ by where there is nothing but a surface."""
-        return np.where(step > 0, np.hypot(step, self.noise), 0.0)
-
     def _next(self, beams, angles, ranges, step):
         """The `Witnesses` next to rays. Where they are sparser than usual, beams are missing."""
         missing = 1 - np.minimum(ratio(self.usual_angle, angles.mean(axis=1)), 1.0) ** 2
@@ -246,18 +237,8 @@ class Rays:
 
     def _asked(self, beams, asked, silent, ranges, step):
         farther = self.ranges[beams] - ranges[:, None]
-        unit = self.limits.differs * self._unit(step)
-        farther = np.clip(ratio(farther, unit[:, None]), -1.0, 1.0)
+        farther = np.clip(ratio(farther, DIFFERS * step[:, None]), -1.0, 1.0)
         return Witnesses(beams, asked, silent, farther, step)
-
-    def learn_noise(self, noise_scale, planes, usable):
-        """The noise of ranges: as stated, or that of half of the usable planes, along the rays."""
-        facing = np.abs(np.einsum("nd,nd->n", self.directions, planes.normals))
-        seen = usable & (facing > 0)
-        if noise_scale is not None:
-            self.noise = noise_scale
-        elif seen.any():
-            self.noise = float(np.median(planes.scale[seen] / facing[seen]))
 
     def measure(self, index, planes, explained):
         """How planes look from the sensor.
@@ -278,7 +259,7 @@ class Rays:
         Returns
         -------
         scatter : ndarray of shape (n,)
-            What the tilt of the plane leaves of the ranges of the beams that meet it, in units:
+            What the tilt of the plane leaves of the ranges of the beams that meet it, in steps:
             the median of the points nearby. Less where most have a beam's point at hand.
         spacing : ndarray of shape (n,)
             Mean distance to the beams' points on the plane, 0 where there is none.
@@ -295,8 +276,8 @@ class Rays:
         agreed = np.empty(n)
 
         def agree(rows):
-            near = index.query_own(rows, min(limits.n_near, index.n_neighbors)).indices
-            beams_apart = np.median(alone[near], axis=1) * (limits.differs / limits.alone)
+            near = index.query_own(rows, min(limits.n_beams + 1, index.n_neighbors)).indices
+            beams_apart = np.median(alone[near], axis=1) * (DIFFERS / limits.alone)
             agreed[rows] = np.minimum(np.median(scatter[near], axis=1), beams_apart)
 
         each_slice(n, index.chunk, agree, self.n_jobs)
@@ -313,7 +294,7 @@ class Rays:
         farther = self.ranges[beams] - self.ranges[rows][:, None]
         spacing = ratio(np.where(met, away, 0.0).sum(axis=1), np.count_nonzero(met, axis=1))
         return (
-            ratio(_left_by_line(tilt, farther, met), self._unit(step)),
+            ratio(_left_by_line(tilt, farther, met), step),
             ratio(away.min(axis=1), step),
             spacing,
         )

@@ -40,7 +40,7 @@ class SurfaceLimits(NamedTuple):
     n_links: int = 16
 
 
-def find_surfaces(index, planes, distances, least, limits, compiled, barred=None):
+def find_surfaces(index, planes, distances, least, limits, barred=None):
     """Which points form surfaces: bool (n,).
 
     A point may be part of a surface if its plane is flat and explains the point itself. Two such
@@ -55,7 +55,6 @@ def find_surfaces(index, planes, distances, least, limits, compiled, barred=None
         Of the points from their own planes, in standard deviations.
     least : float
     limits : SurfaceLimits
-    compiled : bool
     barred : ndarray of bool of shape (n,), default=None
         Points that can be part of no surface.
     """
@@ -63,7 +62,7 @@ def find_surfaces(index, planes, distances, least, limits, compiled, barred=None
     if barred is not None:
         usable &= ~barred
     width = min(limits.n_links, index.n_neighbors)
-    labels, sizes = connected_planes(index, width, planes, links, usable, compiled)
+    labels, sizes = connected_planes(index, width, planes, links, usable)
     return usable & (sizes >= least)[labels]
 
 
@@ -86,9 +85,7 @@ def own_distances(queries, planes, floor):
         return np.nan_to_num(np.abs(heights) / np.hypot(planes.scale, floor), nan=0.0)
 
 
-def distances_to_surfaces(
-    queries, neighbors_of, planes, on_surface, floor, compiled, chunk, n_jobs=None
-):
+def distances_to_surfaces(queries, neighbors_of, planes, on_surface, floor, chunk, n_jobs=None):
     """The nearest of the surfaces' planes among each query's neighbors.
 
     Parameters
@@ -101,7 +98,6 @@ def distances_to_surfaces(
         Which of the planes are of a surface.
     floor : ndarray of shape (m,)
         Rounding error of the coordinates, a standard deviation that is added.
-    compiled : bool
     chunk : int
         Queries a task.
     n_jobs : int, default=None
@@ -121,7 +117,7 @@ def distances_to_surfaces(
         most = np.full(len(part), np.inf)
         around = neighbors_of(rows)
         owners[rows], distances[rows] = explain(
-            part, around, planes, NEAREST, on_surface, floor[rows], most, compiled
+            part, around, planes, NEAREST, on_surface, floor[rows], most
         )
 
     each_slice(m, chunk, task, n_jobs)

@@ -4,30 +4,24 @@ import numpy as np
 
 from sklearn_mcmd.planes._compiling import compiled_function
 
-__all__ = ["extents", "quantile", "quantile_around", "ratio"]
+__all__ = ["extents", "quantile_around", "ratio"]
+
+MODULE = "planes._around_numba"
 
 
-def quantile_around(values, neighborhoods, q, compiled):
+def quantile_around(values, neighborhoods, q):
     """The q-quantile (from above) of the neighbors' values of each neighborhood: (m,)."""
-    quantile_of_neighbors = _compiled("quantile_of_neighbors") if compiled else None
-    if quantile_of_neighbors is not None:
-        out = np.empty(len(neighborhoods.sizes))
-        quantile_of_neighbors(values, neighborhoods, q, out)
-        return out
-    return quantile(values[neighborhoods.indices], neighborhoods.valid, q)
+    out = np.empty(len(neighborhoods.sizes))
+    compiled_function(MODULE, "quantile_of_neighbors")(values, neighborhoods, q, out)
+    return out
 
 
-def extents(points, queries, neighborhoods, compiled):
+def extents(points, queries, neighborhoods):
     """Mean distance (m,) of the neighbors from queries (m, d), and distance of the last one."""
-    extents_of_neighborhoods = _compiled("extents_of_neighborhoods") if compiled else None
-    if extents_of_neighborhoods is not None:
-        spacing, radius = np.empty(len(queries)), np.empty(len(queries))
-        extents_of_neighborhoods(points, queries, neighborhoods, spacing, radius)
-        return spacing, radius
-    gaps = points[neighborhoods.indices] - queries[:, None]
-    distances = np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
-    distances[~neighborhoods.valid] = 0.0
-    return distances.sum(axis=1) / neighborhoods.sizes, distances.max(axis=1)
+    spacing, radius = np.empty((2, len(queries)))
+    measure = compiled_function(MODULE, "extents_of_neighborhoods")
+    measure(points, queries, neighborhoods, spacing, radius)
+    return spacing, radius
 
 
 def ratio(numerator, denominator):
@@ -35,16 +29,3 @@ def ratio(numerator, denominator):
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         quotient = numerator / denominator
     return np.nan_to_num(quotient, nan=0.0, posinf=np.finfo(float).max)
-
-
-def quantile(values, valid, q):
-    """The q-quantile (from above) of the valid values of each row of (m, k)."""
-    if valid.all():
-        position = int(q * values.shape[1])
-        return np.partition(values, position, axis=1)[:, position]
-    ordered = np.sort(np.where(valid, values, np.inf), axis=1)
-    return ordered[np.arange(len(values)), (q * valid.sum(axis=1)).astype(int)]
-
-
-def _compiled(name):
-    return compiled_function("planes._around_numba", name)

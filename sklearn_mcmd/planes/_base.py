@@ -11,7 +11,6 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from sklearn_mcmd._sklearn import CallbackSupportMixin, DocLinkMixin, Interval, StrOptions
 from sklearn_mcmd._validation import OffsetOutlierMixin, check_extent, check_sizes
-from sklearn_mcmd.planes._adaptive_trials import StopRule
 from sklearn_mcmd.planes._comparators import settle_comparator
 from sklearn_mcmd.planes._consistent_set import draw_trials, n_support_points, n_trials_needed
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel, PlaneSettings
@@ -21,7 +20,6 @@ from sklearn_mcmd.planes._rules import METHODS
 
 __all__ = ["BaseLocalPlanes", "BasePlaneOutliers"]
 
-LARGEST_RATE = 0.5  # outlier share that the table of outlier_rate="auto" covers
 # Each further dimension doubles the trials of Eq. 13: 69 in 3D become 10 million in 20D.
 MAX_TRIALS = 10_000
 # Positions that a trial of one neighborhood of all points may read.
@@ -38,11 +36,11 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
     _parameter_constraints: ClassVar[dict] = {
         "n_neighbors": [Interval(Integral, 2, None, closed="left"), None],
         "method": [StrOptions(set(METHODS))],
-        "support_fraction": [Interval(Real, 0, 1, closed="right"), StrOptions({"auto"})],
-        "outlier_rate": [Interval(Real, 0, 1, closed="left"), StrOptions({"auto"})],
+        "support_fraction": [Interval(Real, 0, 1, closed="right")],
+        "max_outlier_rate": [Interval(Real, 0, 1, closed="left")],
         "success_probability": [Interval(Real, 0, 1, closed="neither")],
         "cutoff": [Interval(Real, 0, None, closed="neither"), None],
-        "refine": [StrOptions({"reweight"}), None],
+        "reweight": ["boolean"],
         "random_state": ["random_state"],
         "n_jobs": [Integral, None],
     }
@@ -77,8 +75,7 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         comparator = self._settle_comparator()
         X, index = self._index_cloud(X, radius)
         d = X.shape[1]
-        fraction = self._settle_support_fraction()
-        n_support = n_support_points(fraction, self.n_neighbors_, d)
+        n_support = n_support_points(self.support_fraction, self.n_neighbors_, d)
         self.n_support_ = int(n_support) if index.sizes is None else n_support
         if comparator is not None:
             self._fit_comparator(comparator, X, index)
@@ -95,33 +92,15 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
             self.method,
             precision=np.finfo(X.dtype).eps,
             step=self._coordinate_step(X),
-            support_fraction=fraction,
+            support_fraction=self.support_fraction,
             cutoff=rule.default_cutoff(d) if cutoff is None else float(cutoff),
-            reweight=self.refine == "reweight",
-            stop_rule=self._settle_stop_rule(fraction, d),
+            reweight=self.reweight,
         )
         self._model = LocalPlaneModel(index, trials, settings)
         return X
 
     def _coordinate_step(self, X):
         return coordinate_step(X) if self._step_of_cloud is None else self._step_of_cloud
-
-    def _settle_support_fraction(self):
-        if self.support_fraction != "auto":
-            return self.support_fraction
-        if self.outlier_rate == "auto":
-            raise ValueError(
-                "support_fraction='auto' is 1 - outlier_rate, and outlier_rate='auto' is no number "
-                "before the consistent sets are found: give one of them as a number."
-            )
-        return 1.0 - self.outlier_rate
-
-    def _settle_stop_rule(self, fraction, d):
-        # In 3D compiled code screens all trials at once, so fewer trials save no time.
-        if self.outlier_rate != "auto" or not METHODS[self.method].needs_consistent_set or d <= 3:
-            return StopRule.never()
-        n_support = n_support_points(fraction, np.arange(np.max(self.n_neighbors_) + 1), d)
-        return StopRule.of(self.n_trials_, n_support, self.success_probability, d)
 
     def _settle_comparator(self):
         """The registered method that `method` and `method_params` name; None for a rule."""
@@ -184,13 +163,12 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         return X
 
     def _settle_n_trials(self, d):
-        rate = LARGEST_RATE if self.outlier_rate == "auto" else self.outlier_rate
-        needed = n_trials_needed(rate, self.success_probability, d)
+        needed = n_trials_needed(self.max_outlier_rate, self.success_probability, d)
         most = MAX_TRIALS if d <= 3 else MAX_TRIALS_BEYOND_SPACE
         if needed > most and METHODS[self.method].needs_consistent_set:
             warnings.warn(
-                f"outlier_rate={self.outlier_rate!r} in {d}D asks for {needed} trials; {most} are "
-                "made. A lower outlier_rate asks for fewer.",
+                f"max_outlier_rate={self.max_outlier_rate!r} in {d}D asks for {needed} trials; "
+                f"{most} are made. A lower max_outlier_rate asks for fewer.",
                 stacklevel=7,
             )
         return min(needed, most)

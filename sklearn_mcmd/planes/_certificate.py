@@ -27,7 +27,7 @@ def reaches(index, n_jobs=None):
 
     def measure(rows):
         points, around = index.points[rows], index.query_own(rows)
-        _, reach[rows] = extents(index.points, points, around, compiled=True)
+        _, reach[rows] = extents(index.points, points, around)
         if index.radius is not None:  # no member was wanted beyond the radius
             few = around.sizes < index.n_neighbors
             reach[rows][few] = np.maximum(reach[rows][few], index.radius)

@@ -1,4 +1,4 @@
-"""Compiled functions, imported on first use and only where Numba can be imported."""
+"""Compiled functions, imported on first use: so importing the package does not import Numba."""
 
 import os
 import stat
@@ -11,7 +11,7 @@ __all__ = ["compiled_function"]
 
 
 def compiled_function(module, name):
-    """A function of this package that Numba compiles; None where Numba cannot be imported.
+    """A function of this package that Numba compiles.
 
     Parameters
     ----------
@@ -21,8 +21,6 @@ def compiled_function(module, name):
     """
     try:
         return _load(module, name)
-    except ImportError:
-        return None
     except RuntimeError:  # Numba found no folder to write compiled code to
         import numba
 

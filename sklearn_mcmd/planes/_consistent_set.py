@@ -1,8 +1,8 @@
 """Algorithm 1: the maximum consistent set of a neighborhood, in any dimension.
 
 The batched NumPy form of this module is the reference for the compiled one in
-``_consistent_set_numba``. It is used where that one is not: in other dimensions than three,
-for a few neighborhoods (no pause for compiling), and on machines without Numba.
+``_consistent_set_numba``. It is used where that one is not: in other dimensions than three, and
+for clouds of few points.
 """
 
 from math import ceil, log1p
@@ -46,12 +46,12 @@ class Trials(NamedTuple):
     rank_tolerance: float = RANK_TOLERANCE
 
 
-def n_trials_needed(outlier_rate, success_probability, n_features):
+def n_trials_needed(max_outlier_rate, success_probability, n_features):
     """Number of trials after which one minimal subset is probably free of outliers (Eq. 13).
 
     Parameters
     ----------
-    outlier_rate : float in [0, 1)
+    max_outlier_rate : float in [0, 1)
         Probability that a point is an outlier (the paper's epsilon).
     success_probability : float in (0, 1)
         Probability that at least one minimal subset is free of outliers (P_r).
@@ -68,7 +68,7 @@ def n_trials_needed(outlier_rate, success_probability, n_features):
     >>> [n_trials_needed(rate, 0.9999, 3) for rate in (0.05, 0.1, 0.2, 0.4, 0.5)]
     [5, 8, 13, 38, 69]
     """
-    clean = (1.0 - outlier_rate) ** n_features
+    clean = (1.0 - max_outlier_rate) ** n_features
     if clean >= 1.0:
         return 1
     if clean < 1e-15:

@@ -14,8 +14,8 @@ from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.planes._lanes_numba import (
     FEATURES,
     MOST_LEVEL,
+    ROWS,
     SHIFT,
-    VECTOR,
     lane_distances,
     lane_levels,
     lane_limits,
@@ -40,6 +40,7 @@ __all__ = [
     "trial_planes",
 ]
 
+VECTOR = 8  # float32 lanes of a vector; twice as many of int16
 LINE = 16  # float32 numbers of a cache line
 F0, F1, F2 = np.float32(0), np.float32(1), np.float32(2)
 TINY = np.float32(1e-30)
@@ -67,11 +68,11 @@ class WorkArrays(NamedTuple):
 
     local : float64 (3, k), coordinates
     rotated : float64 (3, k), coordinates in other axes
-    local32 : float32 (k, FEATURES), members and their products
+    local32 : float32 (rows, FEATURES), members and their products, and rows that pad
     lanes : float64 (13, lanes), planes, and the corners of minimal subsets
-    lanes32 : float32 (21 + k, lanes)
+    lanes32 : float32 (21 + rows, lanes)
     lane_bits : the same as int32
-    levels : int16 (k + 2, wide lanes), and a row that pads, and the limits
+    levels : int16 (rows + 2, wide lanes), and the counts and the limits
     least : float64 (n_trials,)
     keys : int64 (k,)
     key_numbers : the same as float64
@@ -93,23 +94,24 @@ class WorkArrays(NamedTuple):
     @classmethod
     def of(cls, n_trials, k):
         """The float32 arrays begin on a cache line, because vector loads across two lines take
-        twice as long. They have room for the rows that pad unrolled loops.
+        twice as long.
         """
         n_lanes = -(-n_trials // VECTOR) * VECTOR
         n_wide = -(-n_lanes // (2 * VECTOR)) * 2 * VECTOR
-        n_rows = 21 + k
-        buffer = np.zeros(n_rows * n_lanes + LINE, dtype=np.float32)
+        n_rows = -(-k // ROWS) * ROWS
+        size = (21 + n_rows) * n_lanes
+        buffer = np.zeros(size + LINE, dtype=np.float32)
         start = -buffer.ctypes.data % (4 * LINE) // 4
-        lanes32 = buffer[start : start + n_rows * n_lanes].reshape(n_rows, n_lanes)
+        lanes32 = buffer[start : start + size].reshape(-1, n_lanes)
         keys = np.zeros(k, dtype=np.int64)
         return cls(
             np.zeros((3, k)),
             np.zeros((3, k)),
-            np.zeros((k, FEATURES), dtype=np.float32),
+            np.zeros((n_rows, FEATURES), dtype=np.float32),
             np.zeros((4 + 9, n_lanes)),
             lanes32,
             lanes32.view(np.int32),
-            np.zeros((k + 2, n_wide), dtype=np.int16),
+            np.zeros((n_rows + 2, n_wide), dtype=np.int16),
             np.zeros(n_trials),
             keys,
             keys.view(np.float64),
@@ -304,7 +306,11 @@ def screen(local32, size, n_support, lanes, work, bits, levels, rounding):
         x, y, z = local32[j, 0], local32[j, 1], local32[j, 2]
         local32[j, 3], local32[j, 4], local32[j, 5] = x * x, x * y, x * z
         local32[j, 6], local32[j, 7], local32[j, 8] = y * y, y * z, z * z
-    lane_distances(work, local32, size, distances, total)
+    # Rows that pad can only raise the sum of distances. Then they are far from all planes.
+    n_rows = size + size % 2
+    local32[size:n_rows] = F0
+    lane_distances(work, local32, n_rows, distances, total)
+    distances[size:n_rows] = np.inf
     # The h-th distance is not larger than the mean of those that are as large.
     share = SLACK / np.float32(size - n_support + 1)
     for t in range(n_lanes):
@@ -312,16 +318,17 @@ def screen(local32, size, n_support, lanes, work, bits, levels, rounding):
     for t in range(n_lanes):
         base[t] = np.int32((limit_bits[t] >> SHIFT) - (MOST_LEVEL - 1))
     lane_levels(bits[21:], base, size, levels)
-    low = levels[levels.shape[0] - 1]
-    levels[size] = MOST_LEVEL  # pads an odd number of rows, and is never counted
-    lane_limits(levels, size + size % 2, n_support, low)
+    counts, low = levels[levels.shape[0] - 2], levels[levels.shape[0] - 1]
+    n_levels = -(-size // ROWS) * ROWS
+    levels[size:n_levels] = MOST_LEVEL
+    lane_limits(levels, n_levels, n_support, counts, low)
     # The limit as a distance; at level 0 it is 0, because members below the levels are there.
     margin = F2 * np.float32(rounding)
     for t in range(n_lanes):
         limit_bits[t] = np.int32((low[t] + base[t]) << SHIFT) if low[t] > 0 else np.int32(0)
     for t in range(n_lanes):
         limit[t] -= margin
-    lane_moments(distances, limit, local32, size, moments)
+    lane_moments(distances, limit, local32, n_rows, moments)
 
     wanted = np.float32(n_support)
     s, sx, sy, sz = moments[0], moments[1], moments[2], moments[3]

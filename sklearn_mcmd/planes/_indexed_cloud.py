@@ -54,7 +54,7 @@ class IndexedCloud:
             self.rows = np.resize(self.rows, X.shape[1] + 1)
         distinct = X if len(self.rows) == len(X) else X[self.rows]
         self.search = None
-        if X.shape[1] == 3 and self.n_distinct >= COMPILE_FROM and SelfSearch.available():
+        if X.shape[1] == 3 and self.n_distinct >= COMPILE_FROM:
             self.search = SelfSearch(distinct)
             order, self.points = self.search.order, self.search.points
         elif len(self.rows) >= ORDER_FROM:
@@ -129,7 +129,7 @@ class IndexedCloud:
 
         Equally distant ones come in the order of `neighbors`.
         """
-        if self.search is None or not len(queries) or not self.search.available():
+        if self.search is None or not len(queries):
             distances, near = self.tree.query(queries, k=np.arange(1, k + 1))
             return distances, near.astype(np.int32)
         asking = SelfSearch(queries)  # together they are searched faster
@@ -142,7 +142,7 @@ class IndexedCloud:
 
     def search_own(self, rows, k):
         """The k nearest points of some of the points, whatever was kept."""
-        if self.search is not None and self.search.available():
+        if self.search is not None:
             return self.search.query(rows, k)
         queries = self.points[rows]
         return self.tree.query(queries, k=k)[1].reshape(len(queries), k).astype(np.int32)

@@ -11,8 +11,6 @@ from pathlib import Path
 
 from numba import njit
 
-from sklearn_mcmd.planes import _inner_code
-
 __all__ = ["kernel"]
 
 ROOT = Path(__file__).parents[1]
@@ -28,7 +26,7 @@ def kernel(function=None, **options):
     """
     if function is None:
         return lambda function: kernel(function, **options)
-    options |= {"no_cfunc_wrapper": True} if options.get("cache") else _inner_code.inner_options()
+    options |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": not options.get("cache")}
     compiled = njit(nogil=True, error_model="numpy", **options)(function)
     files = getattr(
         getattr(compiled, "_cache", None), "_cache_file", None
@@ -57,5 +55,5 @@ def _unless_damaged(read, instead):
 @cache
 def _stamp():
     """A hash of the sources of all compiled functions, and of what says how to compile them."""
-    sources = [*sorted(ROOT.rglob("*_numba.py")), Path(__file__), Path(_inner_code.__file__)]
+    sources = [*sorted(ROOT.rglob("*_numba.py")), Path(__file__)]
     return sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()

@@ -3,8 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._compiling import compiled_function
@@ -44,7 +42,7 @@ class LinkLimits(NamedTuple):
     both_near: bool = False
 
 
-def link_planes(index, k, planes, limits, usable, compiled, n_jobs=None, farthest=None):
+def link_planes(index, k, planes, limits, usable, n_jobs=None, farthest=None):
     """Link each point to those of its neighbors whose planes and its own explain each other.
 
     Parameters
@@ -58,8 +56,6 @@ def link_planes(index, k, planes, limits, usable, compiled, n_jobs=None, farthes
     limits : LinkLimits
     usable : ndarray of bool of shape (n,)
         Points that may be linked.
-    compiled : bool
-        Whether to use compiled code, if Numba is there; the links are the same.
     n_jobs : int, default=None
     farthest : ndarray of shape (n,), default=None
         Distance of the last of each point's k neighbors, where the index does not know all.
@@ -71,7 +67,7 @@ def link_planes(index, k, planes, limits, usable, compiled, n_jobs=None, farthes
     """
     n = len(index.points)
     links = np.empty((n, k), np.int32)
-    link = row_linker(index, k, planes, limits, usable, compiled, n_jobs, farthest)
+    link = row_linker(index, k, planes, limits, usable, n_jobs, farthest)
 
     def task(rows):
         link(rows, links[rows])
@@ -80,20 +76,10 @@ def link_planes(index, k, planes, limits, usable, compiled, n_jobs=None, farthes
     return links
 
 
-def connected_planes(index, k, planes, limits, usable, compiled):
+def connected_planes(index, k, planes, limits, usable):
     """What hangs together by the links of `link_planes`, as by `connected`, in less memory."""
-    join = _compiled("join") if compiled else None
-    if join is None:
-        return connected(link_planes(index, k, planes, limits, usable, compiled), compiled)
-    roots = np.arange(len(index.points), dtype=np.int32)
-    _join_planes(join, roots, index, k, planes, limits, usable)
-    labels = _compiled("number_parts")(roots)
-    return labels, np.bincount(labels)
-
-
-def _join_planes(join, roots, index, k, planes, limits, usable):
-    """Join the parts of linked rows, chunk by chunk; `roots` are those of compiled code."""
-    link = row_linker(index, k, planes, limits, usable, compiled=True)
+    link = row_linker(index, k, planes, limits, usable)
+    join, roots = _compiled("join"), np.arange(len(index.points), dtype=np.int32)
     links = np.empty((index.chunk, k), np.int32)
 
     def task(rows):
@@ -102,17 +88,16 @@ def _join_planes(join, roots, index, k, planes, limits, usable):
         join(part, rows.start, roots)
 
     each_slice(len(roots), index.chunk, task, 1)
+    return _parts(roots)
 
 
-def connected(links, compiled):
+def connected(links):
     """Connected parts of a graph; a link in one direction is one in both.
 
     Parameters
     ----------
     links : ndarray of int32 of shape (n, width)
         As by `link_planes`.
-    compiled : bool
-        Whether to use compiled code, if Numba is there; the parts are the same.
 
     Returns
     -------
@@ -121,36 +106,31 @@ def connected(links, compiled):
         part does not depend on the order of points or links.
     sizes : ndarray of int of shape (n_parts,)
     """
-    n = len(links)
-    join = _compiled("join") if compiled else None
-    if join is not None:
-        roots = np.arange(n, dtype=np.int32)
-        join(links, 0, roots)
-        labels = _compiled("number_parts")(roots)
-    else:
-        rows, columns = np.nonzero(links >= 0)
-        ones = np.ones(len(rows), dtype=np.int8)
-        graph = coo_array((ones, (rows, links[rows, columns])), shape=(n, n))
-        labels = connected_components(graph, directed=False)[1]
+    roots = np.arange(len(links), dtype=np.int32)
+    _compiled("join")(links, 0, roots)
+    return _parts(roots)
+
+
+def _parts(roots):
+    labels = _compiled("number_parts")(roots)
     return labels, np.bincount(labels)
 
 
-def farthest_neighbors(points, around, start, compiled):
+def farthest_neighbors(points, around, start):
     """Distances of the last of the neighbors `around` the points from row `start` on: (m,)."""
     farthest = np.empty(len(around.sizes))
-    measure = (_compiled("farthest_of_rows") if compiled else None) or _farthest_of_rows
-    measure(points, around, start, farthest)
+    _compiled("farthest_of_rows")(points, around, start, farthest)
     return farthest
 
 
-def row_linker(index, k, planes, limits, usable, compiled, n_jobs=None, farthest=None):
+def row_linker(index, k, planes, limits, usable, n_jobs=None, farthest=None):
     """A function that fills the links of a slice of rows, with the parameters of `link_planes`."""
     own = LinkLimits(*map(float, limits[:3]), *map(bool, limits[3:]))
-    link = (_compiled("link_rows") if compiled else None) or _link_rows
+    link = _compiled("link_rows")
 
     def measure_part(rows):
         around = index.query_own(rows, k)
-        farthest[rows] = farthest_neighbors(index.points, around, rows.start, compiled)
+        farthest[rows] = farthest_neighbors(index.points, around, rows.start)
 
     if farthest is None:
         farthest = np.empty(len(index.points) if own.both_near else 0)
@@ -163,36 +143,6 @@ def row_linker(index, k, planes, limits, usable, compiled, n_jobs=None, farthest
         link(index.points, around, planes, own, usable, farthest, rows.start, links)
 
     return fill
-
-
-def _farthest_of_rows(points, around, start, farthest):
-    """Fill the distances of the last neighbors."""
-    rows = np.arange(start, start + len(farthest))
-    gaps = points[around.indices] - points[rows][:, None]
-    distances = np.sqrt(np.square(gaps).sum(axis=-1))
-    farthest[:] = np.where(around.valid, distances, 0.0).max(axis=1)
-
-
-def _link_rows(points, around, planes, limits, usable, farthest, start, links):
-    """Any dimension, one chunk: fill the links of the points from row `start` on."""
-    rows = np.arange(start, start + len(links))
-    near = around.indices
-    gaps = points[near] - points[rows][:, None]
-    distances = np.sqrt(np.square(gaps).sum(axis=-1))
-    fits = around.valid & (near != rows[:, None])
-    fits &= usable[rows][:, None] & usable[near]
-    fits &= distances <= limits.max_gap
-    own, other = planes.normals[rows][:, None], planes.normals[near]
-    fits &= np.abs((other * own).sum(axis=-1)) >= limits.min_cosine
-    height = ((points[near] - planes.centroids[rows][:, None]) * own).sum(axis=-1)
-    fits &= np.abs(height) <= limits.explained * planes.scale[rows][:, None]
-    if limits.mutual:
-        height = ((points[rows][:, None] - planes.centroids[near]) * other).sum(axis=-1)
-        fits &= np.abs(height) <= limits.explained * planes.scale[near]
-    if limits.both_near:
-        fits &= distances <= farthest[near]
-    found = np.where(fits, near, -1)
-    links[:] = np.take_along_axis(found, np.argsort(~fits, axis=1, kind="stable"), axis=1)
 
 
 def _compiled(name):

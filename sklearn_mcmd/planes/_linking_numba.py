@@ -9,7 +9,7 @@ __all__ = ["farthest_of_rows", "join", "link_rows", "number_parts"]
 
 @kernel(cache=True)
 def link_rows(points, around, planes, limits, usable, farthest, start, links):
-    """`_link_rows` of `_linking`, one point at a time.
+    """Fill the links of the points from row `start` on.
 
     Parameters
     ----------

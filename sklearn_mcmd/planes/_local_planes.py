@@ -5,11 +5,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._adaptive_trials import StopRule, adaptive_consistent_sets
 from sklearn_mcmd.planes._around import extents
 from sklearn_mcmd.planes._chunks import each_chunk, each_slice
 from sklearn_mcmd.planes._compiling import compiled_function
-from sklearn_mcmd.planes._consistent_set import Trials, localize, n_support_points
+from sklearn_mcmd.planes._consistent_set import (
+    Trials,
+    localize,
+    maximum_consistent_sets,
+    n_support_points,
+)
 from sklearn_mcmd.planes._plane import RANK_TOLERANCE, fit_planes, flat_normals, normal_errors
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import METHODS, RuleLimits, robust_distances
@@ -51,8 +55,6 @@ class PlaneSettings(NamedTuple):
     reweight : bool
     comparator : baselines.Method
         Judges neighborhoods in the place of a rule; trials are then its tables.
-    stop_rule : StopRule
-        When to stop before the end of the table.
     """
 
     method: str
@@ -62,7 +64,6 @@ class PlaneSettings(NamedTuple):
     cutoff: float | None = None
     reweight: bool = False
     comparator: object = None
-    stop_rule: StopRule = StopRule.never()
 
 
 class LocalPlaneModel:
@@ -135,7 +136,7 @@ class LocalPlaneModel:
 
     def ready(self):
         """Whether compiled code does the work."""
-        return self.compiled and self.settings.comparator is None and _compiled_driver() is not None
+        return self.compiled and self.settings.comparator is None
 
     def _evaluate_chunk(self, queries, neighborhoods, rounding):
         planes, distance = Planes.empty(*queries.shape), np.empty(len(queries))
@@ -143,7 +144,7 @@ class LocalPlaneModel:
         fit = self._fit_compiled if self.ready() else self._fit_numpy
         fit(queries, neighborhoods, rounding, planes, directions, distance)
         self._measure_flat(queries, neighborhoods, rounding, planes, distance)
-        spacing, radius = extents(self.index.points, queries, neighborhoods, self.ready())
+        spacing, radius = extents(self.index.points, queries, neighborhoods)
         planes.spacing[:], planes.radius[:] = spacing, radius
         self._finish(planes, directions, neighborhoods.sizes)
         return planes, distance
@@ -165,7 +166,7 @@ class LocalPlaneModel:
         own = self.settings
         rule = RuleLimits.of(own.method, own.cutoff, own.reweight, rounding, self.least_scale)
         out = planes, directions, distance
-        fit = _compiled_driver()
+        fit = compiled_function("planes._local_planes_numba", "fit_neighborhoods_3d")
         fit(self.index.points, neighborhoods, queries, trials, rule, *out)
 
     def _fit_numpy(self, queries, neighborhoods, rounding, planes, directions, distance):
@@ -204,7 +205,8 @@ class LocalPlaneModel:
         spread = ~null.any(axis=1)
         deviations[spread, :1] = np.maximum(np.sqrt(eigenvalues[spread, :1]), floor[spread])
         projections = np.matmul((queries - centers)[:, None], axes)[:, 0] / deviations
-        return np.sqrt(np.square(projections).sum(axis=1)), deviations[:, 0]
+        with np.errstate(over="ignore"):  # infinitely far from copies of one point
+            return np.sqrt(np.square(projections).sum(axis=1)), deviations[:, 0]
 
     def _fit_whole(self):
         points = self.index.points[None]
@@ -253,9 +255,7 @@ class LocalPlaneModel:
         support, flat = None, np.zeros(len(local), dtype=bool)
         if rule.needs_consistent_set:
             n_support = n_support_points(self.settings.support_fraction, sizes, d)
-            support, _, flat, _ = adaptive_consistent_sets(
-                neighborhoods, self.trials, n_support, self.settings.stop_rule, sizes
-            )
+            support, _, flat = maximum_consistent_sets(neighborhoods, self.trials, n_support, sizes)
         centers, whitening = rule.apply(local, valid, support, self.settings.reweight, floor)
         scale = 1.0 / np.linalg.norm(whitening[..., 0], axis=1)
         origin = neighborhoods[:, 0]
@@ -265,7 +265,3 @@ class LocalPlaneModel:
         whitening[flat], scale[flat] = 0.0, -1.0
         inliers = valid & (robust_distances(local, centers, whitening) < self.settings.cutoff)
         return RuleFit(origin, radius, centers, whitening, radius * scale, inliers)
-
-
-def _compiled_driver():
-    return compiled_function("planes._local_planes_numba", "fit_neighborhoods_3d")

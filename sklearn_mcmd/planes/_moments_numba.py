@@ -8,6 +8,7 @@ __all__ = [
     "FASTMATH",
     "eigh_3d",
     "kth_smallest",
+    "principal_axes",
     "variance_along",
     "weighted_covariance",
 ]
@@ -110,6 +111,15 @@ def eigh_3d(covariance):
             first, second = second, first
     values = (max(first[0], 0.0), max(second[0], 0.0), max(third[0], 0.0))
     return values, (first[1], second[1], third[1])
+
+
+@kernel
+def principal_axes(covariance, d):
+    """As `eigh_3d`. In 2D the third coordinate is zero, and its axis comes last."""
+    xx, xy, xz, yy, yz, zz = covariance
+    if d == 2:
+        zz = 2.0 * (xx + yy)
+    return eigh_3d((xx, xy, xz, yy, yz, zz))
 
 
 @kernel

@@ -87,7 +87,7 @@ class NearestPoints:
         """
         chunk = max(1, min(CHUNK, AT_ONCE // k))
         shared = queries.shape[1] == 3 and len(queries) >= COMPILE_FROM
-        if not (shared and self.n >= max(k, COMPILE_FROM) and SelfSearch.available()):
+        if not (shared and self.n >= max(k, COMPILE_FROM)):
 
             def ask(rows):
                 work(rows, *_ask_tree(self.tree, queries[rows], k))

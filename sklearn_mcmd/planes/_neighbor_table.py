@@ -43,7 +43,7 @@ class NeighborTable:
         self.parts = [None] * -(-n // self.part_size)
         # A block has no more groups than neighbors.
         self.block = min(64, MOST_GROUPS // k)
-        self.packs = bool(self.block) and n >= self.block and _compiled("pack") is not None
+        self.packs = bool(self.block) and n >= self.block
 
     def query(self, rows, k, keep=True):
         """Neighbors of some rows, the nearest first.
@@ -131,14 +131,8 @@ class Packed(NamedTuple):
     block: int
 
     def take(self, rows, k):
-        unpack = _compiled("unpack")
-        if unpack is None:  # though it packed them: a cloud outlives a test without Numba
-            codes = self.codes[rows, :k].astype(np.int64)
-            places = self.starts[rows // self.block][:, None] + (codes >> BITS)
-            found = (self.groups[places] << BITS) + (codes & (2**BITS - 1)).astype(np.int32)
-            return _widened(found, k)
         found = np.empty((len(rows), min(k, self.codes.shape[1])), np.int32)
-        unpack(self.codes, self.groups, self.starts, self.block, BITS, rows, found)
+        _compiled("unpack")(self.codes, self.groups, self.starts, self.block, BITS, rows, found)
         return _widened(found, k)
 
 

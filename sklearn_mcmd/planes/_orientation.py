@@ -1,14 +1,29 @@
 """The sign of a normal, decided in one place."""
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import (
     breadth_first_order,
     connected_components,
     minimum_spanning_tree,
 )
 
-__all__ = ["orient_by_spanning_tree", "orient_toward", "point_up"]
+__all__ = [
+    "count_upright",
+    "orient_by_spanning_tree",
+    "orient_toward",
+    "point_up",
+    "signs_along",
+    "spanning_forest",
+]
+
+EDGES_AT_ONCE = 1_000_000
+UPRIGHT = 80.0  # tilt in degrees from which on noise may decide which normal points up
+
+
+def count_upright(normals):
+    """How many normals (n, 3) are those of upright faces, which have no upper side."""
+    return int(np.count_nonzero(np.abs(normals[:, 2]) < np.cos(np.radians(UPRIGHT))))
 
 
 def point_up(normals):
@@ -37,37 +52,72 @@ def orient_toward(normals, directions):
 def orient_by_spanning_tree(normals, points, indices):
     """Make normals of neighbors agree (Hoppe et al., 1992), in place.
 
-    The sign travels along the minimum spanning tree of the neighborhood graph. An edge costs less
-    the more parallel its normals are. In each connected part the normal of the highest point is
-    made to point up.
+    The sign travels along the minimum spanning tree of the neighborhood graph. In each connected
+    part the normal of the highest point keeps its sign.
 
     Parameters
     ----------
     normals : ndarray of shape (n, d)
     points : ndarray of shape (n, d)
+        Without copies.
     indices : ndarray of int of shape (n, k)
         Neighbors of each point.
     """
     n, k = indices.shape
-    cost = np.empty((n, k))
-    for column, neighbors in zip(cost.T, indices.T, strict=True):
-        agreement = np.abs(np.einsum("ij,ij->i", normals, normals[neighbors]))
-        # SciPy takes a zero as no edge at all.
-        column[:] = 1.0 + 1e-9 - np.minimum(agreement, 1.0)
-    # Before SciPy 1.17.1 the spanning tree takes indices of 32 bits only.
-    ends = np.arange(0, n * k + 1, k, dtype=np.int32 if n * k < 2**31 else np.int64)
-    graph = csr_array((cost.ravel(), indices.ravel(), ends), shape=(n, n))
-    tree = minimum_spanning_tree(graph, overwrite=True)
-    n_parts, part = connected_components(tree, directed=False)
+    first = np.repeat(np.arange(n, dtype=np.int32), k)
+    edges = spanning_forest(normals, points, first, indices.ravel())
+    normals *= signs_along(normals, points, *edges)[:, None]
+    return normals
 
+
+def spanning_forest(normals, points, first, second):
+    """The edges of the minimum spanning forest among those between rows `first` and `second`.
+
+    An edge costs less the more parallel its normals are. Of equal costs the coordinates decide, so
+    that the forest does not depend on the order of points, and that of all edges is the forest of
+    the forests of parts of them.
+
+    Returns
+    -------
+    first, second : ndarray of int of shape (m,)
+    """
+    n = len(points)
+    by_place = np.lexsort(points.T).astype(np.int32)
+    place = np.empty(n, np.int64)
+    place[by_place] = np.arange(n)
+    one, other = place[first], place[second]
+    pairs = np.minimum(one, other) * n + np.maximum(one, other)
+    del one, other
+    pairs.sort()
+    pairs = pairs[np.r_[True, pairs[1:] != pairs[:-1]]]
+    first, second = (by_place[rows] for rows in np.divmod(pairs, n))
+    del pairs
+    cost = np.empty(len(first))
+    for start in range(0, len(first), EDGES_AT_ONCE):
+        some = slice(start, start + EDGES_AT_ONCE)
+        cost[some] = -np.abs(np.einsum("ij,ij->i", normals[first[some]], normals[second[some]]))
+    rank = np.empty(len(cost))
+    # Stable: of equal costs coordinates decide. SciPy takes a zero as no edge at all.
+    rank[np.argsort(cost, kind="stable")] = np.arange(1.0, len(cost) + 1)
+    # Before SciPy 1.17.1 the spanning tree takes indices of 32 bits only, and these are.
+    graph = coo_array((rank, (first, second)), shape=(n, n)).tocsr()
+    tree = minimum_spanning_tree(graph, overwrite=True).tocoo()
+    return tree.row, tree.col
+
+
+def signs_along(normals, points, first, second):
+    """The sign of each normal, so that those at the ends of the edges of a forest agree.
+
+    That of the highest point of each connected part is 1.
+    """
+    n = len(points)
+    tree = coo_array((np.ones(len(first)), (first, second)), shape=(n, n))
+    n_parts, part = connected_components(tree, directed=False)
     # One root is tied to the highest point of each part, so that one walk visits all parts.
-    order = np.lexsort((points[:, -1], part))
+    order = np.lexsort((*points.T, part))
     roots = order[np.r_[np.flatnonzero(np.diff(part[order])), n - 1]]
-    point_up_at = normals[roots]
-    normals[roots] = point_up(point_up_at)
-    tree = tree.tocoo()
-    rows = np.r_[tree.row, np.full(n_parts, n)]
-    columns = np.r_[tree.col, roots]
+    rows = np.r_[first, np.full(n_parts, n)]
+    columns = np.r_[second, roots]
     joined = coo_array((np.ones(len(rows)), (rows, columns)), shape=(n + 1, n + 1)).tocsr()
     _, parent = breadth_first_order(joined, n, directed=False)
     parent = parent[:n]
@@ -81,5 +131,4 @@ def orient_by_spanning_tree(normals, points, indices):
     while (ancestor != n).any():
         sign = sign * sign[ancestor]
         ancestor = ancestor[ancestor]
-    normals *= sign[:n, None]
-    return normals
+    return sign[:n]

@@ -72,11 +72,6 @@ class SelfSearch:
         self.points = self.tree.points
         self.ends = self.tree.last[self.tree.leaves]
 
-    @staticmethod
-    def available():
-        """Whether compiled code can do the work, here and now: a pickle may come elsewhere."""
-        return compiled_function("planes._self_search_numba", "build_tree") is not None
-
     def query(self, rows, k, among=None):
         """Neighbors of some of the points.
 

@@ -6,7 +6,6 @@ from sklearn_mcmd.plotting._pages import view
 from sklearn_mcmd.plotting._residual_display import PlaneResidualDisplay
 from sklearn_mcmd.plotting._still import (
     normal_colors,
-    plot_before_after,
     plot_cloud,
     region_colors,
 )
@@ -18,7 +17,6 @@ __all__ = [
     "PlaneResidualDisplay",
     "SegmentationDisplay",
     "normal_colors",
-    "plot_before_after",
     "plot_cloud",
     "region_colors",
     "view",

@@ -77,7 +77,6 @@ def plot_cloud(
     See Also
     --------
     normal_colors : Colors that make a cloud look like a lit solid.
-    plot_before_after : Three such views side by side.
 
     Examples
     --------
@@ -142,25 +141,7 @@ def plot_before_after(
 ) -> "Figure":
     """Draw a contaminated cloud, the cleaned one and its normals in a row.
 
-    Parameters
-    ----------
-    before, after : array-like of shape (n, 3), (m, 3)
-        The cloud before and after cleaning.
-    outliers, missed : array-like of bool of shape (n,), (m,)
-        Points to draw in red, before and after.
-    normals : array-like of shape (m, 3)
-        Normals of `after`; their sign does not matter.
-    view : tuple of two floats
-        Azimuth and elevation of the camera, in degrees.
-
-    Returns
-    -------
-    fig : matplotlib.figure.Figure
-        A figure with three axes. In the last, a ball shows the color of each normal.
-
-    See Also
-    --------
-    plot_cloud : One view.
+    The points marked in `outliers` and `missed` are red; `normals` are those of `after`.
     """
     plt = import_extra("matplotlib.pyplot", "plot", "Plotting")
     fig, axes = plt.subplots(1, 3, figsize=(15, 4.5), layout="constrained", facecolor="white")
@@ -224,7 +205,8 @@ def draw_ball(ax, view):
     inset.imshow(picture, origin="lower", extent=(-1, 1, -1, 1), interpolation="antialiased")
     inset.set(aspect="equal", xlim=(-1.05, 1.05), ylim=(-1.05, 1.05))
     inset.set_axis_off()
-    inset.set_title("a ball in these colors", fontsize=9, color="0.25", pad=3)
+    words = "a ball in these colors;\nopposite normals look alike"
+    inset.set_title(words, fontsize=9, color="0.25", pad=3)
     return inset
 
 

@@ -1,18 +1,20 @@
 """What a report says about outliers."""
 
+from typing import NamedTuple
+
 import numpy as np
 
-from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
 from sklearn_mcmd.outliers._kinds import KINDS, kinds_of_outliers
 from sklearn_mcmd.report._contents import Contents, Note, Section, percent, share
-from sklearn_mcmd.report._facts import Facts
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._html import paragraph, table
 from sklearn_mcmd.report._maps import found_maps
-from sklearn_mcmd.report._notes import CHECKS, cloud_notes, together_notes
+from sklearn_mcmd.report._notes import together_notes
 from sklearn_mcmd.report._places import Places, place_sections
+from sklearn_mcmd.report._shown import Shown, removed_of, step_of
 
-__all__ = ["denoise_contents", "grade_table", "judged_notes"]
+__all__ = ["Verdict", "denoise_contents", "shown_of_tiles"]
 
 # Near a quarter of outliers, neighborhoods with a half of them are common, and a half is what
 # planes withstand.
@@ -23,77 +25,97 @@ WORDS = {
     "isolated": "single points and pairs, far from everything else",
     "in groups": "small groups that stand apart: ghosts, birds, dust",
     "off surfaces": "points that lie on no surface: foliage, wires, noise",
-    "mirrored": "reflections behind windows, polished floors and water",
 }
 
 
-def denoise_contents(cloud, detector, *, marked, found=None, n_others=0, together=""):
+class Verdict(NamedTuple):
+    """Outliers, points that were used, all others, and the cutoff of scores; None if unknown."""
+
+    n: int
+    n_all: int
+    n_others: int
+    cutoff: float | None
+
+
+def shown_of_tiles(catalog, outputs, run, marked):
+    """What is shown of a run by tiles: a sample of the judged points, and which are outliers."""
+    if marked:
+        names = "outlier_score", "classification"
+        cloud = Shown.of_tiles(catalog, outputs, run, names).cloud
+        cloud = cloud.subset(np.isfinite(cloud.attributes["outlier_score"]))
+        found = np.isin(cloud.attributes["classification"], (LOW_NOISE, HIGH_NOISE))
+    else:
+        cloud, found = removed_of(catalog.paths, outputs, step_of(run))
+    if found is not None:
+        cloud = cloud.with_attributes(outlier=found.astype(np.uint8))
+    return Shown.of_sample(cloud, catalog, outputs, run)
+
+
+def denoise_contents(shown, verdict, *, marked, together="", judged=()):
     """The contents of a report of `mcmd denoise`.
 
     Parameters
     ----------
-    cloud : PointCloud
-        As it was read.
-    detector : MCMDOutlierDetector
-        Fitted to it.
+    shown : Shown
+        With ``outlier``, and with ``outlier_score`` if scores are known; without both if nobody
+        knows which points were removed.
+    verdict : Verdict
     marked : bool
         Whether outliers are marked, or dropped.
-    found : ndarray of bool of shape (n,), default=None
-        The outliers, if not all that the detector calls so, or others too.
-    n_others : int, default=0
-        Points of the file that the detector has not seen.
     together : str, default=""
         Where outliers lie together, by `words_of`.
+    judged : sequence of MCMDOutlierDetector
+        The fitted detector, if it is there.
     """
-    score, cutoff = -detector.scores_, float(-detector.offset_)
-    found = score > cutoff if found is None else found
-    n, n_all = int(np.count_nonzero(found)), len(cloud)
-    judged = detector._cloud
-    paper = judged.own_planes_only
-    scales = None if paper else judged.planes.scale
-    facts = Facts.of(cloud.xyz, detector.n_neighbors_, scales)
-    places = Places.of(cloud.xyz, found, facts.near)
-    notes = together_notes(together) + judged_notes(n, n_all)
-    notes += _surface_notes(detector, n_all) + cloud_notes(facts)
-    on_surface = int(np.count_nonzero(detector.on_surface_))
-    done = "are marked" if marked else "were removed"
-    cards = [
-        (f"{n_all:,}", "points that were used" if n_others else "points in the input"),
-        (f"{n:,}", f"outliers, {percent(n, n_all)}"),
-        (f"{on_surface:,}", f"on surfaces, {percent(on_surface, n_all)}"),
-        (f"{cutoff:.3g}", "cutoff of the score"),
-    ]
+    n, n_all, n_others, cutoff = verdict
+    given, xyz, near = shown.cloud.attributes, shown.xyz, shown.near
+    found, score = given.get("outlier"), given.get("outlier_score")
+    cards = [(f"{n_all:,}", "points that were used" if n_others else "points in the input")]
     if n_others:
-        cards.insert(1, (f"{n_others:,}", "others, neither judged nor used"))
-    sections = [
-        Section("Where the outliers are", found_maps(cloud.xyz, found, facts.near, "outliers")),
-        Section(
-            "How clear they are",
-            histogram(score, cutoff=cutoff, name="score", least=LEAST_SCORE)
-            + grade_table(score, cutoff),
-        ),
-    ]
-    if not paper:
-        sections.append(Section("What they are", _kind_table(detector, found)))
-    sections.append(
-        Section("Places", place_sections(places, cloud.xyz, found, facts.near, "outliers"))
-    )
+        cards.append((f"{n_others:,}", "others, neither judged nor used"))
+    cards.append((f"{n:,}", f"outliers, {percent(n, n_all)}"))
+    notes = together_notes(together) + _judged_notes(n, n_all)
+    if found is None:
+        words = "The outputs replaced the inputs, or have other coordinates. --mode mark keeps "
+        words += "outliers, and then they have maps."
+        sections = [Section("Where the outliers are", paragraph(words))]
+    else:
+        found = found > 0
+        drawn = found_maps(xyz, found, near, "outliers")
+        sections = [Section("Where the outliers are", shown.words + drawn)]
+    if score is not None:
+        score = score.astype(np.float64)
+        if cutoff is None:  # the run found it: the largest score below it
+            cutoff = float(score[~found].max(initial=0.0))
+        drawn = histogram(score, cutoff=cutoff, name="score", least=LEAST_SCORE)
+        drawn += _grade_table(score, cutoff)
+        sections.append(Section("How clear they are", shown.words + drawn))
+    for detector in judged:
+        on_surface = int(np.count_nonzero(detector.on_surface_))
+        cards.append((f"{on_surface:,}", f"on surfaces, {percent(on_surface, n_all)}"))
+        cards.append((f"{cutoff:.3g}", "cutoff of the score"))
+        notes += _surface_notes(detector, n_all)
+        if not detector._cloud.own_planes_only:
+            sections.append(Section("What they are", _kind_table(detector, found)))
+    if found is not None:
+        places = Places.of(xyz, found, near)
+        drawn = place_sections(places, xyz, found, near, "outliers")
+        sections.append(Section("Places", shown.words + drawn))
+    n_out = n_all + n_others - (0 if marked else n)
+    done = "are marked" if marked else "were removed"
     return Contents(
         headline=f"{share(n, n_all)} are outliers; they {done}.",
-        cards=cards,
-        notes=notes,
-        checks=f"many outliers, many that lie together, {CHECKS}",
+        cards=cards + shown.cards,
+        notes=notes + shown.notes,
+        checks=f"many outliers, many that lie together, {shown.checks}",
         sections=sections,
-        cloud_rows=facts.rows(cloud),
-        output=f"{n_all + n_others - (0 if marked else n):,} points"
-        + (", with outlier_score and marks" if marked else ""),
-        shown=with_results(
-            cloud, {"outlier": found.astype(np.uint8), "outlier_score": score.astype(np.float32)}
-        ),
+        cloud_rows=shown.rows,
+        output=f"{n_out:,} points{shown.files}" + ", with outlier_score and marks" * marked,
+        shown=shown.cloud,
     )
 
 
-def grade_table(score, cutoff):
+def _grade_table(score, cutoff):
     """Outliers by how clear they are."""
     grades = [
         ("doubtful", cutoff, CLEAR),
@@ -114,7 +136,7 @@ def grade_table(score, cutoff):
     return words + table(("outliers", "score", "points", "share"), rows, numbers=(2, 3))
 
 
-def judged_notes(n, n_all):
+def _judged_notes(n, n_all):
     """Notes on a verdict: its share."""
     if n <= MANY * n_all:
         return []
@@ -163,7 +185,7 @@ def _kind_table(detector, found):
     rows = [
         (name, f"{count:,}", percent(count, n), WORDS[name])
         for name, count in zip(KINDS, counts.tolist(), strict=True)
-        if count or name not in ("off surfaces", "mirrored")
+        if count or name != "off surfaces"
     ]
     n_large = int(np.count_nonzero(kinds < 0))
     if n_large:

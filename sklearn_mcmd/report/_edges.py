@@ -2,82 +2,77 @@
 
 import numpy as np
 
-from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.report._contents import Contents, Note, Section, percent, share
-from sklearn_mcmd.report._facts import Facts
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._html import paragraph
 from sklearn_mcmd.report._maps import found_maps
-from sklearn_mcmd.report._notes import CHECKS, cloud_notes
 from sklearn_mcmd.report._places import Places, place_sections
 
-__all__ = ["edge_notes", "edges_contents", "score_words"]
+__all__ = ["edges_contents"]
 
 # Share of edge points from which on lines have become areas. A line in a cloud of 50,000 points
 # takes one in a hundred; machined parts with many edges have a third.
 MANY = 0.4
 
 
-def edges_contents(cloud, detector):
+def edges_contents(shown, criterion, n, limit, cards):
     """The contents of a report of `mcmd edges`.
 
     Parameters
     ----------
-    cloud : PointCloud
-        As it was read.
-    detector : SharpFeatureDetector
-        Fitted to it.
+    shown : Shown
+        With ``edge`` and ``edge_score``.
+    criterion : str
+    n : int
+        Edge points of the whole.
+    limit : float or None
+        Of scores; None is the least value of an edge.
+    cards : list of (str, str)
+        What else is known.
     """
-    is_crease = detector.criterion == "crease"
-    found = detector.scores_ < detector.offset_
-    values, limit = detector.scores_, float(detector.offset_)
-    if not is_crease:
-        values, limit = -values, -limit
-    n, n_all = int(np.count_nonzero(found)), len(cloud)
-    kept = detector.inlier_mask_
-    estimator = detector.normal_estimator_
-    scales = getattr(estimator, "plane_scale_", None)
-    facts = Facts.of(cloud.xyz, detector.n_neighbors, scales)
-    places = Places.of(cloud.xyz, found, facts.near)
-    n_outliers = int(np.count_nonzero(~kept))
-    name = "distance to the nearest crease, in spacings" if is_crease else detector.criterion
-    limit_name = "limit, in spacings" if is_crease else f"limit of {detector.criterion}"
-    sections = [
-        Section("Where the edges are", found_maps(cloud.xyz, found, facts.near, "edge points")),
-        Section(
-            "Scores",
-            histogram(values, cutoff=limit, cutoff_name="limit", above=not is_crease, name=name)
-            + score_words(is_crease),
-        ),
-        Section("Places", place_sections(places, cloud.xyz, found, facts.near, "edge points")),
-    ]
+    is_crease, n_all, xyz, near = criterion == "crease", shown.n_all, shown.xyz, shown.near
+    found = shown.cloud.attributes["edge"] > 0
+    values = shown.cloud.attributes["edge_score"].astype(np.float64)
+    if limit is None:
+        limit = values[found].min(initial=values.max())
+    places = Places.of(xyz, found, near)
+    name = "distance to the nearest crease, in spacings" if is_crease else criterion
+    limit_name = "limit, in spacings" if is_crease else f"limit of {criterion}"
+    drawn = histogram(values, cutoff=limit, cutoff_name="limit", above=not is_crease, name=name)
     return Contents(
         headline=f"{share(n, n_all)} lie on edges.",
         cards=[
             (f"{n_all:,}", "points"),
             (f"{n:,}", f"edge points, {percent(n, n_all)}"),
             (f"{limit:.3g}", limit_name),
-            (f"{n_outliers:,}", "outliers that were left out"),
+            *cards,
+            *shown.cards,
         ],
-        notes=edge_notes(n, n_all) + cloud_notes(facts),
-        checks=f"edges that are areas, no edges, {CHECKS}",
-        sections=sections,
-        cloud_rows=facts.rows(cloud),
-        output=f"{n_all:,} points, with edge and edge_score",
-        shown=with_results(
-            cloud, {"edge": found.astype(np.uint8), "edge_score": values.astype(np.float32)}
-        ),
+        notes=_notes(n, n_all) + shown.notes,
+        checks=f"edges that are areas, no edges, {shown.checks}",
+        sections=[
+            Section(
+                "Where the edges are", shown.words + found_maps(xyz, found, near, "edge points")
+            ),
+            Section("Scores", shown.words + drawn + _score_words(is_crease)),
+            Section(
+                "Places", shown.words + place_sections(places, xyz, found, near, "edge points")
+            ),
+        ],
+        cloud_rows=shown.rows,
+        output=f"{n_all:,} points{shown.files}, with edge and edge_score",
+        shown=shown.cloud,
     )
 
 
-def score_words(is_crease):
+def _score_words(is_crease):
     """What to know of scores and counts."""
     words = "Points farther than 20 spacings from all creases have the score 20. " * is_crease
     words += "Edges are counted in points and not in lengths, which sampling alone would change."
     return paragraph(words, "soft")
 
 
-def edge_notes(n, n_all):
+def _notes(n, n_all):
     """Warnings of no edges, or of edges that are areas."""
     if n == 0:
         return [

@@ -4,16 +4,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.report._contents import Contents, Note, Section, percent, share
-from sklearn_mcmd.report._facts import Facts
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._html import paragraph, table
 from sklearn_mcmd.report._maps import ball, maps
-from sklearn_mcmd.report._notes import CHECKS, cloud_notes
 from sklearn_mcmd.report._places import Places, place_sections
 
-__all__ = ["normals_contents", "normals_maps", "normals_notes", "removed_words", "tilt_table"]
+__all__ = ["normals_contents"]
 
 # Standard error in degrees from which on a normal is unreliable: the true one is then within 1.73
 # errors, 17 degrees, with 95 % confidence, and region growing separates faces at 15.
@@ -25,70 +22,78 @@ HALF = 0.4
 TILTS = ((0, 10, "level"), (10, 45, "sloping"), (45, 80, "steep"), (80, 90.01, "upright"))
 
 
-def normals_contents(cloud, estimator, results):
+def normals_contents(shown, names, removed):
     """The contents of a report of `mcmd normals`.
 
     Parameters
     ----------
-    cloud : PointCloud
-        As it was read.
-    estimator : RobustNormalEstimator
-        Fitted to it.
-    results : dict of str to ndarray
-        The columns that were written.
+    shown : Shown
+        With the columns that were written; and ``normal_error``, if it is known.
+    names : sequence of str
+        Of the columns that were written.
+    removed : float
+        Mean share of a neighborhood that was removed.
     """
-    errors, n_all = estimator.normal_error_, len(cloud)
-    n_neighbors = int(np.median(estimator.n_neighbors_))
-    facts = Facts.of(cloud.xyz, n_neighbors, estimator.plane_scale_)
-    known = errors[np.isfinite(errors)]
-    unreliable = ~(errors <= UNRELIABLE)
-    n = int(np.count_nonzero(unreliable))
-    median, most = np.quantile(known, [0.5, 0.95]) if known.size else (np.nan, np.nan)
-    places = Places.of(cloud.xyz, unreliable, facts.near)
-    removed = estimator.removed_fraction_
-    sections = [
-        Section("Normals", normals_maps(cloud.xyz, estimator.normals_, facts.near)),
-        Section(
-            "How exact they are",
-            histogram(
-                errors, cutoff=UNRELIABLE, cutoff_name="unreliable from",
-                name="standard error of the normal in degrees", least=0.01,
-            )
-            + paragraph(
-                "The true normal is within 1.73 standard errors with 95 % confidence, as far as "
-                "noise goes. Rims, corners and things smaller than a neighborhood are worse.",
-                "soft",
-            )
-            + _error_table(errors),
-        ),
-        Section(
-            "Where they are unreliable",
-            place_sections(places, cloud.xyz, unreliable, facts.near, "unreliable normals"),
-        ),
-        Section(
-            "Directions and neighborhoods", tilt_table(estimator.normals_) + removed_words(removed)
-        ),
-    ]  # fmt: skip
-    notes = normals_notes(errors, removed) + cloud_notes(facts)
-    return Contents(
-        headline=f"{n_all:,} points have normals. Half of these are exact to {median:.2g} degrees, "
-        f"95 % to {most:.2g} (standard errors).",
-        cards=[
-            (f"{n_all:,}", "points"),
+    given, n_all, xyz, near = shown.cloud.attributes, shown.n_all, shown.xyz, shown.near
+    normals = np.column_stack([given[f"normal_{axis}"] for axis in "xyz"]).astype(np.float64)
+    errors, variation = given.get("normal_error"), float(np.median(given["surface_variation"]))
+    headline = f"{n_all:,} points have normals. The median of the surface variation is "
+    headline += f"{variation:.2g}."
+    cards = [(f"{n_all:,}", "points"), (f"{variation:.2g}", "surface variation (median)")]
+    sections = [Section("Normals", shown.words + _maps_of(xyz, normals, near))]
+    if errors is not None:
+        known, unreliable = errors[np.isfinite(errors)], ~(errors <= UNRELIABLE)
+        n, places = int(np.count_nonzero(unreliable)), Places.of(xyz, unreliable, near)
+        median, most = np.quantile(known, [0.5, 0.95]) if known.size else (np.nan, np.nan)
+        headline = f"{n_all:,} points have normals. Half of these are exact to {median:.2g} "
+        headline += f"degrees, 95 % to {most:.2g} (standard errors)."
+        cards[1:] = [
             (f"{median:.2g}°", "median standard error"),
-            (f"{n:,}", f"unreliable normals, {percent(n, n_all)}"),
-            (percent(removed.mean(dtype=float), 1.0), "of a neighborhood removed, on average"),
+            (percent(n, len(errors)), "of the normals are unreliable"),
+        ]
+        sections += [
+            Section("How exact they are", shown.words + _errors_drawn(errors)),
+            Section(
+                "Where they are unreliable",
+                shown.words + place_sections(places, xyz, unreliable, near, "unreliable normals"),
+            ),
+        ]
+    left = given["removed_fraction"]
+    flatness = histogram(given["surface_variation"], name="surface variation")
+    sections += [
+        Section("Flatness", flatness),
+        Section("Directions and neighborhoods", _tilt_table(normals) + _removed_words(left)),
+    ]
+    return Contents(
+        headline=headline,
+        cards=[
+            *cards,
+            (percent(removed, 1.0), "of a neighborhood removed, on average"),
+            *shown.cards[:1],
         ],
-        notes=notes,
-        checks=f"unreliable normals, neighborhoods of two things, {CHECKS}",
+        notes=_notes(errors, left) + shown.notes,
+        checks=f"unreliable normals, neighborhoods of two things, {shown.checks}",
         sections=sections,
-        cloud_rows=facts.rows(cloud),
-        output=f"{n_all:,} points, with {', '.join(results)}",
-        shown=with_results(cloud, results | {"normal_error": errors.astype(np.float32)}),
+        cloud_rows=shown.rows,
+        output=f"{n_all:,} points{shown.files}, with {', '.join(names)}",
+        shown=shown.cloud,
     )
 
 
-def normals_maps(xyz, normals, near):
+def _errors_drawn(errors):
+    drawn = histogram(
+        errors, cutoff=UNRELIABLE, cutoff_name="unreliable from",
+        name="standard error of the normal in degrees", least=0.01,
+    )  # fmt: skip
+    words = paragraph(
+        "The true normal is within 1.73 standard errors with 95 % confidence, as far as noise "
+        "goes. Rims, corners and things smaller than a neighborhood are worse.",
+        "soft",
+    )
+    return drawn + words + _error_table(errors)
+
+
+def _maps_of(xyz, normals, near):
     """Maps by direction, and the legend."""
     from sklearn_mcmd.plotting import NormalsDisplay
 
@@ -98,7 +103,7 @@ def normals_maps(xyz, normals, near):
     return ball() + maps(draw, xyz, near)
 
 
-def normals_notes(errors, removed):
+def _notes(errors, removed):
     """Notes on standard errors, None if they are not known, and on removed shares."""
     notes, n_all = [], len(removed)
     n = 0 if errors is None else int(np.count_nonzero(~(errors <= UNRELIABLE)))
@@ -137,7 +142,7 @@ def _error_table(errors):
     return table(("standard error, degrees", "points", "share"), rows, numbers=(1, 2))
 
 
-def tilt_table(normals):
+def _tilt_table(normals):
     tilt = np.degrees(np.arccos(np.clip(np.abs(normals[:, 2]), 0.0, 1.0)))
     rows = []
     for low, high, name in TILTS:
@@ -147,7 +152,7 @@ def tilt_table(normals):
     return table(header, rows, numbers=(2, 3))
 
 
-def removed_words(removed):
+def _removed_words(removed):
     n = int(np.count_nonzero(removed > HALF))
     return paragraph(
         f"On average {100 * removed.mean(dtype=float):.1f} % of a neighborhood was removed before "

@@ -34,8 +34,9 @@ def _few(facts):
         return None
     return Note(
         "Few points.",
-        f"The cloud has {facts.n_distinct:,} distinct points, and a neighborhood takes "
-        f"{facts.n_neighbors:,} of them. What is a surface and what is usual is then a guess.",
+        f"The cloud has {facts.n_distinct:,} distinct point{'s' * (facts.n_distinct > 1)}, and a "
+        f"neighborhood takes {facts.n_neighbors:,} of them. What is a surface and what is usual is "
+        "then a guess.",
         "Give a larger part of the scan, or a smaller --n-neighbors.",
     )
 

@@ -101,6 +101,8 @@ def _maps(xyz, residuals, found, near, rms, unit):
 
 
 def _notes(detector, n, n_all, unit):
+    from sklearn_mcmd.adjustment._report import global_test_row
+
     notes = []
     if n > MANY * n_all:
         notes.append(
@@ -120,13 +122,12 @@ def _notes(detector, n, n_all, unit):
                 "Give --sigma0, the standard deviation of the scanner.",
             )
         )
-    elif detector.sigma0 != "auto" and detector.global_test_pvalue_ < detector.alpha:
+    elif detector.global_test_pvalue_ < detector.alpha:
         notes.append(
             Note(
                 "The plane and sigma0 do not fit.",
-                f"The global test rejects them (p = {detector.global_test_pvalue_:.2g}): the "
-                f"points without outliers scatter otherwise than sigma0 = {detector.sigma0_:.3g}"
-                f"{unit} says.",
+                f"Global test: {global_test_row(detector)}. The points without outliers scatter "
+                f"more than sigma0 = {detector.sigma0_:.3g}{unit} says.",
                 "Check --sigma0, or whether the surface is a plane.",
             )
         )

@@ -4,22 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.report._contents import Contents, Note, Section, percent, share
-from sklearn_mcmd.report._facts import Facts
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._html import paragraph, table
 from sklearn_mcmd.report._maps import maps
-from sklearn_mcmd.report._notes import CHECKS, cloud_notes
 
-__all__ = [
-    "LISTED",
-    "Regions",
-    "left_over_notes",
-    "region_maps",
-    "region_table",
-    "segment_contents",
-]
+__all__ = ["Regions", "segment_contents"]
 
 LISTED = 20  # regions of the table
 # Share of points in no region that is worth a warning: a street with foliage has a fifth.
@@ -30,7 +20,7 @@ SMALL, PIECES = 100, 0.2
 
 
 class Regions(NamedTuple):
-    """What a table of regions shows.
+    """What a table of regions shows, the largest first.
 
     sizes : sequence of int
     normals, centroids : ndarray of shape (n_regions, 3)
@@ -43,57 +33,69 @@ class Regions(NamedTuple):
     centroids: np.ndarray
     errors: np.ndarray
 
+    @classmethod
+    def of_sample(cls, cloud, sizes):
+        """The largest regions, with the planes of their points in a sample."""
+        sizes = np.asarray(sizes[:LISTED], dtype=np.int64)
+        normals, centroids = np.full((2, len(sizes), 3), np.nan)
+        errors = np.full(len(sizes), np.nan)
+        for region in range(len(sizes)):
+            own = cloud.xyz[cloud.attributes["region"] == region]
+            if len(own) > 3:
+                centroids[region] = own.mean(axis=0)
+                values, axes = np.linalg.eigh(np.cov((own - centroids[region]).T, bias=True))
+                normals[region] = axes[:, 0] * (1.0 if axes[2, 0] >= 0 else -1.0)
+                errors[region] = np.sqrt(max(values[0], 0.0))
+        return cls(sizes, normals, centroids, errors)
 
-def segment_contents(cloud, growing):
+
+def segment_contents(shown, regions, n_regions, inside):
     """The contents of a report of `mcmd segment`.
 
     Parameters
     ----------
-    cloud : PointCloud
-        As it was read.
-    growing : RegionGrowing
-        Fitted to it.
+    shown : Shown
+        With ``region``.
+    regions : Regions
+        All, or the largest.
+    n_regions, inside : int
+        Regions, and points in them, of the whole.
     """
-    labels, sizes, n_all = growing.labels_, growing.region_sizes_, len(cloud)
-    estimator = growing.normal_estimator_
-    facts = Facts.of(cloud.xyz, int(np.median(estimator.n_neighbors_)), estimator.plane_scale_)
-    inside = int(np.count_nonzero(labels >= 0))
+    sizes, n_all, labels = regions.sizes, shown.n_all, shown.cloud.attributes["region"]
     largest = int(sizes[0]) if len(sizes) else 0
-    regions = Regions(
-        sizes, growing.region_normals_, growing.region_centroids_, growing.region_errors_
+    notes = _left_over_notes(inside, n_all)
+    listed = shown.words.replace(
+        "From a sample", "Sizes are exact; normals, rms and middle are from a sample"
     )
     sections = [
-        Section("Regions", region_maps(cloud.xyz, labels, facts.near)),
-        Section("The largest regions", region_table(regions, n_all)),
+        Section("Regions", shown.words + _maps_of(shown.xyz, labels, shown.near)),
+        Section("The largest regions", listed + _region_table(regions, n_all)),
     ]
-    if len(sizes) > 1:
-        sections.append(
-            Section(
-                "Sizes",
-                histogram(
-                    sizes, name="points of a region", least=float(sizes.min()), what="regions"
-                )
-                + _size_words(sizes, n_all),
-            )
+    if 1 < len(sizes) == n_regions:
+        drawn = histogram(
+            sizes, name="points of a region", least=float(sizes.min()), what="regions"
         )
+        sections.append(Section("Sizes", drawn + _size_words(sizes, n_all)))
+        notes += _small_notes(n_all, sizes)
     return Contents(
-        headline=f"{len(sizes):,} regions hold {share(inside, n_all)}.",
+        headline=f"{n_regions:,} regions hold {share(inside, n_all)}.",
         cards=[
-            (f"{len(sizes):,}", "regions"),
+            (f"{n_regions:,}", "regions"),
             (f"{inside:,}", f"points inside, {percent(inside, n_all)}"),
             (f"{n_all - inside:,}", f"points of no region, {percent(n_all - inside, n_all)}"),
             (f"{largest:,}", f"points of the largest, {percent(largest, n_all)}"),
+            *shown.cards[:1],
         ],
-        notes=_notes(inside, n_all, sizes) + cloud_notes(facts),
-        checks=f"many points without a region, many small regions, {CHECKS}",
+        notes=notes + shown.notes,
+        checks=f"many points without a region, many small regions, {shown.checks}",
         sections=sections,
-        cloud_rows=facts.rows(cloud),
-        output=f"{n_all:,} points, with region (0 is the largest, -1 is none)",
-        shown=with_results(cloud, {"region": labels.astype(np.int32)}),
+        cloud_rows=shown.rows,
+        output=f"{n_all:,} points{shown.files}, with region (0 is the largest, -1 is none)",
+        shown=shown.cloud,
     )
 
 
-def region_maps(xyz, labels, near):
+def _maps_of(xyz, labels, near):
     """Maps of a color for each region."""
     from sklearn_mcmd.plotting import SegmentationDisplay
 
@@ -104,7 +106,7 @@ def region_maps(xyz, labels, near):
     return words + maps(draw, xyz, near)
 
 
-def region_table(regions, n_all):
+def _region_table(regions, n_all):
     """The largest regions with size, direction, noise and place."""
     from matplotlib.colors import to_hex
 
@@ -145,7 +147,7 @@ def _size_words(sizes, n_all):
     )
 
 
-def left_over_notes(inside, n_all):
+def _left_over_notes(inside, n_all):
     """A warning of many points without a region, if they are many."""
     if n_all - inside <= LEFT_OVER * n_all:
         return []
@@ -160,16 +162,16 @@ def left_over_notes(inside, n_all):
     ]
 
 
-def _notes(inside, n_all, sizes):
-    notes = left_over_notes(inside, n_all)
+def _small_notes(n_all, sizes):
+    """A warning of points in small regions, if they are many."""
     in_small = int(sizes[sizes < SMALL].sum())
-    if in_small > PIECES * n_all:
-        notes.append(
-            Note(
-                "Many small regions.",
-                f"{share(in_small, n_all)} are in regions of fewer than {SMALL} points: surfaces "
-                "fall to pieces, or the cloud is full of small things.",
-                "Give more --n-neighbors for smoother normals, or a larger --min-region-size.",
-            )
+    if in_small <= PIECES * n_all:
+        return []
+    return [
+        Note(
+            "Many small regions.",
+            f"{share(in_small, n_all)} are in regions of fewer than {SMALL} points: surfaces "
+            "fall to pieces, or the cloud is full of small things.",
+            "Give more --n-neighbors for smoother normals, or a larger --min-region-size.",
         )
-    return notes
+    ]

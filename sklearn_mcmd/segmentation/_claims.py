@@ -4,7 +4,7 @@ import numpy as np
 
 from sklearn_mcmd.planes._chunks import run
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
-from sklearn_mcmd.segmentation._graph import COMPILE_FROM, CUTOFF
+from sklearn_mcmd.segmentation._graph import CUTOFF
 from sklearn_mcmd.segmentation._region_sums import region_sizes, relabeled, rows_of
 
 __all__ = ["Claims"]
@@ -74,7 +74,7 @@ class Claims:
         number[pairs[most, 0]] = pairs[most, 1]
         return relabeled(labels, number)
 
-    def assign_rest(self, labels, content=()):
+    def assign_unlabeled(self, labels, content=()):
         """Give points without a region to that of the neighbor whose plane is nearest.
 
         Points claimed in one round may claim others in the next: the outcome depends on no
@@ -116,13 +116,12 @@ class Claims:
     def _owners(self, labels, rows, around, usable):
         """Label of the neighbor, one of the usable, whose plane claims each of the rows, or -1."""
         owner = np.full(len(rows), -1, dtype=labels.dtype)
-        compiled = len(labels) >= COMPILE_FROM
 
         def task(part):
             queries, m = self.index.points[rows[part]], len(rows[part])
             found, share = explain(
                 queries, around.of(part), self.planes, NEAREST, usable,
-                np.zeros(m), np.full(m, np.inf), compiled,
+                np.zeros(m), np.full(m, np.inf),
             )  # fmt: skip
             owner[part] = np.where((found >= 0) & (share <= self.cutoff), labels[found], -1)
 

@@ -49,7 +49,7 @@ class Cylinder:
         return np.sqrt(x * x + y * y + z * z) - self.radius
 
 
-def fit_cylinder(points, normals, *, compiled=True):
+def fit_cylinder(points, normals):
     """Fit a cylinder to points by least squares of their distances (Gauss-Newton).
 
     The search for the axis starts from three directions. The longest extent of the points is right
@@ -61,8 +61,6 @@ def fit_cylinder(points, normals, *, compiled=True):
     ----------
     points, normals : ndarray of shape (n, 3)
         At least six points; normals of either sign.
-    compiled : bool, default=True
-        Whether to use compiled code, if Numba is there; the results differ in rounding.
 
     Returns
     -------
@@ -77,60 +75,6 @@ def fit_cylinder(points, normals, *, compiled=True):
     local /= scale
     extents = np.linalg.eigh(local.T @ local)[1]
     starts = np.stack([extents[:, 2], extents[:, 1], np.linalg.eigh(normals.T @ normals)[1][:, 0]])
-    fit = (compiled_function("segmentation._cylinder_numba", "fit") if compiled else None) or _fit
+    fit = compiled_function("segmentation._cylinder_numba", "fit")
     total, model = fit(local, starts, FitLimits(N_STEPS, LEAST_GAIN, RIDGE))
     return total * scale**2, Cylinder(center + scale * model[:3], model[3:6], scale * model[6])
-
-
-def _fit(points, starts, limits):
-    """Least sum of squares and cylinder of centered points; ``_cylinder_numba`` has loops."""
-    n = len(points)
-    best = np.inf
-    model = np.zeros(7)
-    ridge = limits.ridge * n * np.eye(5)
-    equations = np.empty((n, 5))
-    for start in starts:
-        axis = start.copy()
-        point = np.zeros(3)
-        radius = -1.0  # none yet
-        last = np.inf
-        for _ in range(limits.n_steps + 1):
-            # Two directions across the axis.
-            least = np.argmin(np.abs(axis))
-            u = -axis * axis[least]
-            u[least] += 1.0
-            u /= np.sqrt((u * u).sum())
-            v = np.cross(axis, u)
-            if radius < 0:
-                # The algebraic circle of the points seen along the axis: x^2 + y^2 is linear
-                # in the center's coordinates and a constant.
-                x, y = points @ u, points @ v
-                equations[:, 0], equations[:, 1], equations[:, 2] = 2 * x, 2 * y, 1.0
-                equations[:, 3:] = 0.0
-                moments = equations.T @ equations + ridge
-                circle = np.linalg.solve(moments, equations.T @ (x * x + y * y))
-                point = circle[0] * u + circle[1] * v
-                radius = np.sqrt(max(circle[2] + circle[0] ** 2 + circle[1] ** 2, 0.0))
-            gaps = points - point
-            along, across_u, across_v = gaps @ axis, gaps @ u, gaps @ v
-            reach = np.sqrt(across_u**2 + across_v**2)
-            away = reach - radius
-            total = (away * away).sum()
-            if total < best:
-                best = total
-                model[:3], model[3:6], model[6] = point, axis, radius
-            if not total < (1 - limits.least_gain) * last:
-                break
-            last = total
-            reach = np.maximum(reach, limits.ridge)
-            equations[:, 0], equations[:, 1] = across_u / reach, across_v / reach
-            equations[:, 2], equations[:, 3] = along * across_u / reach, along * across_v / reach
-            equations[:, 4] = 1.0
-            step = np.linalg.solve(equations.T @ equations + ridge, equations.T @ away)
-            point = point + step[0] * u + step[1] * v
-            axis = axis + step[2] * u + step[3] * v
-            axis /= np.sqrt((axis * axis).sum())
-            # Move the axis point back to the height of the points; any point of the axis will do.
-            point = point - (point * axis).sum() * axis
-            radius = abs(radius + step[4])
-    return best, model

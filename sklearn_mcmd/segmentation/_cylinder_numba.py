@@ -1,6 +1,6 @@
 """The least squares cylinder of ``_cylinder``, compiled: loops in the place of linear algebra.
 
-Numba takes ten times as long to compile the NumPy form, which calls BLAS and LAPACK.
+Numba takes ten times as long to compile calls of BLAS and LAPACK.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ N = 5  # parameters of a cylinder
 
 
 def fit(points, starts, limits):
-    """Least sum of squares and cylinder of centered points, as `_fit` of ``_cylinder``."""
+    """Least sum of squares and cylinder (point, axis, radius) of centered points."""
     equations, model = np.empty((N, N + 1)), np.zeros(7)
     return _fit(points, starts, limits, equations, model), model
 

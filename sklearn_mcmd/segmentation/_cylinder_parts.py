@@ -8,7 +8,7 @@ from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd.planes._chunks import run
 from sklearn_mcmd.segmentation._cylinder import N_PARAMETERS, Cylinder, fit_cylinder
-from sklearn_mcmd.segmentation._graph import COMPILE_FROM, CUTOFF, by_place, n_within_median
+from sklearn_mcmd.segmentation._graph import CUTOFF, by_place, n_within_median
 from sklearn_mcmd.segmentation._joining import MOST_NOISE
 from sklearn_mcmd.segmentation._region_sums import region_moments, rows_of, sums_by_region
 
@@ -171,8 +171,7 @@ class CylinderParts:
         return _Part(members, around, floor, ceiling, plane, curve, cylinder)
 
     def _fit(self, rows):
-        compiled = len(self.index.points) >= COMPILE_FROM
-        return fit_cylinder(self.index.points[rows], self.planes.normals[rows], compiled=compiled)
+        return fit_cylinder(self.index.points[rows], self.planes.normals[rows])
 
     def _join(self, labels, parts, fresh, tried):
         """Join `parts`, in place, until no more can be joined; the names of changed ones."""

@@ -65,7 +65,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         such planes would lead a region from the road over the kerb onto the footpath. False is
         the paper's form.
 
-    regrow_rest : bool, default=True
+    find_narrow_faces : bool, default=True
         Whether the points that growth left over grow regions again, by the same rules and with
         normals from such points alone. This finds a kerb three points high between road and
         footpath. The points are those that no region larger than a neighborhood reached and
@@ -83,10 +83,10 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         Whether regions that touch and are no wider than the neighborhoods are joined if they
         are parts of one cylinder: strips of a post, a trunk, a bin. The cylinder must explain
         them as well as each is explained by itself, and better than a plane of each. With
-        `assign_rest` such a cylinder also takes in the points on it before planes do. In three
+        `assign_unlabeled` such a cylinder also takes in the points on it before planes do. In three
         dimensions only. False is the paper's form.
 
-    assign_rest : bool, default=True
+    assign_unlabeled : bool, default=True
         Whether points that no region reached go to the region whose local plane is nearest to
         them, if it is near enough for its noise. Most of these points are next to edges or in
         the tails of the noise. A region no larger than a neighborhood goes there as a whole if
@@ -149,8 +149,8 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
     The paper leaves the automatic thresholds to a reference that was not at hand. Those here,
     the median and two median absolute deviations of the distances to the plane and the median
     of the distances between points, are remembered from later papers of its authors, and
-    unverified. ``mutual=False, regrow_rest=False, join_coplanar=False, join_curved=False,
-    assign_rest=False`` is nearest to the paper. Departures: deviations are scaled to standard
+    unverified. ``mutual=False, find_narrow_faces=False, join_coplanar=False, join_curved=False,
+    assign_unlabeled=False`` is nearest to the paper. Departures: deviations are scaled to standard
     deviations by 1.4826; thresholds have a floor where coordinates are rounded; and `mutual`.
 
     With `mutual`, the usual noise around a point is the lower quartile of the neighbors' noise. A
@@ -207,10 +207,10 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         "max_gap": [Interval(Real, 0, None, closed="neither"), None],
         "min_region_size": [Interval(Integral, 1, None, closed="left")],
         "mutual": ["boolean"],
-        "regrow_rest": ["boolean"],
+        "find_narrow_faces": ["boolean"],
         "join_coplanar": ["boolean"],
         "join_curved": ["boolean"],
-        "assign_rest": ["boolean"],
+        "assign_unlabeled": ["boolean"],
         "normals": [StrOptions({"estimate", "precomputed"})],
         "normal_estimator": [RobustNormalEstimator, None],
         "random_state": ["random_state"],
@@ -226,10 +226,10 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         max_gap: float | None = None,
         min_region_size: int = 10,
         mutual: bool = True,
-        regrow_rest: bool = True,
+        find_narrow_faces: bool = True,
         join_coplanar: bool = True,
         join_curved: bool = True,
-        assign_rest: bool = True,
+        assign_unlabeled: bool = True,
         normals: Literal["estimate", "precomputed"] = "estimate",
         normal_estimator: RobustNormalEstimator | None = None,
         random_state: int | np.random.RandomState | None = None,
@@ -241,10 +241,10 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         self.max_gap = max_gap
         self.min_region_size = min_region_size
         self.mutual = mutual
-        self.regrow_rest = regrow_rest
+        self.find_narrow_faces = find_narrow_faces
         self.join_coplanar = join_coplanar
         self.join_curved = join_curved
-        self.assign_rest = assign_rest
+        self.assign_unlabeled = assign_unlabeled
         self.normals = normals
         self.normal_estimator = normal_estimator
         self.random_state = random_state
@@ -305,7 +305,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
 
     def _stages(self):
         normals = ("normals",) if self.normals == "estimate" else ()
-        narrow = ("narrow faces",) if self.regrow_rest else ()
+        narrow = ("narrow faces",) if self.find_narrow_faces else ()
         growth = ("links of neighbors", "growing regions", *narrow)
         return (*normals, *growth, "joining regions", "cylinders and the rest")
 

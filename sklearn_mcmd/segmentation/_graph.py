@@ -20,8 +20,6 @@ __all__ = [
     "seed_order",
 ]
 
-# Smaller clouds take NumPy: loading compiled code would take longer than the work.
-COMPILE_FROM = 2_000
 # A plane explains a point that is within so many of its standard deviations.
 CUTOFF = 3.0
 # What is usual around is this quantile of the neighbors' noise: next to an edge less than half
@@ -145,7 +143,7 @@ class Linking:
             The planes' scales, or what `measured` has found.
         usable : ndarray of bool of shape (n,)
         """
-        n, max_gap = len(self.index.points), self.rules.max_gap
+        max_gap = self.rules.max_gap
         limits = LinkLimits(
             self.rules.min_cosine,
             1.0 if self.has_limits else CUTOFF,
@@ -153,7 +151,7 @@ class Linking:
             self.rules.mutual,
         )
         planes = self.planes._replace(scale=limit)
-        return row_linker(self.index, self.k, planes, limits, usable, n >= COMPILE_FROM)
+        return row_linker(self.index, self.k, planes, limits, usable)
 
 
 def grow_regions(links, seeds):
@@ -173,10 +171,7 @@ def grow_regions(links, seeds):
     labels : ndarray of int32 of shape (n,)
         From 0, in the order of the seeds.
     """
-    grow = _grow
-    if len(links) >= COMPILE_FROM:
-        grow = _compiled("grow") or _grow
-    return grow(links, seeds)
+    return compiled_function("segmentation._graph_numba", "grow")(links, seeds)
 
 
 def seed_order(variation, points, planes):
@@ -211,7 +206,7 @@ def n_within_median(k):
 
 def _is_quiet(scale, rows, around, radius, n_neighbors, rules):
     """Whether planes are no noisier than is usual around, and than curvature makes them."""
-    usual = quantile_around(scale, around, USUAL, compiled=len(scale) >= COMPILE_FROM)
+    usual = quantile_around(scale, around, USUAL)
     bent = BENT * np.arccos(min(rules.min_cosine, 1.0)) * radius
     # The standard error of a standard deviation that so many neighbors tell.
     most = 1 + N_ERRORS / np.sqrt(2 * n_neighbors)
@@ -225,34 +220,3 @@ def _rule_a(points, planes, around):
     middle = np.median(away, axis=1)
     spread = MAD_TO_SD * np.median(np.abs(away - middle[:, None]), axis=1)
     return middle + N_DEVIATIONS * spread
-
-
-def _grow(links, seeds):
-    """The loop of `grow_regions`, which compiles as it is."""
-    n, width = links.shape
-    labels = np.full(n, -1, np.int32)
-    waiting = np.empty(n, np.int32)  # the current seed list, S_c
-    region = 0
-    for seed in seeds:
-        if labels[seed] >= 0:
-            continue
-        labels[seed] = region
-        waiting[0] = seed
-        n_waiting = 1
-        while n_waiting > 0:
-            n_waiting -= 1
-            i = waiting[n_waiting]
-            for a in range(width):
-                j = links[i, a]
-                if j < 0:
-                    break
-                if labels[j] < 0:
-                    labels[j] = region
-                    waiting[n_waiting] = j
-                    n_waiting += 1
-        region += 1
-    return labels
-
-
-def _compiled(name):
-    return compiled_function("segmentation._graph_numba", name)

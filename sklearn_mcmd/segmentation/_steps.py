@@ -55,22 +55,22 @@ def finish_regions(labels, index, planes, floor, copies, growing, n_jobs=None):
     """
     rules = rules_of(growing)
     labels = _renumber(labels, copies, growing.min_region_size)
-    if growing.regrow_rest:
+    if growing.find_narrow_faces:
         with progress_part(0.0, 0.45, "narrow faces"):
             labels, planes = RestFaces(index, floor, rules, n_jobs).grow(labels, planes)
             labels = _renumber(labels, copies, growing.min_region_size)
     claims = Claims(index, planes, rules, n_jobs)
     with progress_part(0.45, 0.65, "joining regions"):
-        if growing.assign_rest:
+        if growing.assign_unlabeled:
             labels = _renumber(claims.absorb_fragments(labels), copies)
         if growing.join_coplanar:
             labels = join_coplanar(index.points, labels, planes.scale, n_jobs)
     curved = growing.join_curved and index.points.shape[1] == 3
     cylinders = CylinderParts(index, planes, floor, growing.max_gap, n_jobs)
     with progress_part(0.65, 1.0, "cylinders and the rest"):
-        if growing.assign_rest:
+        if growing.assign_unlabeled:
             labels = cylinders.grow(labels) if curved else labels
-            labels = claims.assign_rest(labels, cylinders.curved)
+            labels = claims.assign_unlabeled(labels, cylinders.curved)
         if curved:  # once gaps between parts are filled
             labels = cylinders.join(labels)
     return _renumber(labels, copies)

@@ -85,4 +85,4 @@ def _find_together(folder, cells, estimator, constants, n_places):
         results["row"] = rows
         results["values"][:, :-1] = columns[places]
         results["values"][:, -1] = fitted.n_neighbors_[places]
-        _write(folder.results, cell, results, TileReport(len(rows), 0, len(rows), 0, 0.0))
+        _write(folder.results, cell, results, TileReport(len(rows), len(rows), 0, 0.0))

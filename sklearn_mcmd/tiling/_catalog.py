@@ -13,7 +13,7 @@ from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import check_file, one_clear_line
 from sklearn_mcmd.io._las import coordinate_system, read_header
 
-__all__ = ["EXTENSIONS", "INDEX", "Catalog", "stamp_of"]
+__all__ = ["EXTENSIONS", "INDEX", "Catalog", "paths_of", "stamp_of"]
 
 EXTENSIONS = (".las", ".laz")
 INDEX = ".vpc"
@@ -54,7 +54,7 @@ class Catalog:
 
     See Also
     --------
-    write_normals : Normals of all points of a catalog.
+    process_files : What an estimator finds in the files of a catalog.
 
     Examples
     --------
@@ -70,7 +70,7 @@ class Catalog:
     """
 
     def __init__(self, source: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> None:
-        self.paths = _paths(source)
+        self.paths = paths_of(source)
         one = isinstance(source, str | os.PathLike) and self.paths == [Path(source)]
         self.is_many = len(self.paths) > 1 or (isinstance(source, str | os.PathLike) and not one)
         headers, self.stamps = [], []
@@ -110,14 +110,16 @@ def stamp_of(path):
     return status.st_size, status.st_mtime_ns
 
 
-def _paths(source):
+def paths_of(source, extensions=EXTENSIONS):
+    """The files that a source stands for: of a folder, those with one of the extensions."""
     if not isinstance(source, str | os.PathLike):
         paths = [Path(path) for path in source]
     elif (folder := Path(source)).is_dir():
-        paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in EXTENSIONS)
+        paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in extensions)
         paths = [p for p in paths if not p.name.startswith(".")]  # of others, or left over
         if not paths:
-            raise PointFileError(f"{folder}: is a folder without .las or .laz files")
+            kinds = "point" if extensions != EXTENSIONS else ".las or .laz"
+            raise PointFileError(f"{folder}: is a folder without {kinds} files")
     elif Path(source).suffix.lower() == INDEX:
         with one_clear_line(source, "read"):
             paths = _indexed(Path(source))

@@ -160,7 +160,7 @@ def find_faces(cell, job):
     faces, own_flat, on_face = np.empty((n, N_FACE)), np.empty(n, bool), np.empty(n, bool)
 
     def give(rows, _, near):
-        given = give_faces(centered[rows], _around(near), planes, flat, usable, compiled=True)
+        given = give_faces(centered[rows], _around(near), planes, flat, usable)
         faces[rows, :LEVEL], own_flat[rows], on_face[rows] = (
             given.normals, given.flat, given.on_face,
         )  # fmt: skip
@@ -248,7 +248,7 @@ def _distances_of_removed(cell, job, queries):
             return
         points, planes, flat, usable, faces = made.of(found)
         around, some = _around(near), queries[rows] - job.origin
-        own = give_faces(some, around, planes, flat, usable, compiled=True)
+        own = give_faces(some, around, planes, flat, usable)
         to_crease, _ = meet_faces(some, own, around, points, faces, cosine)
         pooled, most = pool_evidence(around, points, found.values(columns, "evidence"))
         distance[rows] = told_distances(own, to_crease, pooled, most)

@@ -1,27 +1,17 @@
 """Outliers of clouds larger than memory: in sweeps over cells, with the scores of memory."""
 
-import os
-import shutil
-from collections.abc import Iterable
 from functools import partial
-from typing import Literal
 
 import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.io._classes import Choice
-from sklearn_mcmd.io._las import is_denoised, read_header
-from sklearn_mcmd.io._point_cloud import denoised_before
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff, sample_step
-from sklearn_mcmd.outliers._detector import CUTOFF
-from sklearn_mcmd.outliers._rehearsal import most_kept, n_parts_of, rehearsal_of, shuffled
 from sklearn_mcmd.outliers._volumes import lost_volumes, words_of
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._progress import listen_to_progress, progress_part
-from sklearn_mcmd.tiling._catalog import Catalog
-from sklearn_mcmd.tiling._cells import CellWriter
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._heights import HeightLimits, Heights
 from sklearn_mcmd.tiling._joining import join_parts
@@ -42,7 +32,7 @@ from sklearn_mcmd.tiling._rest import (
     find_scores,
     find_things,
 )
-from sklearn_mcmd.tiling._run import RunReport, Verb, check_seed, run_by_tiles, warm_up
+from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
 from sklearn_mcmd.tiling._surfaces import (
     RADIUS,
     SCALE,
@@ -56,9 +46,8 @@ from sklearn_mcmd.tiling._surfaces import (
 from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._tile import tile_files, write_whole
 from sklearn_mcmd.tiling._together import fit_together
-from sklearn_mcmd.tiling._warnings import warn_caller
 
-__all__ = ["check_detector", "cutoff_of", "judge_cells", "write_denoised"]
+__all__ = ["Denoise", "check_detector", "cutoff_of", "judge_cells"]
 
 WARM_UP = 3_000  # points that load or compile the code
 # The ends of the work on heights and on scores, as a share of the time, and then of each sweep.
@@ -89,132 +78,21 @@ DONE_WITH = {
 }
 
 
-def write_denoised(
-    source: Catalog | str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
-    target: str | os.PathLike[str],
-    estimator: MCMDOutlierDetector | None = None,
-    *,
-    mode: Literal["drop", "mark"] = "drop",
-    ignore_classes: Iterable[int] = (),
-    only_classes: Iterable[int] = (),
-    above: float | None = None,
-    below: float | None = None,
-    low_groups: bool = False,
-    memory: str | float | None = None,
-    n_jobs: int | None = None,
-    tile_size: int | None = None,
-    cut: float = 0.5,
-    as_folder: bool | None = None,
-    restart: bool = False,
-) -> RunReport:
-    """Large files without their outliers, judged as all points together are in memory.
-
-    All points are read once and divided into tiles. What the detector asks of the cloud is found
-    in sweeps over the tiles: planes, surfaces, what these explain, and the company of all other
-    points. Neighbors are searched for in other tiles wherever these may hold nearer ones, and
-    surfaces and groups are joined across tiles. So the scores are those of ``estimator.fit`` on all
-    points together, to the last bit, whatever the tiles are.
-
-    Parameters
-    ----------
-    source : Catalog, or what it takes
-        Files, a folder, or an index.
-    target : str or os.PathLike
-        A LAS or LAZ file, or a folder, as of `write_normals`.
-    estimator : MCMDOutlierDetector, default=None
-        With an int as `random_state` and as `n_neighbors`. None is
-        ``MCMDOutlierDetector(random_state=0)``.
-    mode : {"drop", "mark"}, default="drop"
-        "drop" leaves out outliers; a file of nothing else becomes one without points. "mark" keeps
-        all points, gives outliers the classification 7 (low noise) or 18 (high noise), and adds an
-        attribute ``outlier_score``. An outlier is low if it lies lower than all ground (class 2)
-        around it in plan, or if there is no ground, than all kept points: those in the smallest
-        square that has at least `n_neighbors` of them, of squares whose sides are powers of two.
-        Point formats 0 to 5 define no high noise: there it is 7, too.
-    ignore_classes : iterable of int, default=()
-        Points of these classes are neither judged nor used to judge others; their score is NaN.
-        They are kept as they are. So are points that are marked withheld, always.
-    only_classes : iterable of int, default=()
-        If there are any, points of all other classes are left out in the same way.
-    above, below : float, default=None
-        Judge only points that are higher, or lower, than this over the ground (class 2): over the
-        mean of the three ground points that are nearest in plan. All are used to judge others.
-        The score of those that are not judged is NaN, and they are kept.
-    low_groups : bool, default=False
-        Whether a group of any number of points is an outlier, of low noise, if it lies below the
-        ground by more sizes of its own than the cutoff. Points below the ground are in memory
-        together, see :doc:`/tiling`.
-    memory, n_jobs, tile_size, cut, as_folder, restart
-        As of `write_normals`.
-
-    Returns
-    -------
-    RunReport
-
-    Raises
-    ------
-    PointFileError
-        If a file cannot be read or written.
-    TilingError
-        If some tiles failed, or the run ended in another way after all points were read. Temporary
-        files are then kept, and the message names them.
-    ValueError
-        If the estimator cannot work by tiles, a height is not finite, or the memory is too little.
-
-    Warns
-    -----
-    UserWarning
-        If an input was denoised before, if an output has no points, because all were outliers, or
-        if hundreds of outliers lie together, as a thing does that is sparser than what is around.
-
-    See Also
-    --------
-    Catalog : What files hold.
-    write_normals : Normals of such files.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> from sklearn_mcmd.datasets import make_street
-    >>> from sklearn_mcmd.io import read_points, write_points
-    >>> from sklearn_mcmd.tiling import write_denoised
-    >>> street = make_street(8_000, outlier_share=0.01, random_state=0).data
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     a, b = Path(folder) / "a.las", Path(folder) / "b.las"
-    ...     write_points(a, street)
-    ...     report = write_denoised(a, b, tile_size=3_000)
-    ...     print(report.n_tiles, "tiles;", len(read_points(b)) + report.n_outliers, "points")
-    4 tiles; 8000 points
-    """
-    if mode not in ("drop", "mark"):
-        raise ValueError(f"mode={mode!r} must be 'drop' or 'mark'.")
-    if estimator is None:
-        estimator = MCMDOutlierDetector(random_state=0)
-    check_detector(estimator)
-    choice = Choice(tuple(sorted(ignore_classes)), tuple(sorted(only_classes)))
-    limits = HeightLimits.of(above, below, low_groups)
-    verb = _Denoise(clone(estimator).set_params(n_jobs=1), mode, choice, limits)
-    catalog = source if isinstance(source, Catalog) else Catalog(source)
-    for path in catalog.paths:
-        if is_denoised(read_header(path)):
-            warn_caller(denoised_before(path))
-    report = run_by_tiles(
-        verb, catalog, target, memory=memory, n_jobs=n_jobs, tile_size=tile_size, cut=cut,
-        as_folder=as_folder, restart=restart,
-    )  # fmt: skip
-    if report.together:
-        warn_caller(report.together)
-    return report
-
-
-class _Denoise(Verb):
+class Denoise(Verb):
     """Outliers, in sweeps; points without scores are kept."""
 
-    def __init__(self, estimator, mode, choice, limits):
-        self.mode, self.limits = mode, limits
-        content = content_of(mode, choice, limits)
-        super().__init__(estimator, content, choice, needs_ground=limits is not None)
+    options = ("mode", "ignore_classes", "only_classes", "above", "below", "low_groups")
+
+    def __init__(self, estimator, mode, ignore_classes, only_classes, above, below, low_groups):
+        if mode not in ("drop", "mark"):
+            raise ValueError(f"mode={mode!r} must be 'drop' or 'mark'.")
+        check_detector(estimator)
+        choice = Choice(ignore_classes, only_classes)
+        self.mode, self.limits = mode, HeightLimits.of(above, below, low_groups)
+        super().__init__(
+            clone(estimator).set_params(n_jobs=1), content_of(mode, choice, self.limits), choice,
+            needs_ground=self.limits is not None,
+        )  # fmt: skip
 
     def prepare(self):
         self.cutoff = cutoff_of(self.estimator)
@@ -286,12 +164,11 @@ def check_detector(estimator):
         raise ValueError(
             "n_neighbors=None cannot work by tiles: the whole cloud is one neighborhood."
         )
-    for name, idle in {"sensor_origin": None, "reflections": False}.items():
-        if getattr(estimator, name) is not idle:
-            raise ValueError(
-                f"{name} cannot work by tiles: beams that are next to each other lie in different "
-                f"tiles. Leave it {idle}, or denoise the points in memory."
-            )
+    if estimator.sensor_origin is not None:
+        raise ValueError(
+            "sensor_origin cannot work by tiles: beams that are next to each other lie in "
+            "different tiles. Leave it None, or denoise the points in memory."
+        )
     check_seed(estimator)
 
 
@@ -353,8 +230,6 @@ def judge_cells(job, cells, columns, n_workers, cutoff):
             job = job._replace(largest=columns.report("all", "thing")["largest"])
     write, is_done = partial(_write, job.columns), partial(has_scores, job.columns)
     sweep("scores", find_scores, is_done, target=write)
-    if job.detector._is_rehearsed():
-        return max(cutoff, _rehearsed_cutoff(job, cells, columns, n_workers))
     if job.detector._share() is not None:
         parts = partial(scores_in_parts, job.columns, n_cells)
         return exceeded_by(parts, job.detector._share())
@@ -397,53 +272,6 @@ def _simulated_cutoff(job, columns, n_cells):
         )
     columns.finish("all", "cutoff", cutoff=cutoff)
     return cutoff
-
-
-def _rehearsed_cutoff(job, cells, columns, n_workers):
-    """The cutoff that the points themselves ask for, judged again in parts; 0 if there are none."""
-    if columns.is_done("all", "rehearsal"):
-        return columns.report("all", "rehearsal")["cutoff"]
-    limit = most_kept(job.detector.strictness)
-    n_kept = sum(
-        np.count_nonzero(scores <= limit) for scores in scores_in_parts(job.columns, len(cells))
-    )
-    n_parts = n_parts_of(n_kept, job.detector.n_neighbors)
-    cutoff, judged = 0.0, []
-    with listen_to_progress(None):
-        for part in range(n_parts):
-            judged.append(_judge_part(job, cells, n_workers, n_parts, part))
-
-    def scores():
-        for folder, n_cells in judged:
-            yield from scores_in_parts(folder, n_cells)
-
-    if judged:
-        cutoff = exceeded_by(scores, job.detector.false_positive_rate)
-    columns.finish("all", "rehearsal", cutoff=cutoff)
-    for folder, _ in judged:
-        shutil.rmtree(folder.parent)
-    return cutoff
-
-
-def _judge_part(job, cells, n_workers, n_parts, part):
-    """Judge one part of the points that are no clear outliers: its scores' folder, and cells."""
-    limit, folder = most_kept(job.detector.strictness), job.columns / f"part_{part}"
-    if folder.exists():  # of a run that was ended
-        shutil.rmtree(folder)
-    points, results = folder / "cells", folder / "results"
-    points.mkdir(parents=True)
-    results.mkdir()
-    writer = CellWriter(points, max(int(cells.counts.max()), 1))
-    for cell, scores in enumerate(scores_in_parts(job.columns, len(cells))):
-        records = cells.read(cell)[scores <= limit]
-        records = records[shuffled(records["xyz"]) % np.uint64(n_parts) == part]
-        if len(records):
-            writer.add(records["xyz"], records["row"])
-    part_cells = writer.close()
-    detector = rehearsal_of(job.detector, job.constants.step)
-    part_job = Job(points, results, detector, job.constants, writer.n_points)
-    judge_cells(part_job, part_cells, Columns(results), n_workers, CUTOFF)
-    return results, len(part_cells)
 
 
 def _write(folder, cell, rows, scores):

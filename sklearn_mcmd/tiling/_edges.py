@@ -1,20 +1,16 @@
 """Edges of clouds larger than memory: in sweeps over cells, with the scores of memory."""
 
-import os
 import shutil
-from collections.abc import Iterable
 from functools import partial
 
 import numpy as np
 from sklearn.base import clone
 
-from sklearn_mcmd.edges import SharpFeatureDetector
 from sklearn_mcmd.edges._creases import middle
 from sklearn_mcmd.edges._faces import flatness_limit
 from sklearn_mcmd.edges._limits import least_of_edge
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._progress import progress_part
-from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import BOXES, Cells
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._creases import (
@@ -32,13 +28,13 @@ from sklearn_mcmd.tiling._kept import close_kept, find_kept, kept_constants
 from sklearn_mcmd.tiling._normals import check_normals
 from sklearn_mcmd.tiling._outputs import SCORED, scores_in_parts, write_edge_outputs
 from sklearn_mcmd.tiling._ranks import median_of
-from sklearn_mcmd.tiling._run import RunReport, Verb, check_seed, run_by_tiles, warm_up
+from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
 from sklearn_mcmd.tiling._surfaces import Job
 from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._tile import normals_of_tile, tile_files, total_proved, write_whole
 from sklearn_mcmd.tiling._together import fit_together
 
-__all__ = ["check_edges", "write_edges"]
+__all__ = ["Edges"]
 
 WARM_UP = 3_000  # points that load or compile the code
 # The end of each step, as a share of the time.
@@ -56,95 +52,14 @@ ENDS = {
 DONE_WITH = {"spacing": ("first_rows",)}
 
 
-def write_edges(
-    source: Catalog | str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
-    target: str | os.PathLike[str],
-    estimator: SharpFeatureDetector | None = None,
-    *,
-    colors: bool | None = None,
-    memory: str | float | None = None,
-    n_jobs: int | None = None,
-    tile_size: int | None = None,
-    cut: float = 0.5,
-    as_folder: bool | None = None,
-    restart: bool = False,
-) -> RunReport:
-    """Large files with their edges, found as they are in memory.
-
-    All points are read once and divided into tiles. Outliers are found, and the normals of what is
-    left, as by `write_denoised` and `write_normals`. Creases follow in sweeps over the tiles, each
-    of which writes what the next asks of a point's neighbors. Neighbors are searched for in other
-    tiles wherever these may hold nearer ones. So the scores are those of ``estimator.fit`` on all
-    points together, to the last bit, whatever the tiles are.
-
-    Parameters
-    ----------
-    source : Catalog, or what it takes
-        Files, a folder, or an index.
-    target : str or os.PathLike
-        A LAS or LAZ file, or a folder, as of `write_normals`. All points are kept. New attributes
-        are ``edge``, 1 or 0, and ``edge_score``: the distance to the nearest crease in spacings, or
-        the value of another criterion.
-    estimator : SharpFeatureDetector, default=None
-        With an int as `random_state` and ``normals="estimate"``. Its `outlier_detector` is None,
-        "passthrough" or a :class:`~sklearn_mcmd.MCMDOutlierDetector`, and its `normal_estimator`
-        None or what `write_normals` takes. None is ``SharpFeatureDetector(random_state=0)``.
-    colors : bool, default=None
-        Whether to paint edges red and surfaces gray. None paints files that have no colors.
-    memory, n_jobs, tile_size, cut, as_folder, restart
-        As of `write_normals`.
-
-    Returns
-    -------
-    RunReport
-
-    Raises
-    ------
-    PointFileError
-        If a file cannot be read or written.
-    TilingError
-        If some tiles failed, or the run ended in another way after all points were read. Temporary
-        files are then kept, and the message names them.
-    ValueError
-        If the estimator cannot work by tiles, or the memory is too little.
-
-    See Also
-    --------
-    Catalog : What files hold.
-    write_denoised : Such files without outliers.
-    write_normals : Normals of such files.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> from sklearn_mcmd.datasets import make_street
-    >>> from sklearn_mcmd.io import read_points, write_points
-    >>> from sklearn_mcmd.tiling import write_edges
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     a, b = Path(folder) / "a.las", Path(folder) / "b.las"
-    ...     write_points(a, make_street(8_000, random_state=0).data)
-    ...     report = write_edges(a, b, tile_size=3_000)
-    ...     print(report.n_tiles, "tiles;", *list(read_points(b).attributes)[-2:])
-    4 tiles; edge edge_score
-    """
-    if estimator is None:
-        estimator = SharpFeatureDetector(random_state=0)
-    steps = check_edges(estimator)
-    estimator = clone(estimator).set_params(n_jobs=1)
-    verb = _Edges(estimator, f"colors={colors}", steps=steps, colors=colors)
-    return run_by_tiles(
-        verb, source, target, memory=memory, n_jobs=n_jobs, tile_size=tile_size, cut=cut,
-        as_folder=as_folder, restart=restart,
-    )  # fmt: skip
-
-
-class _Edges(Verb):
+class Edges(Verb):
     """Edges of what a detector leaves."""
 
-    def __init__(self, estimator, content, *, steps, colors):
-        super().__init__(estimator, content)
-        self.steps, self.colors = steps, colors
+    options = ("colors",)
+
+    def __init__(self, estimator, colors):
+        super().__init__(clone(estimator).set_params(n_jobs=1), f"colors={colors}")
+        self.steps, self.colors = _checked_steps(estimator), colors
 
     def prepare(self):
         warm_up(self.estimator, WARM_UP)
@@ -169,16 +84,11 @@ class _Edges(Verb):
         }
 
 
-def check_edges(estimator):
+def _checked_steps(estimator):
     """The detector and the normal estimator of a detector of edges that can work by tiles.
 
     The first is None if nothing is removed. Raises if it cannot.
     """
-    if not isinstance(estimator, SharpFeatureDetector):
-        raise ValueError(
-            f"{type(estimator).__name__} cannot work by tiles: edges are found by "
-            "SharpFeatureDetector."
-        )
     check_seed(estimator)
     if estimator.normals != "estimate":
         raise ValueError(

@@ -65,6 +65,12 @@ class WorkFolder:
     def path_of(target):
         return Path(f"{os.path.realpath(target)}.tiles")
 
+    @classmethod
+    def written(cls, target):
+        """Real paths of outputs that a run wrote before it ended, and nobody changed since."""
+        marks = map(_read, cls.path_of(target).glob(f"*{WRITTEN}"))
+        return {m["path"] for m in marks if m and m == _mark(m["path"], m["content"])}
+
     @property
     def constants(self):
         """The constants of the whole cloud, or None if not all points are in cells."""

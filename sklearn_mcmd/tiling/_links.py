@@ -25,9 +25,14 @@ from sklearn_mcmd.tiling._search import visit_far, visit_nearest
 from sklearn_mcmd.tiling._tile import columns_of_tile
 from sklearn_mcmd.tiling._whole import CHUNK, StoredIndex, WholeColumns
 
-__all__ = ["GrowthJob", "find_links", "find_neighbors", "find_planes"]
-
-N_PLANE_COLUMNS = 9  # normal, variation, eigenvalues, offset and scale
+__all__ = [
+    "GrowthJob",
+    "find_links",
+    "find_neighbors",
+    "find_planes",
+    "nearest_rows",
+    "places_of_cell",
+]
 
 
 class GrowthJob(NamedTuple):
@@ -77,15 +82,8 @@ def find_planes(cell, job):
         cells, cell, job.growing.normal_estimator, job.constants, of_fitted, job.n_threads
     )
     points = cells.read(cell)["xyz"]
-    rows, place_of = distinct_rows(points)
-    place_of = np.arange(len(points)) if place_of is None else place_of
+    rows, place_of = places_of_cell(points)
     copies = np.bincount(place_of, minlength=len(rows)).astype(np.int32)
-    if len(rows) >= ORDER_FROM:
-        order = spatial_order(points[rows])
-        rows, copies = rows[order], copies[order]
-        new = np.empty_like(order)
-        new[order] = np.arange(len(order))
-        place_of = new[place_of]
     points, found = np.ascontiguousarray(points[rows]), found[rows]
     told = split_columns(np.hstack([points.astype(dtype), found]), 3)
     planes = told.planes(np.arange(len(points)))
@@ -98,6 +96,18 @@ def find_planes(cell, job):
     columns.finish(cell, "planes", n_places=len(points), n_proved=report.n_proved)
 
 
+def places_of_cell(points):
+    """Rows of the distinct points of a cell, near ones together, and the place of each point."""
+    rows, place_of = distinct_rows(points)
+    place_of = np.arange(len(points)) if place_of is None else place_of
+    if len(rows) >= ORDER_FROM:
+        order = spatial_order(points[rows])
+        rows, new = rows[order], np.empty_like(order)
+        new[order] = np.arange(len(order))
+        place_of = new[place_of]
+    return rows, place_of
+
+
 def find_neighbors(cell, job):
     """Write the neighbors of the places of a cell, and what these tell of their planes.
 
@@ -107,7 +117,27 @@ def find_neighbors(cell, job):
     cells, _ = job.open()
     whole = job.whole()
     points, own = whole.open("points"), whole.rows(cell)
-    k = min(job.growing.n_neighbors, len(whole))
+    near, n_far = nearest_rows(cells, whole, cell, min(job.growing.n_neighbors, len(whole)))
+    index = _OwnNeighbors(points, near, own.start)
+    linking = _linking(index, whole, job)
+    radius, usable, limits = [], [], []
+    for rows in _chunks(own):
+        some = linking.measured(rows)
+        for values, found in zip((radius, limits, usable), some, strict=True):
+            values.append(found)
+    written = {"near": near, "radius": np.concatenate(radius), "usable": np.concatenate(usable)}
+    if linking.has_limits:
+        written["limit"] = np.concatenate(limits)
+    whole.columns.write(cell, **written)
+    whole.columns.finish(cell, "neighbors", n_far=n_far)
+
+
+def nearest_rows(cells, whole, cell, k):
+    """Rows of the k nearest of all places (n, k) of each place of a cell.
+
+    Also how many have some of them in other cells.
+    """
+    points, own = whole.open("points"), whole.rows(cell)
     near = np.empty((own.stop - own.start, k), np.int32)
 
     def load(other):
@@ -123,23 +153,12 @@ def find_neighbors(cell, job):
         near[rows] = rows_of["rows"][found_near]
 
     queries = np.array(points[own])
-    if len(queries) >= max(k, COMPILE_FROM) and SelfSearch.available():
+    if len(queries) >= max(k, COMPILE_FROM):
         bounds = _search_own(queries, near, own.start)
         n_far = visit_far(cells, load, cell, queries, k, bounds, keep)
     else:
         n_far = visit_nearest(cells, load, cell, queries, k, keep)
-    index = _OwnNeighbors(points, near, own.start)
-    linking = _linking(index, whole, job)
-    radius, usable, limits = [], [], []
-    for rows in _chunks(own):
-        some = linking.measured(rows)
-        for values, found in zip((radius, limits, usable), some, strict=True):
-            values.append(found)
-    written = {"near": near, "radius": np.concatenate(radius), "usable": np.concatenate(usable)}
-    if linking.has_limits:
-        written["limit"] = np.concatenate(limits)
-    whole.columns.write(cell, **written)
-    whole.columns.finish(cell, "neighbors", n_far=n_far)
+    return near, n_far
 
 
 def find_links(cell, job):
@@ -166,7 +185,7 @@ def _search_own(points, near, start):
     for rows in _chunks(slice(0, len(points))):
         found = Neighborhoods(search.query(rows, k), np.full(rows.stop - rows.start, k))
         own = search.order[rows]
-        bounds[own] = farthest_neighbors(search.points, found, rows.start, compiled=True)
+        bounds[own] = farthest_neighbors(search.points, found, rows.start)
         near[own] = start + search.order[found.indices]
     return bounds
 

@@ -3,7 +3,7 @@
 import os
 import re
 from contextlib import suppress
-from numbers import Integral, Real
+from numbers import Integral
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,13 +18,12 @@ __all__ = [
     "bytes_in_memory",
     "bytes_of_groups",
     "bytes_to_join",
-    "check_division",
+    "check_tile_size",
     "parse_memory",
     "plan_run",
     "usual_memory",
 ]
 
-UNITS = {"": 1, "B": 1, "KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
 # Share of the machine's memory that a run may take by itself, and what it takes where the machine
 # does not tell.
 SHARE, UNKNOWN = 0.5, 4e9
@@ -44,6 +43,9 @@ HEIGHTS_STORED, BELOW_POINT = 260, 750
 GROWN_STORED, GROWN_POINT, JOINED_POINT, JOINED_AT_ONCE, GROWN_CLOUD = 420, 60, 150, 1_000_000, 720
 # Of these, of each point, and of one that growth left over.
 GROWN_LEAST, REST_POINT = 26, 200
+# Of normals along a tree: a tile; temporary files; what the tree takes, for each point of the
+# cloud; and the cloud in memory.
+TREE_TILE, TREE_STORED, TREE_POINT, TREE_CLOUD = 1200, 200, 200, 850
 # By the work: bytes for each point of a tile, of temporary files, and of a cloud in memory.
 COSTS = {
     "normals": (TILE_POINT, TILE_STORED, CLOUD_POINT),
@@ -51,6 +53,7 @@ COSTS = {
     "heights": (JUDGED_POINT, HEIGHTS_STORED, CLOUD_POINT),
     "edges": (EDGES_POINT, EDGES_STORED, EDGES_CLOUD),
     "auto": (AUTO_POINT, AUTO_STORED, AUTO_CLOUD),
+    "tree": (TREE_TILE, TREE_STORED, TREE_CLOUD),
     "regions": (TILE_POINT, GROWN_STORED, GROWN_CLOUD),
 }
 # Points read or written at once, and bytes for each while that is done.
@@ -99,14 +102,12 @@ def parse_memory(memory):
     return float(number) * (1024 if binary else 1000) ** power
 
 
-def check_division(tile_size, cut):
+def check_tile_size(tile_size):
     """Raise if a cloud cannot be divided like this."""
     if tile_size is not None and not (
         isinstance(tile_size, Integral) and not isinstance(tile_size, bool) and tile_size >= 1
     ):
         raise ValueError(f"tile_size={tile_size!r} must be an int of 1 or more, or None.")
-    if not (isinstance(cut, Real) and 0 < cut < 1):
-        raise ValueError(f"cut={cut!r} must be between 0 and 1.")
 
 
 def usual_memory():
@@ -180,13 +181,17 @@ def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, wor
         own = max(own, PROCESS + joining)
         if own > least:
             why = f", because one process joins the regions of all {n_points:,} points"
+    if work == "tree":
+        own = max(own, PROCESS + TREE_POINT * n_points)
+        if own > least:
+            why = f", because one process holds the tree of all {n_points:,} points"
     if memory < own or memory < least:
         given = f"{memory / 1e6:.0f}MB" if memory >= 1e6 else f"{memory:g} bytes"
         raise ValueError(
             f"memory={given} is too little: at least {max(own, least) / 1e6:.0f}MB is needed{why}."
         )
     n_jobs = n_workers = _n_jobs(n_jobs)
-    if work == "regions":  # other processes stay, while regions are joined
+    if work in ("regions", "tree"):  # other processes stay, while one works on the whole
         n_workers = max(1, min(n_workers, int((memory - own) // max(PROCESS, 1))))
     if n_workers > 1:  # processes of their own
         n_workers = max(1, min(n_workers, int((memory - PROCESS) // least)))
@@ -208,7 +213,7 @@ def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, wor
     n_threads = max(1, n_jobs // n_workers) if shares else 1
     used = PROCESS * (n_workers + (n_workers > 1)) + n_workers * tile_size * bytes_a_point
     disk = n_points * (stored + 4 * n_features)
-    if work == "regions" and n_workers > 1:
+    if work in ("regions", "tree") and n_workers > 1:
         own += PROCESS * n_workers
     return Plan(n_workers, n_threads, tile_size, n_tiles, max(own, used), disk)
 

@@ -181,7 +181,7 @@ class _Stages:
         places = self.bend(rows)
         own, forms = self.planes.take(places), self.forms[places]
         rough = np.flatnonzero(forms == SurfacePlanes.ROUGH)
-        if not (self.surfaces.borrow and len(rough)):
+        if not (self.surfaces.lends and len(rough)):
             return own
         around = around.take(rough)
         members = np.unique(around.indices)
@@ -250,7 +250,7 @@ class _Stages:
     def _stage(self, points):
         return SurfacePlanes(
             _model_of(self.surfaces.model, points),
-            self.surfaces.borrow,
+            self.surfaces.lends,
             1,
             self.surfaces.tangents,
         )

@@ -8,13 +8,14 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.edges._painting import edge_columns
-from sklearn_mcmd.io import PointFileError, supported_extensions
+from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, classes_of_noise
-from sklearn_mcmd.io._files import one_clear_line, replacing
+from sklearn_mcmd.io._files import one_clear_line, replacing, supported_extensions
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._las_parts import read_parts, writing_parts
 from sklearn_mcmd.io._point_cloud import has_colors, with_results, without_outliers
 from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
+from sklearn_mcmd.planes._orientation import count_upright
 from sklearn_mcmd.planes._progress import current_span
 from sklearn_mcmd.tiling._catalog import EXTENSIONS, stamp_of
 from sklearn_mcmd.tiling._cells import Cells
@@ -49,7 +50,6 @@ SCORED = np.dtype([("row", np.int64), ("values", np.float64, (1,))])
 VERDICTS = np.dtype([("row", np.int64), ("values", np.float64, (2,))])
 # Of the file of a tile's regions.
 LABELED = np.dtype([("row", np.int64), ("values", np.int32, (1,))])
-BRIGHTEST = 65535  # color in LAS
 
 
 def targets_of(catalog, target, as_folder=None):
@@ -109,18 +109,26 @@ def targets_of(catalog, target, as_folder=None):
 
 
 def write_outputs(catalog, targets, folder, names):
-    """Write each output in the order of its inputs; returns the mean share that was removed."""
+    """Write each output in the order of its inputs.
+
+    Returns
+    -------
+    removed : float
+        Mean share of a neighborhood that was removed.
+    n_upright : int
+        Normals of upright faces.
+    """
     removed = names.index("removed_fraction")
 
     def with_normals(cloud, values, _):
         return with_results(cloud, dict(zip(names, values.T.copy(), strict=True))), None
 
-    def total(values):
-        return values[:, removed].sum(dtype=np.float64)
+    def totals(values):
+        return np.array([values[:, removed].sum(dtype=np.float64), count_upright(values)])
 
     results = _results(folder, result_dtype(len(names)))
-    whole = _write(catalog, targets, folder, results, with_normals, total, names)
-    return float(whole) / catalog.n_points
+    whole, n_upright = _write(catalog, targets, folder, results, with_normals, totals, names)
+    return float(whole) / catalog.n_points, int(n_upright)
 
 
 class Scored(NamedTuple):
@@ -298,7 +306,7 @@ def write_edge_outputs(catalog, targets, folder, limit, by_distance, colors, con
         scores = scores[:, 0]
         paints = not has_colors(cloud) if colors is None else colors
         values = scores if by_distance else -scores
-        columns = edge_columns(scores < limit, values, BRIGHTEST if paints else None)
+        columns = edge_columns(scores < limit, values, paints)
         return with_results(cloud, columns), None
 
     def count(scores):

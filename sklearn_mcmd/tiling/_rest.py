@@ -6,7 +6,7 @@ from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd.outliers._cloud import joined_scores
 from sklearn_mcmd.outliers._company import (
-    HALF,
+    LINKED,
     are_pieces,
     isolation_of,
     lengths_of_pieces,
@@ -24,7 +24,7 @@ from sklearn_mcmd.tiling._surfaces import COMPANY, LIMITS, all_places
 
 __all__ = ["find_groups", "find_isolation", "find_pieces", "find_scores", "find_things"]
 
-WIDTH = max(COMPANY.n_links, COMPANY.n_near) + 1  # neighbors among the rest, itself the first
+WIDTH = max(LINKED, COMPANY.n_near) + 1  # neighbors among the rest, itself the first
 WIDER = 1.0 + 1e-9  # the quotient of two lengths may be rounded down
 
 
@@ -37,14 +37,14 @@ def find_isolation(cell, job):
     cells, columns = job.open()
     points, rest = columns.read(cell, "points"), ~columns.read(cell, "explained")
     queries, usual = points[rest], np.full(len(points), np.nan)
-    n_reference, load, share = job.n_explained, _some(columns, _is_explained), COMPANY.usual
+    n_reference, load = job.n_explained, _some(columns, _is_explained)
     if not n_reference:
-        n_reference, load, share = job.n_places, all_places(columns), HALF
+        n_reference, load = job.n_places, all_places(columns)
     usual_there = np.empty(len(queries))
 
     def measure(rows, _, near, found):
         values = found.values(columns, "other_spacing")
-        usual_there[rows] = usual_of(values[near], share)
+        usual_there[rows] = usual_of(values[near], COMPANY.usual)
 
     n_far = visit_nearest(cells, load, cell, queries, min(COMPANY.n_usual, n_reference), measure)
     usual[rest] = usual_there
@@ -93,7 +93,7 @@ def find_groups(cell, job):
     others = linked[rows, places] - n
     linked = np.where(linked >= n, own[:, None], linked)
     labels = np.full(len(points), -1, np.int32)
-    labels[rest] = connected(linked, compiled=True)[0]
+    labels[rest] = connected(linked)[0]
     there, rows_there = found.places
     parts = parts_of_cell(labels, counts, rest[rows], there[others], rows_there[others])
     columns.write(cell, **{f"group_{name}": values for name, values in parts._asdict().items()})
@@ -111,9 +111,6 @@ def find_pieces(cell, job):
     length = np.zeros(len(labels))
     if len(rows):
         length[rows] = lengths_of_pieces(points, groups, COMPANY)[groups[: len(rows)]]
-        isolation = np.zeros(len(labels))
-        isolation[~columns.read(cell, "explained")] = columns.read(cell, "isolation")
-        length[isolation > COMPANY.alone] = 0.0
     columns.write(cell, piece_length=length)
     columns.finish(cell, "pieces")
 

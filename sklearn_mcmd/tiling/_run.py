@@ -13,9 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.base import clone
 
+from sklearn_mcmd._interrupts import ignoring_interrupts
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._las_parts import read_parts
+from sklearn_mcmd.io._no_returns import NoReturns
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
@@ -25,7 +27,7 @@ from sklearn_mcmd.tiling._heights import GroundWriter
 from sklearn_mcmd.tiling._memory import (
     PART,
     Plan,
-    check_division,
+    check_tile_size,
     parse_memory,
     plan_run,
     usual_memory,
@@ -39,6 +41,8 @@ __all__ = ["Run", "RunReport", "Verb", "check_seed", "run_by_tiles", "warm_up"]
 
 # Shares of the time, for the display of progress.
 SCATTERED, COMPUTED = 0.07, 0.93
+# Share of a tile that comes to the left when it is divided. Results do not depend on it.
+CUT = 0.5
 
 
 class RunReport(NamedTuple):
@@ -48,31 +52,33 @@ class RunReport(NamedTuple):
     ----------
     n_points, n_tiles, n_workers : int
     n_resumed : int
-        Tiles that an earlier run had finished; of `write_denoised`, those whose planes it had.
+        Tiles that an earlier run had finished; of outliers, those whose planes it had.
     n_proved : int
         Points whose normals or planes the first halo proved. The others were computed again, from
         all points that they depend on.
     removed_fraction : float
-        Mean share of a neighborhood that was removed; of `write_denoised`, the share of outliers.
+        Mean share of a neighborhood that was removed; of outliers, their share.
     seconds : float
     n_outliers : int
-        Of `write_denoised`, and of `write_edges` before it looks for edges.
+        Also of edges, before these are looked for.
     n_exact : int
         Of these, those that may be outliers only because most of their neighbors lie exactly in
         one plane.
     n_regions, n_inside : int
-        Of `write_segments`, regions, and points in any of them.
+        Regions, and points in any of them.
     largest : list of int
         Points of the largest regions.
     n_edges : int
-        Points of edges, of `write_edges`.
+        Points of edges.
     n_judged : int
-        Of `write_denoised`, points that were judged.
+        Points that were judged for outliers.
     n_used : int
-        Of `write_denoised`, points that were judged or used to judge others: not withheld, and of
+        Points that were judged or used to judge others: not withheld, and of
         the classes asked for.
     together : str
-        Of `write_denoised`, where hundreds of outliers lie together, in words; "" if nowhere.
+        Where hundreds of outliers lie together, in words; "" if nowhere.
+    n_upright : int
+        Normals of upright faces.
     """
 
     n_points: int
@@ -91,6 +97,7 @@ class RunReport(NamedTuple):
     n_judged: int = 0
     n_used: int = 0
     together: str = ""
+    n_upright: int = 0
 
 
 class Run(NamedTuple):
@@ -127,7 +134,14 @@ class Verb(ABC):
         The points that are used; None is all.
     needs_ground : bool, default=False
         Whether the points of the ground get cells of their own.
+
+    Attributes
+    ----------
+    options : tuple of str
+        Options of `process_files` that mean something to it.
     """
+
+    options: tuple[str, ...] = ()
 
     def __init__(self, estimator, content="", choice=None, *, needs_ground=False):
         self.estimator, self.content, self.choice = estimator, content, choice
@@ -159,7 +173,7 @@ class Verb(ABC):
 
 
 def run_by_tiles(
-    verb, source, target, *, memory=None, n_jobs=None, tile_size=None, cut=0.5, as_folder=None,
+    verb, source, target, *, memory=None, n_jobs=None, tile_size=None, as_folder=None,
     restart=False,
 ):  # fmt: skip
     """Run a verb, or go on where an earlier run has ended; returns its `RunReport`.
@@ -167,11 +181,11 @@ def run_by_tiles(
     Parameters
     ----------
     verb : Verb
-    source, target, memory, n_jobs, tile_size, cut, as_folder, restart
-        As of `write_normals`.
+    source, target, memory, n_jobs, tile_size, as_folder, restart
+        As of `process_files`.
     """
     begin = time.perf_counter()
-    check_division(tile_size, cut)
+    check_tile_size(tile_size)
     memory = usual_memory() if memory is None else parse_memory(memory)
     catalog = source if isinstance(source, Catalog) else Catalog(source)
     targets = targets_of(catalog, Path(target), as_folder)
@@ -179,7 +193,7 @@ def run_by_tiles(
         return report
     work, n_features = verb.prepare()
     plan = plan_run(catalog.n_points, memory, n_jobs, n_features, tile_size, work=work)
-    folder = _scattered(verb, catalog, target, plan, cut, restart)
+    folder = _scattered(verb, catalog, target, plan, restart)
     with _kept(folder):
         for path in targets:
             path.parent.mkdir(exist_ok=True)
@@ -193,7 +207,8 @@ def run_by_tiles(
             seconds=time.perf_counter() - begin, **found,
         )  # fmt: skip
         _moves(verb, catalog, targets, folder).finish(report._asdict())
-        folder.remove()
+        with ignoring_interrupts():
+            folder.remove()
     return report
 
 
@@ -218,10 +233,10 @@ def check_seed(estimator):
         )
 
 
-def _scattered(verb, catalog, target, plan, cut, restart):
+def _scattered(verb, catalog, target, plan, restart):
     """The folder of a run, with all points in cells: of an earlier run, if that was the same."""
     used = verb.choice, verb.needs_ground
-    key = key_of(catalog, verb.estimator, plan.tile_size, cut, _version(), used)
+    key = key_of(catalog, verb.estimator, plan.tile_size, CUT, _version(), used)
     folder = WorkFolder(target, key)
     try:
         if restart:
@@ -229,7 +244,7 @@ def _scattered(verb, catalog, target, plan, cut, restart):
         if folder.constants is None:
             _check_disk(folder.path.parent, plan.disk)
             with progress_part(0.0, SCATTERED, "reading"):
-                _scatter(verb, catalog, folder, plan.tile_size, cut)
+                _scatter(verb, catalog, folder, plan.tile_size)
     except BaseException:
         if folder.constants is None:
             folder.remove()
@@ -288,14 +303,16 @@ def _check_disk(folder, wanted):
         )
 
 
-def _scatter(verb, catalog, folder, capacity, cut):
+def _scatter(verb, catalog, folder, capacity):
     """Read all points once: into cells, and for the constants of the whole cloud."""
-    writer, whole, row = CellWriter(folder.cells, capacity, cut), WholeCloud(), 0
+    writer, whole, row = CellWriter(folder.cells, capacity, CUT), WholeCloud(), 0
     choice, ground = verb.choice, None
     if verb.needs_ground:
-        ground = GroundWriter(folder.cells, capacity, cut)
+        ground = GroundWriter(folder.cells, capacity, CUT)
     for path in catalog.paths:
+        no_returns = NoReturns()
         for cloud in read_parts(path, PART):
+            no_returns.add(cloud.xyz)
             with one_clear_line(path, "read"):
                 chosen = None if choice is None else choice.of(cloud)
             xyz = cloud.xyz if chosen is None else cloud.xyz[chosen]
@@ -307,6 +324,8 @@ def _scatter(verb, catalog, folder, capacity, cut):
                 ground.add(cloud)
             row += len(cloud)
             tell(row / catalog.n_points)
+        if warning := no_returns.warning(path):
+            warn_caller(warning)
     if not writer.n_points:
         raise PointFileError(
             f"{catalog.paths[0]}: no points are judged: all are withheld or of other classes"

@@ -74,7 +74,7 @@ def find_errors(cell, job):
     def measure(rows, distances, near, found):
         reach[rows] = distances[:, -1]
         around = _around(near[:, :LEAST])
-        errors[rows], normals[rows] = errors_of(found.points, around, compiled=True)
+        errors[rows], normals[rows] = errors_of(found.points, around)
 
     visit_nearest(cells, all_places(columns), cell, points, AROUND, measure)
     columns.write(cell, error_0=errors, normal_0=normals, far_around=reach)
@@ -101,10 +101,10 @@ def find_wanted(cell, job, step):
         def judge(rows, _, near):
             rows, near = todo[rows], near.astype(np.int32, copy=False)
             if step:
-                wanted[rows] = quantile_around(spread, _around(near), QUIET, compiled=True)
+                wanted[rows] = quantile_around(spread, _around(near), QUIET)
                 still = np.isinf(wanted[rows])
                 rows, near = rows[still], near[still]
-            quiet = quantile_around(errors, _around(near), QUIET, compiled=True)
+            quiet = quantile_around(errors, _around(near), QUIET)
             error, number = wanted_by(quiet, k, 3)
             known = number <= FARTHEST * k
             wanted[rows[known]] = np.maximum(number[known], LEAST)
@@ -118,7 +118,7 @@ def find_wanted(cell, job, step):
             larger_errors, larger = _larger_planes(cell, cells, columns, queries, FARTHEST * k)
             turned = np.empty(len(found.points))
             turned[members] = angles(normals[members], larger)
-            turns = quantile_around(turned, _around(near), QUIET, compiled=True)
+            turns = quantile_around(turned, _around(near), QUIET)
             wanted[rows] = np.where(turns > TURNED * error, np.maximum(k, LEAST), np.inf)
             keys = _keys(found)[members]
             order = np.argsort(keys)
@@ -142,7 +142,7 @@ def fill_wanted(cell, job, step):
         spread = found.values(columns, f"wanted_{step}")
 
         def fill(rows, _, near):
-            wanted[todo[rows]] = quantile_around(spread, _around(near), QUIET, compiled=True)
+            wanted[todo[rows]] = quantile_around(spread, _around(near), QUIET)
 
         everything.visit(points[todo], AROUND, fill)
     wanted[np.isinf(wanted)] = MOST
@@ -162,7 +162,7 @@ def find_sizes(cell, job):
     wanted = np.empty(len(points))
 
     def smooth(rows, _, near):
-        wanted[rows] = quantile_around(spread, _around(near), QUIET, compiled=True)
+        wanted[rows] = quantile_around(spread, _around(near), QUIET)
 
     everything.visit(points, AROUND, smooth)
     sizes = sizes_of(wanted, job.n_places)
@@ -216,7 +216,7 @@ def _larger_planes(cell, cells, columns, queries, k):
     errors, normals = np.empty(len(queries)), np.empty((len(queries), 3))
 
     def measure(rows, _, near, found):
-        errors[rows], normals[rows] = errors_of(found.points, _around(near), compiled=True)
+        errors[rows], normals[rows] = errors_of(found.points, _around(near))
 
     visit_nearest(cells, all_places(columns), cell, queries, k, measure)
     return errors, normals

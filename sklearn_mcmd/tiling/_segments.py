@@ -1,7 +1,5 @@
 """Regions of clouds larger than memory: planes and links by tiles, growth along links on disk."""
 
-import os
-from collections.abc import Iterable
 from functools import partial
 
 import numpy as np
@@ -9,25 +7,24 @@ from sklearn.base import clone
 
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.normals import RobustNormalEstimator
+from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._progress import progress_part
-from sklearn_mcmd.segmentation import RegionGrowing
-from sklearn_mcmd.segmentation._graph import COMPILE_FROM, grow_regions, seed_order
+from sklearn_mcmd.segmentation._graph import grow_regions, seed_order
 from sklearn_mcmd.segmentation._region_sums import region_sizes
 from sklearn_mcmd.segmentation._steps import finish_regions
-from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._links import GrowthJob, find_links, find_neighbors, find_planes
 from sklearn_mcmd.tiling._memory import bytes_to_join
 from sklearn_mcmd.tiling._normals import check_normals
 from sklearn_mcmd.tiling._outputs import LABELED, write_segmented_outputs
-from sklearn_mcmd.tiling._run import RunReport, Verb, run_by_tiles, warm_up
+from sklearn_mcmd.tiling._run import Verb, warm_up
 from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._tile import tile_files, write_whole
 from sklearn_mcmd.tiling._together import fit_together
 from sklearn_mcmd.tiling._warnings import warn_caller
 from sklearn_mcmd.tiling._whole import ALL, StoredIndex, WholeColumns
 
-__all__ = ["check_growing", "write_segments"]
+__all__ = ["Segments"]
 
 WARM_UP = 3_000  # points that load or compile the code
 # Rows are numbers of 32 bits.
@@ -43,95 +40,13 @@ JOINED = {
 }
 
 
-def write_segments(
-    source: Catalog | str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
-    target: str | os.PathLike[str],
-    estimator: RegionGrowing | None = None,
-    *,
-    colors: bool | None = None,
-    memory: str | float | None = None,
-    n_jobs: int | None = None,
-    tile_size: int | None = None,
-    cut: float = 0.5,
-    as_folder: bool | None = None,
-    restart: bool = False,
-) -> RunReport:
-    """Large files with the regions of their points, equal to those found in memory.
-
-    All points are read once and divided into tiles. The planes of a tile's points, their neighbors
-    and the links along which regions grow are found with the points around it, and each is proved
-    to be that of the whole cloud. They are kept on disk, and one process grows regions along them
-    and joins their parts. So the labels are those of ``estimator.fit`` on all points together,
-    whatever the tiles are.
-
-    Parameters
-    ----------
-    source : Catalog, or what it takes
-        Files, a folder, or an index.
-    target : str or os.PathLike
-        A LAS or LAZ file, or a folder, as of `write_normals`.
-    estimator : RegionGrowing, default=None
-        With ``normals="estimate"``. Its `normal_estimator` needs an int as `random_state` and a
-        number of neighbors; where it has none, `random_state` must be an int. None is
-        ``RegionGrowing(random_state=0)``.
-    colors : bool, default=None
-        Whether to write colors, one for each region. None means that each file without colors
-        gets them.
-    memory, n_jobs, tile_size, cut, as_folder, restart
-        As of `write_normals`. One process grows and joins regions, and takes about 60 bytes for
-        each point of the cloud, however small the tiles are.
-
-    Returns
-    -------
-    RunReport
-
-    Raises
-    ------
-    PointFileError
-        If a file cannot be read or written.
-    TilingError
-        If some tiles failed, or the run ended in another way after all points were read. Temporary
-        files are then kept, and the message names them.
-    ValueError
-        If the estimator cannot work by tiles, or the memory is too little.
-
-    Warns
-    -----
-    UserWarning
-        If so many points are on no surface that regions take more than the memory.
-
-    See Also
-    --------
-    Catalog : What files hold.
-    write_normals : Normals of such files.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> from sklearn_mcmd.datasets import make_street
-    >>> from sklearn_mcmd.io import read_points, write_points
-    >>> from sklearn_mcmd.tiling import write_segments
-    >>> street = make_street(8_000, outlier_share=0, random_state=0).data
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     a, b = Path(folder) / "a.las", Path(folder) / "b.las"
-    ...     write_points(a, street)
-    ...     report = write_segments(a, b, tile_size=3_000)
-    ...     print(report.n_tiles, "tiles;", read_points(b).attributes["region"].dtype)
-    4 tiles; int32
-    """
-    verb = _Segments(check_growing(estimator), f"colors={colors}", colors=colors)
-    return run_by_tiles(
-        verb, source, target, memory=memory, n_jobs=n_jobs, tile_size=tile_size, cut=cut,
-        as_folder=as_folder, restart=restart,
-    )  # fmt: skip
-
-
-class _Segments(Verb):
+class Segments(Verb):
     """Regions: links by tiles, and growth of all in this process."""
 
-    def __init__(self, estimator, content, *, colors):
-        super().__init__(estimator, content)
+    options = ("colors",)
+
+    def __init__(self, estimator, colors):
+        super().__init__(_checked(estimator), f"colors={colors}")
         self.colors = colors
 
     def prepare(self):
@@ -159,14 +74,8 @@ class _Segments(Verb):
         }
 
 
-def check_growing(estimator):
+def _checked(estimator):
     """The estimator as tiles take it; raise if it cannot work by them."""
-    if estimator is None:
-        estimator = RegionGrowing(random_state=0)
-    if not isinstance(estimator, RegionGrowing):
-        raise ValueError(
-            f"{type(estimator).__name__} cannot work by tiles: regions are found by RegionGrowing."
-        )
     estimator = clone(estimator)
     estimator._validate_params()
     if estimator.normals != "estimate":

@@ -89,7 +89,7 @@ def normals_of_sized_tile(cell, job):
     results["values"][:, -1] = sizes[: len(own)][place_of]
     n_far = int(np.bincount(place_of, minlength=len(own))[rest].sum())
     n = len(rows)
-    report = TileReport(n, len(halo.points), n - n_far, n_again, time.perf_counter() - begin)
+    report = TileReport(n, n - n_far, n_again, time.perf_counter() - begin)
     _write(job.columns, cell, results, report)
 
 
@@ -124,7 +124,7 @@ class SizedCloud(WiderCloud):
         order = IndexedCloud.of(points)
         near = NeighborIndex(points, k, self.index.radius, found_sizes[order.rows])
         around = near.query_own(near.nearest(queries))
-        reach = SLACK * extents(near.points, queries, around, compiled=True)[1]
+        reach = SLACK * extents(near.points, queries, around)[1]
         if self.index.radius is not None:
             reach = np.maximum(reach, self.index.radius)
         used = np.unique(around.indices)

@@ -21,7 +21,6 @@ from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM, distinct_rows
 from sklearn_mcmd.planes._linking import connected, farthest_neighbors, link_planes
 from sklearn_mcmd.planes._nearest import NearestPoints
-from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 from sklearn_mcmd.planes._self_search import SelfSearch
 from sklearn_mcmd.tiling._cells import Cells
@@ -150,13 +149,13 @@ def find_links(cell, job):
     n, linked, leaving = len(points), _unlinked(points, job), [np.empty((0, 2), np.int32)]
     if usable.any():  # then there are as many neighbors
         width = linked.shape[1]
-        index = _Searched(np.vstack([points, found.points]), width)
+        index = _Searched(np.vstack([points, found.points]))
         order = index.order
         planes = _record(found.after([columns.read(cell, "planes")], columns, "planes"), order)
         usable_there = found.after([usable], columns, "usable")[order]
         farthest = found.after([farthest], columns, "farthest")[order]
         links = link_planes(
-            index, width, planes, link_limits(LIMITS), usable_there, compiled=True,
+            index, width, planes, link_limits(LIMITS), usable_there,
             farthest=farthest,
         )  # fmt: skip
         del planes
@@ -167,7 +166,7 @@ def find_links(cell, job):
             i, j = np.nonzero(to >= n)
             leaving.append(np.stack([rows[i], to[i, j] - n], axis=1))
             linked[rows] = np.where(to >= n, rows[:, None], to)
-    labels = np.where(usable, connected(linked, compiled=True)[0], -1)
+    labels = np.where(usable, connected(linked)[0], -1)
     rows, others = np.vstack(leaving).T
     there, rows_there = found.places
     parts = parts_of_cell(labels, np.ones(n), rows, there[others], rows_there[others])
@@ -198,7 +197,7 @@ def find_explained(cell, job):
     def explain(rows, _, near):
         near = Neighborhoods(near.astype(np.int32), np.full(len(near), near.shape[1]))
         owners, distances[off[rows]] = distances_to_surfaces(
-            queries[rows], near.take, around, usable, floor[rows], True, len(near.sizes)
+            queries[rows], near.take, around, usable, floor[rows], len(near.sizes)
         )
         owner_scale[off[rows]] = np.where(owners < 0, owner_scale[off[rows]], around.scale[owners])
 
@@ -269,7 +268,7 @@ def _evaluate(job, columns, points, counts, others):
         first = Neighborhoods(
             np.ascontiguousarray(around.indices[:, :width]), np.full(len(around.sizes), width)
         )
-        found["farthest"][places] = farthest_neighbors(index.points, first, rows.start, True)[mine]
+        found["farthest"][places] = farthest_neighbors(index.points, first, rows.start)[mine]
 
     each_slice(len(index.points), model.chunk(), task, 1)
     found["usable"] = usable_planes(_record(found["planes"]), found["distances"], LIMITS)
@@ -328,16 +327,10 @@ class _Searched:
 
     chunk = CHUNK
 
-    def __init__(self, points, k):
-        if SelfSearch.available():
-            self._search = SelfSearch(points)
-            self.order, self.points = self._search.order, self._search.points
-        else:
-            self._search, index = None, NeighborIndex(points, k)
-            self._index, self.order, self.points = index, index.rows, index.points
+    def __init__(self, points):
+        self._search = SelfSearch(points)
+        self.order, self.points = self._search.order, self._search.points
 
     def query_own(self, rows, k):
-        if self._search is None:
-            return self._index.query_own(rows, k, keep=False)
         found = self._search.query(rows, k)
         return Neighborhoods(found, np.full(len(found), k))

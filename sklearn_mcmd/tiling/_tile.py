@@ -49,8 +49,6 @@ class TileReport(NamedTuple):
     """What the work on a tile came to.
 
     n_points : int
-    n_halo : int
-        Points read around the tile.
     n_proved : int
         Points whose normals the halo proved; the others were computed again.
     n_again : int
@@ -59,7 +57,6 @@ class TileReport(NamedTuple):
     """
 
     n_points: int
-    n_halo: int
     n_proved: int
     n_again: int
     seconds: float
@@ -142,7 +139,7 @@ def columns_of_tile(cells, cell, estimator, constants, columns_of, n_threads=1):
         columns[rest[these]] = columns_of(result)[again[these] - first]
         n_again += cloud.n_read
     report = TileReport(
-        *map(int, (len(own), len(halo), len(own) - len(rest), n_again)), time.perf_counter() - begin
+        *map(int, (len(own), len(own) - len(rest), n_again)), time.perf_counter() - begin
     )
     return rows, columns, report
 

@@ -19,6 +19,7 @@ __all__ = [
 ]
 
 LONG_TAIL = 20  # ranges of normal values are 6 to 8 times their quartiles' distance
+NARROWEST = 1e-300  # width of a code, over its largest value
 TOP = 65534  # largest code of a number above the first; code 0 is "no value"
 NORMAL_TOP = 4094  # even, so that normals along the axes are exact
 FEW = 64  # this many distinct whole numbers are classes
@@ -88,7 +89,9 @@ class NumberCode(NamedTuple):
         q25, q50, q75 = np.quantile(values, [0.25, 0.5, 0.75]).tolist()
         usual = q75 - q25
         if not np.isfinite(high - low) or (usual > 0 and high - low > LONG_TAIL * usual):
-            width = usual or 1.0
+            largest = max(abs(low), abs(high))
+            # Quotients by a smaller width, or by an infinite one, are no numbers.
+            width = min(max(usual or 1.0, NARROWEST * largest), largest)
             ends = np.arcsinh(np.array([low / width - q50 / width, high / width - q50 / width]))
             return cls(float(ends[0]), float(ends[1] - ends[0]) / TOP, q50, width)
         return cls(low, (high - low) / TOP or 1.0)

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from sklearn_mcmd.io._files import read_points, replacing
 from sklearn_mcmd.io._point_cloud import PointCloud
+from sklearn_mcmd.io._units import length_unit
 from sklearn_mcmd.view._attributes import free_name, is_wanted, plan_attributes
 from sklearn_mcmd.view._encoding import Grid, pack_points, shuffled
 
@@ -27,7 +28,7 @@ MAX_POINTS = 5_000_000
 LARGEST_EXTENT = 1e18
 SUFFIXES = (".html", ".htm")
 # In the order in which they are joined; together they are the page's one script.
-SCRIPTS = ("decode", "colors", "scene", "camera", "renderer", "measure", "panel", "main")
+SCRIPTS = ("decode", "colors", "scene", "camera", "renderer", "measure", "panel", "picture", "main")
 # What the page colors by at first: the first of these that the clouds have.
 FIRST_COLORS = (
     *(
@@ -188,9 +189,11 @@ def cloud_page(
     for told, name, size, cloud in zip(manifest["clouds"], named, sizes, kept, strict=True):
         told |= {"name": str(name), "total": size, "dropped": cloud.n_dropped}
     known = [attribute["name"] for attribute in manifest["attributes"]]
+    units = {length_unit(cloud) for cloud in kept}
     manifest |= {
         "title": title or ", ".join(map(str, named)),
         "own_height": free_name("height", known),
+        "unit": units.pop() if len(units) == 1 else None,
         "start": _first_color(color, [*known, free_name("height", known)]),
     }
     return CloudPage(

@@ -9,10 +9,12 @@ from sklearn.exceptions import ConvergenceWarning
 
 import reference_adjustment as reference
 from adjustment_clouds import plane_with_outliers, random_case
-from sklearn_mcmd.adjustment import BaardaPlaneDetector, _downdate, adjust_plane
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, _downdate
+from sklearn_mcmd.adjustment._plane import adjust_plane
 
 
 @pytest.mark.filterwarnings("ignore:The tests reject")
+@pytest.mark.filterwarnings("ignore:The points that pass are as thick as they are wide")
 @pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
 @pytest.mark.parametrize("test", ["w", "tau", "t"])
 @pytest.mark.parametrize("elimination", ["single", "all"])
@@ -155,7 +157,7 @@ def test_sigma0_auto_finds_outliers_without_knowing_sigma():
     X = plane_with_outliers(2000, 200, 12.0, sigma=0.003)
     detector = BaardaPlaneDetector(sigma0="auto").fit(X)
     assert_array_equal(np.flatnonzero(detector.labels_ == -1), np.arange(200))
-    assert 0.003 < detector.sigma0_ < 0.0036
+    assert_allclose(detector.sigma0_, 0.003, rtol=0.05)  # 1,800 points: 1.7 %
 
 
 @pytest.mark.parametrize("loss", ["huber", "tukey"])

@@ -9,6 +9,7 @@ from adjustment_clouds import plane_with_outliers, random_case
 from sklearn_mcmd.adjustment import FuzzyPlaneDetector, _effects, _hull
 
 
+@pytest.mark.filterwarnings("ignore:The points that pass are as thick as they are wide")
 @pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
 @pytest.mark.parametrize("weighting", ["ratio", "cut"])
 @pytest.mark.parametrize("width", [0.15, 1.0, 1.25])

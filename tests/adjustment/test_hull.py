@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sklearn_mcmd.adjustment import adjust_plane
 from sklearn_mcmd.adjustment._hull import hull_vertices
+from sklearn_mcmd.adjustment._plane import adjust_plane
 
 
 def clouds(seed, q):

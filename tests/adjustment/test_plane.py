@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 import reference_adjustment as reference
 from sklearn_mcmd.adjustment import _plane as plane_module
-from sklearn_mcmd.adjustment import adjust_plane
+from sklearn_mcmd.adjustment._plane import adjust_plane
 
 
 def random_cloud(seed, n=None, d=None):

@@ -10,6 +10,7 @@ from sklearn_mcmd.adjustment import (
     plot_report,
     text_report,
 )
+from sklearn_mcmd.adjustment._report import normal_row
 
 DETECTORS = [
     BaardaPlaneDetector(),
@@ -66,6 +67,7 @@ def exact_plane(offset):
     return np.column_stack([xy, xy @ [0.1, 0.3] + 7])
 
 
+@pytest.mark.filterwarnings("ignore:The points that pass are as thick as they are wide")
 @pytest.mark.parametrize("detector", DETECTORS)
 def test_a_point_more_than_three_has_a_report_too(detector, tmp_path):
     pytest.importorskip("matplotlib")
@@ -88,5 +90,42 @@ def test_the_report_of_an_exact_plane_says_that_there_is_no_noise(offset, tmp_pa
 def test_the_report_of_a_plane_with_noise_says_nothing_of_rounding():
     X = plane_with_outliers(200, 0)
     text = text_report(BaardaPlaneDetector(sigma0="auto").fit(X), X)
-    assert "(robust estimate)" in text
+    assert "(estimated)" in text
     assert "rounding" not in text
+
+
+def test_the_plane_is_given_by_a_point_and_digits_by_the_standard_error():
+    X = plane_with_outliers(400, 0, sigma=0.004) + np.array([362_000, 5_157_000, 100])
+    detector = BaardaPlaneDetector(sigma0="auto").fit(X)
+    text = text_report(detector, X, unit="m")
+    point, error = text.split("point of the plane")[1].splitlines()[0].split("±")
+    assert error.split() == ["0.0002", "m"]  # 4 mm by the root of 400
+    assert {len(value.split(".")[1]) for value in point.split()} == {4}
+    assert abs(detector.residuals([[float(value) for value in point.split()]])[0]) < 1e-4
+    assert f"{detector.variance_factor_:.6g} m^2 without outliers" in text
+    assert "A residual is positive above the plane." in text
+    assert "distance from origin" not in text
+
+
+@pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
+def test_the_error_of_the_normal_is_its_scatter_among_planes(surface):
+    slopes, told = [], []
+    for seed in range(60):
+        X = plane_with_outliers(50, 0, sigma=0.01, seed=seed) * [1, 0.2, 0.02]  # widest along x
+        detector = BaardaPlaneDetector(sigma0="auto", surface=surface).fit(X)
+        slopes.append(detector.normal_[1])
+        told.append(float(normal_row(detector).split("±")[1]))
+    # 60 normals tell their deviation to 9 %; what is printed has one digit.
+    assert abs(np.log(np.median(told) / np.std(slopes))) < 0.5
+
+
+@pytest.mark.parametrize("detector", [BaardaPlaneDetector, FuzzyPlaneDetector])
+def test_the_report_tells_the_global_test_or_why_there_is_none(detector):
+    X = plane_with_outliers(400, 5, 12.0)
+    given = detector(sigma0=0.5).fit(X)
+    before, after = given.global_test_pvalue_initial_, given.global_test_pvalue_
+    words = f"p = {before:.2g} with all points, {after:.2g} without outliers; rejected"
+    assert before < after < 0.05
+    assert words in text_report(given, X)
+    text = text_report(detector(sigma0="auto").fit(X), X)
+    assert "global test           none: sigma0 is estimated from these points" in text

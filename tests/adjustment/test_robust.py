@@ -5,9 +5,9 @@ import pytest
 from numpy.testing import assert_allclose
 from sklearn.linear_model import HuberRegressor
 
-from sklearn_mcmd.adjustment import adjust_plane, m_estimate
 from sklearn_mcmd.adjustment._elimination import own_redundancy
-from sklearn_mcmd.adjustment._robust import huber, robust_scale, tukey
+from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._robust import huber, m_estimate, robust_scale, tukey
 
 
 @pytest.fixture(name="cloud")

@@ -7,12 +7,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.adjustment import (
-    BaardaPlaneDetector,
-    FuzzyPlaneDetector,
-    adjust_plane,
-    m_estimate,
-)
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
+from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._robust import m_estimate
 from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 
 OFFSETS = [0.0, 1e3, 5e6, 1e9]

@@ -20,7 +20,7 @@ def test_w_has_the_three_critical_values_of_table_1_at_once():
     c = critical_value("w", 0.01, 5)
     assert_allclose(c, stats.norm.isf(0.005), rtol=1e-12)
     assert_allclose(c**2, stats.chi2(1).isf(0.01), rtol=1e-12)
-    assert_allclose(c**2, stats.f(1, 1e12).isf(0.01), rtol=1e-6)
+    assert_allclose(c**2, stats.f(1, 1e9).isf(0.01), rtol=1e-6)
 
 
 def test_t_and_tau_have_the_critical_values_of_table_1():

@@ -71,7 +71,6 @@ def test_the_scale_is_the_least_median_of_all_trials():
 @pytest.mark.parametrize("kind", [Ransac, Msac])
 @pytest.mark.parametrize("noise_scale", [None, 0.02])
 def test_compiled_and_numpy_forms_agree(kind, noise_scale):
-    pytest.importorskip("numba")
     points = noisy_planes(300, seed=2)
     method = kind(noise_scale=noise_scale)
     tables, sizes = method.tables(0), np.repeat([50, 30], 150)
@@ -84,7 +83,6 @@ def test_compiled_and_numpy_forms_agree(kind, noise_scale):
 
 
 def test_forms_agree_on_neighborhoods_without_a_plane():
-    pytest.importorskip("numba")
     line = np.linspace(0, 1, 20)[:, None] * [1.0, 2.0, 3.0]
     points = np.stack([line, np.zeros((20, 3))])
     for compiled in (True, False):

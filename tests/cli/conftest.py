@@ -2,6 +2,7 @@
 
 import pytest
 
+from sklearn_mcmd import adjustment
 from sklearn_mcmd.cli import _waiting
 from sklearn_mcmd.io import write_points
 from sklearn_mcmd.tiling import _memory
@@ -12,6 +13,22 @@ from tiled import street
 def patient(monkeypatch):
     """However slow the machine is, no line of progress comes between those a test asks for."""
     monkeypatch.setattr(_waiting, "PATIENCE", 3600.0)
+
+
+@pytest.fixture
+def real_figures():
+    """Have `mcmd plane` draw its figure, which takes it most of its time."""
+
+
+@pytest.fixture(autouse=True)
+def _empty_figures(request, monkeypatch):
+    def figure(*args, **kwargs):
+        from matplotlib.figure import Figure
+
+        return Figure((1, 1))
+
+    if "real_figures" not in request.fixturenames:
+        monkeypatch.setattr(adjustment, "plot_report", figure)
 
 
 @pytest.fixture

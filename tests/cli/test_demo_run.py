@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from commands import run
+from sklearn_mcmd.cli._demo_run import _sides
 from sklearn_mcmd.io import read_points
 
 
@@ -46,6 +47,12 @@ def test_demo_normals_are_nearer_to_the_truth_than_principal_components(demo):
         if "95 % below" in line
     }
     assert high["mcmd_z"] < 0.5 * high["pca"]
+
+
+def test_the_picture_tells_how_many_normals_of_upright_faces_look_outward():
+    normals = np.array([[1, 0, 0], [1, 0, 0], [0, 0, 1], [1, 0, 0]])
+    truth = np.array([[1, 0, 0], [-1, 0, 0], [0, 0, 1], [np.nan] * 3])  # of an outlier: NaN
+    assert _sides(normals, truth).startswith("50 % of the normals of upright faces look outward")
 
 
 def test_demo_refuses_a_file_as_folder(tmp_path):

@@ -1,13 +1,11 @@
 """mcmd denoise: the detector's outliers, dropped or marked, and nothing else changed."""
 
-import re
-
 import numpy as np
 import pytest
 
 from commands import run
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_lidar_turn, make_street
+from sklearn_mcmd.datasets import make_lidar_turn
 from sklearn_mcmd.io import read_points, write_points
 from sklearn_mcmd.io._classes import noise_classes
 
@@ -66,11 +64,13 @@ def test_marked_points_carry_their_robust_distance_as_float32(room, room_file, t
 def test_options_of_denoise_reach_the_detector(room, room_file, tmp_path):
     result = run(
         *("denoise", room_file, tmp_path / "out.npy", "--mode", "mark", "--n-neighbors", 20),
-        *("--method", "mcmd_md", "--cutoff", 4, "--outlier-rate", 0.2, "--random-state", 3),
+        *("--method", "mcmd_md", "--cutoff", 4, "--max-outlier-rate", 0.2, "--random-state", 3),
         *("--n-jobs", 1),
     )
     assert result.exit_code == 0, result.output
-    detector = MCMDOutlierDetector(20, method="mcmd_md", cutoff=4, outlier_rate=0.2, random_state=3)
+    detector = MCMDOutlierDetector(
+        20, method="mcmd_md", cutoff=4, max_outlier_rate=0.2, random_state=3
+    )
     marked = np.load(tmp_path / "out.npy")["outlier"]
     np.testing.assert_array_equal(marked, detector.fit_predict(room.xyz) == -1)
 
@@ -110,38 +110,6 @@ def test_what_is_judged_and_by_what_reaches_the_detector(options, parameters, mi
     for left_out in parameters:  # each made a difference
         others = {name: value for name, value in parameters.items() if name != left_out}
         assert (marked != expected_outliers(mixed, **others)).any()
-
-
-@pytest.mark.parametrize(("keep", "strictness"), [("things", "groups"), ("surfaces", "surfaces")])
-def test_what_is_to_stay_is_another_name_of_a_strictness(keep, strictness, mixed, tmp_path):
-    np.save(tmp_path / "in.npy", mixed)
-    for name, options in {"a": ("--keep", keep), "b": ("--strictness", strictness)}.items():
-        target = tmp_path / f"{name}.npy"
-        result = run("denoise", tmp_path / "in.npy", target, "--mode", "mark", *options)
-        assert result.exit_code == 0, result.output
-    a, b = np.load(tmp_path / "a.npy"), np.load(tmp_path / "b.npy")
-    np.testing.assert_array_equal(a, b)
-    np.testing.assert_array_equal(a["outlier"], expected_outliers(mixed, strictness=strictness))
-
-
-@pytest.mark.parametrize("strictness", ["groups", "surfaces", "isolated"])
-def test_what_is_to_stay_and_a_strictness_exclude_each_other(strictness, mixed, tmp_path):
-    np.save(tmp_path / "in.npy", mixed)
-    result = run(
-        *("denoise", tmp_path / "in.npy", tmp_path / "out.npy"),
-        *("--strictness", strictness, "--keep", "surfaces"),
-    )
-    assert result.exit_code == 2
-    words = " ".join(line.strip("│╭╮╰╯─ ") for line in result.stderr.splitlines())
-    assert f"--keep surfaces and --strictness {strictness} exclude each other" in words
-    assert not (tmp_path / "out.npy").exists()
-
-
-def test_help_names_what_is_to_stay_and_the_strictness():
-    words = " ".join(word.strip("│╭╮╰╯─") for word in run("denoise", "--help").stdout.split())
-    assert "--keep" in words
-    assert "things|surfaces" in words
-    assert "same as --strictness groups" in " ".join(words.split())
 
 
 def test_groups_is_the_default_and_takes_a_ghost_that_isolated_keeps(mixed, tmp_path):
@@ -248,33 +216,9 @@ def test_a_position_that_cannot_be_used_is_refused(turn, tmp_path, options, mess
     assert not (tmp_path / "out.npy").exists()
 
 
-def test_reflections_are_counted_with_their_plane(tmp_path):
-    street = make_street(
-        20_000, glass=True, sampling="scan_lines", outlier_share=0.03,
-        outlier_kinds=["reflection"], random_state=0,
-    )  # fmt: skip
-    np.save(tmp_path / "in.npy", street.data)
-    options = ("--sensor", "2.5,1,2", "--reflections", "--report", tmp_path / "report")
-    result = run("denoise", tmp_path / "in.npy", tmp_path / "out.npy", *options)
-    assert result.exit_code == 0, result.output
-    told = re.search(
-        r"mirrored +(\d+) \(([\d.]+) %\); \1 in the plane (-?[\d.]+) x ([-+][\d.]+) y",
-        result.stdout,
-    )
-    assert int(told[1]) > 500
-    assert float(told[4]) == pytest.approx(-1, abs=1e-3)
-    assert "reflections behind windows" in (tmp_path / "report" / "index.html").read_text()
-
-
-def test_reflections_need_a_position(turn, tmp_path):
-    result = run("denoise", turn[0], tmp_path / "out.npy", "--reflections")
-    assert result.exit_code == 2
-    assert "--reflections needs --sensor" in " ".join(result.output.split())
-
-
 def test_a_dry_run_asks_for_no_positions(turn, tmp_path):
     write_points(tmp_path / "in.las", turn[1])
-    options = ("--sensor", "0,0,0", "--reflections", "--dry-run")
+    options = ("--sensor", "0,0,0", "--dry-run")
     result = run("denoise", tmp_path / "in.las", tmp_path / "out.las", *options)
     assert result.exit_code == 0, result.output
     assert not (tmp_path / "out.las").exists()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from commands import run
+from commands import error_line, run
 from sklearn_mcmd.io import PointCloud, write_points
 
 
@@ -107,3 +107,27 @@ def test_info_counts_the_places_of_the_sensor(tmp_path):
         for x in (1.5, 7.0):
             file.write_scan_raw(points, translation=np.array([x, 0, 1]))
     assert "at 2 places, first 1.5, 0, 1 (E57 setups)" in run("info", tmp_path / "a.e57").stdout
+
+
+def test_info_of_a_folder_has_a_line_for_each_file_and_one_for_all(tmp_path):
+    folder = tmp_path / "scans"
+    folder.mkdir()
+    assert "without point files" in error_line(run("info", folder))
+    grid = np.stack(np.meshgrid(range(4), range(5), [7.0]), axis=-1).reshape(-1, 3)
+    write_points(folder / "a.npy", grid)
+    write_points(folder / "b.csv", grid + np.array([10, 0, 0]))
+    (folder / "notes.md").write_text("no points")
+    result = run("info", folder)
+    assert result.exit_code == 0
+    title, *rows, total = result.stdout.splitlines()
+    assert title == str(folder)
+    assert rows == [f"  {name}  20 points, 3 x 4 x 0, spacing 1" for name in ("a.npy", "b.csv")]
+    assert total.startswith(
+        "  all    40 points of 2 files, x 0.0000 to 13.0000 (extent 13.0000), y"
+    )
+
+    (folder / "b.csv").write_text("1,2,NA")
+    result = run("info", folder)
+    assert result.exit_code == 1
+    assert "  b.csv  cannot be read" in result.stdout
+    assert f"error: {folder / 'b.csv'}: line 1: 'NA' is not" in result.stderr

@@ -5,7 +5,8 @@ import pytest
 
 from commands import error_line, files_in, run
 from sklearn_mcmd.cli import _denoise, _normals
-from sklearn_mcmd.io import read_points, supported_extensions, write_points
+from sklearn_mcmd.io import read_points, write_points
+from sklearn_mcmd.io._files import supported_extensions
 
 
 @pytest.mark.parametrize("verb", ["denoise", "normals"])
@@ -107,7 +108,7 @@ def bad_input(kind, folder):
         ("empty", "is empty"),
         ("only nan", "holds no points with finite coordinates"),
         ("two columns", "2 column"),
-        ("words", "'one' is not a number"),
+        ("words", "holds no row of numbers (header: 'x, y, z')"),
         ("three points", "too few points for a plane: 3, and at least 4"),
     ],
 )
@@ -180,21 +181,29 @@ def test_an_attribute_the_output_cannot_hold_is_refused_before_the_work(
     assert str(tmp_path / "out.laz") in line
 
 
-@pytest.mark.parametrize(
-    ("verb", "options"),
-    [
-        ("denoise", ["--mode", "mark"]),
-        ("normals", []),
-        ("segment", []),
-        ("segment", ["--no-colors"]),
-        ("edges", []),
-        ("plane", []),
-    ],
-)
+EVERY_VERB = [
+    ("denoise", ["--mode", "mark"]),
+    ("normals", []),
+    ("segment", []),
+    ("segment", ["--no-colors"]),
+    ("edges", []),
+    ("plane", []),
+]
+
+
+@pytest.mark.parametrize(("verb", "options"), EVERY_VERB)
 def test_e57_is_refused_where_it_cannot_hold_the_results(verb, options, room_file, tmp_path):
     line = error_line(run(verb, room_file, tmp_path / "out.e57", *options))
     assert "out.e57: E57 has no place for" in line
     assert files_in(tmp_path) == ["room.laz"]
+
+
+def test_points_too_far_for_las_are_named_before_the_work(room, tmp_path):
+    np.savetxt(tmp_path / "in.csv", np.r_[np.round(room.xyz, 3), [[1e10, 0, 0]]], delimiter=",")
+    for verb, options in EVERY_VERB:
+        line = error_line(run(verb, tmp_path / "in.csv", tmp_path / "out.laz", *options))
+        assert f"point {len(room) + 1} at (1e+10, 0, 0); remove them" in line
+    assert files_in(tmp_path) == ["in.csv"]
 
 
 @pytest.mark.parametrize("verb", ["denoise", "plane"])

@@ -17,7 +17,7 @@ ONE = ("--n-jobs", 1)
     "options",
     [
         ("--mode", "mark"),
-        ("--contamination", 0.05, "--keep", "surfaces"),
+        ("--contamination", 0.05, "--strictness", "surfaces"),
         ("--false-positive-rate", 0.02),
         ("--strictness", "paper", "--n-neighbors", 20),
     ],

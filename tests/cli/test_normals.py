@@ -1,5 +1,7 @@
 """mcmd normals: the estimator's normals and features as attributes."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -70,6 +72,29 @@ def test_every_orientation_gives_unit_normals(orientation, room_file, tmp_path):
     np.testing.assert_allclose(length, 1.0, atol=1e-6)
     if orientation != "mst":
         assert (out["normal_z"] >= 0).all()
+
+
+def test_where_noise_decides_the_side_of_many_the_option_is_named(small_machine, tmp_path):
+    pytest.importorskip("lazrs")
+    rng = np.random.default_rng(0)
+    xyz = rng.uniform(0, 2, (2_000, 3)) * [1, 1, 0] + rng.normal(0, 0.003, (2_000, 3))
+    wall = np.arange(2_000) < 600
+    xyz[wall] = xyz[wall][:, [0, 2, 1]]
+    for name, part in {"room": slice(None), "floor": ~wall}.items():
+        write_points(tmp_path / f"{name}.laz", PointCloud(xyz[part]))
+    target, tiles = tmp_path / "out.laz", ("--memory", "2MB", "--n-jobs", 1)
+    for name, options, expected in (
+        ("room", (), ["30"]),
+        ("room", tiles, ["30"]),
+        ("room", ("--orientation", "mst"), []),
+        ("floor", (), []),
+    ):
+        result = run("normals", tmp_path / f"{name}.laz", target, *options)
+        assert result.exit_code == 0, result.output
+        told = re.findall(r"(\d+) % .*see --orientation sensor and mst\n", result.stdout)
+        assert told == expected
+    down = np.column_stack([read_points(target).attributes[f"normal_{a}"] for a in "xyz"])
+    assert (down[:, 2] > 0.9).all()
 
 
 def test_a_radius_makes_normals_more_local(room, room_file, tmp_path):

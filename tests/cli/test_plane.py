@@ -1,7 +1,5 @@
 """mcmd plane: what it writes, what it refuses, and that nothing is lost."""
 
-import errno
-import os
 import re
 import sys
 from pathlib import Path
@@ -93,7 +91,7 @@ def test_a_vertical_surface_is_warned_of_on_a_wall(wall_file, tmp_path):
     assert result.stderr.startswith("mcmd: warning: The points lie along a plane tilted by 90")
 
 
-def test_report_and_figure_go_where_they_are_told(wall_file, tmp_path):
+def test_report_and_figure_go_where_they_are_told(wall_file, tmp_path, real_figures):
     (tmp_path / "filed").mkdir()
     text, figure = tmp_path / "filed" / "a.md", tmp_path / "filed" / "a.pdf"
     result = run(
@@ -120,6 +118,39 @@ def test_the_summary_of_plane_has_the_figures_of_the_report(wall_file, tmp_path)
     assert rows["sigma0"].endswith("(estimated)")
     assert abs(float(rows["sigma0"].split()[0]) / 0.004 - 1) < 0.15  # 540 points: 3 % deviation
     assert run("plane", wall_file, tmp_path / "out.laz", "--quiet").output == ""
+
+
+def test_the_summary_of_plane_says_where_it_is_and_what_the_sign_of_a_residual_means(
+    wall_file, tmp_path
+):
+    result = run("plane", wall_file, tmp_path / "out.laz", "--unit", "m")
+    rows = dict(
+        re.split("  +", line.strip(), maxsplit=1) for line in result.stdout.splitlines()[1:]
+    )
+    normal, error = rows["normal"].split(", tilt")[0].split(" ± ")
+    truth = np.array([0.6, -0.8, 0.0])
+    np.testing.assert_allclose([float(v) for v in normal.split()], truth, atol=4 * float(error))
+    point = [float(value) for value in rows["point"].split(" ± ")[0].split()]
+    assert abs((np.array(point) - [512345, 5403210, 212]) @ truth) < 0.001
+    assert rows["residuals"].endswith("positive on the side of the normal")
+    assert rows["global test"].startswith("none: sigma0 is estimated")
+    assert "e+" not in result.stdout
+
+
+def test_a_rejected_global_test_is_said_on_the_terminal_and_in_the_report(wall_file, tmp_path):
+    options = ("--sigma0", 0.002, "--unit", "m", "--report", tmp_path / "report")
+    result = run("plane", wall_file, tmp_path / "out.laz", *options)
+    assert re.search(
+        "warning: the global test rejects this plane .p = .*--sigma0 0.002", result.stderr
+    )
+    assert re.search(
+        r"global test  p = \S+ with all points, \S+ without outliers; rejected", result.stdout
+    )
+    page = next((tmp_path / "report").glob("*.html")).read_text()
+    assert "The plane and sigma0 do not fit" in page
+    well = run("plane", wall_file, tmp_path / "out.laz", "--sigma0", 0.004)
+    assert "global test" not in well.stderr
+    assert "outliers; rejected" not in well.stdout
 
 
 def test_the_same_seed_gives_the_same_points(wall_file, tmp_path):
@@ -281,7 +312,9 @@ NO_PLANES = {
 def test_points_that_determine_no_plane_are_refused(kind, options, tmp_path):
     write_points(tmp_path / "a.npy", PointCloud(NO_PLANES[kind]))
     result = run("plane", tmp_path / "a.npy", tmp_path / "out.csv", *options)
-    assert re.search("too few|does not determine|determine no plane", error_line(result))
+    line = error_line(result)
+    assert re.search("too few|does not determine|determine no plane", line)
+    assert line.count("a.npy: ") == 1
     assert files_in(tmp_path) == ["a.npy"]
 
 
@@ -309,24 +342,24 @@ def test_bad_input_of_plane_fails_with_one_line(kind, tmp_path):
     assert files_in(tmp_path) == before
 
 
-def full_disk(*args, **kwargs):
-    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-
-def test_a_figure_that_does_not_fit_the_disk_is_named_in_the_error(
-    wall_file, tmp_path, monkeypatch
-):
-    figure = pytest.importorskip("matplotlib.figure")
-    monkeypatch.setattr(figure.Figure, "savefig", full_disk)
-    line = error_line(run("plane", wall_file, tmp_path / "out.laz"))
-    assert f"{tmp_path / 'out_report.png'}: cannot be written: no space left" in line
-    assert files_in(tmp_path) == ["wall.laz"]
-
-
-def test_a_report_that_does_not_fit_the_disk_is_named_in_the_error(
-    wall_file, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(Path, "write_text", full_disk)
-    line = error_line(run("plane", wall_file, tmp_path / "out.laz"))
-    assert f"{tmp_path / 'out_report.txt'}: cannot be written: no space left" in line
-    assert files_in(tmp_path) == ["wall.laz"]
+def test_the_files_of_a_folder_are_tested_as_one_plane(wall, wall_file, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)  # figures take seconds
+    folder = tmp_path / "parts"
+    folder.mkdir()
+    for i, name in enumerate(("a.las", "b.laz")):
+        write_points(folder / name, wall.subset(slice(i * N // 2, (i + 1) * N // 2)))
+    run("plane", wall_file, tmp_path / "whole.laz")
+    assert run("plane", folder, tmp_path / "joined.laz").exit_code == 0
+    assert run("plane", folder, tmp_path / "each").exit_code == 0
+    assert files_in(tmp_path / "each") == ["a.las", "b.laz"]
+    assert (tmp_path / "each_report.txt").exists()
+    whole, joined, *each = (
+        read_points(tmp_path / name).attributes
+        for name in ("whole.laz", "joined.laz", "each/a.las", "each/b.laz")
+    )
+    for name, values in whole.items():
+        np.testing.assert_array_equal(joined[name], values)
+        np.testing.assert_array_equal(np.concatenate([part[name] for part in each]), values)
+    assert "become a folder" in error_line(run("plane", folder, tmp_path / "out.csv"))
+    line = error_line(run("plane", folder, tmp_path / "each", "--no-clobber"))
+    assert "a.las: is there already" in line

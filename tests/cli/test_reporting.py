@@ -91,14 +91,6 @@ def test_parameters_are_all_there_and_defaults_are_marked(room_file, tmp_path):
     assert "--quiet no (default)" in words
 
 
-def test_what_is_to_stay_is_in_the_report_in_place_of_the_strictness(room_file, tmp_path):
-    options = ("--keep", "surfaces", "--report", tmp_path / "r")
-    assert run("denoise", room_file, tmp_path / "out.laz", *options).exit_code == 0
-    words = words_of(tmp_path / "r" / "index.html")
-    assert "--keep surfaces --report" in words  # the command
-    assert "--keep surfaces --strictness what --keep says (default)" in words  # the table
-
-
 def test_flags_are_in_the_command_as_typed(room_file, tmp_path):
     options = ("--no-join-curved", "--quiet", "--report", tmp_path / "a b")
     assert run("segment", room_file, tmp_path / "out.laz", *options).exit_code == 0

@@ -77,8 +77,8 @@ def test_options_of_segment_reach_the_estimators(room, room_file, tmp_path):
     result = run(
         *("segment", room_file, tmp_path / "out.npy", "--max-angle", 7, "--max-distance", 0.003),
         *("--max-gap", 0.4, "--min-region-size", 30, "--no-join-coplanar", "--no-join-curved"),
-        *("--no-regrow-rest", "--no-assign-rest"),
-        *("--n-neighbors", 20, "--growth-neighbors", 16, "--outlier-rate", 0.3),
+        *("--no-find-narrow-faces", "--no-assign-unlabeled"),
+        *("--n-neighbors", 20, "--growth-neighbors", 16, "--max-outlier-rate", 0.3),
         *("--random-state", 4, "--n-jobs", 1),
     )
     assert result.exit_code == 0, result.output
@@ -88,11 +88,11 @@ def test_options_of_segment_reach_the_estimators(room, room_file, tmp_path):
         max_distance=0.003,
         max_gap=0.4,
         min_region_size=30,
-        regrow_rest=False,
+        find_narrow_faces=False,
         join_coplanar=False,
         join_curved=False,
-        assign_rest=False,
-        normal_estimator=RobustNormalEstimator(20, outlier_rate=0.3, random_state=4),
+        assign_unlabeled=False,
+        normal_estimator=RobustNormalEstimator(20, max_outlier_rate=0.3, random_state=4),
     )
     labels = growing.fit_predict(read_points(room_file).xyz)
     np.testing.assert_array_equal(np.load(tmp_path / "out.npy")["region"], labels)

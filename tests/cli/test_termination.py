@@ -23,7 +23,7 @@ from sklearn_mcmd.__main__ import main
 def stuck(path, cloud):
     path.write_text("half of it")
     if len(cloud) > 1:
-        time.sleep(60)
+        time.sleep(3600)
 
 _files._FORMATS[".xyz"] = (_files._FORMATS[".xyz"][0], stuck)
 main()
@@ -40,7 +40,7 @@ def start(*args, code=STUCK):
     )
 
 
-def wait_for(condition, seconds=60):
+def wait_for(condition, seconds=600):
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, "nothing happened"
@@ -54,7 +54,7 @@ def test_a_signal_while_writing_leaves_no_temporary_file(room_file, tmp_path, na
     try:
         wait_for(lambda: list(tmp_path.glob(".mcmd-*.xyz")) or process.poll() is not None)
         process.send_signal(number)
-        process.communicate(timeout=60)
+        process.communicate(timeout=600)
     finally:
         process.kill()
     assert process.returncode == 128 + number

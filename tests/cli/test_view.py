@@ -8,7 +8,8 @@ import pytest
 
 from commands import error_line, files_in, run
 from pages import read_page
-from sklearn_mcmd.io import supported_extensions, write_points
+from sklearn_mcmd.io import PointCloud, write_points
+from sklearn_mcmd.io._files import supported_extensions
 
 
 def page_of(*args, path):
@@ -117,3 +118,20 @@ def test_a_large_page_comes_with_advice(room_file, tmp_path, monkeypatch):
     monkeypatch.setattr(_view, "LARGE_PAGE", 1000)
     result = run("view", room_file, "-o", tmp_path / "page.html")
     assert "--only or --max-points makes it smaller" in result.stderr
+
+
+def test_the_files_of_a_folder_are_one_cloud(room, tmp_path):
+    folder = tmp_path / "rooms"
+    folder.mkdir()
+    half = len(room) // 2
+    write_points(folder / "a.laz", room.subset(slice(half)))
+    write_points(
+        folder / "b.npz", PointCloud(room.xyz[half:], {"intensity": np.arange(9e3)[:half]})
+    )
+    result = run("view", folder, "-o", tmp_path / "page.html")
+    assert result.exit_code == 0, result.output
+    assert "attributes that not every file has are left out: classification" in result.stderr
+    manifest, (shown,) = read_page((tmp_path / "page.html").read_text(encoding="utf-8"))
+    assert manifest["title"] == "rooms"
+    assert len(shown.rows) == len(room)
+    assert "intensity" in {attribute["name"] for attribute in manifest["attributes"]}

@@ -17,7 +17,17 @@ from sklearn_mcmd.tiling._outputs import tell
 
 @pytest.fixture
 def impatient(monkeypatch):
-    monkeypatch.setattr(_waiting, "PATIENCE", 0.3)
+    monkeypatch.setattr(_waiting, "PATIENCE", 0.0)
+
+
+def lines(capsys, n=1):
+    """Lines on stderr when there are so many, however slow the machine is."""
+    told, end = "", time.monotonic() + 600
+    while told.count("\n") < n:
+        assert time.monotonic() < end, told
+        time.sleep(0.02)
+        told += capsys.readouterr().err
+    return told.splitlines()
 
 
 def test_how_far_the_work_is_never_goes_back():
@@ -46,37 +56,34 @@ def test_compiling_is_shown_until_it_ends_and_then_what_goes_on():
 
 
 def test_without_a_terminal_a_long_stage_is_told_once_in_a_plain_line(impatient, capsys):
-    with progress("denoise", quiet=False), progress_part(0.25, 0.5, "outliers"):
-        time.sleep(1.2)
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 1
-    assert re.fullmatch(r"mcmd: denoise: outliers, 25 % done, [01] s", lines[0])
+    with progress("denoise", quiet=False):
+        time.sleep(0.5)  # no stage has begun
+        with progress_part(0.25, 0.5, "outliers"):
+            (line,) = lines(capsys)
+            time.sleep(0.5)
+    assert re.fullmatch(r"mcmd: denoise: outliers, 25 % done, \d+ s", line)
+    assert capsys.readouterr().err == ""
 
 
 def test_without_a_terminal_each_long_stage_has_its_line(impatient, capsys):
     with progress("denoise", quiet=False):
         for i, stage in enumerate(["reading", "outliers", "writing"]):
             with progress_part(i / 3, (i + 1) / 3, stage):
-                time.sleep(0.8)
-    told = [
-        line.split(":")[2].split(",")[0].strip() for line in capsys.readouterr().err.splitlines()
-    ]
-    assert told == ["reading", "outliers", "writing"]
+                (line,) = lines(capsys)
+                assert line.split(":")[2].split(",")[0].strip() == stage
 
 
 def test_without_a_terminal_a_stage_that_goes_on_is_told_again(impatient, monkeypatch, capsys):
-    monkeypatch.setattr(_waiting, "AGAIN", 0.5)
+    monkeypatch.setattr(_waiting, "AGAIN", 0.3)
     with progress("denoise", quiet=False), progress_part(0.25, 0.5, "outliers"):
-        time.sleep(1.8)
-    assert len(capsys.readouterr().err.splitlines()) >= 2
+        assert len(lines(capsys, 2)) >= 2
 
 
 def test_a_note_is_told_beside_the_stage(impatient, capsys):
     with progress("normals", quiet=False), progress_part(0.25, 0.5, "normals"):
         tell(0.5, "12 points/s")
-        time.sleep(0.8)
-    line = capsys.readouterr().err
-    assert re.fullmatch(r"mcmd: normals: normals, 12 points/s, 38 % done, [01] s\n", line)
+        (line,) = lines(capsys)
+    assert re.fullmatch(r"mcmd: normals: normals, 12 points/s, 38 % done, \d+ s", line)
 
 
 def test_short_work_is_not_told(capsys):
@@ -87,7 +94,7 @@ def test_short_work_is_not_told(capsys):
 
 def test_quiet_work_is_not_told_however_long(impatient, capsys):
     with progress("denoise", quiet=True), progress_part(0.0, 0.5, "outliers"):
-        time.sleep(0.8)
+        time.sleep(0.5)
     assert capsys.readouterr().err == ""
 
 
@@ -114,7 +121,7 @@ def test_on_a_terminal_each_stage_has_a_bar_that_fills_once(tmp_path):
             break
         shown += block
     os.close(ours)
-    assert process.wait(timeout=60) == 0
+    assert process.wait(timeout=600) == 0
     shown = shown.decode(errors="replace")
     bars = {}
     for stage, share in re.findall(r"edges: ([a-z ]+?) *[━╸╺ ]+ +(\d+)%", shown):

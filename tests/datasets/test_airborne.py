@@ -30,7 +30,7 @@ def test_densities_of_swaths_and_of_their_overlap(ratio):
 def test_the_second_swath_is_too_high_by_the_misfit():
     scan, _ = scanned("make_airborne_scan", misfit=0.05)
     regular = scan.target == 1
-    ray = (scan.true_points - scan.viewpoints)[regular]
+    ray = (scan.true_points - scan.sensor_origins)[regular]
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     error = (scan.data - scan.true_points)[regular]
     for swath, misfit in ((0, 0.0), (1, 0.05)):

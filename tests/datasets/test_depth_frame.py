@@ -13,7 +13,7 @@ AXIS = np.array([0.0, np.cos(np.radians(8)), -np.sin(np.radians(8))])
 @pytest.mark.parametrize("step", [0.0029, 0.01])
 def test_depths_are_levels_whose_steps_grow_with_the_square_of_depth(step):
     scan = make_depth_frame(20_000, step=step, random_state=0)
-    depth = (scan.data - scan.viewpoints) @ AXIS
+    depth = (scan.data - scan.sensor_origins) @ AXIS
     level = 1 / (step * depth)
     assert_allclose(level, np.round(level), atol=1e-9)
     levels = np.unique(np.round(depth, 9))
@@ -25,7 +25,7 @@ def test_depths_are_levels_whose_steps_grow_with_the_square_of_depth(step):
 
 def test_errors_have_the_stated_scale_and_are_alike_in_neighboring_pixels():
     scan, _ = scanned("make_depth_frame", 60_000, outlier_share=0.0)
-    ray = scan.true_points - scan.viewpoints
+    ray = scan.true_points - scan.sensor_origins
     ranges = np.linalg.norm(ray, axis=1)
     error = np.einsum("ij,ij->i", scan.data - scan.true_points, ray) / ranges / scan.noise_scale
     assert error.std() == pytest.approx(1, rel=0.06)
@@ -41,13 +41,13 @@ def test_errors_have_the_stated_scale_and_are_alike_in_neighboring_pixels():
 
 def test_without_noise_rounding_moves_depths_by_half_a_step_at_most():
     scan = make_depth_frame(5000, noise=0.0, outlier_share=0, random_state=0)
-    depth, true = ((p - scan.viewpoints) @ AXIS for p in (scan.data, scan.true_points))
+    depth, true = ((p - scan.sensor_origins) @ AXIS for p in (scan.data, scan.true_points))
     assert np.abs(1 / depth - 1 / true).max() <= 0.5 * 0.0029 + 1e-12
 
 
 def test_through_the_door_part_of_the_image_is_out_of_reach():
     scan, _ = scanned("make_depth_frame")
-    ranges = np.linalg.norm(scan.data - scan.viewpoints, axis=1)
+    ranges = np.linalg.norm(scan.data - scan.sensor_origins, axis=1)
     assert ranges[scan.target == 1].max() < 6.2
 
 

@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 
 from scenes import scanned
 from sklearn_mcmd.datasets import make_mobile_scan
-from sklearn_mcmd.io import PointCloud, read_trajectory, sensor_positions
+from sklearn_mcmd.io import PointCloud, read_trajectory, sensor_origins
 
 
 @pytest.mark.parametrize("ratio", [10.0, 4.0])
@@ -23,16 +23,16 @@ def test_lines_lie_as_many_times_as_dense_where_the_vehicle_stood(ratio):
 
 def test_the_stripe_is_labelled():
     scan, _ = scanned("make_mobile_scan")
-    x = scan.viewpoints[:, 0]
+    x = scan.sensor_origins[:, 0]
     regular = scan.target == 1
     assert np.array_equal(scan.stretch[regular] == 1, (x >= 8.0)[regular] & (x < 8.8)[regular])
 
 
 def test_points_lie_on_lines_across_the_street():
     scan, _ = scanned("make_mobile_scan")
-    offset = (scan.true_points - scan.viewpoints)[scan.target == 1]
+    offset = (scan.true_points - scan.sensor_origins)[scan.target == 1]
     assert np.allclose(offset[:, 0], np.tan(np.radians(25)) * offset[:, 1], atol=1e-9)
-    assert len(np.unique(scan.viewpoints[:, 0])) < 300
+    assert len(np.unique(scan.sensor_origins[:, 0])) < 300
 
 
 def test_thin_things_are_scanned_with_few_points_in_a_row():
@@ -59,22 +59,22 @@ def test_the_density_ratio_is_at_least_one():
 def test_times_and_trajectory_say_where_the_sensor_was(name, kinds, tmp_path):
     scan, _ = scanned(name, outlier_share=0.1, outlier_kinds=kinds, far_share=0.02)
     cloud = PointCloud(scan.data, {"gps_time": scan.gps_time})
-    positions = sensor_positions(cloud, scan.trajectory)
-    assert np.abs(positions - scan.viewpoints).max() < 1e-9
+    positions = sensor_origins(cloud, scan.trajectory)
+    assert np.abs(positions - scan.sensor_origins).max() < 1e-9
     table = np.column_stack(scan.trajectory)
     np.savetxt(tmp_path / "drive.csv", table, "%.17g", ",", header="time,x,y,z", comments="")
-    again = sensor_positions(cloud, read_trajectory(tmp_path / "drive.csv"))
-    assert np.abs(again - scan.viewpoints).max() < 1e-9
+    again = sensor_origins(cloud, read_trajectory(tmp_path / "drive.csv"))
+    assert np.abs(again - scan.sensor_origins).max() < 1e-9
 
 
 def test_times_follow_the_turning_beam():
     scan, _ = scanned("make_mobile_scan")
     regular = np.flatnonzero(scan.target == 1)
     order = regular[np.argsort(scan.gps_time[regular])]
-    ray = (scan.true_points - scan.viewpoints)[order]
+    ray = (scan.true_points - scan.sensor_origins)[order]
     across = np.hypot(ray[:, 0], ray[:, 1]) * np.sign(ray[:, 1])
     angle = np.arctan2(ray[:, 2], across)
     angle[angle < -np.pi / 2] += 2 * np.pi  # from 60 degrees below ahead, up and over
-    x = scan.viewpoints[order, 0]
+    x = scan.sensor_origins[order, 0]
     assert (np.diff(x) >= 0).all()
     assert (np.diff(angle)[np.diff(x) == 0] > -1e-9).all()

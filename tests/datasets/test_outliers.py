@@ -52,7 +52,7 @@ def test_uniform_outliers_fill_the_bounding_box_evenly():
 def test_mixed_pixels_lie_behind_an_outline_and_before_a_background():
     street = make_street(10_000, outlier_kinds=["mixed_pixel"], random_state=10)
     scene = scene_of(street)
-    scanner, points = street.scanners[0], of_kind(street, "mixed_pixel")
+    scanner, points = street.sensor_origins[0], of_kind(street, "mixed_pixel")
     rng = np.random.default_rng(13)
     outlines = np.concatenate(
         [

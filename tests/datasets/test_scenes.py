@@ -8,14 +8,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import cKDTree
 from scipy.stats import kstest
 
-from sklearn_mcmd.datasets import (
-    make_box,
+from benchmarks._furniture import (
+    _bus_stop,
+    _traffic_furniture,
     make_bus_stop,
-    make_crown_roof,
-    make_street,
     make_traffic_furniture,
 )
-from sklearn_mcmd.datasets._furniture import _bus_stop, _traffic_furniture
+from sklearn_mcmd.datasets import make_box, make_crown_roof, make_street
 from sklearn_mcmd.datasets._panels import Bilinear, Disc, Polygon
 from sklearn_mcmd.datasets._scan_lines import LOWEST, scan_lines
 from sklearn_mcmd.datasets._scene import Scene
@@ -77,7 +76,7 @@ def test_the_scanner_sees_every_point_from_its_normals_side(make, scene_of, samp
     scene = scene_of()
     solid = ~np.isnan(cloud.normals[:, 0])
     assert scene.visible(cloud.true_points[solid], tolerance=1e-6).all()
-    view = cloud.scanners[0] - cloud.true_points[solid]
+    view = cloud.sensor_origins[0] - cloud.true_points[solid]
     assert (np.einsum("ij,ij->i", cloud.normals[solid], view) > 0).all()
     assert_allclose(np.linalg.norm(cloud.normals[solid], axis=1), 1, rtol=1e-12)
 
@@ -115,7 +114,7 @@ def test_noise_is_isotropic_where_points_are_drawn_and_along_the_ray_where_scann
         assert kstest(column, "norm").pvalue > 1e-3
     scanned = made(make, "scan_lines")
     noise, scale = noise_of(scanned)
-    ray = scanned.true_points[scanned.target == 1] - scanned.scanners[0]
+    ray = scanned.true_points[scanned.target == 1] - scanned.sensor_origins[0]
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     along = np.einsum("ij,ij->i", noise, ray)
     assert kstest(along, "norm").pvalue > 1e-3
@@ -207,7 +206,7 @@ def test_foliage_is_scanned_in_depth_and_lets_some_rays_through():
 
 def test_scanned_points_lie_on_vertical_lines_of_equal_azimuth_at_equal_steps():
     cloud = make_traffic_furniture(20_000, sampling="scan_lines", noise=0, random_state=0)
-    azimuth, elevation = angles(cloud.data, cloud.scanners[0])
+    azimuth, elevation = angles(cloud.data, cloud.sensor_origins[0])
     for angle in (azimuth, elevation):
         levels = np.unique(np.round(angle, 9))
         steps = np.diff(levels)
@@ -220,7 +219,7 @@ def test_scanned_points_lie_on_vertical_lines_of_equal_azimuth_at_equal_steps():
 def test_the_density_of_a_scan_falls_with_the_square_of_the_range_and_the_incidence():
     cloud = make_street(60_000, sampling="scan_lines", noise=0, outlier_share=0, random_state=1)
     road = cloud.data[cloud.surface == 0]
-    scanner = cloud.scanners[0]
+    scanner = cloud.sensor_origins[0]
     # On the level road: incidence h / r, and columns closer by the cosine of the elevation.
     windows = [(0.2, 0.7), (0.7, 1.2), (3.6, 4.1), (4.1, 4.6)]
     found, expected = [], []
@@ -243,7 +242,10 @@ def test_nothing_is_scanned_in_the_shadow_of_what_stands_before():
     cloud = make_traffic_furniture(30_000, sampling="scan_lines", noise=0, random_state=2)
     column = cloud.surface_names.index("column")
     behind = cloud.data[(cloud.surface == cloud.surface_names.index("footpath"))]
-    way, foot = behind[:, :2] - cloud.scanners[0, :2], np.array([4.5, 4.8]) - cloud.scanners[0, :2]
+    way, foot = (
+        behind[:, :2] - cloud.sensor_origins[0, :2],
+        np.array([4.5, 4.8]) - cloud.sensor_origins[0, :2],
+    )
     share = np.clip(way @ foot / (way * way).sum(axis=1), 0, 1)
     miss = np.linalg.norm(share[:, None] * way - foot, axis=1)
     assert (cloud.surface == column).sum() > 300
@@ -255,7 +257,7 @@ def test_a_long_scanned_street_has_the_spacing_that_was_asked():
     # What a bay's scanner sees grows less than in proportion to its length.
     assert street.spacing == pytest.approx(0.04, rel=0.03)
     counts = np.bincount(street.bay[street.bay >= 0])
-    assert len(counts) == len(street.scanners) > 1
+    assert len(counts) == len(np.unique(street.sensor_origins, axis=0)) > 1
     assert np.ptp(counts) <= 1
 
 

@@ -28,12 +28,12 @@ def test_every_array_has_a_row_per_point_and_the_documented_type(name):
         "classification": "i8",
         "echo": "i1",
         "stretch": "i8",
-        "viewpoints": "f8",
+        "sensor_origins": "f8",
         "noise_scale": "f8",
         "outlier_kind": "i1",
     }
     for array, kind in types.items():
-        wide = array in ("data", "true_points", "normals", "viewpoints")
+        wide = array in ("data", "true_points", "normals", "sensor_origins")
         assert scan[array].dtype == np.dtype(kind), array
         assert scan[array].shape == ((20_000, 3) if wide else (20_000,)), array
     assert np.isfinite(scan.data).all()
@@ -69,7 +69,7 @@ def test_outliers_rows_say_that_they_have_no_truth(name):
 @each
 def test_scans_are_reproducible_and_differ_between_seeds(name):
     first, again, other = (getattr(datasets, name)(3000, random_state=s) for s in (0, 0, 1))
-    for array in ("data", "normals", "outlier_kind", "viewpoints"):
+    for array in ("data", "normals", "outlier_kind", "sensor_origins"):
         assert_array_equal(first[array], again[array])
     assert not np.isin(first.data[:, 0], other.data[:, 0]).all()
 
@@ -101,10 +101,12 @@ def test_every_class_has_points(name):
 def test_no_surface_hides_a_point_from_the_sensor(name):
     scan, world = scanned(name)
     regular = scan.target == 1
-    viewpoints, points = scan.viewpoints[regular], scan.true_points[regular]
+    sensor_origins, points = scan.sensor_origins[regular], scan.true_points[regular]
     for part in world.parts:
         if not isinstance(part, (Soft, Wire)):  # beams go past these
-            before = part.hit(viewpoints, viewpoints + (1 - 1e-7) * (points - viewpoints))
+            before = part.hit(
+                sensor_origins, sensor_origins + (1 - 1e-7) * (points - sensor_origins)
+            )
             assert np.isinf(before).all(), part.name
 
 
@@ -116,7 +118,7 @@ def test_normals_are_unit_vectors_toward_the_sensor_where_there_is_a_surface(nam
     has = regular & ~soft[scan.surface]
     assert_array_equal(np.isfinite(scan.normals).all(axis=1), has)
     assert_allclose(np.linalg.norm(scan.normals[has], axis=1), 1, rtol=1e-12)
-    toward = (scan.viewpoints - scan.true_points)[has]
+    toward = (scan.sensor_origins - scan.true_points)[has]
     assert (np.einsum("ij,ij->i", scan.normals[has], toward) >= 0).all()
 
 
@@ -142,7 +144,7 @@ def test_normals_agree_with_planes_fitted_to_true_points_of_one_surface(name):
 def test_noise_is_gaussian_along_the_ray_and_grows_with_the_range(name):
     scan, _ = scanned(name)
     regular = scan.target == 1
-    ray = (scan.true_points - scan.viewpoints)[regular]
+    ray = (scan.true_points - scan.sensor_origins)[regular]
     ranges = np.linalg.norm(ray, axis=1)
     error = (scan.data - scan.true_points)[regular] / scan.noise_scale[regular, None]
     along = np.einsum("ij,ij->i", error, ray) / ranges
@@ -157,9 +159,9 @@ def test_noise_is_gaussian_along_the_ray_and_grows_with_the_range(name):
 def test_later_echoes_lie_behind_earlier_ones_on_one_ray(name):
     scan, world = scanned(name)
     regular = scan.target == 1
-    ray = (scan.true_points - scan.viewpoints)[regular]
+    ray = (scan.true_points - scan.sensor_origins)[regular]
     ranges = np.linalg.norm(ray, axis=1)
-    beam = np.column_stack([scan.viewpoints[regular], ray / ranges[:, None]])
+    beam = np.column_stack([scan.sensor_origins[regular], ray / ranges[:, None]])
     _, beam = np.unique(np.round(beam, 9), axis=0, return_inverse=True)
     order = np.lexsort([ranges, beam.ravel()])
     same = np.diff(beam.ravel()[order]) == 0

@@ -27,7 +27,7 @@ def test_outliers_keep_clear_of_everything(name, kind):
 
 def angular_neighbors(scan, mine, k):
     """Ranges of the regular points nearest in direction to some outliers; and of these."""
-    ray = scan.data - scan.viewpoints
+    ray = scan.data - scan.sensor_origins
     ranges = np.linalg.norm(ray, axis=1)
     direction = ray / ranges[:, None]
     regular = np.flatnonzero(scan.target == 1)
@@ -49,7 +49,7 @@ def test_range_errors_are_5_to_20_spacings_before_or_behind_what_their_beam_meet
     scan, _, mine = with_kind(name, "range_error")
     regular = scan.data[scan.target == 1]
     spacing = cKDTree(regular).query(regular, k=9)[0][:, 1:].mean(axis=1)
-    ray = scan.data - scan.viewpoints
+    ray = scan.data - scan.sensor_origins
     ranges = np.linalg.norm(ray, axis=1)
     direction = ray / ranges[:, None]
     true = scan.target == 1
@@ -80,7 +80,7 @@ def test_low_points_lie_below_the_ground_and_high_ones_above_it():
 
 def test_half_the_particles_are_within_four_meters_of_a_spinning_lidar():
     scan, _, mine = with_kind("make_lidar_turn", "particle")
-    ranges = np.linalg.norm((scan.data - scan.viewpoints)[mine], axis=1)
+    ranges = np.linalg.norm((scan.data - scan.sensor_origins)[mine], axis=1)
     assert 2.8 < np.median(ranges) < 4
     assert ranges.max() > 8
 

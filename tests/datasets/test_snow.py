@@ -104,10 +104,10 @@ def test_flakes_take_the_place_of_echoes(name):
     assert 200 < snow.sum() < 5000
     assert_array_equal(scan.target == -1, kind != "regular")
     assert np.isnan(scan.true_points[snow]).all()
-    ray = scan.data - scan.viewpoints
+    ray = scan.data - scan.sensor_origins
     ranges = np.linalg.norm(ray, axis=1, keepdims=True)
     # No beam has both: on the flakes' rays there is no other point.
-    way = np.column_stack([scan.viewpoints, ray / ranges])[kind != "ghost"]
+    way = np.column_stack([scan.sensor_origins, ray / ranges])[kind != "ghost"]
     _, count = np.unique(np.round(way, 9), axis=0, return_counts=True)
     assert count.max() <= 5  # echoes of one beam
     flakes = {tuple(row) for row in np.round(way[snow[kind != "ghost"]], 9)}
@@ -131,7 +131,7 @@ def test_a_street_in_snow_has_its_points_and_kinds():
     snow = kind == "snow"
     assert snow.sum() > 300
     assert (street.bay[snow] == -1).all()
-    ranges = np.linalg.norm((street.data - street.viewpoints)[snow], axis=1)
+    ranges = np.linalg.norm((street.data - street.sensor_origins)[snow], axis=1)
     assert 0.8 < ranges.min() < ranges.max() < REACH
     # Flakes cost points of surfaces: the spacing that is told is that of what is left.
     clear = make_street(

@@ -9,7 +9,7 @@ from sklearn_mcmd.datasets import make_lidar_turn
 
 
 def elevations(scan):
-    ray = (scan.true_points - scan.viewpoints)[scan.target == 1]
+    ray = (scan.true_points - scan.sensor_origins)[scan.target == 1]
     return np.degrees(np.arcsin(ray[:, 2] / np.linalg.norm(ray, axis=1)))
 
 
@@ -32,7 +32,7 @@ def test_rings_on_the_ground_part_a_hundredfold():
 
 def test_points_of_a_ring_lie_at_equal_steps_of_azimuth():
     scan, _ = scanned("make_lidar_turn")
-    ray = (scan.true_points - scan.viewpoints)[scan.target == 1]
+    ray = (scan.true_points - scan.sensor_origins)[scan.target == 1]
     ring = np.round(elevations(scan), 6)
     azimuth = np.sort(np.arctan2(ray[:, 1], ray[:, 0])[ring == np.unique(ring)[5]])
     steps = np.diff(azimuth)
@@ -47,7 +47,7 @@ def test_there_are_at_least_two_rings():
 
 def test_the_sensor_is_the_origin_above_the_ground():
     scan, world = scanned("make_lidar_turn")
-    assert_array_equal(scan.viewpoints, 0.0)
+    assert_array_equal(scan.sensor_origins, 0.0)
     ground = scan.true_points[scan.classification == 0]
     assert_allclose(ground[:, 2], -1.5, atol=1e-12)
     assert world.distance(np.zeros((1, 3)))[0] == pytest.approx(1.5)

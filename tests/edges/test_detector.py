@@ -229,7 +229,7 @@ def test_results_do_not_depend_on_threads():
 
 def test_the_eigenvalue_criterion_is_equation_25():
     cloud = make_box(1200, outlier_share=0.1, random_state=0).data
-    estimator = RobustNormalEstimator(30, refine=None, random_state=0)
+    estimator = RobustNormalEstimator(30, reweight=False, random_state=0)
     detector = SharpFeatureDetector(
         30,
         criterion="eigenvalue",

@@ -107,7 +107,7 @@ def read_in_a_process(folder):
         [sys.executable, "-c", READ_ALL, str(folder)],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=600,
         cwd=Path(__file__).parents[1],
     )
     assert done.returncode == 0, done.stdout[-200:] + done.stderr[-500:]
@@ -404,7 +404,7 @@ def test_ctrl_c_is_a_keyboard_interrupt_and_no_matter_of_the_file(tmp_path, acti
         [sys.executable, "-c", INTERRUPTED, str(tmp_path / "a.laz"), action],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=600,
         cwd=Path(__file__).parents[1],
     )
     assert done.stdout.splitlines() == ["interrupted"] * 12, done.stderr

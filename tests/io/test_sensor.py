@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from sklearn_mcmd.io import PointCloud, PointFileError, read_points, sensor_positions, write_points
+from sklearn_mcmd.io import PointCloud, PointFileError, read_points, sensor_origins, write_points
 from sklearn_mcmd.io._sensor import stated_positions
 
 
@@ -31,8 +31,8 @@ def test_each_point_of_e57_has_the_position_of_its_scan(tmp_path):
     write_scans(tmp_path / "a.e57", [at(10, 0, 1), at(0, 7, 2, rotation=TURNED)])
     cloud = read_points(tmp_path / "a.e57")
     expected = np.repeat([[10.0, 0, 1], [0, 7, 2]], 2, axis=0)
-    assert_allclose(sensor_positions(cloud), expected, atol=1e-12)
-    assert_allclose(sensor_positions(cloud.subset(np.array([3, 0]))), expected[[3, 0]], atol=1e-12)
+    assert_allclose(sensor_origins(cloud), expected, atol=1e-12)
+    assert_allclose(sensor_origins(cloud.subset(np.array([3, 0]))), expected[[3, 0]], atol=1e-12)
     assert stated_positions(cloud).words == "E57 setups"
 
 
@@ -40,7 +40,7 @@ def test_one_scan_has_one_position(tmp_path):
     write_scans(tmp_path / "a.e57", [at(10, 0, 1)])
     cloud = read_points(tmp_path / "a.e57")
     assert_array_equal(stated_positions(cloud).positions, [[10, 0, 1]])
-    assert_array_equal(sensor_positions(cloud), [[10, 0, 1]] * 2)
+    assert_array_equal(sensor_origins(cloud), [[10, 0, 1]] * 2)
 
 
 @pytest.mark.parametrize("grid", [False, True])
@@ -48,10 +48,10 @@ def test_a_pose_that_moves_nothing_counts_only_with_a_grid(grid, tmp_path):
     write_scans(tmp_path / "a.e57", [(POINTS, grid, {})])
     cloud = read_points(tmp_path / "a.e57")
     if grid:
-        assert_array_equal(sensor_positions(cloud), np.zeros((2, 3)))
+        assert_array_equal(sensor_origins(cloud), np.zeros((2, 3)))
     else:
         with pytest.raises(PointFileError, match="not all of the scans have a pose"):
-            sensor_positions(cloud)
+            sensor_origins(cloud)
 
 
 def test_a_cloud_written_as_e57_does_not_claim_a_setup_at_its_center(tmp_path):
@@ -65,17 +65,17 @@ def test_points_that_lost_the_number_of_their_scan_have_no_position(tmp_path):
     cloud = read_points(tmp_path / "a.e57")
     lost = PointCloud(cloud.xyz, {}, cloud.metadata)
     with pytest.raises(PointFileError, match="lost the attribute scan_index"):
-        sensor_positions(lost)
+        sensor_origins(lost)
 
 
 def test_the_viewpoint_of_pcd_is_the_position_unless_it_is_the_usual_zeros():
     cloud = PointCloud(POINTS, {}, {"pcd_viewpoint": (1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0)})
-    assert_array_equal(sensor_positions(cloud), [[1, 2, 3]] * 2)
+    assert_array_equal(sensor_origins(cloud), [[1, 2, 3]] * 2)
     cloud.metadata["pcd_viewpoint"] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
     with pytest.raises(PointFileError, match="also written where it is not known"):
-        sensor_positions(cloud)
+        sensor_origins(cloud)
 
 
 def test_other_files_tell_no_position():
     with pytest.raises(PointFileError, match="only E57, PCD and LAS can tell it"):
-        sensor_positions(PointCloud(POINTS))
+        sensor_origins(PointCloud(POINTS))

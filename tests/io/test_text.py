@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.io import PointFileError, read_points
+from sklearn_mcmd.io import PointFileError, _text, read_points
 
 TEXTS = {
     "spaces": "1  2 3.5 4\n 5 6 7  8\n",
@@ -23,6 +23,15 @@ TEXTS = {
     "quotes and tabs": '"x"\t"y"\t"z"\t"label"\n"1"\t"2"\t"3.5"\t"4"\n"5"\t"6"\t"7"\t"8"\n',
     "quotes without a header": '"1","2","3.5","4"\n"5","6","7","8"\n',
     "quotes in the second row": 'x,y,z,label\n1,2,3.5,4\n"5","6","7","8"\n',
+    "a title and units": "Survey in May\nx,y,z,label\n[m],[m],[m],\n1,2,3.5,4\n5,6,7,8\n",
+    "a count as in PTS": "2\n1 2 3.5 4\n5 6 7 8\n",
+    "a count below the header": "//X Y Z label\n2\n1 2 3.5 4\n5 6 7 8\n",
+    "trailing delimiters": "1,2,3.5,4,\n5,6,7,8,\n",
+    "trailing delimiters of rows": "x,y,z,label\n1,2,3.5,4,\n5,6,7,8,\n",
+    "a trailing delimiter of the header": "x\ty\tz\tlabel\t\n1\t2\t3.5\t4\n5\t6\t7\t8\n",
+    "columns and rows of a spreadsheet": "x,y,z,label,,\n1,2,3.5,4,,\n5,6,7,8,,\n,,,,,\n",
+    "names of several words": "Point ID\tX\tY\tZ\tlabel\n\t1\t2\t3.5\t4\n\t5\t6\t7\t8\n",
+    "the header of numpy.savetxt": "# easting northing height label\n1,2,3.5,4\n5,6,7,8\n",
     "other names": '"easting", "northing", "height", "label"\n1, 2, 3.5, 4\n5, 6, 7, 8\n',
 }
 
@@ -36,6 +45,88 @@ def test_text_is_read_however_it_is_laid_out(tmp_path, extension, kind):
     name = "label" if "label" in TEXTS[kind] else "column_4"
     assert_array_equal(cloud.attributes[name], [4, 8])
     assert cloud.attributes[name].dtype == np.int64
+
+
+def read(tmp_path, text, encoding="utf-8", **options):
+    (tmp_path / "a.csv").write_text(text, encoding=encoding)
+    return read_points(tmp_path / "a.csv", **options)
+
+
+def test_a_first_row_with_a_label_is_a_point(tmp_path):
+    with pytest.warns(UserWarning, match=r"words are left out: column_4 \(line 1: 'wall'\)"):
+        cloud = read(tmp_path, "1,2,3,wall\n4,5,6,road\n")
+    assert_array_equal(cloud.xyz, [[1, 2, 3], [4, 5, 6]])
+
+
+def test_a_first_row_without_a_position_is_dropped_and_counted(tmp_path):
+    cloud = read(tmp_path, "nan,2,3\n4,5,6\n")
+    assert_array_equal(cloud.xyz, [[4, 5, 6]])
+    assert cloud.n_dropped == 1
+
+
+@pytest.mark.parametrize("cell", ["", "NA", "null", "N/A", " None", "nan"])
+@pytest.mark.parametrize("first", [True, False])
+def test_missing_values_of_attributes_are_nan(tmp_path, cell, first):
+    rows = [f"1,2,3,{cell},7", "4,5,6,0.5,8"]
+    cloud = read(tmp_path, "\n".join(["x,y,z,a,b", *(rows if first else rows[::-1])]))
+    order = slice(None) if first else slice(None, None, -1)
+    assert_array_equal(cloud.attributes["a"][order], [np.nan, 0.5])
+    assert cloud.attributes["b"].dtype == np.int64
+
+
+def test_columns_of_words_are_left_out_with_a_warning_that_names_them(tmp_path):
+    text = "day,name,x,y,z,id,note\n2026-05-01,A,1,2,3,10,\n2026-05-02,B,4,5,6,10a,#4\n"
+    left_out = r"day \(line 2: '2026-05-01'\), name \(line 2: 'A'\), .* id \(line 3: '10a'\)"
+    with pytest.warns(UserWarning, match="left out: " + left_out.replace(".* ", "")) as told:
+        cloud = read(tmp_path, text)
+    assert "note (line 3: '#4')" in str(told[0].message)
+    assert_array_equal(cloud.xyz, [[1, 2, 3], [4, 5, 6]])
+    assert not cloud.attributes
+
+
+def test_text_may_be_in_latin_1(tmp_path):
+    text = "Rechtswert;Hochwert;Höhe;Länge;Straße\n1;2;3;4;Ä\n5;6;7;8;Ü\n"
+    for encoding in ("latin-1", "utf-8"):
+        with pytest.warns(UserWarning, match=r"Straße \(line 2: 'Ä'\)"):
+            cloud = read(tmp_path, text, encoding, columns={"z": "Höhe"})
+        assert_array_equal(cloud.xyz, [[1, 2, 3], [5, 6, 7]])
+        assert list(cloud.attributes) == ["Länge"]
+
+
+def test_surprises_late_in_a_file_are_met_in_its_other_parts(tmp_path, monkeypatch):
+    monkeypatch.setattr(_text, "ROWS_A_TIME", 2)
+    rows = [f"{i},{i + 1},{i + 2},{i}" for i in range(9)]
+    rows[3], rows[6] = "3,4,5,", "6,7,8,NA"
+    whole = read(tmp_path, "\n".join(["x,y,z,a", *rows, "", "", "# the end"]))
+    assert_array_equal(whole.xyz, np.arange(9)[:, None] + np.arange(3))
+    assert_array_equal(whole.attributes["a"], [0, 1, 2, np.nan, 4, 5, np.nan, 7, 8])
+    with pytest.raises(PointFileError, match="line 10 has 3 columns, line 2 has 4"):
+        read(tmp_path, "\n".join(["x,y,z,a", *rows[:8], "8,9,10"]))
+    with pytest.raises(PointFileError, match="line 10: 'u' is not a number"):
+        read(tmp_path, "\n".join(["x,y,z,a", *rows[:8], "8,u,10,9"]))
+
+
+def test_columns_say_where_the_coordinates_are(tmp_path):
+    rows = "\n2026-05-01,noon,A,3,2,1\n2026-05-02,noon,B,6,5,4"
+    names = {"x": "ost", "y": "nord", "z": "hoch"}
+    for text, columns in [
+        (f"Survey in May\nday,hour,name,hoch,nord,ost{rows}", names),
+        (f"day,hour,name,z,hoch,nord{rows}", {"x": 6, "y": 5, "z": 4}),
+        (rows, {"x": 6, "y": 5, "z": 4}),
+    ]:
+        with pytest.warns(UserWarning, match="left out"):
+            assert_array_equal(read(tmp_path, text, columns=columns).xyz, [[1, 2, 3], [4, 5, 6]])
+    cloud = read(tmp_path, "x,y,z,height\n1,2,3,4\n", columns={"z": "height"})
+    assert_array_equal(cloud.xyz, [[1, 2, 4]])
+    assert_array_equal(cloud.attributes["z_value"], [3])
+
+
+def test_columns_are_for_axes_of_text(tmp_path):
+    with pytest.raises(PointFileError, match="must tell of x, y or z"):
+        read(tmp_path, "a,b,c\n1,2,3\n", columns={"a": "x"})
+    np.save(tmp_path / "a.npy", np.eye(3))
+    with pytest.raises(PointFileError, match="is for text files"):
+        read_points(tmp_path / "a.npy", columns={"x": 1})
 
 
 def test_whole_numbers_among_fractions_do_not_make_a_column_integer(tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from sklearn_mcmd.io import PointCloud, PointFileError, read_trajectory, sensor_positions
+from sklearn_mcmd.io import PointCloud, PointFileError, read_trajectory, sensor_origins
 
 WEEK = 2_300 * 604_800.0  # a Saturday midnight, in GPS seconds
 SECONDS = 200_000 + np.linspace(0, 10, 21)  # of that week
@@ -43,7 +43,7 @@ def test_columns_of_a_trajectory_are_found_by_their_names(head, tmp_path):
     ("text", "message"),
     [
         ("x,y,z\n1,2,3\n", "must name the columns x, y, z, and time or gps_time"),
-        ("time,x,y\n1,2,3\n", "no coordinate named z"),
+        ("time,x,y\n1,2,3\n", "no z among the columns time, x, y"),
         ("time,x,y,z\n1,2,3,4\n1,2,3,5\n", "two times or more"),
         ("time,x,y,z\n1,2,3,4\n2,nan,3,5\n", "finite"),
         ("", "is empty"),
@@ -58,7 +58,7 @@ def test_what_is_no_trajectory_is_refused_in_one_line(text, message, tmp_path):
 @pytest.mark.parametrize("name", ["gps_time", "time"])
 def test_positions_are_interpolated_linearly_between_times(name):
     times = np.array([200_009.9, 200_000.0, 200_003.25, 200_010.0])
-    found = sensor_positions(points_at(times, name), (SECONDS, PATH))
+    found = sensor_origins(points_at(times, name), (SECONDS, PATH))
     expected = [np.interp(times, SECONDS, axis) for axis in PATH.T]
     assert_allclose(found, np.transpose(expected), rtol=1e-15)
     assert_allclose(found[:, 0], 8 * (times - 200_000), atol=1e-9)
@@ -70,7 +70,7 @@ def test_times_may_be_counted_from_elsewhere_which_is_said(of_points, of_path):
     times = SECONDS[3:9]
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
-        found = sensor_positions(
+        found = sensor_origins(
             points_at(times + FORMS[of_points]), (SECONDS + FORMS[of_path], PATH)
         )
     # GPS seconds have steps of 2.4e-7 s in float64, at 8 m/s.
@@ -84,21 +84,21 @@ def test_times_may_be_counted_from_elsewhere_which_is_said(of_points, of_path):
 @pytest.mark.parametrize("off", [-0.5, 0.5, 1e5, -3e7])
 def test_points_before_or_after_the_trajectory_are_refused(off):
     with pytest.raises(PointFileError, match=r"of 21 points were measured when there is no"):
-        sensor_positions(points_at(SECONDS + off), (SECONDS, PATH))
+        sensor_origins(points_at(SECONDS + off), (SECONDS, PATH))
 
 
 def test_points_without_times_are_refused():
     with pytest.raises(PointFileError, match="points have no times"):
-        sensor_positions(PointCloud(np.eye(3)), (SECONDS, PATH))
+        sensor_origins(PointCloud(np.eye(3)), (SECONDS, PATH))
 
 
 def test_arrays_of_other_shapes_are_refused():
     with pytest.raises(PointFileError, match=r"shapes \(21,\) and \(21, 2\)"):
-        sensor_positions(points_at(SECONDS), (SECONDS, PATH[:, :2]))
+        sensor_origins(points_at(SECONDS), (SECONDS, PATH[:, :2]))
 
 
 def test_a_trajectory_in_another_coordinate_system_is_warned_of():
     cloud = points_at(SECONDS)
-    sensor_positions(cloud, (SECONDS, PATH + np.array([0, 0, 9_000])))  # a flight
+    sensor_origins(cloud, (SECONDS, PATH + np.array([0, 0, 9_000])))  # a flight
     with pytest.warns(UserWarning, match="seems to be in another coordinate system"):
-        sensor_positions(cloud, (SECONDS, PATH + np.array([5e6, 0, 0])))
+        sensor_origins(cloud, (SECONDS, PATH + np.array([5e6, 0, 0])))

@@ -70,7 +70,7 @@ def quiet_scores(*args, **kwargs):
         return segmentation_scores(*args, **kwargs)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     st.lists(st.tuples(st.integers(-1, 4), st.integers(-1, 5)), min_size=1, max_size=40),
     st.sampled_from([0.5625, 0.75, 1.0]),

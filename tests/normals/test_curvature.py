@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from scenes import corner, cylinder, sphere, torus
 from sklearn_mcmd import RobustNormalEstimator
-from sklearn_mcmd.normals._curvature import JetLimits, Jets, _derive, fit_jets
+from sklearn_mcmd.normals._curvature import JetLimits, Jets, _derive
+from sklearn_mcmd.normals._curvature_numba import fit_jets
 from sklearn_mcmd.normals._features import OF_CURVATURES
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
@@ -120,7 +121,7 @@ def test_a_saddle_bends_both_ways():
 
 
 @given(seed=st.integers(0, 2**32 - 1), slope=st.floats(0, 2), bend=st.floats(0.01, 2))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_curvatures_of_a_graph_do_not_depend_on_the_frame(seed, slope, bend):
     """The Weingarten map of a tilted quadric is that of the same quadric by three dimensions."""
     rng = np.random.default_rng(seed)
@@ -165,7 +166,8 @@ def test_the_fit_is_least_squares_of_the_members_it_chose():
     around = Neighborhoods(np.arange(40, dtype=np.int32)[None], np.array([40]))
     tangents = np.array([[[1.0, 0, 0], [0, 1, 0]]])
     origin, floor = np.zeros((1, 3)), np.zeros(1)
-    jets = fit_jets(points, around, origin, tangents, planes, floor, JetLimits())
+    jets = Jets.undetermined(1)
+    fit_jets(points, around, origin, tangents, planes, floor, JetLimits(), jets)
     assert jets.n_used[0] == 37
     design = np.column_stack([np.ones(40), u, v, u * u, u * v, v * v])[3:]
     expected, squares, _, _ = np.linalg.lstsq(design, height[3:], rcond=None)
@@ -228,7 +230,7 @@ def test_outliers_do_not_bend_a_sphere():
 
 @pytest.fixture(scope="module")
 def mixed():
-    """Curved, flat and creased surfaces with stray points, which NumPy can do as well."""
+    """Curved, flat and creased surfaces with stray points."""
     rng = np.random.default_rng(0)
     parts = [torus(900, 0.003)[0], 2 + corner(800)[0], rng.uniform(-1, 3, (60, 3))]
     return np.vstack(parts)
@@ -237,18 +239,6 @@ def mixed():
 def columns(X, **parameters):
     estimator = RobustNormalEstimator(30, features=NAMES, random_state=0, **parameters)
     return estimator.fit(X).features_
-
-
-def test_the_compiled_fit_is_that_of_numpy(mixed, monkeypatch):
-    compiled = columns(mixed)
-    monkeypatch.setattr("sklearn_mcmd.normals._curvature.compiled_function", lambda *names: None)
-    plain = columns(mixed)
-    # Sums in another order may tip a member on the limit.
-    same = np.isclose(compiled[:, :8], plain[:, :8], rtol=1e-6, atol=1e-6).all(axis=1)
-    assert same.mean() > 0.998
-    known = same & plain[:, 8:11].any(axis=1)
-    parallel = np.abs(np.einsum("ij,ij->i", compiled[:, 8:11], plain[:, 8:11]))
-    assert (parallel[known] > 1 - 1e-6).mean() > 0.998
 
 
 @pytest.mark.parametrize(
@@ -274,7 +264,7 @@ def test_curvatures_do_not_depend_on_the_order_of_rows(mixed):
     scale=st.floats(1e-3, 1e3),
     shift=st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=3),
 )
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_curvatures_move_with_the_cloud(seed, scale, shift):
     X, N = torus(1500, 0.004)
     turn = Rotation.random(random_state=seed).as_matrix()

@@ -1,5 +1,7 @@
 """RobustNormalEstimator: the reference, truth, invariances, orientation, columns."""
 
+from itertools import permutations
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -30,7 +32,7 @@ def street():
 def test_normals_equal_algorithm_4_taken_literally(n, method, cutoff):
     X = make_street(n, random_state=2).data
     estimator = RobustNormalEstimator(
-        30, method=method, refine=None, outlier_rate=0.2, random_state=1
+        30, method=method, reweight=False, max_outlier_rate=0.2, random_state=1
     ).fit(X)
     trials = draw_trials(estimator.n_trials_, 30, random_state=1)
     for i in range(0, 60, 3):
@@ -285,6 +287,21 @@ def test_copies_of_points_do_not_matter_to_the_spanning_tree():
     assert (outward > 0.9).all()
 
 
+def test_of_equal_costs_coordinates_decide_and_not_the_order_of_points():
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    s = np.sqrt(0.5)
+    turning = np.array([[1, 0, 0], [s, s, 0], [0, 1, 0], [-s, s, 0]])  # they cannot all agree
+    around = np.array([[i, i - 1, i + 1] for i in range(4)]) % 4
+    signs = set()
+    for order in map(list, permutations(range(4))):
+        place = np.argsort(order)
+        found = _orientation.orient_by_spanning_tree(
+            turning[order], corners[order], place[around[order]]
+        )
+        signs.add(tuple(np.einsum("ij,ij->i", found[place], turning).round().tolist()))
+    assert len(signs) == 1
+
+
 def test_the_spanning_tree_is_asked_with_indices_that_older_scipy_takes(monkeypatch):
     # Before SciPy 1.17.1 those of 64 bits are refused.
     kinds = []
@@ -324,7 +341,7 @@ def test_bad_parameters_are_named(street, parameters, message):
 
 
 def test_detector_and_normals_come_from_the_same_planes(street):
-    detector = MCMDOutlierDetector(refine=None, random_state=0).fit(street.data)
-    estimator = RobustNormalEstimator(refine=None, random_state=0).fit(street.data)
+    detector = MCMDOutlierDetector(reweight=False, random_state=0).fit(street.data)
+    estimator = RobustNormalEstimator(reweight=False, random_state=0).fit(street.data)
     planes, _ = detector._model.evaluate(street.data)
     assert_allclose(np.abs(np.einsum("ij,ij->i", planes.normals, estimator.normals_)), 1)

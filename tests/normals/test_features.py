@@ -58,7 +58,7 @@ def test_features_are_those_of_principal_components_taken_literally(n):
 @pytest.mark.parametrize("n", [400, 3000])
 def test_robust_features_are_those_of_algorithm_4_taken_literally(n):
     X = make_street(n, random_state=2).data
-    columns = columns_of(X, "all", n_neighbors=30, refine=None, outlier_rate=0.2)
+    columns = columns_of(X, "all", n_neighbors=30, reweight=False, max_outlier_rate=0.2)
     trials = draw_trials(columns_n_trials(X), 30, random_state=0)
     for i in range(0, 60, 3):
         _, normal, eigenvalues = saliency(X, X[i], 30, trials, 15, "mcmd_z", 2.5)
@@ -68,7 +68,7 @@ def test_robust_features_are_those_of_algorithm_4_taken_literally(n):
 
 
 def columns_n_trials(X):
-    return RobustNormalEstimator(30, refine=None, outlier_rate=0.2).fit(X).n_trials_
+    return RobustNormalEstimator(30, reweight=False, max_outlier_rate=0.2).fit(X).n_trials_
 
 
 def test_features_agree_with_pgeof(street):
@@ -127,7 +127,7 @@ def test_roughness_of_a_stray_point_is_its_height_above_the_floor():
 
 @pytest.mark.parametrize("d", [2, 3, 5])
 def test_coincident_points_have_finite_features(d):
-    columns = columns_of(np.ones((60, d)), "all", n_neighbors=20, outlier_rate=0.1)
+    columns = columns_of(np.ones((60, d)), "all", n_neighbors=20, max_outlier_rate=0.1)
     for name, values in columns.items():
         assert_array_equal(values, 90 if name == "normal_error" else 0, err_msg=name)
 
@@ -187,7 +187,7 @@ def test_float32_clouds_have_float32_features(street):
 
 def test_planes_beyond_space_have_all_but_the_features_of_space():
     X = np.random.default_rng(0).normal(size=(200, 4))
-    estimator = RobustNormalEstimator(20, features="all", outlier_rate=0.1).fit(X)
+    estimator = RobustNormalEstimator(20, features="all", max_outlier_rate=0.1).fit(X)
     assert list(estimator.get_feature_names_out()[-8:]) == NAMES[2:]
     assert np.isfinite(estimator.features_).all()
 
@@ -206,7 +206,7 @@ def test_planes_beyond_space_have_all_but_the_features_of_space():
 def test_wrong_names_are_named_and_the_right_ones_listed(d, features, message):
     X = np.random.default_rng(0).normal(size=(50, d))
     with pytest.raises(ValueError, match=message):
-        RobustNormalEstimator(20, features=features, outlier_rate=0.1).fit(X)
+        RobustNormalEstimator(20, features=features, max_outlier_rate=0.1).fit(X)
 
 
 def test_names_may_come_as_any_sequence():

@@ -1,4 +1,4 @@
-"""Whose plane a point next to an edge may borrow: compiled and NumPy forms, against a loop."""
+"""Whose plane a point next to an edge may borrow, against a loop taken literally."""
 
 import numpy as np
 import pytest
@@ -69,22 +69,20 @@ def literally(points, queries, around, planes, least, most):
     return np.array(lenders)
 
 
-@pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("d", [2, 3, 5])
-def test_the_lender_is_the_one_that_a_literal_loop_finds(d, kind, compiled):
+def test_the_lender_is_the_one_that_a_literal_loop_finds(d, kind):
     cloud = scene(kind, d)
-    assert_array_equal(find_lenders(*cloud, compiled), literally(*cloud))
+    assert_array_equal(find_lenders(*cloud), literally(*cloud))
 
 
 def test_the_scenes_hold_what_they_are_made_for():
-    assert (find_lenders(*scene("far away", 3), True) == -1).all()
-    first = find_lenders(*scene("noisy ones last", 3), True)
-    assert (first != find_lenders(*scene("plain", 3), True)).any()
+    assert (find_lenders(*scene("far away", 3)) == -1).all()
+    first = find_lenders(*scene("noisy ones last", 3))
+    assert (first != find_lenders(*scene("plain", 3))).any()
 
 
-@pytest.mark.parametrize("compiled", [True, False])
-def test_a_plane_must_explain_the_patch_and_not_the_point_alone(compiled):
+def test_a_plane_must_explain_the_patch_and_not_the_point_alone():
     """A point on a floor near a wall, whose plane cuts the floor right below the point."""
     rng = np.random.default_rng(0)
     floor = rng.uniform(-1, 1, (40, 3)) * [1, 1, 0] + rng.normal(0, 0.01, (40, 3)) * [0, 0, 1]
@@ -98,7 +96,7 @@ def test_a_plane_must_explain_the_patch_and_not_the_point_alone(compiled):
     planes.kept[wall] = 1.0
     around = Neighborhoods(np.arange(40, dtype=np.int32)[None], np.array([40]))
     least, most = np.array([0.001]), np.array([0.05])
-    assert find_lenders(floor, query, around, planes, least, most, compiled)[0] != wall
+    assert find_lenders(floor, query, around, planes, least, most)[0] != wall
     alone = np.abs((query - planes.centroids) * planes.normals).sum(axis=1) / planes.scale
     cost = alone**2 / 2 - np.log(planes.kept)
     assert cost.argmin() == wall

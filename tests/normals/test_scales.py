@@ -11,7 +11,6 @@ from sklearn.base import clone
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.normals import _scales
 from sklearn_mcmd.normals._scales import LEAST, MOST, TILT, ScaleFinder
 
 
@@ -72,13 +71,6 @@ def test_the_number_follows_from_the_noise():
         assert expected <= found <= 1.25 * expected
 
 
-def test_compiled_and_numpy_find_the_same(monkeypatch):
-    X = make_street(3000, random_state=0).data
-    compiled = sizes_of(X)
-    monkeypatch.setattr(_scales, "_compiled_fit", lambda: None)
-    assert_array_equal(sizes_of(X), compiled)
-
-
 @pytest.mark.parametrize("n", [700, 3000])
 def test_sizes_do_not_depend_on_rows_jobs_and_pose(n):
     X = make_street(n, random_state=0).data
@@ -124,9 +116,14 @@ def test_a_radius_limits_them():
     assert np.median(within.eigenvalues_[:, -1]) < 1.5 < np.median(auto.eigenvalues_[:, -1])
 
 
-@pytest.mark.parametrize("d", [2, 3, 4])
+def test_more_dimensions_than_three_ask_for_a_number():
+    with pytest.raises(ValueError, match="X has 4 features; give a number of neighbors"):
+        RobustNormalEstimator("auto").fit(np.random.default_rng(0).normal(size=(40, 4)))
+
+
+@pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("n", [6, 40, 300])
-def test_any_dimension_and_few_points(n, d):
+def test_few_points(n, d):
     X = np.random.default_rng(0).normal(size=(n, d))
     X[:, -1] *= 0.01
     estimator = RobustNormalEstimator("auto", random_state=0).fit(X)

@@ -1,19 +1,17 @@
 """Normals next to edges and on smooth surfaces: borrowed planes, whole neighborhoods."""
 
-import pickle
-import sys
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import f, norm, skew
 
+from reference import neighborhood, reweighted_plane
 from scenes import corner, cylinder, sphere, torus
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.normals._smoothness import SmoothnessLimits, is_smooth, whole_planes
-from sklearn_mcmd.normals._smoothness_numba import whole_planes_3d
+from sklearn_mcmd.normals._smoothness import is_smooth, whole_planes
+from sklearn_mcmd.planes._consistent_set import draw_trials
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 
@@ -37,7 +35,7 @@ def test_points_next_to_an_edge_borrow_the_plane_of_their_face():
     X, N, distance = corner(4000)
     # Nearer than three standard deviations the two faces cannot be told apart.
     near = (distance > 0.006) & (distance < 0.06)
-    own, borrowed = (angles(X, N, n_neighbors=30, borrow=b)[near] for b in (False, True))
+    own, borrowed = (angles(X, N, n_neighbors=30, neighbor_planes=b)[near] for b in (False, True))
     assert (borrowed < 10).mean() > max(0.98, (own < 10).mean() + 0.015)
 
 
@@ -66,19 +64,6 @@ def test_new_points_are_given_planes_as_fitted_ones_are(n):
     assert_allclose(estimator.transform(X[7:8]), columns[7:8], rtol=1e-9, atol=1e-12)
 
 
-def test_the_compiled_planes_are_those_of_numpy(monkeypatch):
-    X, _, _ = corner(4000)
-    X = np.vstack([X, 0.2 * torus(2000, 0.003)[0] + 2])
-    compiled = RobustNormalEstimator(30, random_state=0).fit(X)
-    monkeypatch.setattr(
-        "sklearn_mcmd.planes._local_planes.LocalPlaneModel.ready", lambda self: False
-    )
-    plain = RobustNormalEstimator(30, random_state=0).fit(X)
-    # Sums in another order may tip a neighborhood on a limit.
-    assert (compiled.plane_index_ == plain.plane_index_).mean() > 0.998
-    assert (bias_angle(compiled.normals_, plain.normals_) < 1e-4).mean() > 0.998
-
-
 def test_results_do_not_depend_on_threads_chunks_or_order(monkeypatch):
     X, _, _ = corner(4000)
     expected = RobustNormalEstimator(30, random_state=0).fit(X)
@@ -90,7 +75,8 @@ def test_results_do_not_depend_on_threads_chunks_or_order(monkeypatch):
 
 
 METHODS = [
-    {}, {"borrow": False}, {"method": "mcmd_md"}, {"refine": None}, {"outlier_rate": "auto"},
+    {}, {"neighbor_planes": False}, {"method": "mcmd_md"}, {"reweight": False},
+    {"max_outlier_rate": 0.3},
     {"method": "pca"}, {"method": "ransac"}, {"method": "msac"}, {"method": "robpca"},
     {"method": "ulsif", "method_params": {"contamination": 0.1}},
     {"method": "qsp", "method_params": {"contamination": 0.1}},
@@ -111,75 +97,85 @@ def test_threads_give_the_same_to_the_last_bit_every_time(monkeypatch, parameter
         assert_array_equal(estimator.fit_transform(X), expected)
 
 
-def neighborhoods_of_three_kinds(n, k):
+def neighborhoods_of_three_kinds(n, k, d):
     """Curved, creased and flat ones, turned; and the scale that a robust plane would have."""
     rng = np.random.default_rng(0)
     heights = [lambda u, v: 0.3 * u**2 + 0.1 * u * v, lambda u, v: np.abs(u), lambda u, v: 0 * u]
     neighborhoods, scale = [], []
     for i in range(n):
-        u, v = rng.uniform(-1, 1, (2, k))
-        z = heights[i % 3](u, v) + rng.normal(0, 0.02, k)
-        neighborhoods.append(np.column_stack([u, v, z]) @ np.linalg.qr(rng.normal(size=(3, 3)))[0])
+        flat = rng.uniform(-1, 1, (d - 1, k))
+        z = heights[i % 3](flat[0], flat[-1]) + rng.normal(0, 0.02, k)
+        turn = np.linalg.qr(rng.normal(size=(d, d)))[0]
+        neighborhoods.append(np.column_stack([*flat, z]) @ turn)
         scale.append([0.05, 0.02, 0.02][i % 3])
     return np.array(neighborhoods), np.array(scale)
 
 
-def test_smoothness_is_decided_by_the_residual_of_a_quadric():
-    """Against least squares by NumPy, on 300 neighborhoods of three kinds."""
-    neighborhoods, scale = neighborhoods_of_three_kinds(300, 40)
-    found = whole_planes(neighborhoods, np.full(300, 40))
-    centroids, _, axes, deviation, left, ordinary = found
+def whole(neighborhoods, sizes):
+    """Planes of all members, and deviation, left and ordinary of `whole_planes`."""
+    m, k, d = neighborhoods.shape
+    around = Neighborhoods(np.arange(m * k, dtype=np.int32).reshape(m, k), sizes)
+    planes = Planes.empty(m, d)
+    points = neighborhoods.reshape(-1, d)
+    return planes, *whole_planes(points, around, planes, np.empty((m, d)))
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_smoothness_is_decided_by_the_residual_of_a_quadric(d):
+    """Against least squares by NumPy, on neighborhoods of three kinds and of many sizes."""
+    neighborhoods, scale = neighborhoods_of_three_kinds(600, 40, d)
+    sizes = np.full(600, 40)
+    sizes[300:] = np.random.default_rng(1).integers(d * (d + 1), 41, 300)
+    neighborhoods[300::50, :, -1] = 0.0  # perfect planes
+    planes, deviation, left, ordinary = whole(neighborhoods, sizes)
     smooth = is_smooth(left, scale)
-    for i in range(300):
-        local = (neighborhoods[i] - centroids[i]) @ axes[i]
-        z, u, v = local.T
-        design = np.column_stack([np.ones(40), u, v, u * u, u * v, v * v])
+    for i, (members, k) in enumerate(zip(neighborhoods, sizes, strict=True)):
+        members = members[:k] - members[:k].mean(axis=0)
+        values, axes = np.linalg.eigh(members.T @ members / k)
+        assert_allclose(planes.eigenvalues[i], values, rtol=1e-9, atol=1e-12)
+        assert_allclose(abs(planes.normals[i] @ axes[:, 0]), 1.0, rtol=1e-9)
+        z, *flat = (members @ axes).T
+        products = [u * v for j, u in enumerate(flat) for v in flat[j:]]
+        design = np.column_stack([np.ones(k), *flat, *products])
+        terms = design.shape[1]
         rest = z - design @ np.linalg.lstsq(design, z)[0]
-        plane, quadric = (z @ z) / 37, (rest @ rest) / 34
+        plane, quadric = (z @ z) / (k - d), (rest @ rest) / (k - terms)
+        expected = np.sqrt([plane, quadric])
+        assert_allclose([deviation[i], left[i]], expected, rtol=1e-9, atol=1e-12)
+        if i in range(300, 600, 50):
+            assert ordinary[i]
+            continue
         assert smooth[i] == (quadric <= 1.2**2 * scale[i] ** 2)
-        assert_allclose([deviation[i] ** 2, left[i] ** 2], [plane, quadric], rtol=1e-9)
         # Four tests of normality, of which each allows 1.5 standard errors of its statistic.
-        chance = norm.sf(1.5)
-        gained = (plane * 37 - quadric * 34) / 3 / quadric
-        like_noise = gained <= f.isf(chance, 3, 34)
-        like_noise &= np.abs(z).max() <= norm.isf(chance / 80) * z.std()
-        like_noise &= abs(skew(z)) <= 1.5 * np.sqrt(6 * 38 / (41 * 43))
+        chance, gained = norm.sf(1.5), plane * (k - d) - quadric * (k - terms)
+        like_noise = gained / (terms - d) / quadric <= f.isf(chance, terms - d, k - terms)
+        like_noise &= np.abs(z).max() <= norm.isf(chance / (2 * k)) * z.std()
+        like_noise &= abs(skew(z)) <= 1.5 * np.sqrt(6 * (k - 2) / ((k + 1) * (k + 3)))
         geary = np.abs(z).mean() / z.std()
-        like_noise &= abs(geary - np.sqrt(2 / np.pi)) <= 1.5 * np.sqrt((1 - 3 / np.pi) / 40)
+        like_noise &= abs(geary - np.sqrt(2 / np.pi)) <= 1.5 * np.sqrt((1 - 3 / np.pi) / k)
         assert ordinary[i] == like_noise
-    assert smooth[0::3].mean() > 0.95
-    assert smooth[1::3].mean() < 0.05
-    assert smooth[2::3].mean() > 0.8
-    assert not ordinary[0::3].any()
-    assert not ordinary[1::3].any()
-    assert ordinary[2::3].mean() > 0.4
+    assert smooth[0:300:3].mean() > 0.95
+    assert smooth[1:300:3].mean() < 0.05
+    assert smooth[2:300:3].mean() > 0.8
+    assert not ordinary[0:300:3].any()
+    assert not ordinary[1:300:3].any()
+    assert ordinary[2:300:3].mean() > 0.4
 
 
-def test_the_compiled_whole_planes_are_those_of_numpy():
-    neighborhoods, _ = neighborhoods_of_three_kinds(900, 40)
-    sizes = np.random.default_rng(1).integers(10, 41, 900)
-    neighborhoods[::50, :, 2] = 0.0  # perfect planes
-    neighborhoods[1::50, :, 1:] = 0.0  # lines
-    expected = whole_planes(neighborhoods, sizes)
-    points, indices = neighborhoods.reshape(-1, 3), np.arange(900 * 40).reshape(900, 40)
-    around = Neighborhoods(indices.astype(np.int32), sizes)
-    planes, directions = Planes.empty(900, 3), np.empty((900, 3))
-    deviation, left, ordinary = np.empty(900), np.empty(900), np.empty(900, dtype=bool)
-    limits = SmoothnessLimits.of(40, 3)
-    whole_planes_3d(points, around, limits, planes, directions, deviation, left, ordinary)
-    assert_array_equal(ordinary, expected[5])
-    assert ordinary[0::50][sizes[0::50] >= 12].all()
-    assert not ordinary[1::50].any()
-    assert_allclose(planes.centroids, expected[0], rtol=1e-9, atol=1e-12)
-    assert_allclose(planes.eigenvalues, expected[1], rtol=1e-9, atol=1e-12)
-    assert_allclose(deviation, expected[3], rtol=1e-9, atol=1e-12)
-    assert_allclose(left, expected[4], rtol=1e-7, atol=1e-12)
+def test_lines_and_too_few_members_determine_no_quadric():
+    neighborhoods, _ = neighborhoods_of_three_kinds(30, 20, 3)
+    neighborhoods[::2, :, 1:] = 0.0
+    sizes = np.where(np.arange(30) % 2, 11, 20)
+    _, deviation, left, ordinary = whole(neighborhoods, sizes)
+    assert (left == np.inf).all()
+    assert_array_equal(np.isfinite(deviation), sizes == 20)
+    assert not ordinary.any()
 
 
 def test_neighborhoods_on_two_scan_lines_determine_no_quadric():
     t = np.linspace(0, 1, 20)
     lines = np.vstack([np.column_stack([t, np.full(20, y), t**2]) for y in (0.0, 0.1)])
-    _, _, _, _, left, ordinary = whole_planes(lines[None], np.array([40]))
+    _, _, left, ordinary = whole(lines[None], np.array([40]))
     assert left[0] == np.inf
     assert not is_smooth(left, np.array([np.inf]))[0]
     assert not ordinary[0]
@@ -188,9 +184,9 @@ def test_neighborhoods_on_two_scan_lines_determine_no_quadric():
 @pytest.mark.parametrize(("n", "k", "share", "height"), [
     (900, 50, 0.4, 0.06), (3000, 50, 0.3, 0.04), (3000, 100, 0.45, 0.04), (3000, 50, 0.4, 0.02),
 ])  # fmt: skip
-@pytest.mark.parametrize("borrow", [False, True])
+@pytest.mark.parametrize("neighbor_planes", [False, True])
 @pytest.mark.parametrize("levels", ["between", "at"])
-def test_scattered_outliers_do_not_pass_for_noise(n, k, share, height, borrow, levels):
+def test_scattered_outliers_do_not_pass_for_noise(n, k, share, height, neighbor_planes, levels):
     """Kept whole, neighborhoods with two fifths of these tilt by 8 degrees and more."""
     rng = np.random.default_rng(0)
     X = np.column_stack([rng.uniform(0, 1, (n, 2)), rng.normal(0, 0.001, n)])
@@ -199,22 +195,48 @@ def test_scattered_outliers_do_not_pass_for_noise(n, k, share, height, borrow, l
         rng.uniform(-height, height, n) if levels == "between" else rng.choice([-1, 1], n) * height
     )
     X[outlier, 2] = off[outlier]
-    tilt = angles(X, np.tile([0.0, 0.0, 1.0], (n, 1)), n_neighbors=k, borrow=borrow)[~outlier]
-    paper = angles(X, np.tile([0.0, 0.0, 1.0], (n, 1)), n_neighbors=k, refine=None)[~outlier]
+    tilt = angles(
+        X, np.tile([0.0, 0.0, 1.0], (n, 1)), n_neighbors=k, neighbor_planes=neighbor_planes
+    )[~outlier]
+    paper = angles(X, np.tile([0.0, 0.0, 1.0], (n, 1)), n_neighbors=k, reweight=False)[~outlier]
     assert np.quantile(tilt, 0.95) <= 1.2 * np.quantile(paper, 0.95)
 
 
-def test_planes_are_borrowed_from_within_reach_in_numpy_as_compiled(monkeypatch):
+def test_planes_are_borrowed_from_within_reach():
     X, _, _ = corner(1500)
-    compiled = RobustNormalEstimator(30, radius=0.06, random_state=0).fit(X)
-    monkeypatch.setattr(
-        "sklearn_mcmd.planes._local_planes.LocalPlaneModel.ready", lambda self: False
+    estimator = RobustNormalEstimator(30, radius=0.06, random_state=0).fit(X)
+    assert (estimator.plane_index_ != np.arange(1500)).sum() > 30
+    assert np.linalg.norm(X - X[estimator.plane_index_], axis=1).max() <= 0.06
+
+
+def test_in_two_dimensions_corners_borrow_and_bends_are_followed():
+    """A square of side 2 and noise, and a circle of radius 1 without."""
+    rng = np.random.default_rng(0)
+    side, along = rng.integers(0, 4, 2000), rng.uniform(-1, 1, 2000)
+    normals = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])[side]
+    X = normals + along[:, None] * normals[:, ::-1] + rng.normal(0, 0.002, (2000, 2))
+    near = (1 - np.abs(along) > 0.006) & (1 - np.abs(along) < 0.05)
+    own, borrowed = (angles(X, normals, n_neighbors=30, borrow=b)[near] for b in (False, True))
+    assert (borrowed < 10).mean() > max(0.95, (own < 10).mean() + 0.01)
+    turn = np.linspace(0, 2 * np.pi, 500, endpoint=False) + rng.uniform(0, 0.01, 500)
+    circle = np.column_stack([np.cos(turn), np.sin(turn)])
+    assert (
+        angles(circle, circle, n_neighbors=30).max()
+        < 0.1 * angles(circle, circle, n_neighbors=30, method="pca").max()
     )
-    plain = RobustNormalEstimator(30, radius=0.06, random_state=0).fit(X)
-    assert (compiled.plane_index_ != np.arange(1500)).sum() > 30
-    # Of copies of one plane either may lend.
-    assert (bias_angle(compiled.normals_, plain.normals_) < 1e-4).all()
-    assert np.linalg.norm(X - X[plain.plane_index_], axis=1).max() <= 0.06
+
+
+def test_from_four_dimensions_on_each_point_has_its_own_refitted_plane():
+    rng = np.random.default_rng(0)
+    X = rng.uniform(-1, 1, (120, 4)) * [1, 1, 1, 0] + rng.normal(0, 0.01, (120, 4))
+    X[:, 3] += 0.5 * np.maximum(X[:, 0], 0)  # a crease
+    estimator = RobustNormalEstimator(30, max_outlier_rate=0.2, random_state=0).fit(X)
+    assert_array_equal(estimator.plane_index_, np.arange(120))
+    trials = draw_trials(estimator.n_trials_, 30, 0)
+    for i in range(0, 120, 10):
+        members = neighborhood(X, X[i], 30)
+        normal = reweighted_plane(X[members], trials, 15)[1]
+        assert_allclose(abs(normal @ estimator.normals_[i]), 1.0, rtol=1e-9)
 
 
 def test_nothing_is_borrowed_on_a_plane_but_by_chance():
@@ -245,7 +267,7 @@ def test_planes_across_a_kerb_come_last():
     clear = (street.target == 1) & (street.edge_distance > 0.015)
     near = clear & (street.edge_distance < 4 * street.spacing)
     angle = angles(street.data, street.normals, n_neighbors=50)
-    own = angles(street.data, street.normals, n_neighbors=50, borrow=False)
+    own = angles(street.data, street.normals, n_neighbors=50, neighbor_planes=False)
     # Three standard deviations off the edge the faces can be told apart.
     assert (angle[near] < 10).mean() > max(0.9, (own[near] < 10).mean() + 0.05)
     assert np.median(angle[clear & ~near]) <= 1.05 * np.median(own[clear & ~near])
@@ -253,7 +275,7 @@ def test_planes_across_a_kerb_come_last():
 
 def test_the_paper_to_the_letter_borrows_nothing():
     X, _, _ = corner(2000)
-    literal = RobustNormalEstimator(30, refine=None, random_state=0).fit(X)
+    literal = RobustNormalEstimator(30, reweight=False, random_state=0).fit(X)
     assert_array_equal(literal.plane_index_, np.arange(len(X)))
 
 
@@ -271,18 +293,18 @@ def test_two_locations_of_four_points_are_each_given_a_plane(monkeypatch):
     assert set(estimator.plane_index_) <= set(range(4))
 
 
-def test_a_model_that_was_fitted_with_numba_serves_without_it(monkeypatch):
-    X, _, _ = corner(4000)
-    estimator = pickle.loads(pickle.dumps(RobustNormalEstimator(20, random_state=0).fit(X)))
-    expected = estimator.transform(X[:50])
-    monkeypatch.setattr("sklearn_mcmd.planes._local_planes.compiled_function", lambda *_: None)
-    for name in ("smoothness", "folds", "lenders"):
-        monkeypatch.setitem(sys.modules, f"sklearn_mcmd.normals._{name}_numba", None)
-    assert_allclose(estimator.transform(X[:50]), expected, rtol=1e-6, atol=1e-9)
-
-
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_neighborhoods_of_too_few_members_for_a_quadric_warn_of_nothing():
     street = make_street(5_000, noise=0.008, random_state=0)
     normals = RobustNormalEstimator(10, random_state=0).fit(street.data).normals_
     assert np.isfinite(normals).all()
+
+
+@pytest.mark.parametrize(
+    "parameters", [{"reweight": False}, {"method": "pca"}, {"n_neighbors": None}]
+)
+def test_planes_of_neighbors_follow_reweighting_and_are_not_promised_without_it(parameters):
+    X = np.random.default_rng(0).uniform(size=(200, 3))
+    with pytest.raises(ValueError, match="neighbor_planes=True needs"):
+        RobustNormalEstimator(neighbor_planes=True, random_state=0, **parameters).fit(X)
+    RobustNormalEstimator(random_state=0, **parameters).fit(X)

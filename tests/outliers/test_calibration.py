@@ -123,6 +123,6 @@ def test_a_rate_that_cannot_be_simulated_is_refused():
 def test_the_rate_holds_for_whole_clean_scans(known):
     """Also for kerbs, reveals, poles and a post, whether or not the sensor's position is known."""
     street = make_street(20_000, outlier_share=0, sampling="scan_lines", random_state=0)
-    origin = street.scanners[0] if known else None
+    origin = street.sensor_origins[0] if known else None
     fitted = detector(0.01, n_neighbors=50, sensor_origin=origin).fit(street.data)
     assert 0.008 < (fitted.scores_ < fitted.offset_).mean() < 0.013

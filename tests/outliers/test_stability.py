@@ -108,7 +108,7 @@ def test_few_labels_change_where_coordinates_lie_on_a_lattice(shared_data, name)
         assert flips(before[rows], after) <= 2 + 0.01 * n_changed
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(
     shift=st.tuples(*[st.floats(-1e6, 1e6)] * 3),
     scale=st.floats(1e-3, 1e3),

@@ -36,10 +36,10 @@ def face(n, rng, side=1.0):
     return index.points, neighbors, planes_at(index.points, [0, 0, 1], radius)
 
 
-def surfaces(points, neighbors, planes, least=K, compiled=False, distances=None):
+def surfaces(points, neighbors, planes, least=K, distances=None):
     own = np.zeros(len(points)) if distances is None else distances
     index = GivenNeighbors(points, neighbors)
-    return find_surfaces(index, planes, own, least, SurfaceLimits(), compiled)
+    return find_surfaces(index, planes, own, least, SurfaceLimits())
 
 
 @pytest.fixture
@@ -117,15 +117,6 @@ def test_levels_that_do_not_explain_each_other_are_two_surfaces(rng):
         assert surfaces(lifted, neighbors, planes, least=300).all() == linked
 
 
-def test_compiled_surfaces_are_those_of_numpy(rng):
-    points, neighbors, planes = face(2000, rng)
-    planes.normals[:] += 0.3 * rng.normal(size=(2000, 3))
-    planes.normals[:] /= np.linalg.norm(planes.normals, axis=1, keepdims=True)
-    found = [surfaces(points, neighbors, planes, 5, compiled) for compiled in (False, True)]
-    assert 0 < found[0].sum() < 2000
-    assert_array_equal(*found)
-
-
 def test_own_distances_are_in_standard_deviations_and_finite():
     planes = planes_at(np.zeros((4, 3)), [0, 0, 1], 1.0, scale=[0.3, 0.0, 0.0, 1e-300])
     queries = np.array([[9, 9, 1.0], [0, 0, 0], [0, 0, 0.1], [0, 0, 1e99]])
@@ -135,36 +126,30 @@ def test_own_distances_are_in_standard_deviations_and_finite():
     assert np.isfinite(found).all()
 
 
-def distances(queries, indices, planes, on_surface, compiled, chunk=1000, n_jobs=None):
+def distances(queries, indices, planes, on_surface, chunk=1000, n_jobs=None):
     near = Neighborhoods(indices.astype(np.int32), np.full(len(queries), indices.shape[1]))
     floor = np.zeros(len(queries))
-    return distances_to_surfaces(
-        queries, near.take, planes, on_surface, floor, compiled, chunk, n_jobs
-    )
+    return distances_to_surfaces(queries, near.take, planes, on_surface, floor, chunk, n_jobs)
 
 
-@pytest.mark.parametrize("compiled", [False, True])
-def test_the_nearest_plane_of_a_surface_that_reaches_the_point_measures_it(compiled):
+def test_the_nearest_plane_of_a_surface_that_reaches_the_point_measures_it():
     """In standard deviations. The first plane is of no surface, the second does not reach."""
     centers = np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0.01], [0, 0, 0.05]])
     planes = planes_at(centers, [0, 0, 1], [9, 0.5, 2, 2], scale=[1, 1, 0.01, 0.1])
     queries = np.array([[1, 0, 0.06], [0, 0.3, 0.2], [5, 0, 0]])
     candidates = np.tile(np.arange(4), (3, 1))
     on_surface = np.array([False, True, True, True])
-    owners, found = distances(queries, candidates, planes, on_surface, compiled)
+    owners, found = distances(queries, candidates, planes, on_surface)
     assert_array_equal(owners, [3, 1, -1])
     assert_allclose(found, [0.1, 0.2, np.inf])
 
 
-@pytest.mark.parametrize("compiled", [False, True])
-def test_chunks_and_threads_change_no_distance(rng, compiled):
+def test_chunks_and_threads_change_no_distance(rng):
     points, neighbors, planes = face(2000, rng)
     queries = points + rng.normal(0, 0.05, points.shape)
     on_surface = rng.random(2000) < 0.5
-    expected = distances(queries, neighbors.indices, planes, on_surface, compiled)
-    pieces = distances(queries, neighbors.indices, planes, on_surface, compiled, 97, 2)
+    expected = distances(queries, neighbors.indices, planes, on_surface)
+    pieces = distances(queries, neighbors.indices, planes, on_surface, 97, 2)
     assert_array_equal(expected[0], pieces[0])
     assert_array_equal(expected[1], pieces[1])
     assert (expected[0] >= 0).any()
-    other = distances(queries, neighbors.indices, planes, on_surface, not compiled)
-    assert_allclose(other[1], expected[1], rtol=1e-9)

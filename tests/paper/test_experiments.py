@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from benchmarks.paper import EXPERIMENTS, figure5, table1, table2, table4
+from benchmarks.paper._clouds import contaminated_planes
+from benchmarks.paper._methods import METHODS
+from benchmarks.paper._printed import VARIANCES
+from benchmarks.paper._runs import bootstrap_error, stream
+from benchmarks.paper._speed import fit_power
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.paper import EXPERIMENTS, figure5, table1, table2, table4
-from sklearn_mcmd.paper._clouds import contaminated_planes
-from sklearn_mcmd.paper._methods import METHODS
-from sklearn_mcmd.paper._printed import VARIANCES
-from sklearn_mcmd.paper._runs import bootstrap_error, stream
-from sklearn_mcmd.paper._speed import fit_power
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._progress import listen_to_progress
 
@@ -149,17 +149,17 @@ def test_breakdown_points_are_within_two_percent_of_the_replication():
     ("name", "parameters"),
     [
         ("PCA", {"method": "pca"}),
-        ("MCMD_Z", {"refine": None}),
+        ("MCMD_Z", {"reweight": False}),
         (
             "MCMD_MD",
             {
                 "method": "mcmd_md",
-                "refine": None,
-                "support_fraction": "auto",
-                "outlier_rate": 0.04,
+                "reweight": False,
+                "support_fraction": 0.96,
+                "max_outlier_rate": 0.04,
             },
         ),
-        ("MCMD_MD h=.5n", {"method": "mcmd_md", "refine": None}),
+        ("MCMD_MD h=.5n", {"method": "mcmd_md", "reweight": False}),
         ("reweighted", {}),
     ],
 )

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sklearn_mcmd.paper._classification import flagged_in_paper
-from sklearn_mcmd.paper._printed import (
+from benchmarks.paper._classification import flagged_in_paper
+from benchmarks.paper._printed import (
     ANGLES,
     BREAKDOWN,
     CLASSIFICATION,

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
-from sklearn_mcmd.datasets import make_box, make_bus_stop
-from sklearn_mcmd.metrics import segmentation_scores
-from sklearn_mcmd.paper import (
+from benchmarks._furniture import make_bus_stop
+from benchmarks.paper import (
     figure9,
     figure10,
     figure11,
@@ -23,11 +21,14 @@ from sklearn_mcmd.paper import (
     table5,
     table6,
 )
-from sklearn_mcmd.paper._denoising import noisy_sign
-from sklearn_mcmd.paper._printed import DENOISING, SEGMENTATION
-from sklearn_mcmd.paper._runs import stream
-from sklearn_mcmd.paper._scene_methods import SCENE_METHODS, summary
-from sklearn_mcmd.paper._sharp import edge_detector
+from benchmarks.paper._denoising import noisy_sign
+from benchmarks.paper._printed import DENOISING, SEGMENTATION
+from benchmarks.paper._runs import stream
+from benchmarks.paper._scene_methods import SCENE_METHODS, summary
+from benchmarks.paper._sharp import edge_detector
+from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
+from sklearn_mcmd.datasets import make_box
+from sklearn_mcmd.metrics import segmentation_scores
 from sklearn_mcmd.planes._progress import listen_to_progress
 
 SLOW = {"RPCA", "uLSIF"}
@@ -80,7 +81,7 @@ def test_table_5_runs_slow_methods_once_and_all_others_every_time(denoised):
 
 def test_table_5_is_what_the_estimators_give(denoised):
     cloud = noisy_sign(stream(1, "table5", 1), 500)
-    detector = MCMDOutlierDetector(50, refine=None, strictness=None, random_state=1)
+    detector = MCMDOutlierDetector(50, reweight=False, strictness=None, random_state=1)
     labels = detector.fit_predict(cloud.points)
     found = denoised.results["MCMD_Z"][1]
     assert found[0] == pytest.approx(100 * np.mean(labels[cloud.target == -1] == -1))
@@ -128,10 +129,10 @@ def test_table_6_is_what_the_estimators_give(segmented):
         50,
         max_angle=5,
         mutual=False,
-        regrow_rest=False,
+        find_narrow_faces=False,
         join_coplanar=False,
         join_curved=False,
-        assign_rest=False,
+        assign_unlabeled=False,
         normals="precomputed",
     )
     scores = segmentation_scores(cloud.surface, growing.fit_predict(columns))
@@ -217,7 +218,7 @@ def test_every_method_is_the_one_it_is_called():
     assert named["RPCA"] == "robpca"
     assert named["MCMD_MD"] == named["MCMD_MD h=.5k"] == "mcmd_md"
     estimator = SCENE_METHODS["MCMD_MD"].normal_estimator(50, 3)
-    assert (estimator.support_fraction, estimator.refine) == (0.75, None)
+    assert (estimator.support_fraction, estimator.reweight) == (0.75, False)
     assert {name for name, method in SCENE_METHODS.items() if method.slow} == SLOW
 
 

@@ -16,7 +16,7 @@ def cloud():
 
 @pytest.mark.parametrize(
     ("params", "levels"),
-    [({}, 2), ({"borrow": False}, 1), ({"refine": None}, 0), ({"radius": 0.3}, 2)],
+    [({}, 2), ({"neighbor_planes": False}, 1), ({"reweight": False}, 0), ({"radius": 0.3}, 2)],
     ids=str,
 )
 def test_proved_normals_are_those_of_the_whole_cloud(cloud, params, levels):

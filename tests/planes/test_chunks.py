@@ -31,7 +31,7 @@ def threads_of(n_jobs):
 
 
 def test_as_many_threads_work_as_there_are_jobs():
-    together, seen = Barrier(3, timeout=60), set()
+    together, seen = Barrier(3, timeout=600), set()
 
     def meet(i):
         seen.add(current_thread())
@@ -42,7 +42,7 @@ def test_as_many_threads_work_as_there_are_jobs():
 
 
 def test_the_number_of_jobs_means_what_it_means_to_joblib():
-    together = Barrier(2, timeout=60)
+    together = Barrier(2, timeout=600)
     with parallel_config(backend="threading", n_jobs=2):
         run([(i,) for i in range(4)], lambda i: together.wait(), None)
     assert threads_of(None) == threads_of(1) == 1
@@ -55,7 +55,7 @@ def test_the_number_of_jobs_means_what_it_means_to_joblib():
 @pytest.mark.parametrize("in_main", [True, False])
 @pytest.mark.parametrize("kind", [ValueError, KeyboardInterrupt])
 def test_an_error_in_any_thread_ends_the_work(kind, in_main):
-    begun, together = [], Barrier(2, timeout=60)
+    begun, together = [], Barrier(2, timeout=600)
 
     def work(i):
         begun.append(i)

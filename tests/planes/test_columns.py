@@ -11,7 +11,7 @@ from sklearn_mcmd.planes._columns import split_columns
 def test_columns_tell_how_many_dimensions_there_are(d):
     rng = np.random.default_rng(0)
     X = rng.uniform(size=(60, d)) * [*([1] * (d - 1)), 0.01]
-    estimator = RobustNormalEstimator(20, outlier_rate=0.1, random_state=0)
+    estimator = RobustNormalEstimator(20, max_outlier_rate=0.1, random_state=0)
     columns = split_columns(estimator.fit_transform(X))
     np.testing.assert_array_equal(columns.coordinates, X)
     np.testing.assert_array_equal(columns.normals, estimator.normals_)

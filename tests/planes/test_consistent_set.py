@@ -1,5 +1,6 @@
 """Algorithm 1 in NumPy and compiled, against the literal reference and each other."""
 
+import numba
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -14,8 +15,8 @@ from sklearn_mcmd.planes._consistent_set import (
     n_support_points,
     n_trials_needed,
 )
-
-numba = pytest.importorskip("numba")
+from sklearn_mcmd.planes._consistent_set_numba import WorkArrays, consistent_set_3d
+from sklearn_mcmd.planes._moments_numba import eigh_3d, kth_smallest
 
 
 @pytest.mark.parametrize(
@@ -80,13 +81,6 @@ def compiled_sets(local, sizes, positions, h):
     arrays = WorkArrays.of(len(positions), local.shape[1])
     _sets_of(local, sizes, Trials(positions, n_support), arrays, found, least)
     return found, least
-
-
-from sklearn_mcmd.planes._consistent_set_numba import (  # noqa: E402, used in the compiled helper
-    WorkArrays,
-    consistent_set_3d,
-)
-from sklearn_mcmd.planes._moments_numba import eigh_3d, kth_smallest  # noqa: E402, after Numba is known
 
 
 @numba.njit

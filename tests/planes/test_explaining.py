@@ -1,4 +1,4 @@
-"""Whose plane explains a point: compiled and NumPy forms, against a loop taken literally."""
+"""Whose plane explains a point, against a loop taken literally."""
 
 import numpy as np
 import pytest
@@ -7,8 +7,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scenes import random_planes
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._record import Neighborhoods
-
-pytest.importorskip("numba")
 
 LIMITS = {
     "nearest": ExplainLimits(likely=False),
@@ -78,13 +76,12 @@ def literally(queries, candidates, planes, limits, usable, least, most):
     return np.array(owners), np.array(distances)
 
 
-@pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("limits", LIMITS.values(), ids=LIMITS)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("d", [2, 3])
-def test_the_owner_is_the_one_that_a_literal_loop_finds(d, kind, limits, compiled):
+def test_the_owner_is_the_one_that_a_literal_loop_finds(d, kind, limits):
     queries, candidates, planes, *others = scene(kind, d)
-    owners, distances = explain(queries, candidates, planes, limits, *others, compiled)
+    owners, distances = explain(queries, candidates, planes, limits, *others)
     expected, expected_distances = literally(queries, candidates, planes, limits, *others)
     assert_array_equal(owners, expected)
     assert_allclose(distances, expected_distances, rtol=1e-9, atol=1e-12)
@@ -94,20 +91,19 @@ def test_the_scenes_hold_what_they_are_made_for():
     """Queries without an owner, with one that explains them, and with one that does not."""
     limits = LIMITS["likeliest within 3"]
     queries, candidates, planes, *others = scene("unusable", 3)
-    owners, distances = explain(queries, candidates, planes, limits, *others, False)
+    owners, distances = explain(queries, candidates, planes, limits, *others)
     assert (owners == -1).sum() > 5
     assert_array_equal(np.isinf(distances), owners == -1)
     assert (distances <= 3).sum() > 50
     assert ((distances > 3) & (owners >= 0)).sum() > 5
-    assert (explain(*scene("far away", 3)[:3], limits, *others, True)[0] == -1).all()
+    assert (explain(*scene("far away", 3)[:3], limits, *others)[0] == -1).all()
 
 
-@pytest.mark.parametrize("compiled", [True, False])
-def test_no_queries_have_no_owners(compiled):
+def test_no_queries_have_no_owners():
     _, candidates, planes, usable, *_ = scene("plain", 3)
     none = np.empty(0)
     owners, distances = explain(
         np.empty((0, 3)), candidates.take(slice(0, 0)), planes, LIMITS["nearest"], usable,
-        none, none, compiled,
+        none, none,
     )  # fmt: skip
     assert owners.shape == distances.shape == (0,)

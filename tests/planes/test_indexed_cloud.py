@@ -130,8 +130,8 @@ def test_an_estimator_with_normals_of_its_own_searches_once(searched):
 
 def test_the_paper_s_forms_keep_no_table():
     for form in (
-        RobustNormalEstimator(refine=None, random_state=0),
-        MCMDOutlierDetector(strictness=None, refine=None, random_state=0),
+        RobustNormalEstimator(reweight=False, random_state=0),
+        MCMDOutlierDetector(strictness=None, reweight=False, random_state=0),
     ):
         assert form.fit(street(2000))._model.index.cloud.table is None
 

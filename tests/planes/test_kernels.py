@@ -7,13 +7,7 @@ import sys
 
 import pytest
 
-numba = pytest.importorskip("numba")
-
-from sklearn_mcmd.planes import (  # noqa: E402, after Numba is known
-    _compiling,
-    _inner_code,
-    _kernels,
-)
+from sklearn_mcmd.planes import _compiling, _kernels
 
 SOURCE = """
 from sklearn_mcmd.planes._kernels import kernel
@@ -22,24 +16,6 @@ from sklearn_mcmd.planes._kernels import kernel
 def double(x):
     return 2 * x
 """
-
-
-def test_what_only_kernels_call_gets_no_machine_code_where_numba_is_known():
-    """Newer releases of Numba compile it their way, and the results are the same."""
-    known = _inner_code.inner_options("0.68.1")
-    unknown = [_inner_code.inner_options(release) for release in ("0.61.2", "0.99.0rc1", "1.0")]
-    assert known["pipeline_class"] is _inner_code.InnerCompiler
-    assert all("pipeline_class" not in options for options in unknown)
-
-    for options in (known, unknown[0]):
-        inner = numba.njit(**options)(_double)
-        assert numba.njit(lambda x, inner=inner: inner(x) + inner(x + 1))(3) == 14
-        (compiled,) = inner.overloads.values()
-        assert compiled.library._compiled == ("pipeline_class" not in options)
-
-
-def _double(x):
-    return 2 * x
 
 
 def n_compiled(name):
@@ -87,7 +63,7 @@ def test_processes_may_compile_at_once(tmp_path):
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     command = [sys.executable, "-c", "import shared_kernel as s; assert s.double(3) == 6"]
     several = [subprocess.Popen(command, cwd=tmp_path, env=environment) for _ in range(3)]
-    assert [process.wait(timeout=300) for process in several] == [0, 0, 0]
+    assert [process.wait(timeout=600) for process in several] == [0, 0, 0]
     command[-1] += "; assert not s.double.stats.cache_misses"
     assert subprocess.run(command, cwd=tmp_path, env=environment).returncode == 0
 

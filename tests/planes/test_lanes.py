@@ -1,14 +1,13 @@
-"""The vectors of the screening against NumPy."""
+"""The inner loops of the screening against NumPy."""
 
+import numba
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-numba = pytest.importorskip("numba")
+from sklearn_mcmd.planes import _lanes_numba as lanes
 
-from sklearn_mcmd.planes import _lanes_numba as lanes  # noqa: E402, after Numba is known
-
-N_LANES = 3 * lanes.VECTOR
+N_LANES = 24
 
 
 @numba.njit
@@ -22,8 +21,8 @@ def _levels(bits, base, n_rows, levels):
 
 
 @numba.njit
-def _limits(levels, n_rows, wanted, limits):
-    lanes.lane_limits(levels, n_rows, wanted, limits)
+def _limits(levels, n_rows, wanted, counts, limits):
+    lanes.lane_limits(levels, n_rows, wanted, counts, limits)
 
 
 @numba.njit
@@ -36,13 +35,13 @@ def floats(*shape, seed=0):
 
 
 def test_distances_of_all_lanes_and_their_sums():
-    planes, features = floats(4, N_LANES), floats(11, lanes.FEATURES, seed=1)
-    distances, total = np.full((11, N_LANES), -1, dtype=np.float32), floats(N_LANES)
-    _distances(planes, features, 10, distances, total)
-    expected = np.abs(features[:10, :3] @ planes[:3] + planes[3])
-    assert_allclose(distances[:10], expected, rtol=1e-4, atol=1e-5)
+    planes, features = floats(4, N_LANES), floats(17, lanes.FEATURES, seed=1)
+    distances, total = np.full((17, N_LANES), -1, dtype=np.float32), floats(N_LANES)
+    _distances(planes, features, 16, distances, total)
+    expected = np.abs(features[:16, :3] @ planes[:3] + planes[3])
+    assert_allclose(distances[:16], expected, rtol=1e-4, atol=1e-5)
     assert_allclose(total, expected.sum(axis=0), rtol=1e-5)
-    assert (distances[10] == -1).all()
+    assert (distances[16] == -1).all()
 
 
 def test_levels_are_leading_bits_between_their_ends():
@@ -60,10 +59,10 @@ def test_levels_are_leading_bits_between_their_ends():
 @pytest.mark.parametrize("high", [3, 100, lanes.MOST_LEVEL + 1])  # many ties, some, few
 @pytest.mark.parametrize("wanted", [1, 13, 40])
 def test_no_more_than_the_wanted_rows_are_below_the_limit_and_more_below_the_next(high, wanted):
-    shape = 40, 4 * lanes.VECTOR
+    shape = 40, 32
     levels = np.random.default_rng(wanted).integers(0, high, shape).astype(np.int16)
-    limits = np.full(shape[1], -1, dtype=np.int16)
-    _limits(levels, 40, wanted, limits)
+    counts, limits = np.full((2, shape[1]), -1, dtype=np.int16)
+    _limits(levels, 40, wanted, counts, limits)
     below = (levels < limits).sum(axis=0)
     assert (below <= wanted).all()
     more = (levels <= limits).sum(axis=0) > wanted
@@ -71,12 +70,13 @@ def test_no_more_than_the_wanted_rows_are_below_the_limit_and_more_below_the_nex
 
 
 def test_moments_are_sums_over_the_rows_below_the_limit():
-    distances, features = np.abs(floats(21, N_LANES)), floats(21, lanes.FEATURES, seed=1)
+    distances, features = np.abs(floats(24, N_LANES)), floats(24, lanes.FEATURES, seed=1)
+    distances[21:], features[21:] = np.inf, 0.0  # rows that pad
     limits = np.linspace(0, 2, N_LANES).astype(np.float32)
     limits[3] = distances[5, 3]  # a row at the limit is not below it
     distances[7, 4] = np.nan
     moments = floats(10, N_LANES)
-    _moments(distances, limits, features, 21, moments)
+    _moments(distances, limits, features, 24, moments)
     member = (distances < limits).astype(float)
     assert_array_equal(moments[0], member.sum(axis=0))
     assert_allclose(moments[1:], features.T.astype(float) @ member, rtol=1e-4, atol=1e-5)

@@ -1,4 +1,4 @@
-"""The graph of planes that explain each other: both forms, against loops taken literally."""
+"""The graph of planes that explain each other, against loops taken literally."""
 
 import numpy as np
 import pytest
@@ -9,10 +9,10 @@ from sklearn_mcmd.planes._linking import LinkLimits, connected, connected_planes
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 
-def links_of(cloud, limits, compiled, chunk=1000, n_jobs=None):
+def links_of(cloud, limits, chunk=1000, n_jobs=None):
     points, neighbors, planes, usable = cloud
     index, k = GivenNeighbors(points, neighbors, chunk), neighbors.indices.shape[1]
-    return link_planes(index, k, planes, limits, usable, compiled, n_jobs)
+    return link_planes(index, k, planes, limits, usable, n_jobs)
 
 
 def scene(d, n=150, k=10, seed=0):
@@ -69,12 +69,11 @@ def literally(points, neighbors, planes, limits, usable):
     return rows
 
 
-@pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("d", [2, 3, 4])
 @pytest.mark.parametrize("name", LIMITS)
-def test_links_are_those_of_the_rules_taken_literally(name, d, compiled):
+def test_links_are_those_of_the_rules_taken_literally(name, d):
     cloud = scene(d)
-    links = links_of(cloud, LIMITS[name], compiled)
+    links = links_of(cloud, LIMITS[name])
     assert links.dtype == np.int32
     points, neighbors, planes, usable = cloud
     expected = literally(points, neighbors, planes, LIMITS[name], usable)
@@ -83,36 +82,32 @@ def test_links_are_those_of_the_rules_taken_literally(name, d, compiled):
     assert (np.diff((links >= 0).astype(int), axis=1) <= 0).all()  # -1 come last
 
 
-@pytest.mark.parametrize("compiled", [True, False])
-def test_links_of_neighborhoods_that_are_mutual_go_both_ways(compiled):
-    links = links_of(scene(3), LIMITS["both near"], compiled)
+def test_links_of_neighborhoods_that_are_mutual_go_both_ways():
+    links = links_of(scene(3), LIMITS["both near"])
     pairs = {(i, j) for i, row in enumerate(links.tolist()) for j in row if j >= 0}
     assert pairs == {(j, i) for i, j in pairs}
 
 
-@pytest.mark.parametrize("compiled", [True, False])
-def test_links_do_not_depend_on_chunks_or_threads(compiled):
+def test_links_do_not_depend_on_chunks_or_threads():
     cloud = scene(3)
-    whole = links_of(cloud, LIMITS["both near"], compiled)
-    parts = links_of(cloud, LIMITS["both near"], compiled, chunk=7, n_jobs=2)
+    whole = links_of(cloud, LIMITS["both near"])
+    parts = links_of(cloud, LIMITS["both near"], chunk=7, n_jobs=2)
     assert_array_equal(whole, parts)
 
 
-@pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("chunk", [7, 1000])
 @pytest.mark.parametrize("name", LIMITS)
-def test_parts_of_planes_are_those_of_their_links(name, chunk, compiled):
+def test_parts_of_planes_are_those_of_their_links(name, chunk):
     points, neighbors, planes, usable = cloud = scene(3)
-    expected = connected(links_of(cloud, LIMITS[name], compiled), compiled)
+    expected = connected(links_of(cloud, LIMITS[name]))
     index, k = GivenNeighbors(points, neighbors, chunk), neighbors.indices.shape[1]
-    found = connected_planes(index, k, planes, LIMITS[name], usable, compiled)
+    found = connected_planes(index, k, planes, LIMITS[name], usable)
     assert 3 < len(expected[1]) < len(points)
     assert_array_equal(found[0], expected[0])
     assert_array_equal(found[1], expected[1])
 
 
-@pytest.mark.parametrize("compiled", [True, False])
-def test_those_equally_near_as_the_last_are_near(compiled):
+def test_those_equally_near_as_the_last_are_near():
     """On a lattice the eight around a point are near, though a list holds only four of them."""
     x, y = np.meshgrid(np.arange(5.0), np.arange(5.0))
     points = np.stack([x.ravel(), y.ravel(), np.zeros(25)], axis=1)
@@ -126,7 +121,7 @@ def test_those_equally_near_as_the_last_are_near(compiled):
         planes,
         np.ones(25, bool),
     )
-    links = links_of(cloud, LIMITS["both near"], compiled)
+    links = links_of(cloud, LIMITS["both near"])
     far = distances[np.arange(25), indices[:, -1]]
     for i, row in enumerate(links):
         near = [j for j in indices[i] if j != i and distances[i, j] <= far[j]]
@@ -145,38 +140,35 @@ def parts_literally(links):
             return np.unique(labels, return_inverse=True)[1]
 
 
-@pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("seed", range(5))
-def test_parts_are_those_found_by_spreading_labels(seed, compiled):
+def test_parts_are_those_found_by_spreading_labels(seed):
     rng = np.random.default_rng(seed)
     links = np.sort(rng.integers(-6, 300, (300, 2)), axis=1)[:, ::-1]
     links = np.where(rng.random((300, 1)) < 0.4, links, -1)
     links = np.where(links < 0, -1, links).astype(np.int32)
-    labels, sizes = connected(links, compiled)
+    labels, sizes = connected(links)
     expected = parts_literally(links)
     assert 5 < len(sizes) < 300
     assert_array_equal(labels, expected)
     assert_array_equal(sizes, np.bincount(expected))
 
 
-@pytest.mark.parametrize("compiled", [True, False])
-def test_parts_do_not_depend_on_the_order_of_points_and_links(compiled):
+def test_parts_do_not_depend_on_the_order_of_points_and_links():
     rng = np.random.default_rng(0)
     links = np.where(rng.random((400, 1)) < 0.5, rng.integers(0, 400, (400, 1)), -1)
     links = links.astype(np.int32)
-    labels, _ = connected(links, compiled)
+    labels, _ = connected(links)
     order = rng.permutation(400)
     place = np.argsort(order)
     moved = np.where(links[order] >= 0, place[links[order]], -1).astype(np.int32)
-    again, _ = connected(moved, compiled)
+    again, _ = connected(moved)
     pairs = np.unique(np.column_stack([labels[order], again]), axis=0)
     assert len(pairs) == labels.max() + 1 == again.max() + 1
 
 
-@pytest.mark.parametrize("compiled", [True, False])
-def test_no_links_make_each_point_a_part(compiled):
-    labels, sizes = connected(np.full((4, 0), -1, np.int32), compiled)
+def test_no_links_make_each_point_a_part():
+    labels, sizes = connected(np.full((4, 0), -1, np.int32))
     assert_array_equal(labels, range(4))
     assert_array_equal(sizes, np.ones(4))
-    labels, sizes = connected(np.empty((0, 3), np.int32), compiled)
+    labels, sizes = connected(np.empty((0, 3), np.int32))
     assert len(labels) == len(sizes) == 0

@@ -9,8 +9,6 @@ from sklearn_mcmd.planes._consistent_set import draw_trials
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel, PlaneSettings
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 
-pytest.importorskip("numba")
-
 
 def planes_of(X, compiled, **parameters):
     settings = {

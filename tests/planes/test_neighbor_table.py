@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.planes import _neighbor_table
-from sklearn_mcmd.planes._neighbor_table import NeighborTable, Packed, Plain, part_size
+from sklearn_mcmd.planes._neighbor_table import NeighborTable, Packed, part_size
 
 
 def table_of(indices, calls=None):
@@ -44,7 +43,7 @@ def test_what_comes_out_is_what_went_in(k, spread):
         assert_array_equal(table.query(slice(37, n - 5), fewer), indices[37 : n - 5, :fewer])
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     n=st.integers(1, 700),
     k=st.integers(1, 90),
@@ -93,10 +92,7 @@ def test_neighbors_take_half_of_their_size():
     assert lists < 0.02 * indices.nbytes
 
 
-@pytest.mark.parametrize("packs", [True, False])
-def test_parts_hold_as_many_as_their_rows_ask_for(packs, monkeypatch):
-    if not packs:
-        monkeypatch.setattr(_neighbor_table, "_compiled", lambda name: None)
+def test_parts_hold_as_many_as_their_rows_ask_for():
     indices = neighbors(3000, 300, spread=40)
     sizes = np.full(3000, 20)
     sizes[-1] = 300
@@ -106,22 +102,6 @@ def test_parts_hold_as_many_as_their_rows_ask_for(packs, monkeypatch):
     assert_array_equal(found[-1], indices[-1, :30])
     assert_array_equal(found[0, 20:], found[0, 0])  # what no row of the part asks for
     assert_array_equal(table.query(np.array([2999, 0]), 300)[0], indices[-1])
-
-
-def test_packed_neighbors_are_unpacked_without_compiled_code(monkeypatch):
-    indices = neighbors(3000, 20)
-    table = table_of(indices)
-    table.query(slice(None), 20)
-    monkeypatch.setattr(_neighbor_table, "_compiled", lambda name: None)
-    assert_array_equal(table.query(slice(None), 20), indices)
-
-
-def test_without_compiled_code_they_are_kept_as_they_are(monkeypatch):
-    monkeypatch.setattr(_neighbor_table, "_compiled", lambda name: None)
-    indices = neighbors(3000, 20)
-    table = table_of(indices)
-    assert_array_equal(table.query(slice(None), 20), indices)
-    assert all(isinstance(part, Plain) for part in table.parts)
 
 
 @pytest.mark.parametrize("k", [1, 2, 10, 50, 1000, 200_000, 10**6])

@@ -11,8 +11,6 @@ from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._self_search import SelfSearch
 
-pytest.importorskip("numba")
-
 
 def brute_force(points, k):
     """Neighbors by squared distance, then by coordinates, each sum in the order of the axes."""
@@ -67,7 +65,7 @@ def test_distances_are_those_of_scipy_to_the_last_bit(kind):
     assert_array_equal(np.sqrt(squares), expected)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     n=st.integers(20, 300),
     k=st.integers(1, 20),

@@ -37,7 +37,7 @@ ESTIMATORS = [
     RobustNormalEstimator("auto", features="all", random_state=0),
     RobustNormalEstimator(method="pca", features=["linearity"]),
     RegionGrowing(random_state=0),
-    RegionGrowing(regrow_rest=False, join_coplanar=False, join_curved=False, random_state=0),
+    RegionGrowing(find_narrow_faces=False, join_coplanar=False, join_curved=False, random_state=0),
     SharpFeatureDetector(random_state=0),
     SharpFeatureDetector(criterion="eigenvalue", outlier_detector="passthrough"),
     PlaneOutlierDetector(method="pca", contamination=0.1),
@@ -116,7 +116,7 @@ def test_results_are_the_same_with_callbacks_and_without(estimator, xyz):
         (MCMDOutlierDetector(random_state=0), ["planes", "outliers"]),
         (
             MCMDOutlierDetector(false_positive_rate=0.05, random_state=0),
-            ["cutoff by simulation", "planes", "outliers", "cutoff by parts"],
+            ["cutoff by simulation", "planes", "outliers"],
         ),
         (
             RobustNormalEstimator("auto", features="all", random_state=0),
@@ -237,6 +237,7 @@ def test_pipelines_hold_the_tasks_of_their_steps(xyz):
     assert ("RegionGrowing", "growing regions") in recorder.named()
 
 
+@pytest.mark.filterwarnings("ignore:The estimator RandomForestClassifier does not support callback")
 @pytest.mark.parametrize("n_jobs", [1, 2])
 def test_a_grid_search_with_a_progress_bar_finds_what_it_finds_without(n_jobs, xyz, capsys):
     pytest.importorskip("rich")

@@ -27,7 +27,7 @@ def strip(rng, n, radius, height, arc, noise=0.0):
 )
 def test_points_without_noise_give_their_cylinder_back(radius, height, arc):
     points, normals = strip(np.random.default_rng(0), 80, radius, height, arc)
-    total, cylinder = fit_cylinder(points, normals, compiled=False)
+    total, cylinder = fit_cylinder(points, normals)
     assert total < 1e-12 * radius**2
     # Coordinates of thousands leave 1e-12, which a short arc multiplies.
     assert_allclose(cylinder.radius, radius, rtol=1e-6)
@@ -52,14 +52,6 @@ def test_the_sum_of_squares_is_that_of_a_general_optimizer(seed):
     assert_allclose(fit_cylinder(points, normals)[0], 2 * other.cost, rtol=1e-5)
 
 
-def test_compiled_and_plain_forms_agree():
-    points, normals = strip(np.random.default_rng(1), 50, 0.1, 0.5, 120, noise=0.004)
-    plain, cylinder = fit_cylinder(points, normals, compiled=False)
-    total, compiled = fit_cylinder(points, normals)
-    assert_allclose(total, plain, rtol=1e-9)
-    assert_allclose(compiled.distances(points), cylinder.distances(points), atol=1e-9)
-
-
 @pytest.mark.parametrize(
     "points",
     [
@@ -71,6 +63,6 @@ def test_compiled_and_plain_forms_agree():
 )
 def test_points_of_no_cylinder_give_finite_results(points):
     normals = np.tile([0.0, 0.0, 1.0], (len(points), 1))
-    total, cylinder = fit_cylinder(points, normals, compiled=False)
+    total, cylinder = fit_cylinder(points, normals)
     assert np.isfinite(total)
     assert np.isfinite(cylinder.distances(points)).all()

@@ -6,8 +6,8 @@ from numpy.testing import assert_array_equal
 from scipy.spatial.transform import Rotation
 from sklearn.metrics import adjusted_rand_score
 
+from benchmarks._furniture import make_bus_stop
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
-from sklearn_mcmd.datasets import make_bus_stop
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.segmentation._cylinder_parts import CylinderParts
@@ -110,8 +110,8 @@ def test_a_volume_is_no_cylinder():
 
 def test_without_assigning_the_rest_points_only_change_regions():
     X, _ = floor_and_post()
-    apart = grown(X, assign_rest=False, join_curved=False)
-    joined = grown(X, assign_rest=False)
+    apart = grown(X, assign_unlabeled=False, join_curved=False)
+    joined = grown(X, assign_unlabeled=False)
     assert_array_equal(joined < 0, apart < 0)
     assert joined.max() < apart.max()
 
@@ -153,7 +153,7 @@ def test_posts_of_scenes_are_found():
 
 def test_without_joining_the_rest_is_assigned_as_ever():
     X, on_post = floor_and_post()
-    before = grown(X, join_curved=False, assign_rest=False)
+    before = grown(X, join_curved=False, assign_unlabeled=False)
     after = grown(X, join_curved=False)
     assert np.count_nonzero(after[~on_post] < 0) < np.count_nonzero(before[~on_post] < 0)
 

@@ -1,9 +1,5 @@
 """Region growing: shapes with truth, invariances, parameters, attributes, bad input."""
 
-import re
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -13,8 +9,9 @@ from sklearn.metrics import adjusted_rand_score
 from sklearn.model_selection import ParameterGrid
 from sklearn.pipeline import Pipeline, make_pipeline
 
+from benchmarks._furniture import make_bus_stop, make_traffic_furniture
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
-from sklearn_mcmd.datasets import make_bus_stop, make_street, make_traffic_furniture
+from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import read_points
 
 N_STRAY = 9  # fewer than make a region
@@ -163,29 +160,6 @@ def test_copies_of_a_point_share_its_label_and_count(street):
     assert_allclose(twice.region_centroids_, alone.region_centroids_, atol=1e-12)
 
 
-def test_labels_are_the_same_without_numba(street):
-    _, columns = street
-    labels = RegionGrowing(normals="precomputed").fit_predict(columns)
-    modules = [name for name in sys.modules if re.fullmatch(r"sklearn_mcmd\..*_numba", name)]
-    assert len(modules) > 3
-    with pytest.MonkeyPatch.context() as patch:
-        for module in modules:
-            patch.setitem(sys.modules, module, None)
-            patch.delattr(module, raising=False)
-        assert_array_equal(RegionGrowing(normals="precomputed").fit_predict(columns), labels)
-
-
-def test_few_points_do_not_wait_for_a_compiler():
-    statement = (
-        "import sys, numpy as np; from sklearn_mcmd import RegionGrowing;"
-        "RegionGrowing(random_state=0).fit(np.random.default_rng(0).normal(size=(60, 3)));"
-        "print('numba' in sys.modules)"
-    )
-    command = [sys.executable, "-c", statement]
-    result = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert result.stdout == "False\n"
-
-
 # ---- Parameters ------------------------------------------------------------------------------
 
 
@@ -200,7 +174,7 @@ def test_regions_are_numbered_by_size(street):
 
 def test_regions_of_too_few_points_are_dissolved(street):
     _, columns = street
-    params = {"normals": "precomputed", "assign_rest": False, "join_coplanar": False}
+    params = {"normals": "precomputed", "assign_unlabeled": False, "join_coplanar": False}
     every = RegionGrowing(min_region_size=1, **params).fit(columns)
     large = RegionGrowing(min_region_size=50, **params).fit(columns)
     assert every.labels_.min() == 0
@@ -219,9 +193,9 @@ def test_stray_points_belong_to_no_region(street):
 def test_the_rest_is_assigned_to_planes_that_pass_it(street):
     X, _ = street
     # Points next to an edge that borrow their face's plane are in its region already.
-    columns = RobustNormalEstimator(borrow=False, random_state=0).fit_transform(X)
+    columns = RobustNormalEstimator(neighbor_planes=False, random_state=0).fit_transform(X)
     params = {"normals": "precomputed", "join_coplanar": False}
-    left = RegionGrowing(assign_rest=False, **params).fit_predict(columns)
+    left = RegionGrowing(assign_unlabeled=False, **params).fit_predict(columns)
     labels = RegionGrowing(**params).fit_predict(columns)
     assert_array_equal(labels[left >= 0], left[left >= 0])
     rest = np.flatnonzero((left < 0) & (labels >= 0))

@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy.spatial.transform import Rotation
 
+from benchmarks._furniture import make_bus_stop
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
-from sklearn_mcmd.datasets import make_bus_stop
 from sklearn_mcmd.metrics import segmentation_scores
 from sklearn_mcmd.planes._columns import split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
@@ -45,7 +45,7 @@ def outcomes(part, labels):
 def test_a_kerb_three_points_high_is_found(seed):
     X, part = kerb(seed)
     X = columns(X)
-    assert outcomes(part, grown(X, regrow_rest=False))[KERB] != "proper"
+    assert outcomes(part, grown(X, find_narrow_faces=False))[KERB] != "proper"
     assert outcomes(part, grown(X)) == ["proper"] * 3
 
 
@@ -84,7 +84,7 @@ def test_a_volume_on_a_plane_is_no_face():
     bush *= 0.5 * rng.uniform(size=(1500, 1)) ** (1 / 3) / np.linalg.norm(bush, axis=1)[:, None]
     X = np.vstack([floor, np.add(bush, [0, 0, 0.02])])
     X = columns(X + rng.normal(0, NOISE, X.shape))
-    assert_array_equal(grown(X), grown(X, regrow_rest=False))
+    assert_array_equal(grown(X), grown(X, find_narrow_faces=False))
 
 
 def test_an_edge_of_two_walls_hides_no_face():
@@ -93,7 +93,7 @@ def test_an_edge_of_two_walls_hides_no_face():
         [rng.uniform(0, 3, (4000, 3)) * [1, 1, 0], rng.uniform(0, 3, (4000, 3)) * [1, 0, 1]]
     )
     X = columns(walls + rng.normal(0, NOISE, walls.shape))
-    assert_array_equal(grown(X), grown(X, regrow_rest=False))
+    assert_array_equal(grown(X), grown(X, find_narrow_faces=False))
 
 
 def test_faces_come_with_planes_of_their_own_and_overwrite_no_others():

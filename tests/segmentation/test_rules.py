@@ -7,10 +7,10 @@ from sklearn.metrics import adjusted_rand_score
 from sklearn_mcmd import RegionGrowing
 
 LITERAL = {
-    "regrow_rest": False,
+    "find_narrow_faces": False,
     "join_coplanar": False,
     "join_curved": False,
-    "assign_rest": False,
+    "assign_unlabeled": False,
     "min_region_size": 1,
 }
 

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.base import clone
 
@@ -13,9 +13,9 @@ from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_airborne_scan, make_street
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._point_cloud import with_results
-from sklearn_mcmd.tiling import TilingError, _sized, _together, write_normals
+from sklearn_mcmd.tiling import TilingError, _sized, _together, process_files
 from sklearn_mcmd.tiling._tile import normal_columns
-from tiled import street
+from tiled import divide, street
 
 ESTIMATOR = RobustNormalEstimator("auto", random_state=0)
 RNG = np.random.default_rng(0)
@@ -71,7 +71,7 @@ def test_normals_are_those_of_memory_wherever_tiles_begin(scene, tmp_path, monke
     if scene == "floor":
         assert np.ptp(sizes) > 40
     for tile_size, cut in ((800, 0.3), *[(10_000, 0.5)] * (scene in ONE_TILE)):
-        report = write_normals(a, c, ESTIMATOR, tile_size=tile_size, cut=cut)
+        report = divide(a, c, ESTIMATOR, tile_size=tile_size, cut=cut)
         assert c.read_bytes() == b.read_bytes()
         assert (report.n_proved < report.n_points) == (report.n_tiles > 1)
 
@@ -80,8 +80,8 @@ def test_normals_are_those_of_memory_wherever_tiles_begin(scene, tmp_path, monke
     "params",
     [
         {"method": "pca", "radius": 0.3},
-        {"method": "mcmd_md", "borrow": False},
-        {"refine": None, "features": ["normal_error", "mean_curvature"]},
+        {"method": "mcmd_md", "neighbor_planes": False},
+        {"reweight": False, "features": ["normal_error", "mean_curvature"]},
     ],
     ids=lambda params: "-".join(params),
 )
@@ -90,7 +90,7 @@ def test_normals_are_those_of_memory_for_all_parameters(params, tmp_path):
     write_points(a, PointCloud(noisy_floor(2_000)))
     estimator = clone(ESTIMATOR).set_params(**params)
     in_memory(a, b, estimator)
-    write_normals(a, c, estimator, tile_size=700)
+    process_files(a, c, estimator, tile_size=700)
     assert c.read_bytes() == b.read_bytes()
 
 
@@ -101,14 +101,12 @@ def test_normals_are_those_of_memory_for_all_parameters(params, tmp_path):
     tile_size=st.integers(150, 900),
     cut=st.floats(0.2, 0.8),
 )
-@settings(
-    max_examples=2, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=2)
 def test_normals_of_any_cloud_are_those_of_memory(n, noise, digits, tile_size, cut, tmp_path):
     a, b, c = (tmp_path / name for name in ("a.las", "b.las", "c.las"))
     write_points(a, PointCloud(np.round(noisy_floor(n, noise), digits)))
     in_memory(a, b)
-    write_normals(a, c, ESTIMATOR, tile_size=tile_size, cut=cut)
+    divide(a, c, ESTIMATOR, tile_size=tile_size, cut=cut)
     assert c.read_bytes() == b.read_bytes()
 
 
@@ -117,7 +115,7 @@ def test_small_clouds_have_the_normals_of_memory(n, tmp_path):
     a, b, c = (tmp_path / name for name in ("a.las", "b.las", "c.las"))
     write_points(a, street(n))
     in_memory(a, b)
-    report = write_normals(a, c, ESTIMATOR, tile_size=200)
+    report = process_files(a, c, ESTIMATOR, tile_size=200)
     assert c.read_bytes() == b.read_bytes()
     assert report.n_proved == n
 
@@ -126,14 +124,14 @@ def test_many_points_at_few_places_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(_together, "MOST_COPIES", 1_000)
     write_points(tmp_path / "a.las", np.repeat(noisy_floor(600), 2, axis=0))
     with pytest.raises(TilingError, match="1,200 points at 600 places"):
-        write_normals(tmp_path / "a.las", tmp_path / "b.las", ESTIMATOR, tile_size=500)
+        process_files(tmp_path / "a.las", tmp_path / "b.las", ESTIMATOR, tile_size=500)
 
 
 def test_processes_and_attributes(tmp_path):
     a, b, c = (tmp_path / name for name in ("a.laz", "b.laz", "c.laz"))
     write_points(a, street(3_000))
     in_memory(a, b)
-    report = write_normals(a, c, ESTIMATOR, tile_size=1_200, n_jobs=2)
+    report = process_files(a, c, ESTIMATOR, tile_size=1_200, n_jobs=2)
     assert c.read_bytes() == b.read_bytes()
     assert report.n_workers == 2
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.laz", "b.laz", "c.laz"]
@@ -143,7 +141,7 @@ def test_processes_and_attributes(tmp_path):
 RUN = """
 import os, signal, sys
 from sklearn_mcmd import RobustNormalEstimator
-from sklearn_mcmd.tiling import _auto, write_normals
+from sklearn_mcmd.tiling import _auto, process_files
 
 source, target, place = sys.argv[1:]
 
@@ -156,7 +154,7 @@ def twice(work, done=[]):
     return some
 
 setattr(_auto, place, twice(getattr(_auto, place)))
-write_normals(source, target, RobustNormalEstimator("auto", random_state=0), tile_size=1_200)
+process_files(source, target, RobustNormalEstimator("auto", random_state=0), tile_size=1_200)
 """
 
 
@@ -178,7 +176,7 @@ def test_a_run_that_was_killed_goes_on(place, n_resumed, tmp_path):
     died = subprocess.run([sys.executable, "-c", RUN, a, c, place])
     assert died.returncode != 0
     assert not c.exists()
-    report = write_normals(a, c, ESTIMATOR, tile_size=1_200)
+    report = process_files(a, c, ESTIMATOR, tile_size=1_200)
     assert c.read_bytes() == b.read_bytes()
     assert report.n_resumed == n_resumed
     assert not (tmp_path / "c.las.tiles").exists()
@@ -191,5 +189,5 @@ def test_many_points_have_the_normals_of_memory(tmp_path):
     write_points(a, PointCloud(np.round(X, 3)))
     in_memory(a, b)
     for tile_size, cut, n_jobs in ((5_000, 0.5, 2), (30_000, 0.3, 1)):
-        write_normals(a, c, ESTIMATOR, tile_size=tile_size, cut=cut, n_jobs=n_jobs)
+        divide(a, c, ESTIMATOR, tile_size=tile_size, cut=cut, n_jobs=n_jobs)
         assert c.read_bytes() == b.read_bytes()

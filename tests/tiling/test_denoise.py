@@ -5,19 +5,19 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from sklearn.base import clone
 
-from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
+from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_airborne_scan, make_lidar_turn, make_street
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.io._classes import noise_classes
-from sklearn_mcmd.tiling import TilingError, _denoise, _surfaces, _together, write_denoised
+from sklearn_mcmd.tiling import TilingError, _denoise, _surfaces, _together, process_files
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._outputs import SCORED, Results
-from tiled import street
+from tiled import divide, street
 
 DETECTOR = MCMDOutlierDetector(16, random_state=0)
 RNG = np.random.default_rng(0)
@@ -84,7 +84,7 @@ def by_tiles(monkeypatch, tmp_path):
     monkeypatch.setattr(_denoise, "write_denoised_outputs", keep_scores)
 
     def run(source, detector, **options):
-        report = write_denoised(source, tmp_path / "denoised.las", detector, **options)
+        report = divide(source, tmp_path / "denoised.las", detector, **options)
         return found.pop(), report
 
     return run
@@ -113,7 +113,7 @@ def test_scores_are_those_of_memory_wherever_tiles_begin(scene, by_tiles, tmp_pa
         ("volume", {"method": "mcmd_md"}),
         ("street", {"noise_scale": 0.02, "n_neighbors": 40}),
         ("volume", {"noise_scale": 0.02, "n_neighbors": 40}),
-        ("street", {"refine": None, "support_fraction": 0.7, "n_neighbors": 6}),
+        ("street", {"reweight": False, "support_fraction": 0.7, "n_neighbors": 6}),
     ],
     ids=str,
 )
@@ -139,7 +139,7 @@ def test_labels_are_those_of_memory_for_all_cutoffs(params, tmp_path):
     detector = clone(DETECTOR).set_params(**params)
     kept = in_memory(cloud, detector)
     kept = kept.scores_ >= kept.offset_
-    write_denoised(path, tmp_path / "b.las", detector, tile_size=1_000)
+    process_files(path, tmp_path / "b.las", detector, tile_size=1_000)
     assert_array_equal(read_points(tmp_path / "b.las").xyz, cloud.xyz[kept])
 
 
@@ -164,9 +164,7 @@ def clouds(draw):
     cut=st.floats(0.2, 0.8),
     strictness=st.sampled_from(["isolated", "groups", "surfaces", None]),
 )
-@settings(
-    max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=4)
 def test_scores_of_any_cloud_are_those_of_memory(X, tile_size, cut, strictness, by_tiles, tmp_path):
     path, cloud = written(tmp_path, X)
     detector = MCMDOutlierDetector(8, strictness=strictness, random_state=1)
@@ -186,7 +184,7 @@ def test_many_points_at_few_places_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(_together, "MOST_COPIES", 1_000)
     path, _ = written(tmp_path, np.repeat(street_with_tree(600), 2, axis=0))
     with pytest.raises(TilingError, match="1,200 points at 600 places"):
-        write_denoised(path, tmp_path / "b.las", DETECTOR, tile_size=500)
+        process_files(path, tmp_path / "b.las", DETECTOR, tile_size=500)
 
 
 @pytest.mark.parametrize("mode", ["drop", "mark"])
@@ -204,7 +202,7 @@ def test_files_are_those_that_memory_writes(mode, n_jobs, tmp_path):
         noise = noise_classes(cloud, is_outlier, is_outlier, np.ones(8_000, bool), 16)
         assert set(noise) == {0, 7, 18}
         write_points(expected, cloud.with_attributes(outlier_score=scores), noise=noise)
-    report = write_denoised(path, target, DETECTOR, mode=mode, tile_size=3_000, n_jobs=n_jobs)
+    report = process_files(path, target, DETECTOR, mode=mode, tile_size=3_000, n_jobs=n_jobs)
     assert target.read_bytes() == expected.read_bytes()
     assert report.n_workers == n_jobs
     assert report.n_outliers == is_outlier.sum()
@@ -230,7 +228,7 @@ def test_points_that_are_withheld_or_of_other_classes_are_as_in_memory(mode, tmp
         noise = noise_classes(cloud, is_outlier, is_outlier, used, 16)
         scores = scores.astype(np.float32)
         write_points(expected, cloud.with_attributes(outlier_score=scores), noise=noise)
-    report = write_denoised(
+    report = process_files(
         *(path, target, DETECTOR), mode=mode, tile_size=900, only_classes=[1, 2, 6],
         ignore_classes=[6],
     )  # fmt: skip
@@ -243,7 +241,7 @@ def test_points_that_are_withheld_or_of_other_classes_are_as_in_memory(mode, tmp
 def test_a_run_whose_points_are_all_left_out_is_refused(size, tmp_path):
     write_points(tmp_path / "a.las", street(1_000))
     with pytest.raises(PointFileError, match=r"a\.las: no points are judged: all are withheld"):
-        write_denoised(
+        process_files(
             tmp_path / "a.las", tmp_path / "b.las", DETECTOR, only_classes=[2], tile_size=size
         )
     assert [p.name for p in tmp_path.iterdir()] == ["a.las"]
@@ -254,7 +252,7 @@ def test_few_points_among_many_of_other_classes_are_judged_as_in_memory(tmp_path
     classes = np.where(np.arange(3_000) % 7 == 0, 2, 1)
     write_points(tmp_path / "a.las", cloud.with_attributes(classification=classes))
     expected = -in_memory(read_points(tmp_path / "a.las").subset(classes == 2), DETECTOR).scores_
-    write_denoised(
+    process_files(
         *(tmp_path / "a.las", tmp_path / "b.las", DETECTOR), mode="mark", only_classes=[2],
         tile_size=150,
     )  # fmt: skip
@@ -272,7 +270,7 @@ def test_files_of_a_folder_are_one_cloud(tmp_path):
     inputs = [read_points(tmp_path / "in" / name) for name in ("a.laz", "b.las")]
     fitted = clone(DETECTOR).fit(np.vstack([part.xyz for part in inputs]))
     kept = fitted.scores_ >= fitted.offset_
-    write_denoised(tmp_path / "in", tmp_path / "out", DETECTOR, tile_size=1_500)
+    process_files(tmp_path / "in", tmp_path / "out", DETECTOR, tile_size=1_500)
     parts = np.split(kept, [len(inputs[0])])
     for name, part, some in zip(("a.laz", "b.las"), inputs, parts, strict=True):
         found = read_points(tmp_path / "out" / name)
@@ -285,7 +283,7 @@ def test_a_file_of_nothing_but_outliers_is_warned_of(tmp_path):
     write_points(tmp_path / "in" / "a.las", street(1_500))
     write_points(tmp_path / "in" / "b.las", [[3e5, 0, 5e3], [4e5, 9e3, 0]])
     with pytest.warns(UserWarning, match=r"out.b\.las: all points are outliers") as caught:
-        write_denoised(tmp_path / "in", tmp_path / "out", DETECTOR)
+        process_files(tmp_path / "in", tmp_path / "out", DETECTOR)
     assert [warning.filename for warning in caught] == [__file__]
     with pytest.raises(PointFileError, match="holds no points"):
         read_points(tmp_path / "out" / "b.las")
@@ -295,7 +293,7 @@ def test_a_file_of_nothing_but_outliers_is_warned_of(tmp_path):
 RUN = """
 import os, signal, sys
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.tiling import _denoise, _outputs, write_denoised
+from sklearn_mcmd.tiling import _denoise, _outputs, process_files
 
 source, target, place = sys.argv[1:]
 
@@ -312,7 +310,7 @@ if place == "writing":
 else:
     setattr(_denoise, place, twice(getattr(_denoise, place)))
 detector = MCMDOutlierDetector(16, random_state=0)
-write_denoised(source, target, detector, tile_size=1_500, mode="mark")
+process_files(source, target, detector, tile_size=1_500, mode="mark")
 """
 
 
@@ -364,10 +362,10 @@ def test_a_tile_that_fails_has_its_line_and_does_not_end_the_others(tmp_path, mo
         pytest.warns(UserWarning, match="tile 1 failed .*MemoryError: too much of") as caught,
         pytest.raises(TilingError, match=r"1 of 4 tiles failed; .*b\.las\.tiles, and"),
     ):
-        write_denoised(path, tmp_path / "b.las", DETECTOR, tile_size=1_500)
+        process_files(path, tmp_path / "b.las", DETECTOR, tile_size=1_500)
     assert [warning.filename for warning in caught] == [__file__]
     monkeypatch.setattr(_denoise, "find_explained", work)
-    report = write_denoised(path, tmp_path / "b.las", DETECTOR, tile_size=1_500)
+    report = process_files(path, tmp_path / "b.las", DETECTOR, tile_size=1_500)
     assert report.n_resumed == 4
 
 
@@ -376,7 +374,6 @@ def test_a_tile_that_fails_has_its_line_and_does_not_end_the_others(tmp_path, mo
     [
         (MCMDOutlierDetector(None, random_state=0), "n_neighbors=None"),
         (MCMDOutlierDetector(sensor_origin="origin", random_state=0), "sensor_origin"),
-        (MCMDOutlierDetector(reflections=True, random_state=0), "reflections cannot"),
         (MCMDOutlierDetector(), "random_state"),
         (MCMDOutlierDetector(cutoff=3, contamination=0.1, random_state=0), "exclude each other"),
         (
@@ -384,15 +381,16 @@ def test_a_tile_that_fails_has_its_line_and_does_not_end_the_others(tmp_path, mo
             "exclude each other",
         ),
         (MCMDOutlierDetector(strictness="much", random_state=0), "strictness"),
-        (RobustNormalEstimator(random_state=0), "MCMDOutlierDetector"),
     ],
 )
 def test_detectors_that_cannot_work_are_refused_before_the_work(tmp_path, estimator, message):
     path, _ = written(tmp_path, street_with_tree(2_000))
     with pytest.raises(ValueError, match=message):
-        write_denoised(path, tmp_path / "b.las", estimator)
+        process_files(path, tmp_path / "b.las", estimator)
     with pytest.raises(ValueError, match="mode"):
-        write_denoised(path, tmp_path / "b.las", mode="keep")
+        process_files(path, tmp_path / "b.las", DETECTOR, mode="keep")
+    with pytest.raises(ValueError, match=r"colors=True has no meaning for MCMDOutlierDetector"):
+        process_files(path, tmp_path / "b.las", DETECTOR, colors=True)
     assert [p.name for p in tmp_path.iterdir()] == ["a.las"]
 
 

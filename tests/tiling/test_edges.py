@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from sklearn.base import clone
@@ -16,10 +16,10 @@ from sklearn_mcmd.datasets import make_box, make_crown_roof, make_street
 from sklearn_mcmd.edges._painting import edge_columns
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._point_cloud import with_results
-from sklearn_mcmd.tiling import TilingError, _edges, _together, write_edges
+from sklearn_mcmd.tiling import TilingError, _edges, _together, process_files
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._outputs import SCORED, Results
-from tiled import street
+from tiled import divide, street
 
 DETECTOR = SharpFeatureDetector(12, random_state=0)
 RNG = np.random.default_rng(0)
@@ -93,7 +93,7 @@ def by_tiles(monkeypatch, tmp_path):
     monkeypatch.setattr(_edges, "write_edge_outputs", keep_scores)
 
     def run(source, detector=DETECTOR, **options):
-        report = write_edges(source, tmp_path / "edges.las", detector, **options)
+        report = divide(source, tmp_path / "edges.las", detector, **options)
         return *found.pop(), report
 
     return run
@@ -128,7 +128,7 @@ PARAMETERS = {
         "criterion": "eigenvalue",
         "threshold": "mean",
         "outlier_detector": "passthrough",
-        "normal_estimator": RobustNormalEstimator(12, refine=None),
+        "normal_estimator": RobustNormalEstimator(12, reweight=False),
     },
 }
 
@@ -162,9 +162,7 @@ def clouds(draw):
     cut=st.floats(0.2, 0.8),
     cleaner=st.sampled_from([None, "passthrough"]),
 )
-@settings(
-    max_examples=2, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=2)
 def test_scores_of_any_cloud_are_those_of_memory(X, tile_size, cut, cleaner, by_tiles, tmp_path):
     path, cloud = written(tmp_path, X)
     detector = SharpFeatureDetector(10, outlier_detector=cleaner, random_state=1)
@@ -199,7 +197,7 @@ def test_many_points_of_which_few_are_kept_are_refused(tmp_path, monkeypatch):
     path, _ = written(tmp_path, np.repeat(street_of(600), 2, axis=0))
     detector = clone(DETECTOR).set_params(outlier_detector="passthrough")
     with pytest.raises(TilingError, match="1,200 points, of which 600 places are no outliers"):
-        write_edges(path, tmp_path / "b.las", detector, tile_size=500)
+        process_files(path, tmp_path / "b.las", detector, tile_size=500)
 
 
 @pytest.mark.parametrize(("n_jobs", "colors"), [(1, None), (2, False)])
@@ -209,10 +207,9 @@ def test_files_are_those_that_memory_writes(n_jobs, colors, tmp_path):
     cloud = read_points(path)
     fitted = clone(DETECTOR).fit(cloud.xyz)
     is_edge = fitted.scores_ < fitted.offset_
-    brightest = 65535 if colors is None else None
-    results = edge_columns(is_edge, fitted.scores_, brightest)
+    results = edge_columns(is_edge, fitted.scores_, colors is None)
     write_points(expected, with_results(cloud, results))
-    report = write_edges(path, target, DETECTOR, colors=colors, tile_size=2_000, n_jobs=n_jobs)
+    report = process_files(path, target, DETECTOR, colors=colors, tile_size=2_000, n_jobs=n_jobs)
     assert target.read_bytes() == expected.read_bytes()
     assert report.n_workers == n_jobs
     assert report.n_edges == is_edge.sum()
@@ -229,7 +226,7 @@ def test_files_of_a_folder_are_one_cloud_and_keep_their_colors(tmp_path):
     inputs = [read_points(tmp_path / "in" / name) for name in ("a.laz", "b.las")]
     fitted = clone(DETECTOR).fit(np.vstack([part.xyz for part in inputs]))
     is_edge = fitted.scores_ < fitted.offset_
-    write_edges(tmp_path / "in", tmp_path / "out", DETECTOR, tile_size=1_500)
+    process_files(tmp_path / "in", tmp_path / "out", DETECTOR, tile_size=1_500)
     parts = np.split(is_edge, [len(inputs[0])])
     a, b = (read_points(tmp_path / "out" / name) for name in ("a.laz", "b.las"))
     for found, part, some in zip((a, b), inputs, parts, strict=True):
@@ -244,7 +241,7 @@ def test_files_of_a_folder_are_one_cloud_and_keep_their_colors(tmp_path):
 RUN = """
 import os, signal, sys
 from sklearn_mcmd import SharpFeatureDetector
-from sklearn_mcmd.tiling import _denoise, _edges, _outputs, write_edges
+from sklearn_mcmd.tiling import _denoise, _edges, _outputs, process_files
 
 source, target, place = sys.argv[1:]
 
@@ -264,7 +261,7 @@ else:
     module = _edges if hasattr(_edges, place) else _denoise
     setattr(module, place, twice(getattr(module, place)))
 detector = SharpFeatureDetector(12, random_state=0)
-write_edges(source, target, detector, tile_size=1_500)
+process_files(source, target, detector, tile_size=1_500)
 """
 
 
@@ -313,13 +310,12 @@ def test_a_run_that_was_killed_goes_on(place, n_resumed, by_tiles, tmp_path):
             ),
             "needs the column removed_fraction",
         ),
-        (RobustNormalEstimator(random_state=0), "SharpFeatureDetector"),
     ],
 )
 def test_detectors_that_cannot_work_are_refused_before_the_work(tmp_path, estimator, message):
     path, _ = written(tmp_path, street_of(2_000))
     with pytest.raises(ValueError, match=message):
-        write_edges(path, tmp_path / "b.las", estimator)
+        process_files(path, tmp_path / "b.las", estimator)
     assert [p.name for p in tmp_path.iterdir()] == ["a.las"]
 
 

@@ -6,7 +6,7 @@ import subprocess
 import pytest
 
 from sklearn_mcmd.io import PointFileError
-from sklearn_mcmd.tiling import TilingError, _cells, _run, write_normals
+from sklearn_mcmd.tiling import TilingError, _cells, _run, process_files
 from tiled import ESTIMATOR, in_memory
 
 
@@ -45,7 +45,7 @@ def test_a_full_disk_is_said_and_more_room_helps(disk, small_file, monkeypatch, 
     monkeypatch.setattr(_run, "_check_disk", lambda *args: None)  # others may fill it later
     remount(f"size={size}")
     with pytest.raises(ValueError, match=message) as caught:
-        write_normals(small_file, folder / "out.las", ESTIMATOR, tile_size=2_000)
+        process_files(small_file, folder / "out.las", ESTIMATOR, tile_size=2_000)
     kept = [path.name for path in folder.iterdir()]
     if isinstance(caught.value, TilingError):
         assert kept == ["out.las.tiles"]
@@ -53,7 +53,7 @@ def test_a_full_disk_is_said_and_more_room_helps(disk, small_file, monkeypatch, 
     else:
         assert kept == []
     remount("size=4m")
-    write_normals(small_file, folder / "out.las", ESTIMATOR, tile_size=2_000)
+    process_files(small_file, folder / "out.las", ESTIMATOR, tile_size=2_000)
     assert (folder / "out.las").read_bytes() == expected
     assert small_file.read_bytes() == before
 
@@ -62,7 +62,7 @@ def test_a_read_only_disk_is_refused_before_the_work(disk, small_file):
     folder, remount = disk
     remount("ro")
     with pytest.raises(PointFileError, match=r"out\.las: cannot be written; .* write-protected"):
-        write_normals(small_file, folder / "out.las", ESTIMATOR, tile_size=2_000)
+        process_files(small_file, folder / "out.las", ESTIMATOR, tile_size=2_000)
 
 
 class Full:
@@ -84,5 +84,5 @@ class Full:
 def test_a_disk_that_is_full_for_the_cells_is_said(small_file, tmp_path, monkeypatch):
     monkeypatch.setattr(_cells, "open", Full, raising=False)
     with pytest.raises(PointFileError, match=r"out\.las\.tiles.*: no space left on device"):
-        write_normals(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+        process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["small.las"]

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from sklearn.base import clone
@@ -16,8 +16,9 @@ from sklearn_mcmd.cli._judged import judged_points
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.io._classes import Choice
 from sklearn_mcmd.io._ground import Ground
-from sklearn_mcmd.tiling import TilingError, _heights, _memory, write_denoised
+from sklearn_mcmd.tiling import TilingError, _heights, _memory, process_files
 from sklearn_mcmd.tiling._cells import Cells
+from tiled import divide
 
 DETECTOR = MCMDOutlierDetector(16, random_state=0)
 NEAR = {"above": -0.5, "below": 6.0}
@@ -102,9 +103,7 @@ def test_verdicts_are_those_of_memory_wherever_tiles_begin(scene, heights, tmp_p
     write_points(a, SCENES[scene]())
     points, classes = in_memory(a, b, **heights)
     for tile_size, cut in ((500, 0.3), (10_000, 0.5)):
-        report = write_denoised(
-            a, c, DETECTOR, mode="mark", tile_size=tile_size, cut=cut, **heights
-        )
+        report = divide(a, c, DETECTOR, mode="mark", tile_size=tile_size, cut=cut, **heights)
         assert c.read_bytes() == b.read_bytes()
         assert report.n_outliers == np.count_nonzero(classes)
         assert (report.n_judged, report.n_used) == (points.judged.sum(), points.used.sum())
@@ -131,7 +130,7 @@ def test_verdicts_are_those_of_memory_for_other_points_and_detectors(
     detector = clone(DETECTOR).set_params(**params)
     choice = Choice(options.get("ignore_classes", ()), options.get("only_classes", ()))
     in_memory(a, b, mode, choice, detector, **ALL)
-    write_denoised(a, c, detector, mode=mode, tile_size=900, **options, **ALL)
+    process_files(a, c, detector, mode=mode, tile_size=900, **options, **ALL)
     assert c.read_bytes() == b.read_bytes()
 
 
@@ -143,9 +142,7 @@ def test_verdicts_are_those_of_memory_for_other_points_and_detectors(
     cut=st.floats(0.2, 0.8),
     above=st.sampled_from([None, -8.0, 0.0]),
 )
-@settings(
-    max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=4)
 def test_verdicts_of_any_cloud_are_those_of_memory(
     n, seed, digits, tile_size, cut, above, tmp_path
 ):
@@ -154,7 +151,7 @@ def test_verdicts_of_any_cloud_are_those_of_memory(
     write_points(a, cloud_of(np.round(cloud.xyz, digits), cloud.attributes["classification"]))
     in_memory(a, b, above=above, low_groups=True)
     options = {"above": above, "low_groups": True, "tile_size": tile_size, "cut": cut}
-    write_denoised(a, c, DETECTOR, mode="mark", **options)
+    divide(a, c, DETECTOR, mode="mark", **options)
     assert c.read_bytes() == b.read_bytes()
 
 
@@ -172,7 +169,7 @@ def test_the_ground_of_one_file_counts_for_the_points_of_another(n_jobs, tmp_pat
     }
     write_points(tmp_path / "all.las", PointCloud(np.vstack([p.xyz for p in parts]), columns))
     _, classes = in_memory(tmp_path / "all.las", tmp_path / "expected.las", **ALL)
-    write_denoised(
+    process_files(
         *(tmp_path / "in", tmp_path / "out", DETECTOR), mode="mark", tile_size=900, n_jobs=n_jobs,
         **ALL,
     )  # fmt: skip
@@ -194,9 +191,9 @@ def test_other_heights_need_no_new_scores(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(_heights.Heights, "scored", fail)
         with pytest.raises(TilingError, match="MemoryError; what was done is kept"):
-            write_denoised(a, c, DETECTOR, mode="mark", tile_size=900, **ALL)
+            process_files(a, c, DETECTOR, mode="mark", tile_size=900, **ALL)
     in_memory(a, b, **NEAR)
-    report = write_denoised(a, c, DETECTOR, mode="mark", tile_size=900, **NEAR)
+    report = process_files(a, c, DETECTOR, mode="mark", tile_size=900, **NEAR)
     assert report.n_resumed == report.n_tiles
     assert c.read_bytes() == b.read_bytes()
 
@@ -205,7 +202,7 @@ def test_other_heights_need_no_new_scores(tmp_path, monkeypatch):
 RUN = """
 import os, signal, sys
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.tiling import _heights, write_denoised
+from sklearn_mcmd.tiling import _heights, process_files
 
 source, target, place = sys.argv[1:]
 
@@ -218,7 +215,7 @@ def twice(work, done=[]):
     return some
 
 setattr(_heights, place, twice(getattr(_heights, place)))
-write_denoised(source, target, MCMDOutlierDetector(16, random_state=0), tile_size=900,
+process_files(source, target, MCMDOutlierDetector(16, random_state=0), tile_size=900,
                mode="mark", above=-30.0, below=40.0, low_groups=True)
 """
 
@@ -234,7 +231,7 @@ def test_a_run_that_was_killed_goes_on(place, n_resumed, tmp_path):
     died = subprocess.run([sys.executable, "-c", RUN, a, c, place])
     assert died.returncode != 0
     assert not c.exists()
-    report = write_denoised(a, c, DETECTOR, mode="mark", tile_size=900, **ALL)
+    report = process_files(a, c, DETECTOR, mode="mark", tile_size=900, **ALL)
     assert c.read_bytes() == b.read_bytes()
     assert (report.n_resumed > 0) == (n_resumed > 0)
     assert not (tmp_path / "c.las.tiles").exists()
@@ -244,18 +241,18 @@ def test_points_without_ground_or_at_other_heights_are_said(tmp_path):
     a, _, c = files(tmp_path)
     write_points(a, site(600))
     with pytest.raises(TilingError, match=r"no points are judged: .* or at other heights"):
-        write_denoised(a, c, DETECTOR, above=1e6)
+        process_files(a, c, DETECTOR, above=1e6)
     cloud = read_points(a)
     write_points(a, cloud.subset(cloud.attributes["classification"] != 2))
     with pytest.raises(PointFileError, match=r"a\.las: .* fewer than 3 points have the class 2"):
-        write_denoised(a, c, DETECTOR, low_groups=True, restart=True)
+        process_files(a, c, DETECTOR, low_groups=True, restart=True)
     assert [path.name for path in tmp_path.iterdir()] == ["a.las"]
 
 
 @pytest.mark.parametrize("wrong", [{"above": np.nan}, {"below": "2"}])
 def test_what_is_no_height_is_refused(wrong, tmp_path):
     with pytest.raises(ValueError, match="must be a finite number, or None"):
-        write_denoised(tmp_path, tmp_path / "b.las", DETECTOR, **wrong)
+        process_files(tmp_path, tmp_path / "b.las", DETECTOR, **wrong)
 
 
 def test_groups_below_the_ground_that_take_more_than_the_memory_are_refused(tmp_path, monkeypatch):
@@ -263,7 +260,7 @@ def test_groups_below_the_ground_that_take_more_than_the_memory_are_refused(tmp_
     a, _, c = files(tmp_path)
     write_points(a, site())
     with pytest.raises(TilingError, match=r"points lie below the ground, .* memory=500MB"):
-        write_denoised(a, c, DETECTOR, low_groups=True, memory="500MB", tile_size=900)
+        process_files(a, c, DETECTOR, low_groups=True, memory="500MB", tile_size=900)
 
 
 def test_the_nearest_ground_is_that_of_all_whatever_is_taken_around(tmp_path, monkeypatch):

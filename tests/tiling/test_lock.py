@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from sklearn_mcmd.tiling import TilingError, _normals, write_normals
+from sklearn_mcmd.tiling import TilingError, _normals, process_files
 from sklearn_mcmd.tiling._lock import Lock
 from tiled import ESTIMATOR
 
@@ -18,11 +18,11 @@ def test_a_second_run_is_refused_while_the_first_works(small_file, tmp_path, mon
 
     def second(*args):
         with pytest.raises(TilingError, match=rf"lock: another run .*process {os.getpid()} on"):
-            write_normals(small_file, target, ESTIMATOR, tile_size=4_000)
+            process_files(small_file, target, ESTIMATOR, tile_size=4_000)
         compute(*args)
 
     monkeypatch.setattr(_normals, "compute_cells", second)
-    write_normals(small_file, target, ESTIMATOR, tile_size=3_000)
+    process_files(small_file, target, ESTIMATOR, tile_size=3_000)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.las", "small.las"]
 
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sklearn_mcmd.tiling import write_denoised, write_normals
+from sklearn_mcmd import RobustNormalEstimator
+from sklearn_mcmd.tiling import process_files
 from sklearn_mcmd.tiling._memory import PROCESS, parse_memory, plan_run, usual_memory
 
 
@@ -73,16 +74,14 @@ def test_too_little_memory_is_refused_with_what_is_needed():
         plan_run(10**6, PROCESS, 1)
 
 
-@pytest.mark.parametrize("write", [write_normals, write_denoised])
 @pytest.mark.parametrize(
     "wrong",
     [
         *({"tile_size": size} for size in (0, -5, 1.5, "2000", True)),
-        *({"cut": cut} for cut in (0, 1, -1, 2, np.nan, "half")),
         *({"memory": memory} for memory in (0, -1e9, np.nan, np.inf)),
     ],
 )
-def test_wrong_divisions_are_refused_before_a_file_is_read(write, wrong):
+def test_wrong_divisions_are_refused_before_a_file_is_read(wrong):
     (name,) = wrong
     with pytest.raises(ValueError, match=rf"^{name}=.* must be"):
-        write("nowhere.las", "out.las", **wrong)
+        process_files("nowhere.las", "out.las", RobustNormalEstimator(random_state=0), **wrong)

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import write_points
-from sklearn_mcmd.tiling import _cells, _tile, write_normals
+from sklearn_mcmd.tiling import _cells, _tile, process_files
 from tiled import in_memory
 
 CORNER = np.array([362e3, 5157e3, 100.0])
@@ -27,8 +27,8 @@ def narrow(monkeypatch):
     "params",
     [
         {},
-        {"borrow": False, "features": ["roughness", "mean_curvature"]},
-        {"refine": None, "radius": 0.15},
+        {"neighbor_planes": False, "features": ["roughness", "mean_curvature"]},
+        {"reweight": False, "radius": 0.15},
         {"radius": 0.1, "orientation": [1.0, 2.0, 3.0]},
     ],
     ids=lambda params: "-".join(params) or "default",
@@ -36,7 +36,7 @@ def narrow(monkeypatch):
 def test_mended_results_are_those_of_memory(small_file, tmp_path, narrow, params):
     estimator = RobustNormalEstimator(16, random_state=0, **params)
     expected = in_memory(small_file, tmp_path / "expected.las", estimator)
-    report = write_normals(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
+    report = process_files(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
     assert report.n_proved < 0.95 * report.n_points
     assert (tmp_path / "out.las").read_bytes() == expected.read_bytes()
 
@@ -46,7 +46,7 @@ def test_many_outliers_are_mended(tmp_path, narrow):
     write_points(tmp_path / "a.las", xyz)
     estimator = RobustNormalEstimator(12, random_state=0)
     expected = in_memory(tmp_path / "a.las", tmp_path / "expected.las", estimator)
-    report = write_normals(tmp_path / "a.las", tmp_path / "out.las", estimator, tile_size=1_500)
+    report = process_files(tmp_path / "a.las", tmp_path / "out.las", estimator, tile_size=1_500)
     assert report.n_proved < 0.7 * report.n_points
     assert (tmp_path / "out.las").read_bytes() == expected.read_bytes()
 

@@ -6,7 +6,7 @@ import pytest
 
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.io import read_points, write_points
-from sklearn_mcmd.tiling import TilingError, _moves, _outputs, write_denoised, write_normals
+from sklearn_mcmd.tiling import TilingError, _moves, _outputs, process_files
 from tiled import ESTIMATOR, street
 
 DETECTOR = MCMDOutlierDetector(16, contamination=0.05, random_state=0)
@@ -57,7 +57,7 @@ def _interrupted(work):
 def replaced(drive):
     """A folder whose files a whole run has replaced, and its report."""
     folder = drive("whole")
-    report = write_denoised(folder, folder, DETECTOR, **SIZE)
+    report = process_files(folder, folder, DETECTOR, **SIZE)
     return contents(folder), report.n_outliers
 
 
@@ -69,10 +69,10 @@ def test_inputs_are_kept_until_all_outputs_are_written(drive, replaced, monkeypa
         _outputs,
         "read_parts",
         2,
-        lambda: write_denoised(folder, folder, DETECTOR, **SIZE),
+        lambda: process_files(folder, folder, DETECTOR, **SIZE),
     )
     assert {name: contents(folder)[name] for name in NAMES} == before
-    report = write_denoised(folder, folder, DETECTOR, **SIZE)
+    report = process_files(folder, folder, DETECTOR, **SIZE)
     assert (contents(folder), report.n_outliers) == replaced
     assert not folder.with_name("early.tiles").exists()
 
@@ -83,11 +83,11 @@ def test_a_run_that_ended_between_two_moves_has_only_to_move(drive, replaced, mo
     with monkeypatch.context() as patch:
         patch.setattr(_moves, "_move", lambda moves: move(moves[:1]) or 1 / 0)
         with pytest.raises(TilingError, match="kept in"):
-            write_denoised(folder, folder, DETECTOR, **SIZE)
+            process_files(folder, folder, DETECTOR, **SIZE)
     assert sum(contents(folder)[name] != before[name] for name in NAMES) == 1
     with pytest.raises(TilingError, match="had replaced some of its inputs"):
-        write_denoised(folder, folder, DETECTOR, mode="mark", **SIZE)
-    report = write_denoised(folder, folder, DETECTOR, **SIZE)
+        process_files(folder, folder, DETECTOR, mode="mark", **SIZE)
+    report = process_files(folder, folder, DETECTOR, **SIZE)
     assert (contents(folder), report.n_outliers) == replaced
     assert report.n_resumed == report.n_tiles
     assert not folder.with_name("early.tiles").exists()
@@ -100,15 +100,15 @@ def test_beginning_anew_leaves_nothing_beside_the_outputs(drive, monkeypatch):
         _outputs,
         "read_parts",
         2,
-        lambda: write_normals(folder, folder, ESTIMATOR, **SIZE),
+        lambda: process_files(folder, folder, ESTIMATOR, **SIZE),
     )
-    write_normals(folder, folder, ESTIMATOR, restart=True, **SIZE)
+    process_files(folder, folder, ESTIMATOR, restart=True, **SIZE)
     assert sorted(contents(folder)) == NAMES
 
 
 def test_an_output_with_a_hidden_name_is_kept(drive):
     source = drive("in")
-    write_normals(source / "a.las", source / ".mcmd-mine.las", ESTIMATOR, **SIZE)
+    process_files(source / "a.las", source / ".mcmd-mine.las", ESTIMATOR, **SIZE)
     assert ".mcmd-mine.las" in contents(source)
 
 
@@ -117,7 +117,7 @@ def test_outputs_that_are_not_as_they_were_written_are_written_again(drive, monk
     source, target = drive("in"), drive("out")
 
     def run(mode="drop", target=target):
-        return write_denoised(source, target, DETECTOR, mode=mode, **SIZE)
+        return process_files(source, target, DETECTOR, mode=mode, **SIZE)
 
     ended(monkeypatch, _outputs, "read_parts", 2, run)
     if change == "mode":

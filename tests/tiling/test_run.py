@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 
@@ -10,13 +11,23 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 from sklearn.base import clone
+from sklearn.ensemble import IsolationForest
 
-from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
+from sklearn_mcmd import RobustNormalEstimator, _interrupts
 from sklearn_mcmd.datasets import make_airborne_scan, make_mobile_scan, make_street
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
-from sklearn_mcmd.tiling import Catalog, TilingError, _normals, _outputs, _run, _tile, write_normals
+from sklearn_mcmd.tiling import (
+    Catalog,
+    TilingError,
+    _normals,
+    _outputs,
+    _run,
+    _tile,
+    _trees,
+    process_files,
+)
 from sklearn_mcmd.tiling._tile import normal_columns, normals_of_tile
-from tiled import ESTIMATOR, in_memory, street
+from tiled import ESTIMATOR, divide, in_memory, street
 
 TILE = 5_000
 
@@ -28,7 +39,7 @@ def files_in(folder):
 @pytest.mark.parametrize("tile_size", [2_000, TILE, 50_000])
 def test_the_output_is_that_of_memory_for_any_tile_size(street_file, tmp_path, tile_size):
     source, expected = street_file
-    report = write_normals(source, tmp_path / "out.laz", ESTIMATOR, tile_size=tile_size)
+    report = process_files(source, tmp_path / "out.laz", ESTIMATOR, tile_size=tile_size)
     assert (tmp_path / "out.laz").read_bytes() == expected.read_bytes()
     assert report.n_tiles >= 12_000 / tile_size
     assert (report.n_proved < report.n_points) == (report.n_tiles > 1)
@@ -38,7 +49,7 @@ def test_the_output_is_that_of_memory_for_any_tile_size(street_file, tmp_path, t
 @pytest.mark.parametrize("cut", [0.3, 0.45, 0.7])
 def test_the_output_does_not_depend_on_where_tiles_begin(street_file, tmp_path, cut):
     source, expected = street_file
-    write_normals(source, tmp_path / "out.laz", ESTIMATOR, tile_size=TILE, cut=cut)
+    divide(source, tmp_path / "out.laz", ESTIMATOR, tile_size=TILE, cut=cut)
     assert (tmp_path / "out.laz").read_bytes() == expected.read_bytes()
 
 
@@ -46,34 +57,87 @@ def test_the_output_does_not_depend_on_the_number_of_threads(street_file, tmp_pa
     source, expected = street_file
     plan = _run.plan_run(12_000, 8e9, 1, tile_size=TILE)._replace(n_threads=2)
     monkeypatch.setattr(_run, "plan_run", lambda *args, **kwargs: plan)
-    write_normals(source, tmp_path / "out.laz", ESTIMATOR)
+    process_files(source, tmp_path / "out.laz", ESTIMATOR)
     assert (tmp_path / "out.laz").read_bytes() == expected.read_bytes()
 
 
 def test_the_output_does_not_depend_on_the_number_of_processes(street_file, tmp_path):
     source, expected = street_file
-    report = write_normals(source, tmp_path / "out.laz", ESTIMATOR, tile_size=TILE, n_jobs=2)
+    report = process_files(source, tmp_path / "out.laz", ESTIMATOR, tile_size=TILE, n_jobs=2)
     assert report.n_workers == 2
     assert (tmp_path / "out.laz").read_bytes() == expected.read_bytes()
+
+
+def test_ctrl_c_while_temporary_files_are_removed_comes_too_late(small_file, tmp_path, monkeypatch):
+    def remove_late(folder, remove=_run.WorkFolder.remove):
+        signal.raise_signal(signal.SIGINT)
+        remove(folder)
+
+    monkeypatch.setattr(_interrupts, "_exit", signal.default_int_handler)  # as in `mcmd`
+    monkeypatch.setattr(_run.WorkFolder, "remove", remove_late)
+    process_files(
+        small_file, tmp_path / "out.las", RobustNormalEstimator(method="pca", random_state=0)
+    )
+    assert files_in(tmp_path) == ["out.las", "small.las"]
 
 
 @pytest.mark.parametrize(
     "params",
     [
-        {"borrow": False},
-        {"refine": None},
+        {"neighbor_planes": False},
+        {"reweight": False},
         {"method": "pca"},
         {"method": "mcmd_md", "n_neighbors": 20},
         {"radius": 0.2, "features": ["roughness", "mean_curvature", "max_curvature_direction"]},
         {"orientation": "sensor", "sensor_origin": [362_002, 5_157_002, 103]},
+        {"orientation": "mst", "radius": 0.2, "features": "roughness"},
     ],
     ids=lambda params: "-".join(params),
 )
 def test_the_output_is_that_of_memory_for_all_parameters(small_file, tmp_path, params):
     estimator = RobustNormalEstimator(**{"n_neighbors": 16, "random_state": 3, **params})
     expected = in_memory(small_file, tmp_path / "expected.las", estimator)
-    write_normals(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
+    process_files(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
     assert (tmp_path / "out.las").read_bytes() == expected.read_bytes()
+
+
+@pytest.mark.parametrize(("n", "n_jobs"), [(40, 1), (40, 2), (10, 1)])
+def test_normals_agree_along_the_tree_of_memory_where_costs_are_equal(tmp_path, n, n_jobs):
+    side = np.stack(np.meshgrid(np.arange(n), np.arange(n), [0.0], indexing="ij"), -1).reshape(
+        -1, 3
+    )
+    faces = [np.roll(side, turn, axis=1) + shift for turn in range(3) for shift in (0, 1000)]
+    shuffled = np.random.default_rng(0).permutation(np.vstack([*faces, side[:9]]) / 8)
+    source, target = tmp_path / "box.laz", tmp_path / "out.laz"
+    write_points(source, PointCloud(shuffled))
+    estimator = RobustNormalEstimator(16, orientation="mst", random_state=0)
+    expected = in_memory(source, tmp_path / "expected.laz", estimator).read_bytes()
+    report = process_files(source, target, estimator, tile_size=len(shuffled) // 4, n_jobs=n_jobs)
+    assert report.n_tiles > 4
+    assert target.read_bytes() == expected
+
+
+def test_a_run_along_a_tree_that_failed_goes_on(small_file, tmp_path, monkeypatch):
+    estimator = RobustNormalEstimator(16, orientation="mst", random_state=0)
+    expected = in_memory(small_file, tmp_path / "expected.las", estimator).read_bytes()
+    with monkeypatch.context() as patch:
+        patch.setattr(_trees, "signs_along", lambda *_: 1 / 0)
+        with pytest.raises(TilingError, match="goes on from there"):
+            process_files(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
+    report = process_files(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
+    assert report.n_resumed == report.n_tiles
+    assert (tmp_path / "out.las").read_bytes() == expected
+
+
+def test_zeros_amid_large_coordinates_are_named_as_in_memory(tmp_path):
+    xyz = np.r_[street(3_000).xyz, np.zeros((2, 3))]
+    las = laspy.create()
+    las.header.scales = [0.01] * 3
+    las.xyz = xyz
+    las.write(tmp_path / "in.las")
+    with pytest.warns(UserWarning, match="2 of 3,002 points are 0, 0, 0 .* is point 3001") as told:
+        process_files(tmp_path / "in.las", tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+    assert [warning.filename for warning in told if "0, 0, 0" in str(warning.message)] == [__file__]
 
 
 def test_single_precision_is_recognized_in_the_whole_cloud(tmp_path):
@@ -83,7 +147,7 @@ def test_single_precision_is_recognized_in_the_whole_cloud(tmp_path):
     cloud = read_points(tmp_path / "a.las")
     assert_array_equal(cloud.xyz.astype(np.float32), cloud.xyz)
     fitted = clone(ESTIMATOR).fit(cloud.xyz.astype(np.float32))
-    write_normals(tmp_path / "a.las", tmp_path / "b.las", ESTIMATOR, tile_size=1_500)
+    process_files(tmp_path / "a.las", tmp_path / "b.las", ESTIMATOR, tile_size=1_500)
     found = read_points(tmp_path / "b.las").attributes
     for name, values in zip(*columns_of(fitted), strict=True):
         assert_array_equal(found[name], values)
@@ -100,7 +164,7 @@ def test_files_of_a_folder_are_one_cloud_and_have_an_output_each(tmp_path):
     (tmp_path / "in").mkdir()
     write_points(tmp_path / "in" / "a.laz", whole.subset(left))
     write_points(tmp_path / "in" / "b.las", whole.subset(~left))
-    report = write_normals(tmp_path / "in", tmp_path / "out", ESTIMATOR, tile_size=2_000)
+    report = process_files(tmp_path / "in", tmp_path / "out", ESTIMATOR, tile_size=2_000)
     assert files_in(tmp_path / "out") == ["a.laz", "b.las"]
     parts = [read_points(tmp_path / "out" / name) for name in ("a.laz", "b.las")]
     inputs = [read_points(tmp_path / "in" / name) for name in ("a.laz", "b.las")]
@@ -120,7 +184,7 @@ def test_mixed_point_formats_stay_as_they_are(tmp_path):
         cloud = street(2_500, seed)
         colors = {c: np.zeros(len(cloud), np.uint16) for c in ("red", "green", "blue")}
         write_points(tmp_path / "in" / name, cloud.with_attributes(**(colors if colored else {})))
-    write_normals(tmp_path / "in", tmp_path / "out", ESTIMATOR, tile_size=2_000)
+    process_files(tmp_path / "in", tmp_path / "out", ESTIMATOR, tile_size=2_000)
     formats = [
         laspy.open(tmp_path / "out" / name).header.point_format.id for name in ("a.las", "b.las")
     ]
@@ -131,7 +195,7 @@ def test_the_same_points_in_two_files_count_once(tmp_path):
     (tmp_path / "in").mkdir()
     write_points(tmp_path / "in" / "a.las", street(3_000))
     shutil.copy(tmp_path / "in" / "a.las", tmp_path / "in" / "b.las")
-    write_normals(tmp_path / "in", tmp_path / "out", ESTIMATOR, tile_size=2_000)
+    process_files(tmp_path / "in", tmp_path / "out", ESTIMATOR, tile_size=2_000)
     expected = in_memory(tmp_path / "in" / "a.las", tmp_path / "expected.las")
     # The step of rounding is the same too, since all values occur twice.
     for name in ("a.las", "b.las"):
@@ -143,7 +207,7 @@ def test_bounds_in_the_header_do_not_matter(small_file, tmp_path):
     with open(small_file, "rb+") as file:
         file.seek(179)
         file.write(np.array([1.0, 0.0, 1.0, 0.0, 1.0, 0.0]).tobytes())
-    write_normals(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+    process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
     assert (tmp_path / "out.las").read_bytes() == expected.read_bytes()
 
 
@@ -155,16 +219,16 @@ def test_densities_may_differ_a_thousandfold(tmp_path, monkeypatch, small):
     source = tmp_path / "uneven.las"
     write_points(source, np.vstack([sparse, dense]))
     expected = in_memory(source, tmp_path / "expected.las")
-    write_normals(source, tmp_path / "out.las", ESTIMATOR, tile_size=4_000)
+    process_files(source, tmp_path / "out.las", ESTIMATOR, tile_size=4_000)
     assert (tmp_path / "out.las").read_bytes() == expected.read_bytes()
 
 
 def test_an_output_may_replace_its_input(small_file, tmp_path):
     expected = in_memory(small_file, tmp_path / "expected.las").read_bytes()
-    write_normals(small_file, small_file, ESTIMATOR, tile_size=2_000)
+    process_files(small_file, small_file, ESTIMATOR, tile_size=2_000)
     assert small_file.read_bytes() == expected
     # Now there are columns of these names.
-    write_normals(small_file, small_file, ESTIMATOR, tile_size=2_500)
+    process_files(small_file, small_file, ESTIMATOR, tile_size=2_500)
     assert small_file.read_bytes() == expected
 
 
@@ -172,7 +236,7 @@ def test_an_output_may_replace_its_input(small_file, tmp_path):
 RUN = """
 import os, signal, sys
 from sklearn_mcmd import RobustNormalEstimator
-from sklearn_mcmd.tiling import _normals, _outputs, _run, write_normals
+from sklearn_mcmd.tiling import _normals, _outputs, _run, process_files
 
 source, target, place = sys.argv[1:]
 work, done = _normals.normals_of_tile, []
@@ -190,7 +254,7 @@ elif place == "tiles":
     _normals.normals_of_tile = two_tiles
 else:
     _outputs.with_results = die
-write_normals(source, target, RobustNormalEstimator(16, random_state=0), tile_size=1_500)
+process_files(source, target, RobustNormalEstimator(16, random_state=0), tile_size=1_500)
 """
 
 
@@ -208,7 +272,7 @@ def test_a_run_that_was_killed_goes_on(small_file, tmp_path, place, n_resumed):
     died = subprocess.run([sys.executable, "-c", RUN, small_file, target, place])
     assert died.returncode != 0
     assert not target.exists()
-    report = write_normals(small_file, target, ESTIMATOR, tile_size=1_500)
+    report = process_files(small_file, target, ESTIMATOR, tile_size=1_500)
     assert (report.n_resumed, report.n_tiles) == (n_resumed, 4)
     assert target.read_bytes() == expected
     assert small_file.read_bytes() == before
@@ -236,10 +300,10 @@ def test_a_tile_that_fails_has_its_line_and_does_not_end_the_others(small_file, 
         pytest.warns(UserWarning, match=r"tile 1 failed \(x 36200\d.*\): MemoryError: too much of"),
         pytest.raises(TilingError, match=r"1 of 4 tiles failed; .*out\.las\.tiles, and"),
     ):
-        write_normals(small_file, target, ESTIMATOR, tile_size=2_000)
+        process_files(small_file, target, ESTIMATOR, tile_size=2_000)
     assert files_in(tmp_path) == ["out.las.tiles", "small.las"]
     failing.clear()
-    report = write_normals(small_file, target, ESTIMATOR, tile_size=2_000)
+    report = process_files(small_file, target, ESTIMATOR, tile_size=2_000)
     assert (report.n_resumed, report.n_tiles) == (3, 4)
     assert target.read_bytes() == in_memory(small_file, tmp_path / "e.las").read_bytes()
 
@@ -248,13 +312,13 @@ def test_a_tile_that_fails_has_its_line_and_does_not_end_the_others(small_file, 
 def test_other_parameters_or_inputs_begin_anew(small_file, tmp_path, failing, change):
     failing.add(1)
     with pytest.warns(match="tile 1 failed"), pytest.raises(TilingError):
-        write_normals(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+        process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
     failing.clear()
     k = 20 if change == "parameters" else 16
     if change == "input":
         os.utime(small_file, (1, 1))
     estimator = RobustNormalEstimator(k, random_state=0)
-    report = write_normals(
+    report = process_files(
         small_file, tmp_path / "out.las", estimator, tile_size=2_000, restart=change == "restart"
     )
     assert report.n_resumed == 0
@@ -266,7 +330,7 @@ def test_an_input_that_vanishes_is_named(small_file, tmp_path):
     catalog = Catalog(small_file)
     small_file.rename(tmp_path / "elsewhere.las")
     with pytest.raises(PointFileError, match=r"small\.las: cannot be read: no such file"):
-        write_normals(catalog, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+        process_files(catalog, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
     assert files_in(tmp_path) == ["elsewhere.las"]
 
 
@@ -283,11 +347,11 @@ def test_an_input_that_changes_during_the_run_is_noticed(small_file, tmp_path, m
     monkeypatch.setattr(_normals, "compute_cells", change)
     message = r"small\.las: (has changed|cannot be read: no such file).*kept in .*out\.las\.tiles"
     with pytest.raises(TilingError, match=message):
-        write_normals(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+        process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
     assert not (tmp_path / "out.las").exists()
     monkeypatch.undo()
     (tmp_path / "before.las").replace(small_file)
-    report = write_normals(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+    report = process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
     assert report.n_resumed == report.n_tiles
 
 
@@ -299,7 +363,7 @@ def test_a_damaged_chunk_is_named_and_leaves_nothing(tmp_path):
     content[third : 2 * third] = bytes(third)
     path.write_bytes(content)
     with pytest.raises(PointFileError, match=r"damaged\.laz: .*damaged"):
-        write_normals(path, tmp_path / "out.laz", ESTIMATOR, tile_size=TILE)
+        process_files(path, tmp_path / "out.laz", ESTIMATOR, tile_size=TILE)
     assert files_in(tmp_path) == ["damaged.laz"]
     assert path.read_bytes() == content
 
@@ -315,14 +379,14 @@ def test_a_damaged_chunk_is_named_and_leaves_nothing(tmp_path):
 )
 def test_a_target_that_cannot_be_is_refused_before_the_work(small_file, tmp_path, target, message):
     with pytest.raises(PointFileError, match=message):
-        write_normals(small_file, tmp_path / target)
+        process_files(small_file, tmp_path / target, ESTIMATOR)
     assert files_in(tmp_path) == ["small.las"]
 
 
 @pytest.mark.parametrize("name", ["out.ply", "out.TXT"])
 def test_a_folder_is_not_named_as_a_file_of_another_format(small_file, tmp_path, name):
     with pytest.raises(PointFileError, match=r"become a folder, or one \.las or \.laz"):
-        write_normals(tmp_path, tmp_path / name)
+        process_files(tmp_path, tmp_path / name, ESTIMATOR)
     assert files_in(tmp_path) == ["small.las"]
 
 
@@ -340,9 +404,9 @@ def test_outputs_that_were_written_before_are_not_written_again(tmp_path, monkey
 
     monkeypatch.setattr(_outputs, "replacing", fail_at_second)
     with pytest.raises(TilingError, match=r"No space left .*out\.tiles"):
-        write_normals(tmp_path / "in", tmp_path / "out", ESTIMATOR, tile_size=2_000)
+        process_files(tmp_path / "in", tmp_path / "out", ESTIMATOR, tile_size=2_000)
     assert files_in(tmp_path / "out") == ["a.las"]
-    report = write_normals(tmp_path / "in", tmp_path / "out", ESTIMATOR, tile_size=2_000)
+    report = process_files(tmp_path / "in", tmp_path / "out", ESTIMATOR, tile_size=2_000)
     assert ready == ["a.las", "b.las", "b.las"]
     assert report.n_resumed == report.n_tiles
     removed = [
@@ -356,7 +420,7 @@ def test_a_read_only_output_is_refused_before_the_work(small_file, tmp_path):
     target = tmp_path / "out.las"
     target.touch(mode=0o400)
     with pytest.raises(PointFileError, match="write-protected"):
-        write_normals(small_file, target)
+        process_files(small_file, target, ESTIMATOR)
 
 
 def test_what_files_cannot_become_is_refused_before_the_work(tmp_path):
@@ -371,7 +435,7 @@ def test_what_files_cannot_become_is_refused_before_the_work(tmp_path):
         ("a.las", "is one of the inputs"),
     ):
         with pytest.raises(PointFileError, match=message):
-            write_normals(paths, tmp_path / target)
+            process_files(paths, tmp_path / target, ESTIMATOR)
     assert files_in(tmp_path) == ["a.las", "out.ply", "x"]
 
 
@@ -380,7 +444,7 @@ def test_several_files_may_become_one(tmp_path):
     paths = [tmp_path / "in" / "b.laz", tmp_path / "in" / "a.las"]
     for seed, path in enumerate(paths):
         write_points(path, street(2_500, seed))
-    write_normals(paths, tmp_path / "joined.laz", ESTIMATOR, tile_size=2_000)
+    process_files(paths, tmp_path / "joined.laz", ESTIMATOR, tile_size=2_000)
     clouds = [read_points(path) for path in paths]
     fitted = clone(ESTIMATOR).fit(np.vstack([cloud.xyz for cloud in clouds]))
     joined = read_points(tmp_path / "joined.laz")
@@ -409,7 +473,7 @@ def waves(path, n_channels):
 @pytest.mark.parametrize("name", ["out.las", "out.laz"])
 def test_wave_packets_are_kept(tmp_path, name):
     source = waves(tmp_path / "a.las", 1)
-    write_normals(source, tmp_path / name, ESTIMATOR, tile_size=2_000)
+    process_files(source, tmp_path / name, ESTIMATOR, tile_size=2_000)
     found, given = (laspy.read(path).points.array for path in (tmp_path / name, source))
     for dimension in given.dtype.names:
         assert_array_equal(found[dimension], given[dimension])
@@ -418,7 +482,7 @@ def test_wave_packets_are_kept(tmp_path, name):
 def test_wave_packets_that_would_change_are_refused(tmp_path):
     source = waves(tmp_path / "a.las", 2)
     with pytest.raises(TilingError, match="lazrs cannot compress these wave packets"):
-        write_normals(source, tmp_path / "out.laz", ESTIMATOR, tile_size=2_000)
+        process_files(source, tmp_path / "out.laz", ESTIMATOR, tile_size=2_000)
     assert not (tmp_path / "out.laz").exists()
 
 
@@ -427,14 +491,14 @@ def test_a_folder_of_others_is_not_removed(small_file, tmp_path):
     other.parent.mkdir()
     other.write_text("mine")
     with pytest.raises(FileExistsError, match="in the way"):
-        write_normals(small_file, tmp_path / "out.las")
+        process_files(small_file, tmp_path / "out.las", ESTIMATOR)
     assert other.read_text() == "mine"
 
 
 def test_too_small_a_disk_is_said_before_the_work(small_file, tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(9, 8, 1000))
     with pytest.raises(PointFileError, match="are free"):
-        write_normals(small_file, tmp_path / "out.las")
+        process_files(small_file, tmp_path / "out.las", ESTIMATOR)
     assert files_in(tmp_path) == ["small.las"]
 
 
@@ -443,17 +507,22 @@ def test_a_run_that_goes_on_needs_no_room_for_what_is_there(
 ):
     failing.add(1)
     with pytest.warns(match="tile 1 failed"), pytest.raises(TilingError):
-        write_normals(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+        process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
     failing.clear()
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(9, 8, 1000))
-    report = write_normals(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+    report = process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
     assert report.n_resumed == 3
 
 
 @pytest.mark.parametrize(
     ("estimator", "message"),
     [
-        (RobustNormalEstimator(orientation="mst", random_state=0), "whole cloud"),
+        (RobustNormalEstimator("auto", orientation="mst", random_state=0), "leave these out"),
+        (
+            RobustNormalEstimator(orientation="mst", features="shape_index", random_state=0),
+            "leave these out",
+        ),
+        (RobustNormalEstimator(None, orientation="mst", random_state=0), "whole cloud"),
         (RobustNormalEstimator(None, random_state=0), "whole cloud"),
         (RobustNormalEstimator(), "random_state"),
         (
@@ -462,12 +531,12 @@ def test_a_run_that_goes_on_needs_no_room_for_what_is_there(
             ),
             "a position for each point",
         ),
-        (MCMDOutlierDetector(random_state=0), "whole cloud"),
+        (IsolationForest(), "IsolationForest cannot work by tiles"),
     ],
 )
 def test_estimators_that_need_the_whole_cloud_are_refused(small_file, tmp_path, estimator, message):
     with pytest.raises(ValueError, match=message):
-        write_normals(small_file, tmp_path / "out.las", estimator)
+        process_files(small_file, tmp_path / "out.las", estimator)
 
 
 SCENES = {
@@ -486,5 +555,5 @@ def test_many_points_have_the_normals_of_memory(scene, tmp_path):
     expected = in_memory(source, tmp_path / "expected.laz", usual).read_bytes()
     for tile_size, cut, n_jobs in ((5_000, 0.5, 2), (30_000, 0.3, 1)):
         target = tmp_path / "out.laz"
-        write_normals(source, target, tile_size=tile_size, cut=cut, n_jobs=n_jobs)
+        divide(source, target, usual, tile_size=tile_size, cut=cut, n_jobs=n_jobs)
         assert target.read_bytes() == expected

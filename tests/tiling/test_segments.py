@@ -5,21 +5,21 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from sklearn.base import clone
 
-from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
+from benchmarks._furniture import make_bus_stop
+from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import (
     make_airborne_scan,
-    make_bus_stop,
     make_crown_roof,
     make_street,
 )
 from sklearn_mcmd.io import PointCloud, read_points, write_points
-from sklearn_mcmd.tiling import TilingError, _memory, _segments, _together, write_segments
-from tiled import street
+from sklearn_mcmd.tiling import TilingError, _memory, _segments, _together, process_files
+from tiled import divide, street
 
 GROWING = RegionGrowing(20, normal_estimator=RobustNormalEstimator(24, random_state=0), max_angle=8)
 RNG = np.random.default_rng(0)
@@ -58,10 +58,10 @@ SCENES = {
 LARGER_TILES = {"street", "copies", "far apart", "volume"}  # these are tried with them, too
 SLOW_SCENES = ("bus stop", "single precision", "sparse beside dense")
 SWITCHES = [
-    {"regrow_rest": False},
+    {"find_narrow_faces": False},
     {"join_coplanar": False},
     {"join_curved": False},
-    {"assign_rest": False},
+    {"assign_unlabeled": False},
     {"mutual": False},
     {"max_gap": 0.15},
     {"max_distance": 0.02},
@@ -86,7 +86,7 @@ def in_memory(cloud, growing=GROWING):
 def assert_equal_by_tiles(path, cloud, growing, divisions, **options):
     expected, target = in_memory(cloud, growing), path.with_name("b.las")
     for tile_size, cut in divisions:
-        report = write_segments(path, target, growing, tile_size=tile_size, cut=cut, **options)
+        report = divide(path, target, growing, tile_size=tile_size, cut=cut, **options)
         assert_array_equal(read_points(target).attributes["region"], expected.labels_)
         assert report.n_regions == expected.n_regions_
         assert report.n_inside == (expected.labels_ >= 0).sum()
@@ -120,7 +120,7 @@ def test_labels_are_those_of_memory_for_all_parameters(params, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("scene", "params"), zip(SCENES, SWITCHES, strict=True), ids=str)
+@pytest.mark.parametrize(("scene", "params"), list(zip(SCENES, SWITCHES, strict=True)), ids=str)
 def test_each_scene_has_the_labels_of_memory_with_other_parameters(scene, params, tmp_path):
     path, cloud = written(tmp_path, SCENES[scene]())
     growing = clone(GROWING).set_params(**params)
@@ -143,9 +143,7 @@ def clouds(draw):
 
 
 @given(X=clouds(), tile_size=st.integers(300, 1_500), cut=st.floats(0.2, 0.8))
-@settings(
-    max_examples=3, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=3)
 def test_labels_of_any_cloud_are_those_of_memory(X, tile_size, cut, tmp_path):
     path, cloud = written(tmp_path, X)
     assert_equal_by_tiles(path, cloud, GROWING, ((tile_size, cut),))
@@ -161,7 +159,7 @@ def test_many_points_at_few_places_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(_together, "MOST_COPIES", 1_000)
     path, _ = written(tmp_path, np.repeat(street_with_tree(600), 2, axis=0))
     with pytest.raises(TilingError, match="1,200 points at 600 places"):
-        write_segments(path, tmp_path / "b.las", GROWING, tile_size=500)
+        process_files(path, tmp_path / "b.las", GROWING, tile_size=500)
 
 
 @pytest.mark.parametrize("n_jobs", [1, 2])
@@ -174,7 +172,7 @@ def test_a_folder_is_one_cloud_and_keeps_its_attributes(n_jobs, tmp_path):
     write_points(tmp_path / "in" / "b.las", cloud.subset(~left).with_attributes(**colors))
     inputs = [read_points(tmp_path / "in" / name) for name in ("a.laz", "b.las")]
     fitted = in_memory(PointCloud(np.vstack([part.xyz for part in inputs])))
-    report = write_segments(
+    report = process_files(
         tmp_path / "in", tmp_path / "out", GROWING, tile_size=1_500, n_jobs=n_jobs
     )
     assert report.n_workers == n_jobs
@@ -193,7 +191,7 @@ def test_a_folder_is_one_cloud_and_keeps_its_attributes(n_jobs, tmp_path):
 @pytest.mark.parametrize("colors", [True, False])
 def test_colors_are_written_if_they_are_asked_for(colors, tmp_path):
     path, _ = written(tmp_path, street_with_tree(2_500))
-    write_segments(path, tmp_path / "b.las", GROWING, tile_size=1_500, colors=colors)
+    process_files(path, tmp_path / "b.las", GROWING, tile_size=1_500, colors=colors)
     assert ("red" in read_points(tmp_path / "b.las").attributes) == colors
 
 
@@ -201,7 +199,7 @@ def test_colors_are_written_if_they_are_asked_for(colors, tmp_path):
 RUN = """
 import os, signal, sys
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
-from sklearn_mcmd.tiling import _outputs, _segments, write_segments
+from sklearn_mcmd.tiling import _outputs, _segments, process_files
 
 source, target, place = sys.argv[1:]
 
@@ -221,7 +219,7 @@ else:
     setattr(_segments, place, die)
 normals = RobustNormalEstimator(24, random_state=0)
 growing = RegionGrowing(20, normal_estimator=normals, max_angle=8)
-write_segments(source, target, growing, tile_size=1_500)
+process_files(source, target, growing, tile_size=1_500)
 """
 
 
@@ -244,7 +242,7 @@ def test_a_run_that_was_killed_goes_on(place, n_resumed, tmp_path):
     died = subprocess.run([sys.executable, "-c", RUN, path, target, place])
     assert died.returncode != 0
     assert not target.exists()
-    report = write_segments(path, target, GROWING, tile_size=1_500)
+    report = process_files(path, target, GROWING, tile_size=1_500)
     assert report.n_resumed == n_resumed <= report.n_tiles
     assert_array_equal(read_points(target).attributes["region"], in_memory(cloud).labels_)
     assert not (tmp_path / "b.las.tiles").exists()
@@ -264,9 +262,9 @@ def test_a_tile_that_fails_has_its_line_and_does_not_end_the_others(tmp_path, mo
         pytest.warns(UserWarning, match="tile 1 failed .*MemoryError: too much of"),
         pytest.raises(TilingError, match=r"1 of 4 tiles failed; .*b\.las\.tiles, and"),
     ):
-        write_segments(path, tmp_path / "b.las", GROWING, tile_size=1_500)
+        process_files(path, tmp_path / "b.las", GROWING, tile_size=1_500)
     monkeypatch.setattr(_segments, "find_links", work)
-    report = write_segments(path, tmp_path / "b.las", GROWING, tile_size=1_500)
+    report = process_files(path, tmp_path / "b.las", GROWING, tile_size=1_500)
     assert report.n_resumed == 4
     found = read_points(tmp_path / "b.las").attributes["region"]
     assert_array_equal(found, in_memory(cloud).labels_)
@@ -279,27 +277,26 @@ def test_a_tile_that_fails_has_its_line_and_does_not_end_the_others(tmp_path, mo
         (RegionGrowing(), "random_state"),
         (RegionGrowing(normal_estimator=RobustNormalEstimator("auto", random_state=0)), "auto"),
         (RegionGrowing(max_angle=100, random_state=0), "max_angle"),
-        (MCMDOutlierDetector(random_state=0), "RegionGrowing"),
     ],
 )
 def test_estimators_that_cannot_work_are_refused_before_the_work(tmp_path, estimator, message):
     path, _ = written(tmp_path, street_with_tree(2_000))
     with pytest.raises(ValueError, match=message):
-        write_segments(path, tmp_path / "b.las", estimator)
+        process_files(path, tmp_path / "b.las", estimator)
     assert [p.name for p in tmp_path.iterdir()] == ["a.las"]
 
 
 def test_too_little_memory_to_join_regions_is_refused_before_the_work(tmp_path):
     path, _ = written(tmp_path, street_with_tree(2_000))
     with pytest.raises(ValueError, match="too little"):
-        write_segments(path, tmp_path / "b.las", GROWING, memory="10MB")
+        process_files(path, tmp_path / "b.las", GROWING, memory="10MB")
 
 
 def test_points_on_no_surface_that_take_more_than_the_memory_are_warned_of(tmp_path, monkeypatch):
     monkeypatch.setattr(_memory, "REST_POINT", 10**6)
     path, cloud = written(tmp_path, SCENES["volume"]())
     with pytest.warns(UserWarning, match=r"of 3,000 different points .* more than memory=500MB"):
-        write_segments(path, tmp_path / "b.las", GROWING, memory="500MB", tile_size=2_000)
+        process_files(path, tmp_path / "b.las", GROWING, memory="500MB", tile_size=2_000)
     found = read_points(tmp_path / "b.las").attributes["region"]
     assert_array_equal(found, in_memory(cloud).labels_)
 

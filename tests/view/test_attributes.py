@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -17,6 +17,8 @@ def plan(**columns):
 
 
 @given(numbers)
+@example(np.array([8388608, 0, 0, 4.67e-302, 4.67e-302]))
+@example(np.array([1, 0, 0, 5e-324, 5e-324]))
 def test_a_number_is_within_the_stated_error(values):
     code = NumberCode.for_values(values)
     codes = code.encode(values)

@@ -260,7 +260,7 @@ class App {
     const { length, pixels } = scaleBar(this.camera);
     const [bar, text] = byId("scale").children;
     bar.style.width = `${pixels}px`;
-    text.textContent = `${numberText(length)}${this.camera.flat ? "" : " at the center"}`;
+    text.textContent = `${numberText(length)}${this.scene.unit}${this.camera.flat ? "" : " at the center"}`;
   }
 
   // Looks
@@ -278,7 +278,7 @@ class App {
 
   picture() {
     this.renderer.drawWhole();
-    const copy = drawPicture(this);
+    const copy = drawPicture(this.renderer);
     copy.toBlob((blob) => {
       const link = node("a", { href: URL.createObjectURL(blob), download: `${this.scene.manifest.title.replace(/[^\w.-]+/g, "_")}.png` });
       link.click();
@@ -366,12 +366,11 @@ function byId(id) {
 }
 
 function legendParts(scene) {
-  const attribute = scene.color, title = node("b", {}, attribute.name);
+  const attribute = scene.color, title = node("b", {}, attribute.unit ? `${attribute.name},${attribute.unit}` : attribute.name);
   if (attribute.kind === "number") {
     const bar = node("div", { className: "bar" });
     bar.style.background = paletteGradient(scene.palette);
-    const [low, high] = scene.colorRange(attribute);
-    const ends = [low, (low + high) / 2, high].map((code) => node("span", {}, shortText(decodeNumber(attribute, code))));
+    const ends = rangeTexts(attribute, scene.colorRange(attribute)).map((text) => node("span", {}, text));
     return [title, bar, node("div", { className: "ends" }, ...ends)];
   }
   if (attribute.kind !== "class") return [title];
@@ -384,10 +383,6 @@ function legendParts(scene) {
     list.append(node("li", {}, dot, className(attribute, code)));
   }
   return [title, list];
-}
-
-function shortText(value) {
-  return numberText(Number(value.toPrecision(3)));
 }
 
 function pointCard(hit, scene) {
@@ -416,7 +411,7 @@ function measureCard(overlay, scene) {
   if (n < 2) return [title, node("p", {}, n ? "Click the next point." : "Click two points or more.")];
   const { dx, dy, dz, length, level } = overlay.leg(n - 1), list = node("dl");
   const error = lengthError(scene);
-  const add = (name, value) => list.append(node("dt", {}, name), node("dd", { dataset: { name } }, numberText(value, error)));
+  const add = (name, value) => list.append(node("dt", {}, name), node("dd", { dataset: { name } }, numberText(value, error) + scene.unit));
   add("length", length);
   add("horizontal", level);
   add("dx", dx);
@@ -424,52 +419,6 @@ function measureCard(overlay, scene) {
   add("dz", dz);
   if (n > 2) add(`all ${n - 1} parts`, overlay.total());
   return [title, list];
-}
-
-/** The picture with title, legend and scale, as a canvas. */
-function drawPicture({ renderer, scene, camera, dark }) {
-  const { canvas, ratio } = renderer;
-  const copy = node("canvas", { width: canvas.width, height: canvas.height });
-  const context = copy.getContext("2d");
-  context.drawImage(canvas, 0, 0);
-  context.scale(ratio, ratio);
-  const ink = dark ? "#e6eaf0" : "#17202b";
-  const write = (text, x, y, font) => {
-    context.font = `${font} system-ui, sans-serif`;
-    context.fillStyle = ink;
-    context.fillText(text, x, y);
-  };
-  write(scene.manifest.title, 18, 32, "600 16px");
-  write(byId("counts").textContent, 18, 52, "13px");
-  write(scene.color.name, 18, 78, "600 12px");
-  drawLegend(context, scene, write);
-  const { length, pixels } = scaleBar(camera), bottom = camera.height - 40;
-  context.strokeStyle = ink;
-  context.strokeRect(20, bottom, pixels, 0);
-  write(numberText(length), 20 + pixels / 2 - 8, bottom + 17, "12px");
-  return copy;
-}
-
-function drawLegend(context, scene, write) {
-  const attribute = scene.color;
-  if (attribute.kind === "number") {
-    paletteSteps(scene.palette).forEach(([r, g, b], i) => {
-      context.fillStyle = `rgb(${r}, ${g}, ${b})`;
-      context.fillRect(18 + (i * 180) / 256, 86, 1.4, 9);
-    });
-    const [low, high] = scene.colorRange(attribute).map((code) => numberText(decodeNumber(attribute, code)));
-    write(low, 18, 110, "12px");
-    write(high, 198 - context.measureText(high).width, 110, "12px");
-  } else if (attribute.kind === "class") {
-    const codes = attribute.values.map((_, code) => code).filter((code) => !attribute.off[code]);
-    codes.slice(0, codes.length > 9 ? 0 : 9).forEach((code, i) => {
-      context.fillStyle = `#${attribute.colors[code]}`;
-      context.beginPath();
-      context.arc(23, 92 + 19 * i, 5, 0, 7);
-      context.fill();
-      write(className(attribute, code), 36, 96 + 19 * i, "12px");
-    });
-  }
 }
 
 /** Mouse, pen and fingers on the picture. */

@@ -80,7 +80,7 @@ class Overlay {
 
   lengthText(i) {
     const { length } = this.leg(i);
-    return numberText(length, lengthError(this.scene));
+    return numberText(length, lengthError(this.scene)) + this.scene.unit;
   }
 
   /** The way from one measured point to the next, between coordinates as in the file. */

@@ -184,11 +184,13 @@ class Panel {
     }, "palette", "Palette");
     const canvas = node("canvas", { className: "histogram", width: 560, height: 108 });
     const [first, last] = codeDomain(attribute);
-    const ends = [node("span"), node("span")];
+    const axis = rangeTexts(attribute, [first, last]).map((text) => node("span", {}, text));
+    const chosen = node("output", { id: "color-range" });
     const draw = () => {
       const range = scene.colorRange(attribute);
       drawHistogram(canvas, attribute, [first, last], range, scene.palette);
-      ends.forEach((end, i) => (end.textContent = numberText(decodeNumber(attribute, range[i]), 0)));
+      const [low, , high] = rangeTexts(attribute, range);
+      chosen.textContent = `${low} to ${high}${attribute.unit ?? ""}`;
     };
     const handles = slider({
       min: first, max: last, values: scene.colorRange(attribute), labels: ["Low end", "High end"],
@@ -207,7 +209,7 @@ class Panel {
       app.judgeAll();
     }, "outside");
     draw();
-    return [row("Palette", palettes), canvas, handles, node("div", { className: "ends" }, ...ends), only];
+    return [row("Palette", palettes), canvas, node("div", { className: "ends" }, ...axis), handles, row("Colors from", chosen), only];
   }
 
   filterBy(attribute, range) {
@@ -368,7 +370,7 @@ class Panel {
   }
 
   about() {
-    const { manifest, n, total } = this.scene;
+    const { manifest, n, total, unit } = this.scene;
     const thinned = n < total ? `${grouped(n)} of ${grouped(total)} points, chosen at random.` : `All ${grouped(n)} points.`;
     const error = manifest.error > 0
       ? `Coordinates are off by at most ${numberText(manifest.error)}; points are ${numberText(manifest.spacing)} apart (median).`
@@ -378,7 +380,7 @@ class Panel {
       : [];
     const coarse = this.scene.attributes.filter((a) => a.error > 0 && !a.own);
     const notes = coarse.map((a) => `${a.name}: within ${numberText(a.error)}` + (a.relative ? `, or ${(100 * a.relative).toPrecision(2)} % far from the median` : ""));
-    return [thinned, error, ...drawn, ...notes, "Lengths are in the units of the file. Rows count from 0."].map((text) => node("p", { className: "note" }, text));
+    return [thinned, error, ...drawn, ...notes, `Lengths are in ${unit ? `${unit}, as the file says` : "the units of the file"}. Rows count from 0.`].map((text) => node("p", { className: "note" }, text));
   }
 }
 
@@ -396,7 +398,7 @@ function codeDomain(attribute) {
   let first = 1, last = LAST_CODE;
   while (first < LAST_CODE && !attribute.counts[first]) first++;
   while (last > first && !attribute.counts[last]) last--;
-  return first < last ? [first, last] : [1, LAST_CODE];
+  return first < last ? [first, last] : first < LAST_CODE ? [first, first + 1] : [1, LAST_CODE];
 }
 
 function drawHistogram(canvas, attribute, [first, last], [low, high], palette) {

@@ -11,6 +11,7 @@ class Scene {
     this.middle = manifest.middle; // steps; far stray points do not move it
     this.size = manifest.extent.map((steps) => steps * manifest.step);
     this.low = manifest.low;
+    this.unit = manifest.unit ? ` ${manifest.unit}` : "";
     this.attributes = [...manifest.attributes.map((a) => ({ ...a })), this.heightAttribute()];
     this.attributes.forEach(prepareAttribute);
     this.clouds = manifest.clouds.map((told) => this.emptyCloud(told));
@@ -27,7 +28,7 @@ class Scene {
     const [first, last] = this.manifest.heights; // of nearly all points, in steps
     const step = ((last - first) * this.step) / (LAST_CODE - 1) || 1;
     const low = this.low[2] + first * this.step;
-    return { name: this.manifest.own_height, kind: "number", low, step, error: step / 2, own: true };
+    return { name: this.manifest.own_height, kind: "number", low, step, error: step / 2, own: true, unit: this.unit };
   }
 
   emptyCloud(told) {
@@ -327,6 +328,21 @@ function numberText(value, error = 0) {
   const size = Math.abs(value);
   if (size >= 1e7 || size < 1e-4) return value.toExponential(3);
   return String(Number(value.toPrecision(size >= 1000 ? 7 : 4)));
+}
+
+/** Numbers along an axis, each to a hundredth of the distance to the nearest of its neighbors. */
+function axisTexts(values) {
+  return values.map((value, i) => {
+    const gaps = [i - 1, i + 1].filter((j) => j in values).map((j) => Math.abs(values[j] - value));
+    const decimals = 2 - Math.floor(Math.log10(Math.min(...gaps)));
+    const text = String(Number(value.toFixed(Math.min(Math.max(decimals, 0), 100))));
+    return text.length > 12 ? numberText(value) : text;
+  });
+}
+
+/** The values of two codes, and of the one between them. */
+function rangeTexts(attribute, [low, high]) {
+  return axisTexts([low, (low + high) / 2, high].map((code) => decodeNumber(attribute, code)));
 }
 
 function valueText(attribute, codes, i) {

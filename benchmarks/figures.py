@@ -1,0 +1,96 @@
+"""Say which stored results are older than the code that they measure.
+
+    python benchmarks/figures.py            # the command that renews each
+    python benchmarks/figures.py --check    # and how often the code has changed since
+
+A picture or file was measured at the last commit that wrote it. A page has commands of its own, and
+a paragraph such as "Measured at ``0123abc`` (scenes) and ``4567def`` (real clouds)": write there
+the commit whose code you have run.
+"""
+
+import argparse
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+OUTLIERS, NORMALS = "planes outliers datasets", "planes normals datasets"
+STAGES = "planes outliers normals segmentation edges datasets"
+PAGE = "the page tells"
+# What is stored, the folders of sklearn_mcmd that it measures, and the command that renews it.
+RESULTS = (
+    ("docs/benchmarks/peers.json", STAGES, "python benchmarks/bench_peers.py"),
+    ("docs/images/choosing_*", STAGES, "python docs/figures_choosing.py"),
+    ("docs/images/demo.png", f"{NORMALS} outliers", "mcmd demo"),
+    ("docs/images/failure_*", STAGES, "python docs/figures_failure.py"),
+    ("docs/images/guide/*", f"{STAGES} adjustment plotting view", "python docs/figures.py"),
+    ("docs/images/precision_*", OUTLIERS, "python benchmarks/draw_precision_recall.py"),
+    ("docs/images/sensor.png", OUTLIERS, "python benchmarks/draw_sensor.py"),
+    ("README.md", OUTLIERS, PAGE),
+    ("docs/benchmarks.rst", STAGES, PAGE),
+    ("docs/comparators.rst", "planes baselines datasets", PAGE),
+    ("docs/constants.rst", STAGES, PAGE),
+    ("docs/datasets.rst", "datasets", PAGE),
+    ("docs/edges.rst", f"{NORMALS} outliers edges", PAGE),
+    ("docs/false_positive_rate.rst", OUTLIERS, PAGE),
+    ("docs/limits.rst", OUTLIERS, PAGE),
+    ("docs/neighborhood_sizes.rst", NORMALS, PAGE),
+    ("docs/normals.rst", NORMALS, PAGE),
+    ("docs/normals_benchmark.rst", NORMALS, PAGE),
+    ("docs/outliers.rst", OUTLIERS, PAGE),
+    ("docs/reproduction.rst", f"{STAGES} baselines", PAGE),
+    ("docs/segmentation.rst", f"{NORMALS} outliers segmentation", PAGE),
+    ("docs/sensor.rst", OUTLIERS, PAGE),
+    ("docs/tiling.rst", "planes tiling", PAGE),
+    ("docs/view.rst", "view", PAGE),
+)
+
+
+def main(arguments=None, root=ROOT, results=RESULTS):
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--check", action="store_true", help="say how old each result is")
+    if not parser.parse_args(arguments).check:
+        for pattern, _, command in results:
+            print(f"{pattern:<32}  {command}")
+        return 0
+    print(f"{'result':<56}  measured at  changed since: commits in folders")
+    lost = False
+    for pattern, parts, _ in results:
+        folders = [f"sklearn_mcmd/{part}" for part in parts.split()]
+        for path in sorted(root.glob(pattern)):
+            for commit, label in measurements(path, root):
+                n = commits_since(commit, folders, root)
+                lost |= n is None
+                since = "no such commit" if n is None else f"{n} in {parts}" if n else ""
+                name = path.relative_to(root).as_posix() + (f" ({label})" if label else "")
+                print(f"{name:<56}  {commit[:7]:<11}  {since}".rstrip())
+    return int(lost)
+
+
+def measurements(path, root):
+    """The commits at which a stored result was measured, each with the part of the page."""
+    if path.suffix not in (".rst", ".md"):
+        return [(git(root, "log", "-1", "--format=%h", "--", str(path)).strip() or "none", "")]
+    told = re.findall(r"^Measured at (.+?)\n\n", path.read_text("utf-8"), re.M | re.S)
+    return re.findall(r"`([0-9a-f]{7,40})`+(?: \(([^)]+)\))?", " ".join(" ".join(told).split()))
+
+
+def commits_since(commit, folders, root):
+    """The number of commits that changed the folders after that one; None if it is unknown."""
+    try:
+        found = git(root, "rev-list", "--count", "--no-merges", f"{commit}..HEAD", "--", *folders)
+    except subprocess.CalledProcessError:
+        return None
+    return int(found)
+
+
+def git(root, *arguments):
+    command = ["git", "-C", str(root), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+if __name__ == "__main__":
+    sys.exit(main())

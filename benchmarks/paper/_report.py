@@ -1,0 +1,89 @@
+"""The result of an experiment: tables of text, arrays, notes, and a figure to draw."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+__all__ = ["Report", "Table", "paired_rows"]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Aligned text: the first `n_labels` columns to the left, numbers to the right."""
+
+    caption: str
+    header: tuple
+    rows: list
+    n_labels: int = 1
+
+    def __str__(self):
+        lines = [self.header, *self.rows]
+        widths = [max(len(line[i]) for line in lines) for i in range(len(self.header))]
+
+        def aligned(line):
+            cells = zip(line, widths, range(len(widths)), strict=True)
+            return "  ".join(
+                cell.ljust(w) if i < self.n_labels else cell.rjust(w) for cell, w, i in cells
+            ).rstrip()
+
+        return "\n".join([self.caption, *(f"  {aligned(line)}" for line in lines)])
+
+
+def paired_rows(name, ours, paper=None):
+    """The rows of a method: the paper's cells above ours, or ours alone."""
+    if paper is None:
+        return [(name, "ours", *ours)]
+    return [(name, "paper", *paper), ("", "ours", *ours)]
+
+
+@dataclass(frozen=True)
+class Report:
+    """A reproduced table or figure of the paper.
+
+    Attributes
+    ----------
+    name : str
+        "table1" and so on.
+    title : str
+    tables : list of Table
+        The paper's and the reproduced numbers, side by side.
+    notes : list of str
+        Numbers that cannot be reproduced, with the reason, and readings of the rows.
+    results : dict
+        The reproduced numbers as arrays; the function `name` documents the keys.
+    draw : callable
+        Function that draws on an empty :class:`matplotlib.figure.Figure`. None without a plot.
+    size : (float, float)
+        Width and height of that figure, in inches.
+    """
+
+    name: str
+    title: str
+    tables: list
+    notes: list
+    results: dict
+    draw: Callable | None = None
+    size: tuple = (9.0, 5.0)
+
+    def __str__(self):
+        notes = "\n".join(f"- {note}" for note in self.notes)
+        return "\n\n".join([self.title, *map(str, self.tables), notes])
+
+    def plot(self):
+        """Draw the figure.
+
+        Returns
+        -------
+        figure : matplotlib.figure.Figure
+
+        Raises
+        ------
+        ValueError
+            If there is nothing to draw.
+        """
+        if self.draw is None:
+            raise ValueError(f"{self.name} has no plot.")
+        import matplotlib.pyplot as plt
+
+        figure = plt.figure(figsize=self.size, layout="constrained")
+        self.draw(figure)
+        return figure

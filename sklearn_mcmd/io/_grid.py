@@ -1,0 +1,93 @@
+"""The grid of integers on which LAS stores coordinates: as fine as the coordinates ask for."""
+
+import numpy as np
+
+from sklearn_mcmd.io._point_cloud import PointFileError
+
+__all__ = ["LARGEST", "fits", "offset_of", "scale_of"]
+
+LARGEST = 2**31 - 1
+DECIMALS = 6  # that are looked for
+PRECISE = 1e-4  # decimal steps from here on may not be lost; finer ones are printed digits
+# Elsewhere the scale is at most so much of the distance to the next point, and of the extent of the
+# middle half of all points.
+OF_SPACING, OF_EXTENT = 1e-2, 1e-6
+MOST = 0.9  # points that must lie on a step
+SAMPLE, AROUND = 1000, 10_000  # points that show the decimals of most, and the spacing
+SHOWN = 3
+
+
+def scale_of(xyz, axes=slice(None)):
+    """The coarsest of 1, 0.1 ... 1e-6 that holds some axes exactly, else the finest that fits.
+
+    Raises
+    ------
+    PointFileError
+        If it is coarser than most points ask for: than their decimal step, 0.0001 or more, else
+        than a hundredth of their spacing and a millionth of the extent of their middle half.
+    """
+    values, asked = xyz[:, axes], None
+    sample = np.unique(values[:: len(xyz) // SAMPLE + 1], axis=0)  # copies, as of no returns, once
+    with np.errstate(over="ignore", invalid="ignore"):
+        extent = np.ptp(values, axis=0).max() or 1.0
+        finest = 10.0 ** np.ceil(np.log10(extent / 2 / (LARGEST - 1)))
+        usual = np.median(np.abs(sample).max(axis=1))
+        for step in 10.0 ** -np.arange(DECIMALS + 1):
+            share = _on_grid(sample, step, usual).mean()
+            if asked is None and share > MOST:
+                asked = step
+            if share == 1 and step >= finest and _on_grid(values, step, usual).all():
+                return step
+        bound = asked if asked is not None and asked >= PRECISE else max(_fine(xyz), asked or 0)
+        if finest > bound:
+            _refuse(values, np.median(sample, axis=0), bound)
+    return finest
+
+
+def fits(extent, scale):
+    """Whether a grid with the offset in the middle holds the extent."""
+    return extent / 2 <= (LARGEST - 1) * scale
+
+
+def offset_of(low, high, scale):
+    """A round number below the minimum, or the middle if only that leaves room for all."""
+    if high <= low:
+        return low
+    unit = 10.0 ** np.floor(np.log10(high - low))
+    below = np.floor(low / unit) * unit
+    return below if high - below <= LARGEST * scale else np.rint((low + high) / 2 / scale) * scale
+
+
+def _on_grid(xyz, step, usual):
+    """Whether each point lies on the grid, up to the rounding of usual coordinates."""
+    steps_a_unit = np.rint(1 / step)
+    rounded = np.rint(xyz * steps_a_unit) / steps_a_unit
+    return (np.abs(rounded - xyz) <= 4 * np.spacing(np.maximum(np.abs(xyz), usual))).all(axis=1)
+
+
+def _fine(xyz):
+    """A small part of the spacing and extent of most points, and infinity if they have none."""
+    from scipy.spatial import cKDTree  # takes long to import
+
+    sample = np.unique(xyz[:: len(xyz) // SAMPLE + 1], axis=0)
+    low, middle, high = np.quantile(sample, [0.25, 0.5, 0.75], axis=0)
+    far = np.abs(xyz - middle).max(axis=1)
+    near = np.unique(xyz[np.argpartition(far, min(AROUND, len(xyz) - 1))[:AROUND]], axis=0)
+    spacing = np.median(cKDTree(near - middle).query(near - middle, 2)[0][:, 1])
+    parts = np.array([OF_SPACING * spacing, OF_EXTENT * (high - low).max()])
+    return parts[parts > 0].min(initial=np.inf)
+
+
+def _refuse(xyz, middle, bound):
+    step = 10.0 ** np.floor(np.log10(bound) + 1e-9)
+    far = np.abs(xyz - middle).max(axis=1) > 0.9 * LARGEST * step
+    rows = np.flatnonzero(far)
+    places = [
+        f"point {row + 1} at ({', '.join(f'{x:.10g}' for x in xyz[row])})" for row in rows[:SHOWN]
+    ]
+    more = f" and {len(rows) - SHOWN:,} more" if len(rows) > SHOWN else ""
+    raise PointFileError(
+        f"LAS has no room for points so far from the others in steps of {step:g}, which most "
+        f"coordinates ask for: of {len(xyz):,} points to write, {', '.join(places)}{more}; remove "
+        "them, or write a format without steps, such as .ply or .csv"
+    )

@@ -1,0 +1,134 @@
+"""The points that a report shows: those of memory, or of files by tiles a sample that it states."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sklearn_mcmd.io import PointCloud
+from sklearn_mcmd.io._las_parts import read_parts
+from sklearn_mcmd.outliers._volumes import place_numbers
+from sklearn_mcmd.report._contents import Note, share
+from sklearn_mcmd.report._facts import Facts, bounds_rows, usual_rows
+from sklearn_mcmd.report._html import paragraph
+from sklearn_mcmd.report._notes import CHECKS, cloud_notes
+
+__all__ = ["Shown", "removed_of", "step_of"]
+
+SAMPLE = 500_000  # points; maps show a quarter of them, and shares are known to 0.1 %
+PART = 1_000_000  # points that are read at a time
+
+
+class Shown(NamedTuple):
+    """What a report shows, and what it knows of the whole.
+
+    cloud : PointCloud
+        All points, or every so many-th, with the attributes that were written.
+    n_all : int
+        Points of the whole.
+    near : ndarray of bool of shape (n,)
+        Points that are not far from all others.
+    words : str
+        Markup that states the sample; "" if all points are shown.
+    rows : list of (str, str)
+        What the input holds.
+    notes : list of Note
+        What is the matter with the cloud itself.
+    checks : str
+        What was looked for in the cloud itself.
+    cards : list of (str, str)
+        Tiles and files.
+    files : str
+        Words on the number of outputs; "" if there is one.
+    """
+
+    cloud: PointCloud
+    n_all: int
+    near: np.ndarray
+    words: str
+    rows: list[tuple[str, str]]
+    notes: list[Note]
+    checks: str
+    cards: list[tuple[str, str]]
+    files: str
+
+    @property
+    def xyz(self):
+        return self.cloud.xyz
+
+    @classmethod
+    def of_memory(cls, cloud, n_neighbors, scales=None, /, **results):
+        """A cloud as it was read, with results, and measured by planes of these scales."""
+        facts = Facts.of(cloud.xyz, n_neighbors, scales)
+        return cls(
+            cloud.with_attributes(**results), len(cloud), facts.near, "", facts.rows(cloud),
+            cloud_notes(facts), CHECKS, [], "",
+        )  # fmt: skip
+
+    @classmethod
+    def of_tiles(cls, catalog, outputs, run, names):
+        """A sample of outputs, with these attributes."""
+        return cls.of_sample(_sample(outputs, step_of(run), names), catalog, outputs, run)
+
+    @classmethod
+    def of_sample(cls, cloud, catalog, outputs, run):
+        """A sample that is there already."""
+        step, words = step_of(run), ""
+        if step > 1:
+            words = f"From a sample: one point of {step:,}, {share(len(cloud), run.n_points)}."
+            words = paragraph(words, "soft")
+        rows = [("points", f"{catalog.n_points:,}"), ("files", f"{len(catalog):,}")]
+        rows += [*bounds_rows(catalog.low, catalog.high), ("CRS", catalog.crs or "not stated")]
+        cards = [(f"{run.n_tiles:,}", "tiles"), (f"{len(catalog):,}", "input files")]
+        return cls(
+            cloud, run.n_points, usual_rows(cloud.xyz), words, rows, [],
+            "the cloud itself is not measured by tiles", cards, f" in {len(outputs):,} files",
+        )  # fmt: skip
+
+
+def step_of(run):
+    return -(-run.n_points // SAMPLE)
+
+
+def removed_of(inputs, outputs, step):
+    """A sample of inputs, and which of its points are not in the outputs; None if that is unknown.
+
+    Outputs have the order of the inputs, and copies of a point have its score. So a point was
+    removed if its coordinates are not among the next points of the output.
+    """
+    real = {path.resolve() for path in outputs}
+    if any(path.resolve() in real for path in inputs):
+        return _sample(outputs, step, ()), None
+    xyz, found, first, n_kept, n_out = [], [], 0, 0, 0
+    rest, waiting = _parts(outputs), np.empty(0, np.uint64)
+    for part in _parts(inputs):
+        while len(waiting) < len(part) and (after := next(rest, None)) is not None:
+            waiting = np.concatenate([waiting, place_numbers(after.xyz)])
+            n_out += len(after)
+        kept = np.isin(place_numbers(part.xyz), waiting[: len(part)])
+        n_part = int(np.count_nonzero(kept))
+        waiting, n_kept = waiting[n_part:], n_kept + n_part
+        rows = slice((-first) % step, None, step)
+        xyz.append(part.xyz[rows])
+        found.append(~kept[rows])
+        first += len(part)
+    cloud = PointCloud(np.concatenate(xyz))
+    return cloud, np.concatenate(found) if n_kept == n_out and len(waiting) == 0 else None
+
+
+def _parts(paths):
+    for path in paths:
+        yield from read_parts(path, PART)
+
+
+def _sample(paths, step, names):
+    """Every so many-th point of files, with these attributes."""
+    xyz, columns, first = [], {name: [] for name in names}, 0
+    for part in _parts(paths):
+        rows = slice((-first) % step, None, step)
+        xyz.append(part.xyz[rows])
+        for name in names:
+            columns[name].append(part.attributes[name][rows])
+        first += len(part)
+    return PointCloud(
+        np.concatenate(xyz), {name: np.concatenate(parts) for name, parts in columns.items()}
+    )

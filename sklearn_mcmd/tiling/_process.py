@@ -1,0 +1,199 @@
+"""Files of any size through an estimator: what `sklearn_mcmd.tiling` offers."""
+
+import os
+from collections.abc import Iterable
+from typing import Literal
+
+from sklearn.base import BaseEstimator
+
+from sklearn_mcmd.edges import SharpFeatureDetector
+from sklearn_mcmd.io._las import is_denoised, read_header
+from sklearn_mcmd.io._point_cloud import denoised_before
+from sklearn_mcmd.outliers import MCMDOutlierDetector
+from sklearn_mcmd.planes._base import BaseLocalPlanes
+from sklearn_mcmd.segmentation import RegionGrowing
+from sklearn_mcmd.tiling._catalog import Catalog
+from sklearn_mcmd.tiling._denoise import Denoise
+from sklearn_mcmd.tiling._edges import Edges
+from sklearn_mcmd.tiling._normals import Normals
+from sklearn_mcmd.tiling._run import RunReport, run_by_tiles
+from sklearn_mcmd.tiling._segments import Segments
+from sklearn_mcmd.tiling._warnings import warn_caller
+
+__all__ = ["process_files"]
+
+# What an estimator of each class does to files; the first that fits counts.
+VERBS = {
+    MCMDOutlierDetector: Denoise,
+    RegionGrowing: Segments,
+    SharpFeatureDetector: Edges,
+    BaseLocalPlanes: Normals,
+}
+
+
+def process_files(
+    source: Catalog | str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
+    target: str | os.PathLike[str],
+    estimator: BaseEstimator,
+    *,
+    mode: Literal["drop", "mark"] = "drop",
+    ignore_classes: Iterable[int] = (),
+    only_classes: Iterable[int] = (),
+    above: float | None = None,
+    below: float | None = None,
+    low_groups: bool = False,
+    colors: bool | None = None,
+    memory: str | float | None = None,
+    n_jobs: int | None = None,
+    tile_size: int | None = None,
+    as_folder: bool | None = None,
+    restart: bool = False,
+) -> RunReport:
+    """Write what an estimator finds in files larger than memory, equal to what it finds in memory.
+
+    All points are read once and divided into tiles. What a point's result depends on is sought in
+    other tiles too, wherever these may hold it. So the output is that of ``estimator.fit`` on all
+    points together, to the last bit, whatever the tiles are.
+
+    Parameters
+    ----------
+    source : Catalog, or what it takes
+        Files, a folder, or an index.
+    target : str or os.PathLike
+        A LAS or LAZ file for one file, or a folder for several or a folder. Outputs have the names
+        of their inputs, all attributes, and the order of the points. They may replace the inputs.
+        A name that ends in ``.las`` or ``.laz`` joins several inputs in one file: with the richest
+        point format, the finest scales and the attributes of all, in the order of the inputs.
+    estimator : estimator
+        What is done, with an int as `random_state` and no None as `n_neighbors`:
+
+        - :class:`~sklearn_mcmd.MCMDOutlierDetector` removes outliers, or marks them: see `mode`;
+        - :class:`~sklearn_mcmd.RobustNormalEstimator` adds normals and what else it finds.
+          ``orientation="mst"`` takes a number of neighbors, and no curvatures;
+        - :class:`~sklearn_mcmd.RegionGrowing` adds an attribute ``region``. It takes
+          ``normals="estimate"``. One process grows regions, with about 60 bytes a point of the
+          whole cloud;
+        - :class:`~sklearn_mcmd.SharpFeatureDetector` adds ``edge``, 1 or 0, and ``edge_score``: the
+          distance to the nearest crease in spacings, or the value of another criterion. It takes
+          ``normals="estimate"``, and no detector but the first.
+    mode : {"drop", "mark"}, default="drop"
+        Of outliers. "drop" leaves them out; a file of nothing else becomes one without points.
+        "mark" keeps all points, gives outliers the classification 7 (low noise) or 18 (high noise),
+        and adds an attribute ``outlier_score``. An outlier is low if it lies lower than all ground
+        (class 2) around it in plan, or if there is no ground, than all kept points: those in the
+        smallest square that has at least `n_neighbors` of them, of squares whose sides are powers
+        of two. Point formats 0 to 5 define no high noise: there it is 7, too.
+    ignore_classes : iterable of int, default=()
+        Of outliers. Points of these classes are neither judged nor used to judge others; their
+        score is NaN. They are kept as they are. So are points that are marked withheld, always.
+    only_classes : iterable of int, default=()
+        If there are any, points of all other classes are left out in the same way.
+    above, below : float, default=None
+        Judge only points that are higher, or lower, than this over the ground (class 2): over the
+        mean of the three ground points that are nearest in plan. All are used to judge others.
+        The score of those that are not judged is NaN, and they are kept.
+    low_groups : bool, default=False
+        Whether a group of any number of points is an outlier, of low noise, if it lies below the
+        ground by more sizes of its own than the cutoff. Points below the ground are in memory
+        together, see :doc:`/tiling`.
+    colors : bool, default=None
+        Of regions and edges: whether to paint them. None paints files that have no colors.
+    memory : str or float, default=None
+        What the run may take, such as "2GB" or a number of bytes. None is half of the machine's.
+    n_jobs : int, default=None
+        Processes. None means 1 unless in a :obj:`joblib.parallel_config` context, and -1 means all
+        processors; fewer, where the memory asks for it.
+    tile_size : int, default=None
+        Largest number of points in a tile; None is what the memory allows.
+    as_folder : bool, default=None
+        Whether `target` is a folder. None means that it is, if `source` is a folder, an index or
+        several files, and `target` is not named as a file.
+    restart : bool, default=False
+        Whether to forget what an earlier run has left. By default a run with the same inputs and
+        parameters goes on where the earlier one ended.
+
+    Returns
+    -------
+    RunReport
+
+    Raises
+    ------
+    PointFileError
+        If a file cannot be read or written.
+    TilingError
+        If some tiles failed, or the run ended in another way after all points were read. Temporary
+        files are then kept, and the message names them.
+    ValueError
+        If the estimator's results depend on the whole cloud, an option has no meaning for it, a
+        height is not finite, or the memory is too little.
+
+    Warns
+    -----
+    UserWarning
+        If an input was denoised before; if an output has no points, because all were outliers; if hundreds of outliers lie together,
+        as a thing does that is sparser than what is around it; or if so many points are on no
+        surface that regions take more than the memory.
+
+    See Also
+    --------
+    Catalog : What files hold.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
+    >>> from sklearn_mcmd.datasets import make_street
+    >>> from sklearn_mcmd.io import read_points, write_points
+    >>> from sklearn_mcmd.tiling import process_files
+    >>> street = make_street(8_000, outlier_share=0.01, random_state=0).data
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     a, b, c = (Path(folder) / name for name in ("a.las", "b.las", "c.las"))
+    ...     write_points(a, street)
+    ...     report = process_files(a, b, MCMDOutlierDetector(random_state=0), tile_size=3_000)
+    ...     print(report.n_tiles, "tiles;", len(read_points(b)) + report.n_outliers, "points")
+    ...     report = process_files(b, c, RobustNormalEstimator(random_state=0), tile_size=3_000)
+    ...     print(*list(read_points(c).attributes)[-8:-4])
+    4 tiles; 8000 points
+    normal_x normal_y normal_z surface_variation
+    """
+    given = {
+        "mode": (mode, "drop"),
+        "ignore_classes": (tuple(sorted(ignore_classes)), ()),
+        "only_classes": (tuple(sorted(only_classes)), ()),
+        "above": (above, None),
+        "below": (below, None),
+        "low_groups": (low_groups, False),
+        "colors": (colors, None),
+    }
+    verb = _verb_of(estimator)
+    for name, (value, idle) in given.items():
+        if name not in verb.options and value != idle:
+            raise ValueError(
+                f"{name}={value!r} has no meaning for {type(estimator).__name__}: leave it "
+                f"{idle!r}."
+            )
+    options = {name: given[name][0] for name in verb.options}
+    work = verb(estimator, **options)
+    catalog = source if isinstance(source, Catalog) else Catalog(source)
+    if verb is Denoise:
+        for path in catalog.paths:
+            if is_denoised(read_header(path)):
+                warn_caller(denoised_before(path))
+    report = run_by_tiles(
+        work, catalog, target, memory=memory, n_jobs=n_jobs,
+        tile_size=tile_size, as_folder=as_folder, restart=restart,
+    )  # fmt: skip
+    if report.together:
+        warn_caller(report.together)
+    return report
+
+
+def _verb_of(estimator):
+    for kind, verb in VERBS.items():
+        if isinstance(estimator, kind):
+            return verb
+    raise ValueError(
+        f"{type(estimator).__name__} cannot work by tiles: give an MCMDOutlierDetector, a "
+        "RobustNormalEstimator, a RegionGrowing or a SharpFeatureDetector."
+    )

@@ -1,0 +1,48 @@
+"""Coordinates are found by the names that people give to columns."""
+
+import pytest
+
+from sklearn_mcmd.io import PointFileError
+from sklearn_mcmd.io._column_names import coordinate_columns
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "x y z",
+        "id Y X Z",
+        "point northing easting elevation",
+        "E N H",
+        "East North Altitude",
+        "X[m] Y[m] Z[m] height",
+        "x_m y_m z_m normal_x nx ny nz",
+        "Points:0 Points:1 Points:2 Normals:0 Normals:1 Normals:2",
+        "Points_0 Points_1 Points_2",
+        "POINT_X POINT_Y POINT_Z",
+        "utm_x utm_y elev_ft",
+        "n easting northing height h u v e",
+        "x y z easting northing height",
+        "Rechtswert Hochwert height",
+        "height_above_ground x y elevation",
+    ],
+)
+def test_names_that_people_use_are_known(names):
+    first = {"point": [2, 1, 3], "id": [2, 1, 3], "n": [1, 2, 3], "height_above_ground": [1, 2, 3]}
+    names = names.split()
+    assert coordinate_columns(names) == first.get(names[0], [0, 1, 2])
+
+
+@pytest.mark.parametrize(
+    ("names", "columns", "message"),
+    [
+        ("point a b c", None, "no x, y, z among the columns point, a, b, c: say which they are"),
+        ("longitude latitude height", None, "no x, y among the columns longitude, latitude, heig"),
+        ("x y height elevation", None, "z may be 'height' or 'elevation' among the columns x, y"),
+        ("a b c", {"x": "a", "y": "B", "z": "c"}, "no column 'B' among a, b, c"),
+        ("a b c", {"x": 1, "y": 2, "z": 4}, "no column '4' among a, b, c"),
+        ("a b c", {"x": 1, "y": "a", "z": 3}, "need three columns, got columns="),
+    ],
+)
+def test_names_that_are_not_known_or_not_clear_are_refused(names, columns, message):
+    with pytest.raises(PointFileError, match=message):
+        coordinate_columns(names.split(), columns)

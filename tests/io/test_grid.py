@@ -1,0 +1,60 @@
+"""LAS is as precise as the coordinates ask for, or the points that are too far are named."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from sklearn_mcmd.io import PointFileError, read_points, write_points
+
+laspy = pytest.importorskip("laspy")
+
+
+def survey(decimals=3, size=2.0, n=3000):
+    xyz = np.random.default_rng(0).uniform(0, size, (n, 3)) + np.array([500_000, 5_400_000, 100])
+    return xyz if decimals is None else np.round(xyz, decimals)
+
+
+@pytest.mark.filterwarnings("ignore:.*no returns")
+@pytest.mark.parametrize("decimals", [3, None])
+@pytest.mark.parametrize(
+    ("far", "named"),
+    [
+        ([[0, 0, 0]], r"point 3001 at \(0, 0, 0\)"),
+        ([[0, 0, 0]] * 200, r"point 3001 at .*point 3003 at \(0, 0, 0\) and 197 more"),
+        ([[0, 0, 0]] * 9000, r"point 3001 at .*point 3003 at \(0, 0, 0\) and 8,997 more"),
+        ([[1e9, 5_400_000, 100]], r"point 3001 at \(1000000000, 5400000, 100\)"),
+        ([[1e300, -1e300, 0]], r"point 3001 at \(1e\+300"),
+    ],
+)
+def test_points_that_would_make_the_others_coarse_are_named(tmp_path, decimals, far, named):
+    xyz = np.r_[survey(decimals), far]
+    with pytest.raises(PointFileError, match=named) as caught:
+        write_points(tmp_path / "a.laz", xyz)
+    assert "remove them, or write a format without steps, such as .ply or .csv" in str(caught.value)
+    assert not list(tmp_path.iterdir())
+    write_points(tmp_path / "a.ply", xyz)
+    assert_array_equal(read_points(tmp_path / "a.ply").xyz, xyz)
+
+
+# 31 bits hold 2,147 km in millimeters, and 32 bits twice as much.
+@pytest.mark.parametrize("far", [3e5, 2e6, 4e6])
+def test_far_points_do_not_coarsen_what_has_room(tmp_path, far):
+    xyz = np.r_[survey(), [[500_000 + far, 5_400_000, 100]]]
+    write_points(tmp_path / "a.las", xyz)
+    assert_array_equal(laspy.read(tmp_path / "a.las").header.scales, 0.001)
+    assert_allclose(read_points(tmp_path / "a.las").xyz, xyz, rtol=1e-15)
+
+
+def test_printed_digits_without_room_are_rounded_to_a_hundredth_of_the_spacing_or_less(tmp_path):
+    xyz = survey(decimals=6, size=10_000.0, n=10_000)
+    write_points(tmp_path / "a.las", xyz)
+    assert np.abs(read_points(tmp_path / "a.las").xyz - xyz).max() <= 0.5e-5 * 1.001
+
+
+@pytest.mark.filterwarnings("ignore:.*no returns")
+@pytest.mark.parametrize("far", [[0, 0, 0], [1e12, 0, 0]])
+def test_e57_holds_every_coordinate_whatever_the_extent(tmp_path, far):
+    pytest.importorskip("pye57")
+    xyz = np.r_[survey(), [far]]
+    write_points(tmp_path / "a.e57", xyz)
+    assert_allclose(read_points(tmp_path / "a.e57").xyz, xyz, rtol=1e-15)

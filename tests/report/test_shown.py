@@ -1,0 +1,115 @@
+"""Reports of runs by tiles: found in the outputs, and equal to what memory tells."""
+
+import re
+import shutil
+
+import numpy as np
+import pytest
+
+from commands import run
+from pages import read_page
+from sklearn_mcmd.io import read_points, write_points
+from sklearn_mcmd.report import _shown
+from sklearn_mcmd.report._shown import _sample, removed_of
+from tiled import street
+
+N = 4_400
+TILES = ("--memory", "1GB", "--n-jobs", 1)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Two streets of which the second repeats a part of the first."""
+    cloud = street(N)
+    (tmp_path / "in").mkdir()
+    write_points(tmp_path / "in" / "a.laz", cloud)
+    write_points(tmp_path / "in" / "b.laz", cloud.subset(slice(0, N // 2)))
+    return tmp_path / "in"
+
+
+def counts(page):
+    text = re.sub(r"<[^>]+>", " ", page.read_text(encoding="utf-8").partition("</style>")[2])
+    return re.findall(r"([\d,]+) outliers", text)
+
+
+@pytest.mark.parametrize("mode", ["drop", "mark"])
+def test_outliers_of_tiles_are_those_of_memory(mode, tmp_path, monkeypatch):
+    write_points(tmp_path / "a.laz", street(N))
+    a, b = tmp_path / "r1", tmp_path / "r2"
+    options = ("--mode", mode, "--report")
+    assert run("denoise", tmp_path / "a.laz", tmp_path / "b.laz", *options, a).exit_code == 0
+    (tmp_path / "in").mkdir()
+    shutil.copy(tmp_path / "a.laz", tmp_path / "in" / "a.laz")
+    result = run("denoise", tmp_path / "in", tmp_path / "out", *options, b, *TILES)
+    assert result.exit_code == 0, result.output
+    assert counts(a / "index.html")[0] == counts(b / "index.html")[0]
+    clouds = [read_page((r / "view.html").read_text())[1][0] for r in (a, b)]
+    found = [np.sort(cloud.rows[cloud.columns["outlier"][0] == 1]) for cloud in clouds]
+    assert found[0].size > 0
+    assert (found[0] == found[1]).all()
+
+
+def test_a_sample_is_every_so_many_th_point_across_files_and_parts(folder, monkeypatch):
+    monkeypatch.setattr(_shown, "PART", 1000)
+    paths = sorted(folder.iterdir())
+    whole = np.vstack([read_points(path).xyz for path in paths])
+    for step in (1, 7, 5000):
+        sample = _sample(paths, step, ())
+        assert (sample.xyz == whole[::step]).all()
+
+
+def test_what_was_removed_is_found_from_both_files(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(_shown, "PART", 1000)
+    paths, outputs, gone = sorted(folder.iterdir()), [], []
+    (tmp_path / "out").mkdir()
+    for path in paths:
+        cloud = read_points(path)
+        removed = np.round(cloud.xyz[:, 0] * 1e3).astype(int) % 10 == 0  # copies share their fate
+        gone.append(removed)
+        outputs.append(tmp_path / "out" / path.name)
+        write_points(outputs[-1], cloud.subset(~removed))
+    _, found = removed_of(paths, outputs, 1)
+    assert (found == np.concatenate(gone)).all()
+    _, found = removed_of(paths, outputs, 3)
+    assert (found == np.concatenate(gone)[::3]).all()
+
+
+def test_outputs_of_other_points_are_not_compared(folder, tmp_path):
+    paths = sorted(folder.iterdir())
+    cloud = read_points(paths[0])
+    cloud.xyz[:] += 5
+    write_points(tmp_path / "o.npz", cloud)
+    write_points(tmp_path / "o.laz", read_points(tmp_path / "o.npz"))
+    assert removed_of(paths, [tmp_path / "o.laz"], 1)[1] is None
+    assert removed_of(paths, paths, 1)[1] is None
+
+
+def test_a_run_in_place_has_a_report_without_maps(folder, tmp_path):
+    result = run("denoise", folder, folder, "--report", tmp_path / "r", *TILES)
+    assert result.exit_code == 0, result.output
+    assert "replaced the inputs" in (tmp_path / "r" / "index.html").read_text()
+
+
+def test_normals_of_tiles_state_the_sample(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(_shown, "SAMPLE", 1_100)
+    options = ("--features", "normal_error", "--report", tmp_path / "r")
+    result = run("normals", folder, tmp_path / "out", *options, *TILES)
+    assert result.exit_code == 0, result.output
+    page = (tmp_path / "r" / "index.html").read_text()
+    assert "one point of 6, 1,100 of 6,600 points" in page
+    assert "standard error" in page
+
+
+@pytest.mark.parametrize(("verb", "word"), [("segment", "regions hold"), ("edges", "lie on edges")])
+def test_regions_and_edges_of_tiles_are_those_of_memory(verb, word, folder, tmp_path):
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    shutil.copy(folder / "b.laz", alone / "b.laz")
+    lines = []
+    for name, source, options in (("r1", alone / "b.laz", ()), ("r2", alone, TILES)):
+        target = tmp_path / ("out" if options else "o.laz")
+        result = run(verb, source, target, "--report", tmp_path / name, *options)
+        assert result.exit_code == 0, result.output
+        page = (tmp_path / name / "index.html").read_text()
+        lines.append(re.search(rf'class="headline">([^<]*{word}[^<]*)<', page)[1])
+    assert lines[0] == lines[1]
