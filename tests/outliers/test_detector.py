@@ -406,11 +406,11 @@ def test_company_warns_in_five_dimensions_and_distances_from_planes_find_all():
     X = rng.normal(size=(400, 5)) * [1, 1, 1, 1, 0.01]
     X[:40, 4] = rng.uniform(1, 5, 40)
     with pytest.warns(UserWarning, match="in 5D finds few outliers"):
-        MCMDOutlierDetector(outlier_rate=0.2, random_state=0).fit(X)
+        MCMDOutlierDetector(max_outlier_rate=0.2, random_state=0).fit(X)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = MCMDOutlierDetector(
-            outlier_rate=0.2, strictness="surfaces", random_state=0
+            max_outlier_rate=0.2, strictness="surfaces", random_state=0
         ).fit_predict(X)
     assert (found[:40] == -1).all()
     assert (found[40:] == 1).mean() > 0.98
