@@ -1,5 +1,6 @@
 """MCMDOutlierDetector: outliers of the planes of local neighborhoods."""
 
+import warnings
 from numbers import Real
 from typing import ClassVar, Literal, Self
 
