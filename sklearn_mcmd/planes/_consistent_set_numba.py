@@ -102,7 +102,7 @@ class WorkArrays(NamedTuple):
         size = (21 + n_rows) * n_lanes
         buffer = np.zeros(size + LINE, dtype=np.float32)
         start = -buffer.ctypes.data % (4 * LINE) // 4
-        lanes32 = buffer[start : start + size].reshape(-1, n_lanes)
+        lanes32 = buffer[start : start + size].reshape(21 + n_rows, n_lanes)
         keys = np.zeros(k, dtype=np.int64)
         return cls(
             np.zeros((3, k)),
