@@ -68,7 +68,7 @@ for name, cv in splits.items():
 # whether a point is judged by its own plane, as in the paper, or by surfaces and groups.
 neighbors = [10, 20, 30, 50]
 rate = {
-    "detector__outlier_rate": [0.2, 0.5],
+    "detector__max_outlier_rate": [0.2, 0.5],
     "detector__success_probability": [0.95, 0.9999],
 }
 families = {

@@ -104,7 +104,7 @@ def test_a_grid_search_compares_detectors_by_two_scores(street):
             {
                 "detector": [MCMDOutlierDetector(strictness=None, random_state=0)],
                 "detector__n_neighbors": [5, 30],
-                "detector__outlier_rate": [0.2],
+                "detector__max_outlier_rate": [0.2],
                 "detector__success_probability": [0.95],
             },
             {"detector": [LocalOutlierFactor(novelty=True)]},
