@@ -68,7 +68,7 @@ SWITCHES = [
     {"mutual": False, "max_distance": 0.02, "max_gap": 0.2},
     {"min_region_size": 1, "n_neighbors": 30},
     {"normal_estimator__method": "pca"},
-    {"normal_estimator__borrow": False},
+    {"normal_estimator__neighbor_planes": False},
 ]
 
 
