@@ -289,10 +289,9 @@ def _contents(cloud, fitted, results):
     from sklearn_mcmd.report._normals import normals_contents
     from sklearn_mcmd.report._shown import Shown
 
-    shown = Shown.of_memory(
-        cloud, int(np.median(fitted.n_neighbors_)), fitted.plane_scale_, **results,
-        normal_error=fitted.normal_error_.astype(np.float32),
-    )  # fmt: skip
+    told = results | {"normal_error": fitted.normal_error_.astype(np.float32)}
+    n_neighbors = int(np.median(fitted.n_neighbors_))
+    shown = Shown.of_memory(cloud, n_neighbors, fitted.plane_scale_, **told)
     return normals_contents(shown, results, float(fitted.removed_fraction_.mean()))
 
 

@@ -216,7 +216,9 @@ def test_in_two_dimensions_corners_borrow_and_bends_are_followed():
     normals = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])[side]
     X = normals + along[:, None] * normals[:, ::-1] + rng.normal(0, 0.002, (2000, 2))
     near = (1 - np.abs(along) > 0.006) & (1 - np.abs(along) < 0.05)
-    own, borrowed = (angles(X, normals, n_neighbors=30, neighbor_planes=b)[near] for b in (False, True))
+    own, borrowed = (
+        angles(X, normals, n_neighbors=30, neighbor_planes=b)[near] for b in (False, True)
+    )
     assert (borrowed < 10).mean() > max(0.95, (own < 10).mean() + 0.01)
     turn = np.linspace(0, 2 * np.pi, 500, endpoint=False) + rng.uniform(0, 0.01, 500)
     circle = np.column_stack([np.cos(turn), np.sin(turn)])

@@ -183,7 +183,7 @@ def test_points_that_span_no_plane_have_no_outliers(n, kind, strictness):
 
 @pytest.mark.parametrize("strictness", ["isolated", "groups", "surfaces"])
 @pytest.mark.parametrize("d", [2, 3, 5])
-@pytest.mark.filterwarnings("ignore:n_neighbors=50 is more than")
+@pytest.mark.filterwarnings("ignore:n_neighbors=50 is more than", "ignore:strictness=.* in 5D")
 def test_the_fewest_points_have_no_outliers_and_judge_new_ones(d, strictness):
     X = np.random.default_rng(0).normal(size=(d + 1, d))
     detector = MCMDOutlierDetector(strictness=strictness, max_outlier_rate=0.2, random_state=0).fit(
@@ -195,6 +195,7 @@ def test_the_fewest_points_have_no_outliers_and_judge_new_ones(d, strictness):
 
 @pytest.mark.parametrize("strictness", ["isolated", "groups", "surfaces"])
 @pytest.mark.parametrize("d", [2, 3, 5])
+@pytest.mark.filterwarnings("ignore:strictness=.* in 5D")
 def test_a_cloud_without_any_surface_is_judged_by_company(d, strictness):
     X = np.random.default_rng(0).uniform(0, 1, (400, d))
     X[0] = 4.0
@@ -368,6 +369,7 @@ def test_queries_beyond_measure_are_refused():
         detector.predict([[0, 0, 0], [1e200, 0, 0]])
 
 
+@pytest.mark.filterwarnings("ignore:strictness=.* in 8D")
 def test_trials_beyond_space_are_limited_with_a_warning():
     X = np.random.default_rng(0).normal(size=(40, 8))
     with pytest.warns(UserWarning, match="max_outlier_rate=0.5 in 8D asks for 2354 trials; 300"):
