@@ -272,6 +272,7 @@ PARTS = {
             Limit("outliers._cloud", "CompanyLimits", "flat"),
             Limit("outliers._cloud", "CompanyLimits", "bridge"),
             *(Constant("outliers._cloud", name) for name in ("SURFACE", "THING", "LEAST_SHARE")),
+            Constant("outliers._company", "HALF"),
         ),
         scenes=lambda options: chain(streets(options), contaminated(options)),
         prepare=planes_of,

@@ -183,7 +183,9 @@ def judged(X, k, trials, h, noise=None):
     usual, isolation, separation = {}, np.zeros(n), np.zeros(n)
     for i in rest:
         around = sorted(reference, key=lambda j: gaps[i, j])[:128]
-        usual[i] = sorted(to_others[j] for j in around)[int(0.75 * len(around))]
+        usual[i] = sorted(to_others[j] for j in around)[
+            int((0.75 if explained else 0.5) * len(around))
+        ]
         among_all = mean_of_8(i, near[i, :9], counts[i] - 1)
         among_rest = mean_of_8(i, rest, counts[i] - 1, [extent] * 8)
         isolation[i] = among_rest ** (2 / 3) * among_all ** (1 / 3) / usual[i]

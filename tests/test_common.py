@@ -16,7 +16,9 @@ QUICK = RobustNormalEstimator(max_outlier_rate=0.2, random_state=0)
 
 
 # Checks of ten features ask for more trials than are made.
-@pytest.mark.filterwarnings("ignore:max_outlier_rate=.* in 10D asks for")
+@pytest.mark.filterwarnings(
+    "ignore:max_outlier_rate=.* in 10D asks for", "ignore:strictness=.* in 10D finds few"
+)
 @parametrize_with_checks(
     [
         MCMDOutlierDetector(),

@@ -13,6 +13,7 @@ from sklearn_mcmd.planes._nearest import NearestPoints
 from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = [
+    "HALF",
     "LINKED",
     "Company",
     "CompanyLimits",
@@ -27,6 +28,9 @@ __all__ = [
     "usual_of",
 ]
 
+# Where no point is on a surface, what is usual is half of all points: the sparse quarter of them
+# would be the very points that are judged.
+HALF = 0.5
 # Each point of the rest is linked to at most so many others, as those of surfaces are.
 LINKED = SurfaceLimits().n_links
 # Length of an evenly filled line, in its standard deviations.
@@ -126,6 +130,7 @@ class Company:
         self.low, self.high = points.min(axis=0), points.max(axis=0)
         self.reference = NearestPoints(points, explained if explained.any() else None)
         self.reference_spacing = places.usual_spacing
+        self.quantile = limits.usual if explained.any() else HALF
         self.rest = rest = np.flatnonzero(~explained)
         self.points, self.counts = points[rest], places.counts[rest]
         self.others = NearestPoints(self.points)
@@ -186,7 +191,7 @@ class Company:
         usual = np.empty(len(queries))
 
         def measure(rows, distances, near):
-            usual[rows] = usual_of(self.reference_spacing[near], self.limits.usual)
+            usual[rows] = usual_of(self.reference_spacing[near], self.quantile)
 
         self.reference.visit(queries, n_usual, measure, n_jobs)
         return usual

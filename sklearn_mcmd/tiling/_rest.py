@@ -6,6 +6,7 @@ from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd.outliers._cloud import joined_scores
 from sklearn_mcmd.outliers._company import (
+    HALF,
     LINKED,
     are_pieces,
     isolation_of,
@@ -37,14 +38,14 @@ def find_isolation(cell, job):
     cells, columns = job.open()
     points, rest = columns.read(cell, "points"), ~columns.read(cell, "explained")
     queries, usual = points[rest], np.full(len(points), np.nan)
-    n_reference, load = job.n_explained, _some(columns, _is_explained)
+    n_reference, load, share = job.n_explained, _some(columns, _is_explained), COMPANY.usual
     if not n_reference:
-        n_reference, load = job.n_places, all_places(columns)
+        n_reference, load, share = job.n_places, all_places(columns), HALF
     usual_there = np.empty(len(queries))
 
     def measure(rows, _, near, found):
         values = found.values(columns, "other_spacing")
-        usual_there[rows] = usual_of(values[near], COMPANY.usual)
+        usual_there[rows] = usual_of(values[near], share)
 
     n_far = visit_nearest(cells, load, cell, queries, min(COMPANY.n_usual, n_reference), measure)
     usual[rest] = usual_there
