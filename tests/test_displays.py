@@ -24,8 +24,9 @@ from matplotlib.colors import to_rgb  # noqa: E402
 
 
 @pytest.fixture(autouse=True)
-def _close_figures():
+def _close_figures(monkeypatch):
     yield
+    monkeypatch.undo()  # of a test that hides Matplotlib
     import matplotlib.pyplot as plt
 
     plt.close("all")
