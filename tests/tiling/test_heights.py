@@ -85,7 +85,7 @@ def in_memory(source, target, mode="mark", choice=None, detector=DETECTOR, **hei
     single = used.astype(np.float32)
     fitted = clone(detector).fit(single if np.array_equal(single, used) else used)
     low_groups = heights.get("low_groups", False)
-    classes, score = _verdict(cloud, points, fitted, low_groups)
+    classes, score, _ = _verdict(cloud, points, fitted, low_groups)
     made, noise = _denoised(cloud, classes, score, mode == "mark")
     write_points(target, made, noise=noise)
     return points, classes
