@@ -6,6 +6,8 @@ import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.io._classes import Choice
+from sklearn_mcmd.io._las import is_denoised, read_header
+from sklearn_mcmd.io._point_cloud import denoised_before
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff, sample_step
 from sklearn_mcmd.outliers._volumes import lost_volumes, words_of
@@ -46,6 +48,7 @@ from sklearn_mcmd.tiling._surfaces import (
 from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._tile import tile_files, write_whole
 from sklearn_mcmd.tiling._together import fit_together
+from sklearn_mcmd.tiling._warnings import warn_caller
 
 __all__ = ["Denoise", "check_detector", "cutoff_of", "judge_cells"]
 
@@ -93,6 +96,11 @@ class Denoise(Verb):
             clone(estimator).set_params(n_jobs=1), content_of(mode, choice, self.limits), choice,
             needs_ground=self.limits is not None,
         )  # fmt: skip
+
+    def look(self, catalog):
+        for path in catalog.paths:
+            if is_denoised(read_header(path)):
+                warn_caller(denoised_before(path))
 
     def prepare(self):
         self.cutoff = cutoff_of(self.estimator)

@@ -7,8 +7,6 @@ from typing import Literal
 from sklearn.base import BaseEstimator
 
 from sklearn_mcmd.edges import SharpFeatureDetector
-from sklearn_mcmd.io._las import is_denoised, read_header
-from sklearn_mcmd.io._point_cloud import denoised_before
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.segmentation import RegionGrowing
@@ -174,14 +172,8 @@ def process_files(
                 f"{idle!r}."
             )
     options = {name: given[name][0] for name in verb.options}
-    work = verb(estimator, **options)
-    catalog = source if isinstance(source, Catalog) else Catalog(source)
-    if verb is Denoise:
-        for path in catalog.paths:
-            if is_denoised(read_header(path)):
-                warn_caller(denoised_before(path))
     report = run_by_tiles(
-        work, catalog, target, memory=memory, n_jobs=n_jobs,
+        verb(estimator, **options), source, target, memory=memory, n_jobs=n_jobs,
         tile_size=tile_size, as_folder=as_folder, restart=restart,
     )  # fmt: skip
     if report.together:

@@ -147,6 +147,9 @@ class Verb(ABC):
         self.estimator, self.content, self.choice = estimator, content, choice
         self.needs_ground = needs_ground
 
+    def look(self, catalog):  # noqa: B027 - most have nothing to say
+        """Warn of what is known of the inputs before the work."""
+
     @abstractmethod
     def prepare(self):
         """Put compiled code on disk for all processes, and raise for parameters that are wrong.
@@ -191,6 +194,7 @@ def run_by_tiles(
     targets = targets_of(catalog, Path(target), as_folder)
     if not restart and (report := _finished_before(verb, catalog, target, targets)):
         return report
+    verb.look(catalog)
     work, n_features = verb.prepare()
     plan = plan_run(catalog.n_points, memory, n_jobs, n_features, tile_size, work=work)
     folder = _scattered(verb, catalog, target, plan, restart)

@@ -131,4 +131,4 @@ def _find_together(folder, cells, estimator, n_places):
 def _write_results(folder, cell, rows, values, n_proved):
     results = np.empty(len(rows), result_dtype(values.shape[1]))
     results["row"], results["values"] = rows, values
-    _write(folder.results, cell, results, TileReport(len(rows), 0, n_proved, 0, 0.0))
+    _write(folder.results, cell, results, TileReport(len(rows), n_proved, 0, 0.0))

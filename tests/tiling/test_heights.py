@@ -158,6 +158,7 @@ def test_verdicts_of_any_cloud_are_those_of_memory(
 @pytest.mark.parametrize("n_jobs", [1, 2])
 def test_the_ground_of_one_file_counts_for_the_points_of_another(n_jobs, tmp_path):
     cloud = site()
+    cloud.xyz[:] = np.round(cloud.xyz, 3)  # one step for all three files
     is_ground = cloud.attributes["classification"] == 2
     (tmp_path / "in").mkdir()
     write_points(tmp_path / "in" / "a.las", cloud.subset(is_ground))
