@@ -80,7 +80,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
 
     cutoff : float, default=None
         Robust distance beyond which a neighbor is removed. None means 2.5 for "mcmd_z" and 3.06
-        in 3D for "mcmd_md", see :ref:`cutoffs`.
+        in 3D for "mcmd_md", see :ref:`the defaults <cutoffs>`.
 
     reweight : bool, default=True
         Whether plane and scale are refitted twice before outliers are removed. None is removed if

@@ -98,8 +98,8 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
     cutoff : float, default=None
         Score beyond which a point is an outlier. It changes no score. None means 3; with
         ``strictness=None`` or ``n_neighbors=None`` 2.5 for "mcmd_z" and 3.06 in 3D for "mcmd_md",
-        see :ref:`cutoffs`. 10 asks for gross errors only: ten standard deviations off the
-        surfaces, and ten usual spacings from any company.
+        see :ref:`the defaults <cutoffs>`. 10 asks for gross errors only: ten standard deviations
+        off the surfaces, and ten usual spacings from any company.
 
     false_positive_rate : float in (0, 0.5), default=None
         Share of the points on surfaces that noise may flag, at least 1e-4 in 3D and 1e-3
