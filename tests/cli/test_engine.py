@@ -12,7 +12,7 @@ from tiled import street
 
 distributed = pytest.importorskip("distributed")
 
-LOCAL = {"host": "127.0.0.1", "dashboard_address": None}
+LOCAL = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
 
 
 @pytest.fixture

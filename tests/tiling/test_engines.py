@@ -16,7 +16,7 @@ from tiled import ESTIMATOR, in_memory
 
 distributed = pytest.importorskip("distributed")
 
-LOCAL = {"host": "127.0.0.1", "dashboard_address": None, "threads_per_worker": 1}
+LOCAL = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "threads_per_worker": 1}
 
 
 @pytest.fixture
