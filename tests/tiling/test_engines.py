@@ -16,6 +16,8 @@ from tiled import ESTIMATOR, in_memory
 
 distributed = pytest.importorskip("distributed")
 
+# A warning that is an error would be lost in a thread of dask, and the test would wait for it.
+pytestmark = pytest.mark.filterwarnings("default")
 LOCAL = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "threads_per_worker": 1}
 
 
