@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from sklearn_mcmd.cli._large import PARSED_SUFFIXES, is_several
-from sklearn_mcmd.io._point_cloud import COLORS, has_colors, joined, with_results
+from sklearn_mcmd.io._point_cloud import has_colors, joined, with_results
 from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = [
     "blank",
-    "color_columns",
     "coordinates",
     "files_of",
     "has_colors",
@@ -68,11 +67,6 @@ def naming(path):
 
 def blank(cloud):
     return np.zeros(len(cloud), dtype=np.float32)
-
-
-def color_columns(paint):
-    """The columns of colors (n, 3)."""
-    return dict(zip(COLORS, paint.T.copy(), strict=True))
 
 
 def files_of(source):

@@ -8,7 +8,6 @@ import typer
 from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._engine import Scheduler, engine
 from sklearn_mcmd.cli._files import (
-    color_columns,
     coordinates,
     has_colors,
     read,
@@ -260,10 +259,6 @@ def _contents(cloud, fitted):
 
 def _segmented(cloud, labels, colors):
     """The cloud to write."""
-    results = {"region": labels.astype(np.int32)}
-    if colors:
-        from sklearn_mcmd.plotting import region_colors
+    from sklearn_mcmd.plotting._still import region_columns
 
-        bits = np.rint(255 * region_colors(labels)).astype(np.uint8)
-        results |= color_columns(bits)
-    return with_results(cloud, results)
+    return with_results(cloud, region_columns(labels, colors))

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sklearn_mcmd._extras import import_extra
+from sklearn_mcmd.io._point_cloud import COLORS
 from sklearn_mcmd.plotting._views import VIEW, camera, draw_scale_bar, look
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ __all__ = [
     "plot_before_after",
     "plot_cloud",
     "region_colors",
+    "region_columns",
 ]
 
 OUTLIER_COLOR = (0.84, 0.10, 0.11)
@@ -251,6 +253,15 @@ def region_colors(labels: ArrayLike) -> NDArray[np.float64]:
     shade = np.clip(np.minimum(sector, 4.0 - sector), 0.0, 1.0)
     colors = value[:, None] * (1.0 - saturation[:, None] * shade)
     return np.where((number < 0)[:, None], 0.3, colors)
+
+
+def region_columns(labels, paints):
+    """The columns that tell of regions in a file: their numbers, and colors of 8 bits if wanted."""
+    columns = {"region": labels.astype(np.int32)}
+    if paints:
+        bits = np.rint(255 * region_colors(labels)).astype(np.uint8)
+        columns |= dict(zip(COLORS, bits.T.copy(), strict=True))
+    return columns
 
 
 def _distance_colors(depth):

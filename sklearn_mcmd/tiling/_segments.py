@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 from sklearn.base import clone
 
-from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._progress import progress_part
@@ -92,14 +92,10 @@ def _checked(estimator):
 
 def segmented(cloud, labels, colors=None):
     """The cloud with its regions, and colors of them if it has none of its own."""
-    results = {"region": labels.astype(np.int32)}
-    names = ("red", "green", "blue")
-    if cloud.attributes.keys().isdisjoint(names) if colors is None else colors:
-        from sklearn_mcmd.plotting import region_colors
+    from sklearn_mcmd.plotting._still import region_columns
 
-        bits = np.rint(255 * region_colors(labels)).astype(np.uint8)
-        results |= dict(zip(names, bits.T.copy(), strict=True))
-    return with_results(cloud, results)
+    paints = not has_colors(cloud) if colors is None else colors
+    return with_results(cloud, region_columns(labels, paints))
 
 
 def _segment(job, cells, columns, n_workers, memory):
