@@ -49,9 +49,10 @@ def warn_if_coarse(cloud):
     """Warn as estimators with neighborhoods do, for a verb whose estimator has none."""
     if coordinates(cloud).dtype == np.float32:
         from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-        from sklearn_mcmd.planes._resolution import warn_if_coarse as warn
+        from sklearn_mcmd.planes._resolution import coarse_warning
 
-        warn(NeighborIndex(cloud.xyz, USUAL_NEIGHBORS), stacklevel=2)
+        if coarse := coarse_warning(NeighborIndex(cloud.xyz, USUAL_NEIGHBORS)):
+            warnings.warn(coarse, stacklevel=2)
 
 
 @contextmanager

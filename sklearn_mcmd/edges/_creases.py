@@ -78,14 +78,27 @@ class CreaseModel:
 
     def fit(self, columns):
         """Find the creases of points with planes, the `Columns` of a transformer."""
-        points = columns.coordinates.astype(np.float64)
-        self.index = NeighborIndex(points, self.n_neighbors)
-        self.origin = middle(self.index.points.min(axis=0), self.index.points.max(axis=0))
-        self.points = self.index.points - self.origin
-        self.planes = columns.planes(self.index.rows)
-        self.planes.centroids[:] -= self.origin
+        index = NeighborIndex(columns.coordinates.astype(np.float64), self.n_neighbors)
+        self.distances = self.find(index, columns.planes(index.rows))[index.places]
+        return self
+
+    def find(self, index, planes, around=None):
+        """The `distances` of the points of an index.
+
+        Parameters
+        ----------
+        index : NeighborIndex, or what answers as one
+        planes : Planes
+            Of these points: centroids, normals and scale are known, and are changed.
+        around : Neighborhoods, default=None
+            Of these points, where they are known.
+        """
+        self.index, self.planes = index, planes
+        self.origin = middle(index.points.min(axis=0), index.points.max(axis=0))
+        self.points = np.subtract(index.points, self.origin, out=index.empty(index.points.shape))
+        planes.centroids[:] -= self.origin
         with progress_part(*SEARCHING):
-            around = self._search_own()
+            around = self._search_own() if around is None else around
         with progress_part(*MEASURING):
             self._in_chunks(around, self._measure_spacing)
         limit = flatness_limit(np.median(flatness_of(self.planes)))
@@ -95,11 +108,8 @@ class CreaseModel:
         with progress_part(*MEETING):
             distance, self.evidence = self._meet(self.points, self.faces, around)
         self.evidence[~(distance <= REACH)] = np.nan
-        # Copies of a point are as far as the one that stands for them.
         with progress_part(*JUDGING):
-            distance = self._judge(self.faces, distance, around)
-        self.distances = distance[self.index.places]
-        return self
+            return self._judge(self.faces, distance, around)
 
     def distance(self, queries):
         """Distances of queries (m, d) to the nearest crease, in spacings, `FAR` at most.
@@ -109,6 +119,10 @@ class CreaseModel:
         """
         with progress_part(*SEARCHING):
             around = self._search(queries)
+        return self.distance_by(queries, around)
+
+    def distance_by(self, queries, around):
+        """The same by the neighborhoods of the queries."""
         queries = queries - self.origin
         with progress_part(*GIVING):
             faces = self._give_planes(queries, around)
@@ -159,7 +173,8 @@ class CreaseModel:
 
     def _give_planes(self, queries, around):
         """Of the planes of its neighbors, the one that explains each query best."""
-        faces, usable = Faces.empty(*queries.shape), np.ones(len(self.points), dtype=bool)
+        faces = Faces.empty(*queries.shape, self.index.empty)
+        usable = np.ones(len(self.points), dtype=bool)
 
         def give(part, around):
             given = give_faces(queries[part], around, self.planes, self.flat, usable)
@@ -170,7 +185,7 @@ class CreaseModel:
 
     def _meet(self, queries, faces, around):
         """Distance to the nearest crease in spacings, and the evidence for it."""
-        distance, evidence = np.empty(len(queries)), np.empty(len(queries))
+        distance, evidence = (self.index.empty(len(queries)) for _ in range(2))
 
         def meet(part, around):
             distance[part], evidence[part] = meet_faces(

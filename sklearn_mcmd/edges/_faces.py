@@ -56,10 +56,10 @@ class Faces(NamedTuple):
     on_face: np.ndarray
 
     @classmethod
-    def empty(cls, m, d):
-        """A record to be filled."""
-        numbers, answers = (np.empty(m) for _ in range(4)), (np.empty(m, bool) for _ in range(2))
-        return cls(np.empty((m, d)), *numbers, *answers)
+    def empty(cls, m, d, make=np.empty):
+        """A record to be filled, of arrays that `make` makes."""
+        numbers, answers = (make(m) for _ in range(4)), (make(m, bool) for _ in range(2))
+        return cls(make((m, d)), *numbers, *answers)
 
     def take(self, rows):
         """The planes of some of the points."""

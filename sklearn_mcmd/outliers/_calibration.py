@@ -31,7 +31,7 @@ MATCHED, MATCHING_STEPS = 1_000, 4
 BATCH = 20_000  # points a batch of planes of their own
 
 
-def calibrated_cutoff(model, settings, rate, roughness=None):
+def calibrated_cutoff(model, settings, rate, rows=None):
     """Cutoff beyond which a stated share of a clean plane's points is flagged.
 
     Parameters
@@ -43,9 +43,8 @@ def calibrated_cutoff(model, settings, rate, roughness=None):
         Of `JudgedCloud`.
     rate : float
         Share of points.
-    roughness : float, default=None
-        Median ratio of scale to radius of planes all over the cloud, if it is known. Otherwise
-        `model` tells it, which is then that of the whole cloud.
+    rows : ndarray of int of shape (m,), default=None
+        Points whose planes tell that, every `sample_step`-th in the order of coordinates.
 
     Returns
     -------
@@ -66,7 +65,7 @@ def calibrated_cutoff(model, settings, rate, roughness=None):
     n_counted = int(np.clip(EXPECTED / rate, FEWEST[compiled], MOST[compiled]))
     if model.index.n_neighbors is None:
         return float(np.quantile(_one_plane(model, settings, n_counted), 1 - rate))
-    noise = _matching_noise(model, roughness)
+    noise = _matching_noise(model, rows)
     X, counted = _clean_plane(n_counted, model.index.n_neighbors, d, noise)
     if settings["noise_scale"] is not None:
         settings = {**settings, "noise_scale": noise}
@@ -112,7 +111,7 @@ def sample_step(n):
     return max(1, n // MATCHED)
 
 
-def _matching_noise(model, wanted):
+def _matching_noise(model, rows):
     """Noise of a clean plane, in spacings, whose planes are as rough for their size as the cloud's.
 
     Where noise reaches the size of the neighborhoods these turn from disks into balls, and
@@ -120,10 +119,10 @@ def _matching_noise(model, wanted):
     """
     n, d = model.index.points.shape
     k = model.index.n_neighbors
-    if wanted is None:
+    if rows is None:
         # Evenly along the first axis, so that neither the order of rows nor the unit matters.
-        order = np.lexsort(model.index.points.T[::-1])
-        wanted = _roughness(model, order[:: sample_step(n)])
+        rows = np.lexsort(model.index.points.T[::-1])[:: sample_step(n)]
+    wanted = _roughness(model, rows)
     noise = wanted * _radius(k, d)
     for _ in range(MATCHING_STEPS):
         noise = float(np.clip(noise, LEAST_NOISE, MOST_NOISE))

@@ -4,7 +4,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.outliers._company import Company, CompanyLimits, Places, mean_distance
+from sklearn_mcmd.outliers._company import (
+    Company,
+    CompanyLimits,
+    Places,
+    chosen_rows,
+    mean_distance,
+)
 from sklearn_mcmd.outliers._rays import DIFFERS, Emptiness, RayLimits, Rays, one_far_position
 from sklearn_mcmd.outliers._surfaces import (
     SurfaceLimits,
@@ -81,10 +87,28 @@ class JudgedCloud:
             on_surface = scores <= self.surface_limits.explained
             return Judgement(scores, np.arange(len(X)), on_surface)
         index = self.model.index
-        self.counts = _measurements(index, len(X))
-        with progress_part(0.0, FITTING, "planes"):
-            planes, *spacings = self._fit_planes()
-        with progress_part(FITTING, 1.0, "outliers"):
+        owners = self.judge(_measurements(index, len(X)), len(X))
+        first = index.places
+        owners = owners[first]
+        return Judgement(self.point_scores[first], index.rows[owners], self.explained[first])
+
+    def judge(self, counts, n_points, measured=None):
+        """Find `point_scores`, those of all points of the index; returns the rows that explain.
+
+        Parameters
+        ----------
+        counts : ndarray of int of shape (n,)
+            Measurements at each of these points.
+        n_points : int
+            Measurements at all of them.
+        measured : callable, default=None
+            Returns what `measure_planes` returns of all points, where it is known.
+        """
+        self.counts, index = counts, self.model.index
+        begin = FITTING if measured is None else 0.0
+        with progress_part(0.0, begin, "planes"):
+            planes, *spacings = self.measure_planes() if measured is None else measured()
+        with progress_part(begin, 1.0, "outliers"):
             with progress_part(0.0, 0.4):
                 if self.origins is not None:
                     self.rays = Rays(index.points, self.origins, self.ray_limits, self.n_jobs)
@@ -92,8 +116,8 @@ class JudgedCloud:
             if self.rays is not None:
                 # What is usual is what beams make of the surfaces around.
                 spacings[1] = np.maximum(spacings[1], beam_spacing)
-            _, least = least_of(index.n_neighbors, len(index.points), len(X))
-            places = Places.of(index.points, self.counts, self.explained, *spacings)
+            _, least = least_of(index.n_neighbors, len(index.points), n_points)
+            places = Places.of(index, counts, self.explained, *spacings)
             del planes, spacings
             with progress_part(0.4, 1.0):
                 self.company = Company(places, least, self.company_limits, self.n_jobs)
@@ -102,11 +126,9 @@ class JudgedCloud:
         if self.rays is not None:
             company.isolation, company.separation = apart = self._ask_rays(*apart, places.spacing)
             self.rays.release()
-        distances[rest] = self._joined(distances[rest], *apart, index.points[rest])
+        distances[rest] = self._joined(distances[rest], *apart, company.points)
         self.point_scores = distances
-        first = index.places
-        owners = owners[first]
-        return Judgement(self.point_scores[first], index.rows[owners], self.explained[first])
+        return owners
 
     def score(self, queries):
         """Scores of queries (m, d), each as if it alone were added to the cloud.
@@ -162,18 +184,20 @@ class JudgedCloud:
             distances = ratio(distances * planes.scale, self.noise_scale)
         return np.minimum(distances, np.finfo(float).max)
 
-    def _fit_planes(self):
-        """Planes of all points of the index, and both of their spacings."""
+    def measure_planes(self, own=slice(None)):
+        """Planes of a slice of the index's points, and both of their spacings."""
         index = self.model.index
-        n, d = index.points.shape
+        begin, end, _ = own.indices(len(index.points))
+        n, d = end - begin, index.points.shape[1]
         spacing = np.empty(n)
-        other_spacing = np.empty(n) if self.counts.max() > 1 else spacing
+        other_spacing = np.empty(n) if self.counts.strides[0] else spacing  # there are copies
         # The share of members that are kept counts where all points share one plane.
-        unused = (*UNUSED, "kept") if n > index.n_neighbors else UNUSED
+        unused = (*UNUSED, "kept") if len(index.points) > index.n_neighbors else UNUSED
         planes = Planes.empty(n, d).without(*unused)
 
         def task(rows):
-            part, around = index.points[rows], index.query_own(rows)
+            asked = slice(begin + rows.start, begin + rows.stop)
+            part, around = index.points[asked], index.query_own(asked)
             planes.put(rows, self.model.evaluate_neighborhoods(part, around)[0])
             spacing[rows], other_spacing[rows] = self._spacings(part, around.indices)
 
@@ -190,7 +214,7 @@ class JudgedCloud:
         points, n, k = index.points, len(index.points), index.n_neighbors
         limits, chunk = self.surface_limits, self.model.chunk()
         self.planes = self.measured(planes).without("kept")
-        owners, distances = np.arange(n, dtype=np.int32), np.empty(n)
+        owners, distances = np.arange(n, dtype=np.int32), index.empty(n)
 
         def measure(rows):
             part = points[rows]
@@ -211,7 +235,7 @@ class JudgedCloud:
                 index, planes, distances, self.ray_limits.sheet * least, limits, ~self.on_sheet,
             )  # fmt: skip
         others = np.flatnonzero(~self.explaining)
-        queries = points[others]
+        queries = chosen_rows(index, points, ~self.explaining)
         with progress_part(0.6, 1.0):
             found, distances[others] = distances_to_surfaces(
                 queries, lambda rows: index.query_own(others[rows]), self.planes,

@@ -9,23 +9,15 @@ from scipy.sparse.csgraph import connected_components
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._linking import connected
-from sklearn_mcmd.planes._nearest import NearestPoints
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = [
-    "HALF",
-    "LINKED",
     "Company",
     "CompanyLimits",
     "Places",
-    "are_pieces",
-    "isolation_of",
-    "lengths_of_pieces",
+    "chosen_rows",
     "mean_distance",
-    "mean_distance_to_rest",
-    "separation_of_groups",
-    "steps_between",
-    "usual_of",
 ]
 
 # Where no point is on a surface, what is usual is half of all points: the sparse quarter of them
@@ -33,6 +25,7 @@ __all__ = [
 HALF = 0.5
 # Each point of the rest is linked to at most so many others, as those of surfaces are.
 LINKED = SurfaceLimits().n_links
+AT_ONCE = 1_000_000  # rows that are copied
 # Length of an evenly filled line, in its standard deviations.
 LENGTH = np.sqrt(12.0)
 
@@ -70,7 +63,8 @@ class CompanyLimits(NamedTuple):
 class Places(NamedTuple):
     """The places of a cloud, which are its distinct points, and how close they lie.
 
-    points : ndarray of float64 of shape (n, d)
+    index : NeighborIndex, or what answers as one
+        Of n points.
     counts : ndarray of int of shape (n,)
         Measurements at each: a place that was measured often keeps company with itself.
     explained : ndarray of bool of shape (n,)
@@ -81,18 +75,18 @@ class Places(NamedTuple):
         The same of the others, to measurements at other places, which is never 0.
     """
 
-    points: np.ndarray
+    index: NeighborIndex
     counts: np.ndarray
     explained: np.ndarray
     spacing: np.ndarray
     usual_spacing: np.ndarray
 
     @classmethod
-    def of(cls, points, counts, explained, spacing, other_spacing):
+    def of(cls, index, counts, explained, spacing, other_spacing):
         """From both spacings of all points, which need not be kept."""
         if explained.any():
-            other_spacing = other_spacing[explained]
-        return cls(points, counts, explained, spacing[~explained], other_spacing)
+            other_spacing = chosen_rows(index, other_spacing, explained)
+        return cls(index, counts, explained, spacing[~explained], other_spacing)
 
 
 class Company:
@@ -125,19 +119,19 @@ class Company:
     """
 
     def __init__(self, places, least, limits, n_jobs):
-        points, explained = places.points, places.explained
+        index, explained = places.index, places.explained
         self.limits = limits
-        self.low, self.high = points.min(axis=0), points.max(axis=0)
-        self.reference = NearestPoints(points, explained if explained.any() else None)
+        self.low, self.high = index.points.min(axis=0), index.points.max(axis=0)
+        self.reference = index.among(explained if explained.any() else ~explained)
         self.reference_spacing = places.usual_spacing
         self.quantile = limits.usual if explained.any() else HALF
         self.rest = rest = np.flatnonzero(~explained)
-        self.points, self.counts = points[rest], places.counts[rest]
-        self.others = NearestPoints(self.points)
+        self.points, self.counts = chosen_rows(index, index.points, ~explained), places.counts[rest]
+        self.others = index.among(~explained)
         with progress_part(0.0, 0.2):
             self.usual = self._usual(self.points, n_jobs)
         with progress_part(0.2, 0.7):
-            among_rest, linked = self._neighbors(n_jobs)
+            among_rest, linked = self._neighbors(index, n_jobs)
         self.isolation = self._isolated(among_rest, places.spacing, self.usual)
         groups = connected(linked)[0]
         del linked
@@ -147,9 +141,10 @@ class Company:
         small = self._small(groups, least, explained)
         # What is real: the points on surfaces, and those of large groups.
         self.real = [self.reference] if explained.any() else []
-        large = ~small[groups]
+        large = np.zeros(len(explained), bool)
+        large[rest[~small[groups]]] = True
         if large.any():
-            self.real.append(NearestPoints(self.points, large))
+            self.real.append(index.among(large))
         with progress_part(0.7, 1.0):
             self.separation = self._separated(groups, small, n_jobs)
         for real in self.real:
@@ -196,11 +191,11 @@ class Company:
         self.reference.visit(queries, n_usual, measure, n_jobs)
         return usual
 
-    def _neighbors(self, n_jobs):
+    def _neighbors(self, index, n_jobs):
         """Mean distance of each of the rest to others of it, and those that are of its group."""
         m, n_links = len(self.points), max(LINKED, self.limits.n_near)
         own = np.arange(m, dtype=np.int32)  # as `connected` takes them
-        among_rest, linked = np.empty(m), np.empty((m, n_links), np.int32)
+        among_rest, linked = np.empty(m), index.empty((m, n_links), np.int32)
 
         def measure(rows, distances, near):
             queries = self.points[rows]
@@ -275,6 +270,16 @@ class Company:
         gaps = self._gaps(points, n_jobs)
         separation[rows] = separation_of_groups(points, group, self.usual[rows], gaps)[group]
         return separation
+
+
+def chosen_rows(index, values, chosen):
+    """Those of the values (n, ...) that are chosen, bool (n,), as an array of the index."""
+    rows = index.empty((np.count_nonzero(chosen), *values.shape[1:]), values.dtype)
+    end = 0
+    for first in range(0, len(values), AT_ONCE):  # so that no more is in memory
+        part = values[first : first + AT_ONCE][chosen[first : first + AT_ONCE]]
+        rows[end : end + len(part)], end = part, end + len(part)
+    return rows
 
 
 def usual_of(spacings, share):

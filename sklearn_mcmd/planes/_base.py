@@ -15,7 +15,7 @@ from sklearn_mcmd.planes._comparators import settle_comparator
 from sklearn_mcmd.planes._consistent_set import draw_trials, n_support_points, n_trials_needed
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel, PlaneSettings
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._resolution import coordinate_step, warn_if_coarse
+from sklearn_mcmd.planes._resolution import coarse_warning, coordinate_step
 from sklearn_mcmd.planes._rules import METHODS
 
 __all__ = ["BaseLocalPlanes", "BasePlaneOutliers"]
@@ -80,24 +80,34 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         if comparator is not None:
             self._fit_comparator(comparator, X, index)
             return X
+        self._model = self._make_model(
+            index, X.shape, np.finfo(X.dtype).eps, self._coordinate_step(X), cutoff
+        )
+        return X
+
+    def _make_model(self, index, shape, precision, step, cutoff=None):
+        """The planes of an index of points of this shape, by the parameters.
+
+        `precision` is the relative rounding error of the coordinates, `step` that of a lattice.
+        """
+        n, d = shape
         self.n_trials_ = self._settle_n_trials(d)
         rule = METHODS[self.method]
         trials = draw_trials(
             self.n_trials_ if rule.needs_consistent_set else 0,
-            index.n_neighbors or len(X),
+            index.n_neighbors or n,
             self.random_state,
             length=LONGEST_TRIAL if self.n_neighbors is None else None,
         )
         settings = PlaneSettings(
             self.method,
-            precision=np.finfo(X.dtype).eps,
-            step=self._coordinate_step(X),
+            precision=precision,
+            step=step,
             support_fraction=self.support_fraction,
             cutoff=rule.default_cutoff(d) if cutoff is None else float(cutoff),
             reweight=self.reweight,
         )
-        self._model = LocalPlaneModel(index, trials, settings)
-        return X
+        return LocalPlaneModel(index, trials, settings)
 
     def _coordinate_step(self, X):
         return coordinate_step(X) if self._step_of_cloud is None else self._step_of_cloud
@@ -149,8 +159,8 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
                 f"{index.n_distinct} of n_samples={n}: neighborhoods of all of them are used.",
                 stacklevel=7,
             )
-        if X.dtype == np.float32:
-            warn_if_coarse(index, stacklevel=8)
+        if X.dtype == np.float32 and (coarse := coarse_warning(index)):
+            warnings.warn(coarse, stacklevel=7)
         return X, index
 
     def _make_index(self, xyz, radius):

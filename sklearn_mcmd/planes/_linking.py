@@ -133,7 +133,7 @@ def row_linker(index, k, planes, limits, usable, n_jobs=None, farthest=None):
         farthest[rows] = farthest_neighbors(index.points, around, rows.start)
 
     if farthest is None:
-        farthest = np.empty(len(index.points) if own.both_near else 0)
+        farthest = index.empty(len(index.points)) if own.both_near else np.empty(0)
         if own.both_near:
             with progress_part(0.0, 0.4):
                 each_slice(len(farthest), index.chunk, measure_part, n_jobs)

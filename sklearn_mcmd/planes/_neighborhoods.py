@@ -3,6 +3,7 @@
 import numpy as np
 
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
+from sklearn_mcmd.planes._nearest import NearestPoints
 from sklearn_mcmd.planes._neighbor_table import NeighborTable, part_size
 from sklearn_mcmd.planes._record import Neighborhoods
 
@@ -155,6 +156,14 @@ class NeighborIndex:
         near = (distances <= self.radius) & (np.arange(k) < sizes[:, None])
         sizes = np.maximum(np.count_nonzero(near, axis=1), min(self.points.shape[1] + 1, k))
         return Neighborhoods(_padded(indices, sizes), sizes)
+
+    def among(self, chosen):
+        """The search of those of the points that are chosen, bool (m,): `NearestPoints`."""
+        return NearestPoints(self.points, chosen)
+
+    def empty(self, shape, dtype=np.float64):
+        """An array for what is found of many points."""
+        return np.empty(shape, dtype)
 
     def nearest(self, queries, n_workers=1):
         """Row of `points` nearest to each query; 0 with one neighborhood of all points."""

@@ -1,10 +1,8 @@
 """The step to which a file rounded its coordinates, found from the coordinates."""
 
-import warnings
-
 import numpy as np
 
-__all__ = ["CoarseCoordinatesWarning", "coordinate_step", "step_of_levels", "warn_if_coarse"]
+__all__ = ["CoarseCoordinatesWarning", "coarse_warning", "coordinate_step", "step_of_levels"]
 
 # A gap is a whole number of steps if it differs from one by this share of a step at most.
 TOLERANCE = 0.02
@@ -117,8 +115,8 @@ def _whole(multiples, error=0.0):
     return (np.abs(multiples - np.rint(multiples)) <= TOLERANCE + error) & (multiples > 0.5)
 
 
-def warn_if_coarse(index, stacklevel):
-    """Warn if the float32 coordinates behind this `NeighborIndex` are too coarse."""
+def coarse_warning(index):
+    """The warning that float32 coordinates behind this `NeighborIndex` are too coarse, or None."""
     points = index.points
     step = max(1, len(points) // 1000)
     sample = points[::step]
@@ -131,7 +129,8 @@ def warn_if_coarse(index, stacklevel):
     radius, largest = float(np.median(radius)), float(np.median(np.abs(sample).max(axis=1)))
     rounding = float(np.spacing(np.float32(largest)))
     if 0 < COARSE_ROUNDING * radius < rounding:
-        warnings.warn(CoarseCoordinatesWarning(largest, rounding, radius), stacklevel=stacklevel)
+        return CoarseCoordinatesWarning(largest, rounding, radius)
+    return None
 
 
 def _last(index, row):

@@ -7,7 +7,6 @@ import numpy as np
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.tiling._columns import Columns
-from sklearn_mcmd.tiling._creases import find_ordered_places
 from sklearn_mcmd.tiling._scales import (
     STEPS,
     ScaleJob,
@@ -18,6 +17,7 @@ from sklearn_mcmd.tiling._scales import (
     remove_steps,
 )
 from sklearn_mcmd.tiling._sized import SizedJob, normals_of_sized_tile
+from sklearn_mcmd.tiling._stored import find_places
 from sklearn_mcmd.tiling._tile import TileReport, _write, normal_columns, result_dtype
 from sklearn_mcmd.tiling._together import fit_together
 from sklearn_mcmd.tiling._work import compute_cells
@@ -46,7 +46,7 @@ def find_auto_normals(run, estimator):
         with progress_part(begin, end, "sizes of neighborhoods"):
             compute_cells(partial(work, job=job, **options), cells, rest, plan.n_workers)
 
-    sweep(0.0, 0.02, "places", find_ordered_places)
+    sweep(0.0, 0.02, "places", find_places)
     n_places = int(columns.total(n_cells, "places", "n_places"))
     if n_places < COMPILE_FROM:
         _find_together(folder, cells, estimator, constants, n_places)

@@ -1,16 +1,12 @@
 """The criteria of edges that are columns of the normals, cell by cell."""
 
 from functools import partial
-from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.edges._limits import column_of_criterion
-from sklearn_mcmd.normals import RobustNormalEstimator
-from sklearn_mcmd.tiling._constants import Constants
-from sklearn_mcmd.tiling._creases import EdgeJob, kept_places
+from sklearn_mcmd.tiling._creases import kept_places
 from sklearn_mcmd.tiling._outputs import SCORED
 from sklearn_mcmd.tiling._search import visit_nearest, within_reach
 from sklearn_mcmd.tiling._tile import (
@@ -21,26 +17,7 @@ from sklearn_mcmd.tiling._tile import (
     write_whole,
 )
 
-__all__ = ["ValueJob", "find_values", "value_column", "values_in_parts"]
-
-
-class ValueJob(NamedTuple):
-    """What the sweep over the cells of a cloud knows.
-
-    edges : EdgeJob
-    normals : RobustNormalEstimator
-    constants : Constants
-        Of the kept points.
-    """
-
-    edges: EdgeJob
-    normals: RobustNormalEstimator
-    constants: Constants
-
-    @property
-    def faces(self) -> Path:
-        """Folder of the values of kept points."""
-        return self.edges.faces
+__all__ = ["find_values", "value_column", "values_in_parts"]
 
 
 def value_column(fitted, criterion, dtype):
@@ -64,15 +41,15 @@ def values_in_parts(faces, cells, dtype):
 
 def find_values(cell, job):
     """Write the scores of all points of a cell, in the order of the inputs."""
-    records, removed = job.edges.removed(cell)
+    records, removed = job.removed(cell)
     scores = np.empty(len(records), SCORED)
     scores["row"] = records["row"]
     values = scores["values"][:, 0]
     if not removed.all():
-        values[~removed] = -_values(job.faces, cell, job.edges.dtype)
+        values[~removed] = -_values(job.faces, cell, job.constants.dtype)
     if removed.any():
         values[removed] = -_values_of_removed(cell, job, records["xyz"][removed])
-    write_whole(tile_files(job.edges.columns, cell)[0], scores)
+    write_whole(tile_files(job.columns, cell)[0], scores)
 
 
 def _values(faces, cell, dtype):
@@ -82,7 +59,7 @@ def _values(faces, cell, dtype):
 
 def _values_of_removed(cell, job, queries):
     """Values of new points, by all that they depend on among the points that were kept."""
-    (levels, k), (cells, columns) = job.normals._locality(), job.edges.open()
+    (levels, k), (cells, columns) = job.normals._locality(), job.open()
     load, asked = kept_places(cells, columns), queries
     for _ in range(levels + 1):  # members of neighborhoods, and theirs
         reach = np.empty(len(asked))
@@ -91,9 +68,7 @@ def _values_of_removed(cell, job, queries):
     fitted = clone(job.normals)
     fitted._tangents, fitted._step_of_cloud = job.normals._tangents, job.constants.step
     fitted.fit(_with_others(asked, cells, k).astype(job.constants.dtype, copy=False))
-    place = list(fitted.get_feature_names_out()).index(
-        column_of_criterion(job.edges.detector.criterion)
-    )
+    place = list(fitted.get_feature_names_out()).index(column_of_criterion(job.detector.criterion))
     found = fitted.transform(queries.astype(job.constants.dtype, copy=False))
     return np.asarray(found)[:, place].astype(np.float64)
 

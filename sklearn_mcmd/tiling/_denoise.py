@@ -11,12 +11,12 @@ from sklearn_mcmd.io._point_cloud import denoised_before
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff, sample_step
 from sklearn_mcmd.outliers._volumes import lost_volumes, words_of
-from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._progress import listen_to_progress, progress_part
+from sklearn_mcmd.planes._resolution import coarse_warning
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._heights import HeightLimits, Heights
-from sklearn_mcmd.tiling._joining import join_parts
+from sklearn_mcmd.tiling._judging import Job, find_planes
 from sklearn_mcmd.tiling._lowest import lowest_points
 from sklearn_mcmd.tiling._outputs import (
     SCORED,
@@ -27,58 +27,20 @@ from sklearn_mcmd.tiling._outputs import (
     write_denoised_outputs,
 )
 from sklearn_mcmd.tiling._ranks import evenly_along_x, exceeded_by
-from sklearn_mcmd.tiling._rest import (
-    find_groups,
-    find_isolation,
-    find_pieces,
-    find_scores,
-    find_things,
-)
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
-from sklearn_mcmd.tiling._surfaces import (
-    RADIUS,
-    SCALE,
-    Job,
-    find_explained,
-    find_links,
-    find_places,
-    find_planes,
-    fit_planes,
-)
+from sklearn_mcmd.tiling._stored import StoredIndex, find_places
 from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._tile import tile_files, write_whole
 from sklearn_mcmd.tiling._together import fit_together
 from sklearn_mcmd.tiling._warnings import warn_caller
+from sklearn_mcmd.tiling._whole import ALL
 
 __all__ = ["Denoise", "check_detector", "cutoff_of", "judge_cells"]
 
 WARM_UP = 3_000  # points that load or compile the code
 # The ends of the work on heights and on scores, as a share of the time, and then of each sweep.
 HEIGHTS, VERDICTS = 0.15, 0.99
-ENDS = {
-    "places": 0.02,
-    "planes": 0.7,
-    "links": 0.78,
-    "explained": 0.83,
-    "isolation": 0.95,
-    "groups": 0.97,
-    "pieces": 0.975,
-    "things": 0.98,
-    "scores": 1.0,
-}
-# What no sweep asks for when all are done that did.
-DONE_WITH = {
-    "explained": (
-        *("planes", "distances", "usable", "farthest", "surface_labels", "surface_sizes"),
-        *("surface_links", "surface_whole", "surface_others"),
-    ),
-    "isolation": ("spacing", "other_spacing"),
-    "groups": ("rest_reach",),
-    "things": (
-        *("group_labels", "group_sizes", "group_links", "group_whole", "group_others"),
-        "piece_length",
-    ),
-}
+ENDS = {"places": 0.02, "planes": 0.75}
 
 
 class Denoise(Verb):
@@ -205,48 +167,47 @@ def judge_cells(job, cells, columns, n_workers, cutoff):
     cutoff : float
         The score beyond which points are outliers.
     """
-    n_cells, sweeps = len(cells), Sweeps(columns, n_workers, ENDS, DONE_WITH)
-
-    def sweep(name, work, is_done=None, **known):
-        sweeps(name, work, cells, is_done, job=job, **known)
-
-    def joined(name, least):
-        if not columns.is_done("all", name):
-            columns.finish("all", name, largest=join_parts(columns, n_cells, name, least))
-
+    n_cells, sweep = len(cells), partial(Sweeps(columns, n_workers, ENDS), cells=cells, job=job)
     sweep("places", find_places)
-    job = job._replace(n_places=columns.total(n_cells, "places", "n_places"))
-    if job.n_places < max(COMPILE_FROM, job.detector.n_neighbors + 1):
-        return _judge_together(job, cells)
-    sweep("planes", find_planes)
+    whole = job.whole()
+    if len(whole) < max(COMPILE_FROM, job.detector.n_neighbors + 1):
+        return _judge_together(job, cells, len(whole))
+    if not all(has_scores(job.columns, cell) for cell in range(n_cells)):
+        whole.join("points", "counts")
+        whole.make(**job.stored_columns())
+        sweep("planes", find_planes)
+        with progress_part(ENDS["planes"], 1.0), whole.releasing():
+            _judge(job, cells, whole, n_workers)
     if job.detector.false_positive_rate is not None:
-        cutoff = _simulated_cutoff(job, columns, n_cells)
-    if not job.paper:
-        sweep("links", find_links)
-        joined("surface", 0.0)
-        sweep("explained", find_explained)
-        n_explained = columns.total(n_cells, "explained", "n_explained")
-        job = job._replace(n_explained=n_explained)
-        sweep("isolation", find_isolation)
-        if job.detector.strictness != "isolated":
-            sweep("groups", find_groups)
-            joined("group", job.least[1])
-            job = job._replace(largest=columns.report("all", "group")["largest"])
-            sweep("pieces", find_pieces)
-            sweep("things", find_things)
-            joined("thing", job.least[1])
-            job = job._replace(largest=columns.report("all", "thing")["largest"])
-    write, is_done = partial(_write, job.columns), partial(has_scores, job.columns)
-    sweep("scores", find_scores, is_done, target=write)
+        return columns.report(ALL, "cutoff")["cutoff"]
     if job.detector._share() is not None:
         parts = partial(scores_in_parts, job.columns, n_cells)
         return exceeded_by(parts, job.detector._share())
     return cutoff
 
 
-def _judge_together(job, cells):
+def _judge(job, cells, whole, n_threads):
+    """Write the scores of all cells, once the planes of all places are known."""
+    columns, index = whole.columns, StoredIndex(whole, cells)
+    judged = job.judged(index, n_threads)
+    if job.constants.dtype == "float32" and (coarse := coarse_warning(index)):
+        warn_caller(coarse)
+    if job.detector.false_positive_rate is not None and not columns.is_done(ALL, "cutoff"):
+        columns.finish(ALL, "cutoff", cutoff=_simulated_cutoff(job, judged.model, whole))
+    if job.paper:
+        scores = whole.open("distances")
+    else:
+        spacings = whole.open("spacing"), whole.open("other_spacing")
+        judged.judge(whole.open("counts"), job.n_points, lambda: (whole.planes(), *spacings))
+        scores = judged.point_scores
+    for cell in range(len(cells)):
+        own, rows = scores[whole.rows(cell)], cells.read(cell)["row"]
+        _write(job.columns, cell, rows, own[columns.read(cell, "place_of")])
+
+
+def _judge_together(job, cells, n_places):
     """Scores of a cloud of few places, which other code judges than tiles."""
-    words = f" at {job.n_places:,} places"
+    words = f" at {n_places:,} places"
     dtype, step = job.constants.dtype, job.constants.step
     detector, parts = fit_together(job.detector, cells, dtype, words, step)
     for cell, (rows, places) in enumerate(parts):
@@ -254,32 +215,14 @@ def _judge_together(job, cells):
     return -detector.offset_
 
 
-def _simulated_cutoff(job, columns, n_cells):
+def _simulated_cutoff(job, model, whole):
     """The cutoff of a false-positive rate, for planes as rough as those of the cloud."""
-    if columns.is_done("all", "cutoff"):
-        return columns.report("all", "cutoff")["cutoff"]
-    roughness = []
-    for cell, rows in evenly_along_x(
-        lambda cell: columns.read(cell, "points", mmap=True), n_cells, job.n_places,
-        sample_step(job.n_places),
-    ):  # fmt: skip
-        planes = columns.read(cell, "planes", mmap=True)[rows]
-        roughness.append(ratio(planes[:, SCALE], planes[:, RADIUS]))
-    points = np.random.default_rng(0).uniform(size=(WARM_UP, 3))
-    settings = {
-        "strictness": job.detector.strictness,
-        "noise_scale": job.detector.noise_scale,
-        "n_jobs": 1,
-    }
+    points, n = whole.open("points"), len(whole)
+    some = evenly_along_x(lambda cell: points[whole.rows(cell)], whole.n_cells, n, sample_step(n))
+    rows = np.concatenate([whole.rows(cell).start + rows for cell, rows in some])
     with listen_to_progress(None):
-        cutoff = calibrated_cutoff(
-            fit_planes(job._replace(constants=job.constants._replace(dtype="float64")), points),
-            settings,
-            job.detector.false_positive_rate,
-            roughness=float(np.median(np.concatenate(roughness))),
-        )
-    columns.finish("all", "cutoff", cutoff=cutoff)
-    return cutoff
+        settings = {**job.settings, "n_jobs": 1}
+        return calibrated_cutoff(model, settings, job.detector.false_positive_rate, rows)
 
 
 def _write(folder, cell, rows, scores):

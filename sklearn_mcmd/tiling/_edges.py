@@ -6,30 +6,21 @@ from functools import partial
 import numpy as np
 from sklearn.base import clone
 
-from sklearn_mcmd.edges._creases import middle
-from sklearn_mcmd.edges._faces import flatness_limit
 from sklearn_mcmd.edges._limits import least_of_edge
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.tiling._cells import BOXES, Cells
 from sklearn_mcmd.tiling._columns import Columns
-from sklearn_mcmd.tiling._creases import (
-    EdgeJob,
-    face_columns,
-    find_creases,
-    find_distances,
-    find_faces,
-    find_ordered_places,
-    find_spacing,
-)
-from sklearn_mcmd.tiling._criteria import ValueJob, find_values, value_column, values_in_parts
+from sklearn_mcmd.tiling._creases import STORED, EdgeJob, find_distances, find_kept_planes
+from sklearn_mcmd.tiling._criteria import find_values, value_column, values_in_parts
 from sklearn_mcmd.tiling._denoise import check_detector, cutoff_of, judge_cells
+from sklearn_mcmd.tiling._judging import Job
 from sklearn_mcmd.tiling._kept import close_kept, find_kept, kept_constants
 from sklearn_mcmd.tiling._normals import check_normals
 from sklearn_mcmd.tiling._outputs import SCORED, scores_in_parts, write_edge_outputs
 from sklearn_mcmd.tiling._ranks import median_of
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
-from sklearn_mcmd.tiling._surfaces import Job
+from sklearn_mcmd.tiling._stored import find_places
 from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._tile import normals_of_tile, tile_files, total_proved, write_whole
 from sklearn_mcmd.tiling._together import fit_together
@@ -42,14 +33,9 @@ ENDS = {
     "outliers": 0.45,
     "kept": 0.46,
     "places": 0.47,
-    "normals": 0.7,
-    "spacing": 0.75,
-    "faces": 0.8,
-    "creases": 0.95,
+    "normals": 0.8,
     "edges": 1.0,
 }
-# What no sweep asks for when all are done that did.
-DONE_WITH = {"spacing": ("first_rows",)}
 
 
 class Edges(Verb):
@@ -122,7 +108,7 @@ class _Steps:
             if step is not None:
                 step.set_params(n_jobs=1)
         self.cells, self.columns = run.cells, Columns(run.folder.results)
-        self.sweep = Sweeps(self.columns, run.plan.n_workers, ENDS, DONE_WITH)
+        self.sweep = Sweeps(self.columns, run.plan.n_workers, ENDS)
         self.scores, self.faces = run.folder.results / "outliers", run.folder.results / "faces"
         self.n_kept, self.n_proved, self.n_resumed = run.catalog.n_points, 0, 0
 
@@ -132,40 +118,50 @@ class _Steps:
         self.n_kept = int(kept.counts.sum())
         job = EdgeJob(
             self.folder.cells, kept.folder, self.folder.results, self.faces, self.estimator,
-            self.folder.constants.dtype,
+            self.normals, self._constants(kept),
         )  # fmt: skip
-        self.sweep("places", find_ordered_places, kept, job=job)
-        some = np.flatnonzero(kept.counts)
-        n_places = sum(self.columns.report(cell, "places")["n_places"] for cell in some)
+        self.sweep("places", find_places, kept, job=job)
+        whole = job.whole()
         k = max(self.estimator.n_neighbors, self.normals.n_neighbors)
-        if n_places < max(COMPILE_FROM, k + 1):
-            return self._judge_together(n_places)
-        crease = self.estimator.criterion == "crease"
-        columns_of = face_columns
-        if not crease:
-            columns_of = partial(value_column, criterion=self.estimator.criterion)
-        constants = self._find_normals(kept, columns_of)
-        if crease:
-            return self._find_creases(kept, some, job)
-        values = ValueJob(job, self.normals, constants)
-        self.sweep("edges", find_values, self.cells, self.folder.is_done, job=values)
-        parts = partial(values_in_parts, self.faces, some, constants.dtype)
-        return -least_of_edge(parts, self.estimator.threshold, self.estimator.n_std, median_of)
+        if len(whole) < max(COMPILE_FROM, k + 1):
+            return self._judge_together(len(whole))
+        if self.estimator.criterion == "crease":
+            return self._find_creases(kept, job, whole)
+        return self._find_values(kept, job)
 
-    def _find_creases(self, kept, some, job):
+    def _find_creases(self, kept, job, whole):
         """Distances to creases; returns the one within which points are edges'."""
-        low, high = kept.extent(some)
-        job = job._replace(origin=tuple(middle(low.min(axis=0), high.max(axis=0)).tolist()))
-        self.sweep("spacing", find_spacing, kept, job=job)
-        if not self.columns.is_done("all", "flatness"):
-            usual = median_of(lambda: (self.columns.read(cell, "flatness") for cell in some))
-            self.columns.finish("all", "flatness", usual=usual)
-        usual = self.columns.report("all", "flatness")["usual"]
-        job = job._replace(flatness=flatness_limit(usual))
-        self.sweep("faces", find_faces, kept, job=job)
-        self.sweep("creases", find_creases, kept, job=job)
-        self.sweep("edges", find_distances, self.cells, self.folder.is_done, job=job)
+        n_cells, k = len(kept), self.estimator.n_neighbors
+        self.n_resumed = sum(self.columns.is_done(cell, "normals") for cell in range(n_cells))
+        if not all(map(self.folder.is_done, range(n_cells))):
+            whole.join("points")
+            whole.make(near=(np.int32, (k,)), **STORED)
+            self.sweep("normals", find_kept_planes, kept, job=job)
+            with progress_part(ENDS["normals"], 1.0), whole.releasing():
+                find_distances(job, self.sweep.n_workers)
+        some = np.flatnonzero(kept.counts)
+        self.n_proved = sum(self.columns.report(c, "normals")["n_proved"] for c in some)
         return self.estimator._crease_width()
+
+    def _find_values(self, kept, job):
+        """Values of another criterion; returns the least of an edge, negative."""
+        self.faces.mkdir(exist_ok=True)
+        some = np.flatnonzero(kept.counts)
+
+        def is_done(cell):
+            return tile_files(self.faces, cell)[0].exists()
+
+        self.n_resumed = sum(map(is_done, some))
+        dtype = job.constants.dtype
+        self.sweep(
+            "normals", partial(normals_of_tile, kept.folder), kept, is_done,
+            estimator=self.normals, constants=job.constants, target=self.faces,
+            columns_of=partial(value_column, criterion=self.estimator.criterion, dtype=dtype),
+        )  # fmt: skip
+        self.n_proved = total_proved(self.faces, some)
+        self.sweep("edges", find_values, self.cells, self.folder.is_done, job=job)
+        parts = partial(values_in_parts, self.faces, some, dtype)
+        return -least_of_edge(parts, self.estimator.threshold, self.estimator.n_std, median_of)
 
     def _clean(self):
         """The cells of the points that the detector leaves."""
@@ -194,28 +190,11 @@ class _Steps:
         shutil.rmtree(self.scores, ignore_errors=True)
         return Cells(target)
 
-    def _find_normals(self, kept, columns_of):
-        """What is stored of the normals of the kept points; returns the constants of these."""
-        self.faces.mkdir(exist_ok=True)
+    def _constants(self, kept):
+        """The `Constants` of the kept points."""
         constants = self.folder.constants
-        if self.detector is not None:
-            constants = self._kept_constants(kept)
-        some = np.flatnonzero(kept.counts)
-
-        def is_done(cell):
-            return tile_files(self.faces, cell)[0].exists()
-
-        self.n_resumed = sum(map(is_done, some))
-        self.sweep(
-            "normals", partial(normals_of_tile, kept.folder), kept, is_done,
-            estimator=self.normals, constants=constants, target=self.faces,
-            columns_of=partial(columns_of, dtype=constants.dtype),
-        )  # fmt: skip
-        self.n_proved = total_proved(self.faces, some)
-        return constants
-
-    def _kept_constants(self, kept):
-        constants = self.folder.constants
+        if self.detector is None:
+            return constants
         if not self.columns.is_done("all", "kept constants"):
             found = kept_constants(kept, constants.dtype)
             self.columns.finish("all", "kept constants", step=found.step)

@@ -33,11 +33,13 @@ SHARE, UNKNOWN = 0.5, 4e9
 PROCESS, TILE_POINT, CLOUD_POINT, FEATURE = 330e6, 650, 450, 24
 # Bytes of temporary files for each point: of normals, and of what the detector finds; and what the
 # detector takes for each point of a tile. The same of edges, and of normals with "auto".
-TILE_STORED, JUDGED_STORED, JUDGED_POINT = 98, 200, 450
-EDGES_STORED, EDGES_POINT, EDGES_CLOUD = 330, 750, 1100
+TILE_STORED, JUDGED_STORED, JUDGED_POINT = 98, 400, 450
+EDGES_STORED, EDGES_POINT, EDGES_CLOUD = 400, 750, 1100
 AUTO_STORED, AUTO_POINT, AUTO_CLOUD = 170, 1300, 750
 # With heights over the ground: temporary files, and each point that lies below the ground.
-HEIGHTS_STORED, BELOW_POINT = 260, 750
+HEIGHTS_STORED, BELOW_POINT = 460, 750
+# Of outliers, once planes are known, each point of the cloud.
+JUDGED_CLOUD = 35
 # Of regions: temporary files; what the growing and joining of regions takes, for each point of the
 # cloud, and of so many points at once; and what a cloud takes in memory besides its records.
 GROWN_STORED, GROWN_POINT, JOINED_POINT, JOINED_AT_ONCE, GROWN_CLOUD = 420, 60, 150, 1_000_000, 720
@@ -55,6 +57,12 @@ COSTS = {
     "auto": (AUTO_POINT, AUTO_STORED, AUTO_CLOUD),
     "tree": (TREE_TILE, TREE_STORED, TREE_CLOUD),
     "regions": (TILE_POINT, GROWN_STORED, GROWN_CLOUD),
+}
+# What one process takes that works on all points at once, for each, and what it does.
+WHOLE = {
+    "regions": (GROWN_POINT, "joins the regions of"),
+    "tree": (TREE_POINT, "holds the tree of"),
+    **dict.fromkeys(("outliers", "heights", "edges"), (JUDGED_CLOUD, "judges")),
 }
 # Points read or written at once, and bytes for each while that is done.
 PART, PART_POINT = 250_000, 400
@@ -176,22 +184,19 @@ def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, wor
     bytes_a_point = point + FEATURE * n_features
     own = PROCESS + PART * PART_POINT  # of the process that reads and writes
     least, why = PROCESS + LEAST_TILE * bytes_a_point, ""
-    if work == "regions":
-        joining = GROWN_POINT * n_points + JOINED_POINT * min(n_points, JOINED_AT_ONCE)
-        own = max(own, PROCESS + joining)
+    if work in WHOLE:
+        whole_point, does = WHOLE[work]
+        at_once = JOINED_POINT * min(n_points, JOINED_AT_ONCE) if work == "regions" else 0
+        own = max(own, PROCESS + whole_point * n_points + at_once)
         if own > least:
-            why = f", because one process joins the regions of all {n_points:,} points"
-    if work == "tree":
-        own = max(own, PROCESS + TREE_POINT * n_points)
-        if own > least:
-            why = f", because one process holds the tree of all {n_points:,} points"
+            why = f", because one process {does} all {n_points:,} points"
     if memory < own or memory < least:
         given = f"{memory / 1e6:.0f}MB" if memory >= 1e6 else f"{memory:g} bytes"
         raise ValueError(
             f"memory={given} is too little: at least {max(own, least) / 1e6:.0f}MB is needed{why}."
         )
     n_jobs = n_workers = _n_jobs(n_jobs)
-    if work in ("regions", "tree"):  # other processes stay, while one works on the whole
+    if work in WHOLE:  # other processes stay, while one works on the whole
         n_workers = max(1, min(n_workers, int((memory - own) // max(PROCESS, 1))))
     if n_workers > 1:  # processes of their own
         n_workers = max(1, min(n_workers, int((memory - PROCESS) // least)))
@@ -213,7 +218,7 @@ def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, wor
     n_threads = max(1, n_jobs // n_workers) if shares else 1
     used = PROCESS * (n_workers + (n_workers > 1)) + n_workers * tile_size * bytes_a_point
     disk = n_points * (stored + 4 * n_features)
-    if work in ("regions", "tree") and n_workers > 1:
+    if work in WHOLE and n_workers > 1:
         own += PROCESS * n_workers
     return Plan(n_workers, n_threads, tile_size, n_tiles, max(own, used), disk)
 

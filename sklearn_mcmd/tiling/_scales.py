@@ -27,8 +27,7 @@ from sklearn_mcmd.planes._nearest import NearestPoints
 from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._columns import Columns
-from sklearn_mcmd.tiling._search import Found, visit_nearest, within_reach
-from sklearn_mcmd.tiling._surfaces import all_places
+from sklearn_mcmd.tiling._search import Found, all_places, visit_nearest, within_reach
 
 __all__ = [
     "STEPS",

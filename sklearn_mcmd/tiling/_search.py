@@ -11,7 +11,15 @@ from sklearn_mcmd.planes._certificate import SLACK, to_border
 from sklearn_mcmd.planes._indexed_cloud import ORDER_FROM, spatial_order
 from sklearn_mcmd.planes._nearest import NearestPoints
 
-__all__ = ["Found", "around_box", "as_near_as", "visit_far", "visit_nearest", "within_reach"]
+__all__ = [
+    "Found",
+    "all_places",
+    "around_box",
+    "as_near_as",
+    "visit_far",
+    "visit_nearest",
+    "within_reach",
+]
 
 LEAF = 32
 # Distances that are kept at once, what bounds the memory.
@@ -56,6 +64,16 @@ class Found:
         cells = [np.full(len(rows), cell) for cell, rows in self.parts]
         rows = [np.empty(0, np.intp), *(rows for _, rows in self.parts)]
         return np.concatenate([rows[0], *cells]), np.concatenate(rows)
+
+
+def all_places(columns):
+    """What loads the points of a cell, and their rows."""
+
+    def load(cell):
+        points = columns.read(cell, "points")
+        return points, np.arange(len(points))
+
+    return load
 
 
 def around_box(cells, load, cell, width, most):

@@ -18,11 +18,12 @@ from sklearn_mcmd.tiling._memory import bytes_to_join
 from sklearn_mcmd.tiling._normals import check_normals
 from sklearn_mcmd.tiling._outputs import LABELED, write_segmented_outputs
 from sklearn_mcmd.tiling._run import Verb, warm_up
+from sklearn_mcmd.tiling._stored import StoredIndex
 from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._tile import tile_files, write_whole
 from sklearn_mcmd.tiling._together import fit_together
 from sklearn_mcmd.tiling._warnings import warn_caller
-from sklearn_mcmd.tiling._whole import ALL, StoredIndex, WholeColumns
+from sklearn_mcmd.tiling._whole import ALL, WholeColumns
 
 __all__ = ["Segments"]
 
@@ -123,7 +124,7 @@ def _segment(job, cells, columns, n_workers, memory):
     whole.remove("links", "limit", "usable", "variation")
     labels = columns.read(ALL, "grown")
     _warn_if_much(labels, job.growing.n_neighbors, memory)
-    with progress_part(ENDS["growth"], ENDS["steps"]):
+    with progress_part(ENDS["growth"], ENDS["steps"]), whole.releasing():
         labels = finish_regions(
             labels, StoredIndex(whole), whole.planes(changing=True), whole.open("floor"),
             whole.open("copies"), job.growing, n_workers * job.n_threads,

@@ -18,8 +18,7 @@ from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._constants import Constants
 from sklearn_mcmd.tiling._mending import NOT_SEARCHED, WiderCloud, mended
-from sklearn_mcmd.tiling._search import around_box, as_near_as
-from sklearn_mcmd.tiling._surfaces import all_places
+from sklearn_mcmd.tiling._search import all_places, around_box, as_near_as
 from sklearn_mcmd.tiling._tile import (
     HALO,
     MENDED,

@@ -14,7 +14,7 @@ from sklearn_mcmd.planes._orientation import signs_along, spanning_forest
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._constants import Constants
-from sklearn_mcmd.tiling._links import nearest_rows, places_of_cell
+from sklearn_mcmd.tiling._stored import nearest_rows, places_of_cell
 from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._tile import (
     TileReport,

@@ -1,18 +1,19 @@
-"""Columns of all places of a cloud, cell after cell in one file each, and an index over them."""
+"""Columns of all places of a cloud, cell after cell in one file each."""
 
 import mmap
 import os
 import secrets
 import shutil
+from contextlib import contextmanager
+from threading import Event, Thread
 
 import numpy as np
 
-from sklearn_mcmd.planes._record import Neighborhoods, Planes
+from sklearn_mcmd.planes._record import Planes
 
-__all__ = ["StoredIndex", "WholeColumns"]
+__all__ = ["ALL", "WholeColumns"]
 
-CHUNK = 4096  # rows that are asked for at once
-RELEASED = 1_000_000  # rows that are asked for until the memory is freed
+SECONDS = 0.2  # after which what was read is freed
 ALL = "all"  # in the place of a cell's number
 
 
@@ -26,11 +27,16 @@ class WholeColumns:
     ----------
     columns : Columns
     n_cells : int
+    sweep : str, default="planes"
+        The sweep that reported how many places each cell has.
     """
 
-    def __init__(self, columns, n_cells):
+    def __init__(self, columns, n_cells, sweep="planes"):
         self.columns, self.n_cells = columns, n_cells
-        sizes = [columns.report(cell, "planes")["n_places"] for cell in range(n_cells)]
+        sizes = [
+            columns.report(cell, sweep)["n_places"] if columns.is_done(cell, sweep) else 0
+            for cell in range(n_cells)
+        ]
         self.starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
         self._open = []
 
@@ -49,6 +55,21 @@ class WholeColumns:
                 self.columns.finish(ALL, name)
             self.columns.remove(self.n_cells, name)
 
+    def make(self, **columns):
+        """Make files for columns that `put` fills, by their names and (dtype, shape of a row)."""
+        for name, (dtype, shape) in columns.items():
+            if not self.columns.is_done(ALL, name):
+                shape = len(self), *shape
+                np.lib.format.open_memmap(self._path(name), "w+", dtype, shape).flush()
+                self.columns.finish(ALL, name)
+
+    def put(self, cell, **arrays):
+        """Fill what a cell has of columns."""
+        for name, values in arrays.items():
+            stored = np.load(self._path(name), mmap_mode="r+")
+            stored[self.rows(cell)] = values
+            stored.flush()
+
     def open(self, name, changing=False):
         """The array of a column, as a file that is mapped into memory.
 
@@ -62,12 +83,37 @@ class WholeColumns:
         self._open.append(stored)
         return np.asarray(stored)
 
-    def release(self):
-        """Free the memory of what was read or written of open arrays; it is read again if need be.
+    def scratch(self, shape, dtype):
+        """An array on disk for the work on what is open."""
+        if 0 in np.atleast_1d(shape):
+            return np.empty(shape, dtype)
+        path = self._path(f"scratch.{secrets.token_hex(4)}")
+        self._open.append(np.lib.format.open_memmap(path, "w+", dtype, np.atleast_1d(shape)))
+        return np.asarray(self._open[-1])
+
+    @contextmanager
+    def releasing(self):
+        """Free what was read of open arrays, time and again, while the work goes on.
 
         Without this the system does so when others need the memory.
         """
-        for stored in self._open:
+        done = Event()
+
+        def release():
+            while not done.wait(SECONDS):
+                self.release()
+
+        thread = Thread(target=release, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            done.set()
+            thread.join()
+
+    def release(self):
+        """Free the memory of what was read or written of open arrays."""
+        for stored in list(self._open):
             if hasattr(mmap, "MADV_DONTNEED"):  # not on Windows; files keep what was written
                 stored._mmap.madvise(mmap.MADV_DONTNEED)
 
@@ -99,7 +145,8 @@ class WholeColumns:
         return self.columns.folder / f"{ALL}.{name}.npy"
 
     def _join(self, name):
-        first = self.columns.read(0, name, mmap=True)
+        some = np.flatnonzero(np.diff(self.starts))
+        first = self.columns.read(some[0], name, mmap=True)
         header = {
             "descr": np.lib.format.dtype_to_descr(first.dtype),
             "fortran_order": False,
@@ -110,39 +157,8 @@ class WholeColumns:
         try:
             with open(temporary, "wb") as file:
                 np.lib.format.write_array_header_1_0(file, header)
-                for cell in range(self.n_cells):
+                for cell in some:
                     file.write(np.ascontiguousarray(self.columns.read(cell, name)).data)
             os.replace(temporary, path)
         finally:
             temporary.unlink(missing_ok=True)
-
-
-class StoredIndex:
-    """A `NeighborIndex` of all places, whose neighbors were searched for and stored.
-
-    Parameters
-    ----------
-    whole : WholeColumns
-        With the columns points and near.
-    """
-
-    chunk = CHUNK
-
-    def __init__(self, whole):
-        self._whole, self.points = whole, whole.open("points")
-        self.n_neighbors = whole.open("near").shape[1]
-        self._n_asked = 0
-
-    def query_own(self, rows, k=None, keep=True):
-        """As of `NeighborIndex`."""
-        k = self.n_neighbors if k is None else k
-        near = np.ascontiguousarray(self._near(rows, k))
-        return Neighborhoods(near, np.full(len(near), k))
-
-    def _near(self, rows, k):
-        near = self._whole.rows_of("near", rows)[:, :k]
-        self._n_asked += len(near)
-        if self._n_asked > RELEASED:  # who asks for neighbors reads points and planes as well
-            self._n_asked = 0
-            self._whole.release()
-        return near

@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd.outliers._company import Company, CompanyLimits, Places, mean_distance
 from sklearn_mcmd.planes import _nearest
+from sklearn_mcmd.planes._nearest import NearestPoints
 
 # The mean distance to the 8 nearest on a square lattice of spacing 1.
 LATTICE = (4 + 4 * np.sqrt(2)) / 8
@@ -25,12 +26,19 @@ def spacing_of(points, counts, others_only=False):
     return np.array(spacing)
 
 
+def index_of(points):
+    def among(chosen):
+        return NearestPoints(points, chosen)
+
+    return SimpleNamespace(points=points, among=among, empty=np.empty)
+
+
 def company(points, n_explained, least=100, counts=None, n_jobs=None):
     """The first of the points are on a surface; values are those of all points, 0 for these."""
     counts = np.ones(len(points), dtype=int) if counts is None else counts
     explained = np.arange(len(points)) < n_explained
     spacings = (spacing_of(points, counts, others_only=only) for only in (False, True))
-    places = Places.of(points, counts, explained, *spacings)
+    places = Places.of(index_of(points), counts, explained, *spacings)
     found = Company(places, least, CompanyLimits(), n_jobs)
     assert_array_equal(found.rest, np.flatnonzero(~explained))
     isolation, separation = np.zeros(len(points)), np.zeros(len(points))
@@ -235,7 +243,7 @@ def test_a_new_point_is_measured_where_all_points_are_on_surfaces():
 def test_a_point_away_from_a_cloud_of_one_place_stands_off_without_bounds():
     X = np.zeros((4, 3))
     counts, explained = np.ones(4, dtype=int), np.ones(4, dtype=bool)
-    places = Places.of(X, counts, explained, np.zeros(4), np.zeros(4))
+    places = Places.of(index_of(X), counts, explained, np.zeros(4), np.zeros(4))
     fitted = Company(places, 2, CompanyLimits(), None)
     isolation, separation, _ = fitted.measure(np.array([[5.0, 0, 0]]), np.array([5.0]))
     assert isolation > 1e300

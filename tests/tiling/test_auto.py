@@ -165,7 +165,7 @@ process_files(source, target, RobustNormalEstimator("auto", random_state=0), til
         ("normals_of_sized_tile", 2),
         *(
             pytest.param(place, 0, marks=pytest.mark.slow)
-            for place in ("find_ordered_places", "find_errors", "fill_wanted", "find_sizes")
+            for place in ("find_places", "find_errors", "fill_wanted", "find_sizes")
         ),
     ],
 )

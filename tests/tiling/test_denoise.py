@@ -15,7 +15,7 @@ from sklearn_mcmd.datasets import make_airborne_scan, make_lidar_turn, make_stre
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.io._classes import noise_classes
 from sklearn_mcmd.io._point_cloud import without_outliers
-from sklearn_mcmd.tiling import TilingError, _denoise, _surfaces, _together, process_files
+from sklearn_mcmd.tiling import TilingError, _denoise, _together, process_files
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._outputs import SCORED, Results
 from tiled import divide, street
@@ -92,8 +92,7 @@ def by_tiles(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("scene", SCENES)
-def test_scores_are_those_of_memory_wherever_tiles_begin(scene, by_tiles, tmp_path, monkeypatch):
-    monkeypatch.setattr(_surfaces, "SMALL", 200)  # narrow halos
+def test_scores_are_those_of_memory_wherever_tiles_begin(scene, by_tiles, tmp_path):
     path, cloud = written(tmp_path, SCENES[scene]())
     expected = in_memory(cloud, DETECTOR)
     for tile_size, cut in ((500, 0.3), (10_000, 0.5) if scene in ONE_TILE else (1_500, 0.7)):
@@ -319,14 +318,10 @@ process_files(source, target, detector, tile_size=1_500, mode="mark")
     ("place", "n_resumed"),
     [
         ("find_planes", 2),
-        ("find_isolation", 4),
+        ("_write", 4),
         *(
             pytest.param(place, n, marks=pytest.mark.slow)
-            for place, n in (
-                *[("find_places", 0), ("find_links", 4), ("find_explained", 4)],
-                *[("find_groups", 4), ("find_pieces", 4), ("find_things", 4)],
-                *[("find_scores", 4), ("writing", 4)],
-            )
+            for place, n in (("find_places", 0), ("writing", 4))
         ),
     ],
 )
@@ -351,23 +346,23 @@ def test_a_run_that_was_killed_goes_on(place, n_resumed, by_tiles, tmp_path, mon
 
 def test_a_tile_that_fails_has_its_line_and_does_not_end_the_others(tmp_path, monkeypatch):
     path, _ = written(tmp_path, street_with_tree(4_000))
-    work = _denoise.find_explained
+    work = _denoise.find_planes
 
     def fail(cell, job):
         if cell == 1:
             raise MemoryError("too much\nof it")
         return work(cell, job)
 
-    monkeypatch.setattr(_denoise, "find_explained", fail)
+    monkeypatch.setattr(_denoise, "find_planes", fail)
     with (
         pytest.warns(UserWarning, match="tile 1 failed .*MemoryError: too much of") as caught,
         pytest.raises(TilingError, match=r"1 of 4 tiles failed; .*b\.las\.tiles, and"),
     ):
         process_files(path, tmp_path / "b.las", DETECTOR, tile_size=1_500)
     assert [warning.filename for warning in caught] == [__file__]
-    monkeypatch.setattr(_denoise, "find_explained", work)
+    monkeypatch.setattr(_denoise, "find_planes", work)
     report = process_files(path, tmp_path / "b.las", DETECTOR, tile_size=1_500)
-    assert report.n_resumed == 4
+    assert report.n_resumed == 3
 
 
 @pytest.mark.parametrize(

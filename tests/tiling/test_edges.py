@@ -269,13 +269,11 @@ process_files(source, target, detector, tile_size=1_500)
     ("place", "n_resumed"),
     [
         ("find_kept", 0),
-        ("find_creases", 4),
+        ("find_kept_planes", 2),
         *(
             pytest.param(place, n, marks=pytest.mark.slow)
             for place, n in (
-                *[("find_planes", 0), ("close_kept", 0), ("find_ordered_places", 0)],
-                *[("normals_of_tile", 2), ("find_spacing", 4), ("find_faces", 4)],
-                *[("find_distances", 4), ("writing", 4)],
+                *[("find_planes", 0), ("close_kept", 0), ("find_places", 0), ("writing", 4)],
             )
         ),
     ],

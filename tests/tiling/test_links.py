@@ -15,7 +15,8 @@ from sklearn_mcmd.tiling._cells import CellWriter
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._constants import Constants
 from sklearn_mcmd.tiling._links import GrowthJob, find_links, find_neighbors, find_planes
-from sklearn_mcmd.tiling._whole import StoredIndex, WholeColumns
+from sklearn_mcmd.tiling._stored import StoredIndex
+from sklearn_mcmd.tiling._whole import WholeColumns
 
 K = 20
 

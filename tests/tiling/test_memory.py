@@ -50,7 +50,6 @@ def test_each_process_has_work():
 def test_threads_share_a_large_tile_where_each_process_would_have_a_small_one():
     plan = plan_run(10**9, 2e9, 2)
     assert (plan.n_workers, plan.n_threads) == (1, 2)
-    assert plan.tile_size > 1.5 * plan_run(10**9, 2e9, 2, work="outliers").tile_size
     plan = plan_run(10**9, 8e9, 2)
     assert (plan.n_workers, plan.n_threads) == (2, 1)
 
@@ -67,6 +66,12 @@ def test_regions_of_many_points_need_memory_however_small_tiles_are():
     assert plan.n_workers == 2
     assert plan.memory <= 8e9
     assert plan_run(10**8, 6.9e9, 2, work="regions").n_workers == 1
+
+
+def test_a_hundred_million_points_are_judged_within_4_gib():
+    assert plan_run(10**8, 4 * 2**30, 2, work="outliers").memory <= 4 * 2**30
+    with pytest.raises(ValueError, match=r"one process judges all 100,000,000 points"):
+        plan_run(10**8, 3e9, 2, work="outliers")
 
 
 def test_too_little_memory_is_refused_with_what_is_needed():

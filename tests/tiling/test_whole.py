@@ -1,5 +1,7 @@
 """Columns of all places in one file each, and neighbors that are read from there."""
 
+from threading import Event
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -7,7 +9,8 @@ from numpy.testing import assert_array_equal
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.tiling import _whole
 from sklearn_mcmd.tiling._columns import Columns
-from sklearn_mcmd.tiling._whole import ALL, StoredIndex, WholeColumns
+from sklearn_mcmd.tiling._stored import StoredIndex
+from sklearn_mcmd.tiling._whole import ALL, WholeColumns
 
 SIZES = [700, 1, 1_299]
 
@@ -56,8 +59,7 @@ def test_a_join_that_was_ended_is_done_again(whole, index, monkeypatch):
     assert not any(name.endswith(".part") for name in names)
 
 
-def test_neighbors_are_those_of_the_index(whole, index, monkeypatch):
-    monkeypatch.setattr(_whole, "RELEASED", 50)
+def test_neighbors_are_those_of_the_index(whole, index):
     whole.join("points", "near")
     stored = StoredIndex(whole)
     assert stored.n_neighbors == 12
@@ -77,6 +79,14 @@ def test_only_a_copy_is_changed_and_outlives_the_release_of_memory(whole):
     assert changing[5] == 7.0
     assert not whole.open("scale").any()
     assert not whole.open("scale", changing=True).any()
+
+
+def test_what_is_read_is_freed_while_the_work_goes_on(whole, monkeypatch):
+    freed = Event()
+    monkeypatch.setattr(_whole, "SECONDS", 0.001)
+    monkeypatch.setattr(whole, "release", freed.set)
+    with whole.releasing():
+        assert freed.wait(30)
 
 
 def test_what_is_removed_is_gone(whole):

@@ -1,0 +1,102 @@
+"""The places of a cloud, their neighbors and planes, cell by cell, as the detector takes them."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from sklearn.base import clone
+
+from sklearn_mcmd.outliers import MCMDOutlierDetector
+from sklearn_mcmd.outliers._cloud import JudgedCloud
+from sklearn_mcmd.tiling._cells import Cells
+from sklearn_mcmd.tiling._columns import Columns
+from sklearn_mcmd.tiling._constants import Constants
+from sklearn_mcmd.tiling._stored import (
+    OwnNeighbors,
+    chunks_of,
+    nearest_rows,
+)
+from sklearn_mcmd.tiling._whole import WholeColumns
+
+__all__ = ["Job", "find_planes"]
+
+
+class Job(NamedTuple):
+    """What all sweeps over the cells of a cloud know.
+
+    cells, columns : Path
+        Folders of `Cells` and `Columns`.
+    detector : MCMDOutlierDetector
+    constants : Constants
+    n_points : int
+        Of the whole cloud.
+    """
+
+    cells: Path
+    columns: Path
+    detector: MCMDOutlierDetector
+    constants: Constants
+    n_points: int = 0
+
+    def open(self):
+        """The cells, and the columns of their places."""
+        return Cells(self.cells), Columns(self.columns)
+
+    def whole(self):
+        """The columns of all places, once these are known."""
+        cells, columns = self.open()
+        return WholeColumns(columns, len(cells), "places")
+
+    @property
+    def paper(self):
+        """Whether each point is judged by its own plane alone."""
+        return self.detector.strictness is None
+
+    @property
+    def settings(self):
+        """Those of `JudgedCloud`."""
+        return {name: getattr(self.detector, name) for name in ("strictness", "noise_scale")}
+
+    def judged(self, index, n_jobs=1):
+        """The places of an index, to be judged by the detector."""
+        constants, detector = self.constants, clone(self.detector)
+        precision = np.finfo(constants.dtype).eps
+        model = detector._make_model(index, index.points.shape, precision, constants.step)
+        return JudgedCloud(model, **self.settings, n_jobs=n_jobs)
+
+    def stored_columns(self):
+        """What `find_planes` fills: names, dtypes and shapes of a row."""
+        number = np.float64, ()
+        columns = {"near": (np.int32, (self.detector.n_neighbors,))}
+        if self.paper:
+            return {**columns, "distances": number}
+        planes = dict.fromkeys(("centroids", "normals"), (np.float64, (3,)))
+        others = ("scale", "radius", "spacing", "other_spacing")
+        return {**columns, **planes, **dict.fromkeys(others, number)}
+
+
+def find_planes(cell, job):
+    """Fill the columns of a cell that `Job.stored_columns` names."""
+    (cells, columns), whole = job.open(), job.whole()
+    own, counts = whole.rows(cell), whole.open("counts")
+    near, _ = nearest_rows(cells, whole, cell, job.detector.n_neighbors)
+    index = OwnNeighbors(whole.open("points"), near, own.start)
+    judged = job.judged(index)
+    if job.paper:
+        distances = [_paper_scores(judged, rows) for rows in chunks_of(own)]
+        whole.put(cell, near=near, distances=np.concatenate(distances))
+    else:
+        judged.counts = counts
+        planes, spacing, other_spacing = judged.measure_planes(own)
+        whole.put(
+            cell, near=near, centroids=planes.centroids, normals=planes.normals,
+            scale=planes.scale, radius=planes.radius, spacing=spacing, other_spacing=other_spacing,
+        )  # fmt: skip
+    inside = ((near >= own.start) & (near < own.stop)).all(axis=1)
+    columns.finish(cell, "planes", n_proved=int(counts[own][inside].sum()))
+
+
+def _paper_scores(judged, rows):
+    index = judged.model.index
+    around = index.query_own(rows)
+    return judged.paper_scores(*judged.model.evaluate_neighborhoods(index.points[rows], around))
