@@ -60,15 +60,13 @@ class WholeColumns:
         for name, (dtype, shape) in columns.items():
             if not self.columns.is_done(ALL, name):
                 shape = len(self), *shape
-                np.lib.format.open_memmap(self._path(name), "w+", dtype, shape).flush()
+                np.lib.format.open_memmap(self._path(name), "w+", dtype, shape)
                 self.columns.finish(ALL, name)
 
     def put(self, cell, **arrays):
         """Fill what a cell has of columns."""
         for name, values in arrays.items():
-            stored = np.load(self._path(name), mmap_mode="r+")
-            stored[self.rows(cell)] = values
-            stored.flush()
+            np.load(self._path(name), mmap_mode="r+")[self.rows(cell)] = values
 
     def open(self, name, changing=False):
         """The array of a column, as a file that is mapped into memory.

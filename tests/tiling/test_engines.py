@@ -14,7 +14,7 @@ from sklearn_mcmd.tiling import TilingError, _normals, process_files
 from sklearn_mcmd.tiling._memory import plan_run, usual_memory
 from tiled import ESTIMATOR, in_memory
 
-distributed = pytest.importorskip("distributed")
+dask, distributed = (pytest.importorskip(name) for name in ("dask", "distributed"))
 
 # A warning that is an error would be lost in a thread of dask, and the test would wait for it.
 pytestmark = pytest.mark.filterwarnings("default")
@@ -23,9 +23,14 @@ LOCAL = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "threads_per_w
 
 @pytest.fixture
 def client():
-    """Of a cluster of two workers in this process."""
+    """Of a cluster of two workers in this process.
+
+    They are not paused when the memory of this process, with what earlier tests left in it,
+    reaches their limit: they would wait for ever.
+    """
     params = {"n_workers": 2, "processes": False, "protocol": "tcp", "memory_limit": "1.5GB"}
     with (
+        dask.config.set({"distributed.worker.memory.pause": False}),
         distributed.LocalCluster(**params, **LOCAL) as cluster,
         distributed.Client(cluster) as client,
     ):
