@@ -93,7 +93,7 @@ def test_threads_give_the_same_to_the_last_bit_every_time(monkeypatch, parameter
     estimator = RobustNormalEstimator(20, features=features, random_state=0, **parameters)
     expected = estimator.fit_transform(X)
     estimator.set_params(n_jobs=8)
-    for _ in range(5 if parameters else 20):
+    for _ in range(2 if parameters else 10):
         assert_array_equal(estimator.fit_transform(X), expected)
 
 

@@ -95,7 +95,7 @@ def by_tiles(monkeypatch, tmp_path):
 def test_scores_are_those_of_memory_wherever_tiles_begin(scene, by_tiles, tmp_path):
     path, cloud = written(tmp_path, SCENES[scene]())
     expected = in_memory(cloud, DETECTOR)
-    for tile_size, cut in ((500, 0.3), (10_000, 0.5) if scene in ONE_TILE else (1_500, 0.7)):
+    for tile_size, cut in ((500, 0.3), *[(10_000, 0.5)] * (scene in ONE_TILE)):
         scores, report = by_tiles(path, DETECTOR, tile_size=tile_size, cut=cut)
         assert_array_equal(scores, -expected.scores_)
         assert report.n_outliers == (expected.scores_ < expected.offset_).sum()

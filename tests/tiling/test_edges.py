@@ -114,16 +114,12 @@ def test_scores_are_those_of_memory_wherever_tiles_begin(scene, by_tiles, tmp_pa
 
 
 PARAMETERS = {
-    "narrow": {"n_neighbors": 6, "min_angle": 45.0, "threshold": 1.0},
     "passthrough": {"outlier_detector": "passthrough"},
-    "strict": {"outlier_detector": MCMDOutlierDetector(16, strictness="surfaces")},
     "share": {"outlier_detector": MCMDOutlierDetector(16, contamination=0.1)},
     "tangents": {"normal_estimator": RobustNormalEstimator(16)},
     "pca": {"normal_estimator": RobustNormalEstimator(20, method="pca", radius=0.5)},
     "eigenvalue": {"criterion": "eigenvalue"},
-    "variation": {"criterion": "surface_variation", "threshold": 0.05},
     "removed": {"criterion": "removed_fraction"},
-    "robust": {"criterion": "eigenvalue", "normal_estimator": RobustNormalEstimator(12)},
     "Eq. 25": {
         "criterion": "eigenvalue",
         "threshold": "mean",
