@@ -12,7 +12,6 @@ from sklearn_mcmd.planes._rules import MAD_TO_SD
 
 __all__ = [
     "GrowthRules",
-    "Linking",
     "by_place",
     "grow_regions",
     "link_neighbors",
@@ -84,74 +83,33 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
     radius : ndarray of shape (n,)
         Distance of the farthest neighbor looked at.
     """
-    linking = Linking(index, planes, floor, rules)
-    n = len(index.points)
-    radius, limit, usable = np.empty(n), planes.scale, np.ones(n, dtype=bool)
-    if linking.has_limits:
-        limit = np.empty(n)
+    n, k = len(index.points), index.n_neighbors
+    if rules.max_gap is None:  # those beyond the median distance are never linked
+        k = n_within_median(k) + 1
+    radius, limit, usable = index.empty(n), planes.scale, np.ones(n, dtype=bool)
+    if has_limits := rules.max_distance is not None or not rules.mutual:
+        limit = index.empty(n)
 
     def measure(rows):
-        radius[rows], found, usable[rows] = linking.measured(rows)
-        if linking.has_limits:
-            limit[rows] = found
+        around = index.query_own(rows, k)
+        farthest = index.points[around.indices[:, -1]] - index.points[rows]
+        radius[rows] = np.linalg.norm(farthest, axis=1)
+        if rules.max_distance is not None:
+            limit[rows] = float(rules.max_distance)
+        if rules.mutual:
+            quiet = _is_quiet(planes.scale, rows, around, radius[rows], index.n_neighbors, rules)
+            usable[rows] = quiet
+        elif rules.max_distance is None:
+            own = _rule_a(index.points, planes.take(rows), around)
+            limit[rows] = np.maximum(own, floor[rows])
 
     each_slice(n, index.chunk, measure, n_jobs)
-    links, link = np.empty((n, linking.k), np.int32), linking.linker(limit, usable)
+    max_gap = np.inf if rules.max_gap is None else rules.max_gap
+    limits = LinkLimits(rules.min_cosine, 1.0 if has_limits else CUTOFF, max_gap, rules.mutual)
+    links = index.empty((n, k), np.int32)
+    link = row_linker(index, k, planes._replace(scale=limit), limits, usable)
     each_slice(n, index.chunk, lambda rows: link(rows, links[rows]), n_jobs)
     return links, radius
-
-
-class Linking:
-    """The work of `link_neighbors` on some rows; the parameters are the same.
-
-    Attributes
-    ----------
-    k : int
-        Neighbors that are looked at. Those beyond the median distance are never linked.
-    has_limits : bool
-        Whether each plane has a distance of its own up to which it explains points, which is not
-        told by its scale alone.
-    """
-
-    def __init__(self, index, planes, floor, rules):
-        self.index, self.planes, self.floor, self.rules = index, planes, floor, rules
-        k = index.n_neighbors
-        self.k = k if rules.max_gap is not None else n_within_median(k) + 1
-        self.has_limits = rules.max_distance is not None or not rules.mutual
-
-    def measured(self, rows):
-        """Radii of rows, a slice, their planes' limits (None by scale), and which may be linked."""
-        index, rules, planes = self.index, self.rules, self.planes
-        around = index.query_own(rows, self.k)
-        farthest = index.points[around.indices[:, -1]] - index.points[rows]
-        radius = np.linalg.norm(farthest, axis=1)
-        limit, usable = None, np.ones(len(radius), dtype=bool)
-        if rules.max_distance is not None:
-            limit = np.full(len(radius), float(rules.max_distance))
-        if rules.mutual:
-            usable = _is_quiet(planes.scale, rows, around, radius, index.n_neighbors, rules)
-        elif rules.max_distance is None:
-            limit = np.maximum(_rule_a(index.points, planes.take(rows), around), self.floor[rows])
-        return radius, limit, usable
-
-    def linker(self, limit, usable):
-        """What fills the links of rows: it takes a slice, and int32 (m, k).
-
-        Parameters
-        ----------
-        limit : ndarray of shape (n,)
-            The planes' scales, or what `measured` has found.
-        usable : ndarray of bool of shape (n,)
-        """
-        max_gap = self.rules.max_gap
-        limits = LinkLimits(
-            self.rules.min_cosine,
-            1.0 if self.has_limits else CUTOFF,
-            np.inf if max_gap is None else max_gap,
-            self.rules.mutual,
-        )
-        planes = self.planes._replace(scale=limit)
-        return row_linker(self.index, self.k, planes, limits, usable)
 
 
 def grow_regions(links, seeds):

@@ -9,21 +9,21 @@ from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._progress import progress_part
-from sklearn_mcmd.segmentation._graph import grow_regions, seed_order
+from sklearn_mcmd.segmentation._graph import grow_regions, link_neighbors, seed_order
 from sklearn_mcmd.segmentation._region_sums import region_sizes
-from sklearn_mcmd.segmentation._steps import finish_regions
+from sklearn_mcmd.segmentation._steps import finish_regions, rules_of
 from sklearn_mcmd.tiling._columns import Columns
-from sklearn_mcmd.tiling._links import GrowthJob, find_links, find_neighbors, find_planes
+from sklearn_mcmd.tiling._links import STORED, GrowthJob, find_planes
 from sklearn_mcmd.tiling._memory import bytes_to_join
 from sklearn_mcmd.tiling._normals import check_normals
 from sklearn_mcmd.tiling._outputs import LABELED, write_segmented_outputs
 from sklearn_mcmd.tiling._run import Verb, warm_up
-from sklearn_mcmd.tiling._stored import StoredIndex
+from sklearn_mcmd.tiling._stored import StoredIndex, find_places
 from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._tile import tile_files, write_whole
 from sklearn_mcmd.tiling._together import fit_together
 from sklearn_mcmd.tiling._warnings import warn_caller
-from sklearn_mcmd.tiling._whole import ALL, WholeColumns
+from sklearn_mcmd.tiling._whole import ALL
 
 __all__ = ["Segments"]
 
@@ -32,13 +32,7 @@ WARM_UP = 3_000  # points that load or compile the code
 MOST_PLACES = 2**31 - 1
 LARGEST = 20  # regions whose points are counted in the report
 # The end of each sweep and step, as a share of the time.
-ENDS = {"planes": 0.6, "neighbors": 0.72, "links": 0.77, "growth": 0.82, "steps": 1.0}
-# What is joined to one file when a sweep has ended.
-JOINED = {
-    "planes": ("points", "copies", "floor", "centroids", "normals", "scale", "variation"),
-    "neighbors": ("near", "radius", "usable", "limit"),
-    "links": ("links",),
-}
+ENDS = {"places": 0.02, "planes": 0.72, "growth": 0.82, "steps": 1.0}
 
 
 class Segments(Verb):
@@ -66,9 +60,7 @@ class Segments(Verb):
     def write(self, run):
         make = partial(segmented, colors=self.colors)
         write_segmented_outputs(run.catalog, run.targets, run.folder, make, self.content)
-        n_proved = int(self.columns.total(len(run.cells), "planes", "n_proved"))
         return {
-            "n_proved": n_proved,
             "n_resumed": self.n_resumed,
             "removed_fraction": 0.0,
             **self.columns.report(ALL, "regions"),
@@ -105,43 +97,37 @@ def _segment(job, cells, columns, n_workers, memory):
     if columns.is_done(ALL, "regions"):
         return
     sweep = partial(sweeps, cells=cells, job=job)
-    sweep("planes", find_planes)
-    whole = WholeColumns(columns, n_cells)
-    sizes = job.growing.n_neighbors, job.growing.normal_estimator.n_neighbors + 1
-    if len(whole) < max(COMPILE_FROM, *sizes):
+    sweep("places", find_places)
+    whole, k = job.whole(), job.growing.n_neighbors
+    if len(whole) < max(COMPILE_FROM, k, job.growing.normal_estimator.n_neighbors + 1):
         return _segment_together(job, cells, columns, len(whole))
     if len(whole) > MOST_PLACES:
         raise ValueError(f"{len(whole):,} different points are more than {MOST_PLACES:,}")
-    whole.join(*JOINED["planes"])
-    sweep("neighbors", find_neighbors, collect=False)
-    whole.join(*(name for name in JOINED["neighbors"] if whole.has(name)))
-    if not columns.is_done(ALL, "grown"):
-        sweep("links", find_links, collect=False)
-        whole.join(*JOINED["links"])
-        with progress_part(sweeps.begin, ENDS["growth"], "growing regions"):
-            columns.write(ALL, grown=_grow(whole))
-        columns.finish(ALL, "grown")
-    whole.remove("links", "limit", "usable", "variation")
-    labels = columns.read(ALL, "grown")
-    _warn_if_much(labels, job.growing.n_neighbors, memory)
-    with progress_part(ENDS["growth"], ENDS["steps"]), whole.releasing():
-        labels = finish_regions(
-            labels, StoredIndex(whole), whole.planes(changing=True), whole.open("floor"),
-            whole.open("copies"), job.growing, n_workers * job.n_threads,
-        )  # fmt: skip
+    whole.join("points", "counts")
+    whole.make(near=(np.int32, (k,)), variation=(job.constants.dtype, ()), **STORED)
+    sweep("planes", find_planes)
+    with whole.releasing():
+        labels = _find_regions(job, cells, whole, n_workers * job.n_threads, memory)
     for cell in range(n_cells):
         own = labels[whole.rows(cell)]
         _write(columns, cell, cells.read(cell)["row"], own[columns.read(cell, "place_of")])
-    sizes = region_sizes(labels, int(labels.max(initial=-1)) + 1, whole.open("copies"))
-    _finish(columns, sizes)
+    sizes = region_sizes(labels, int(labels.max(initial=-1)) + 1, whole.open("counts"))
+    _finish(columns, sizes, int(columns.total(n_cells, "planes", "n_proved")))
 
 
-def _grow(whole):
-    """Regions of all places, by links on disk."""
-    seeds = seed_order(whole.open("variation"), whole.open("points"), whole.planes())
-    labels = grow_regions(whole.open("links"), seeds)
-    whole.close()
-    return labels
+def _find_regions(job, cells, whole, n_threads, memory):
+    """Regions of all places, once their planes and neighbors are known."""
+    index, growing, planes = StoredIndex(whole, cells), job.growing, whole.planes(changing=True)
+    points, floor = index.points, whole.open("floor")
+    with progress_part(ENDS["planes"], ENDS["growth"], "growing regions"):
+        links, radius = link_neighbors(index, planes, floor, rules_of(growing), n_threads)
+        planes = planes._replace(radius=radius)
+        labels = grow_regions(links, seed_order(whole.open("variation"), points, planes))
+        del links
+    _warn_if_much(labels, growing.n_neighbors, memory)
+    with progress_part(ENDS["growth"], ENDS["steps"]):
+        counts = whole.open("counts")
+        return finish_regions(labels, index, planes, floor, counts, growing, n_threads)
 
 
 def _warn_if_much(labels, n_neighbors, memory):
@@ -162,7 +148,7 @@ def _segment_together(job, cells, columns, n_places):
     fitted, parts = fit_together(job.growing, cells, job.constants.dtype, words)
     for cell, (rows, places) in enumerate(parts):
         _write(columns, cell, rows, fitted.labels_[places])
-    _finish(columns, fitted.region_sizes_)
+    _finish(columns, fitted.region_sizes_, int(cells.counts.sum()))
 
 
 def _write(columns, cell, rows, labels):
@@ -172,9 +158,14 @@ def _write(columns, cell, rows, labels):
     write_whole(tile_files(columns.folder, cell)[0], results)
 
 
-def _finish(columns, sizes):
+def _finish(columns, sizes, n_proved):
     """Remember that the regions of all points are written, and what they are."""
     sizes = [int(size) for size in sizes]
     columns.finish(
-        ALL, "regions", n_regions=len(sizes), n_inside=sum(sizes), largest=sizes[:LARGEST]
+        ALL,
+        "regions",
+        n_regions=len(sizes),
+        n_inside=sum(sizes),
+        largest=sizes[:LARGEST],
+        n_proved=n_proved,
     )

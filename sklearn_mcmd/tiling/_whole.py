@@ -123,15 +123,6 @@ class WholeColumns:
         """Some rows of a column, of which nothing else stays in memory."""
         return np.load(self._path(name), mmap_mode="r")[rows]
 
-    def remove(self, *names):
-        """Free the disk of what is no longer asked for."""
-        for name in names:
-            self._path(name).unlink(missing_ok=True)
-
-    def has(self, name):
-        """Whether all cells have a column."""
-        return self.columns.is_done(ALL, name) or self.columns.has(0, name)
-
     def planes(self, changing=False):
         """The planes of all places, as `RegionGrowing` knows them; `changing` as of `open`."""
         nothing = np.empty(0)

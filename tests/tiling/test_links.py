@@ -12,11 +12,9 @@ from sklearn_mcmd.planes._resolution import coordinate_step
 from sklearn_mcmd.segmentation._graph import link_neighbors
 from sklearn_mcmd.segmentation._steps import least_scales, rules_of
 from sklearn_mcmd.tiling._cells import CellWriter
-from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._constants import Constants
-from sklearn_mcmd.tiling._links import GrowthJob, find_links, find_neighbors, find_planes
-from sklearn_mcmd.tiling._stored import StoredIndex
-from sklearn_mcmd.tiling._whole import WholeColumns
+from sklearn_mcmd.tiling._links import STORED, GrowthJob, find_planes
+from sklearn_mcmd.tiling._stored import StoredIndex, find_places
 
 K = 20
 
@@ -38,16 +36,13 @@ def links_by_tiles(folder, X, growing):
     cells = writer.close()
     constants = Constants(X.dtype.name, float(coordinate_step(X)))
     job = GrowthJob(folder / "cells", folder / "columns", growing, constants)
-    sweeps = {
-        find_planes: ("points", "copies", "floor", "centroids", "normals", "scale", "variation"),
-        find_neighbors: ("near", "radius", "usable", "limit"),
-        find_links: ("links",),
-    }
-    for sweep, names in sweeps.items():
-        for cell in range(len(cells)):
-            sweep(cell, job)
-        whole = WholeColumns(Columns(folder / "columns"), len(cells))
-        whole.join(*(name for name in names if whole.has(name)))
+    for cell in range(len(cells)):
+        find_places(cell, job)
+    whole = job.whole()
+    whole.join("points", "counts")
+    whole.make(near=(np.int32, (K,)), variation=(X.dtype, ()), **STORED)
+    for cell in range(len(cells)):
+        find_planes(cell, job)
     assert len(cells) > 4
     return whole
 
@@ -72,11 +67,13 @@ def test_planes_neighbors_and_links_are_those_of_memory(cloud, params, tmp_path)
     row[np.lexsort(points.T)] = np.lexsort(index.points.T)
     assert_array_equal(points, index.points[row])
     assert_array_equal(whole.open("floor"), floor[row])
-    assert_array_equal(whole.open("copies"), np.bincount(index.places)[row])
+    assert_array_equal(whole.open("counts"), np.bincount(index.places)[row])
     assert_array_equal(whole.open("variation"), told.surface_variation[index.rows][row])
-    for name in ("centroids", "normals", "scale", "radius"):
+    for name in ("centroids", "normals", "scale"):
         assert_array_equal(whole.open(name), getattr(planes, name)[row])
-    near = StoredIndex(whole).query_own(slice(0, len(whole))).indices
+    stored = StoredIndex(whole)
+    near = stored.query_own(slice(0, len(whole))).indices
     assert_array_equal(row[near], index.query_own(slice(0, len(row))).indices[row])
-    found = whole.open("links")
+    found, radius = link_neighbors(stored, whole.planes(), floor[row], rules_of(growing))
+    assert_array_equal(radius, planes.radius[row])
     assert_array_equal(np.where(found < 0, -1, row[found]), links[row])

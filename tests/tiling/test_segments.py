@@ -226,13 +226,10 @@ process_files(source, target, growing, tile_size=1_500)
 @pytest.mark.parametrize(
     ("place", "n_resumed"),
     [
-        ("find_neighbors", 4),
+        ("find_planes", 2),
         *(
             pytest.param(place, n, marks=pytest.mark.slow)
-            for place, n in (
-                *[("find_planes", 2), ("find_links", 4), ("finish_regions", 4)],
-                *[("_finish", 4), ("writing", 4)],
-            )
+            for place, n in (("finish_regions", 4), ("_finish", 4), ("writing", 4))
         ),
     ],
 )
@@ -250,22 +247,22 @@ def test_a_run_that_was_killed_goes_on(place, n_resumed, tmp_path):
 
 def test_a_tile_that_fails_has_its_line_and_does_not_end_the_others(tmp_path, monkeypatch):
     path, cloud = written(tmp_path, street_with_tree(4_000))
-    work = _segments.find_links
+    work = _segments.find_planes
 
     def fail(cell, job):
         if cell == 1:
             raise MemoryError("too much\nof it")
         return work(cell, job)
 
-    monkeypatch.setattr(_segments, "find_links", fail)
+    monkeypatch.setattr(_segments, "find_planes", fail)
     with (
         pytest.warns(UserWarning, match="tile 1 failed .*MemoryError: too much of"),
         pytest.raises(TilingError, match=r"1 of 4 tiles failed; .*b\.las\.tiles, and"),
     ):
         process_files(path, tmp_path / "b.las", GROWING, tile_size=1_500)
-    monkeypatch.setattr(_segments, "find_links", work)
+    monkeypatch.setattr(_segments, "find_planes", work)
     report = process_files(path, tmp_path / "b.las", GROWING, tile_size=1_500)
-    assert report.n_resumed == 4
+    assert report.n_resumed == 3
     found = read_points(tmp_path / "b.las").attributes["region"]
     assert_array_equal(found, in_memory(cloud).labels_)
 

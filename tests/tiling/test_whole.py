@@ -10,7 +10,7 @@ from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.tiling import _whole
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._stored import StoredIndex
-from sklearn_mcmd.tiling._whole import ALL, WholeColumns
+from sklearn_mcmd.tiling._whole import WholeColumns
 
 SIZES = [700, 1, 1_299]
 
@@ -87,14 +87,3 @@ def test_what_is_read_is_freed_while_the_work_goes_on(whole, monkeypatch):
     monkeypatch.setattr(whole, "release", freed.set)
     with whole.releasing():
         assert freed.wait(30)
-
-
-def test_what_is_removed_is_gone(whole):
-    whole.join("scale")
-    assert not whole.open("scale").any()
-    whole.close()
-    assert whole.has("scale")
-    assert whole.has("points")
-    assert not whole.has("limit")
-    whole.remove("scale", "limit")
-    assert not (whole.columns.folder / f"{ALL}.scale.npy").exists()
