@@ -91,8 +91,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     neighbor_planes : bool, default=None
         Whether a point next to an edge is given the plane of the neighbor that explains it and
         the points nearest to it best. Most of its own neighborhood may lie on the other face, or
-        its own plane may run across both. In 2D and 3D. None means as `reweight` says; it cannot
-        be True without it.
+        its own plane may run across both. None means as `reweight` says, in 2D and 3D. It cannot
+        be True without `reweight`, or for more than three features.
 
     radius : float, default=None
         Largest distance of a neighbor, in units of X. A neighborhood then has this radius and
@@ -346,10 +346,10 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Raises
         ------
         ValueError
-            If X has NaN, infinite or too few values, if `n_neighbors` is too small or "auto" for
-            more than three features, if
-            `orientation` and `sensor_origin` do not fit each other or X, or if `features` has an
-            unknown name or one that is defined in 3D only.
+            If X has NaN, infinite or too few values, if `n_neighbors` is too small, if it is
+            "auto" or `neighbor_planes` is True for more than three features, if `orientation` and
+            `sensor_origin` do not fit each other or X, or if `features` has an unknown name or one
+            that is defined in 3D only.
         """
         self._fit_columns(X, sensor_origin)
         return self
@@ -475,6 +475,11 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         return X
 
     def _make_index(self, xyz, radius):
+        if self.neighbor_planes and xyz.shape[1] > 3:
+            raise ValueError(
+                f"neighbor_planes=True is for points in 2D and 3D, and X has {xyz.shape[1]} "
+                "features; leave it at None."
+            )
         if self.n_neighbors != "auto":
             return super()._make_index(xyz, radius)
         if xyz.shape[1] > 3:

@@ -310,3 +310,10 @@ def test_planes_of_neighbors_follow_reweighting_and_are_not_promised_without_it(
     with pytest.raises(ValueError, match="neighbor_planes=True needs"):
         RobustNormalEstimator(neighbor_planes=True, random_state=0, **parameters).fit(X)
     RobustNormalEstimator(random_state=0, **parameters).fit(X)
+
+
+def test_planes_of_neighbors_are_not_promised_for_more_than_three_features():
+    X = np.random.default_rng(0).uniform(size=(60, 4))
+    with pytest.raises(ValueError, match=r"neighbor_planes=True .* X has 4 features"):
+        RobustNormalEstimator(20, neighbor_planes=True, random_state=0).fit(X)
+    RobustNormalEstimator(20, random_state=0).fit(X)
