@@ -228,7 +228,6 @@ PARTS = {
             Constant("normals._folds", "ROUNDS", 0),
             Constant("normals._smoothness", "CURVED", 0.0),
             Constant("normals._smoothness", "N_ERRORS", 0.0),
-            Constant("normals._smoothness", "LEAST_WIDTH", 0.0),
             Constant("normals._smoothness", "PIVOT", 0.0),
             Constant("normals._smoothness", "PERFECT", 0.0),
             Constant("planes._rules", "REWEIGHT_CUTOFF"),

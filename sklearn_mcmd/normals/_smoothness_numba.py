@@ -49,8 +49,6 @@ def _whole_planes(points, around, limits, room, planes, directions, deviation, l
             continue
         quadric = np.sqrt(squares / (size - terms))
         left[i] = quadric * extent
-        if values[1] <= limits.least_width**2 * values[d - 1]:
-            continue
         if plane <= limits.perfect:
             ordinary[i] = True
         elif plane <= limits.most_ratio[size] * quadric:
