@@ -229,7 +229,6 @@ PARTS = {
             Constant("normals._smoothness", "CURVED", 0.0),
             Constant("normals._smoothness", "N_ERRORS", 0.0),
             Constant("normals._smoothness", "PIVOT", 0.0),
-            Constant("normals._smoothness", "PERFECT", 0.0),
             Constant("planes._rules", "REWEIGHT_CUTOFF"),
             Parameter("reweight", (False,)),
             Parameter("neighbor_planes", (False,)),
