@@ -26,8 +26,6 @@ ROUGH, FLAT, BENT = range(3)
 # A point asks its neighbors if a larger share of its own neighborhood was removed, or if its plane
 # is noisier than is usual around.
 REMOVED = 0.1
-# Least noise of a plane, as a share of its neighborhood's radius.
-LEAST_NOISE = 0.01
 # The usual noise around a point is told by the best tenth of its neighbors, whose deviations are
 # small by chance as well. A plane may exceed it by NOISY standard errors of a deviation, as 90 % of
 # planes with this noise do not. Where a quadric leaves more, a surface may be folded: a curved one
@@ -220,8 +218,7 @@ class SurfacePlanes:
     def _bend(self, points, planes, forms, left, around):
         """Settle the forms of neighborhoods by what is usual around, and give those that bend the
         tangent planes of their quadrics, in place."""
-        most = self._most(self.noise, planes.radius, around)
-        creased = ~(np.hypot(left, LEAST_NOISE * planes.radius) <= most)
+        creased = ~(left <= self._most(self.noise, around))
         self._smooth(points, planes, forms, np.flatnonzero(~creased & (forms == ROUGH)), around)
         self._unfold(points, planes, forms, np.flatnonzero(creased & (forms != ROUGH)), around)
         rows = np.flatnonzero(forms == BENT)
@@ -271,13 +268,11 @@ class SurfacePlanes:
         lenders = np.full(len(rough), -1)
         queries = np.ascontiguousarray(points[rough], dtype=np.float64)
         own = planes.take(rough)
-        least = LEAST_NOISE * own.radius
-        most = self._most(members.scale, own.radius, around)
-        asking = np.flatnonzero((1 - own.kept > REMOVED) | (np.hypot(own.scale, least) > most))
+        most = self._most(members.scale, around)
+        asking = np.flatnonzero((1 - own.kept > REMOVED) | (own.scale > most))
         best = find_lenders(
-            self.model.index.points, queries[asking], around.take(asking), members,
-            least[asking], most[asking],
-        )  # fmt: skip
+            self.model.index.points, queries[asking], around.take(asking), members, most[asking]
+        )
         asking, best = asking[best >= 0], best[best >= 0]
         cosine = np.einsum("md,md->m", own.normals[asking], members.normals[best])
         angle = np.degrees(np.arccos(np.minimum(np.abs(cosine), 1.0)))
@@ -296,11 +291,11 @@ class SurfacePlanes:
         lent = lent._replace(kept=own.kept, radius=own.radius, spacing=own.spacing)
         planes.put(rows, lent._replace(normal_error=error))
 
-    def _most(self, values, radius, around):
+    def _most(self, values, around):
         """The largest deviation that is usual among the neighbors."""
         usual = quantile_around(values, around, BEST)
         usual /= noise_quantiles(BEST, around.sizes, self.model.index.points.shape[1])
-        return (1 + NOISY / np.sqrt(2 * around.sizes)) * np.hypot(usual, LEAST_NOISE * radius)
+        return (1 + NOISY / np.sqrt(2 * around.sizes)) * usual
 
 
 def _moved(planes, places):
