@@ -215,9 +215,8 @@ PARTS = {
     "normals": Part(
         tried=(
             Constant("normals._surface_planes", "REMOVED", 1.0),
-            Constant("normals._surface_planes", "NOISY", np.inf),
+            Constant("normals._surface_planes", "CHANCE"),
             Constant("normals._surface_planes", "BEST"),
-            Constant("normals._surface_planes", "SIGNIFICANT", 0.0),
             Constant("normals._surface_planes", "HALF_BALL", np.inf),
             Constant("normals._lenders", "EXPLAINED", np.inf),
             Constant("normals._lenders", "PATCH"),
