@@ -246,7 +246,6 @@ PARTS = {
             Constant("normals._scales", "MOST"),
             Constant("normals._scales", "QUIET", most=0.99),
             Constant("normals._scales", "AROUND"),
-            Constant("normals._scales", "FARTHEST"),
             Constant("normals._scales", "TURNED", np.inf),
             Parameter("n_neighbors", (16, 30, 50, 100, 200)),
         ),

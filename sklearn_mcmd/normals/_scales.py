@@ -21,7 +21,6 @@ from sklearn_mcmd.planes._record import Planes
 
 __all__ = [
     "AROUND",
-    "FARTHEST",
     "LEAST",
     "MOST",
     "QUIET",
@@ -40,8 +39,6 @@ LEAST, MOST = 16, 256
 # A point's error is the one that this share of the neighborhoods around do not exceed. So next to
 # an edge it is the error on the faces. "Around" are this many points.
 QUIET, AROUND = 0.25, 64
-# Neighborhoods tell how many neighbors are needed, up to this many times their own.
-FARTHEST = 2
 # Planes of twice as many points may turn by this number of standard errors of the smaller ones.
 TURNED = 1.25
 # Of the work not yet done, the share that the next step is told to be: their number is not known.
@@ -68,9 +65,9 @@ class ScaleFinder:
         wanted, todo = np.full(m, np.inf), np.ones(m, dtype=bool)
         k = min(LEAST, m)
         errors, normals = self._fit(k, todo)
-        while todo.any() and k <= min(MOST // FARTHEST, m):
+        while todo.any() and k <= min(MOST // 2, m):
             error, found = wanted_by(self._quiet(errors, todo), k, d)
-            known = found <= FARTHEST * k
+            known = found <= 2 * k  # more than that the next, twice as large, can tell
             if not known.all():
                 errors, larger = self._fit(2 * k, self._reached(todo))
                 turns = self._quiet(angles(normals, larger), todo)

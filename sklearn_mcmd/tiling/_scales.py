@@ -12,7 +12,6 @@ import numpy as np
 
 from sklearn_mcmd.normals._scales import (
     AROUND,
-    FARTHEST,
     LEAST,
     MOST,
     QUIET,
@@ -41,7 +40,7 @@ __all__ = [
 ]
 
 # Numbers of neighbors that are tried.
-STEPS = [LEAST * FARTHEST**i for i in range(20) if LEAST * FARTHEST**i <= MOST // FARTHEST]
+STEPS = [LEAST * 2**i for i in range(20) if LEAST * 2**i <= MOST // 2]
 
 
 class ScaleJob(NamedTuple):
@@ -106,7 +105,7 @@ def find_wanted(cell, job, step):
                 rows, near = rows[still], near[still]
             quiet = quantile_around(errors, _around(near), QUIET)
             error, number = wanted_by(quiet, k, 3)
-            known = number <= FARTHEST * k
+            known = number <= 2 * k
             wanted[rows[known]] = np.maximum(number[known], LEAST)
             asking.append((rows[~known], near[~known], error[~known]))
 
@@ -115,7 +114,7 @@ def find_wanted(cell, job, step):
         if len(rows):
             members = np.unique(near)
             queries = found.points[members]
-            larger_errors, larger = _larger_planes(cell, cells, columns, queries, FARTHEST * k)
+            larger_errors, larger = _larger_planes(cell, cells, columns, queries, 2 * k)
             turned = np.empty(len(found.points))
             turned[members] = angles(normals[members], larger)
             turns = quantile_around(turned, _around(near), QUIET)
