@@ -9,8 +9,9 @@ more, the surface bends or folds within them.
 """
 
 import numpy as np
+from scipy.special import ndtri
 
-from sklearn_mcmd.normals._quadrics import noise_quantiles
+from sklearn_mcmd.normals._quadrics import CHANCE, noise_quantiles
 from sklearn_mcmd.normals._smoothness import whole_planes
 from sklearn_mcmd.planes._around import quantile_around
 from sklearn_mcmd.planes._chunks import each_slice
@@ -24,9 +25,9 @@ __all__ = [
     "LEAST",
     "MOST",
     "QUIET",
-    "TURNED",
     "ScaleFinder",
     "angles",
+    "are_turned",
     "errors_of",
     "sizes_of",
     "wanted_by",
@@ -39,8 +40,6 @@ LEAST, MOST = 16, 256
 # A point's error is the one that this share of the neighborhoods around do not exceed. So next to
 # an edge it is the error on the faces. "Around" are this many points.
 QUIET, AROUND = 0.25, 64
-# Planes of twice as many points may turn by this number of standard errors of the smaller ones.
-TURNED = 1.25
 # Of the work not yet done, the share that the next step is told to be: their number is not known.
 SHARE = 0.2
 
@@ -71,7 +70,7 @@ class ScaleFinder:
             if not known.all():
                 errors, larger = self._fit(2 * k, self._reached(todo))
                 turns = self._quiet(angles(normals, larger), todo)
-                bent = ~known & (turns > TURNED * error)
+                bent = ~known & are_turned(turns, error)
                 found[bent] = k
                 known |= bent
                 normals = larger
@@ -152,6 +151,11 @@ def wanted_by(quiet, k, d):
     error = quiet / noise_quantiles(QUIET, np.array([k]), d)
     # Of k points, the spread along the surface grows as k ** (1 / (d - 1)).
     return error, k * (error / TILT) ** (1 / (1 / 2 + 1 / (d - 1)))
+
+
+def are_turned(turns, error):
+    """Whether planes of twice as many points turn by more than their errors do by chance."""
+    return turns > ndtri(1 - CHANCE) * error
 
 
 def sizes_of(wanted, m):

@@ -272,8 +272,8 @@ class SurfacePlanes:
         asking, best = asking[best >= 0], best[best >= 0]
         cosine = np.einsum("md,md->m", own.normals[asking], members.normals[best])
         angle = np.degrees(np.arccos(np.minimum(np.abs(cosine), 1.0)))
-        # What leans by less, as two normals of one surface that err alike do by chance, is the least
-        # noisy of many planes, and no better.
+        # What leans by less, as two normals of one surface do that err alike, is the least noisy of
+        # many planes by chance, and no better.
         leans = angle > np.sqrt(-2 * np.log(CHANCE)) * members.normal_error[best]
         lenders[asking[leans]] = best[leans]
         return lenders

@@ -15,8 +15,8 @@ from sklearn_mcmd.normals._scales import (
     LEAST,
     MOST,
     QUIET,
-    TURNED,
     angles,
+    are_turned,
     errors_of,
     sizes_of,
     wanted_by,
@@ -118,7 +118,7 @@ def find_wanted(cell, job, step):
             turned = np.empty(len(found.points))
             turned[members] = angles(normals[members], larger)
             turns = quantile_around(turned, _around(near), QUIET)
-            wanted[rows] = np.where(turns > TURNED * error, np.maximum(k, LEAST), np.inf)
+            wanted[rows] = np.where(are_turned(turns, error), np.maximum(k, LEAST), np.inf)
             keys = _keys(found)[members]
             order = np.argsort(keys)
             asked = keys[order], larger_errors[order], larger[order]
