@@ -15,6 +15,7 @@ from sklearn_mcmd.normals._quadrics import CHANCE, noise_quantiles
 from sklearn_mcmd.normals._smoothness import whole_planes
 from sklearn_mcmd.planes._around import quantile_around
 from sklearn_mcmd.planes._chunks import each_slice
+from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._plane import normal_errors
 from sklearn_mcmd.planes._progress import progress_part
@@ -29,6 +30,7 @@ __all__ = [
     "angles",
     "are_turned",
     "errors_of",
+    "sized_index",
     "sizes_of",
     "wanted_by",
 ]
@@ -129,6 +131,19 @@ class ScaleFinder:
         done, self._done = self._done, self._done + (1 - self._done) * SHARE
         with progress_part(done, self._done):
             each_slice(m, index.chunk, task, self.n_jobs)
+
+
+def sized_index(xyz, radius, sizes_of_cloud, n_jobs):
+    """The `NeighborIndex` whose neighborhoods have the sizes of the cloud, or found from xyz.
+
+    `sizes_of_cloud` is None, or the largest size in the cloud and that of each row of xyz.
+    """
+    if sizes_of_cloud is not None:
+        largest, sizes = sizes_of_cloud
+        return NeighborIndex(xyz, largest, radius, sizes[IndexedCloud.of(xyz).rows])
+    finder = ScaleFinder(xyz, n_jobs)  # whose index the next one shares
+    sizes = finder.sizes()
+    return NeighborIndex(xyz, int(sizes.max()), radius, sizes)
 
 
 def errors_of(points, around):
