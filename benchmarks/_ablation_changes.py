@@ -10,9 +10,9 @@ import numpy as np
 FACTORS = (0.5, 0.8, 1.25, 2.0)
 
 
-def scaled(default, most=np.inf):
+def scaled(default, factors, most=np.inf):
     """Label and value of a constant times each factor; counts stay whole."""
-    for factor in FACTORS:
+    for factor in factors:
         value = default * factor
         yield (
             f"x {factor:g}",
@@ -30,9 +30,9 @@ class Constant:
     off: float | None = None
     most: float = np.inf
 
-    def variants(self):
+    def variants(self, factors):
         home = importlib.import_module(f"sklearn_mcmd.{self.module}")
-        for label, value in scaled(getattr(home, self.name), self.most):
+        for label, value in scaled(getattr(home, self.name), factors, self.most):
             yield label, lambda value=value: replaced(home, self.name, value), {}
         if self.off is not None:
             yield "off", lambda: replaced(home, self.name, self.off), {}
@@ -43,17 +43,21 @@ class Constant:
 
 @dataclass(frozen=True)
 class Limit:
-    """A field of a record of limits that a module makes, and the most that it can be."""
+    """A field of a record of limits that a module makes, else as a `Constant`."""
 
     module: str
     record: str
     name: str
+    off: float | None = None
     most: float = np.inf
 
-    def variants(self):
+    def variants(self, factors):
         home = importlib.import_module(f"sklearn_mcmd.{self.module}")
         record = getattr(home, self.record)
-        for label, value in scaled(record._field_defaults[self.name], self.most):
+        changes = [*scaled(record._field_defaults[self.name], factors, self.most)]
+        if self.off is not None:
+            changes.append(("off", self.off))
+        for label, value in changes:
             made = functools.partial(record, **{self.name: value})
             yield label, lambda made=made: replaced(home, self.record, made), {}
 
@@ -68,7 +72,7 @@ class Parameter:
     name: str
     values: tuple
 
-    def variants(self):
+    def variants(self, factors):
         for value in self.values:
             yield f"{value}", nullcontext, {self.name: value}
 

@@ -30,7 +30,7 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
-from _ablation_changes import Constant, Limit, Parameter
+from _ablation_changes import FACTORS, Constant, Limit, Parameter
 from _ablation_clouds import (
     below_ground,
     contaminated,
@@ -215,10 +215,8 @@ PARTS = {
     "normals": Part(
         tried=(
             Constant("normals._surface_planes", "REMOVED", 1.0),
-            Constant("normals._surface_planes", "NOISY", np.inf),
+            Constant("normals._surface_planes", "CHANCE"),
             Constant("normals._surface_planes", "BEST"),
-            Constant("normals._surface_planes", "LEAST_NOISE", 0.0),
-            Constant("normals._surface_planes", "SIGNIFICANT", 0.0),
             Constant("normals._surface_planes", "HALF_BALL", np.inf),
             Constant("normals._lenders", "EXPLAINED", np.inf),
             Constant("normals._lenders", "PATCH"),
@@ -228,9 +226,7 @@ PARTS = {
             Constant("normals._folds", "ROUNDS", 0),
             Constant("normals._smoothness", "CURVED", 0.0),
             Constant("normals._smoothness", "N_ERRORS", 0.0),
-            Constant("normals._smoothness", "LEAST_WIDTH", 0.0),
             Constant("normals._smoothness", "PIVOT", 0.0),
-            Constant("normals._smoothness", "PERFECT", 0.0),
             Constant("planes._rules", "REWEIGHT_CUTOFF"),
             Parameter("reweight", (False,)),
             Parameter("neighbor_planes", (False,)),
@@ -250,8 +246,7 @@ PARTS = {
             Constant("normals._scales", "MOST"),
             Constant("normals._scales", "QUIET", most=0.99),
             Constant("normals._scales", "AROUND"),
-            Constant("normals._scales", "FARTHEST"),
-            Constant("normals._scales", "TURNED", np.inf),
+            Constant("normals._scales", "CHANCE", 0.0),
             Parameter("n_neighbors", (16, 30, 50, 100, 200)),
         ),
         scenes=lambda options: chain(
@@ -263,16 +258,19 @@ PARTS = {
     ),
     "detector": Part(
         tried=(
-            *(Limit("outliers._cloud", "SurfaceLimits", name) for name in ("explained", "flat")),
-            *(Limit("outliers._cloud", "SurfaceLimits", name) for name in ("angle", "n_links")),
+            Limit("outliers._cloud", "SurfaceLimits", "explained"),
+            Limit("outliers._cloud", "SurfaceLimits", "flat", off=np.inf),
+            Limit("outliers._cloud", "SurfaceLimits", "angle", off=180.0),
+            Limit("outliers._cloud", "SurfaceLimits", "n_links"),
+            Constant("outliers._cloud", "THING", 0.0),
+            Constant("outliers._cloud", "LEAST_SHARE", 1.0, most=1.0),
             *(Limit("outliers._cloud", "CompanyLimits", name) for name in ("n_near", "n_usual")),
-            Limit("outliers._cloud", "CompanyLimits", "usual", most=1.0),
-            *(Limit("outliers._cloud", "CompanyLimits", name) for name in ("reach", "n_links")),
-            Limit("outliers._cloud", "CompanyLimits", "rest_weight", most=1.0),
-            Limit("outliers._cloud", "CompanyLimits", "flat"),
-            Limit("outliers._cloud", "CompanyLimits", "bridge"),
-            *(Constant("outliers._cloud", name) for name in ("SURFACE", "THING", "LEAST_SHARE")),
-            Constant("outliers._company", "HALF"),
+            Limit("outliers._cloud", "CompanyLimits", "usual", most=0.99),
+            Constant("outliers._company", "HALF", most=0.99),
+            Limit("outliers._cloud", "CompanyLimits", "reach", off=0.0),
+            Limit("outliers._cloud", "CompanyLimits", "rest_weight", off=0.0, most=1.0),
+            Limit("outliers._cloud", "CompanyLimits", "flat", off=0.0),
+            Limit("outliers._cloud", "CompanyLimits", "bridge", off=0.0),
         ),
         scenes=lambda options: chain(streets(options), contaminated(options)),
         prepare=planes_of,
@@ -351,6 +349,7 @@ def main():
     parser.add_argument("--data", default="../shared/data", help="folder of real clouds")
     parser.add_argument("--cache", help="folder for prepared clouds")
     parser.add_argument("--only", help="try only what has this in its name")
+    parser.add_argument("--factors", type=float, nargs="+", default=FACTORS)
     parser.add_argument("--csv", help="file for all numbers; lines are added to it")
     options = parser.parse_args()
     part = PARTS[options.part]
@@ -369,7 +368,7 @@ def main():
     for tried in part.tried:
         if options.only and options.only not in str(tried):
             continue
-        for label, context, parameters in tried.variants():
+        for label, context, parameters in tried.variants(options.factors):
             with context():
                 values, counts = evaluate(part, scenes, clouds, parameters)
             save(options.csv, str(tried), label, values)

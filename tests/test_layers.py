@@ -68,6 +68,11 @@ def test_every_file_belongs_to_a_room():
     assert rooms == {*ROOMS, *SHARED, "__init__", "__main__"}
 
 
+def test_no_file_has_more_than_500_lines():
+    lines = {path: path.read_text(encoding="utf-8").count("\n") for path in ROOT.rglob("*.py")}
+    assert {path.name: n for path, n in lines.items() if n > 500} == {}
+
+
 def test_no_two_rooms_import_each_other():
     seen = set()
     while len(seen) < len(ROOMS):

@@ -19,13 +19,11 @@ from sklearn_mcmd.normals._features import (
     needs_curvatures,
     settle_features,
 )
-from sklearn_mcmd.normals._scales import MOST, ScaleFinder
+from sklearn_mcmd.normals._scales import MOST, sized_index
 from sklearn_mcmd.normals._sides import Sides
 from sklearn_mcmd.normals._surface_planes import SurfacePlanes
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.planes._columns import column_names, joined_columns, plane_offsets
-from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
-from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._plane import surface_variation
 from sklearn_mcmd.planes._progress import progress_part
@@ -34,8 +32,7 @@ from sklearn_mcmd.planes._tasks import fit_in_tasks
 
 __all__ = ["RobustNormalEstimator"]
 
-# Share of the work that n_neighbors="auto" takes first.
-FINDING = 0.3
+FINDING = 0.3  # share of the work that n_neighbors="auto" takes first
 
 
 class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
@@ -91,8 +88,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     neighbor_planes : bool, default=None
         Whether a point next to an edge is given the plane of the neighbor that explains it and
         the points nearest to it best. Most of its own neighborhood may lie on the other face, or
-        its own plane may run across both. In 2D and 3D. None means as `reweight` says; it cannot
-        be True without it.
+        its own plane may run across both. None means as `reweight` says, in 2D and 3D. It cannot
+        be True without `reweight`, or for more than three features.
 
     radius : float, default=None
         Largest distance of a neighbor, in units of X. A neighborhood then has this radius and
@@ -102,8 +99,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     orientation : {"sensor", "mst"} or array-like of shape (n_features,), default=None
         Which of the two normals is taken:
 
-        - None: the one whose last coordinate (z) is positive. Upright faces have no upper side:
-          noise decides from point to point, and neighbors often look opposite ways;
+        - None: the one whose last coordinate (z) is positive. Of upright faces noise decides;
         - "sensor": the one toward `sensor_origin`;
         - "mst": the one that agrees with the neighbors, along a minimum spanning tree from the
           highest point of each connected part, where the normal points up;
@@ -124,15 +120,12 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         - "roughness", distance of the point to its plane, in units of X;
         - "normal_error", as `normal_error_`; "removed_fraction", as `removed_fraction_`.
 
-        And from a quadric over each plane, in 3D only, in 1 / units of X:
+        And from a quadric over each plane, in 3D only; :ref:`curvatures` has units and signs:
 
-        - "max_curvature" and "min_curvature", the principal curvatures k_1 >= k_2, positive where
-          the surface bends to the side of its normal; "mean_curvature", (k_1 + k_2) / 2;
-          "gaussian_curvature", k_1 k_2, in 1 / squared units;
+        - "max_curvature", "min_curvature", "mean_curvature" and "gaussian_curvature";
         - "mean_curvature_error", "max_curvature_error" and "min_curvature_error", their standard
           errors;
-        - "max_curvature_direction" and "min_curvature_direction", unit vectors with a column for
-          each coordinate;
+        - "max_curvature_direction" and "min_curvature_direction", three columns each;
         - "shape_index", from -1 in a cup to 1 on a cap, 0 on a saddle and on a plane.
 
         "all" takes those that exist for ``n_features``.
@@ -160,11 +153,10 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Share of each neighborhood that was removed as outliers.
 
     normal_error_ : ndarray of shape (n_samples,)
-        Standard error of each normal, in degrees: root mean square of its tilt from the
-        plane's own noise, spread and number of points; on a surface that bends, of the slope of
-        the quadric at the point. The true normal is within 1.73 times
-        that with 95 % confidence (in 3D; 1.96 times in 2D). 90 where nothing determines the
-        normal.
+        Standard error of each normal, in degrees: root mean square of its tilt from the plane's own
+        noise, spread and number of points; on a surface that bends, of the slope of the quadric at
+        the point. The true normal is within 1.73 times that with 95 % confidence (in 3D; 1.96 times
+        in 2D). 90 where nothing determines the normal.
 
     plane_offset_ : ndarray of shape (n_samples,)
         Signed distance of each point's plane from the point, along its normal, in units of X.
@@ -204,28 +196,13 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     nearest to the last axis, or that axis itself if all neighbors coincide. There
     ``eigenvalues_[:, 1]`` is zero.
 
-    The error of a normal is that of a plane, or of a quadric's tangent where the surface bends. If
-    a neighborhood bends otherwise or holds an edge, this is the wrong model, and the angle to the
-    surface's normal can be larger. The error assumes that noise is independent from point to
-    point. In simulations of planes in 3D with 20, 30 and 50 neighbors, 92 to 94 % of the normals
-    are within 1.73 errors without outliers, and 93 to 95 % with 20 % of them (by "pca" 94 to 98
-    %); of noisy quadrics 93 to 95 % of the tangents are. A borrowed normal has the larger error of
-    both planes, because it is in doubt on which surface the point lies. With ``reweight=False`` the
-    scale and the error are too small. In a long, narrow neighborhood 95 % of the normals are
-    within 1.96 errors.
+    The error of a normal takes the surface for a plane or a quadric, and noise for independent from
+    point to point. With ``reweight=False`` the scale and the error are too small.
 
     Features follow [3]_. jakteristics does not divide by the sum of the eigenvalues in
-    "omnivariance" and "eigenentropy", which then depend on the unit.
-
-    Curvatures are those of the osculating jet of degree 2 [4]_, fitted to the neighbors that it
-    explains within 3 standard deviations. The true curvature is within 1.96 errors with 95 %
-    confidence, as far as a quadric describes the surface. Curvatures and directions are 0, and the
-    errors are one over the radius of the neighborhood, if fewer than 8 neighbors are on the
-    surface, if these do not determine a quadric, or if an error is larger than that.
-
-    Coordinates are centered in each neighborhood before any arithmetic. So a cloud has the same
-    normals in national grid coordinates as in local ones. float32 cannot hold such coordinates: a
-    warning says if it is too coarse.
+    "omnivariance" and "eigenentropy", which then depend on the unit. Curvatures are those of the
+    osculating jet of degree 2 [4]_. Where the neighbors do not determine it, curvatures and
+    directions are 0, and the errors are one over the radius of the neighborhood.
 
     References
     ----------
@@ -280,8 +257,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
 
     # Whether normals follow the bend of a surface. Creases are sought between planes of faces.
     _tangents = True
-    # With "auto", the largest number of neighbors in a cloud, and that of each row of X. `tiling`
-    # sets it, where X is a part of the cloud; with None they are found from X.
+    # As `sized_index` takes them. `tiling` sets them, where X is a part of a cloud.
     _sizes_of_cloud: tuple[int, np.ndarray] | None = None
 
     def __init__(
@@ -346,10 +322,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Raises
         ------
         ValueError
-            If X has NaN, infinite or too few values, if `n_neighbors` is too small or "auto" for
-            more than three features, if
-            `orientation` and `sensor_origin` do not fit each other or X, or if `features` has an
-            unknown name or one that is defined in 3D only.
+            If X has NaN, infinite or too few values, or if parameters do not fit it or each other.
         """
         self._fit_columns(X, sensor_origin)
         return self
@@ -475,6 +448,11 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         return X
 
     def _make_index(self, xyz, radius):
+        if self.neighbor_planes and xyz.shape[1] > 3:
+            raise ValueError(
+                f"neighbor_planes=True is for points in 2D and 3D, and X has {xyz.shape[1]} "
+                "features; leave it at None."
+            )
         if self.n_neighbors != "auto":
             return super()._make_index(xyz, radius)
         if xyz.shape[1] > 3:
@@ -482,13 +460,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
                 f'n_neighbors="auto" is for points in 2D and 3D, and X has {xyz.shape[1]} '
                 "features; give a number of neighbors, such as 50."
             )
-        if self._sizes_of_cloud is not None:
-            largest, sizes = self._sizes_of_cloud
-            return NeighborIndex(xyz, largest, radius, sizes[IndexedCloud.of(xyz).rows])
         with progress_part(0.0, FINDING, "sizes of neighborhoods"):
-            finder = ScaleFinder(xyz, self.n_jobs)  # whose index the next one shares
-            sizes = finder.sizes()
-        return NeighborIndex(xyz, int(sizes.max()), radius, sizes)
+            return sized_index(xyz, radius, self._sizes_of_cloud, self.n_jobs)
 
     def _part_of_planes(self):
         """The part of the work that comes before the curvatures."""

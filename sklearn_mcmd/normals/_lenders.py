@@ -26,7 +26,7 @@ class PatchLimits(NamedTuple):
     patch: float
 
 
-def find_lenders(points, queries, around, planes, least, most):
+def find_lenders(points, queries, around, planes, most):
     """The neighbors whose planes are the most likely ones of patches.
 
     By Bayes' rule this is the plane with the least sum of ``log S + (r / S)^2 / 2 - log f``, where
@@ -44,8 +44,6 @@ def find_lenders(points, queries, around, planes, least, most):
     around : Neighborhoods
         Rows of `points` and `planes`.
     planes : Planes
-    least : ndarray of shape (m,)
-        Standard deviation that is added to each plane's, for each query.
     most : ndarray of shape (m,)
 
     Returns
@@ -55,5 +53,5 @@ def find_lenders(points, queries, around, planes, least, most):
     """
     limits, lenders = PatchLimits(EXPLAINED, PATCH), np.empty(len(queries), dtype=np.int64)
     find = compiled_function("normals._lenders_numba", "find_lenders")
-    find(points, queries, around, planes, least, most, limits, lenders)
+    find(points, queries, around, planes, most, limits, lenders)
     return lenders

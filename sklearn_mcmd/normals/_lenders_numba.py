@@ -7,14 +7,14 @@ from sklearn_mcmd.planes._kernels import kernel
 __all__ = ["find_lenders"]
 
 
-def find_lenders(points, queries, around, planes, least, most, limits, lenders):
+def find_lenders(points, queries, around, planes, most, limits, lenders):
     """Fill `lenders` as `find_lenders` of ``_lenders`` returns them."""
     arrays = np.empty((queries.shape[1] + 1, around.indices.shape[1]))
-    _find_lenders(points, queries, around, planes, least, most, limits, arrays, lenders)
+    _find_lenders(points, queries, around, planes, most, limits, arrays, lenders)
 
 
 @kernel(cache=True)
-def _find_lenders(points, queries, around, planes, least, most, limits, arrays, lenders):
+def _find_lenders(points, queries, around, planes, most, limits, arrays, lenders):
     d = queries.shape[1]
     patch, heights = arrays[:d], arrays[d]
     for i in range(len(queries)):
@@ -33,7 +33,7 @@ def _find_lenders(points, queries, around, planes, least, most, limits, arrays, 
                 reach += gap * gap
             if not np.sqrt(reach) <= planes.radius[row]:
                 continue
-            variance = planes.scale[row] * planes.scale[row] + least[i] * least[i]
+            variance = planes.scale[row] * planes.scale[row]
             distance = height * height / variance
             first = (
                 variance <= most[i] * most[i] and distance <= limits.explained * limits.explained

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.special import chdtri
 
 __all__ = [
+    "CHANCE",
     "PIVOT",
     "least_members",
     "n_terms",
@@ -14,6 +15,8 @@ __all__ = [
 # Least pivot of the quadric's equations. With less, as on two scan lines, the members do not
 # determine the quadric.
 PIVOT = 1e-6
+# Noise is what explains as much in this share of cases. What it makes less often is no noise.
+CHANCE = 0.1
 
 
 def n_terms(d):

@@ -9,11 +9,13 @@ more, the surface bends or folds within them.
 """
 
 import numpy as np
+from scipy.special import ndtri
 
-from sklearn_mcmd.normals._quadrics import noise_quantiles
+from sklearn_mcmd.normals._quadrics import CHANCE, noise_quantiles
 from sklearn_mcmd.normals._smoothness import whole_planes
 from sklearn_mcmd.planes._around import quantile_around
 from sklearn_mcmd.planes._chunks import each_slice
+from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._plane import normal_errors
 from sklearn_mcmd.planes._progress import progress_part
@@ -21,14 +23,14 @@ from sklearn_mcmd.planes._record import Planes
 
 __all__ = [
     "AROUND",
-    "FARTHEST",
     "LEAST",
     "MOST",
     "QUIET",
-    "TURNED",
     "ScaleFinder",
     "angles",
+    "are_turned",
     "errors_of",
+    "sized_index",
     "sizes_of",
     "wanted_by",
 ]
@@ -40,10 +42,6 @@ LEAST, MOST = 16, 256
 # A point's error is the one that this share of the neighborhoods around do not exceed. So next to
 # an edge it is the error on the faces. "Around" are this many points.
 QUIET, AROUND = 0.25, 64
-# Neighborhoods tell how many neighbors are needed, up to this many times their own.
-FARTHEST = 2
-# Planes of twice as many points may turn by this number of standard errors of the smaller ones.
-TURNED = 1.25
 # Of the work not yet done, the share that the next step is told to be: their number is not known.
 SHARE = 0.2
 
@@ -68,13 +66,13 @@ class ScaleFinder:
         wanted, todo = np.full(m, np.inf), np.ones(m, dtype=bool)
         k = min(LEAST, m)
         errors, normals = self._fit(k, todo)
-        while todo.any() and k <= min(MOST // FARTHEST, m):
+        while todo.any() and k <= min(MOST // 2, m):
             error, found = wanted_by(self._quiet(errors, todo), k, d)
-            known = found <= FARTHEST * k
+            known = found <= 2 * k  # more than that the next, twice as large, can tell
             if not known.all():
                 errors, larger = self._fit(2 * k, self._reached(todo))
                 turns = self._quiet(angles(normals, larger), todo)
-                bent = ~known & (turns > TURNED * error)
+                bent = ~known & are_turned(turns, error)
                 found[bent] = k
                 known |= bent
                 normals = larger
@@ -135,6 +133,19 @@ class ScaleFinder:
             each_slice(m, index.chunk, task, self.n_jobs)
 
 
+def sized_index(xyz, radius, sizes_of_cloud, n_jobs):
+    """The `NeighborIndex` whose neighborhoods have the sizes of the cloud, or found from xyz.
+
+    `sizes_of_cloud` is None, or the largest size in the cloud and that of each row of xyz.
+    """
+    if sizes_of_cloud is not None:
+        largest, sizes = sizes_of_cloud
+        return NeighborIndex(xyz, largest, radius, sizes[IndexedCloud.of(xyz).rows])
+    finder = ScaleFinder(xyz, n_jobs)  # whose index the next one shares
+    sizes = finder.sizes()
+    return NeighborIndex(xyz, int(sizes.max()), radius, sizes)
+
+
 def errors_of(points, around):
     """Errors (m,), in degrees, and normals (m, d) of planes of neighborhoods.
 
@@ -155,6 +166,11 @@ def wanted_by(quiet, k, d):
     error = quiet / noise_quantiles(QUIET, np.array([k]), d)
     # Of k points, the spread along the surface grows as k ** (1 / (d - 1)).
     return error, k * (error / TILT) ** (1 / (1 / 2 + 1 / (d - 1)))
+
+
+def are_turned(turns, error):
+    """Whether planes of twice as many points turn by more than their errors do by chance."""
+    return turns > ndtri(1 - CHANCE) * error
 
 
 def sizes_of(wanted, m):

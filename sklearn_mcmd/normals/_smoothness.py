@@ -25,10 +25,6 @@ CURVED = 1.2
 # A neighborhood is ordinary if no test of normality finds more than noise about the plane of all
 # members. Then no robust plane is sought. Each test allows this number of standard errors.
 N_ERRORS = 1.5
-# Least ratio of width to length. Narrower strips do not determine their plane.
-LEAST_WIDTH = 0.05
-# Ratio of the deviation from the plane to the length below which the deviation is rounding.
-PERFECT = 1e-9
 # Mean absolute value of a standard normal variable. The mean absolute value of a sample, in its own
 # standard deviations, has the standard deviation GEARY_DEVIATION over the root of the sample size.
 GEARY, GEARY_DEVIATION = sqrt(2 / pi), sqrt(1 - 3 / pi)
@@ -53,8 +49,6 @@ class SmoothnessLimits(NamedTuple):
     geary: np.ndarray
     geary_of_normal: float
     pivot: float
-    least_width: float
-    perfect: float
 
     @classmethod
     def of(cls, k, d):
@@ -71,8 +65,6 @@ class SmoothnessLimits(NamedTuple):
             geary=N_ERRORS * GEARY_DEVIATION / np.sqrt(n),
             geary_of_normal=GEARY,
             pivot=PIVOT,
-            least_width=LEAST_WIDTH,
-            perfect=PERFECT,
         )
 
 

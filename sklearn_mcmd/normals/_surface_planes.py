@@ -7,10 +7,11 @@ the plane of a neighbor that explains it best. Planes noisier than is usual arou
 """
 
 import numpy as np
+from scipy.special import ndtri
 
 from sklearn_mcmd.normals._folds import are_folded, quadric_normals
 from sklearn_mcmd.normals._lenders import find_lenders
-from sklearn_mcmd.normals._quadrics import noise_quantiles
+from sklearn_mcmd.normals._quadrics import CHANCE, noise_quantiles
 from sklearn_mcmd.normals._smoothness import is_smooth, whole_planes
 from sklearn_mcmd.planes._around import extents, quantile_around
 from sklearn_mcmd.planes._chunks import each_chunk, each_slice
@@ -26,17 +27,10 @@ ROUGH, FLAT, BENT = range(3)
 # A point asks its neighbors if a larger share of its own neighborhood was removed, or if its plane
 # is noisier than is usual around.
 REMOVED = 0.1
-# Least noise of a plane, as a share of its neighborhood's radius.
-LEAST_NOISE = 0.01
 # The usual noise around a point is told by the best tenth of its neighbors, whose deviations are
-# small by chance as well. A plane may exceed it by NOISY standard errors of a deviation, as 90 % of
-# planes with this noise do not. Where a quadric leaves more, a surface may be folded: a curved one
-# is as curved next to a point as at it.
-BEST, NOISY = 0.1, 1.28
-# A plane is borrowed only if it leans by more than this number of its standard errors. Two normals
-# of one surface that err alike differ by no more with 95 % confidence: sqrt(-2 log(0.05)). With
-# less, it is the least noisy of many planes by chance, and no better.
-SIGNIFICANT = 2.45
+# small by chance as well. Where a quadric leaves more than chance makes of it, a surface may be
+# folded: a curved one is as curved next to a point as at it.
+BEST = 0.1
 # Half a ball deviates from its plane by this share of its width, both as standard deviations. What
 # bends more is no height over a plane, whatever a quadric makes of it.
 HALF_BALL = 0.5
@@ -220,8 +214,7 @@ class SurfacePlanes:
     def _bend(self, points, planes, forms, left, around):
         """Settle the forms of neighborhoods by what is usual around, and give those that bend the
         tangent planes of their quadrics, in place."""
-        most = self._most(self.noise, planes.radius, around)
-        creased = ~(np.hypot(left, LEAST_NOISE * planes.radius) <= most)
+        creased = ~(left <= self._most(self.noise, around))
         self._smooth(points, planes, forms, np.flatnonzero(~creased & (forms == ROUGH)), around)
         self._unfold(points, planes, forms, np.flatnonzero(creased & (forms != ROUGH)), around)
         rows = np.flatnonzero(forms == BENT)
@@ -271,17 +264,17 @@ class SurfacePlanes:
         lenders = np.full(len(rough), -1)
         queries = np.ascontiguousarray(points[rough], dtype=np.float64)
         own = planes.take(rough)
-        least = LEAST_NOISE * own.radius
-        most = self._most(members.scale, own.radius, around)
-        asking = np.flatnonzero((1 - own.kept > REMOVED) | (np.hypot(own.scale, least) > most))
+        most = self._most(members.scale, around)
+        asking = np.flatnonzero((1 - own.kept > REMOVED) | (own.scale > most))
         best = find_lenders(
-            self.model.index.points, queries[asking], around.take(asking), members,
-            least[asking], most[asking],
-        )  # fmt: skip
+            self.model.index.points, queries[asking], around.take(asking), members, most[asking]
+        )
         asking, best = asking[best >= 0], best[best >= 0]
         cosine = np.einsum("md,md->m", own.normals[asking], members.normals[best])
         angle = np.degrees(np.arccos(np.minimum(np.abs(cosine), 1.0)))
-        leans = angle > SIGNIFICANT * members.normal_error[best]
+        # What leans by less, as two normals of one surface do that err alike, is the least noisy of
+        # many planes by chance, and no better.
+        leans = angle > np.sqrt(-2 * np.log(CHANCE)) * members.normal_error[best]
         lenders[asking[leans]] = best[leans]
         return lenders
 
@@ -296,11 +289,11 @@ class SurfacePlanes:
         lent = lent._replace(kept=own.kept, radius=own.radius, spacing=own.spacing)
         planes.put(rows, lent._replace(normal_error=error))
 
-    def _most(self, values, radius, around):
-        """The largest deviation that is usual among the neighbors."""
+    def _most(self, values, around):
+        """The largest deviation that is usual among the neighbors, with its standard error."""
         usual = quantile_around(values, around, BEST)
         usual /= noise_quantiles(BEST, around.sizes, self.model.index.points.shape[1])
-        return (1 + NOISY / np.sqrt(2 * around.sizes)) * np.hypot(usual, LEAST_NOISE * radius)
+        return (1 + ndtri(1 - CHANCE) / np.sqrt(2 * around.sizes)) * usual
 
 
 def _moved(planes, places):

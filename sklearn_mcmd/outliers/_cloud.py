@@ -26,9 +26,9 @@ from sklearn_mcmd.planes._rules import small_sample_inflation
 
 __all__ = ["JudgedCloud", "Judgement", "both_spacings", "joined_scores", "least_of"]
 
-# A surface has as many points as a neighborhood, a thing as many as two; or this share of a
-# small cloud.
-SURFACE, THING, LEAST_SHARE = 1.0, 2.0, 1 / 5
+# A surface has as many points as a neighborhood: fewer cannot fill that of a plane of their own. A
+# thing has as many as two. In a small cloud both have this share of it.
+THING, LEAST_SHARE = 2.0, 1 / 5
 # Fields of the planes that no later step asks for.
 UNUSED = "eigenvalues", "spacing", "normal_error"
 FITTING = 0.65  # share of the time that planes take, for the display of progress
@@ -309,7 +309,7 @@ class JudgedCloud:
 
 def least_of(n_neighbors, n_places, n_points):
     """Places that a surface has at least, and measurements of a group that is a thing."""
-    surface = min(SURFACE * n_neighbors, LEAST_SHARE * n_places)
+    surface = min(n_neighbors, LEAST_SHARE * n_places)
     return surface, min(THING * n_neighbors, LEAST_SHARE * n_points)
 
 

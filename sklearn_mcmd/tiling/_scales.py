@@ -12,12 +12,11 @@ import numpy as np
 
 from sklearn_mcmd.normals._scales import (
     AROUND,
-    FARTHEST,
     LEAST,
     MOST,
     QUIET,
-    TURNED,
     angles,
+    are_turned,
     errors_of,
     sizes_of,
     wanted_by,
@@ -40,7 +39,7 @@ __all__ = [
 ]
 
 # Numbers of neighbors that are tried.
-STEPS = [LEAST * FARTHEST**i for i in range(20) if LEAST * FARTHEST**i <= MOST // FARTHEST]
+STEPS = [LEAST * 2**i for i in range(20) if LEAST * 2**i <= MOST // 2]
 
 
 class ScaleJob(NamedTuple):
@@ -105,7 +104,7 @@ def find_wanted(cell, job, step):
                 rows, near = rows[still], near[still]
             quiet = quantile_around(errors, _around(near), QUIET)
             error, number = wanted_by(quiet, k, 3)
-            known = number <= FARTHEST * k
+            known = number <= 2 * k
             wanted[rows[known]] = np.maximum(number[known], LEAST)
             asking.append((rows[~known], near[~known], error[~known]))
 
@@ -114,11 +113,11 @@ def find_wanted(cell, job, step):
         if len(rows):
             members = np.unique(near)
             queries = found.points[members]
-            larger_errors, larger = _larger_planes(cell, cells, columns, queries, FARTHEST * k)
+            larger_errors, larger = _larger_planes(cell, cells, columns, queries, 2 * k)
             turned = np.empty(len(found.points))
             turned[members] = angles(normals[members], larger)
             turns = quantile_around(turned, _around(near), QUIET)
-            wanted[rows] = np.where(turns > TURNED * error, np.maximum(k, LEAST), np.inf)
+            wanted[rows] = np.where(are_turned(turns, error), np.maximum(k, LEAST), np.inf)
             keys = _keys(found)[members]
             order = np.argsort(keys)
             asked = keys[order], larger_errors[order], larger[order]

@@ -10,37 +10,37 @@ from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 
 def scene(kind, d, m=200, n=120, k=18):
-    """Points, queries, neighborhoods, planes, least and most."""
+    """Points, queries, neighborhoods, planes and most."""
     rng = np.random.default_rng(0)
     points = rng.uniform(size=(n, d))
     planes = random_planes(points, rng)
     queries, sizes = rng.uniform(-0.1, 1.1, (m, d)), np.full(m, k)
     queries[::2] = points[rng.integers(0, n, len(queries[::2]))]  # of the points themselves
     indices = np.argsort(np.linalg.norm(queries[:, None] - points, axis=2), axis=1)[:, :k]
-    least, most = rng.uniform(0, 0.02, m), np.full(m, np.inf)
+    most = np.full(m, np.inf)
     if kind == "ties":  # of two copies of a plane the first neighbor lends
         planes = planes.take(np.arange(n) // 2)
     elif kind == "sizes":
         sizes = rng.integers(1, k + 1, m)
         indices = np.where(np.arange(k) < sizes[:, None], indices, indices[:, :1])
     elif kind == "zero scales":
-        planes.scale[::2], least[:] = 0.0, 0.0
+        planes.scale[::2] = 0.0
     elif kind == "no planes":
         planes.scale[::3] = -1.0
     elif kind == "noisy ones last":
         most = rng.uniform(0, 0.1, m)
     elif kind == "far away":
         queries += 10.0
-    return points, queries, Neighborhoods(indices.astype(np.int32), sizes), planes, least, most
+    return points, queries, Neighborhoods(indices.astype(np.int32), sizes), planes, most
 
 
 KINDS = ["plain", "ties", "sizes", "zero scales", "no planes", "noisy ones last", "far away"]
 
 
-def literally(points, queries, around, planes, least, most):
+def literally(points, queries, around, planes, most):
     """One query and one plane at a time."""
     lenders = []
-    for query, row, size, add, limit in zip(queries, *around, least, most, strict=True):
+    for query, row, size, limit in zip(queries, *around, most, strict=True):
         others = [i for i in row[:size] if (points[i] != query).any()]
         others = others[: max(1, size // 3)]
         total = sum(range(1, len(others) + 1))
@@ -50,7 +50,7 @@ def literally(points, queries, around, planes, least, most):
                 continue
             if planes.scale[i] <= 0:
                 continue
-            deviation = np.hypot(planes.scale[i], add)
+            deviation = planes.scale[i]
 
             def distance(point, i=i, deviation=deviation):
                 return abs((point - planes.centroids[i]) @ planes.normals[i]) / deviation
@@ -95,8 +95,7 @@ def test_a_plane_must_explain_the_patch_and_not_the_point_alone():
     planes.centroids[wall], planes.normals[wall] = [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]
     planes.kept[wall] = 1.0
     around = Neighborhoods(np.arange(40, dtype=np.int32)[None], np.array([40]))
-    least, most = np.array([0.001]), np.array([0.05])
-    assert find_lenders(floor, query, around, planes, least, most)[0] != wall
+    assert find_lenders(floor, query, around, planes, np.array([0.05]))[0] != wall
     alone = np.abs((query - planes.centroids) * planes.normals).sum(axis=1) / planes.scale
     cost = alone**2 / 2 - np.log(planes.kept)
     assert cost.argmin() == wall
