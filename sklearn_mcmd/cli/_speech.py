@@ -51,9 +51,9 @@ def clear_exits(*, allow_coarse=False):
         raise
 
 
-def _fail(message, code=1):
+def _fail(message):
     typer.echo(f"mcmd: error: {' '.join(message.split())}", err=True)
-    raise typer.Exit(code)
+    raise typer.Exit(1)
 
 
 def _in_words(err):

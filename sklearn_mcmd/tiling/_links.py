@@ -78,7 +78,7 @@ def find_planes(cell, job):
             fitted.plane_offset_[:, None], fitted.plane_scale_[:, None],
         )  # fmt: skip
 
-    _, found, report = columns_of_tile(
+    _, found, n_proved = columns_of_tile(
         cells, cell, job.growing.normal_estimator, job.constants, of_fitted, job.n_threads
     )
     points = cells.read(cell)["xyz"]
@@ -93,7 +93,7 @@ def find_planes(cell, job):
         centroids=planes.centroids, normals=planes.normals,
         scale=np.maximum(planes.scale, floor), variation=np.array(told.surface_variation),
     )  # fmt: skip
-    columns.finish(cell, "planes", n_places=len(points), n_proved=report.n_proved)
+    columns.finish(cell, "planes", n_places=len(points), n_proved=n_proved)
 
 
 def places_of_cell(points):

@@ -43,17 +43,11 @@ class WiderCloud:
     box : pair of ndarray of shape (3,)
     complete : callable
         Adds points of the cloud to some, so that compiled code searches them.
-
-    Attributes
-    ----------
-    n_read : int
-        Points that were found in searches.
     """
 
     def __init__(self, cells, index, exact, reach, box, complete):
         self.cells, self.index, self.box, self.complete = cells, index, box, complete
-        self.exact, self.reach, self.n_read = exact, reach.copy(), 0
-        self.sizes = index.sizes
+        self.exact, self.reach, self.sizes = exact, reach.copy(), index.sizes
         self.beyond = np.empty((0, 3))
         self._found = []
         self._place = np.full(len(exact), NOT_SEARCHED, np.int32)
@@ -104,7 +98,6 @@ class WiderCloud:
     def _searched(self, rows, queries):
         """An index of points around queries, their neighborhoods, and how far these reach."""
         found, reach = self.cells.neighbors(queries, self.index.n_neighbors, self.reach[rows])
-        self.n_read += len(found)
         near = NeighborIndex(self.complete(found), self.index.n_neighbors, self.index.radius)
         return near, near.query_own(near.nearest(queries)), reach
 

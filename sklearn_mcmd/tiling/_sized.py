@@ -1,6 +1,5 @@
 """The work on one tile whose neighborhoods differ in size; sizes are those of the whole cloud."""
 
-import time
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -24,7 +23,6 @@ from sklearn_mcmd.tiling._tile import (
     MENDED,
     SMALL,
     USUAL,
-    TileReport,
     _usual_reach,
     _write,
     normal_columns,
@@ -56,7 +54,6 @@ class SizedJob(NamedTuple):
 
 def normals_of_sized_tile(cell, job):
     """Write the results of a tile, as `normals_of_tile` does, and the numbers of neighbors."""
-    begin = time.perf_counter()
     cells, columns = Cells(job.cells), Columns(job.columns)
     rows, place_of = cells.read(cell)["row"].copy(), columns.read(cell, "place_of")
     own, sizes = columns.read(cell, "points"), columns.read(cell, "sizes")
@@ -75,21 +72,18 @@ def normals_of_sized_tile(cell, job):
     exact = reach < to_border(index.points, *box)
     places = index.places[: len(own)]
     rest = np.flatnonzero(~proved_points(index, exact, levels, job.n_threads)[places])
-    n_again, at_once = 0, max(MENDED, len(own) // 8)
+    at_once = max(MENDED, len(own) // 8)
     order = rest[np.argsort(places[rest])]  # near ones together
     for first in range(0, len(order), at_once):
         some = order[first : first + at_once]
         cloud = SizedCloud(cells, index, exact, reach, box, complete, columns)
         result = mended(fitted, cloud, places[some], job.constants.dtype)
         values[some] = normal_columns(result)[1]
-        n_again += cloud.n_read
     results = np.empty(len(rows), result_dtype(values.shape[1] + 1))
     results["row"], results["values"][:, :-1] = rows, values[place_of]
     results["values"][:, -1] = sizes[: len(own)][place_of]
     n_far = int(np.bincount(place_of, minlength=len(own))[rest].sum())
-    n = len(rows)
-    report = TileReport(n, n - n_far, n_again, time.perf_counter() - begin)
-    _write(job.columns, cell, results, report)
+    _write(job.columns, cell, results, len(rows) - n_far)
 
 
 class SizedCloud(WiderCloud):
@@ -112,7 +106,6 @@ class SizedCloud(WiderCloud):
         """An index of points around queries, their neighborhoods, and how far these reach."""
         most = int(self.sizes[rows].max())
         found = as_near_as(self.cells, all_places(self.columns), queries, most, self.reach[rows])
-        self.n_read += len(found.points)
         points, sizes = self.complete(found.points, found.values(self.columns, "sizes"))
         sizes = sizes[IndexedCloud.of(points).rows]
         near = NeighborIndex(points, self.index.n_neighbors, self.index.radius, sizes)

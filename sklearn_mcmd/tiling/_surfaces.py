@@ -122,7 +122,7 @@ def find_planes(cell, job):
     found = _evaluate(job, columns, points, counts, halo)
     radius = found["planes"][:, RADIUS]
     far = np.flatnonzero(~(SLACK * radius < to_border(points, *box)))
-    n_again, waiting = 0, [far]
+    waiting = [far]
     while waiting and len(far):
         some = waiting.pop()
         needed = as_near_as(cells, load, points[some], k, radius[some])
@@ -131,10 +131,9 @@ def find_planes(cell, job):
             continue
         for name, values in _evaluate(job, columns, points[some], counts[some], needed).items():
             found[name][some] = values
-        n_again += len(needed.points)
     columns.write(cell, **found)
     n_far = int(counts[far].sum())
-    columns.finish(cell, "planes", n_proved=int(counts.sum()) - n_far, n_again=n_again)
+    columns.finish(cell, "planes", n_proved=int(counts.sum()) - n_far)
 
 
 def find_links(cell, job):
@@ -154,10 +153,7 @@ def find_links(cell, job):
         planes = _record(found.after([columns.read(cell, "planes")], columns, "planes"), order)
         usable_there = found.after([usable], columns, "usable")[order]
         farthest = found.after([farthest], columns, "farthest")[order]
-        links = link_planes(
-            index, width, planes, link_limits(LIMITS), usable_there,
-            farthest=farthest,
-        )  # fmt: skip
+        links = link_planes(index, width, planes, link_limits(LIMITS), usable_there, farthest)
         del planes
         for first in range(0, len(links), CHUNK):
             part, rows = links[first : first + CHUNK], order[first : first + CHUNK]
