@@ -5,6 +5,8 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import OutlierMixin
 from sklearn.utils import check_array
 
+from sklearn_mcmd._errors import ParameterError
+
 __all__ = [
     "FittedScoresMixin",
     "OffsetOutlierMixin",
@@ -72,14 +74,11 @@ class FittedScoresMixin(OffsetOutlierMixin):
 
 def check_sizes(n, d, n_neighbors):
     """Raise if there are too few points or neighbors for planes in d dimensions."""
+    needed = f"is too few for planes in {d}D: at least {d + 1} are needed."
     if n < d + 1:
-        raise ValueError(
-            f"n_samples={n} is too few for planes in {d}D: at least {d + 1} are needed."
-        )
+        raise ParameterError(f"$n_samples {needed}", n_samples=n)
     if n_neighbors is not None and n_neighbors < d + 1:
-        raise ValueError(
-            f"n_neighbors={n_neighbors} is too few for planes in {d}D: at least {d + 1} are needed."
-        )
+        raise ParameterError(f"$n_neighbors={n_neighbors} {needed}")
 
 
 def check_extent(X):
@@ -89,14 +88,15 @@ def check_extent(X):
     low, high = X.min(axis=0), X.max(axis=0)
     if max(-low.min(), high.max()) > LARGEST:
         row = np.flatnonzero((np.abs(X) > LARGEST).any(axis=1))[0]
-        raise ValueError(
-            f"X has a coordinate beyond {LARGEST:g} in row {row}: {X[row].tolist()}. Remove points "
-            "without a measured position first."
+        raise ParameterError(
+            f"$X has a coordinate beyond {LARGEST:g} in $row: {X[row].tolist()}. Remove points "
+            "without a measured position first.",
+            row=row,
         )
     extent = float((high - low).max())
     if 0 < extent < SMALLEST:
-        raise ValueError(
-            f"X spans no more than {extent:g}; at least {SMALLEST:g} is needed. Scale it up."
+        raise ParameterError(
+            f"$X spans no more than {extent:g}; at least {SMALLEST:g} is needed. Scale it up."
         )
 
 
@@ -123,5 +123,5 @@ def check_sensor_origin(sensor_origin, X):
         )
     origins = np.broadcast_to(position, (n, d))
     if (origins == X).all():
-        raise ValueError("sensor_origin is where all points are: there are no rays to them.")
+        raise ParameterError("$sensor_origin is where all points are: there are no rays to them.")
     return origins

@@ -1,7 +1,8 @@
-"""Pages of clouds read as a browser would, by an independent way."""
+"""Pages of clouds read as a browser would, by an independent way, and a page in a browser."""
 
 import json
 import re
+import time
 import zlib
 from dataclasses import dataclass, field
 from math import gcd
@@ -9,6 +10,8 @@ from math import gcd
 import numpy as np
 
 DIGITS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%()*+,-./:;=?@[]^_`{"
+
+STILL = "cloudPage.loaded && !cloudPage.renderer.moving && !cloudPage.renderer.scheduled"
 
 
 @dataclass
@@ -78,3 +81,53 @@ def spread(values):
     while gcd(leap, n) != 1:
         leap += 1
     return np.array(values)[(leap * np.arange(n)) % n]
+
+
+class Tab:
+    """A page in the browser, and all that it said."""
+
+    def __init__(self, browser, path, **options):
+        self.context = browser.new_context(viewport={"width": 1000, "height": 700}, **options)
+        self.said, self.asked = [], []
+        self.tab = self.context.new_page()
+        self.tab.on("console", lambda message: self.said.append(message.text))
+        self.tab.on("pageerror", lambda error: self.said.append(str(error)))
+        self.tab.on("request", lambda request: self.asked.append(request.url))
+        self.tab.goto(path.as_uri())
+        self.rest()
+
+    def ask(self, expression):
+        return self.tab.evaluate(expression)
+
+    def rest(self):
+        """Wait until all is drawn."""
+        self.wait_for(f"Boolean(window.cloudPage && {STILL})")
+
+    def wait_for(self, expression):
+        """The page forbids the evaluation that Playwright's wait needs."""
+        end = time.monotonic() + 600
+        while not self.ask(expression):
+            assert time.monotonic() < end, self.said
+            time.sleep(0.05)
+
+    def text(self, selector):
+        return self.tab.inner_text(selector)
+
+    def card(self):
+        """Names and values of the card."""
+        names, values = (self.tab.locator(f"#card > dl > {tag}") for tag in ("dt", "dd"))
+        return dict(zip(names.all_inner_texts(), values.all_inner_texts(), strict=True))
+
+    def place(self, row):
+        """Where a row of the first cloud is on the screen."""
+        return self.ask(
+            f"""(() => {{
+                const cloud = cloudPage.scene.clouds[0], i = cloud.rows.indexOf({row});
+                const at = cloudPage.camera.project(...placeOf({{ cloud, i }}));
+                return [at.x, at.y];
+            }})()"""
+        )
+
+    def picked_row(self):
+        hit = "cloudPage.overlay.picked"
+        return self.ask(f"{hit} && {hit}.cloud.rows[{hit}.i]")

@@ -11,7 +11,7 @@ import sklearn_mcmd
 
 ROOT = Path(sklearn_mcmd.__file__).parent
 # Each room, and the rooms that it may import; shared files at the root are open to all.
-SHARED = {"_extras", "_interrupts", "_sklearn", "_validation"}
+SHARED = {"_errors", "_extras", "_interrupts", "_sklearn", "_validation"}
 ROOMS = {
     "planes": set(),
     "datasets": set(),

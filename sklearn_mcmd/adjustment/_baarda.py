@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.exceptions import ConvergenceWarning
 
+from sklearn_mcmd._errors import warn
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd.adjustment._base import PlaneDetector
 from sklearn_mcmd.adjustment._determinacy import check_rank
@@ -414,21 +415,19 @@ class BaardaPlaneDetector(PlaneDetector):
         return scores
 
     def _warn_of_start(self):
-        warnings.warn(
-            "robust_start=True finds half of the points or more on one line, through which any "
-            "plane goes. All points are the start in their place, as with robust_start=False.",
-            UserWarning,
+        warn(
+            "$robust_start=True finds half of the points or more on one line, through which any "
+            "plane goes. All points are the start in their place, as with $robust_start=False.",
             stacklevel=5,
         )
 
     def _warn_of(self, state):
         if state.ran_out_of_points:
-            warnings.warn(
+            warn(
                 f"The tests reject {np.count_nonzero(state.step)} of {len(state.step)} points, "
                 "which leaves too few for a plane, or points on a line; the last estimable plane "
                 "was kept. Check "
-                f"sigma0={self.sigma0!r} against the noise, or the share of outliers.",
-                UserWarning,
+                f"$sigma0={self.sigma0!r} against the noise, or the share of outliers.",
                 stacklevel=5,
             )
         if state.ran_out_of_rounds:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_array, check_is_fitted, validate_data
 
+from sklearn_mcmd._errors import warn
 from sklearn_mcmd._sklearn import CallbackSupportMixin, DocLinkMixin, Interval, StrOptions
 from sklearn_mcmd._validation import OffsetOutlierMixin
 from sklearn_mcmd.adjustment._determinacy import (
@@ -136,11 +137,10 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         self.sigma0_ = max(sigma, rounding)
         self._sigma0_is_rounding = sigma <= rounding
         if self._sigma0_is_rounding and self.test == "w" and self.sigma0 != "auto":
-            warnings.warn(
-                f"sigma0={self.sigma0!r} is less than what float64 may add to a residual at these "
+            warn(
+                f"$sigma0={self.sigma0!r} is less than what float64 may add to a residual at these "
                 f"coordinates, {rounding:.2g}, which is taken in its place. Subtract an offset "
-                "from X before its digits are lost, or give the noise of the points as sigma0.",
-                UserWarning,
+                "from $X before its digits are lost, or give the noise of the points as $sigma0.",
                 stacklevel=5,
             )
 
@@ -177,7 +177,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
 
     def _set_plane(self, X, plane, initial):
         """Set the attributes of the final plane, and of the plane before any test."""
-        check_rank(plane, X.shape[1], "X that the tests leave")
+        check_rank(plane, X.shape[1], "$X that the tests leave")
         self._plane = plane
         self.coef_, self.intercept_ = plane.coef, plane.intercept
         self.normal_ = plane.normal
@@ -217,12 +217,11 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         missed = np.sqrt(vertical.sum_of_squares) * abs(vertical.normal[-1]) > 2 * thickness
         is_sheet = plane.rank >= 3 and thickness < FLATNESS * narrowest
         if is_sheet and (missed or rejected > STEEP_SHARE):
-            warnings.warn(
+            warn(
                 f"The points lie along a plane tilted by {tilt:.0f} degrees, of which "
-                f"surface='vertical' rejects {100 * rejected:.0f} %. If all columns are "
+                f"$surface='vertical' rejects {100 * rejected:.0f} %. If all columns are "
                 "coordinates of like precision, as in the scan of a wall, use "
-                "surface='orthogonal'.",
-                UserWarning,
+                "$surface='orthogonal'.",
                 stacklevel=5,
             )
 

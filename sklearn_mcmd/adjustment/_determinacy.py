@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from sklearn_mcmd._errors import ParameterError
+
 __all__ = ["AS_THICK_AS_WIDE", "check_distinct", "check_rank", "normal_pvalue"]
 
 # The first points, which are checked quickly, nearly always hold enough distinct ones.
@@ -22,18 +24,19 @@ def check_distinct(X, n_samples):
     if n_distinct > d:
         return
     if len(X) <= d:
-        found = f"n_samples={n_samples}"
+        found = "$n_samples"
         if n_samples > len(X):
             found += f", of which {len(X)} of positive weight,"
     else:
-        found = f"X has {n_distinct} distinct point(s) in n_samples={n_samples}, which"
-    raise ValueError(
+        found = f"$X has {n_distinct} distinct point(s) in $n_samples, which"
+    raise ParameterError(
         f"{found} is too few to test a plane in {d}D: at least {d + 1} distinct points are "
-        f"needed, because {d} determine a plane and leave no redundancy."
+        f"needed, because {d} determine a plane and leave no redundancy.",
+        n_samples=n_samples,
     )
 
 
-def check_rank(plane, d, which="X"):
+def check_rank(plane, d, which="$X"):
     """Raise if the points of a plane lie on one line or at one place.
 
     Parameters
@@ -41,7 +44,7 @@ def check_rank(plane, d, which="X"):
     plane : PlaneAdjustment
     d : int
         Number of columns.
-    which : str, default="X"
+    which : str, default="$X"
         Name of the points in the message.
 
     Notes
@@ -55,7 +58,7 @@ def check_rank(plane, d, which="X"):
     place = "at one place" if plane.rank == 1 else "on one line"
     which = f"{plane.n_observations} points of {which}"
     if plane.surface == "orthogonal":
-        raise ValueError(
+        raise ParameterError(
             f"The {which} lie {place}, which does not determine a plane in {d}D: add points beside "
             "it."
         )
@@ -63,10 +66,10 @@ def check_rank(plane, d, which="X"):
     remedy = (
         f"replace the {d - 1} by the distance along it, or " if d > 2 and plane.rank == 2 else ""
     )
-    raise ValueError(
+    raise ParameterError(
         f"By their {columns} the {which} lie {place}, which does not determine the slopes of "
-        f"surface='vertical' in {d}D: add points beside it, {remedy}take surface='orthogonal' for "
-        "an upright wall."
+        f"$surface='vertical' in {d}D: add points beside it, {remedy}take $surface='orthogonal' "
+        "for an upright wall."
     )
 
 

@@ -41,8 +41,6 @@ class DowndatedPlane:
         v'Pv of the retained points.
     direction : ndarray of shape (d,)
         Direction of the residuals at the last full adjustment.
-    n_adjustments : int
-        Full adjustments made so far.
 
     Notes
     -----
@@ -57,7 +55,6 @@ class DowndatedPlane:
     def __init__(self, X, weights, support, surface):
         self.X, self.surface, self.support = X, surface, support
         self.weights = weights
-        self.n_adjustments = 0
         self._adjust()
 
     @property
@@ -126,7 +123,6 @@ class DowndatedPlane:
         self.sum_of_squares, self.direction = plane.sum_of_squares, plane.direction
         self._lost_normal = np.zeros((plane.rank, plane.rank))
         self._lost_cross, self._lost_squares = np.zeros(plane.rank), 0.0
-        self.n_adjustments += 1
 
     def _update(self):
         """Present statistics of the candidates."""

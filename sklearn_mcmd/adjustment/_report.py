@@ -20,6 +20,8 @@ __all__ = [
     "tilt",
 ]
 
+LEAST_ERROR = 1e-9  # the least standard error that is told
+
 
 def text_report(
     detector: PlaneDetector,
@@ -189,9 +191,14 @@ def _slope_error(detector):
 
 
 def _with_error(values, error):
-    """Numbers to the first digit of their standard error."""
-    digits = int(np.clip(-np.floor(np.log10(error)), 0, 9))
-    return f"{_row(np.round(values, digits) + 0.0, digits)} ± {error:.{digits}f}"
+    """Numbers to the first digit of their standard error, which exact points do not have."""
+    digits = _digits(error)
+    error = f"{error:.{digits}f}" if error >= LEAST_ERROR else "less than 1e-9"
+    return f"{_row(np.round(values, digits) + 0.0, digits)} ± {error}"
+
+
+def _digits(error):
+    return max(0, -int(np.floor(np.log10(max(error, LEAST_ERROR)))))
 
 
 def _test_row(detector):
@@ -249,7 +256,7 @@ def share(part, total):
 def tilt(detector):
     """Angle between the plane and the horizontal plane, in words."""
     degrees = np.rad2deg(np.arccos(min(abs(detector.normal_[-1]), 1.0)))
-    digits = int(np.clip(-np.floor(np.log10(np.rad2deg(_slope_error(detector)))), 0, 6))
+    digits = min(_digits(np.rad2deg(_slope_error(detector))), 6)
     return f"{degrees:.{digits}f} degrees"
 
 

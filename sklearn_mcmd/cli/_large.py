@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.cli._speech import print_table
 
 __all__ = ["DryRun", "Memory", "Restart", "is_several", "large_catalog", "print_plan"]
@@ -65,7 +66,8 @@ def large_catalog(source, memory, n_features, always=False, columns=None, *, wor
         raise FileNotFoundError(ENOENT, "no such file or folder", str(source))
     several = is_several(source)
     if columns is not None and (always or several or source.suffix.lower() in PARSED_SUFFIXES):
-        raise ValueError(f"{source}: columns={columns} is for text files")
+        told = ParameterError("$columns is for text files", columns=columns)
+        raise ValueError(f"{source}: {told}") from told
     if always or several:
         from sklearn_mcmd.tiling import Catalog
 

@@ -7,9 +7,9 @@ from contextlib import contextmanager
 import numpy as np
 import typer
 
+from sklearn_mcmd._errors import ParameterError, ParameterWarning
 from sklearn_mcmd._interrupts import INTERRUPTED, raise_interrupts, was_interrupted
 from sklearn_mcmd.cli._termination import tidy_when_terminated
-from sklearn_mcmd.cli._wording import in_words_of_options
 
 __all__ = [
     "clear_exits",
@@ -51,9 +51,9 @@ def clear_exits(*, allow_coarse=False):
         raise
 
 
-def _fail(message, code=1):
+def _fail(message):
     typer.echo(f"mcmd: error: {' '.join(message.split())}", err=True)
-    raise typer.Exit(code)
+    raise typer.Exit(1)
 
 
 def _in_words(err):
@@ -61,7 +61,26 @@ def _in_words(err):
     if isinstance(err, OSError) and err.strerror:
         about = f"{err.filename}: " if err.filename else ""
         return f"{about}{err.strerror.lower()}"
-    return in_words_of_options(str(err))
+    return _of_options(err)
+
+
+def _of_options(said):
+    """What an error or a warning says, and what it repeats of its cause, with options as names."""
+    if isinstance(said, ParameterError | ParameterWarning):
+        return said.worded(_option)
+    words, cause = str(said), str(said.__cause__ or "")
+    return words.replace(cause, _of_options(said.__cause__)) if cause else words
+
+
+def _option(name, value):
+    if name == "n_samples":
+        return f"{value} point(s)"
+    if name == "row":
+        return f"point {value + 1}"
+    if name == "columns":
+        return "--columns " + ",".join(f"{axis}={column}" for axis, column in value.items())
+    words = {"X": "the cloud", "sensor_origin": "--sensor"}
+    return words.get(name) or f"--{name.replace('_', '-').replace('=', ' ')}"
 
 
 def _is_coarse(warning):
@@ -85,7 +104,7 @@ def _plain_warnings(allow_coarse):
     def show(message, category, *args, **kwargs):
         if _is_coarse(message) and not allow_coarse:
             raise message
-        words = _coarse_words(message) if _is_coarse(message) else in_words_of_options(str(message))
+        words = _coarse_words(message) if _is_coarse(message) else _of_options(message)
         text = " ".join(words.split())
         if text not in shown:
             shown.add(text)

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_is_fitted, check_random_state, validate_data
 
+from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd._sklearn import (
     CallbackSupportMixin,
     DocLinkMixin,
@@ -306,9 +307,10 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
             )
         farthest = FAR / 2
         if self.criterion == "crease" and (self.threshold or 0.0) > farthest:
-            raise ValueError(
-                f"threshold={self.threshold:g} is in spacings of the points for "
-                f"criterion='crease', and creases farther than {farthest:g} are not told: lower it."
+            raise ParameterError(
+                f"$threshold={self.threshold:g} is in spacings of the points for "
+                "$criterion='crease', and creases farther than "
+                f"{farthest:g} are not told: lower it."
             )
 
     def _clean(self, xyz, detector):

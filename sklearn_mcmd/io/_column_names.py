@@ -2,6 +2,7 @@
 
 import re
 
+from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.io._point_cloud import PointFileError
 
 __all__ = ["coordinate_columns", "n_known_axes"]
@@ -14,7 +15,9 @@ AXES = {
 # Words beside the axis: "X[m]", "x_ft", "POINT_X", "utm_x", "X coordinate".
 BESIDE = {"m", "mm", "cm", "km", "ft", "feet", "usft", "meter", "meters", "metre", "metres"}
 BESIDE |= {"coord", "coordinate", "point", "pos", "position", "utm"}
-REMEDY = 'say which they are, as in columns={"x": "easting", "y": "northing", "z": "height"}'
+REMEDY = ParameterError(
+    "say which they are, as in $columns", columns={"x": "easting", "y": "northing", "z": "height"}
+)
 
 
 def coordinate_columns(names, columns=None):
@@ -39,17 +42,18 @@ def coordinate_columns(names, columns=None):
             break
     else:
         found = {axis: _of_axis(plain, axis) for axis in "xyz" if axis not in told}
-    known = ", ".join(names)[:300]
+    among = f"among the columns {', '.join(names)[:300]}: {REMEDY}"
     for axis, several in found.items():
         if len(several) > 1:
             which = " or ".join(repr(names[i]) for i in several)
-            raise PointFileError(f"{axis} may be {which} among the columns {known}: {REMEDY}")
+            raise PointFileError(f"{axis} may be {which} {among}") from REMEDY
     missing = [axis for axis, several in found.items() if not several]
     if missing:
-        raise PointFileError(f"no {', '.join(missing)} among the columns {known}: {REMEDY}")
+        raise PointFileError(f"no {', '.join(missing)} {among}") from REMEDY
     positions = [told[axis] if axis in told else found[axis][0] for axis in "xyz"]
     if len(set(positions)) < 3:
-        raise PointFileError(f"x, y and z need three columns, got columns={columns}")
+        told = ParameterError("x, y and z need three columns, got $columns", columns=columns)
+        raise PointFileError(str(told)) from told
     return positions
 
 

@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.io._arrays import read_npy, read_npz, write_npy, write_npz
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
 from sklearn_mcmd.io._las import read_las, write_las
@@ -136,7 +137,8 @@ def read_points(
         options = {}
         if columns is not None:
             if reader is not read_text:
-                raise PointFileError(f"columns={columns} is for text files")
+                told = ParameterError("$columns is for text files", columns=columns)
+                raise PointFileError(str(told)) from told
             if not columns.keys() <= set("xyz"):
                 raise PointFileError(f"columns={columns} must tell of x, y or z")
             options["columns"] = columns

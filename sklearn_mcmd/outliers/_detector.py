@@ -7,6 +7,7 @@ from typing import ClassVar, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd._validation import FittedScoresMixin, check_sensor_origin
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff
@@ -318,9 +319,9 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             sensor_origin = self.sensor_origin
         one_plane = self.strictness is None or self.n_neighbors is None
         if sensor_origin is not None and one_plane:
-            raise ValueError(
-                "sensor_origin has no meaning where each point is judged by one plane alone: "
-                'give n_neighbors and a strictness, such as "groups", or leave it None.'
+            raise ParameterError(
+                "$sensor_origin has no meaning where each point is judged by one plane alone: "
+                'give $n_neighbors and a strictness, such as "groups", or leave it None.'
             )
         xyz = self._fit_planes(X)
         by_company = not one_plane and self.strictness != "surfaces" and self._share() is None

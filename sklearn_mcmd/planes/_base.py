@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from sklearn_mcmd._errors import warn
 from sklearn_mcmd._sklearn import CallbackSupportMixin, DocLinkMixin, Interval, StrOptions
 from sklearn_mcmd._validation import OffsetOutlierMixin, check_extent, check_sizes
 from sklearn_mcmd.planes._comparators import settle_comparator
@@ -154,9 +155,10 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         if index.sizes is not None:
             self.n_neighbors_ = index.sizes[index.places]
         elif fixed is not None and self.n_neighbors_ < fixed:
-            warnings.warn(
-                f"n_neighbors={self.n_neighbors} is more than the number of distinct points, "
-                f"{index.n_distinct} of n_samples={n}: neighborhoods of all of them are used.",
+            warn(
+                f"$n_neighbors={self.n_neighbors} is more than the number of distinct points, "
+                f"{index.n_distinct} of $n_samples: neighborhoods of all of them are used.",
+                n_samples=n,
                 stacklevel=7,
             )
         if X.dtype == np.float32 and (coarse := coarse_warning(index)):
@@ -176,9 +178,9 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         needed = n_trials_needed(self.max_outlier_rate, self.success_probability, d)
         most = MAX_TRIALS if d <= 3 else MAX_TRIALS_BEYOND_SPACE
         if needed > most and METHODS[self.method].needs_consistent_set:
-            warnings.warn(
-                f"max_outlier_rate={self.max_outlier_rate!r} in {d}D asks for {needed} trials; "
-                f"{most} are made. A lower max_outlier_rate asks for fewer.",
+            warn(
+                f"$max_outlier_rate={self.max_outlier_rate!r} in {d}D asks for {needed} trials; "
+                f"{most} are made. A lower $max_outlier_rate asks for fewer.",
                 stacklevel=7,
             )
         return min(needed, most)

@@ -42,7 +42,7 @@ class LinkLimits(NamedTuple):
     both_near: bool = False
 
 
-def link_planes(index, k, planes, limits, usable, n_jobs=None, farthest=None):
+def link_planes(index, k, planes, limits, usable, farthest=None):
     """Link each point to those of its neighbors whose planes and its own explain each other.
 
     Parameters
@@ -56,7 +56,6 @@ def link_planes(index, k, planes, limits, usable, n_jobs=None, farthest=None):
     limits : LinkLimits
     usable : ndarray of bool of shape (n,)
         Points that may be linked.
-    n_jobs : int, default=None
     farthest : ndarray of shape (n,), default=None
         Distance of the last of each point's k neighbors, where the index does not know all.
 
@@ -67,12 +66,12 @@ def link_planes(index, k, planes, limits, usable, n_jobs=None, farthest=None):
     """
     n = len(index.points)
     links = np.empty((n, k), np.int32)
-    link = row_linker(index, k, planes, limits, usable, n_jobs, farthest)
+    link = row_linker(index, k, planes, limits, usable, farthest)
 
     def task(rows):
         link(rows, links[rows])
 
-    each_slice(n, index.chunk, task, n_jobs)
+    each_slice(n, index.chunk, task, None)
     return links
 
 
@@ -123,7 +122,7 @@ def farthest_neighbors(points, around, start):
     return farthest
 
 
-def row_linker(index, k, planes, limits, usable, n_jobs=None, farthest=None):
+def row_linker(index, k, planes, limits, usable, farthest=None):
     """A function that fills the links of a slice of rows, with the parameters of `link_planes`."""
     own = LinkLimits(*map(float, limits[:3]), *map(bool, limits[3:]))
     link = _compiled("link_rows")
@@ -136,7 +135,7 @@ def row_linker(index, k, planes, limits, usable, n_jobs=None, farthest=None):
         farthest = index.empty(len(index.points)) if own.both_near else np.empty(0)
         if own.both_near:
             with progress_part(0.0, 0.4):
-                each_slice(len(farthest), index.chunk, measure_part, n_jobs)
+                each_slice(len(farthest), index.chunk, measure_part, None)
 
     def fill(rows, links):
         around = index.query_own(rows, k)

@@ -72,13 +72,6 @@ class Planes(NamedTuple):
         """The record with no values of some of its fields, to save their memory."""
         return self._replace(**{name: getattr(self, name)[:0].copy() for name in names})
 
-    def replaced(self, rows, **values):
-        """A copy in which some of the planes have other values."""
-        copies = {name: getattr(self, name).copy() for name in values}
-        for name, some in values.items():
-            copies[name][rows] = some
-        return self._replace(**copies)
-
     def put(self, rows, part):
         """Overwrite the planes of some of the queries."""
         for values, some in zip(self, part, strict=True):

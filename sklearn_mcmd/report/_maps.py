@@ -74,11 +74,11 @@ def found_maps(xyz, found, near, noun):
     return maps(draw, xyz, near, [(FOUND, f"{n:,} {noun}"), (DIM, f"{len(found) - n:,} others")])
 
 
-def ball(view="top"):
+def ball():
     """The legend of colors of normals."""
     from PIL import Image
 
-    pixels = np.rint(255 * np.clip(np.flipud(ball_picture(view)), 0.0, 1.0)).astype(np.uint8)
+    pixels = np.rint(255 * np.clip(np.flipud(ball_picture("top")), 0.0, 1.0)).astype(np.uint8)
     inner = f'<img src="{_encoded(Image.fromarray(pixels, "RGBA"))}" alt="">'
     return figure(inner, "A ball in these colors", "ball")
 

@@ -18,7 +18,7 @@ from sklearn_mcmd.tiling._scales import (
 )
 from sklearn_mcmd.tiling._sized import SizedJob, normals_of_sized_tile
 from sklearn_mcmd.tiling._stored import find_places
-from sklearn_mcmd.tiling._tile import TileReport, _write, normal_columns, result_dtype
+from sklearn_mcmd.tiling._tile import _write, normal_columns, result_dtype
 from sklearn_mcmd.tiling._together import fit_together
 from sklearn_mcmd.tiling._work import compute_cells
 
@@ -85,4 +85,4 @@ def _find_together(folder, cells, estimator, constants, n_places):
         results["row"] = rows
         results["values"][:, :-1] = columns[places]
         results["values"][:, -1] = fitted.n_neighbors_[places]
-        _write(folder.results, cell, results, TileReport(len(rows), len(rows), 0, 0.0))
+        _write(folder.results, cell, results, len(rows))

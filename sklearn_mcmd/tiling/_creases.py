@@ -83,7 +83,7 @@ def find_kept_planes(cell, job):
     (cells, columns), whole = job.open(), job.whole()
     near, _ = nearest_rows(cells, whole, cell, job.detector.n_neighbors)
     dtype = np.dtype(job.constants.dtype)
-    _, found, report = columns_of_tile(
+    _, found, n_proved = columns_of_tile(
         cells, cell, job.normals, job.constants, partial(_face_columns, dtype=dtype)
     )
     found = found[columns.read(cell, "first_rows")]
@@ -94,7 +94,7 @@ def find_kept_planes(cell, job):
     whole.put(
         cell, near=near, centroids=planes.centroids, normals=planes.normals, scale=planes.scale
     )
-    columns.finish(cell, "normals", n_proved=report.n_proved)
+    columns.finish(cell, "normals", n_proved=n_proved)
 
 
 def _face_columns(fitted, dtype):

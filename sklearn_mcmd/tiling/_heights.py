@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._classes import ground_in
 from sklearn_mcmd.io._files import one_clear_line
@@ -157,9 +158,9 @@ class Heights:
         """Write how deep the groups of points below the ground lie; all are in memory at once."""
         needed = bytes_of_groups(n_below)
         if needed > self.run.memory:
-            raise ValueError(
+            raise ParameterError(
                 f"{n_below:,} points lie below the ground, whose groups take about "
-                f"{needed / 1e6:.0f}MB, more than memory={self.run.memory / 1e6:.0f}MB; give more "
+                f"{needed / 1e6:.0f}MB, more than $memory={self.run.memory / 1e6:.0f}MB; give more "
                 "memory, check the ground (class 2), or leave groups below it out (low_groups)"
             )
         parts = [self.columns.read(cell, "below") for cell in range(n_cells)]

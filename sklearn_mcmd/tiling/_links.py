@@ -65,7 +65,7 @@ def find_planes(cell, job):
             fitted.plane_offset_[:, None], fitted.plane_scale_[:, None],
         )  # fmt: skip
 
-    _, found, report = columns_of_tile(
+    _, found, n_proved = columns_of_tile(
         cells, cell, job.growing.normal_estimator, job.constants, of_fitted, job.n_threads
     )
     points = whole.open("points")[whole.rows(cell)]
@@ -77,4 +77,4 @@ def find_planes(cell, job):
         cell, near=near, floor=floor, centroids=planes.centroids, normals=planes.normals,
         scale=np.maximum(planes.scale, floor), variation=told.surface_variation,
     )  # fmt: skip
-    columns.finish(cell, "planes", n_proved=report.n_proved)
+    columns.finish(cell, "planes", n_proved=n_proved)

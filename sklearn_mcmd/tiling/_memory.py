@@ -11,6 +11,8 @@ import numpy as np
 from joblib import effective_n_jobs
 from joblib.parallel import get_active_backend
 
+from sklearn_mcmd._errors import ParameterError
+
 __all__ = [
     "JUDGED_POINT",
     "JUDGED_STORED",
@@ -192,8 +194,8 @@ def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, wor
             why = f", because one process {does} all {n_points:,} points"
     if memory < own or memory < least:
         given = f"{memory / 1e6:.0f}MB" if memory >= 1e6 else f"{memory:g} bytes"
-        raise ValueError(
-            f"memory={given} is too little: at least {max(own, least) / 1e6:.0f}MB is needed{why}."
+        raise ParameterError(
+            f"$memory={given} is too little: at least {max(own, least) / 1e6:.0f}MB is needed{why}."
         )
     n_jobs = n_workers = _n_jobs(n_jobs)
     if work in WHOLE:  # other processes stay, while one works on the whole

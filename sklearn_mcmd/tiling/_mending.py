@@ -20,7 +20,7 @@ from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._plane import surface_variation
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
-__all__ = ["WiderCloud", "mended"]
+__all__ = ["WiderCloud", "mended", "widened"]
 
 NOT_SEARCHED = -1
 
@@ -43,16 +43,11 @@ class WiderCloud:
     box : pair of ndarray of shape (3,)
     complete : callable
         Adds points of the cloud to some, so that compiled code searches them.
-
-    Attributes
-    ----------
-    n_read : int
-        Points that were found in searches.
     """
 
     def __init__(self, cells, index, exact, reach, box, complete):
         self.cells, self.index, self.box, self.complete = cells, index, box, complete
-        self.exact, self.reach, self.n_read = exact, reach.copy(), 0
+        self.exact, self.reach, self.sizes = exact, reach.copy(), index.sizes
         self.beyond = np.empty((0, 3))
         self._found = []
         self._place = np.full(len(exact), NOT_SEARCHED, np.int32)
@@ -74,27 +69,24 @@ class WiderCloud:
         rows = rows[self._place[rows] == NOT_SEARCHED]
         if not len(rows):
             return
-        queries = self.points()[rows]
-        found, reach = self.cells.neighbors(queries, self.index.n_neighbors, self.reach[rows])
-        self.n_read += len(found)
-        near = NeighborIndex(self.complete(found), self.index.n_neighbors, self.index.radius)
-        around = near.query_own(near.nearest(queries))
+        near, around, reach = self._searched(rows, self.points()[rows])
         used = np.unique(around.indices)
         numbers = np.full(len(near.points), NOT_SEARCHED, np.int32)
-        numbers[used] = self._numbers(near.points[used])
-        around = around._replace(indices=numbers[around.indices])
+        numbers[used] = self._numbers(near, used)
+        around = widened(around._replace(indices=numbers[around.indices]), self.index.n_neighbors)
         self._place[rows] = sum(len(other.sizes) for other in self._found) + np.arange(len(rows))
         self._found.append(around)
-        # All neighbors of a point lie as near to each of them as the ball around it is wide.
+        # As many neighbors of a point as it has lie as near to each of them as its ball is wide.
         wide = np.broadcast_to(2.0 * reach[:, None], around.indices.shape)
-        np.minimum.at(self.reach, around.indices, wide)
+        tells = ... if self.sizes is None else self.sizes[around.indices] <= around.sizes[:, None]
+        np.minimum.at(self.reach, around.indices[tells], wide[tells])
 
     def around(self, rows):
         """The neighborhoods of rows, which are exact or were searched for."""
         k = self.index.n_neighbors
         indices, sizes = np.empty((len(rows), k), np.int32), np.empty(len(rows), np.int64)
         known = self.is_exact(rows)
-        own = self.index.query_own(rows[known])
+        own = widened(self.index.query_own(rows[known]), k)
         indices[known], sizes[known] = own.indices, own.sizes
         if not known.all():
             joined = Neighborhoods(*map(np.concatenate, zip(*self._found, strict=True)))
@@ -103,8 +95,15 @@ class WiderCloud:
             indices[~known], sizes[~known] = found.indices, found.sizes
         return Neighborhoods(indices, sizes)
 
-    def _numbers(self, points):
-        """Rows of points, of which some are new."""
+    def _searched(self, rows, queries):
+        """An index of points around queries, their neighborhoods, and how far these reach."""
+        found, reach = self.cells.neighbors(queries, self.index.n_neighbors, self.reach[rows])
+        near = NeighborIndex(self.complete(found), self.index.n_neighbors, self.index.radius)
+        return near, near.query_own(near.nearest(queries)), reach
+
+    def _numbers(self, near, used):
+        """Rows of the points of an index that are used, of which some are new."""
+        points = near.points[used]
         within = ((points >= self.box[0]) & (points < self.box[1])).all(axis=1)
         numbers, m, n = np.empty(len(points), np.intp), len(self.exact), len(self.beyond)
         numbers[within] = self.index.nearest(points[within])
@@ -116,6 +115,15 @@ class WiderCloud:
         self.reach = np.append(self.reach, np.full(n_new, np.inf))
         self._place = np.append(self._place, np.full(n_new, NOT_SEARCHED, np.int32))
         return numbers
+
+
+def widened(around, k):
+    """The same neighborhoods with k columns; those beyond the sizes repeat the first."""
+    m, width = around.indices.shape
+    if width == k:
+        return around
+    first = np.broadcast_to(around.indices[:, :1], (m, k - width))
+    return around._replace(indices=np.hstack([around.indices, first]))
 
 
 class _Points(NamedTuple):

@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 from sklearn.base import clone
 
+from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.normals._features import needs_curvatures, settle_features
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.planes._progress import progress_part
@@ -31,8 +32,8 @@ def check_normals(estimator, *, inner=False):
         if estimator.n_neighbors == "auto" or needs_curvatures(
             settle_features(estimator.features, 3)
         ):
-            raise ValueError(
-                "orientation='mst' cannot work by tiles with n_neighbors='auto' or curvatures "
+            raise ParameterError(
+                "$orientation='mst' cannot work by tiles with $n_neighbors='auto' or curvatures "
                 "among the features: leave these out, or give more memory."
             )
         estimator = clone(estimator).set_params(orientation=None)

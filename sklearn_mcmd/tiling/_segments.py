@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 from sklearn.base import clone
 
+from sklearn_mcmd._errors import ParameterWarning
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
@@ -137,8 +138,10 @@ def _warn_if_much(labels, n_neighbors, memory):
     needed = bytes_to_join(len(labels), n_rest)
     if needed > memory:
         warn_caller(
-            f"{n_rest:,} of {len(labels):,} different points lie on no surface; joining regions "
-            f"may take {needed / 1e6:.0f}MB, more than memory={memory / 1e6:.0f}MB"
+            ParameterWarning(
+                f"{n_rest:,} of {len(labels):,} different points lie on no surface; joining "
+                f"regions may take {needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB"
+            )
         )
 
 

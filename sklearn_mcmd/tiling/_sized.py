@@ -1,6 +1,5 @@
 """The work on one tile whose neighborhoods differ in size; sizes are those of the whole cloud."""
 
-import time
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -13,18 +12,16 @@ from sklearn_mcmd.planes._around import extents
 from sklearn_mcmd.planes._certificate import SLACK, proved_points, reaches, to_border
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM, IndexedCloud, distinct_rows
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._constants import Constants
-from sklearn_mcmd.tiling._mending import NOT_SEARCHED, WiderCloud, mended
+from sklearn_mcmd.tiling._mending import WiderCloud, mended
 from sklearn_mcmd.tiling._search import all_places, around_box, as_near_as
 from sklearn_mcmd.tiling._tile import (
     HALO,
     MENDED,
     SMALL,
     USUAL,
-    TileReport,
     _usual_reach,
     _write,
     normal_columns,
@@ -56,7 +53,6 @@ class SizedJob(NamedTuple):
 
 def normals_of_sized_tile(cell, job):
     """Write the results of a tile, as `normals_of_tile` does, and the numbers of neighbors."""
-    begin = time.perf_counter()
     cells, columns = Cells(job.cells), Columns(job.columns)
     rows, place_of = cells.read(cell)["row"].copy(), columns.read(cell, "place_of")
     own, sizes = columns.read(cell, "points"), columns.read(cell, "sizes")
@@ -75,21 +71,18 @@ def normals_of_sized_tile(cell, job):
     exact = reach < to_border(index.points, *box)
     places = index.places[: len(own)]
     rest = np.flatnonzero(~proved_points(index, exact, levels, job.n_threads)[places])
-    n_again, at_once = 0, max(MENDED, len(own) // 8)
+    at_once = max(MENDED, len(own) // 8)
     order = rest[np.argsort(places[rest])]  # near ones together
     for first in range(0, len(order), at_once):
         some = order[first : first + at_once]
         cloud = SizedCloud(cells, index, exact, reach, box, complete, columns)
         result = mended(fitted, cloud, places[some], job.constants.dtype)
         values[some] = normal_columns(result)[1]
-        n_again += cloud.n_read
     results = np.empty(len(rows), result_dtype(values.shape[1] + 1))
     results["row"], results["values"][:, :-1] = rows, values[place_of]
     results["values"][:, -1] = sizes[: len(own)][place_of]
     n_far = int(np.bincount(place_of, minlength=len(own))[rest].sum())
-    n = len(rows)
-    report = TileReport(n, n - n_far, n_again, time.perf_counter() - begin)
-    _write(job.columns, cell, results, report)
+    _write(job.columns, cell, results, len(rows) - n_far)
 
 
 class SizedCloud(WiderCloud):
@@ -106,62 +99,25 @@ class SizedCloud(WiderCloud):
 
     def __init__(self, cells, index, exact, reach, box, complete, columns):
         super().__init__(cells, index, exact, reach, box, complete)
-        self.columns, self.sizes = columns, index.sizes
+        self.columns = columns
 
-    def search(self, rows):
-        """Search in all cells for neighborhoods that are not known."""
-        rows = rows[~self.is_exact(rows)]
-        rows = rows[self._place[rows] == NOT_SEARCHED]
-        if not len(rows):
-            return
-        queries, sizes, k = self.points()[rows], self.sizes[rows], self.index.n_neighbors
-        found = as_near_as(
-            self.cells, all_places(self.columns), queries, int(sizes.max()), self.reach[rows]
-        )
-        self.n_read += len(found.points)
-        points, found_sizes = self.complete(found.points, found.values(self.columns, "sizes"))
-        order = IndexedCloud.of(points)
-        near = NeighborIndex(points, k, self.index.radius, found_sizes[order.rows])
+    def _searched(self, rows, queries):
+        """An index of points around queries, their neighborhoods, and how far these reach."""
+        most = int(self.sizes[rows].max())
+        found = as_near_as(self.cells, all_places(self.columns), queries, most, self.reach[rows])
+        points, sizes = self.complete(found.points, found.values(self.columns, "sizes"))
+        sizes = sizes[IndexedCloud.of(points).rows]
+        near = NeighborIndex(points, self.index.n_neighbors, self.index.radius, sizes)
         around = near.query_own(near.nearest(queries))
         reach = SLACK * extents(near.points, queries, around)[1]
-        if self.index.radius is not None:
-            reach = np.maximum(reach, self.index.radius)
-        used = np.unique(around.indices)
-        numbers = np.full(len(near.points), NOT_SEARCHED, np.int32)
-        numbers[used] = self._numbers(near.points[used])
+        return near, around, np.maximum(reach, self.index.radius or 0.0)
+
+    def _numbers(self, near, used):
+        numbers = super()._numbers(near, used)
         n_new = len(self.reach) - len(self.sizes)
         self.sizes = np.append(self.sizes, np.zeros(n_new, self.sizes.dtype))
-        self.sizes[numbers[used]] = near.sizes[used]
-        around = _widened(around._replace(indices=numbers[around.indices]), k)
-        self._place[rows] = sum(len(other.sizes) for other in self._found) + np.arange(len(rows))
-        self._found.append(around)
-        # As many neighbors of a point as it has lie as near to each of them as its ball is wide.
-        wide = np.broadcast_to(2.0 * reach[:, None], around.indices.shape)
-        tells = self.sizes[around.indices] <= around.sizes[:, None]
-        np.minimum.at(self.reach, around.indices[tells], wide[tells])
-
-    def around(self, rows):
-        """The neighborhoods of rows, which are exact or were searched for."""
-        k = self.index.n_neighbors
-        indices, sizes = np.empty((len(rows), k), np.int32), np.empty(len(rows), np.int64)
-        known = self.is_exact(rows)
-        own = _widened(self.index.query_own(rows[known]), k)
-        indices[known], sizes[known] = own.indices, own.sizes
-        if not known.all():
-            joined = Neighborhoods(*map(np.concatenate, zip(*self._found, strict=True)))
-            self._found = [joined]
-            found = joined.take(self._place[rows[~known]])
-            indices[~known], sizes[~known] = found.indices, found.sizes
-        return Neighborhoods(indices, sizes)
-
-
-def _widened(around, k):
-    """The same neighborhoods with k columns; those beyond the sizes repeat the first."""
-    m, width = around.indices.shape
-    if width == k:
-        return around
-    first = np.broadcast_to(around.indices[:, :1], (m, k - width))
-    return around._replace(indices=np.hstack([around.indices, first]))
+        self.sizes[numbers] = near.sizes[used]
+        return numbers
 
 
 def _with_others(points, sizes, cells, columns, k):

@@ -3,10 +3,8 @@
 import json
 import os
 import secrets
-import time
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -19,7 +17,6 @@ from sklearn_mcmd.tiling._mending import WiderCloud, mended
 
 __all__ = [
     "NORMAL_COLUMNS",
-    "TileReport",
     "columns_of_tile",
     "normal_columns",
     "normals_of_tile",
@@ -45,23 +42,6 @@ NORMAL_COLUMNS = (
 N_TRANSFORMED = 12
 
 
-class TileReport(NamedTuple):
-    """What the work on a tile came to.
-
-    n_points : int
-    n_proved : int
-        Points whose normals the halo proved; the others were computed again.
-    n_again : int
-        Points that were read for these others.
-    seconds : float
-    """
-
-    n_points: int
-    n_proved: int
-    n_again: int
-    seconds: float
-
-
 def normals_of_tile(folder, cell, estimator, constants, target, n_threads=1, columns_of=None):
     """Write the results of a tile; it depends on nothing but its arguments and the cells.
 
@@ -77,19 +57,14 @@ def normals_of_tile(folder, cell, estimator, constants, target, n_threads=1, col
     n_threads : int, default=1
     columns_of : callable, default=None
         What is stored of a fitted estimator: names and values; `normal_columns` with None.
-
-    Returns
-    -------
-    TileReport
     """
     named = normal_columns if columns_of is None else columns_of
-    rows, columns, report = columns_of_tile(
+    rows, columns, n_proved = columns_of_tile(
         Cells(folder), cell, estimator, constants, lambda fitted: named(fitted)[1], n_threads
     )
     results = np.empty(len(rows), result_dtype(columns.shape[1], columns.dtype))
     results["row"], results["values"] = rows, columns
-    _write(target, cell, results, report)
-    return report
+    _write(target, cell, results, n_proved)
 
 
 def columns_of_tile(cells, cell, estimator, constants, columns_of, n_threads=1):
@@ -110,9 +85,9 @@ def columns_of_tile(cells, cell, estimator, constants, columns_of, n_threads=1):
     rows : ndarray of int of shape (n,)
         Of the inputs.
     columns : ndarray of shape (n, n_columns)
-    report : TileReport
+    n_proved : int
+        Points whose results the halo proved; the others were computed again.
     """
-    begin = time.perf_counter()
     records = cells.read(cell)
     own, rows = np.ascontiguousarray(records["xyz"]), records["row"].copy()
     del records
@@ -130,18 +105,13 @@ def columns_of_tile(cells, cell, estimator, constants, columns_of, n_threads=1):
     places = index.places[: len(own)]
     rest = np.flatnonzero(~proved_points(index, exact, levels, n_threads)[places])
     wrong, again = np.unique(places[rest], return_inverse=True)
-    n_again = 0
     at_once = max(MENDED, len(own) // 8)
     for first in range(0, len(wrong), at_once):  # near ones together
         cloud = WiderCloud(cells, index, exact, reach, box, complete)
         result = mended(fitted, cloud, wrong[first : first + at_once], constants.dtype)
         these = (again >= first) & (again < first + at_once)
         columns[rest[these]] = columns_of(result)[again[these] - first]
-        n_again += cloud.n_read
-    report = TileReport(
-        *map(int, (len(own), len(own) - len(rest), n_again)), time.perf_counter() - begin
-    )
-    return rows, columns, report
+    return rows, columns, len(own) - len(rest)
 
 
 def normal_columns(fitted):
@@ -198,10 +168,10 @@ def _with_others(points, cells, k):
     return points
 
 
-def _write(folder, cell, results, report):
+def _write(folder, cell, results, n_proved):
     """Write the report of a tile, and then its results, which tell that both are there."""
     whole, report_file = tile_files(folder, cell)
-    report_file.write_text(json.dumps(report._asdict()))
+    report_file.write_text(json.dumps({"n_proved": n_proved}))
     write_whole(whole, results)
 
 

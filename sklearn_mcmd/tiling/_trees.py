@@ -17,7 +17,6 @@ from sklearn_mcmd.tiling._constants import Constants
 from sklearn_mcmd.tiling._stored import nearest_rows, places_of_cell
 from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._tile import (
-    TileReport,
     _write,
     columns_of_tile,
     normal_columns,
@@ -83,7 +82,7 @@ def _find_planes(cell, job):
     def both(fitted):
         return np.hstack([fitted.normals_, normal_columns(fitted)[1]])
 
-    _, found, report = columns_of_tile(
+    _, found, n_proved = columns_of_tile(
         cells, cell, job.estimator, job.constants, both, job.n_threads
     )
     points = cells.read(cell)["xyz"]
@@ -92,7 +91,7 @@ def _find_planes(cell, job):
         cell, points=points[rows], normals=found[rows, :3], place_of=place_of.astype(np.int32),
         values=found[:, 3:].astype(np.float32),
     )  # fmt: skip
-    columns.finish(cell, "planes", n_places=len(rows), n_proved=report.n_proved)
+    columns.finish(cell, "planes", n_places=len(rows), n_proved=n_proved)
 
 
 def _find_forest(cell, job):
@@ -131,4 +130,4 @@ def _find_together(folder, cells, estimator, n_places):
 def _write_results(folder, cell, rows, values, n_proved):
     results = np.empty(len(rows), result_dtype(values.shape[1]))
     results["row"], results["values"] = rows, values
-    _write(folder.results, cell, results, TileReport(len(rows), n_proved, 0, 0.0))
+    _write(folder.results, cell, results, n_proved)

@@ -41,7 +41,17 @@ def test_the_local_level_counts_the_points_that_are_left(correction):
     assert_array_equal(detector.elimination_step_, expected)
 
 
-def test_thousands_of_removals_need_few_full_adjustments():
+@pytest.fixture
+def adjustments(monkeypatch):
+    """The full adjustments that were made."""
+    made, adjust = [], _downdate.DowndatedPlane._adjust
+    monkeypatch.setattr(
+        _downdate.DowndatedPlane, "_adjust", lambda plane: made.append(adjust(plane))
+    )
+    return made
+
+
+def test_thousands_of_removals_need_few_full_adjustments(adjustments):
     X = plane_with_outliers(50_000, 2000, 12.0)
     support = np.ones(len(X), dtype=bool)
     plane = _downdate.DowndatedPlane(X, None, support, "vertical")
@@ -50,11 +60,11 @@ def test_thousands_of_removals_need_few_full_adjustments():
         plane.remove_largest()
     assert not support[:2000].any()
     assert support[2000:].all()
-    assert plane.n_adjustments <= 10
+    assert len(adjustments) <= 10
 
 
 @pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
-def test_downdated_sums_are_those_of_a_new_adjustment(surface):
+def test_downdated_sums_are_those_of_a_new_adjustment(surface, adjustments):
     X = plane_with_outliers(300, 30, 20.0)
     p = np.random.default_rng(1).uniform(0.5, 2, len(X))
     support = np.ones(len(X), dtype=bool)
@@ -63,7 +73,7 @@ def test_downdated_sums_are_those_of_a_new_adjustment(surface):
         plane.largest()
         plane.remove_largest()
     again = adjust_plane(X[support], p[support], surface=surface)
-    assert plane.n_adjustments == 1
+    assert len(adjustments) == 1
     assert plane.dof == again.dof
     assert_allclose(plane.variance_factor, again.variance_factor, rtol=1e-10)
 

@@ -87,6 +87,17 @@ def test_the_report_of_an_exact_plane_says_that_there_is_no_noise(offset, tmp_pa
     plot_report(detector, X).savefig(tmp_path / "report.png")
 
 
+@pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
+@pytest.mark.parametrize("scale", [[1, 1, 1], [1e17, 1e17, 0]])  # of the last, the error is 0
+def test_an_exact_plane_has_no_standard_error(surface, scale):
+    x, y = np.random.default_rng(0).integers(0, 50, (2, 40))
+    X = np.column_stack([x, y, 2 * x + 3 * y + 1]) * np.array(scale, float)
+    text = text_report(BaardaPlaneDetector(sigma0="auto", surface=surface).fit(X), X)
+    told = [line.split("±")[1].strip() for line in text.splitlines() if "±" in line]
+    assert set(told) == {"less than 1e-9"}
+    assert f"tilt from horizontal  {'74.498640' if scale[2] else '0.000000'} degrees" in text
+
+
 def test_the_report_of_a_plane_with_noise_says_nothing_of_rounding():
     X = plane_with_outliers(200, 0)
     text = text_report(BaardaPlaneDetector(sigma0="auto").fit(X), X)

@@ -155,8 +155,8 @@ def test_few_points_give_one_warning_line_and_an_answer(room, tmp_path):
     result = run("denoise", tmp_path / "few.csv", tmp_path / "out.csv")
     assert result.exit_code == 0
     assert result.stderr == (
-        "mcmd: warning: there are only 30 distinct points, fewer than the 50 of a neighborhood: "
-        "each neighborhood is the whole cloud.\n"
+        "mcmd: warning: --n-neighbors 50 is more than the number of distinct points, 30 of 30 "
+        "point(s): neighborhoods of all of them are used.\n"
     )
 
 

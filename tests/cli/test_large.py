@@ -84,7 +84,7 @@ def test_a_dry_run_reads_no_positions(options, source, tmp_path):
 def test_what_needs_the_whole_cloud_is_refused(small_machine, source, tmp_path):
     options = ("--memory", "3MB", "--orientation", "mst", "--features", "mean_curvature")
     line = error_line(run("normals", source, tmp_path / "b.laz", *options))
-    assert "--orientation mst cannot work by tiles" in line
+    assert "--orientation 'mst' cannot work by tiles" in line
 
 
 @pytest.mark.parametrize("options", [("--sensor", "auto"), ("--trajectory", "path.csv")])

@@ -2,10 +2,16 @@
 
 import warnings
 
+import numpy as np
 import pytest
 
 from commands import error_line, files_in, run
+from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.cli import _denoise
+from sklearn_mcmd.tiling import TilingError
+
+# Words of the estimators that mean nothing to users of the command line.
+PYTHON = ("n_samples", "n_neighbors=", "float64", "None", " X ", "n_features", "ndarray", "_rate")
 
 
 @pytest.fixture
@@ -59,3 +65,60 @@ def test_deprecations_within_libraries_are_not_told_to_users(room_file, tmp_path
     monkeypatch.setattr(_denoise, "_find_outliers", warn)
     result = run("denoise", room_file, tmp_path / "out.laz", "--quiet")
     assert result.stderr == "mcmd: warning: the scan is sparse\n"
+
+
+@pytest.mark.parametrize("verb", ["denoise", "normals", "segment", "edges"])
+@pytest.mark.parametrize("n", [1, 4, 30])
+def test_a_cloud_of_few_distinct_points_is_told_how_many_it_has(verb, n, tmp_path):
+    X = np.random.default_rng(0).uniform(size=(n, 3))
+    np.savetxt(tmp_path / "in.xyz", np.resize(X, (70, 3)))
+    result = run(verb, tmp_path / "in.xyz", tmp_path / "out.xyz")
+    assert result.exit_code == 0, result.output
+    assert "--n-neighbors 50 is more than the number of distinct points" in result.stderr
+    assert f"points, {n} of 70 point(s):" in result.stderr
+    assert not any(word in result.stderr for word in PYTHON)
+
+
+def test_values_out_of_reach_are_refused_in_words_of_options(room_file, tmp_path):
+    line = error_line(run("edges", room_file, tmp_path / "out.laz", "--threshold", 30))
+    assert "--threshold 30 is in spacings" in line
+    assert not any(word in line for word in PYTHON)
+
+
+def test_a_point_without_a_position_is_named_by_its_number(tmp_path):
+    X = np.random.default_rng(0).uniform(size=(100, 3))
+    X[7, 1] = 1e120
+    np.savetxt(tmp_path / "in.xyz", X)
+    line = error_line(run("denoise", tmp_path / "in.xyz", tmp_path / "out.xyz"))
+    assert "in.xyz: the cloud has a coordinate beyond 1e+100 in point 8: [" in line
+
+
+def test_more_trials_than_are_made_are_told_of_the_option(room_file, tmp_path):
+    result = run("normals", room_file, tmp_path / "out.laz", "--max-outlier-rate", 0.99)
+    assert result.exit_code == 0
+    assert "--max-outlier-rate 0.99 in 3D asks for 9210336 trials; 10000 are made" in result.stderr
+    assert not any(word in result.stderr for word in PYTHON)
+
+
+@pytest.mark.parametrize(
+    ("cloud", "words"),
+    [
+        ([[0, 0, 0]], "in.xyz: 1 point(s) is too few to test a plane in 3D"),
+        (np.eye(3)[[0, 1, 2, 0, 1]], "the cloud has 3 distinct point(s) in 5 point(s), which is"),
+        (np.arange(9)[:, None] * np.ones(3), "The 9 points of the cloud lie on one line"),
+    ],
+)
+def test_clouds_that_have_no_plane_are_told_without_words_of_python(cloud, words, tmp_path):
+    np.savetxt(tmp_path / "in.xyz", cloud)
+    line = error_line(run("plane", tmp_path / "in.xyz", tmp_path / "out.xyz"))
+    assert words in line
+    assert not any(word in line for word in PYTHON)
+
+
+def test_what_a_run_repeats_of_its_cause_is_in_words_of_options(failing, room_file, tmp_path):
+    cause = ParameterError("$memory=2MB is too little")
+    error = TilingError(f"{cause}; what was done is kept")
+    error.__cause__ = cause
+    failing(error)
+    line = error_line(run("denoise", room_file, tmp_path / "out.laz"))
+    assert line.endswith(": --memory 2MB is too little; what was done is kept")

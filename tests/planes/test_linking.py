@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from joblib import parallel_config
 from numpy.testing import assert_array_equal
 
 from reference import GivenNeighbors
@@ -9,10 +10,10 @@ from sklearn_mcmd.planes._linking import LinkLimits, connected, connected_planes
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 
-def links_of(cloud, limits, chunk=1000, n_jobs=None):
+def links_of(cloud, limits, chunk=1000):
     points, neighbors, planes, usable = cloud
     index, k = GivenNeighbors(points, neighbors, chunk), neighbors.indices.shape[1]
-    return link_planes(index, k, planes, limits, usable, n_jobs)
+    return link_planes(index, k, planes, limits, usable)
 
 
 def scene(d, n=150, k=10, seed=0):
@@ -91,7 +92,8 @@ def test_links_of_neighborhoods_that_are_mutual_go_both_ways():
 def test_links_do_not_depend_on_chunks_or_threads():
     cloud = scene(3)
     whole = links_of(cloud, LIMITS["both near"])
-    parts = links_of(cloud, LIMITS["both near"], chunk=7, n_jobs=2)
+    with parallel_config(n_jobs=2):
+        parts = links_of(cloud, LIMITS["both near"], chunk=7)
     assert_array_equal(whole, parts)
 
 

@@ -11,11 +11,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 from sklearn.base import clone
-from sklearn.ensemble import IsolationForest
 
 from sklearn_mcmd import RobustNormalEstimator, _interrupts
-from sklearn_mcmd.datasets import make_airborne_scan, make_mobile_scan, make_street
-from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
+from sklearn_mcmd.io import PointFileError, read_points, write_points
 from sklearn_mcmd.tiling import (
     Catalog,
     TilingError,
@@ -23,7 +21,6 @@ from sklearn_mcmd.tiling import (
     _outputs,
     _run,
     _tile,
-    _trees,
     process_files,
 )
 from sklearn_mcmd.tiling._tile import normal_columns, normals_of_tile
@@ -79,54 +76,6 @@ def test_ctrl_c_while_temporary_files_are_removed_comes_too_late(small_file, tmp
         small_file, tmp_path / "out.las", RobustNormalEstimator(method="pca", random_state=0)
     )
     assert files_in(tmp_path) == ["out.las", "small.las"]
-
-
-@pytest.mark.parametrize(
-    "params",
-    [
-        {"neighbor_planes": False},
-        {"reweight": False},
-        {"method": "pca"},
-        {"method": "mcmd_md", "n_neighbors": 20},
-        {"radius": 0.2, "features": ["roughness", "mean_curvature", "max_curvature_direction"]},
-        {"orientation": "sensor", "sensor_origin": [362_002, 5_157_002, 103]},
-        {"orientation": "mst", "radius": 0.2, "features": "roughness"},
-    ],
-    ids=lambda params: "-".join(params),
-)
-def test_the_output_is_that_of_memory_for_all_parameters(small_file, tmp_path, params):
-    estimator = RobustNormalEstimator(**{"n_neighbors": 16, "random_state": 3, **params})
-    expected = in_memory(small_file, tmp_path / "expected.las", estimator)
-    process_files(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
-    assert (tmp_path / "out.las").read_bytes() == expected.read_bytes()
-
-
-@pytest.mark.parametrize(("n", "n_jobs"), [(40, 1), (40, 2), (10, 1)])
-def test_normals_agree_along_the_tree_of_memory_where_costs_are_equal(tmp_path, n, n_jobs):
-    side = np.stack(np.meshgrid(np.arange(n), np.arange(n), [0.0], indexing="ij"), -1).reshape(
-        -1, 3
-    )
-    faces = [np.roll(side, turn, axis=1) + shift for turn in range(3) for shift in (0, 1000)]
-    shuffled = np.random.default_rng(0).permutation(np.vstack([*faces, side[:9]]) / 8)
-    source, target = tmp_path / "box.laz", tmp_path / "out.laz"
-    write_points(source, PointCloud(shuffled))
-    estimator = RobustNormalEstimator(16, orientation="mst", random_state=0)
-    expected = in_memory(source, tmp_path / "expected.laz", estimator).read_bytes()
-    report = process_files(source, target, estimator, tile_size=len(shuffled) // 4, n_jobs=n_jobs)
-    assert report.n_tiles > 4
-    assert target.read_bytes() == expected
-
-
-def test_a_run_along_a_tree_that_failed_goes_on(small_file, tmp_path, monkeypatch):
-    estimator = RobustNormalEstimator(16, orientation="mst", random_state=0)
-    expected = in_memory(small_file, tmp_path / "expected.las", estimator).read_bytes()
-    with monkeypatch.context() as patch:
-        patch.setattr(_trees, "signs_along", lambda *_: 1 / 0)
-        with pytest.raises(TilingError, match="goes on from there"):
-            process_files(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
-    report = process_files(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
-    assert report.n_resumed == report.n_tiles
-    assert (tmp_path / "out.las").read_bytes() == expected
 
 
 def test_zeros_amid_large_coordinates_are_named_as_in_memory(tmp_path):
@@ -512,48 +461,3 @@ def test_a_run_that_goes_on_needs_no_room_for_what_is_there(
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(9, 8, 1000))
     report = process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
     assert report.n_resumed == 3
-
-
-@pytest.mark.parametrize(
-    ("estimator", "message"),
-    [
-        (RobustNormalEstimator("auto", orientation="mst", random_state=0), "leave these out"),
-        (
-            RobustNormalEstimator(orientation="mst", features="shape_index", random_state=0),
-            "leave these out",
-        ),
-        (RobustNormalEstimator(None, orientation="mst", random_state=0), "whole cloud"),
-        (RobustNormalEstimator(None, random_state=0), "whole cloud"),
-        (RobustNormalEstimator(), "random_state"),
-        (
-            RobustNormalEstimator(
-                orientation="sensor", sensor_origin=np.zeros((4, 3)), random_state=0
-            ),
-            "a position for each point",
-        ),
-        (IsolationForest(), "IsolationForest cannot work by tiles"),
-    ],
-)
-def test_estimators_that_need_the_whole_cloud_are_refused(small_file, tmp_path, estimator, message):
-    with pytest.raises(ValueError, match=message):
-        process_files(small_file, tmp_path / "out.las", estimator)
-
-
-SCENES = {
-    "street": lambda: make_street(40_000, outlier_share=0.1, random_state=1).data,
-    "mobile": lambda: make_mobile_scan(40_000, random_state=1).data,
-    "airborne": lambda: make_airborne_scan(40_000, random_state=1).data,
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("scene", SCENES)
-def test_many_points_have_the_normals_of_memory(scene, tmp_path):
-    source = tmp_path / "scene.laz"
-    write_points(source, PointCloud(np.round(SCENES[scene](), 3)))
-    usual = RobustNormalEstimator(random_state=0)
-    expected = in_memory(source, tmp_path / "expected.laz", usual).read_bytes()
-    for tile_size, cut, n_jobs in ((5_000, 0.5, 2), (30_000, 0.3, 1)):
-        target = tmp_path / "out.laz"
-        divide(source, target, usual, tile_size=tile_size, cut=cut, n_jobs=n_jobs)
-        assert target.read_bytes() == expected

@@ -2,125 +2,18 @@
 
 import json
 import re
-import shutil
 import time
 
 import numpy as np
 import pytest
 
+from pages import STILL, Tab
 from sklearn_mcmd.io import PointCloud
 from sklearn_mcmd.plotting import view
 
-playwright = pytest.importorskip("playwright.sync_api")
 pytestmark = pytest.mark.slow
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-# WebGL in software, for machines without a graphics card.
-FLAGS = [
-    *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"),
-    *("--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"),
-]
-N = 100_000
-STILL = "cloudPage.loaded && !cloudPage.renderer.moving && !cloudPage.renderer.scheduled"
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    path = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if path is None:
-        pytest.skip("no Chromium is installed")
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=path, args=FLAGS)
-        yield browser
-        browser.close()
-
-
-@pytest.fixture(scope="module")
-def scan():
-    """A floor with a wall, far from the origin; every fiftieth point is an outlier."""
-    rng = np.random.default_rng(0)
-    xyz = rng.uniform(0, 20, (N, 3)) * [1, 1, 0]
-    wall = np.arange(N) % 3 == 0
-    xyz[wall, 1], xyz[wall, 2] = 20, rng.uniform(0, 6, wall.sum())
-    outlier = np.arange(N) % 50 == 0
-    xyz[outlier, 2] += rng.uniform(1, 4, outlier.sum())
-    xyz = np.round(xyz, 3)
-    xyz += [356_000, 5_640_000, 80]
-    normals = np.where(wall[:, None], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
-    return PointCloud(
-        xyz,
-        {
-            "outlier_score": np.where(outlier, rng.uniform(4, 50, N), rng.uniform(0, 2.9, N)),
-            "outlier": outlier,
-            "region": np.where(outlier, -1, wall.astype(int)),
-            "intensity": (np.arange(N) % 4000).astype(np.uint16),
-            "normals": normals,
-        },
-    )
-
-
-class Tab:
-    """A page in the browser, and all that it said."""
-
-    def __init__(self, browser, path, **options):
-        self.context = browser.new_context(viewport={"width": 1000, "height": 700}, **options)
-        self.said, self.asked = [], []
-        self.tab = self.context.new_page()
-        self.tab.on("console", lambda message: self.said.append(message.text))
-        self.tab.on("pageerror", lambda error: self.said.append(str(error)))
-        self.tab.on("request", lambda request: self.asked.append(request.url))
-        self.tab.goto(path.as_uri())
-        self.rest()
-
-    def ask(self, expression):
-        return self.tab.evaluate(expression)
-
-    def rest(self):
-        """Wait until all is drawn."""
-        self.wait_for(f"Boolean(window.cloudPage && {STILL})")
-
-    def wait_for(self, expression):
-        """The page forbids the evaluation that Playwright's wait needs."""
-        end = time.monotonic() + 600
-        while not self.ask(expression):
-            assert time.monotonic() < end, self.said
-            time.sleep(0.05)
-
-    def text(self, selector):
-        return self.tab.inner_text(selector)
-
-    def card(self):
-        """Names and values of the card."""
-        names, values = (self.tab.locator(f"#card > dl > {tag}") for tag in ("dt", "dd"))
-        return dict(zip(names.all_inner_texts(), values.all_inner_texts(), strict=True))
-
-    def place(self, row):
-        """Where a row of the first cloud is on the screen."""
-        return self.ask(
-            f"""(() => {{
-                const cloud = cloudPage.scene.clouds[0], i = cloud.rows.indexOf({row});
-                const at = cloudPage.camera.project(...placeOf({{ cloud, i }}));
-                return [at.x, at.y];
-            }})()"""
-        )
-
-    def picked_row(self):
-        hit = "cloudPage.overlay.picked"
-        return self.ask(f"{hit} && {hit}.cloud.rows[{hit}.i]")
-
-
-@pytest.fixture(scope="module")
-def page_file(scan, tmp_path_factory):
-    return view(scan, names=["scan"]).save(tmp_path_factory.mktemp("view") / "scan.html")
-
-
-@pytest.fixture
-def tab(chromium, page_file):
-    opened = Tab(chromium, page_file)
-    yield opened
-    assert opened.said == []
-    assert opened.asked in ([page_file.as_uri()], [page_file.as_uri(), "data:,"])
-    opened.context.close()
+N = 100_000  # points of the scan
 
 
 def test_the_page_loads_all_points_with_their_values(tab, scan):
@@ -134,22 +27,6 @@ def test_the_page_loads_all_points_with_their_values(tab, scan):
     )
     np.testing.assert_allclose(xyz, scan.xyz[rows[:500]], rtol=0, atol=1e-6)
     assert tab.text("#counts") == "100,000 points"
-
-
-def test_a_picture_is_drawn(tab):
-    tab.ask("cloudPage.renderer.drawWhole()")
-    colors = tab.ask(
-        """(() => {
-            const { gl, canvas } = cloudPage.renderer;
-            cloudPage.renderer.drawWhole();
-            const bits = new Uint8Array(4 * canvas.width * canvas.height);
-            gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, bits);
-            const all = new Set();
-            for (let i = 0; i < bits.length; i += 4) all.add(bits.slice(i, i + 3).join(" "));
-            return all.size;
-        })()"""
-    )
-    assert colors > 50
 
 
 def test_the_threshold_counts_while_it_moves(tab, scan):
@@ -285,31 +162,6 @@ def test_keys_wheel_and_drag_move_the_camera(tab):
     tab.rest()
     first, last = json.loads(seen[0]), json.loads(tab.ask(state))
     np.testing.assert_allclose(np.hstack(last), np.hstack(first), rtol=1e-6, atol=1e-6)
-
-
-def test_the_saved_picture_is_what_the_page_shows(tab, tmp_path):
-    image = pytest.importorskip("matplotlib.image")
-    tab.tab.locator("#color-by").select_option(label="outlier_score")
-    tab.tab.locator("#color-by").blur()
-    tab.tab.keyboard.press("2")
-    tab.tab.keyboard.press("m")
-    tab.rest()
-    for x, y in ((300, 200), (520, 420)):
-        tab.tab.mouse.click(x, y)
-        time.sleep(0.4)
-    with tab.tab.expect_download() as download:
-        tab.tab.click("#tool-picture")
-    assert download.value.suggested_filename == "scan.png"
-    download.value.save_as(tmp_path / "picture.png")
-    for name in ("tools", "card"):
-        tab.ask(f"document.getElementById('{name}').style.display = 'none'")
-    width, height = tab.ask("[cloudPage.camera.width, cloudPage.camera.height]")
-    stage = {"x": 0, "y": 0, "width": width, "height": height}
-    tab.tab.screenshot(path=tmp_path / "page.png", clip=stage)
-    saved, page = (image.imread(tmp_path / f"{n}.png")[..., :3] for n in ("picture", "page"))
-    assert saved.shape == page.shape
-    # A backdrop blurs on the page only; without legend or line a hundredth differs, and more.
-    assert np.mean(np.abs(saved - page).max(axis=2) > 0.3) < 0.001
 
 
 def test_the_palette_and_the_axis_of_the_histogram_tell_their_own_numbers(tab, scan):

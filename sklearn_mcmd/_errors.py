@@ -1,0 +1,49 @@
+"""Errors and warnings that name parameters, for which the command line has other names."""
+
+import warnings
+from string import Template
+
+__all__ = ["ParameterError", "ParameterWarning", "warn"]
+
+
+class _Message(Template):
+    idpattern = "(?a:[_a-z][_a-z0-9]*=?)"
+
+
+class _Worded:
+    """A message with ``$name`` for a parameter, or ``$name=`` before its value.
+
+    ``$name`` of the `fields` shows the value itself, which may be worded differently: a row.
+    """
+
+    def __init__(self, message, **fields):
+        super().__init__(message)
+        self.fields = fields
+
+    def __str__(self):
+        return self.worded(_in_python)
+
+    def worded(self, word):
+        """The message with ``word(name, value)`` for each name; the value is None if no field."""
+        message = _Message(self.args[0])
+        names = message.get_identifiers()
+        return message.safe_substitute({name: word(name, self.fields.get(name)) for name in names})
+
+
+class ParameterError(_Worded, ValueError):
+    """A value that cannot be."""
+
+
+class ParameterWarning(_Worded, UserWarning):
+    """A value that may not be what was meant."""
+
+
+def warn(message, *, stacklevel, **fields):
+    """Give a `ParameterWarning`."""
+    warnings.warn(ParameterWarning(message, **fields), stacklevel=stacklevel + 1)
+
+
+def _in_python(name, value):
+    if name == "row":
+        return f"row {value}"
+    return name if value is None else f"{name}={value!r}"

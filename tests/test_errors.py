@@ -1,0 +1,44 @@
+"""Errors name parameters, and whoever shows them may have other names for them."""
+
+import pickle
+import re
+from pathlib import Path
+
+import typer
+
+import sklearn_mcmd
+from sklearn_mcmd._errors import ParameterError, ParameterWarning
+from sklearn_mcmd.cli import app
+
+TOO_FEW = ParameterError("$n_samples is less than $n_neighbors=4: lower $n_neighbors.", n_samples=2)
+
+
+def test_an_error_and_its_copy_from_another_process_have_names_of_parameters():
+    for error in (TOO_FEW, pickle.loads(pickle.dumps(TOO_FEW))):
+        assert str(error) == "n_samples=2 is less than n_neighbors=4: lower n_neighbors."
+        assert isinstance(error, ValueError)
+
+
+def test_names_and_fields_are_worded_by_whoever_shows_them():
+    words = TOO_FEW.worded(lambda name, value: f"<{name}{value or ''}>")
+    assert words == "<n_samples2> is less than <n_neighbors=>4: lower <n_neighbors>."
+
+
+def test_a_message_may_have_signs_that_are_no_names():
+    assert str(ParameterWarning("5 % or 3 $ of $row", row=7)) == "5 % or 3 $ of row 7"
+
+
+def test_parameters_in_messages_are_options_of_a_verb():
+    verbs = typer.main.get_command(app).commands.values()
+    options = {option for verb in verbs for param in verb.params for option in param.opts}
+    package = Path(sklearn_mcmd.__file__).parent
+    sources = [path.read_text(encoding="utf-8") for path in package.rglob("*.py")]
+    named = {
+        name
+        for source in sources
+        if "_errors import" in source
+        for name in re.findall(r"\$(\w+)", source)
+    }
+    fields = {"X", "n_samples", "row", "sensor_origin"}
+    assert fields < named
+    assert {f"--{name.replace('_', '-')}" for name in named - fields} <= options
