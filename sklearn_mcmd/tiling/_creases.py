@@ -23,7 +23,7 @@ from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._outputs import SCORED
 from sklearn_mcmd.tiling._search import visit_nearest, within_reach
 from sklearn_mcmd.tiling._surfaces import all_places
-from sklearn_mcmd.tiling._tile import result_dtype, tile_files, write_whole
+from sklearn_mcmd.tiling._tile import result_dtype, tile_files, write_results
 
 __all__ = [
     "EdgeJob",
@@ -205,14 +205,12 @@ def find_creases(cell, job):
 def find_distances(cell, job):
     """Write the scores of all points of a cell, in the order of the inputs."""
     records, removed = job.removed(cell)
-    scores = np.empty(len(records), SCORED)
-    scores["row"] = records["row"]
-    values = scores["values"][:, 0]
+    values = np.empty(len(records))
     if not removed.all():
         values[~removed] = _distances_of_kept(cell, job)
     if removed.any():
         values[removed] = _distances_of_removed(cell, job, records["xyz"][removed])
-    write_whole(tile_files(job.columns, cell)[0], scores)
+    write_results(job.columns, cell, records["row"], values, SCORED)
 
 
 def _distances_of_kept(cell, job):

@@ -46,7 +46,7 @@ from sklearn_mcmd.tiling._surfaces import (
     fit_planes,
 )
 from sklearn_mcmd.tiling._sweeps import Sweeps
-from sklearn_mcmd.tiling._tile import tile_files, write_whole
+from sklearn_mcmd.tiling._tile import write_results
 from sklearn_mcmd.tiling._together import fit_together
 from sklearn_mcmd.tiling._warnings import warn_caller
 
@@ -236,8 +236,8 @@ def judge_cells(job, cells, columns, n_workers, cutoff):
             sweep("things", find_things)
             joined("thing", job.least[1])
             job = job._replace(largest=columns.report("all", "thing")["largest"])
-    write, is_done = partial(_write, job.columns), partial(has_scores, job.columns)
-    sweep("scores", find_scores, is_done, target=write)
+    write = partial(write_results, job.columns, dtype=SCORED)
+    sweep("scores", find_scores, partial(has_scores, job.columns), target=write)
     if job.detector._share() is not None:
         parts = partial(scores_in_parts, job.columns, n_cells)
         return exceeded_by(parts, job.detector._share())
@@ -250,7 +250,7 @@ def _judge_together(job, cells):
     dtype, step = job.constants.dtype, job.constants.step
     detector, parts = fit_together(job.detector, cells, dtype, words, step)
     for cell, (rows, places) in enumerate(parts):
-        _write(job.columns, cell, rows, -detector.scores_[places])
+        write_results(job.columns, cell, rows, -detector.scores_[places], SCORED)
     return -detector.offset_
 
 
@@ -280,10 +280,3 @@ def _simulated_cutoff(job, columns, n_cells):
         )
     columns.finish("all", "cutoff", cutoff=cutoff)
     return cutoff
-
-
-def _write(folder, cell, rows, scores):
-    """Write the scores of a tile under a temporary name, which they leave when they are whole."""
-    results = np.empty(len(rows), SCORED)
-    results["row"], results["values"][:, 0] = rows, scores
-    write_whole(tile_files(folder, cell)[0], results)
