@@ -63,7 +63,7 @@ class CompanyLimits(NamedTuple):
 class Places(NamedTuple):
     """The places of a cloud, which are its distinct points, and how close they lie.
 
-    index : NeighborIndex, or what answers as one
+    cloud : NeighborIndex, or what answers as one
         Of n points.
     counts : ndarray of int of shape (n,)
         Measurements at each: a place that was measured often keeps company with itself.
@@ -75,7 +75,7 @@ class Places(NamedTuple):
         The same of the others, to measurements at other places, which is never 0.
     """
 
-    index: NeighborIndex
+    cloud: NeighborIndex
     counts: np.ndarray
     explained: np.ndarray
     spacing: np.ndarray
@@ -119,7 +119,7 @@ class Company:
     """
 
     def __init__(self, places, least, limits, n_jobs):
-        index, explained = places.index, places.explained
+        index, explained = places.cloud, places.explained
         self.limits = limits
         self.low, self.high = index.points.min(axis=0), index.points.max(axis=0)
         self.reference = index.among(explained if explained.any() else ~explained)

@@ -18,8 +18,8 @@ from sklearn_mcmd.tiling._scales import (
 )
 from sklearn_mcmd.tiling._sized import SizedJob, normals_of_sized_tile
 from sklearn_mcmd.tiling._stored import find_places
-from sklearn_mcmd.tiling._tile import _write, normal_columns, result_dtype
-from sklearn_mcmd.tiling._together import fit_together
+from sklearn_mcmd.tiling._tile import normal_columns
+from sklearn_mcmd.tiling._together import find_together
 from sklearn_mcmd.tiling._work import compute_cells
 
 __all__ = ["find_auto_normals"]
@@ -49,7 +49,7 @@ def find_auto_normals(run, estimator):
     sweep(0.0, 0.02, "places", find_places)
     n_places = int(columns.total(n_cells, "places", "n_places"))
     if n_places < COMPILE_FROM:
-        _find_together(folder, cells, estimator, constants, n_places)
+        find_together(folder, cells, estimator, n_places, _with_sizes)
         return n_cells - len(todo)
     job = job._replace(n_places=n_places)
     if not columns.is_done("all", "largest"):
@@ -75,14 +75,7 @@ def find_auto_normals(run, estimator):
     return n_cells - len(todo)
 
 
-def _find_together(folder, cells, estimator, constants, n_places):
-    """Results of a cloud of few places, which other code finds than tiles."""
-    words = f" at {n_places:,} places"
-    fitted, parts = fit_together(estimator, cells, constants.dtype, words)
-    columns = normal_columns(fitted)[1]
-    for cell, (rows, places) in enumerate(parts):
-        results = np.empty(len(rows), result_dtype(columns.shape[1] + 1))
-        results["row"] = rows
-        results["values"][:, :-1] = columns[places]
-        results["values"][:, -1] = fitted.n_neighbors_[places]
-        _write(folder.results, cell, results, len(rows))
+def _with_sizes(fitted):
+    names, columns = normal_columns(fitted)
+    sizes = fitted.n_neighbors_.astype(np.float32)
+    return [*names, "n_neighbors"], np.column_stack([columns, sizes])

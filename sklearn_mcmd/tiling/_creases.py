@@ -17,7 +17,7 @@ from sklearn_mcmd.tiling._constants import Constants
 from sklearn_mcmd.tiling._outputs import SCORED
 from sklearn_mcmd.tiling._search import all_places
 from sklearn_mcmd.tiling._stored import StoredIndex, nearest_rows
-from sklearn_mcmd.tiling._tile import columns_of_tile, tile_files, write_whole
+from sklearn_mcmd.tiling._tile import columns_of_tile, write_results
 from sklearn_mcmd.tiling._whole import WholeColumns
 
 __all__ = ["STORED", "EdgeJob", "find_distances", "find_kept_planes", "kept_places"]
@@ -116,12 +116,10 @@ def find_distances(job, n_threads):
     distance = model.find(index, planes, Neighborhoods(near, np.full(len(near), near.shape[1])))
     for cell in range(len(cells)):
         records, removed = job.removed(cell)
-        scores = np.empty(len(records), SCORED)
-        scores["row"] = records["row"]
-        values = scores["values"][:, 0]
+        values = np.empty(len(records))
         if not removed.all():
             values[~removed] = distance[whole.rows(cell)][columns.read(cell, "place_of")]
         if removed.any():
             queries = records["xyz"][removed]
             values[removed] = model.distance_by(queries, index.search(queries, n_threads))
-        write_whole(tile_files(job.columns, cell)[0], scores)
+        write_results(job.columns, cell, records["row"], values, SCORED)

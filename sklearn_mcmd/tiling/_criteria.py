@@ -14,7 +14,7 @@ from sklearn_mcmd.tiling._tile import (
     _with_others,
     result_dtype,
     tile_files,
-    write_whole,
+    write_results,
 )
 
 __all__ = ["find_values", "value_column", "values_in_parts"]
@@ -42,14 +42,12 @@ def values_in_parts(faces, cells, dtype):
 def find_values(cell, job):
     """Write the scores of all points of a cell, in the order of the inputs."""
     records, removed = job.removed(cell)
-    scores = np.empty(len(records), SCORED)
-    scores["row"] = records["row"]
-    values = scores["values"][:, 0]
+    values = np.empty(len(records))
     if not removed.all():
         values[~removed] = -_values(job.faces, cell, job.constants.dtype)
     if removed.any():
         values[removed] = -_values_of_removed(cell, job, records["xyz"][removed])
-    write_whole(tile_files(job.columns, cell)[0], scores)
+    write_results(job.columns, cell, records["row"], values, SCORED)
 
 
 def _values(faces, cell, dtype):

@@ -30,7 +30,7 @@ from sklearn_mcmd.tiling._ranks import evenly_along_x, exceeded_by
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
 from sklearn_mcmd.tiling._stored import StoredIndex, find_places
 from sklearn_mcmd.tiling._sweeps import Sweeps
-from sklearn_mcmd.tiling._tile import tile_files, write_whole
+from sklearn_mcmd.tiling._tile import write_results
 from sklearn_mcmd.tiling._together import fit_together
 from sklearn_mcmd.tiling._warnings import warn_caller
 from sklearn_mcmd.tiling._whole import ALL
@@ -202,7 +202,7 @@ def _judge(job, cells, whole, n_threads):
         scores = judged.point_scores
     for cell in range(len(cells)):
         own, rows = scores[whole.rows(cell)], cells.read(cell)["row"]
-        _write(job.columns, cell, rows, own[columns.read(cell, "place_of")])
+        write_results(job.columns, cell, rows, own[columns.read(cell, "place_of")], SCORED)
 
 
 def _judge_together(job, cells, n_places):
@@ -211,7 +211,7 @@ def _judge_together(job, cells, n_places):
     dtype, step = job.constants.dtype, job.constants.step
     detector, parts = fit_together(job.detector, cells, dtype, words, step)
     for cell, (rows, places) in enumerate(parts):
-        _write(job.columns, cell, rows, -detector.scores_[places])
+        write_results(job.columns, cell, rows, -detector.scores_[places], SCORED)
     return -detector.offset_
 
 
@@ -223,10 +223,3 @@ def _simulated_cutoff(job, model, whole):
     with listen_to_progress(None):
         settings = {**job.settings, "n_jobs": 1}
         return calibrated_cutoff(model, settings, job.detector.false_positive_rate, rows)
-
-
-def _write(folder, cell, rows, scores):
-    """Write the scores of a tile under a temporary name, which they leave when they are whole."""
-    results = np.empty(len(rows), SCORED)
-    results["row"], results["values"][:, 0] = rows, scores
-    write_whole(tile_files(folder, cell)[0], results)

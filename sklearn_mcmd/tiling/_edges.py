@@ -22,7 +22,7 @@ from sklearn_mcmd.tiling._ranks import median_of
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
 from sklearn_mcmd.tiling._stored import find_places
 from sklearn_mcmd.tiling._sweeps import Sweeps
-from sklearn_mcmd.tiling._tile import normals_of_tile, tile_files, total_proved, write_whole
+from sklearn_mcmd.tiling._tile import normals_of_tile, tile_files, total_proved, write_results
 from sklearn_mcmd.tiling._together import fit_together
 
 __all__ = ["Edges"]
@@ -206,9 +206,6 @@ class _Steps:
         constants = self.folder.constants
         detector, parts = fit_together(self.estimator, self.cells, constants.dtype, words)
         for cell, (rows, places) in enumerate(parts):
-            results = np.empty(len(rows), SCORED)
-            results["row"] = rows
-            results["values"][:, 0] = detector.scores_[places]
-            write_whole(tile_files(self.folder.results, cell)[0], results)
+            write_results(self.folder.results, cell, rows, detector.scores_[places], SCORED)
         self.n_proved = self.n_kept
         return detector.offset_

@@ -23,7 +23,7 @@ from sklearn_mcmd.tiling._memory import bytes_of_groups
 from sklearn_mcmd.tiling._outputs import SCORED, VERDICTS, Scored, has_scores
 from sklearn_mcmd.tiling._search import as_near_as
 from sklearn_mcmd.tiling._sweeps import Sweeps
-from sklearn_mcmd.tiling._tile import SMALL, tile_files, write_whole
+from sklearn_mcmd.tiling._tile import SMALL, tile_files, write_results
 
 __all__ = ["GroundWriter", "HeightLimits", "Heights"]
 
@@ -201,10 +201,8 @@ def find_verdicts(cell, job):
         depths[columns.read(cell, "below_rows")] = columns.read(cell, "depths")
         scores = np.maximum(scores, depths)
     depths[~columns.read(cell, "judged")] = np.nan
-    verdicts = np.empty(len(scored), VERDICTS)
-    verdicts["row"] = scored["row"]
-    verdicts["values"][:, 0], verdicts["values"][:, 1] = scores, depths
-    write_whole(tile_files(job.folder, cell)[0], verdicts)
+    verdicts = np.column_stack([scores, depths])
+    write_results(job.folder, cell, scored["row"], verdicts, VERDICTS)
 
 
 def _nearest_ground(cells, xyz):

@@ -21,7 +21,7 @@ from sklearn_mcmd.tiling._outputs import LABELED, write_segmented_outputs
 from sklearn_mcmd.tiling._run import Verb, warm_up
 from sklearn_mcmd.tiling._stored import StoredIndex, find_places
 from sklearn_mcmd.tiling._sweeps import Sweeps
-from sklearn_mcmd.tiling._tile import tile_files, write_whole
+from sklearn_mcmd.tiling._tile import write_results
 from sklearn_mcmd.tiling._together import fit_together
 from sklearn_mcmd.tiling._warnings import warn_caller
 from sklearn_mcmd.tiling._whole import ALL
@@ -110,8 +110,8 @@ def _segment(job, cells, columns, n_workers, memory):
     with whole.releasing():
         labels = _find_regions(job, cells, whole, n_workers * job.n_threads, memory)
     for cell in range(n_cells):
-        own = labels[whole.rows(cell)]
-        _write(columns, cell, cells.read(cell)["row"], own[columns.read(cell, "place_of")])
+        own, rows = labels[whole.rows(cell)], cells.read(cell)["row"]
+        write_results(columns.folder, cell, rows, own[columns.read(cell, "place_of")], LABELED)
     sizes = region_sizes(labels, int(labels.max(initial=-1)) + 1, whole.open("counts"))
     _finish(columns, sizes, int(columns.total(n_cells, "planes", "n_proved")))
 
@@ -150,15 +150,8 @@ def _segment_together(job, cells, columns, n_places):
     words = f" at {n_places:,} places"
     fitted, parts = fit_together(job.growing, cells, job.constants.dtype, words)
     for cell, (rows, places) in enumerate(parts):
-        _write(columns, cell, rows, fitted.labels_[places])
+        write_results(columns.folder, cell, rows, fitted.labels_[places], LABELED)
     _finish(columns, fitted.region_sizes_, int(cells.counts.sum()))
-
-
-def _write(columns, cell, rows, labels):
-    """Write the labels of a tile under a temporary name, which they leave when they are whole."""
-    results = np.empty(len(rows), LABELED)
-    results["row"], results["values"][:, 0] = rows, labels
-    write_whole(tile_files(columns.folder, cell)[0], results)
 
 
 def _finish(columns, sizes, n_proved):

@@ -23,9 +23,8 @@ from sklearn_mcmd.tiling._tile import (
     SMALL,
     USUAL,
     _usual_reach,
-    _write,
     normal_columns,
-    result_dtype,
+    write_proved,
 )
 
 __all__ = ["SizedJob", "normals_of_sized_tile"]
@@ -78,11 +77,9 @@ def normals_of_sized_tile(cell, job):
         cloud = SizedCloud(cells, index, exact, reach, box, complete, columns)
         result = mended(fitted, cloud, places[some], job.constants.dtype)
         values[some] = normal_columns(result)[1]
-    results = np.empty(len(rows), result_dtype(values.shape[1] + 1))
-    results["row"], results["values"][:, :-1] = rows, values[place_of]
-    results["values"][:, -1] = sizes[: len(own)][place_of]
+    values = np.column_stack([values, sizes[: len(own)].astype(np.float32)])
     n_far = int(np.bincount(place_of, minlength=len(own))[rest].sum())
-    _write(job.columns, cell, results, len(rows) - n_far)
+    write_proved(job.columns, cell, rows, values[place_of], len(rows) - n_far)
 
 
 class SizedCloud(WiderCloud):

@@ -23,7 +23,8 @@ __all__ = [
     "result_dtype",
     "tile_files",
     "total_proved",
-    "write_whole",
+    "write_proved",
+    "write_results",
 ]
 
 # The halo is as wide as each level's neighborhoods, of which this share is no larger.
@@ -62,9 +63,7 @@ def normals_of_tile(folder, cell, estimator, constants, target, n_threads=1, col
     rows, columns, n_proved = columns_of_tile(
         Cells(folder), cell, estimator, constants, lambda fitted: named(fitted)[1], n_threads
     )
-    results = np.empty(len(rows), result_dtype(columns.shape[1], columns.dtype))
-    results["row"], results["values"] = rows, columns
-    _write(target, cell, results, n_proved)
+    write_proved(target, cell, rows, columns, n_proved)
 
 
 def columns_of_tile(cells, cell, estimator, constants, columns_of, n_threads=1):
@@ -168,16 +167,18 @@ def _with_others(points, cells, k):
     return points
 
 
-def _write(folder, cell, results, n_proved):
-    """Write the report of a tile, and then its results, which tell that both are there."""
-    whole, report_file = tile_files(folder, cell)
-    report_file.write_text(json.dumps({"n_proved": n_proved}))
-    write_whole(whole, results)
+def write_proved(folder, cell, rows, values, n_proved):
+    """Write how many points of a tile are proved, and then results, which tell that both are."""
+    tile_files(folder, cell)[1].write_text(json.dumps({"n_proved": n_proved}))
+    write_results(folder, cell, rows, values, result_dtype(values.shape[1], values.dtype))
 
 
-def write_whole(path, results):
-    """Write results of a tile under a temporary name, of which there is one on all machines."""
-    temporary = path.with_name(f"{path.stem}.{secrets.token_hex(4)}.part")
+def write_results(folder, cell, rows, values, dtype):
+    """Write the results of a tile under a temporary name, which they leave when they are whole."""
+    results = np.empty(len(rows), dtype)
+    results["row"], results["values"] = rows, values.reshape(results["values"].shape)
+    path = tile_files(folder, cell)[0]
+    temporary = path.with_name(f"{path.stem}.{secrets.token_hex(4)}.part")  # one on all machines
     with open(temporary, "wb") as file:
         file.write(results.data)  # unlike tofile, it says why it fails
     os.replace(temporary, path)

@@ -17,12 +17,11 @@ from sklearn_mcmd.tiling._constants import Constants
 from sklearn_mcmd.tiling._stored import nearest_rows, places_of_cell
 from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._tile import (
-    _write,
     columns_of_tile,
     normal_columns,
-    result_dtype,
+    write_proved,
 )
-from sklearn_mcmd.tiling._together import fit_together
+from sklearn_mcmd.tiling._together import find_together
 from sklearn_mcmd.tiling._whole import WholeColumns
 
 __all__ = ["find_agreeing_normals"]
@@ -60,7 +59,7 @@ def find_agreeing_normals(run, estimator):
     sweep("planes", _find_planes)
     whole = WholeColumns(columns, n_cells)
     if len(whole) < max(COMPILE_FROM, estimator.n_neighbors + 1):
-        _find_together(folder, cells, estimator, len(whole))
+        find_together(folder, cells, estimator, len(whole), normal_columns)
         return n_resumed
     whole.join("points", "normals")
     sweep("forest", _find_forest)
@@ -71,7 +70,7 @@ def find_agreeing_normals(run, estimator):
         values, place_of = columns.read(cell, "values"), columns.read(cell, "place_of")
         values[signs[whole.rows(cell)][place_of] < 0, :3] *= -1
         n_proved = columns.report(cell, "planes")["n_proved"]
-        _write_results(folder, cell, cells.read(cell)["row"], values, n_proved)
+        write_proved(folder.results, cell, cells.read(cell)["row"], values, n_proved)
     return n_resumed
 
 
@@ -116,18 +115,3 @@ def _within(near, points, radius):
     distances = np.linalg.norm(points[near] - points[near[:, 0]][:, None], axis=2)
     sizes = np.maximum(np.count_nonzero(distances <= radius, axis=1), points.shape[1] + 1)
     return np.where(np.arange(near.shape[1]) < sizes[:, None], near, near[:, :1])
-
-
-def _find_together(folder, cells, estimator, n_places):
-    """Results of a cloud of few places, which other code finds than tiles."""
-    words = f" at {n_places:,} places"
-    fitted, parts = fit_together(estimator, cells, folder.constants.dtype, words)
-    values = normal_columns(fitted)[1]
-    for cell, (rows, places) in enumerate(parts):
-        _write_results(folder, cell, rows, values[places], len(rows))
-
-
-def _write_results(folder, cell, rows, values, n_proved):
-    results = np.empty(len(rows), result_dtype(values.shape[1]))
-    results["row"], results["values"] = rows, values
-    _write(folder.results, cell, results, n_proved)

@@ -318,7 +318,7 @@ process_files(source, target, detector, tile_size=1_500, mode="mark")
     ("place", "n_resumed"),
     [
         ("find_planes", 2),
-        ("_write", 4),
+        ("write_results", 4),
         *(
             pytest.param(place, n, marks=pytest.mark.slow)
             for place, n in (("find_places", 0), ("writing", 4))
