@@ -215,7 +215,7 @@ PARTS = {
     "normals": Part(
         tried=(
             Constant("normals._surface_planes", "REMOVED", 1.0),
-            Constant("normals._surface_planes", "CHANCE"),
+            Constant("normals._surface_planes", "CHANCE", 0.0),
             Constant("normals._surface_planes", "BEST"),
             Constant("normals._surface_planes", "HALF_BALL", np.inf),
             Constant("normals._lenders", "EXPLAINED", np.inf),
