@@ -7,6 +7,7 @@ cloud with a truth, or loses (-), and the number of regions in real clouds.
     python benchmarks/ablation.py growing --size 20000 --seeds 2 --data ../shared/data
     python benchmarks/ablation.py normals --size 20000 --seeds 1 --data ../shared/data
     python benchmarks/ablation.py sizes --seeds 1 --data ../shared/data
+    python benchmarks/ablation.py edges --seeds 3 --data ../shared/data
     python benchmarks/ablation.py detector --data ../shared/data
     python benchmarks/ablation.py rays --seeds 1 --data ../shared/data
     python benchmarks/ablation.py ground --data ../shared/data
@@ -34,7 +35,10 @@ from _ablation_changes import Constant, Limit, Parameter
 from _ablation_clouds import (
     below_ground,
     contaminated,
+    edge_distances,
+    machined_edges,
     machined_parts,
+    roof_edges,
     seen,
     shapes,
     simulated,
@@ -58,6 +62,7 @@ class Part:
     measure : (truth, result) -> dict of numbers, 100 being perfect
     clouds : names of real clouds without a truth
     count : (result) -> number to print for these
+    most : points of these, the nearest to the middle
     """
 
     tried: tuple
@@ -67,6 +72,7 @@ class Part:
     measure: Callable
     clouds: tuple = ()
     count: Callable = len
+    most: int | None = None
 
 
 def columns_of(X):
@@ -103,6 +109,39 @@ def normal_scores(truth, normals):
     right = np.degrees(np.arccos(cosines)) <= 10
     near = near & regular
     return {"all": 100 * right[regular].mean(), "near": 100 * right[near].mean()}
+
+
+def faces_of(X):
+    """Columns of the points that the detector of edges keeps; others have coordinates alone."""
+    from sklearn_mcmd import SharpFeatureDetector
+
+    cleaner, normals = SharpFeatureDetector(random_state=0)._make_steps()
+    kept = cleaner.fit_predict(X) == 1
+    columns = normals.fit_transform(X[kept])
+    found = np.full((len(X), columns.shape[1]), np.nan)
+    found[:, :3], found[kept] = X, columns
+    return found
+
+
+def edge_scores_of(columns, **parameters):
+    """Scores of points, and which are edges'."""
+    from sklearn_mcmd import SharpFeatureDetector
+
+    kept, scores = np.isfinite(columns).all(axis=1), np.empty(len(columns))
+    detector = SharpFeatureDetector(
+        outlier_detector="passthrough", normals="precomputed", n_jobs=-1, **parameters
+    ).fit(columns[kept])
+    scores[kept] = detector.scores_
+    scores[~kept] = detector._model.distance(columns[~kept, :3])
+    return scores, scores < detector.offset_
+
+
+def edge_figures(truth, result):
+    """F1 of the band of two spacings, and average precision of the score."""
+    from bench_edges import figures
+
+    _, _, f1, _, average, _ = figures(*truth, *result)
+    return {"F1": f1, "AP": average}
 
 
 class KnownPlanes(JudgedCloud):
@@ -261,6 +300,38 @@ PARTS = {
         run=functools.partial(normals_of, n_neighbors="auto"),
         measure=normal_scores,
     ),
+    "edges": Part(
+        tried=(
+            Constant("edges._faces", "SPACING_NEIGHBORS", 10_000),
+            Constant("edges._faces", "LEAST_NOISE", 1e-6),
+            Constant("edges._faces", "OFF", np.inf),
+            Constant("edges._faces", "FLATNESS", np.inf),
+            Constant("edges._faces", "FLATNESS_FACTOR", 0.0),
+            Constant("edges._creases", "OFF", np.inf),
+            Constant("edges._creases", "FAR"),
+            Constant("edges._creases", "ROUND", 0.0),
+            Constant("edges._creases", "LEAST_COMPANY", 1),
+            Constant("edges._creases", "THIRD_FACE", 0.0),
+            Constant("edges._creases", "REACH", np.inf),
+            Constant("edges._creases", "STEEPNESS", 0.0),
+            Constant("edges._creases", "OFF_STEEPNESS", 0.0),
+            Constant("edges._creases", "SMOOTH_STEPS", 1),
+            Constant("edges._creases", "HUBER", np.inf),
+            Constant("edges._creases", "EXACT", 1e-20),
+            Constant("edges._detector", "EDGE_WIDTH"),
+            Parameter("n_neighbors", (20, 30, 50)),
+            Parameter("min_angle", (10, 16, 25, 40)),
+        ),
+        scenes=lambda options: chain(
+            simulated(options, edge_distances, 0.1), machined_edges(options), roof_edges(options)
+        ),
+        prepare=faces_of,
+        run=edge_scores_of,
+        measure=edge_figures,
+        clouds=("pcl_building_region_growing", "open3d_redwood_fragment", "pcl_cars_mincut"),
+        count=lambda result: round(100 * result[1].mean(), 2),
+        most=30_000,
+    ),
     "detector": Part(
         tried=(
             *(Limit("outliers._cloud", "SurfaceLimits", name) for name in ("explained", "flat")),
@@ -312,6 +383,8 @@ def clouds_of(part, options):
         path = Path(options.data) / name / "cloud.npz"
         if path.is_file():
             X = np.load(path)["xyz"].astype(np.float64)
+            away = np.square(X - np.median(X, axis=0)).sum(axis=1)
+            X = X[np.sort(np.argsort(away)[: part.most])]
             yield name, kept(options.cache, f"{options.part}_{name}", part, X)
 
 

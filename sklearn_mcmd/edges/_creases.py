@@ -52,7 +52,8 @@ SEARCHING, MEASURING, GIVING, MEETING, JUDGING = (
 # How steeply a smooth surface, and a point off its plane, count as far.
 STEEPNESS = 30
 OFF_STEEPNESS = 2
-SMOOTH_STEPS = 3
+SMOOTH_STEPS, HUBER = 3, 1.5
+ROUND, EXACT = 0.5, 1e-4
 
 
 class CreaseModel:
@@ -257,7 +258,7 @@ def _faces_or_smooth(queries, own, neighbors, normals, levels, cosines, other, c
     distance = np.where(meets, np.minimum(distance, to_third), distance)
     surface = np.where(meets[:, None], corner, surface)
 
-    least = 1e-4 * own.scale**2  # of exact faces
+    least = EXACT * own.scale**2  # of exact faces
     sharp = np.mean(np.clip(surface, -limit, limit) ** 2, axis=1) + least
     smooth = _smooth_residuals(neighbors, own.scale)
     if smooth is None:
@@ -269,7 +270,7 @@ def _faces_or_smooth(queries, own, neighbors, normals, levels, cosines, other, c
 def pool_evidence(around, points, evidence):
     """What the neighbors say of an edge (m,), and the largest distance (m,) that is told."""
     pooled = _median(evidence[around.indices])
-    return pooled, FAR * (1.0 - 0.5 * _roundness(points[around.indices]))
+    return pooled, FAR * (1.0 - ROUND * _roundness(points[around.indices]))
 
 
 def told_distances(faces, distance, pooled, most):
@@ -356,7 +357,7 @@ def _smooth_residuals(neighbors, scale):
         residuals = np.abs(residuals) / np.sqrt(1.0 + np.einsum("mka,mka->mk", slope, slope))
         residuals *= size[:, None]
         with np.errstate(divide="ignore"):
-            weights = np.minimum(1.0, 1.5 * scale[:, None] / residuals)
+            weights = np.minimum(1.0, HUBER * scale[:, None] / residuals)
     # Two planes have as many coefficients: nothing to allow for.
     return residuals
 
