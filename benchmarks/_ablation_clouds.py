@@ -33,6 +33,21 @@ def simulated(options, truth, outlier_share):
             yield name, f"{name}_{options.size}_{seed}", scene.data, truth(scene)
 
 
+def labelled(options):
+    """Real clouds, of 20,000 points at most, and the surface of each point, -1 for unknown."""
+    for path in sorted(Path(options.data).glob("*/*.npz")):
+        home = path.parent.name
+        field = {"cad": "patch", "roof": "plane", "kinect": "label"}.get(home.partition("_")[0])
+        if field is None:
+            continue
+        with np.load(path) as arrays:
+            X, surface = arrays["xyz"].astype(np.float64), arrays[field].astype(int)
+        rows = np.sort(np.random.default_rng(0).permutation(len(X))[:20_000])
+        known = {"patch": surface >= 0, "plane": surface > 0, "label": surface == 1}[field]
+        name = home.removeprefix("cad_")
+        yield name, f"{home}_{path.stem}", X[rows], np.where(known, surface, -1)[rows]
+
+
 def machined_parts(options):
     for name in ("cad_angle_block", "cad_featuretype", "cad_plate_holes"):
         path = Path(options.data) / name / "cloud.npz"
@@ -54,7 +69,7 @@ def machined_edges(options):
 
     for path in sorted(Path(options.data).glob("cad_*/cloud.npz")):
         for share in (0.0, 0.2):
-            for name, X, *truth in clouds(Namespace(clouds=[path], most=30_000), share):
+            for name, X, *truth in clouds(Namespace(clouds=[path], most=15_000), share):
                 yield name.removeprefix("cad_"), f"{name}_{share}", X, truth
 
 

@@ -7,13 +7,12 @@ import numpy as np
 
 from sklearn_mcmd.edges import SharpFeatureDetector
 from sklearn_mcmd.edges._creases import (
-    REACH,
     least_cosine,
     meet_faces,
     pool_evidence,
     told_distances,
 )
-from sklearn_mcmd.edges._faces import Faces, are_flat, flatness_of, give_faces, measure_spacing
+from sklearn_mcmd.edges._faces import Faces, are_flat, give_faces, measure_spacing
 from sklearn_mcmd.planes import _columns
 from sklearn_mcmd.planes._indexed_cloud import distinct_rows, spatial_order
 from sklearn_mcmd.planes._nearest import NearestPoints
@@ -58,8 +57,6 @@ class EdgeJob(NamedTuple):
         Precision of the coordinates.
     origin : tuple of float
         The middle of the box of the kept points.
-    flatness : float
-        The largest flatness of a face.
     """
 
     cells: Path
@@ -69,7 +66,6 @@ class EdgeJob(NamedTuple):
     detector: SharpFeatureDetector
     dtype: str
     origin: tuple = (0.0, 0.0, 0.0)
-    flatness: float = np.inf
 
     def open(self):
         """The cells of the kept points, and the columns of their places."""
@@ -121,7 +117,7 @@ def find_ordered_places(cell, job):
 def find_spacing(cell, job):
     """Write the plane of each place, and the spacing around it.
 
-    Columns: planes; flatness; reach, the distance of the last neighbor.
+    Columns: planes; reach, the distance of the last neighbor.
     """
     cells, columns = job.open()
     points, first = columns.read(cell, "points"), columns.read(cell, "first_rows")
@@ -143,8 +139,7 @@ def find_spacing(cell, job):
 
     k = job.detector.n_neighbors
     n_far = visit_nearest(cells, kept_places(cells, columns), cell, points, k, measure)
-    flatness = flatness_of(_planes(planes))
-    columns.write(cell, planes=planes, flatness=flatness, reach=reach)
+    columns.write(cell, planes=planes, reach=reach)
     columns.finish(cell, "spacing", n_far=n_far)
 
 
@@ -155,7 +150,7 @@ def find_faces(cell, job):
     """
     columns, centered, found, everything = _neighbors(cell, job)
     planes = _planes(found.after([columns.read(cell, "planes")], columns, "planes"))
-    flat, usable = are_flat(planes, job.flatness), np.ones(len(planes.scale), bool)
+    flat, usable = are_flat(planes), np.ones(len(planes.scale), bool)
     n = len(centered)
     faces, own_flat, on_face = np.empty((n, N_FACE)), np.empty(n, bool), np.empty(n, bool)
 
@@ -178,7 +173,7 @@ def find_faces(cell, job):
 def find_creases(cell, job):
     """Write how far each place is from a crease, before its neighbors are asked.
 
-    Columns: to_crease; evidence, which is not a number where no crease is near.
+    Columns: to_crease; evidence, which is not a number where there is none.
     """
     columns, centered, found, everything = _neighbors(cell, job)
     own = columns.read(cell, "faces")
@@ -197,7 +192,6 @@ def find_creases(cell, job):
         )
 
     everything.visit(columns.read(cell, "points"), job.detector.n_neighbors, meet)
-    evidence[~(distance <= REACH)] = np.nan
     columns.write(cell, to_crease=distance, evidence=evidence)
     columns.finish(cell, "creases")
 
@@ -238,7 +232,7 @@ def _distances_of_removed(cell, job, queries):
     def make(found):
         planes = _planes(found.values(columns, "planes"))
         faces = _faces(found.values(columns, "faces"), found.values(columns, "on_face"))
-        flat, usable = are_flat(planes, job.flatness), np.ones(len(planes.scale), bool)
+        flat, usable = are_flat(planes), np.ones(len(planes.scale), bool)
         return found.points - job.origin, planes, flat, usable, faces
 
     made = _Made(make)

@@ -7,7 +7,6 @@ import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.edges._creases import middle
-from sklearn_mcmd.edges._faces import flatness_limit
 from sklearn_mcmd.edges._limits import least_of_edge
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._progress import progress_part
@@ -157,11 +156,6 @@ class _Steps:
         low, high = kept.extent(some)
         job = job._replace(origin=tuple(middle(low.min(axis=0), high.max(axis=0)).tolist()))
         self.sweep("spacing", find_spacing, kept, job=job)
-        if not self.columns.is_done("all", "flatness"):
-            usual = median_of(lambda: (self.columns.read(cell, "flatness") for cell in some))
-            self.columns.finish("all", "flatness", usual=usual)
-        usual = self.columns.report("all", "flatness")["usual"]
-        job = job._replace(flatness=flatness_limit(usual))
         self.sweep("faces", find_faces, kept, job=job)
         self.sweep("creases", find_creases, kept, job=job)
         self.sweep("edges", find_distances, self.cells, self.folder.is_done, job=job)
