@@ -3,6 +3,7 @@
 Each function takes the program's options, and yields name, key for the cache, points and truth.
 """
 
+from argparse import Namespace
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,21 @@ def simulated(options, truth, outlier_share):
             yield name, f"{name}_{options.size}_{seed}", scene.data, truth(scene)
 
 
+def labelled(options):
+    """Real clouds, of 20,000 points at most, and the surface of each point, -1 for unknown."""
+    for path in sorted(Path(options.data).glob("*/*.npz")):
+        home = path.parent.name
+        field = {"cad": "patch", "roof": "plane", "kinect": "label"}.get(home.partition("_")[0])
+        if field is None:
+            continue
+        with np.load(path) as arrays:
+            X, surface = arrays["xyz"].astype(np.float64), arrays[field].astype(int)
+        rows = np.sort(np.random.default_rng(0).permutation(len(X))[:20_000])
+        known = {"patch": surface >= 0, "plane": surface > 0, "label": surface == 1}[field]
+        name = home.removeprefix("cad_")
+        yield name, f"{home}_{path.stem}", X[rows], np.where(known, surface, -1)[rows]
+
+
 def machined_parts(options):
     for name in ("cad_angle_block", "cad_featuretype", "cad_plate_holes"):
         path = Path(options.data) / name / "cloud.npz"
@@ -40,6 +56,37 @@ def machined_parts(options):
                 X, normals = arrays["xyz"].astype(np.float64), arrays["normals"]
                 near = arrays["edge_dist"] < 4 * spacing_of(X)
             yield name, name, X, (normals, near, np.ones(len(X), dtype=bool))
+
+
+def edge_distances(scene):
+    """Distance to the edge, not a number for outliers, and the spacing."""
+    return scene.edge_distance, scene.spacing
+
+
+def machined_edges(options):
+    """Parts as they are, and with 20 % of displaced points."""
+    from bench_edges import clouds
+
+    for path in sorted(Path(options.data).glob("cad_*/cloud.npz")):
+        for share in (0.0, 0.2):
+            for name, X, *truth in clouds(Namespace(clouds=[path], most=15_000), share):
+                yield name.removeprefix("cad_"), f"{name}_{share}", X, truth
+
+
+def roof_edges(options):
+    """Roofs whose planes are told by hand: the edge of a plane is where another begins."""
+    from scipy.spatial import cKDTree
+
+    for path in sorted(Path(options.data).glob("roof_planes/*.npz")):
+        with np.load(path) as arrays:
+            X, plane = arrays["xyz"], arrays["plane"]
+        distance = np.full(len(X), np.nan)
+        for number in range(1, plane.max() + 1):
+            others = cKDTree(X[(plane > 0) & (plane != number)])
+            distance[plane == number] = others.query(X[plane == number])[0]
+        # Points of another plane are half a spacing beyond the edge.
+        spacing = spacing_of(X)
+        yield "roofs", path.stem, X, (distance - 0.5 * spacing, spacing)
 
 
 def shapes(options):

@@ -7,6 +7,7 @@ cloud with a truth, or loses (-), and the number of regions in real clouds.
     python benchmarks/ablation.py growing --size 20000 --seeds 2 --data ../shared/data
     python benchmarks/ablation.py normals --size 20000 --seeds 1 --data ../shared/data
     python benchmarks/ablation.py sizes --seeds 1 --data ../shared/data
+    python benchmarks/ablation.py edges --seeds 3 --data ../shared/data
     python benchmarks/ablation.py detector --data ../shared/data
     python benchmarks/ablation.py rays --seeds 1 --data ../shared/data
     python benchmarks/ablation.py ground --data ../shared/data
@@ -34,7 +35,11 @@ from _ablation_changes import FACTORS, Constant, Limit, Parameter
 from _ablation_clouds import (
     below_ground,
     contaminated,
+    edge_distances,
+    labelled,
+    machined_edges,
     machined_parts,
+    roof_edges,
     seen,
     shapes,
     simulated,
@@ -58,6 +63,7 @@ class Part:
     measure : (truth, result) -> dict of numbers, 100 being perfect
     clouds : names of real clouds without a truth
     count : (result) -> number to print for these
+    most : points of these, the nearest to the middle
     """
 
     tried: tuple
@@ -67,6 +73,7 @@ class Part:
     measure: Callable
     clouds: tuple = ()
     count: Callable = len
+    most: int | None = None
 
 
 def columns_of(X):
@@ -103,6 +110,39 @@ def normal_scores(truth, normals):
     right = np.degrees(np.arccos(cosines)) <= 10
     near = near & regular
     return {"all": 100 * right[regular].mean(), "near": 100 * right[near].mean()}
+
+
+def faces_of(X):
+    """Columns of the points that the detector of edges keeps; others have coordinates alone."""
+    from sklearn_mcmd import SharpFeatureDetector
+
+    cleaner, normals = SharpFeatureDetector(random_state=0)._make_steps()
+    kept = cleaner.fit_predict(X) == 1
+    columns = normals.fit_transform(X[kept])
+    found = np.full((len(X), columns.shape[1]), np.nan)
+    found[:, :3], found[kept] = X, columns
+    return found
+
+
+def edge_scores_of(columns, **parameters):
+    """Scores of points, and which are edges'."""
+    from sklearn_mcmd import SharpFeatureDetector
+
+    kept, scores = np.isfinite(columns).all(axis=1), np.empty(len(columns))
+    detector = SharpFeatureDetector(
+        outlier_detector="passthrough", normals="precomputed", n_jobs=-1, **parameters
+    ).fit(columns[kept])
+    scores[kept] = detector.scores_
+    scores[~kept] = detector._model.distance(columns[~kept, :3])
+    return scores, scores < detector.offset_
+
+
+def edge_figures(truth, result):
+    """F1 of the band of two spacings, and average precision of the score."""
+    from bench_edges import figures
+
+    _, _, f1, _, average, _ = figures(*truth, *result)
+    return {"F1": f1, "AP": average}
 
 
 class KnownPlanes(JudgedCloud):
@@ -183,7 +223,6 @@ PARTS = {
         tried=(
             Constant("segmentation._graph", "CUTOFF"),
             Constant("segmentation._graph", "USUAL", 0.0),
-            Constant("segmentation._graph", "N_ERRORS", np.inf),
             Constant("segmentation._graph", "BENT", 0.0),
             Constant("segmentation._claims", "CUTOFF", np.inf),
             Constant("segmentation._joining", "MOST_NOISE", np.inf),
@@ -191,11 +230,11 @@ PARTS = {
             Constant("segmentation._narrow_faces", "CUTOFF"),
             Constant("segmentation._narrow_faces", "MOST_NOISE", np.inf),
             Constant("segmentation._narrow_faces", "REACH", np.inf),
-            Constant("segmentation._narrow_faces", "MAX_ROUNDS", 1),
-            Constant("segmentation._cylinder_parts", "MOST_WIDE", np.inf),
+            Constant("segmentation._cylinder_parts", "REACH", np.inf),
             Constant("segmentation._cylinder_parts", "MOST_NOISE", np.inf),
             Constant("segmentation._cylinder_parts", "CUTOFF"),
             Constant("segmentation._cylinder_parts", "GROWTH"),
+            Constant("segmentation._cylinder_parts", "LEAST_SIZE", 6),
             Parameter("n_neighbors", (15, 24, 37, 60)),
             Parameter("max_angle", (7.5, 12, 18.75, 30)),
             Parameter("min_region_size", (1, 5, 8, 12, 20)),
@@ -205,12 +244,15 @@ PARTS = {
             Parameter("join_curved", (False,)),
             Parameter("assign_unlabeled", (False,)),
         ),
-        scenes=lambda options: simulated(options, lambda scene: scene.surface, 0.0),
+        scenes=lambda options: chain(
+            simulated(options, lambda scene: scene.surface, 0.0), labelled(options)
+        ),
         prepare=columns_of,
         run=regions_of,
         measure=region_scores,
         clouds=("pcl_building_region_growing", "ahn3_amsterdam_2397", "open3d_redwood_fragment"),
         count=lambda labels: int(labels.max()) + 1,
+        most=30_000,
     ),
     "normals": Part(
         tried=(
@@ -255,6 +297,31 @@ PARTS = {
         prepare=lambda X: X,
         run=functools.partial(normals_of, n_neighbors="auto"),
         measure=normal_scores,
+    ),
+    "edges": Part(
+        tried=(
+            Constant("edges._faces", "SPACING_NEIGHBORS", 10_000),
+            Constant("edges._faces", "LEAST_NOISE", 1e-6),
+            Constant("edges._faces", "OFF", np.inf),
+            Constant("edges._faces", "FLATNESS", np.inf),
+            Constant("edges._creases", "OFF", np.inf),
+            Constant("edges._creases", "FAR"),
+            Constant("edges._creases", "THIRD_FACE", 0.0),
+            Constant("edges._creases", "SMOOTH_STEPS", 1),
+            Constant("edges._creases", "HUBER", np.inf),
+            Constant("edges._detector", "EDGE_WIDTH"),
+            Parameter("n_neighbors", (20, 30, 50)),
+            Parameter("min_angle", (10, 16, 25, 40)),
+        ),
+        scenes=lambda options: chain(
+            simulated(options, edge_distances, 0.1), machined_edges(options), roof_edges(options)
+        ),
+        prepare=faces_of,
+        run=edge_scores_of,
+        measure=edge_figures,
+        clouds=("pcl_building_region_growing", "pcl_cars_mincut"),
+        count=lambda result: float(round(100 * result[1].mean(), 2)),
+        most=10_000,
     ),
     "detector": Part(
         tried=(
@@ -310,6 +377,8 @@ def clouds_of(part, options):
         path = Path(options.data) / name / "cloud.npz"
         if path.is_file():
             X = np.load(path)["xyz"].astype(np.float64)
+            away = np.square(X - np.median(X, axis=0)).sum(axis=1)
+            X = X[np.sort(np.argsort(away)[: part.most])]
             yield name, kept(options.cache, f"{options.part}_{name}", part, X)
 
 

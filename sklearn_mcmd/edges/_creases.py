@@ -13,8 +13,6 @@ from sklearn_mcmd.edges._faces import (
     OFF,
     Faces,
     are_flat,
-    flatness_limit,
-    flatness_of,
     give_faces,
     measure_spacing,
 )
@@ -25,7 +23,6 @@ from sklearn_mcmd.planes._record import Neighborhoods
 
 __all__ = [
     "FAR",
-    "REACH",
     "CreaseModel",
     "least_cosine",
     "meet_faces",
@@ -34,25 +31,21 @@ __all__ = [
     "told_distances",
 ]
 
-#: Distance, in spacings, of points without a crease in their neighborhood.
-FAR = 20.0
+#: Largest distance, in spacings, that is told of a crease.
+FAR = 10.0
 
 # Entries of the largest array a task holds.
 CHUNK = 1_500_000
-# Neighbors that must lie on another face, at least.
-LEAST_COMPANY = 3
 # A third face is seen where it takes this share off the squared residuals.
 THIRD_FACE = 0.8
-# Creases farther than this many spacings say nothing about the neighbors.
-REACH = 3.0
 # Shares of the time of the steps, for the display of progress.
 SEARCHING, MEASURING, GIVING, MEETING, JUDGING = (
     (0.0, 0.1), (0.1, 0.15), (0.15, 0.3), (0.3, 0.9), (0.9, 1.0),
 )  # fmt: skip
-# How steeply a smooth surface, and a point off its plane, count as far.
-STEEPNESS = 30
-OFF_STEEPNESS = 2
-SMOOTH_STEPS = 3
+# Fits of a smooth surface, and the standard deviations beyond which points count less in it.
+SMOOTH_STEPS, HUBER = 3, 1.5
+# Largest logarithm of a likelihood ratio: less than its inverse is rounding.
+CERTAIN = -np.log(np.finfo(float).eps)
 
 
 class CreaseModel:
@@ -101,20 +94,18 @@ class CreaseModel:
             around = self._search_own() if around is None else around
         with progress_part(*MEASURING):
             self._in_chunks(around, self._measure_spacing)
-        limit = flatness_limit(np.median(flatness_of(self.planes)))
-        self.flat = are_flat(self.planes, limit)
+        self.flat = are_flat(self.planes)
         with progress_part(*GIVING):
             self.faces = self._give_planes(self.points, around)
         with progress_part(*MEETING):
             distance, self.evidence = self._meet(self.points, self.faces, around)
-        self.evidence[~(distance <= REACH)] = np.nan
         with progress_part(*JUDGING):
             return self._judge(self.faces, distance, around)
 
     def distance(self, queries):
-        """Distances of queries (m, d) to the nearest crease, in spacings, `FAR` at most.
+        """Distances of queries (m, d) to the nearest crease, in spacings.
 
-        Where no crease is found it is between half of `FAR` and `FAR`, the less, the less flat
+        Where no crease is found it is between `FAR` and twice as much, the less, the less flat
         the neighborhood.
         """
         with progress_part(*SEARCHING):
@@ -219,8 +210,8 @@ def middle(low, high):
 def meet_faces(queries, own, around, points, faces, cosine):
     """Distance to the nearest crease in spacings, inf if none, and the evidence for it.
 
-    The evidence is the logarithm of the residuals of the best two or three faces over those
-    of the best smooth surface: negative where there is an edge.
+    The evidence is the logarithm of the likelihood of the best smooth surface over that of the
+    best two or three faces: negative where there is an edge.
 
     Parameters
     ----------
@@ -242,7 +233,8 @@ def meet_faces(queries, own, around, points, faces, cosine):
     indices = around.indices
     cosines = np.abs(np.einsum("md,mkd->mk", own.normals, faces.normals[indices]))
     other = (cosines < cosine) & faces.on_face[indices]
-    busy = np.flatnonzero(other.sum(axis=1) >= LEAST_COMPANY)
+    # A face has as many points as determine a plane.
+    busy = np.flatnonzero(other.sum(axis=1) >= queries.shape[1])
     busy = busy[own.flat[busy] & (own.spacing[busy] > 0)]
     if busy.size:
         near = indices[busy]
@@ -255,6 +247,7 @@ def meet_faces(queries, own, around, points, faces, cosine):
 
 def _faces_or_smooth(queries, own, neighbors, normals, levels, cosines, other, cosine):
     """Distance and evidence of queries (m, d) with other faces among their neighbors (m, k, d)."""
+    k = neighbors.shape[1]
     # Heights (m, k, k) of each neighbor above the plane given to each other one.
     heights = np.matmul(neighbors, normals.swapaxes(1, 2)) - levels[:, None]
     surface = np.einsum("mkd,md->mk", neighbors, own.normals) - own.levels[:, None]
@@ -272,28 +265,28 @@ def _faces_or_smooth(queries, own, neighbors, normals, levels, cosines, other, c
     distance = np.where(meets, np.minimum(distance, to_third), distance)
     surface = np.where(meets[:, None], corner, surface)
 
-    least = 1e-4 * own.scale**2  # of exact faces
+    least = np.finfo(float).tiny  # of exact faces
     sharp = np.mean(np.clip(surface, -limit, limit) ** 2, axis=1) + least
     smooth = _smooth_residuals(neighbors, own.scale)
     if smooth is None:
         return distance / own.spacing, np.full(len(queries), -1.0)
     smooth = np.mean(np.minimum(smooth, limit) ** 2, axis=1) + least
-    return distance / own.spacing, 0.5 * np.log(sharp / smooth)
+    return distance / own.spacing, 0.5 * k * np.log(sharp / smooth)
 
 
 def pool_evidence(around, points, evidence):
     """What the neighbors say of an edge (m,), and the largest distance (m,) that is told."""
     pooled = _median(evidence[around.indices])
-    return pooled, FAR * (1.0 - 0.5 * _roundness(points[around.indices]))
+    return pooled, FAR * (2.0 - _roundness(points[around.indices]))
 
 
 def told_distances(faces, distance, pooled, most):
     """Distances (m,) as told; where an edge is the better model, those to the crease."""
     # Continuous: as far as it is where an edge is the better model, farther where not.
-    smooth = np.exp(np.minimum(STEEPNESS * np.maximum(pooled, 0.0), 50.0))
-    off = np.maximum(np.abs(faces.height) / (OFF * faces.scale), 1.0) ** OFF_STEEPNESS
+    smooth = np.exp(np.clip(pooled, 0.0, CERTAIN))
+    off = np.maximum(np.abs(faces.height) / (OFF * faces.scale), 1.0)
     found = np.isfinite(distance) & np.isfinite(pooled)
-    return np.minimum(np.where(found, distance * smooth * off, FAR), most)
+    return np.minimum(np.where(found, distance * smooth * off, np.inf), most)
 
 
 def _join(surface, heights, allowed, limit):
@@ -371,7 +364,7 @@ def _smooth_residuals(neighbors, scale):
         residuals = np.abs(residuals) / np.sqrt(1.0 + np.einsum("mka,mka->mk", slope, slope))
         residuals *= size[:, None]
         with np.errstate(divide="ignore"):
-            weights = np.minimum(1.0, 1.5 * scale[:, None] / residuals)
+            weights = np.minimum(1.0, HUBER * scale[:, None] / residuals)
     # Two planes have as many coefficients: nothing to allow for.
     return residuals
 

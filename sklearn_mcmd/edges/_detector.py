@@ -305,12 +305,10 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
                 "threshold='mean' is for eigenvalues; criterion='crease' takes a distance in "
                 "spacings of the points, or None for 2."
             )
-        farthest = FAR / 2
-        if self.criterion == "crease" and (self.threshold or 0.0) > farthest:
+        if self.criterion == "crease" and (self.threshold or 0.0) > FAR:
             raise ParameterError(
                 f"$threshold={self.threshold:g} is in spacings of the points for "
-                "$criterion='crease', and creases farther than "
-                f"{farthest:g} are not told: lower it."
+                f"$criterion='crease', and creases farther than {FAR:g} are not told: lower it."
             )
 
     def _clean(self, xyz, detector):

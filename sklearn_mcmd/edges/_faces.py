@@ -11,8 +11,6 @@ __all__ = [
     "OFF",
     "Faces",
     "are_flat",
-    "flatness_limit",
-    "flatness_of",
     "give_faces",
     "measure_spacing",
 ]
@@ -23,8 +21,8 @@ SPACING_NEIGHBORS = 8
 LEAST_NOISE = 0.05
 # Standard deviations beyond which a residual tells no more.
 OFF = 3.0
-# A face is flat: its noise is at most this share of its radius, or this multiple of what is usual.
-FLATNESS, FLATNESS_FACTOR = 0.2, 3.0
+# A face is flat: its noise is at most this share of its radius.
+FLATNESS = 0.2
 # The plane of a face is the one under which a point is most likely.
 LIKELIEST = ExplainLimits(likely=True)
 
@@ -80,18 +78,9 @@ def measure_spacing(points, queries, around, scale):
     return spacing, distances.max(axis=1), np.maximum(scale, LEAST_NOISE * spacing)
 
 
-def flatness_of(planes):
-    """Noise of planes over their radius."""
-    return planes.scale / np.maximum(planes.radius, np.finfo(float).tiny)
-
-
-def flatness_limit(usual):
-    """The largest flatness of a face, from the median of a cloud."""
-    return max(FLATNESS, FLATNESS_FACTOR * usual)
-
-
-def are_flat(planes, limit):
-    return flatness_of(planes) <= limit
+def are_flat(planes):
+    """Whether planes are those of faces."""
+    return planes.scale <= FLATNESS * planes.radius
 
 
 def give_faces(queries, around, planes, flat, usable):

@@ -9,7 +9,6 @@ from sklearn_mcmd.segmentation._region_sums import region_sizes, relabeled, rows
 
 __all__ = ["Claims"]
 
-MAX_ROUNDS = 50
 # Neighbors looked at at once: what they need stays in the processor's cache.
 CHUNK = 30_000
 # More neighbors than these are not kept from round to round.
@@ -97,7 +96,7 @@ class Claims:
         usable, fresh = claiming[labels], np.zeros(len(labels), dtype=bool)
         rest = asked = rows_of(labels, np.append(np.zeros(len(claiming) - 1, dtype=bool), True))
         around = neighbors = _Around(self.index, rest)
-        for _ in range(MAX_ROUNDS):
+        while True:  # each round claims a point
             owner = self._owners(labels, asked, neighbors, usable)
             claimed = owner >= 0
             if not claimed.any():

@@ -10,17 +10,14 @@ from sklearn_mcmd.planes._chunks import run
 from sklearn_mcmd.segmentation._cylinder import N_PARAMETERS, Cylinder, fit_cylinder
 from sklearn_mcmd.segmentation._graph import CUTOFF, by_place, n_within_median
 from sklearn_mcmd.segmentation._joining import MOST_NOISE
+from sklearn_mcmd.segmentation._narrow_faces import REACH
 from sklearn_mcmd.segmentation._region_sums import region_moments, rows_of, sums_by_region
 
 __all__ = ["CylinderParts"]
 
-# A region is narrow if its second extent is at most 4 times the radius of growth's neighborhoods.
-# Wider regions have good normals, and growth follows them where they turn.
-MOST_WIDE = 4.0
 # A cylinder is fitted again, and pairs are tried again, when a region has grown by this factor. All
 # fits together then take only about as long as the last one or two.
 GROWTH = 2.0
-MAX_ROUNDS = 50
 # Tasks that the fits of all parts are dealt to.
 N_TASKS = 16
 # With fewer points any cylinder fits.
@@ -107,11 +104,9 @@ class CylinderParts:
         labels = labels.copy()
         parts = self._narrow_parts(labels)
         fresh, tried = set(parts), {}
-        for _ in range(MAX_ROUNDS):
+        while fresh:
             fresh |= self._join(labels, parts, fresh, tried)
             fresh = self._claim(labels, parts, fresh & set(parts))
-            if not fresh:
-                break
         self.curved = np.array(sorted(name for name in parts if parts[name].curved), dtype=np.intp)
         return labels
 
@@ -126,8 +121,9 @@ class CylinderParts:
         reach = sums_by_region(self.planes.radius, labels, n_regions, number, self.n_jobs)
         reach /= np.maximum(found.sizes, 1)
         values = np.maximum(np.linalg.eigvalsh(found.covariances), 0.0)
-        # Points spread evenly over a width have its root 12th as standard deviation.
-        self.wide = wide | (np.sqrt(12 * values[:, 1]) > MOST_WIDE * reach)
+        # Those wider than a disk that reaches as far as a strip's points have good normals, and
+        # growth follows them. Points spread evenly over a width deviate by its root 12th.
+        self.wide = wide | (np.sqrt(12 * values[:, 1]) > 2 * REACH * reach)
         self.wide[self.curved] = False
         rows = rows_of(labels, np.append(~self.wide & (found.sizes >= 4), False))
         rows = by_place(self.index.points, rows)
@@ -176,7 +172,7 @@ class CylinderParts:
     def _join(self, labels, parts, fresh, tried):
         """Join `parts`, in place, until no more can be joined; the names of changed ones."""
         changed = set()
-        for _ in range(MAX_ROUNDS):
+        while True:  # each round joins at least two parts
             pairs = []
             for pair in self._touching(labels, parts, fresh):
                 key = tuple(len(parts[name].members) for name in pair)  # parts only gain points

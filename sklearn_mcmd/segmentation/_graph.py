@@ -19,15 +19,15 @@ __all__ = [
     "seed_order",
 ]
 
-# A plane explains a point that is within so many of its standard deviations.
+# A plane explains a point within so many of its standard deviations. It may be noisier than what is
+# usual around by so many standard errors ...
 CUTOFF = 3.0
-# What is usual around is this quantile of the neighbors' noise: next to an edge less than half
-# of them have planes of their own face. A plane may be noisier by so many standard errors ...
-USUAL = 0.25
-N_ERRORS = 3.0
 # ... and by what curvature explains. Points of a disk of radius r on a cylinder whose normals
 # turn by an angle over r deviate from their plane by this share of angle * r (root mean square).
 BENT = 1 / 8
+# What is usual around is this quantile of the neighbors' noise: next to an edge less than half
+# of them have planes of their own face.
+USUAL = 0.25
 # The paper's rule A: neighbors within the median and so many standard deviations.
 N_DEVIATIONS = 2.0
 # Seeds are as flat, or as near to their planes, if they differ by less than these bits of the
@@ -167,7 +167,7 @@ def _is_quiet(scale, rows, around, radius, n_neighbors, rules):
     usual = quantile_around(scale, around, USUAL)
     bent = BENT * np.arccos(min(rules.min_cosine, 1.0)) * radius
     # The standard error of a standard deviation that so many neighbors tell.
-    most = 1 + N_ERRORS / np.sqrt(2 * n_neighbors)
+    most = 1 + CUTOFF / np.sqrt(2 * n_neighbors)
     return scale[rows] <= most * np.hypot(usual, bent)
 
 

@@ -22,8 +22,6 @@ __all__ = ["RestFaces"]
 # Points that have a plane together are no farther from each other than so many times the radius
 # that growth looks at: a strip has fewer points within it than a face on all sides.
 REACH = 2.0
-# Rounds of taking in points around; each needs another search of neighbors.
-MAX_ROUNDS = 10
 # What keeps points without noise at the origin from a division by zero.
 LEAST_NOISE = np.finfo(np.float64).tiny
 # Neighbors looked at at once: what they need stays in the processor's cache.
@@ -97,14 +95,12 @@ class RestFaces:
         own = np.maximum(own, LEAST_NOISE)
         usual = np.concatenate([outer[:-1], own, [np.inf]])
         fresh, members = rows, by_place(self.index.points, rows)
-        for _ in range(MAX_ROUNDS):
+        while len(fresh):
             around = np.unique(self.index.query_own(fresh, self.k).indices)
             around = around[labels[around] < first]
             owner, share, _ = self._nearest(around, self.k, labels, planes, usual)
             won = (owner >= first) & (share <= CUTOFF)
             fresh = around[won]
-            if len(fresh) == 0:
-                break
             labels[fresh] = owner[won]
             # Handed on as it is, a plane leads off no face; one fitted to an edge's points would.
             self._lend(labels, members, fresh, planes)

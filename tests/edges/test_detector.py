@@ -78,7 +78,7 @@ def test_edges_of_a_street_are_found_within_two_spacings():
 
 def test_scores_are_the_distance_to_the_edge_in_spacings(box, fitted):
     scores = fitted.score_samples(box.data)
-    near = (box.edge_distance < 1.5 * box.spacing) & (scores < FAR / 2)
+    near = (box.edge_distance < 1.5 * box.spacing) & (scores < FAR)
     error = scores[near] - box.edge_distance[near] / box.spacing
     # The spacing is a local estimate, of 8 neighbors.
     assert np.median(np.abs(error)) < 0.15
@@ -150,7 +150,7 @@ def test_corners_of_lines_are_found_in_the_plane():
     scores = fast(n_neighbors=20).fit(bend).score_samples(bend)
     assert (scores[np.abs(t) < 0.008] < 2).mean() > 0.8
     # 20 neighbors reach 0.05 on average.
-    assert (scores[np.abs(t) > 0.15] > FAR / 2).all()
+    assert (scores[np.abs(t) > 0.15] > FAR).all()
 
 
 def test_edges_of_a_machined_part_are_found(shared_data):
