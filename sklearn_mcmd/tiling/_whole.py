@@ -9,6 +9,7 @@ from threading import Event, Thread
 
 import numpy as np
 
+from sklearn_mcmd.io._files import PointFileError, one_clear_line
 from sklearn_mcmd.planes._record import Planes
 
 __all__ = ["ALL", "WholeColumns"]
@@ -60,7 +61,7 @@ class WholeColumns:
         for name, (dtype, shape) in columns.items():
             if not self.columns.is_done(ALL, name):
                 shape = len(self), *shape
-                np.lib.format.open_memmap(self._path(name), "w+", dtype, shape)
+                _made(self._path(name), dtype, shape)
                 self.columns.finish(ALL, name)
 
     def put(self, cell, **arrays):
@@ -86,7 +87,7 @@ class WholeColumns:
         if 0 in np.atleast_1d(shape):
             return np.empty(shape, dtype)
         path = self._path(f"scratch.{secrets.token_hex(4)}")
-        self._open.append(np.lib.format.open_memmap(path, "w+", dtype, np.atleast_1d(shape)))
+        self._open.append(_made(path, dtype, np.atleast_1d(shape)))
         return np.asarray(self._open[-1])
 
     @contextmanager
@@ -151,3 +152,20 @@ class WholeColumns:
             os.replace(temporary, path)
         finally:
             temporary.unlink(missing_ok=True)
+
+
+def _made(path, dtype, shape):
+    """An array in a file that is mapped into memory.
+
+    Its disk is taken at once: where there is too little, this is an error. Writing to memory for
+    which the disk has no room would end the process.
+    """
+    stored = np.lib.format.open_memmap(path, "w+", dtype, tuple(shape))
+    if hasattr(os, "posix_fallocate"):  # not on Windows and macOS
+        try:
+            with one_clear_line(path, "written"), open(path, "r+b") as file:
+                os.posix_fallocate(file.fileno(), 0, os.path.getsize(path))
+        except PointFileError:
+            path.unlink()
+            raise
+    return stored

@@ -5,9 +5,12 @@ import subprocess
 
 import pytest
 
+from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.tiling import TilingError, _cells, _run, process_files
 from tiled import ESTIMATOR, in_memory
+
+DETECTOR = MCMDOutlierDetector(16, random_state=0)
 
 
 @pytest.fixture
@@ -56,6 +59,28 @@ def test_a_full_disk_is_said_and_more_room_helps(disk, small_file, monkeypatch, 
     process_files(small_file, folder / "out.las", ESTIMATOR, tile_size=2_000)
     assert (folder / "out.las").read_bytes() == expected
     assert small_file.read_bytes() == before
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_arrays_of_a_whole_cloud_take_their_disk_before_they_are_filled(
+    disk, small_file, monkeypatch
+):
+    folder, remount = disk
+    expected, target = small_file.with_name("expected.las"), folder / "out.las"
+    process_files(small_file, expected, DETECTOR, tile_size=2_000)
+    monkeypatch.setattr(_run, "_check_disk", lambda *args: None)
+    refused = []
+    for size in range(200, 3_000, 200):  # too little for cells, for arrays, or for the output
+        remount(f"size={size}k")
+        try:
+            process_files(small_file, target, DETECTOR, tile_size=2_000)
+        except ValueError as err:
+            refused.append(str(err).lower())
+        else:
+            break
+    assert len(refused) >= 4
+    assert not [why for why in refused if "no space left" not in why and "tiles failed" not in why]
+    assert target.read_bytes() == expected.read_bytes()
 
 
 def test_a_read_only_disk_is_refused_before_the_work(disk, small_file):
