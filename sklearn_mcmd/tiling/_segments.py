@@ -29,8 +29,6 @@ from sklearn_mcmd.tiling._whole import ALL
 __all__ = ["Segments"]
 
 WARM_UP = 3_000  # points that load or compile the code
-# Rows are numbers of 32 bits.
-MOST_PLACES = 2**31 - 1
 LARGEST = 20  # regions whose points are counted in the report
 # The end of each sweep and step, as a share of the time.
 ENDS = {"places": 0.02, "planes": 0.72, "growth": 0.82, "steps": 1.0}
@@ -102,8 +100,6 @@ def _segment(job, cells, columns, n_workers, memory):
     whole, k = job.whole(), job.growing.n_neighbors
     if len(whole) < max(COMPILE_FROM, k, job.growing.normal_estimator.n_neighbors + 1):
         return _segment_together(job, cells, columns, len(whole))
-    if len(whole) > MOST_PLACES:
-        raise ValueError(f"{len(whole):,} different points are more than {MOST_PLACES:,}")
     whole.join("points", "counts")
     whole.make(near=(np.int32, (k,)), variation=(job.constants.dtype, ()), **STORED)
     sweep("planes", find_planes)

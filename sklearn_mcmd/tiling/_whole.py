@@ -15,6 +15,7 @@ from sklearn_mcmd.planes._record import Planes
 __all__ = ["ALL", "WholeColumns"]
 
 SECONDS = 0.2  # after which what was read is freed
+MOST_PLACES = 2**31 - 1  # rows are numbers of 32 bits
 ALL = "all"  # in the place of a cell's number
 
 
@@ -58,6 +59,8 @@ class WholeColumns:
 
     def make(self, **columns):
         """Make files for columns that `put` fills, by their names and (dtype, shape of a row)."""
+        if len(self) > MOST_PLACES:
+            raise ValueError(f"{len(self):,} different points are more than {MOST_PLACES:,}")
         for name, (dtype, shape) in columns.items():
             if not self.columns.is_done(ALL, name):
                 shape = len(self), *shape
@@ -115,10 +118,6 @@ class WholeColumns:
         for stored in list(self._open):
             if hasattr(mmap, "MADV_DONTNEED"):  # not on Windows; files keep what was written
                 stored._mmap.madvise(mmap.MADV_DONTNEED)
-
-    def close(self):
-        """Forget open arrays, whose files may then be removed once nobody uses them."""
-        self._open.clear()
 
     def rows_of(self, name, rows):
         """Some rows of a column, of which nothing else stays in memory."""
