@@ -21,7 +21,8 @@ SPACING_NEIGHBORS = 8
 LEAST_NOISE = 0.05
 # Standard deviations beyond which a residual tells no more.
 OFF = 3.0
-# A face is flat: its noise is at most this share of its radius.
+# A face is flat: its noise is at most this share of its radius. Of a mostly rougher cloud, the
+# flatter half is.
 FLATNESS = 0.2
 # The plane of a face is the one under which a point is most likely.
 LIKELIEST = ExplainLimits(likely=True)
@@ -80,7 +81,8 @@ def measure_spacing(points, queries, around, scale):
 
 def are_flat(planes):
     """Whether planes are those of faces."""
-    return planes.scale <= FLATNESS * planes.radius
+    flatness = planes.scale / np.maximum(planes.radius, np.finfo(float).tiny)
+    return flatness <= max(FLATNESS, np.median(flatness))
 
 
 def give_faces(queries, around, planes, flat, usable):
