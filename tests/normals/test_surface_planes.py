@@ -74,12 +74,10 @@ def test_results_do_not_depend_on_threads_chunks_or_order(monkeypatch):
     assert (angle < 1e-4).mean() > 0.999
 
 
-METHODS = [
+METHODS = [  # of each kind of compiled loop
     {}, {"neighbor_planes": False}, {"method": "mcmd_md"}, {"reweight": False},
     {"max_outlier_rate": 0.3},
-    {"method": "pca"}, {"method": "ransac"}, {"method": "msac"}, {"method": "robpca"},
-    {"method": "ulsif", "method_params": {"contamination": 0.1}},
-    {"method": "qsp", "method_params": {"contamination": 0.1}},
+    {"method": "pca"}, {"method": "ransac"},
 ]  # fmt: skip
 
 
