@@ -21,15 +21,7 @@ from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._record import Neighborhoods
 
-__all__ = [
-    "FAR",
-    "CreaseModel",
-    "least_cosine",
-    "meet_faces",
-    "middle",
-    "pool_evidence",
-    "told_distances",
-]
+__all__ = ["FAR", "CreaseModel"]
 
 #: Largest distance, in spacings, that is told of a crease.
 FAR = 10.0
@@ -66,7 +58,7 @@ class CreaseModel:
 
     def __init__(self, n_neighbors, min_angle, n_jobs=None):
         self.n_neighbors = n_neighbors
-        self.cosine = least_cosine(min_angle)
+        self.cosine = np.cos(np.radians(min_angle))  # that of two faces is smaller
         self.n_jobs = n_jobs
 
     def fit(self, columns):
@@ -87,7 +79,8 @@ class CreaseModel:
             Of these points, where they are known.
         """
         self.index, self.planes = index, planes
-        self.origin = middle(index.points.min(axis=0), index.points.max(axis=0))
+        # Of heights, which are differences of coordinates that may be large.
+        self.origin = 0.5 * (index.points.min(axis=0) + index.points.max(axis=0))
         self.points = np.subtract(index.points, self.origin, out=index.empty(index.points.shape))
         planes.centroids[:] -= self.origin
         with progress_part(*SEARCHING):
@@ -195,16 +188,6 @@ class CreaseModel:
 
         self._in_chunks(around, judge)
         return distance
-
-
-def least_cosine(min_angle):
-    """Normals of two faces have a smaller cosine."""
-    return np.cos(np.radians(min_angle))
-
-
-def middle(low, high):
-    """The origin of a cloud's heights, which are differences of coordinates that may be large."""
-    return 0.5 * (low + high)
 
 
 def meet_faces(queries, own, around, points, faces, cosine):

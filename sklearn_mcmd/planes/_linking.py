@@ -13,7 +13,6 @@ __all__ = [
     "connected",
     "connected_planes",
     "farthest_neighbors",
-    "link_planes",
     "row_linker",
 ]
 
@@ -42,41 +41,8 @@ class LinkLimits(NamedTuple):
     both_near: bool = False
 
 
-def link_planes(index, k, planes, limits, usable, farthest=None):
-    """Link each point to those of its neighbors whose planes and its own explain each other.
-
-    Parameters
-    ----------
-    index : NeighborIndex
-    k : int
-        Neighbors that may be linked, the point itself among them.
-    planes : Planes
-        The plane of each of the points: centroid, normal and scale are asked for. One of a negative
-        scale explains nothing.
-    limits : LinkLimits
-    usable : ndarray of bool of shape (n,)
-        Points that may be linked.
-    farthest : ndarray of shape (n,), default=None
-        Distance of the last of each point's k neighbors, where the index does not know all.
-
-    Returns
-    -------
-    links : ndarray of int32 of shape (n, k)
-        The neighbors linked, the nearest first, then -1. The point itself is none.
-    """
-    n = len(index.points)
-    links = np.empty((n, k), np.int32)
-    link = row_linker(index, k, planes, limits, usable, farthest)
-
-    def task(rows):
-        link(rows, links[rows])
-
-    each_slice(n, index.chunk, task, None)
-    return links
-
-
 def connected_planes(index, k, planes, limits, usable):
-    """What hangs together by the links of `link_planes`, as by `connected`, in less memory."""
+    """What hangs together by the links of `row_linker`, as by `connected`, in less memory."""
     link = row_linker(index, k, planes, limits, usable)
     join, roots = _compiled("join"), np.arange(len(index.points), dtype=np.int32)
     links = np.empty((index.chunk, k), np.int32)
@@ -96,7 +62,7 @@ def connected(links):
     Parameters
     ----------
     links : ndarray of int32 of shape (n, width)
-        As by `link_planes`.
+        Neighbors, then -1.
 
     Returns
     -------
@@ -122,8 +88,27 @@ def farthest_neighbors(points, around, start):
     return farthest
 
 
-def row_linker(index, k, planes, limits, usable, farthest=None):
-    """A function that fills the links of a slice of rows, with the parameters of `link_planes`."""
+def row_linker(index, k, planes, limits, usable):
+    """What links points to those of their neighbors whose planes and their own explain each other.
+
+    Parameters
+    ----------
+    index : NeighborIndex
+    k : int
+        Neighbors that may be linked, the point itself among them.
+    planes : Planes
+        The plane of each of the points: centroid, normal and scale are asked for. One of a negative
+        scale explains nothing.
+    limits : LinkLimits
+    usable : ndarray of bool of shape (n,)
+        Points that may be linked.
+
+    Returns
+    -------
+    fill : callable
+        Takes a slice of m rows, and int32 (m, k), which becomes the neighbors linked, the nearest
+        first, then -1. The point itself is none.
+    """
     own = LinkLimits(*map(float, limits[:3]), *map(bool, limits[3:]))
     link = _compiled("link_rows")
 
@@ -131,11 +116,10 @@ def row_linker(index, k, planes, limits, usable, farthest=None):
         around = index.query_own(rows, k)
         farthest[rows] = farthest_neighbors(index.points, around, rows.start)
 
-    if farthest is None:
-        farthest = index.empty(len(index.points)) if own.both_near else np.empty(0)
-        if own.both_near:
-            with progress_part(0.0, 0.4):
-                each_slice(len(farthest), index.chunk, measure_part, None)
+    farthest = index.empty(len(index.points)) if own.both_near else np.empty(0)
+    if own.both_near:
+        with progress_part(0.0, 0.4):
+            each_slice(len(farthest), index.chunk, measure_part, None)
 
     def fill(rows, links):
         around = index.query_own(rows, k)

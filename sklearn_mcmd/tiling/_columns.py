@@ -32,10 +32,6 @@ class Columns:
             return np.load(path, mmap_mode="r")
         return np.load(path)
 
-    def has(self, cell, name):
-        """Whether an array is there."""
-        return self._path(cell, name).exists()
-
     def write(self, cell, **arrays):
         for name, values in arrays.items():
             with _replacing(self._path(cell, name)) as temporary, open(temporary, "wb") as file:

@@ -19,15 +19,12 @@ class Sweeps:
         Cells that are computed at once.
     ends : dict of str to float
         The end of each sweep, as a share of the time.
-    done_with : dict of str to tuple of str, default={}
-        Columns that no later sweep asks for.
     begin : float, default=0.0
         Where the first begins.
     """
 
-    def __init__(self, columns, n_workers, ends, done_with=None, begin=0.0):
-        self.columns, self.n_workers, self.begin = columns, n_workers, begin
-        self.ends, self.done_with = ends, done_with or {}
+    def __init__(self, columns, n_workers, ends, begin=0.0):
+        self.columns, self.n_workers, self.ends, self.begin = columns, n_workers, ends, begin
 
     def __call__(self, name, work, cells, is_done=None, collect=True, **known):
         """Do some work on all cells with points.
@@ -48,4 +45,3 @@ class Sweeps:
         with progress_part(self.begin, self.ends[name], name):
             compute_cells(partial(work, **known), cells, todo, self.n_workers, collect)
         self.begin = self.ends[name]
-        self.columns.remove(len(cells), *self.done_with.get(name, ()))

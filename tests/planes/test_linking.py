@@ -6,14 +6,17 @@ from joblib import parallel_config
 from numpy.testing import assert_array_equal
 
 from reference import GivenNeighbors
-from sklearn_mcmd.planes._linking import LinkLimits, connected, connected_planes, link_planes
+from sklearn_mcmd.planes._chunks import each_slice
+from sklearn_mcmd.planes._linking import LinkLimits, connected, connected_planes, row_linker
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 
 def links_of(cloud, limits, chunk=1000):
     points, neighbors, planes, usable = cloud
     index, k = GivenNeighbors(points, neighbors, chunk), neighbors.indices.shape[1]
-    return link_planes(index, k, planes, limits, usable)
+    links, link = np.empty((len(points), k), np.int32), row_linker(index, k, planes, limits, usable)
+    each_slice(len(points), index.chunk, lambda rows: link(rows, links[rows]), None)
+    return links
 
 
 def scene(d, n=150, k=10, seed=0):
@@ -46,7 +49,7 @@ LIMITS = {
 
 
 def literally(points, neighbors, planes, limits, usable):
-    """The rows of `link_planes`, as lists."""
+    """The rows of `row_linker`, as lists."""
 
     def explains(i, j):
         height = abs(np.dot(points[j] - planes.centroids[i], planes.normals[i]))

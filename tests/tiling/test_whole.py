@@ -40,8 +40,9 @@ def test_columns_of_cells_become_one(whole, index):
     whole.join("points", "near")
     assert_array_equal(whole.open("points"), index.points)
     assert whole.open("near").dtype == np.int32
-    assert not whole.columns.has(0, "points")
-    assert whole.columns.has(0, "scale")
+    names = {path.name for path in whole.columns.folder.iterdir()}
+    assert "0.points.npy" not in names
+    assert "0.scale.npy" in names
 
 
 def test_a_join_that_was_ended_is_done_again(whole, index, monkeypatch):
