@@ -18,7 +18,7 @@ from sklearn_mcmd.tiling._outputs import SCORED
 from sklearn_mcmd.tiling._search import all_places
 from sklearn_mcmd.tiling._stored import StoredIndex, nearest_rows
 from sklearn_mcmd.tiling._tile import columns_of_tile, write_results
-from sklearn_mcmd.tiling._whole import WholeColumns
+from sklearn_mcmd.tiling._whole import whole_of
 
 __all__ = ["STORED", "EdgeJob", "find_distances", "find_kept_planes", "kept_places"]
 
@@ -55,11 +55,6 @@ class EdgeJob(NamedTuple):
         """The cells of the kept points, and the columns of their places."""
         return Cells(self.kept), Columns(self.columns)
 
-    def whole(self):
-        """The columns of all kept places, once these are known."""
-        cells, columns = self.open()
-        return WholeColumns(columns, len(cells), "places")
-
     def removed(self, cell):
         """Records of the points of a cell, and which of them were removed."""
         records, columns = Cells(self.cells).read(cell), Columns(self.columns)
@@ -80,7 +75,7 @@ def kept_places(cells, columns):
 
 def find_kept_planes(cell, job):
     """Fill near, the neighbors of the kept places of a cell, and the columns `STORED`."""
-    (cells, columns), whole = job.open(), job.whole()
+    (cells, columns), whole = job.open(), whole_of(job)
     near, _ = nearest_rows(cells, whole, cell, job.detector.n_neighbors)
     dtype = np.dtype(job.constants.dtype)
     _, found, n_proved = columns_of_tile(
@@ -105,7 +100,7 @@ def _face_columns(fitted, dtype):
 
 def find_distances(job, n_threads):
     """Write the scores of all points of all cells, once the planes of kept places are known."""
-    (cells, columns), whole, detector = job.open(), job.whole(), job.detector
+    (cells, columns), whole, detector = job.open(), whole_of(job), job.detector
     index = StoredIndex(whole, cells)
     planes = whole.planes(changing=True)
     kept, radius, spacing = (index.empty(len(whole)) for _ in range(3))

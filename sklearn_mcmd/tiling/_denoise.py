@@ -33,7 +33,7 @@ from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._tile import write_results
 from sklearn_mcmd.tiling._together import fit_together
 from sklearn_mcmd.tiling._warnings import warn_caller
-from sklearn_mcmd.tiling._whole import ALL
+from sklearn_mcmd.tiling._whole import ALL, whole_of
 
 __all__ = ["Denoise", "check_detector", "cutoff_of", "judge_cells"]
 
@@ -169,7 +169,7 @@ def judge_cells(job, cells, columns, n_workers, cutoff):
     """
     n_cells, sweep = len(cells), partial(Sweeps(columns, n_workers, ENDS), cells=cells, job=job)
     sweep("places", find_places)
-    whole = job.whole()
+    whole = whole_of(job)
     if len(whole) < max(COMPILE_FROM, job.detector.n_neighbors + 1):
         return _judge_together(job, cells, len(whole))
     if not all(has_scores(job.columns, cell) for cell in range(n_cells)):

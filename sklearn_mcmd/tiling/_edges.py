@@ -24,6 +24,7 @@ from sklearn_mcmd.tiling._stored import find_places
 from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._tile import normals_of_tile, tile_files, total_proved, write_results
 from sklearn_mcmd.tiling._together import fit_together
+from sklearn_mcmd.tiling._whole import whole_of
 
 __all__ = ["Edges"]
 
@@ -121,7 +122,7 @@ class _Steps:
             self.normals, self._constants(kept),
         )  # fmt: skip
         self.sweep("places", find_places, kept, job=job)
-        whole = job.whole()
+        whole = whole_of(job)
         k = max(self.estimator.n_neighbors, self.normals.n_neighbors)
         if len(whole) < max(COMPILE_FROM, k + 1):
             return self._judge_together(len(whole))

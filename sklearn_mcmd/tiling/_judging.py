@@ -16,7 +16,7 @@ from sklearn_mcmd.tiling._stored import (
     chunks_of,
     nearest_rows,
 )
-from sklearn_mcmd.tiling._whole import WholeColumns
+from sklearn_mcmd.tiling._whole import whole_of
 
 __all__ = ["Job", "find_planes"]
 
@@ -41,11 +41,6 @@ class Job(NamedTuple):
     def open(self):
         """The cells, and the columns of their places."""
         return Cells(self.cells), Columns(self.columns)
-
-    def whole(self):
-        """The columns of all places, once these are known."""
-        cells, columns = self.open()
-        return WholeColumns(columns, len(cells), "places")
 
     @property
     def paper(self):
@@ -77,7 +72,7 @@ class Job(NamedTuple):
 
 def find_planes(cell, job):
     """Fill the columns of a cell that `Job.stored_columns` names."""
-    (cells, columns), whole = job.open(), job.whole()
+    (cells, columns), whole = job.open(), whole_of(job)
     own, counts = whole.rows(cell), whole.open("counts")
     near, _ = nearest_rows(cells, whole, cell, job.detector.n_neighbors)
     index = OwnNeighbors(whole.open("points"), near, own.start)

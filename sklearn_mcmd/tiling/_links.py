@@ -13,7 +13,7 @@ from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._constants import Constants
 from sklearn_mcmd.tiling._stored import nearest_rows
 from sklearn_mcmd.tiling._tile import columns_of_tile
-from sklearn_mcmd.tiling._whole import WholeColumns
+from sklearn_mcmd.tiling._whole import whole_of
 
 __all__ = ["STORED", "GrowthJob", "find_planes"]
 
@@ -44,18 +44,13 @@ class GrowthJob(NamedTuple):
         """The cells, and the columns of their places."""
         return Cells(self.cells), Columns(self.columns)
 
-    def whole(self):
-        """The columns of all places, once these are known."""
-        cells, columns = self.open()
-        return WholeColumns(columns, len(cells), "places")
-
 
 def find_planes(cell, job):
     """Fill near, the neighbors of the places of a cell, and their planes as growing takes them.
 
     Columns: `STORED`, of which floor is the least scale; variation, in the dtype of the cloud.
     """
-    (cells, columns), whole = job.open(), job.whole()
+    (cells, columns), whole = job.open(), whole_of(job)
     near, _ = nearest_rows(cells, whole, cell, whole.open("near").shape[1])
     dtype = np.dtype(job.constants.dtype)
 

@@ -222,7 +222,7 @@ def _tightened(cells, load, queries, k, reach):
         part = _near_box((cell, *load(cell)), queries[asking], reach[asking])
         if not len(part[1]):
             continue
-        distances = _tree(part[1]).query(queries[asking], np.arange(1, k + 1))[0]
+        distances, _ = NearestPoints(part[1]).query(queries[asking], k, 1)
         both = np.sort(np.hstack([nearest[asking], distances]), axis=1)[:, :k]
         nearest[asking] = both
         reach[asking] = np.minimum(reach[asking], SLACK * both[:, -1])

@@ -24,7 +24,7 @@ from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._tile import write_results
 from sklearn_mcmd.tiling._together import fit_together
 from sklearn_mcmd.tiling._warnings import warn_caller
-from sklearn_mcmd.tiling._whole import ALL
+from sklearn_mcmd.tiling._whole import ALL, whole_of
 
 __all__ = ["Segments"]
 
@@ -97,7 +97,7 @@ def _segment(job, cells, columns, n_workers, memory):
         return
     sweep = partial(sweeps, cells=cells, job=job)
     sweep("places", find_places)
-    whole, k = job.whole(), job.growing.n_neighbors
+    whole, k = whole_of(job), job.growing.n_neighbors
     if len(whole) < max(COMPILE_FROM, k, job.growing.normal_estimator.n_neighbors + 1):
         return _segment_together(job, cells, columns, len(whole))
     whole.join("points", "counts")

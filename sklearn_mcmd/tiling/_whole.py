@@ -12,7 +12,7 @@ import numpy as np
 from sklearn_mcmd.io._files import PointFileError, one_clear_line
 from sklearn_mcmd.planes._record import Planes
 
-__all__ = ["ALL", "WholeColumns"]
+__all__ = ["ALL", "WholeColumns", "whole_of"]
 
 SECONDS = 0.2  # after which what was read is freed
 MOST_PLACES = 2**31 - 1  # rows are numbers of 32 bits
@@ -151,6 +151,12 @@ class WholeColumns:
             os.replace(temporary, path)
         finally:
             temporary.unlink(missing_ok=True)
+
+
+def whole_of(job):
+    """The columns of all places that the sweep over a job's cells has found."""
+    cells, columns = job.open()
+    return WholeColumns(columns, len(cells), "places")
 
 
 def _made(path, dtype, shape):

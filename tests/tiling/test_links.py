@@ -15,6 +15,7 @@ from sklearn_mcmd.tiling._cells import CellWriter
 from sklearn_mcmd.tiling._constants import Constants
 from sklearn_mcmd.tiling._links import STORED, GrowthJob, find_planes
 from sklearn_mcmd.tiling._stored import StoredIndex, find_places
+from sklearn_mcmd.tiling._whole import whole_of
 
 K = 20
 
@@ -38,7 +39,7 @@ def links_by_tiles(folder, X, growing):
     job = GrowthJob(folder / "cells", folder / "columns", growing, constants)
     for cell in range(len(cells)):
         find_places(cell, job)
-    whole = job.whole()
+    whole = whole_of(job)
     whole.join("points", "counts")
     whole.make(near=(np.int32, (K,)), variation=(X.dtype, ()), **STORED)
     for cell in range(len(cells)):

@@ -185,12 +185,7 @@ def test_lengths_have_the_unit_that_the_file_tells(chromium, scan, tmp_path):
     tab = Tab(chromium, view(scan).save(tmp_path / "unit.html"))
     assert tab.text("#legend b") == "height, m"
     assert re.fullmatch(r"\d+ m at the center", tab.text("#scale"))
-    tab.tab.keyboard.press("2")
-    tab.tab.keyboard.press("m")
-    tab.rest()
-    for x, y in ((300, 200), (520, 420)):
-        tab.tab.mouse.click(x, y)
-        time.sleep(0.4)
+    tab.measure((300, 200), (520, 420))
     assert tab.card()["length"] == tab.ask("document.querySelector('#overlay text').textContent")
     assert tab.card()["length"].endswith(" m")
     assert tab.said == []

@@ -1,7 +1,5 @@
 """The picture of the page, and what is saved of it, in a browser."""
 
-import time
-
 import numpy as np
 import pytest
 
@@ -28,12 +26,7 @@ def test_the_saved_picture_is_what_the_page_shows(tab, tmp_path):
     image = pytest.importorskip("matplotlib.image")
     tab.tab.locator("#color-by").select_option(label="outlier_score")
     tab.tab.locator("#color-by").blur()
-    tab.tab.keyboard.press("2")
-    tab.tab.keyboard.press("m")
-    tab.rest()
-    for x, y in ((300, 200), (520, 420)):
-        tab.tab.mouse.click(x, y)
-        time.sleep(0.4)
+    tab.measure((300, 200), (520, 420))
     with tab.tab.expect_download() as download:
         tab.tab.click("#tool-picture")
     assert download.value.suggested_filename == "scan.png"
