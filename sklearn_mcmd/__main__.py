@@ -6,10 +6,7 @@ __all__ = ["main"]
 def main():
     """Run the command line; without its libraries, say in one line how to get them.
 
-    Raises
-    ------
-    SystemExit
-        Always, with the exit code: 0 done, 1 failed, 2 wrong usage, 130 interrupted.
+    Always raises SystemExit, with the exit code: 0 done, 1 failed, 2 wrong usage, 130 interrupted.
     """
     try:  # imports above this line would run before Ctrl-C is handled
         from sklearn_mcmd._extras import run_app

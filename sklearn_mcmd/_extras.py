@@ -11,15 +11,9 @@ __all__ = ["how_to_install", "import_extra", "run_app"]
 
 
 def import_extra(module, extra, purpose):
-    """Import an optional library, or say in an ImportError how to install it.
+    """Import an optional library of an extra, or say in an ImportError how to install it.
 
-    Parameters
-    ----------
-    module : str
-    extra : str
-        The extra of this package that asks for the library.
-    purpose : str
-        What needs the library; the error begins with it.
+    The error begins with the purpose: what needs the library.
     """
     try:
         return importlib.import_module(module)
@@ -31,21 +25,10 @@ def import_extra(module, extra, purpose):
 
 
 def how_to_install(library, extra):
-    """The command that installs the libraries of an extra.
+    """The command that installs a library that an extra needs, directly or through another one.
 
     It names the libraries and not this package, which may come from a checkout, a wheel or an
-    index.
-
-    Parameters
-    ----------
-    library : str
-        The name under which it is imported.
-    extra : str
-        The extra of this package that needs it, directly or through another library.
-
-    Returns
-    -------
-    str
+    index. The library has the name under which it is imported.
     """
     asked = _requirements(extra)
     named = [asked_for for asked_for in asked if library in re.split(r"[^\w.-]+", asked_for)]
@@ -56,10 +39,7 @@ def how_to_install(library, extra):
 def run_app():
     """Run the command line; without its libraries, say how to install them.
 
-    Raises
-    ------
-    SystemExit
-        Always, with the exit code: 0 done, 1 failed, 2 wrong usage, 130 interrupted.
+    Always raises SystemExit, with the exit code: 0 done, 1 failed, 2 wrong usage, 130 interrupted.
     """
     exit_at_once("mcmd")
     try:

@@ -24,15 +24,10 @@ _within = 0  # how many verbs run within another one, as the demo's do
 
 
 def exit_at_once(name):
-    """Let Ctrl-C end this process with one line, while there is nothing to clean up.
+    """Let Ctrl-C end this process with one line of this name, while there is nothing to clean up.
 
     While modules are imported an exception may get lost. Some modules turn it into another one, and
     Python only prints an exception that is raised in a callback of the garbage collector.
-
-    Parameters
-    ----------
-    name : str
-        Name of the program, with which its line begins.
     """
     global _exit
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sklearn_mcmd.plotting import normal_colors, plot_cloud, region_colors
+from sklearn_mcmd.plotting import NormalsDisplay, normal_colors, plot_cloud, region_colors
 from sklearn_mcmd.plotting._still import plot_before_after
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -87,9 +87,8 @@ def test_before_and_after_share_one_scale_and_count_truly(cloud):
 
 
 def test_the_ball_beside_the_normals_has_the_color_of_each_of_its_normals(cloud):
-    none = np.zeros(len(cloud), dtype=bool)
     normals = cloud / np.linalg.norm(cloud, axis=1, keepdims=True)
-    axes = plot_before_after(cloud, none, cloud, none, normals, view=FRONT).axes[2]
+    axes = NormalsDisplay.from_predictions(cloud, normals, view=FRONT).ax_
     (ball,) = axes.child_axes[0].images
     picture = ball.get_array()
     middle = len(picture) // 2

@@ -37,21 +37,11 @@ def check_distinct(X, n_samples):
 
 
 def check_rank(plane, d, which="$X"):
-    """Raise if the points of a plane lie on one line or at one place.
+    """Raise if the points of a plane, `which` in words, lie on one line or at one place.
 
-    Parameters
-    ----------
-    plane : PlaneAdjustment
-    d : int
-        Number of columns.
-    which : str, default="$X"
-        Name of the points in the message.
-
-    Notes
-    -----
     For points in space these are all planes that are not determined. With more columns, one may
-    depend on others, as a sum depends on its parts. That is no error: residuals and tests are
-    the same as without that column, and slopes are those of minimum norm.
+    depend on others, as a sum depends on its parts. That is no error: residuals and tests are the
+    same as without that column, and slopes are those of minimum norm.
     """
     if plane.rank >= min(d, 3):
         return
@@ -76,27 +66,16 @@ def check_rank(plane, d, which="$X"):
 def normal_pvalue(plane, rounding=0.0):
     """Probability that points around a line are at least as flat as the points of the plane.
 
-    Parameters
-    ----------
-    plane : PlaneAdjustment
-        Plane of an orthogonal surface.
-    rounding : float, default=0.0
-        Largest distance by which a point may have been moved before the plane was adjusted.
-        It is the least thickness of the points.
+    The plane is of an orthogonal surface. `rounding`, the largest distance by which a point may
+    have been moved before it was adjusted, is the least thickness of the points. The probability is
+    near 0 if the points are wider than thick, so that they determine a normal. It is uniform in
+    (0, 1) if they lie around a line, with equal normal noise across it. Their normal is then an
+    arbitrary direction across the line.
 
-    Returns
-    -------
-    float
-        Near 0 if the points are wider than thick, so that they determine a normal. It is
-        uniform in (0, 1) if they lie around a line, with equal normal noise across it. Their
-        normal is then an arbitrary direction across the line.
-
-    Notes
-    -----
     This is Mauchly's test of sphericity of the two least principal variances. For two variables
     with f degrees of freedom the ratio L of their geometric to their arithmetic mean has the
-    distribution ``P(L <= x) = x^(f - 1)``. The plane's other directions take d - 2 of the
-    n - 1 degrees of freedom.
+    distribution ``P(L <= x) = x^(f - 1)``. The plane's other directions take d - 2 of the n - 1
+    degrees of freedom.
     """
     narrow = 1 / np.linalg.norm(plane.axes, 2)
     thick = max(np.sqrt(plane.sum_of_squares), rounding * np.sqrt(plane.sum_weights))

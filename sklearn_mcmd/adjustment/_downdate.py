@@ -19,34 +19,17 @@ MIN_CANDIDATES = 512
 class DowndatedPlane:
     """The plane of the retained points, and the largest of their standardized residuals.
 
-    When a point leaves, only the few sums of the normal equations change (down-dating), and
-    the residuals and redundancy numbers of all points change a little. Only the *candidates*,
-    the points with the largest statistics at the last full adjustment, are computed again each
-    time. A bound limits the statistics of all other points. If the largest candidate does not
-    exceed the bound, the whole cloud is adjusted anew. So the point found is always the one
-    that a full computation finds.
+    When a point leaves, only the few sums of the normal equations change (down-dating), and the
+    residuals and redundancy numbers of all points change a little. Only the *candidates*, the
+    points with the largest statistics at the last full adjustment, are computed again each time. A
+    bound limits the statistics of all other points. If the largest candidate does not exceed the
+    bound, the whole cloud is adjusted anew. So the point found is always the one that a full
+    computation finds. `support`, the mask of the retained points, is changed in place.
+    `sum_of_squares` is v'Pv of these, `direction` that of residuals at the last full adjustment.
 
-    Parameters
-    ----------
-    X : ndarray of shape (n, d)
-    weights : ndarray of shape (n,) or None
-    support : ndarray of bool of shape (n,)
-        Retained points. `remove` changes it in place.
-    surface : {"vertical", "orthogonal"}
-
-    Attributes
-    ----------
-    rank, n_retained : int
-    sum_of_squares : float
-        v'Pv of the retained points.
-    direction : ndarray of shape (d,)
-        Direction of the residuals at the last full adjustment.
-
-    Notes
-    -----
-    With whitened regressors g (``|g|^2`` is a cofactor) and the residual e at the last
-    adjustment, the present residual is ``shrink e + g'shift`` and the present whitened
-    regressors are ``L g + turn e``. Cauchy's inequality and the triangle inequality then give::
+    With whitened regressors g (``|g|^2`` is a cofactor) and the residual e at the last adjustment,
+    the present residual is ``shrink e + g'shift`` and the present whitened regressors are
+    ``L g + turn e``. Cauchy's inequality and the triangle inequality then give::
 
         sqrt(p) |v| <= shrink sqrt(p) |e| + sqrt(h) |shift|
         sqrt(h_now) <= |L| sqrt(h)        + |turn| sqrt(p) |e|

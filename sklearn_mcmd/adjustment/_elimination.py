@@ -46,21 +46,10 @@ class Elimination:
 def eliminate(X, weights, adjust, limit, state, *, single, max_rounds=None):
     """Remove every rejected point, or the worst one, and adjust again (section 1.1).
 
-    Parameters
-    ----------
-    X : ndarray of shape (n, d)
-    weights : ndarray of shape (n,) or None
-    adjust : callable
-        ``adjust(retained) -> (plane, robust_weights)``. The robust weights are None for least
-        squares.
-    limit : callable
-        ``limit(n_retained, dof, variance_factor, direction)`` gives the largest standardized
-        residual that passes.
-    state : Elimination
-        Starting state; changed in place.
-    single : bool
-        Whether a round removes only the worst of the rejected points.
-    max_rounds : int, default=None
+    ``adjust(retained)`` gives a plane and robust weights, None for least squares;
+    ``limit(n_retained, dof, variance_factor, direction)`` the largest standardized residual that
+    passes. With `single` a round removes only the worst of the rejected points. The state is
+    changed.
     """
     before = state.support
     while True:

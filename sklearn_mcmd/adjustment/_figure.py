@@ -21,10 +21,10 @@ from sklearn_mcmd.adjustment._report import (
 )
 from sklearn_mcmd.adjustment._tests import t_to_tau
 
+__all__ = ["plot_report"]
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = ["plot_report"]
 
 # More points take minutes to draw, and show no more.
 MAX_DRAWN = 50_000
@@ -177,10 +177,7 @@ def _draw_histogram(axes, residuals, outliers, suffix):
     bins = scale * np.linspace(-reach, reach, int(10 * reach) + 1)
     # The last bins count all points beyond them, so that all points are seen.
     highest = 1.0
-    for values, color, name in (
-        (inliers, BLUE, "inliers"),
-        (residuals[outliers], RED, "outliers"),
-    ):
+    for values, color, name in ((inliers, BLUE, "inliers"), (residuals[outliers], RED, "outliers")):
         if len(values):
             clipped = np.clip(values, bins[0], bins[-1])
             counts, _, _ = axes.hist(clipped, bins, color=color, alpha=0.7, label=name)

@@ -16,21 +16,9 @@ N_PICKED = {2: 4096, 3: 1024, 4: 512, 5: 256}
 def hull_vertices(plane, X, cofactors, members):
     """Members at which every affine function of the regressors reaches its largest size.
 
-    Parameters
-    ----------
-    plane : PlaneAdjustment
-        Its whitened regressors are the coordinates.
-    X : ndarray of shape (n, d)
-    cofactors : ndarray of shape (n,)
-        Cofactors of the plane at X: squared distances from the center plus a constant.
-    members : ndarray of int
-        Rows of X to consider, ascending.
-
-    Returns
-    -------
-    ndarray of int
-        Rows of X, ascending: the vertices of the members' convex hull, or all members where
-        a hull saves no time.
+    The coordinates are the plane's whitened regressors. Its cofactors at X are squared distances
+    from the center plus a constant. Members and result are rows of X, ascending: the vertices of
+    the members' convex hull, or all members where a hull saves no time.
     """
     q = plane.rank - 1
     if q == 0:

@@ -18,17 +18,8 @@ __all__ = [
 def abnormal_residual_membership(statistic, redundancy, critical, width):
     """m_M: how abnormal a residual is, 1/2 at ``critical + width sqrt(r)`` (Eq. 11).
 
-    Parameters
-    ----------
-    statistic : ndarray of shape (n,)
-        W_i.
-    redundancy : ndarray of shape (n,)
-        r_ii.
-    critical : float
-        ``N_{1 - alpha/2}``.
-    width : float
-        The paper prints it as alpha. It is a distance on the axis of the statistic, not a
-        probability.
+    The statistic is W_i, the redundancy r_ii, the critical value ``N_{1 - alpha/2}``. The paper
+    prints the width as alpha. It is a distance on the axis of the statistic, not a probability.
     """
     with np.errstate(divide="ignore"):
         return 1 / (1 + 1 / _squared_excess(statistic, redundancy, critical, width))

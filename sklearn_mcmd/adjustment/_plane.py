@@ -98,19 +98,10 @@ class PlaneAdjustment:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Residuals of points and cofactors of the plane below them.
 
-        Parameters
-        ----------
-        X : ndarray of shape (n, d)
-
-        Returns
-        -------
-        residuals : ndarray of shape (n,)
-            Observed minus adjusted, in units of X.
-        cofactors : ndarray of shape (n,)
-            ``a_i' N^-1 a_i``. Times the point's weight it is its leverage h_i.
-        spread : ndarray of shape (n,)
-            Variance of the adjusted value over sigma0^2: equal to the cofactors for least
-            squares, ``g' C g`` with the kernel C otherwise.
+        Residuals are observed minus adjusted, in units of X. A cofactor is ``a_i' N^-1 a_i``; times
+        the point's weight it is its leverage h_i. The third array, the spread, is the variance of
+        the adjusted value over sigma0^2: equal to the cofactors for least squares, otherwise
+        ``g' C g`` with the kernel C.
         """
         n = X.shape[0]
         residuals, cofactors = np.empty(n), np.empty(n)
@@ -157,28 +148,12 @@ def adjust_plane(
 ) -> PlaneAdjustment:
     """Weighted least-squares plane, its cofactors and variance factor (Eqs 2-4, 9).
 
-    Parameters
-    ----------
-    X : array-like of shape (n, d)
-        Points; the last column is the dependent variable of a vertical surface.
-    weights : array-like of shape (n,), default=None
-        Precisions ``p_i = sigma0^2 / sigma_i^2``. Points of weight 0 take no part.
-    surface : {"vertical", "orthogonal"}, default="vertical"
-        Residuals along the last axis (the paper), or along the normal (total least squares,
-        for walls).
+    The last column of X (n, d) is the dependent variable of a vertical surface; residuals are along
+    it (the paper), or along the normal of an orthogonal one (total least squares, for walls).
+    Weights are precisions ``p_i = sigma0^2 / sigma_i^2``; points of weight 0 take no part. Raise if
+    X has fewer than two columns, is not finite, or its squares overflow; or if all weights are
+    zero.
 
-    Returns
-    -------
-    PlaneAdjustment
-
-    Raises
-    ------
-    ValueError
-        If X has fewer than two columns, is not finite, or its squares overflow; or if all weights
-        are zero.
-
-    Notes
-    -----
     Rank-deficient designs (collinear or constant regressors, one location) get the slopes of
     minimum norm. Residuals and redundancy numbers do not depend on that choice.
 

@@ -29,39 +29,19 @@ def m_estimate(
 ) -> tuple[PlaneAdjustment, NDArray[np.float64], float]:
     """Plane by M-estimation: repeat the adjustment with P W until it converges (Eqs 3-7).
 
-    Parameters
-    ----------
-    X : array-like of shape (n, d)
-        Points; the last column is the dependent variable of a vertical surface.
-    weights : array-like of shape (n,), default=None
-        P, the precisions.
-    loss : {"huber", "tukey"}, default="huber"
-        Rule that turns standardized residuals into W. "tukey" starts from Huber's plane,
-        because its own solution depends on the start.
-    sigma0 : float, default=None
-        Standard deviation of unit weight. None means `robust_scale` of the residuals.
-    surface : {"vertical", "orthogonal"}, default="vertical"
+    The loss turns standardized residuals into W; "tukey" starts from Huber's plane, because its own
+    solution depends on the start. X, the weights P and the surface are as of `adjust_plane`.
+    `sigma0` is the standard deviation of unit weight, by default the `robust_scale` of the
+    residuals.
 
-    Returns
-    -------
-    plane : PlaneAdjustment
-        The plane, with the kernel that propagates the equivalent weights into cofactors.
-    robust_weights : ndarray of shape (n,)
-        W: 1 for normal observations, near 0 for outliers.
-    scale : float
-        sigma0, or its robust estimate, which is at least the rounding error of float64 in a
-        residual at these coordinates.
+    Returns the plane, with the kernel that propagates the equivalent weights into cofactors; W, 1
+    for normal observations, near 0 for outliers; and sigma0, or its robust estimate, which is at
+    least the rounding error of float64 in a residual at these coordinates. Warns if the plane still
+    changes after 200 adjustments.
 
-    Warns
-    -----
-    ConvergenceWarning
-        If the plane still changes after 200 adjustments.
-
-    Notes
-    -----
-    Eq. 5 multiplies P by the weights of iteration i - 1, not by the product of all earlier
-    weights. Eq. 8's limit ``s0 sqrt(q_i p_i) t`` has a wrong dimension. Here
-    ``sqrt(p_i) |v_i|`` is compared, which is the same for unit weights.
+    Eq. 5 multiplies P by the weights of iteration i - 1, not by the product of all earlier weights.
+    Eq. 8's limit ``s0 sqrt(q_i p_i) t`` has a wrong dimension. Here ``sqrt(p_i) |v_i|`` is
+    compared, which is the same for unit weights.
     """
     X = np.asarray(X, dtype=np.float64)
     if weights is not None:

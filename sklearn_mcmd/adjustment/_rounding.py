@@ -8,23 +8,12 @@ __all__ = ["residual_rounding", "rounding_errors"]
 def rounding_errors(X):
     """Largest rounding error of float64 in each coordinate of the points of an exact plane.
 
-    Parameters
-    ----------
-    X : ndarray of shape (n, d)
-
-    Returns
-    -------
-    ndarray of shape (d,)
-        In units of X.
-
-    Notes
-    -----
-    The unit is a step of float64 at the largest coordinate of a column (9.3e-10 at 5e6, 1.8e-15
-    at 10). A coordinate is rounded by 1/2 when it is stored. If it was computed from the others,
-    its d terms were rounded by up to ``d / 2`` more. The center that is subtracted is rounded by
-    up to 1. Then a residual is computed from centered coordinates, which are no larger than the
-    extent of the cloud. It takes d products and d - 1 sums along a direction that is itself
-    rounded, which adds ``(d + 1) eps`` of the extent.
+    The unit is a step of float64 at the largest coordinate of a column (9.3e-10 at 5e6, 1.8e-15 at
+    10). A coordinate is rounded by 1/2 when it is stored. If it was computed from the others, its d
+    terms were rounded by up to ``d / 2`` more. The center that is subtracted is rounded by up to 1.
+    Then a residual is computed from centered coordinates, which are no larger than the extent of
+    the cloud. It takes d products and d - 1 sums along a direction that is itself rounded, which
+    adds ``(d + 1) eps`` of the extent.
     """
     d = X.shape[1]
     low, high = X.min(axis=0), X.max(axis=0)
@@ -37,11 +26,7 @@ def rounding_errors(X):
 def residual_rounding(errors, direction):
     """Length below which a residual is only rounding, from `rounding_errors` of its coordinates.
 
-    Parameters
-    ----------
-    errors : ndarray of shape (d,)
-    direction : ndarray of shape (d,)
-        Direction of the residuals, `PlaneAdjustment.direction`. On a steep vertical surface the
-        rounding of the regressors enters the residuals.
+    The direction is `PlaneAdjustment.direction`: on a steep vertical surface the rounding of the
+    regressors enters the residuals.
     """
     return max(float(np.abs(direction) @ errors), np.finfo(float).tiny)

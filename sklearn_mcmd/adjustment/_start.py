@@ -32,35 +32,18 @@ MAX_TRIALS = 2_000
 
 
 def robust_start(X, weights, used, *, rank, surface, sigma0, random_state):
-    """Points that belong to the plane of the most coplanar half, and its scale.
+    """The plane of the most coplanar half of the points, and its scale.
 
-    Parameters
-    ----------
-    X : ndarray of shape (n, d)
-    weights : ndarray of shape (n,) or None
-    used : ndarray of bool of shape (n,)
-        Points of positive weight.
-    rank : int
-        Rank of the plane of all points.
-    surface : {"vertical", "orthogonal"}
-    sigma0 : float or None
-        Standard deviation of unit weight. None means that it is estimated.
-    random_state : int, RandomState instance or None
+    `used` are the points of positive weight, `rank` is that of the plane of all points; without
+    `sigma0`, the standard deviation of unit weight, it is estimated. The plane is that of all
+    points within 2.5 deviations of it. It is None if these points, or all but one of them, are on
+    one line: then many planes fit half of the points or more. The scale is sigma0, or the standard
+    deviation of these points. Outliers that are separate from them do not enlarge it, as they would
+    enlarge a median. It is at least the rounding error of float64 in a residual at these
+    coordinates.
 
-    Returns
-    -------
-    plane : PlaneAdjustment or None
-        Plane of all points within 2.5 deviations of it. It is None if these points, or all but
-        one of them, are on one line: then many planes fit half of the points or more.
-    sigma : float
-        sigma0, or the standard deviation of these points. Outliers that are separate from them
-        do not enlarge it, as they would enlarge a median. It is at least the rounding error of
-        float64 in a residual at these coordinates.
-
-    Notes
-    -----
-    Two well-known iterations start from the consistent set: concentration on the half of the
-    points with the least residuals (least trimmed squares), then reweighting.
+    Two well-known iterations start from the consistent set: concentration on the half of the points
+    with the least residuals (least trimmed squares), then reweighting.
     """
     members = np.zeros(len(X), dtype=bool)
     points = X[used] if surface == "orthogonal" else _stretched(X[used])
@@ -113,17 +96,7 @@ def _stretched(X):
 
 
 def _robust_start_plane(X, random_state=None):
-    """Members of the most coplanar half of the points (Algorithm 1 of the MCMD paper).
-
-    Parameters
-    ----------
-    X : ndarray of shape (n, d)
-    random_state : int, RandomState instance or None
-
-    Returns
-    -------
-    ndarray of bool of shape (n,)
-    """
+    """Mask of the most coplanar half of the points (Algorithm 1 of the MCMD paper)."""
     rng = check_random_state(random_state)
     n, d = X.shape
     if n <= d + 1:

@@ -148,20 +148,10 @@ def standardized_residuals(residuals, weights, redundancy):
 
 
 def statistic(standardized, test, sigma0, scale, dof):
-    """Baarda's w, Pope's tau or t from standardized residuals (Table 1).
+    """Baarda's w, Pope's tau or t from `standardized_residuals` (Table 1).
 
-    Parameters
-    ----------
-    standardized : ndarray of shape (n,)
-        Output of `standardized_residuals`.
-    test : {"w", "tau", "t"}
-    sigma0 : float
-        Known standard deviation of unit weight, for w.
-    scale : float
-        Estimated standard deviation of unit weight, the root of the variance factor, for tau
-        and t.
-    dof : int
-        Degrees of freedom of the estimated scale, which includes the tested points.
+    w divides by sigma0, the known standard deviation of unit weight; tau and t by the estimated
+    one, the root of the variance factor, whose degrees of freedom include the tested points.
     """
     if test == "w":
         return standardized / sigma0

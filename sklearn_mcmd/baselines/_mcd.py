@@ -64,30 +64,14 @@ def mcd_support_size(support_fraction, n, d):
     return min(n, int(np.floor(2 * least - n + 2 * (n - least) * support_fraction)))
 
 
-def fit_mcd(
-    points, table, support_fraction, floor, *, small_sample=True, consistency="kept", seed=0
-):
+def fit_mcd(points, table, support_fraction, floor, *, small_sample=True, consistency="kept"):
     """Reweighted minimum covariance determinant (Rousseeuw and Van Driessen, FAST-MCD).
 
-    Parameters
-    ----------
-    points : ndarray of shape (B, n, d)
-    table : ndarray of int of shape (T, d + 1)
-        Positions of the initial subsets. Each takes two concentration steps. The ten best
-        take steps until they no longer change.
-    support_fraction : float in [0.5, 1]
-    floor : ndarray of shape (B,)
-        Least deviation along any axis.
-    small_sample : bool, default=True
-        Whether to apply the factors of Pison, Van Aelst and Willems (2002).
-    consistency : {"kept", "quantile"}, default="kept"
-        Share that the reweighted covariance is corrected for.
-    seed : int, default=0
-        For scikit-learn's FAST-MCD, which is used from 1,000 members on.
-
-    Returns
-    -------
-    Mcd
+    Points are (B, n, d). The table (T, d + 1) has the positions of the initial subsets. Each takes
+    two concentration steps; the ten best take steps until they no longer change. `floor` (B,) is
+    the least deviation along any axis. `small_sample` applies the factors of Pison, Van Aelst and
+    Willems (2002). `consistency` is the share that the reweighted covariance is corrected for,
+    "kept" or "quantile". From 1,000 members on it is scikit-learn's FAST-MCD.
     """
     n_sets, n, d = points.shape
     h = mcd_support_size(support_fraction, n, d)
@@ -99,7 +83,7 @@ def fit_mcd(
     ridge = np.maximum(floor / extent, FLATNESS) ** 2
     if n >= NESTED_FROM:
         support = np.array(
-            [fast_mcd(part, support_fraction=h / n, random_state=seed)[2] for part in local]
+            [fast_mcd(part, support_fraction=h / n, random_state=0)[2] for part in local]
         ).reshape(n_sets, n)
     else:
         support = np.empty((n_sets, n), dtype=bool)

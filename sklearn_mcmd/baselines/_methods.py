@@ -15,14 +15,7 @@ from sklearn_mcmd.planes._comparators import register_comparator, settle_compara
 
 __all__ = ["METHOD_NAMES", "fit_neighborhoods"]
 
-METHODS = {
-    "msac": Msac,
-    "pca": Pca,
-    "qsp": Qsp,
-    "ransac": Ransac,
-    "robpca": Robpca,
-    "ulsif": Ulsif,
-}
+METHODS = {"msac": Msac, "pca": Pca, "qsp": Qsp, "ransac": Ransac, "robpca": Robpca, "ulsif": Ulsif}
 METHOD_NAMES = tuple(METHODS)
 for _name, _kind in METHODS.items():
     register_comparator(_name, _kind)

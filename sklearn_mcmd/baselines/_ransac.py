@@ -146,15 +146,8 @@ def trials_to_stop(n, d, probability):
 def best_planes(points, table, threshold, stops, truncated_loss):
     """Centers and normals (B, d) of the best trial of each neighborhood; NaN without a plane.
 
-    Parameters
-    ----------
-    points : ndarray of shape (B, n, d)
-    table : ndarray of int of shape (T, d)
-    threshold : ndarray of shape (B,)
-    stops : ndarray of shape (n + 1,), from `trials_to_stop`
-    truncated_loss : bool
-        Whether the loss of a plane is the sum of min(e^2, t^2) over t^2 (Torr and Zisserman's
-        cost), or the number of members beyond t.
+    `stops` is from `trials_to_stop`. With a truncated loss, that of a plane is the sum of
+    min(e^2, t^2) over t^2 (Torr and Zisserman's cost), else the number of members beyond t.
     """
     n_sets, n, d = points.shape
     best, consensus = np.full(n_sets, np.inf), np.zeros(n_sets, dtype=int)

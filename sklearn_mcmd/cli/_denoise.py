@@ -7,58 +7,14 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from sklearn_mcmd.cli import _files, _judged, _options, _sensor, _speech
 from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._engine import Scheduler, engine
-from sklearn_mcmd.cli._files import (
-    blank,
-    coordinates,
-    read,
-    refuse_existing,
-    rehearse,
-    with_results,
-    working,
-    write,
-)
-from sklearn_mcmd.cli._judged import (
-    Above,
-    Below,
-    IgnoreClass,
-    LowGroups,
-    OnlyClass,
-    judged_points,
-)
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
-from sklearn_mcmd.cli._options import (
-    AllowCoarse,
-    Columns,
-    InFiles,
-    MaxOutlierRate,
-    NJobs,
-    NNeighbors,
-    NoClobber,
-    OutFiles,
-    Quiet,
-    RandomState,
-    number_or,
-    positive,
-)
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
-from sklearn_mcmd.cli._sensor import (
-    SensorOrigin,
-    TrajectoryFile,
-    check_one_position,
-    sensor_of_options,
-)
-from sklearn_mcmd.cli._speech import (
-    clear_exits,
-    count_and_share,
-    number_and_share,
-    print_summary,
-    stopwatch,
-)
 from sklearn_mcmd.cli._waiting import progress
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, noise_classes
-from sklearn_mcmd.io._point_cloud import denoised_before, without_outliers
+from sklearn_mcmd.io._point_cloud import denoised_before, with_results, without_outliers
 
 __all__ = ["denoise"]
 
@@ -84,8 +40,8 @@ class Strictness(StrEnum):
 
 
 def denoise(
-    source: InFiles,
-    target: OutFiles,
+    source: _options.InFiles,
+    target: _options.OutFiles,
     mode: Annotated[
         Mode,
         typer.Option(
@@ -96,7 +52,7 @@ def denoise(
             "'outlier'."
         ),
     ] = Mode.drop,
-    n_neighbors: NNeighbors = 50,
+    n_neighbors: _options.NNeighbors = 50,
     method: Annotated[
         OutlierMethod,
         typer.Option(
@@ -119,71 +75,63 @@ def denoise(
     ] = Strictness.groups,
     noise_scale: Annotated[
         float | None,
-        typer.Option(
-            parser=positive,
-            metavar="NUMBER",
-            help="The scanner's standard deviation, in units of the file. Distances to surfaces "
+        _options.number_option(
+            "The scanner's standard deviation, in units of the file. Distances to surfaces "
             "are divided by it.",
-            show_default="the noise around each point",
+            "the noise around each point",
         ),
     ] = None,
     cutoff: Annotated[
         float | None,
-        typer.Option(
-            parser=positive,
-            metavar="NUMBER",
-            help="Score above which a point is an outlier. 3: the point is three standard "
+        _options.number_option(
+            "Score above which a point is an outlier. 3: the point is three standard "
             "deviations of the noise off the surfaces, and three usual spacings, or sizes of its "
             "group, away from everything real. 10: ten of each, for clear errors only. 100: for "
             "gross errors only.",
-            show_default="3; with --strictness paper 2.5, for mcmd_md 3.06",
+            "3; with --strictness paper 2.5, for mcmd_md 3.06",
         ),
     ] = None,
     false_positive_rate: Annotated[
         float | None,
-        typer.Option(
-            parser=number_or(
-                expected=f"a number from {LEAST_RATE:g} to below {LARGEST_RATE:g}",
-                fits=lambda rate: LEAST_RATE <= rate < LARGEST_RATE,
-            ),
-            metavar="RATE",
-            help="Share of the points on surfaces that noise may flag, such as 0.01. A simulation "
+        _options.number_option(
+            "Share of the points on surfaces that noise may flag, such as 0.01. A simulation "
             "then tells the cutoff; do not give --cutoff. From 0.0001 to below 0.5.",
+            metavar="RATE",
             hidden=True,
+            expected=f"a number from {LEAST_RATE:g} to below {LARGEST_RATE:g}",
+            fits=lambda rate: LEAST_RATE <= rate < LARGEST_RATE,
         ),
     ] = None,
     contamination: Annotated[
         float | None,
-        typer.Option(
-            parser=number_or(
-                expected=f"a number above 0 and up to {LARGEST_RATE:g}",
-                fits=lambda share: 0 < share <= LARGEST_RATE,
-            ),
-            metavar="SHARE",
-            help="Share of all points that are outliers: those of the highest scores. Do not give "
+        _options.number_option(
+            "Share of all points that are outliers: those of the highest scores. Do not give "
             "--cutoff. Above 0, up to 0.5.",
+            metavar="SHARE",
+            expected=f"a number above 0 and up to {LARGEST_RATE:g}",
+            fits=lambda share: 0 < share <= LARGEST_RATE,
         ),
     ] = None,
-    ignore_class: IgnoreClass = None,
-    only_class: OnlyClass = None,
-    above: Above = None,
-    below: Below = None,
-    low_groups: LowGroups = False,
-    sensor: SensorOrigin = None,
-    trajectory: TrajectoryFile = None,
-    max_outlier_rate: MaxOutlierRate = 0.5,
-    random_state: RandomState = 0,
-    n_jobs: NJobs = -1,
+    ignore_class: _judged.IgnoreClass = None,
+    only_class: _judged.OnlyClass = None,
+    above: _judged.Above = None,
+    below: _judged.Below = None,
+    low_groups: _judged.LowGroups = False,
+    sensor: _sensor.SensorOrigin = None,
+    trajectory: _sensor.TrajectoryFile = None,
+    max_outlier_rate: _options.MaxOutlierRate = 0.5,
+    random_state: _options.RandomState = 0,
+    n_jobs: _options.NJobs = -1,
     memory: Memory = None,
     scheduler: Scheduler = None,
     dry_run: DryRun = False,
     restart: Restart = False,
     report: ReportFolder = None,
-    columns: Columns = None,
-    no_clobber: NoClobber = False,
-    allow_coarse: AllowCoarse = False,
+    columns: _options.Columns = None,
+    no_clobber: _options.NoClobber = False,
+    allow_coarse: _options.AllowCoarse = False,
     config: Config = None,
-    quiet: Quiet = False,
+    quiet: _options.Quiet = False,
 ) -> None:
     """Remove or mark the points that lie on no surface and stand apart from all else.
 
@@ -208,7 +156,7 @@ def denoise(
             "--contamination": contamination,
         }
     )
-    check_one_position(sensor, trajectory)
+    _sensor.check_one_position(sensor, trajectory)
     params = {
         "n_neighbors": n_neighbors,
         "method": str(method),
@@ -221,8 +169,8 @@ def denoise(
         "random_state": random_state,
         "n_jobs": n_jobs,
     }
-    with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
-        seconds = stopwatch()
+    with _speech.clear_exits(allow_coarse=allow_coarse), engine(scheduler):
+        seconds = _speech.stopwatch()
         choice = Choice(ignore_class or (), only_class or ())
         heights = {"above": above, "below": below, "low_groups": low_groups}
         catalog = large_catalog(source, memory, 0, scheduler is not None, columns)
@@ -234,7 +182,7 @@ def denoise(
             estimator = _detector(params)
             print_plan(source, target, catalog, estimator, memory, work=work)
             return
-        refuse_existing(no_clobber, target, report=report, catalog=catalog)
+        _files.refuse_existing(no_clobber, target, report=report, catalog=catalog)
         if catalog is not None:
             return _by_tiles(
                 *(source, target, catalog, params, choice, heights, mode, memory, restart),
@@ -242,25 +190,29 @@ def denoise(
             )
         with progress("denoise", quiet):
             mark = mode is Mode.mark
-            cloud = read(source, target, "marks of outliers" if mark else None, columns=columns)
+            cloud = _files.read(
+                source, target, "marks of outliers" if mark else None, columns=columns
+            )
             if cloud.metadata.get("denoised"):
                 warnings.warn(denoised_before(source), stacklevel=2)
-            points = judged_points(source, cloud, choice, above, below, low_groups)
-            nothing = blank(cloud)
-            rehearse(target, *_denoised(cloud, nothing.astype(np.uint8), nothing, mark), whole=mark)
+            points = _judged.judged_points(source, cloud, choice, above, below, low_groups)
+            nothing = _files.blank(cloud)
+            _files.rehearse(
+                target, *_denoised(cloud, nothing.astype(np.uint8), nothing, mark), whole=mark
+            )
             some = cloud if points.used.all() else cloud.subset(points.used)
-            origins = sensor_of_options(source, cloud, sensor, trajectory)
+            origins = _sensor.sensor_of_options(source, cloud, sensor, trajectory)
             if np.ndim(origins) == 2:
                 origins = origins[points.used]
-            with working(source):
-                detector = _find_outliers(coordinates(some), origins, **params)
+            with _files.working(source):
+                detector = _find_outliers(_files.coordinates(some), origins, **params)
             classes, score, under = _verdict(cloud, points, detector, low_groups)
             is_outlier = classes != 0
             _warn_if_without_scale(_n_without_scale(score[is_outlier]), len(cloud))
             together = _together(some.xyz, (is_outlier & ~under)[points.used], detector)
             if together:
                 warnings.warn(together, stacklevel=2)
-            write(target, *_denoised(cloud, classes, score, mark))
+            _files.write(target, *_denoised(cloud, classes, score, mark))
             write_report_of(
                 report, source, target, seconds,
                 lambda: _contents(
@@ -268,9 +220,11 @@ def denoise(
                 ),
             )  # fmt: skip
         if not quiet:
-            judged = {} if points.judged.all() else {"judged": count_and_share(points.judged)}
-            found = {"marked" if mark else "removed": count_and_share(is_outlier)}
-            print_summary(source, target, len(cloud), seconds(), **judged, **found)
+            judged = (
+                {} if points.judged.all() else {"judged": _speech.count_and_share(points.judged)}
+            )
+            found = {"marked" if mark else "removed": _speech.count_and_share(is_outlier)}
+            _speech.print_summary(source, target, len(cloud), seconds(), **judged, **found)
 
 
 def _refuse_sensor(source, sensor, trajectory):
@@ -300,10 +254,10 @@ def _by_tiles(
         )  # fmt: skip
     _warn_if_without_scale(told.n_exact, told.n_points)
     if not quiet:
-        found = number_and_share(told.n_outliers, told.n_points)
+        found = _speech.number_and_share(told.n_outliers, told.n_points)
         again = told.n_used - told.n_proved
-        judged = {"judged": number_and_share(told.n_judged, told.n_points)}
-        print_summary(
+        judged = {"judged": _speech.number_and_share(told.n_judged, told.n_points)}
+        _speech.print_summary(
             *(source, target, told.n_points, seconds()),
             **(judged if told.n_judged < told.n_points else {}),
             tiles=f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",

@@ -6,42 +6,13 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from sklearn_mcmd.cli import _files, _options, _speech
 from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._engine import Scheduler, engine
-from sklearn_mcmd.cli._files import (
-    blank,
-    coordinates,
-    has_colors,
-    read,
-    refuse_existing,
-    rehearse,
-    with_results,
-    working,
-    write,
-)
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
-from sklearn_mcmd.cli._options import (
-    AllowCoarse,
-    Columns,
-    InFiles,
-    NJobs,
-    NNeighbors,
-    NoClobber,
-    OutFiles,
-    Quiet,
-    RandomState,
-    colors_option,
-    positive,
-)
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
-from sklearn_mcmd.cli._speech import (
-    clear_exits,
-    count_and_share,
-    number_and_share,
-    print_summary,
-    stopwatch,
-)
 from sklearn_mcmd.cli._waiting import progress
+from sklearn_mcmd.io._point_cloud import has_colors, with_results
 
 __all__ = ["edges"]
 
@@ -54,9 +25,9 @@ class Criterion(StrEnum):
 
 
 def edges(
-    source: InFiles,
-    target: OutFiles,
-    n_neighbors: NNeighbors = 40,
+    source: _options.InFiles,
+    target: _options.OutFiles,
+    n_neighbors: _options.NNeighbors = 40,
     criterion: Annotated[
         Criterion,
         typer.Option(
@@ -66,12 +37,10 @@ def edges(
     ] = Criterion.crease,
     threshold: Annotated[
         float | None,
-        typer.Option(
-            parser=positive,
-            metavar="NUMBER",
-            help="Limit of an edge: the largest distance to a crease, in spacings of the points, "
+        _options.number_option(
+            "Limit of an edge: the largest distance to a crease, in spacings of the points, "
             "or the least value of another criterion.",
-            show_default="2; for the others median + 3 robust standard deviations",
+            "2; for the others median + 3 robust standard deviations",
         ),
     ] = None,
     min_angle: Annotated[
@@ -81,20 +50,20 @@ def edges(
         bool, typer.Option(help="Whether outliers are removed before edges are searched.")
     ] = True,
     colors: Annotated[
-        bool | None, colors_option("Whether to write colors: edges red, surfaces gray.")
+        bool | None, _options.colors_option("Whether to write colors: edges red, surfaces gray.")
     ] = None,
-    random_state: RandomState = 0,
-    n_jobs: NJobs = -1,
+    random_state: _options.RandomState = 0,
+    n_jobs: _options.NJobs = -1,
     memory: Memory = None,
     scheduler: Scheduler = None,
     dry_run: DryRun = False,
     restart: Restart = False,
     report: ReportFolder = None,
-    columns: Columns = None,
-    no_clobber: NoClobber = False,
-    allow_coarse: AllowCoarse = False,
+    columns: _options.Columns = None,
+    no_clobber: _options.NoClobber = False,
+    allow_coarse: _options.AllowCoarse = False,
     config: Config = None,
-    quiet: Quiet = False,
+    quiet: _options.Quiet = False,
 ) -> None:
     """Mark edges and corners: points next to a line where two faces meet.
 
@@ -117,31 +86,31 @@ def edges(
         "random_state": random_state,
         "n_jobs": n_jobs,
     }
-    with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
-        seconds = stopwatch()
+    with _speech.clear_exits(allow_coarse=allow_coarse), engine(scheduler):
+        seconds = _speech.stopwatch()
         catalog = large_catalog(source, memory, 0, scheduler is not None, columns, work="edges")
         if dry_run:
             print_plan(source, target, catalog, _detector(params), memory, work="edges")
             return
-        refuse_existing(no_clobber, target, report=report, catalog=catalog)
+        _files.refuse_existing(no_clobber, target, report=report, catalog=catalog)
         if catalog is not None:
             return _by_tiles(
                 source, target, catalog, params, colors, memory, restart, report, quiet, seconds
             )
         with progress("edges", quiet):
-            cloud = read(source, target, "edges", columns=columns)
+            cloud = _files.read(source, target, "edges", columns=columns)
             if colors is None:
                 colors = not has_colors(cloud)
-            nothing = blank(cloud)
-            rehearse(target, with_results(cloud, _results(nothing > 0, nothing, colors)))
-            with working(source):
-                detector = _detector(params).fit(coordinates(cloud))
+            nothing = _files.blank(cloud)
+            _files.rehearse(target, with_results(cloud, _results(nothing > 0, nothing, colors)))
+            with _files.working(source):
+                detector = _detector(params).fit(_files.coordinates(cloud))
             is_edge, score = _verdict(detector)
-            write(target, with_results(cloud, _results(is_edge, score, colors)))
+            _files.write(target, with_results(cloud, _results(is_edge, score, colors)))
             write_report_of(report, source, target, seconds, lambda: _contents(cloud, detector))
         if not quiet:
-            edges = count_and_share(is_edge)
-            print_summary(source, target, len(cloud), seconds(), edges=edges)
+            edges = _speech.count_and_share(is_edge)
+            _speech.print_summary(source, target, len(cloud), seconds(), edges=edges)
 
 
 def _by_tiles(source, target, catalog, params, colors, memory, restart, report, quiet, seconds):
@@ -157,10 +126,10 @@ def _by_tiles(source, target, catalog, params, colors, memory, restart, report, 
         )
     if not quiet:
         again = told.n_points - told.n_proved
-        print_summary(
+        _speech.print_summary(
             *(source, target, told.n_points, seconds()),
             tiles=f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
-            edges=number_and_share(told.n_edges, told.n_points),
+            edges=_speech.number_and_share(told.n_edges, told.n_points),
             proved=f"all; {again:,} from more points than lie around their tile",
         )
 

@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from sklearn_mcmd.cli._large import PARSED_SUFFIXES, is_several
-from sklearn_mcmd.io._point_cloud import has_colors, joined, with_results
+from sklearn_mcmd.io._point_cloud import joined
 from sklearn_mcmd.planes._progress import progress_part
 
 __all__ = [
     "blank",
     "coordinates",
     "files_of",
-    "has_colors",
     "naming",
     "read",
     "read_all",
@@ -24,7 +23,6 @@ __all__ = [
     "rehearse",
     "standing_in",
     "warn_if_coarse",
-    "with_results",
     "working",
     "write",
 ]

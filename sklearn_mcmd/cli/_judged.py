@@ -98,17 +98,7 @@ class Judged(NamedTuple):
 
 
 def judged_points(source, cloud, choice, above=None, below=None, low_groups=False):
-    """The `Judged` points of a cloud.
-
-    Parameters
-    ----------
-    source : path
-        Errors name it.
-    cloud : PointCloud
-    choice : Choice
-    above, below : float or None
-    low_groups : bool
-    """
+    """The `Judged` points of a cloud; errors name its source."""
     from sklearn_mcmd.io._files import one_clear_line
     from sklearn_mcmd.io._ground import ground_of, heights_over_ground
     from sklearn_mcmd.io._point_cloud import PointFileError

@@ -6,42 +6,13 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from sklearn_mcmd.cli import _files, _options, _sensor, _speech
 from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._engine import Scheduler, engine
-from sklearn_mcmd.cli._files import (
-    blank,
-    coordinates,
-    read,
-    refuse_existing,
-    rehearse,
-    with_results,
-    working,
-    write,
-)
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
-from sklearn_mcmd.cli._options import (
-    AllowCoarse,
-    Columns,
-    InFiles,
-    MaxOutlierRate,
-    NJobs,
-    NNeighborsOrAuto,
-    NoClobber,
-    OutFiles,
-    Quiet,
-    RandomState,
-    positive,
-)
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
-from sklearn_mcmd.cli._sensor import (
-    AUTO,
-    SensorOrigin,
-    TrajectoryFile,
-    check_one_position,
-    sensor_of_options,
-)
-from sklearn_mcmd.cli._speech import clear_exits, print_summary, stopwatch
 from sklearn_mcmd.cli._waiting import progress
+from sklearn_mcmd.io._point_cloud import with_results
 
 __all__ = ["normals"]
 
@@ -65,9 +36,9 @@ DIRECTIONS = {Orientation.none: None, Orientation.up: [0.0, 0.0, 1.0]}
 
 
 def normals(
-    source: InFiles,
-    target: OutFiles,
-    n_neighbors: NNeighborsOrAuto = 50,
+    source: _options.InFiles,
+    target: _options.OutFiles,
+    n_neighbors: _options.NNeighborsOrAuto = 50,
     method: Annotated[
         NormalMethod,
         typer.Option(
@@ -78,11 +49,7 @@ def normals(
     ] = NormalMethod.mcmd_z,
     radius: Annotated[
         float | None,
-        typer.Option(
-            parser=positive,
-            metavar="NUMBER",
-            help="Largest distance of a neighbor, in units of the file.",
-        ),
+        _options.number_option("Largest distance of a neighbor, in units of the file."),
     ] = None,
     orientation: Annotated[
         Orientation,
@@ -92,8 +59,8 @@ def normals(
             "or --trajectory. mst: the one that agrees with the neighbors."
         ),
     ] = Orientation.none,
-    sensor: SensorOrigin = None,
-    trajectory: TrajectoryFile = None,
+    sensor: _sensor.SensorOrigin = None,
+    trajectory: _sensor.TrajectoryFile = None,
     features: Annotated[
         str | None,
         typer.Option(
@@ -110,26 +77,24 @@ def normals(
     ] = None,
     cutoff: Annotated[
         float | None,
-        typer.Option(
-            parser=positive,
-            metavar="NUMBER",
-            help="Distance from which on a neighbor is an outlier, in robust standard deviations.",
-            show_default="2.5, for mcmd_md 3.06",
+        _options.number_option(
+            "Distance from which on a neighbor is an outlier, in robust standard deviations.",
+            "2.5, for mcmd_md 3.06",
         ),
     ] = None,
-    max_outlier_rate: MaxOutlierRate = 0.5,
-    random_state: RandomState = 0,
-    n_jobs: NJobs = -1,
+    max_outlier_rate: _options.MaxOutlierRate = 0.5,
+    random_state: _options.RandomState = 0,
+    n_jobs: _options.NJobs = -1,
     memory: Memory = None,
     scheduler: Scheduler = None,
     dry_run: DryRun = False,
     restart: Restart = False,
     report: ReportFolder = None,
-    columns: Columns = None,
-    no_clobber: NoClobber = False,
-    allow_coarse: AllowCoarse = False,
+    columns: _options.Columns = None,
+    no_clobber: _options.NoClobber = False,
+    allow_coarse: _options.AllowCoarse = False,
     config: Config = None,
-    quiet: Quiet = False,
+    quiet: _options.Quiet = False,
 ) -> None:
     """Add normals, surface variation and eigenvalues, robust to outliers and edges.
 
@@ -158,8 +123,8 @@ def normals(
         "random_state": random_state,
         "n_jobs": n_jobs,
     }
-    with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
-        seconds = stopwatch()
+    with _speech.clear_exits(allow_coarse=allow_coarse), engine(scheduler):
+        seconds = _speech.stopwatch()
         n_features = len(_feature_columns(features))
         work = "tree" if orientation is Orientation.mst else "normals"
         work = "auto" if n_neighbors == "auto" else work
@@ -175,20 +140,20 @@ def normals(
             estimator = _estimator(known)
             print_plan(source, target, catalog, estimator, memory, n_features=n_features, work=work)
             return
-        refuse_existing(no_clobber, target, report=report, catalog=catalog)
+        _files.refuse_existing(no_clobber, target, report=report, catalog=catalog)
         if catalog is not None:
             return _by_tiles(
                 *(source, target, catalog, params, orientation),
                 *(memory, restart, report, quiet, seconds),
             )
         with progress("normals", quiet):
-            cloud = read(source, target, "normals", columns=columns)
+            cloud = _files.read(source, target, "normals", columns=columns)
             names = (*_columns(), *_feature_columns(features), *_size_column(n_neighbors))
-            rehearse(target, with_results(cloud, dict.fromkeys(names, blank(cloud))))
-            origins = sensor_of_options(source, cloud, sensor, trajectory)
-            with working(source):
-                fitted, results = _find_normals(coordinates(cloud), params, origins)
-            write(target, with_results(cloud, results))
+            _files.rehearse(target, with_results(cloud, dict.fromkeys(names, _files.blank(cloud))))
+            origins = _sensor.sensor_of_options(source, cloud, sensor, trajectory)
+            with _files.working(source):
+                fitted, results = _find_normals(_files.coordinates(cloud), params, origins)
+            _files.write(target, with_results(cloud, results))
             write_report_of(
                 report, source, target, seconds, lambda: _contents(cloud, fitted, results)
             )
@@ -196,7 +161,7 @@ def normals(
             from sklearn_mcmd.planes._orientation import count_upright
 
             removed = float(results["removed_fraction"].mean(dtype=np.float64))
-            print_summary(
+            _speech.print_summary(
                 *(source, target, len(cloud), seconds()),
                 removed=_removed(removed),
                 **{"surface variation": f"{np.median(results['surface_variation']):.2g} (median)"}
@@ -206,7 +171,10 @@ def normals(
 
 def _check_local(source, sensor, trajectory):
     """Raise if normals depend on a position of each point."""
-    for name, given in {"--sensor auto": sensor == AUTO, "--trajectory": trajectory}.items():
+    for name, given in {
+        "--sensor auto": sensor == _sensor.AUTO,
+        "--trajectory": trajectory,
+    }.items():
         if given:
             raise ValueError(
                 f"{source}: {name} needs the whole cloud in memory, and this one is divided into "
@@ -230,7 +198,7 @@ def _by_tiles(
         )
     if not quiet:
         again = told.n_points - told.n_proved
-        print_summary(
+        _speech.print_summary(
             *(source, target, told.n_points, seconds()),
             tiles=f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
             removed=_removed(told.removed_fraction),
@@ -313,7 +281,7 @@ def _check_sensor(orientation, sensor, trajectory):
             "--orientation sensor needs --sensor X,Y,Z|auto or --trajectory FILE, and these need "
             "--orientation sensor: give both or neither."
         )
-    check_one_position(sensor, trajectory)
+    _sensor.check_one_position(sensor, trajectory)
 
 
 def _parse_features(text):

@@ -20,7 +20,6 @@ __all__ = [
     "RandomState",
     "colors_option",
     "number_or",
-    "positive",
 ]
 
 
@@ -49,7 +48,12 @@ def number_or(*words, expected="a number above 0", fits=_is_positive):
     return parse
 
 
-positive = number_or()
+def number_option(help, default=True, *words, metavar="NUMBER", hidden=False, **limits):
+    """The option of one of some words, or a number, as of `number_or`; `default` is in words."""
+    parser = number_or(*words, **limits)
+    return typer.Option(
+        parser=parser, metavar=metavar, help=help, show_default=default, hidden=hidden
+    )
 
 
 def _count_or_auto(text):
@@ -109,11 +113,11 @@ NNeighborsOrAuto = Annotated[
 ]
 MaxOutlierRate = Annotated[
     float,
-    typer.Option(
-        parser=number_or(expected="a number from 0 to 0.99", fits=lambda rate: 0 <= rate <= 0.99),
-        metavar="NUMBER",
-        help="Largest share of outliers that a neighborhood must survive, up to 0.99. It sets the "
+    number_option(
+        "Largest share of outliers that a neighborhood must survive, up to 0.99. It sets the "
         "number of trials, not the share that is removed.",
+        expected="a number from 0 to 0.99",
+        fits=lambda rate: 0 <= rate <= 0.99,
         hidden=True,
     ),
 ]
@@ -151,6 +155,5 @@ NoClobber = Annotated[
     bool, typer.Option("--no-clobber", help="Replace no file: if an output is there, fail.")
 ]
 Quiet = Annotated[
-    bool,
-    typer.Option("--quiet", "-q", help="Show no progress bar and no summary, only warnings."),
+    bool, typer.Option("--quiet", "-q", help="Show no progress bar and no summary, only warnings.")
 ]

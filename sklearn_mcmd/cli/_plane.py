@@ -10,38 +10,12 @@ import numpy as np
 import typer
 
 from sklearn_mcmd._extras import how_to_install
+from sklearn_mcmd.cli import _files, _options, _speech
 from sklearn_mcmd.cli._config import Config
-from sklearn_mcmd.cli._files import (
-    blank,
-    naming,
-    read,
-    refuse_existing,
-    rehearse,
-    standing_in,
-    warn_if_coarse,
-    with_results,
-    working,
-    write,
-)
 from sklearn_mcmd.cli._large import is_several, large_catalog
-from sklearn_mcmd.cli._options import (
-    AllowCoarse,
-    Columns,
-    InFiles,
-    NoClobber,
-    OutFiles,
-    Quiet,
-    RandomState,
-    number_or,
-)
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
-from sklearn_mcmd.cli._speech import (
-    clear_exits,
-    count_and_share,
-    print_summary,
-    stopwatch,
-)
 from sklearn_mcmd.cli._waiting import progress
+from sklearn_mcmd.io._point_cloud import with_results
 
 __all__ = ["plane"]
 
@@ -78,8 +52,8 @@ class Surface(StrEnum):
 
 
 def plane(
-    source: InFiles,
-    target: OutFiles,
+    source: _options.InFiles,
+    target: _options.OutFiles,
     method: Annotated[
         Method,
         typer.Option(
@@ -98,20 +72,21 @@ def plane(
     ] = Test.w,
     alpha: Annotated[
         float,
-        typer.Option(
-            parser=number_or(expected="a number between 0 and 1", fits=lambda alpha: 0 < alpha < 1),
-            metavar="NUMBER",
-            help="Level of the test of the whole cloud, between 0 and 1.",
+        _options.number_option(
+            "Level of the test of the whole cloud, between 0 and 1.",
+            expected="a number between 0 and 1",
+            fits=lambda alpha: 0 < alpha < 1,
         ),
     ] = 0.05,
     sigma0: Annotated[
         str,
-        typer.Option(
-            parser=number_or("auto"),
-            metavar="NUMBER|auto",
-            help="Standard deviation of a coordinate, in units of the file. Give it if you know "
-            "it. auto: estimated from the points that pass; a rough surface then passes like a "
+        _options.number_option(
+            "Standard deviation of a coordinate, in units of the file. Give it if you know it. "
+            "auto: estimated from the points that pass; a rough surface then passes like a "
             "smooth one.",
+            True,
+            "auto",
+            metavar="NUMBER|auto",
         ),
     ] = "auto",
     correction: Annotated[
@@ -140,7 +115,6 @@ def plane(
     robust_start: Annotated[
         bool | None,
         typer.Option(
-            "--robust-start/--no-robust-start",
             help="For baarda only. Start from the plane of the most coplanar half of the points, "
             "so that outliers at one edge do not tilt it. --no-robust-start is the paper's least "
             "squares.",
@@ -163,13 +137,13 @@ def plane(
     unit: Annotated[
         str, typer.Option(help="Unit of the file, such as m. It is only printed.")
     ] = "",
-    random_state: RandomState = 0,
+    random_state: _options.RandomState = 0,
     report: ReportFolder = None,
-    columns: Columns = None,
-    no_clobber: NoClobber = False,
-    allow_coarse: AllowCoarse = False,
+    columns: _options.Columns = None,
+    no_clobber: _options.NoClobber = False,
+    allow_coarse: _options.AllowCoarse = False,
     config: Config = None,
-    quiet: Quiet = False,
+    quiet: _options.Quiet = False,
 ) -> None:
     """Test one plane, such as a wall or a floor: mark its outliers and write a report.
 
@@ -187,27 +161,29 @@ def plane(
     if method is Method.baarda:
         params["random_state"] = random_state
     sheets = _choose_sheets(source, target, text, plot)
-    with clear_exits(allow_coarse=allow_coarse):
+    with _speech.clear_exits(allow_coarse=allow_coarse):
         from sklearn_mcmd.io import PointCloud
 
-        seconds = stopwatch()
+        seconds = _speech.stopwatch()
         with progress("plane", quiet):
             catalog = large_catalog(source, 0, 0, columns=columns) if is_several(source) else None
-            refuse_existing(no_clobber, target, *sheets, report=report, catalog=catalog)
+            _files.refuse_existing(no_clobber, target, *sheets, report=report, catalog=catalog)
             if catalog is None:
-                with standing_in(target):
+                with _files.standing_in(target):
                     pass
             else:
                 _targets(catalog, target)
             sheets = _rehearse_sheets(sheets, plot)
             if catalog is None:
-                cloud = read(source, target, "results of a test", columns=columns)
-                none = blank(cloud)
-                rehearse(target, *_tested(cloud, none > 0, none, none))
+                cloud = _files.read(source, target, "results of a test", columns=columns)
+                none = _files.blank(cloud)
+                _files.rehearse(target, *_tested(cloud, none > 0, none, none))
             else:
-                cloud = PointCloud(np.concatenate([read(path).xyz for path in catalog.paths]))
-            with working(source, "plane"):
-                warn_if_coarse(cloud)
+                cloud = PointCloud(
+                    np.concatenate([_files.read(path).xyz for path in catalog.paths])
+                )
+            with _files.working(source, "plane"):
+                _files.warn_if_coarse(cloud)
                 detector, residuals = _test_plane(cloud.xyz, method, params)
             words = _write_all(source, target, catalog, sheets, cloud, detector, residuals, unit)
             write_report_of(
@@ -255,7 +231,7 @@ def _choose_sheets(source, target, text, plot):
 def _rehearse_sheets(sheets, plot_wanted):
     """The paths of text and figure after a trial; None for a figure that cannot be drawn."""
     text, plot = sheets
-    with standing_in(text):
+    with _files.standing_in(text):
         pass
     try:
         import matplotlib  # noqa: F401
@@ -265,7 +241,7 @@ def _rehearse_sheets(sheets, plot_wanted):
             raise ImportError(message) from err
         warnings.warn(f"{message}; the text alone is written", stacklevel=2)
         return text, None
-    with standing_in(plot):
+    with _files.standing_in(plot):
         pass
     return text, plot
 
@@ -332,16 +308,16 @@ def _write_all(source, target, catalog, sheets, cloud, detector, residuals, unit
     with ExitStack() as stack:
         temporary = stack.enter_context(replacing(text_file))
         text = text_report(detector, cloud.xyz, title=title, unit=unit)
-        with naming(text_file):
+        with _files.naming(text_file):
             temporary.write_text(text + _record(source, target, plot), encoding="utf-8")
         if plot is not None:
             temporary = stack.enter_context(replacing(plot))
             figure = plot_report(detector, cloud.xyz, title=title, unit=unit)
-            with naming(plot):
+            with _files.naming(plot):
                 figure.savefig(temporary, dpi=150)
         results = (detector.labels_ == -1, detector.test_statistic_, residuals)
         if catalog is None:
-            write(target, *_tested(cloud, *results))
+            _files.write(target, *_tested(cloud, *results))
         else:
             _write_each(catalog, target, results)
     return text
@@ -367,7 +343,7 @@ def _write_each(catalog, target, results):
     if len(targets) == len(catalog):
         targets[0].parent.mkdir(exist_ok=True)
         for path, cloud, part in zip(targets, clouds, parts, strict=True):
-            write(path, *_tested(cloud, *part))
+            _files.write(path, *_tested(cloud, *part))
         return
     header = joined_header(catalog.paths)
     with replacing(target) as temporary, writing_parts(temporary) as put:
@@ -407,9 +383,9 @@ def _summarize(source, target, sheets, detector, residuals, unit, seconds):
     how = rows_of.sigma0_origin(detector)
     if detector._sigma0_is_rounding:
         how += ": no noise to test against"
-    print_summary(
+    _speech.print_summary(
         *(source, target, len(is_outlier), seconds),
-        outliers=count_and_share(is_outlier),
+        outliers=_speech.count_and_share(is_outlier),
         normal=f"{rows_of.normal_row(detector)}, tilt {rows_of.tilt(detector)}",
         point=f"{rows_of.point_row(detector, unit)}, on the plane",
         residuals=f"rms {rms[0]:.4g}{unit}, without outliers {rms[1]:.4g}{unit}; "

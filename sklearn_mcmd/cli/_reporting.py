@@ -12,7 +12,6 @@ from sklearn_mcmd.planes._progress import current_span, progress_part
 
 __all__ = ["ReportFolder", "write_report_of"]
 
-
 DRAWN = 0.8  # share of a report's time until its maps are drawn
 
 
@@ -50,14 +49,8 @@ ReportFolder = Annotated[
 def write_report_of(report, source, target, seconds, contents):
     """Write a report, if one is asked for. Then all outputs are there: Ctrl-C comes too late.
 
-    Parameters
-    ----------
-    report : Report or None
-    source, target : Path
-    seconds : callable
-        Of the work so far.
-    contents : callable
-        Makes the `Contents`; it takes time.
+    ``seconds()`` is the time of the work so far. ``contents()`` makes the `Contents`, and takes
+    time.
     """
     if report is not None:
         _write_report(report, source, target, seconds, contents)

@@ -5,43 +5,13 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from sklearn_mcmd.cli import _files, _options, _speech
 from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._engine import Scheduler, engine
-from sklearn_mcmd.cli._files import (
-    coordinates,
-    has_colors,
-    read,
-    refuse_existing,
-    rehearse,
-    with_results,
-    working,
-    write,
-)
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
-from sklearn_mcmd.cli._options import (
-    AllowCoarse,
-    Columns,
-    InFiles,
-    MaxOutlierRate,
-    NJobs,
-    NNeighbors,
-    NoClobber,
-    OutFiles,
-    Quiet,
-    RandomState,
-    colors_option,
-    number_or,
-    positive,
-)
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
-from sklearn_mcmd.cli._speech import (
-    clear_exits,
-    count_and_share,
-    number_and_share,
-    print_summary,
-    stopwatch,
-)
 from sklearn_mcmd.cli._waiting import progress
+from sklearn_mcmd.io._point_cloud import has_colors, with_results
 
 __all__ = ["segment"]
 
@@ -49,34 +19,28 @@ LARGEST_SHOWN = 3
 
 
 def segment(
-    source: InFiles,
-    target: OutFiles,
+    source: _options.InFiles,
+    target: _options.OutFiles,
     max_angle: Annotated[
         float,
-        typer.Option(
-            parser=number_or(
-                expected="a number above 0 and up to 90", fits=lambda angle: 0 < angle <= 90
-            ),
-            metavar="NUMBER",
-            help="Largest angle between normals of neighbors, in degrees, up to 90.",
+        _options.number_option(
+            "Largest angle between normals of neighbors, in degrees, up to 90.",
+            expected="a number above 0 and up to 90",
+            fits=lambda angle: 0 < angle <= 90,
         ),
     ] = 15.0,
     max_distance: Annotated[
         float | None,
-        typer.Option(
-            parser=positive,
-            metavar="NUMBER",
-            help="Largest distance of a neighbor from a point's plane, in units of the file.",
-            show_default="by the scatter of each neighborhood",
+        _options.number_option(
+            "Largest distance of a neighbor from a point's plane, in units of the file.",
+            "by the scatter of each neighborhood",
         ),
     ] = None,
     max_gap: Annotated[
         float | None,
-        typer.Option(
-            parser=positive,
-            metavar="NUMBER",
-            help="Largest distance of a neighbor, in units of the file.",
-            show_default="by the spacing of each neighborhood",
+        _options.number_option(
+            "Largest distance of a neighbor, in units of the file.",
+            "by the spacing of each neighborhood",
         ),
     ] = None,
     min_region_size: Annotated[
@@ -85,40 +49,38 @@ def segment(
     find_narrow_faces: Annotated[
         bool,
         typer.Option(
-            "--find-narrow-faces/--no-find-narrow-faces",
             help="Whether to grow regions again from the points that no region reached. This finds "
-            "faces a few points wide beside larger ones, such as kerbs.",
+            "faces a few points wide beside larger ones, such as kerbs."
         ),
     ] = True,
     join_coplanar: Annotated[
         bool,
         typer.Option(
-            "--join-coplanar/--no-join-coplanar",
             help="Whether to join regions in one plane if the gap between them is at most half as "
-            "long as the smaller one, such as the parts of a wall that a shadow cuts.",
+            "long as the smaller one, such as the parts of a wall that a shadow cuts."
         ),
     ] = True,
     join_curved: Annotated[
         bool,
         typer.Option(
-            "--join-curved/--no-join-curved",
             help="Whether to join narrow regions of one cylinder, such as strips of a post or a "
-            "trunk.",
+            "trunk."
         ),
     ] = True,
     assign_unlabeled: Annotated[
         bool,
         typer.Option(
-            "--assign-unlabeled/--no-assign-unlabeled",
             help="Whether to give points that no region reached to the region whose plane is "
-            "nearest, if its noise explains the distance.",
+            "nearest, if its noise explains the distance."
         ),
     ] = True,
     colors: Annotated[
         bool | None,
-        colors_option("Whether to write colors: one for each region, gray for points of none."),
+        _options.colors_option(
+            "Whether to write colors: one for each region, gray for points of none."
+        ),
     ] = None,
-    n_neighbors: NNeighbors = 50,
+    n_neighbors: _options.NNeighbors = 50,
     growth_neighbors: Annotated[
         int,
         typer.Option(
@@ -126,19 +88,19 @@ def segment(
             help="Points in a neighborhood for growth. Regions grow to the nearer half of them.",
         ),
     ] = 30,
-    max_outlier_rate: MaxOutlierRate = 0.5,
-    random_state: RandomState = 0,
-    n_jobs: NJobs = -1,
+    max_outlier_rate: _options.MaxOutlierRate = 0.5,
+    random_state: _options.RandomState = 0,
+    n_jobs: _options.NJobs = -1,
     memory: Memory = None,
     scheduler: Scheduler = None,
     dry_run: DryRun = False,
     restart: Restart = False,
     report: ReportFolder = None,
-    columns: Columns = None,
-    no_clobber: NoClobber = False,
-    allow_coarse: AllowCoarse = False,
+    columns: _options.Columns = None,
+    no_clobber: _options.NoClobber = False,
+    allow_coarse: _options.AllowCoarse = False,
     config: Config = None,
-    quiet: Quiet = False,
+    quiet: _options.Quiet = False,
 ) -> None:
     """Divide a cloud into surfaces: road, kerb and footpath, walls, signs, poles.
 
@@ -169,33 +131,33 @@ def segment(
         "assign_unlabeled": assign_unlabeled,
         "n_jobs": n_jobs,
     }
-    with clear_exits(allow_coarse=allow_coarse), engine(scheduler):
-        seconds = stopwatch()
+    with _speech.clear_exits(allow_coarse=allow_coarse), engine(scheduler):
+        seconds = _speech.stopwatch()
         catalog = large_catalog(source, memory, 0, scheduler is not None, columns, work="regions")
         if dry_run:
             growing = _growing(normals, params)
             print_plan(source, target, catalog, growing, memory, work="regions")
             return
-        refuse_existing(no_clobber, target, report=report, catalog=catalog)
+        _files.refuse_existing(no_clobber, target, report=report, catalog=catalog)
         if catalog is not None:
             growing = _growing(normals, params)
             return _by_tiles(
                 source, target, catalog, growing, colors, memory, restart, report, quiet, seconds
             )
         with progress("segment", quiet):
-            cloud = read(source, target, "regions", columns=columns)
+            cloud = _files.read(source, target, "regions", columns=columns)
             if colors is None:
                 colors = not has_colors(cloud)
-            rehearse(target, _segmented(cloud, np.zeros(len(cloud), np.int64), colors))
-            with working(source):
-                fitted = _growing(normals, params).fit(coordinates(cloud))
-            write(target, _segmented(cloud, fitted.labels_, colors))
+            _files.rehearse(target, _segmented(cloud, np.zeros(len(cloud), np.int64), colors))
+            with _files.working(source):
+                fitted = _growing(normals, params).fit(_files.coordinates(cloud))
+            _files.write(target, _segmented(cloud, fitted.labels_, colors))
             write_report_of(report, source, target, seconds, lambda: _contents(cloud, fitted))
         if not quiet:
-            print_summary(
+            _speech.print_summary(
                 *(source, target, len(cloud), seconds()),
                 regions=f"{fitted.n_regions_:,}",
-                inside=count_and_share(fitted.labels_ >= 0),
+                inside=_speech.count_and_share(fitted.labels_ >= 0),
                 largest=_in_words(fitted.region_sizes_[:LARGEST_SHOWN]),
             )
 
@@ -213,11 +175,11 @@ def _by_tiles(source, target, catalog, growing, colors, memory, restart, report,
         )
     if not quiet:
         again = told.n_points - told.n_proved
-        print_summary(
+        _speech.print_summary(
             *(source, target, told.n_points, seconds()),
             tiles=f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
             regions=f"{told.n_regions:,}",
-            inside=number_and_share(told.n_inside, told.n_points),
+            inside=_speech.number_and_share(told.n_inside, told.n_points),
             largest=_in_words(told.largest[:LARGEST_SHOWN]),
             proved=f"all; {again:,} from more points than lie around their tile",
         )

@@ -6,13 +6,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-__all__ = [
-    "AUTO",
-    "SensorOrigin",
-    "TrajectoryFile",
-    "check_one_position",
-    "sensor_of_options",
-]
+__all__ = ["AUTO", "SensorOrigin", "TrajectoryFile", "check_one_position", "sensor_of_options"]
 
 AUTO = "auto"
 
@@ -62,13 +56,7 @@ def check_one_position(sensor, trajectory):
 def sensor_of_options(source, cloud, sensor=None, trajectory=None):
     """Positions of the sensor: (3,), or (n, 3) for each point, or None if no option tells.
 
-    Parameters
-    ----------
-    source : path
-        Of the cloud; errors name it.
-    cloud : PointCloud
-    sensor : tuple of 3 floats, "auto", or None
-    trajectory : path or None
+    The sensor is three floats or "auto"; errors name the source of the cloud.
     """
     if sensor is None and trajectory is None:
         return None

@@ -8,14 +8,7 @@ import numpy as np
 from sklearn.utils import Bunch
 
 from sklearn_mcmd._sklearn import Interval, validate_params
-from sklearn_mcmd.datasets._sensing import (
-    SENSOR_PARAMETERS,
-    Beams,
-    Junk,
-    Sensor,
-    Trajectory,
-    sense,
-)
+from sklearn_mcmd.datasets._sensing import SENSOR_PARAMETERS, Beams, Junk, Sensor, Trajectory, sense
 from sklearn_mcmd.datasets._surfaces import Patch
 from sklearn_mcmd.datasets._things import capped, car, house, wire
 from sklearn_mcmd.datasets._vegetation import Grass, tree
@@ -125,10 +118,7 @@ def make_airborne_scan(
             ),
             reach=2 * _ALTITUDE,
             passing=_PASSING,
-            tell=lambda _, beams, beam: {
-                "gps_time": beams.time[beam],
-                "trajectory": _trajectory(),
-            },
+            tell=lambda _, beams, beam: {"gps_time": beams.time[beam], "trajectory": _trajectory()},
         ),
         n_samples,
         Junk(outlier_share, list(outlier_kinds), far_share),
@@ -191,22 +181,20 @@ def _village(rng):
             foot = (*place, 0.2 * (place[1] - 33))
             trees.append(tree("tree", foot, rng.uniform(9, 15), rng.uniform(4, 6), rng))
     ends = (1.0, 40.0, 79.0)
-    poles = [part for x in ends for part in capped("pole", (x, 27, 0), 0.15, 10.0)]
     wires = [
-        piece
+        wire("wire", (x0, y, z), (x1, y, z), 0.8, _WIRE)
         for x0, x1 in pairwise(ends)
         for y, z in ((26.4, 9.5), (27.6, 9.5), (27.0, 9.9))
-        for piece in wire("wire", (x0, y, z), (x1, y, z), 0.8, _WIRE)
     ]
     cars = ((23, 13, 0.4), (45, 19, 1.5), (52, 4, -0.2))
     return World(
         {
             "ground": ground,
             "grass": [Grass("grass", (52, 17.5, 0.001), (26, 0, 0), (0, 9, 0), 0.1)],
-            "building": [part for args in houses for part in house(*args)],
-            "vegetation": [part for parts in trees for part in parts],
-            "vehicle": [part for x, y, turn in cars for part in car("car", (x, y, 0), turn)],
-            "pole": poles,
+            "building": [house(*args) for args in houses],
+            "vegetation": trees,
+            "vehicle": [car("car", (x, y, 0), turn) for x, y, turn in cars],
+            "pole": [capped("pole", (x, 27, 0), 0.15, 10.0) for x in ends],
             "wire": wires,
         }
     )

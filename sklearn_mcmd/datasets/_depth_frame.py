@@ -155,32 +155,31 @@ def _room(rng):
     ]  # fmt: skip
     floor = [Patch("floor", (x0, 0, 0), (x1 - x0, 0, 0), (0, y1 + 2.5, 0))]
     table = [
-        *box("table", (-0.3, 2.1, 0.72), (1.8, 0.9, 0.035)),
+        box("table", (-0.3, 2.1, 0.72), (1.8, 0.9, 0.035)),
         *(Cylinder("table_leg", (x, y, 0), (0, 0, 0.72), 0.025)
           for x in (-0.22, 1.42) for y in (2.18, 2.92)),
     ]  # fmt: skip
     chair = [
-        *box("chair", (-1.2, 2.0, 0.44), (0.45, 0.45, 0.03)),
-        *box("chair_back", (-1.2, 2.42, 0.55), (0.45, 0.03, 0.4)),
+        box("chair", (-1.2, 2.0, 0.44), (0.45, 0.45, 0.03)),
+        box("chair_back", (-1.2, 2.42, 0.55), (0.45, 0.03, 0.4)),
         *(Cylinder("chair_leg", (x, y, 0), (0, 0, 0.44), 0.013)
           for x in (-1.18, -0.78) for y in (2.02, 2.43)),
     ]  # fmt: skip
     books = np.cumsum(rng.uniform(0.02, 0.06, (3, 16)), axis=1)
     shelf = [
-        *box("shelf_side", (1.25, 3.95, 0), (0.03, 0.45, 1.9)),
-        *box("shelf_side", (2.25, 3.95, 0), (0.03, 0.45, 1.9)),
-        *(p for z in (0.4, 0.85, 1.3, 1.75)
-          for p in box("shelf_board", (1.28, 3.97, z), (0.97, 0.42, 0.025))),
-        *(p for z, edges in zip((0.425, 0.875, 1.325), books, strict=True)
-          for left, right in pairwise(edges)
-          for p in box("book", (1.29 + left, rng.uniform(4.0, 4.12), z),
-                       (right - left - 0.002, 0.25, rng.uniform(0.2, 0.36)))[:3]),
+        box("shelf_side", (1.25, 3.95, 0), (0.03, 0.45, 1.9)),
+        box("shelf_side", (2.25, 3.95, 0), (0.03, 0.45, 1.9)),
+        *(box("shelf_board", (1.28, 3.97, z), (0.97, 0.42, 0.025)) for z in (0.4, 0.85, 1.3, 1.75)),
+        *(box("book", (1.29 + left, rng.uniform(4.0, 4.12), z),
+              (right - left - 0.002, 0.25, rng.uniform(0.2, 0.36)))[:3]
+          for z, edges in zip((0.425, 0.875, 1.325), books, strict=True)
+          for left, right in pairwise(edges)),
     ]  # fmt: skip
     things = [
-        *box("monitor", (0.3, 2.65, 0.9), (0.6, 0.05, 0.36)),
+        box("monitor", (0.3, 2.65, 0.9), (0.6, 0.05, 0.36)),
         Cylinder("monitor_foot", (0.6, 2.7, 0.755), (0, 0, 0.15), 0.025),
-        *box("parcel", (1.0, 2.3, 0.755), (0.3, 0.25, 0.2)),
-        *box("crate", (-0.2, 3.2, 0.0), (0.5, 0.4, 0.35)),
+        box("parcel", (1.0, 2.3, 0.755), (0.3, 0.25, 0.2)),
+        box("crate", (-0.2, 3.2, 0.0), (0.5, 0.4, 0.35)),
         Cylinder("lamp", (0.9, 3.0, 2.1), (0, 0, 0.25), 0.18),
     ]
     pot = np.array([-1.5, 3.3, 0.0])
@@ -190,10 +189,10 @@ def _room(rng):
         leaves("small_plant", (0.05, 2.7, 0.95), (0.12, 0.12, 0.16), 25, 0.025, rng),
     ]
     cables = [
-        *wire("cable", (0.4, 2.98, 0.8), (0.2, 3.1, 0.02), 0.05, 0.012),
-        *wire("cable", (0.7, 2.98, 0.8), (1.2, 4.3, 0.3), 0.3, 0.012),
-        *wire("lamp_cable", (0.9, 3.0, 2.35), (0.9, 3.0, top), 0.0, 0.01),
-        *wire("cable", (-1.9, 3.9, 2.2), (-0.5, 4.2, 2.3), 0.15, 0.012),
+        wire("cable", (0.4, 2.98, 0.8), (0.2, 3.1, 0.02), 0.05, 0.012),
+        wire("cable", (0.7, 2.98, 0.8), (1.2, 4.3, 0.3), 0.3, 0.012),
+        wire("lamp_cable", (0.9, 3.0, 2.35), (0.9, 3.0, top), 0.0, 0.01),
+        wire("cable", (-1.9, 3.9, 2.2), (-0.5, 4.2, 2.3), 0.15, 0.012),
     ]
     return World(
         {

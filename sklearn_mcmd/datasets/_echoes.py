@@ -87,15 +87,42 @@ def blocks(n, divergence):
     return [slice(start, start + step) for start in range(0, max(n, 1), step)]
 
 
+def own_codes(kinds, names):
+    """The code of each echo that is no regular one, by the name of its kind; 0 of the others."""
+    own = np.zeros(len(kinds), np.int8)
+    for kind, name in ((MIXED, "mixed_pixel"), (SNOW, "snow")):
+        own[kinds == kind] = names.index(name) if name in names else 0
+    return own
+
+
+def rows_of(kinds, n_outliers, order):
+    """Functions that put values of echoes and outliers in order: all, or the truth of regular ones.
+
+    Raise if no echo is regular.
+    """
+    regular = kinds == REGULAR
+    if not regular.any():
+        raise ValueError(
+            "Snow and mixed pixels leave no regular point: give more points (n_samples), or less "
+            "snow."
+        )
+
+    def join(of_echoes, of_outliers):
+        of_outliers = np.broadcast_to(of_outliers, (n_outliers, *of_echoes.shape[1:]))
+        return np.concatenate([of_echoes, of_outliers]).astype(of_echoes.dtype)[order]
+
+    def truth(of_echoes, nothing):
+        wide = regular.reshape(-1, *[1] * (of_echoes.ndim - 1))
+        return join(np.where(wide, of_echoes, nothing).astype(of_echoes.dtype), nothing)
+
+    return join, truth
+
+
 def merge(rays, resolution):
     """One echo for each beam: the strongest of those that the resolution tells apart.
 
-    Returns
-    -------
-    beam, ranges : ndarray of shape (m,)
-        The beams that have an echo, and its range.
-    echo : ndarray of int of shape (n_rays,)
-        Number of the echo that each ray is in, or -1.
+    Returns the m beams that have an echo, its range (m,), and for each ray the number of the echo
+    that it is in, or -1.
     """
     order = np.lexsort([rays.ranges, rays.beam])
     beam, ranges = rays.beam[order], rays.ranges[order]
@@ -117,32 +144,16 @@ def merge(rays, resolution):
 
 
 def truths(parts, distance, rays, echo, points, scale):
-    """What echoes are truly of.
+    """What m echoes are truly of, from their points without noise and the ranges' deviations there.
 
-    Parameters
-    ----------
-    parts : list of surfaces
-    distance : callable
-        Distance of points to the nearest part of the whole scene.
-    rays : Rays
-    echo : ndarray of int of shape (n_rays,)
-        As `merge` gives it.
-    points : ndarray of shape (m, 3)
-        The echoes, without noise.
-    scale : ndarray of shape (m,)
-        Standard deviation of ranges there.
+    `distance` is that of points to the nearest part of the whole scene, `echo` as `merge` gives it.
+    Returns, of each echo,
 
-    Returns
-    -------
-    part : ndarray of int of shape (m,)
-        Of the parts that sub-rays of the echo met, the nearest.
-    place : ndarray of shape (m, 3)
-        Where that part was met, next to the axis. In leaves and grass: the echo itself.
-    kind : ndarray of int8 of shape (m,)
-        `MIXED` where the echo is farther than the clearance of all outliers from every surface.
-    known : ndarray of bool of shape (m,)
-        False where the label would be in doubt: the echo is at a surface that its beam did not
-        meet, or next to leaves.
+    - the nearest of the parts that its sub-rays met;
+    - where that part was met, next to the axis; in leaves and grass the echo itself;
+    - its kind: `MIXED` where it is farther than the clearance of all outliers from every surface;
+    - whether its label is known: not where it would be in doubt, because the echo is at a surface
+      that its beam did not meet, or next to leaves.
     """
     member = np.flatnonzero(echo >= 0)
     of, met = echo[member], rays.part[member]

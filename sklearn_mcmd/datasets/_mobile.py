@@ -266,8 +266,8 @@ def _street(rng):
             (_WALL_TOP - PATH_Z) * UP,
             holes=[(x0 - low, x1 - low, z0 - PATH_Z, z1 - PATH_Z) for x0, x1, z0, z1 in openings],
         ),
-        *box("cornice", (low, _WALL_Y - 0.15, 3.35), (high - low, 0.15, 0.2)),
-        *box("balcony", (7.6, _WALL_Y - 0.9, 6.0), (3.2, 0.9, 0.15)),
+        box("cornice", (low, _WALL_Y - 0.15, 3.35), (high - low, 0.15, 0.2)),
+        box("balcony", (7.6, _WALL_Y - 0.9, 6.0), (3.2, 0.9, 0.15)),
         *(pole("downpipe", (x, _WALL_Y - 0.07), 0.05, _WALL_TOP) for x in (4.9, 14.5)),
         Patch("eaves", (low, _WALL_Y - 0.5, _WALL_TOP), (0, 0.5, 0), along),
         Patch("gutter", (low, _WALL_Y - 0.5, _WALL_TOP), along, (0, 0, 0.15)),
@@ -290,11 +290,7 @@ def _street(rng):
         pole("light_post", light, 0.06, 3.2),
         pole("wire_pole_1", (1.5, -4.0), 0.12, 7.0),
         pole("wire_pole_2", (14.0, -4.0), 0.12, 7.0),
-        *(
-            part
-            for x in np.arange(-4, 20, 2.0)
-            for part in capped("fence_post", (x, -9, 0), 0.04, 1.2)
-        ),
+        *(capped("fence_post", (x, -9, 0), 0.04, 1.2) for x in np.arange(-4, 20, 2.0)),
     ]
     corner = np.array([light[0] - 0.15, light[1] - 0.25, 2.3])
     signs = [
@@ -304,20 +300,12 @@ def _street(rng):
         Patch("light_right", corner + np.array([0.3, 0, 0]), (0, 0.2, 0), (0, 0, 0.8)),
     ]
     wires = [
-        piece
-        for y, z in ((-4.3, 6.7), (-3.7, 6.7), (-4.0, 7.0))
-        for piece in wire("wire", (1.5, y, z), (14.0, y, z), 0.25, 0.03)
-    ]
-    wires += [
-        piece
-        for start, end in (((1.5, -4, 6.9), (3.0, _WALL_Y, 6.0)), ((14, -4, 6.9), (12, _WALL_Y, 6)))
-        for piece in wire("wire", start, end, 0.3, 0.03)
-    ]
-    wires += [
-        piece
-        for z in (0.5, 0.8, 1.1)
-        for piece in wire("fence_wire", (-4, -9, z), (18, -9, z), 0.02, 0.02)
-    ]
+        *(wire("wire", (1.5, y, z), (14.0, y, z), 0.25, 0.03)
+          for y, z in ((-4.3, 6.7), (-3.7, 6.7), (-4.0, 7.0))),
+        wire("wire", (1.5, -4, 6.9), (3.0, _WALL_Y, 6.0), 0.3, 0.03),
+        wire("wire", (14, -4, 6.9), (12, _WALL_Y, 6), 0.3, 0.03),
+        *(wire("fence_wire", (-4, -9, z), (18, -9, z), 0.02, 0.02) for z in (0.5, 0.8, 1.1)),
+    ]  # fmt: skip
     trees = [
         tree("tree", (x, y, 0), rng.uniform(5, 8), rng.uniform(3, 4.5), rng)
         for x, y in ((-1.0, -7.0), (5.0, -6.5), (10.5, -7.5), (17.0, -6.5), (2, -14), (9, -15),
@@ -331,9 +319,11 @@ def _street(rng):
             "post": posts,
             "sign": signs,
             "wire": wires,
-            "vegetation": [part for parts in trees for part in parts] + bushes,
+            "vegetation": trees + bushes,
             "grass": [Grass("grass", (low, -25, -0.02), along, (0, 25 - KERB_Y, 0), 0.08)],
-            "vehicle": [*car("car_1", (3.0, 1.9, -0.03), 0.03),
-                        *car("car_2", (12.5, 2.0, -0.03), np.pi + 0.02)],
+            "vehicle": [
+                car("car_1", (3.0, 1.9, -0.03), 0.03),
+                car("car_2", (12.5, 2.0, -0.03), np.pi + 0.02),
+            ],
         }
-    )  # fmt: skip
+    )

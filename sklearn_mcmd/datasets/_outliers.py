@@ -106,6 +106,16 @@ def draw_clear(distance, n, clearance, propose):
     return np.concatenate(kept) if kept else np.empty((0, 3))
 
 
+def check_kinds(kinds, possible, without="outliers"):
+    """Raise unless kinds of outliers are some of the possible ones, each once."""
+    unknown = [kind for kind in kinds if kind not in possible]
+    if unknown or len(set(kinds)) < len(kinds) or not kinds:
+        raise ValueError(
+            f"outlier_kinds={kinds!r} must name, once each, one or more of {list(possible)}; "
+            f"for a cloud without {without} set outlier_share=0."
+        )
+
+
 def cluster_sizes(n, rng):
     """Sizes of 10 to 60 points that sum to n (fewer than 10 points make one small cluster)."""
     if n == 0:

@@ -20,18 +20,9 @@ _AREA_CELLS, _START_CELLS, _STEPS = 64, 6, 25
 
 
 class Polygon(Flat):
-    """Flat convex polygon.
+    """Flat convex polygon, by corners (m, 3) counterclockwise as seen from the seen side."""
 
-    Parameters
-    ----------
-    name : str
-    corners : array-like of shape (m, 3)
-        In one plane, counterclockwise as seen from the seen side.
-    smooth : sequence of int, default=()
-        Sides that are no sharp edges; side i leaves corner i.
-    """
-
-    def __init__(self, name, corners, *, smooth=()):
+    def __init__(self, name, corners):
         self.name = name
         corners = np.asarray(corners, float)
         self.corner = corners[0]
@@ -40,8 +31,7 @@ class Polygon(Flat):
         u, normal = u / np.linalg.norm(u), normal / np.linalg.norm(normal)
         self.frame = np.column_stack([u, np.cross(normal, u), normal])
         self.flat = ((corners - self.corner) @ self.frame)[:, :2]
-        self.border = np.stack([self.flat, np.roll(self.flat, -1, axis=0)], axis=1)
-        self.edges = self.border[[i not in smooth for i in range(len(corners))]]
+        self.border = self.edges = np.stack([self.flat, np.roll(self.flat, -1, axis=0)], axis=1)
         self.fan = np.stack(
             [np.broadcast_to(self.flat[0], self.flat[2:].shape), self.flat[1:-1], self.flat[2:]],
             axis=1,
@@ -73,16 +63,7 @@ class Polygon(Flat):
 
 
 class Disc:
-    """Flat disc, or a ring: the lid of a cylinder, a round sign.
-
-    Parameters
-    ----------
-    name : str
-    center, normal : array-like of shape (3,)
-    radius : float
-    inner : float, default=0
-        Radius of the hole.
-    """
+    """Flat disc, or with an inner radius a ring: the lid of a cylinder, a round sign."""
 
     def __init__(self, name, center, normal, radius, *, inner=0.0):
         self.name = name
@@ -135,15 +116,9 @@ class Disc:
 class Bilinear:
     """Ruled surface through four corners, S(u, v) = p + u a + v b + u v c on the unit square.
 
-    Both families of lines are straight, and so are the four sides.
-
-    Parameters
-    ----------
-    name : str
-    corners : array-like of shape (4, 3)
-        S(0, 0), S(1, 0), S(1, 1), S(0, 1): counterclockwise as seen from the seen side.
-    smooth : sequence of int, default=()
-        Sides that are no sharp edges; side i leaves corner i.
+    Both families of lines are straight, and so are the four sides. The corners are S(0, 0),
+    S(1, 0), S(1, 1), S(0, 1), counterclockwise as seen from the seen side. `smooth` has the numbers
+    of sides that are no sharp edges; side i leaves corner i.
     """
 
     def __init__(self, name, corners, *, smooth=()):

@@ -8,8 +8,8 @@ import numpy as np
 from sklearn.utils import Bunch, check_random_state
 
 from sklearn_mcmd._sklearn import Interval, StrOptions
-from sklearn_mcmd.datasets._echoes import MIXED, REGULAR, SNOW
-from sklearn_mcmd.datasets._outliers import CLEARANCE, MAKERS
+from sklearn_mcmd.datasets._echoes import REGULAR, SNOW, own_codes, rows_of
+from sklearn_mcmd.datasets._outliers import CLEARANCE, MAKERS, check_kinds
 from sklearn_mcmd.datasets._scan_lines import Optics, effective_area, scan_lines
 
 __all__ = ["SCAN_PARAMETERS", "Scanning", "points_per_bay", "scan"]
@@ -49,16 +49,11 @@ class Scanning(NamedTuple):
 def scan(make_scene, n_samples, scanning, random_state):
     """Scan a scene: points, noise, outliers and the truth, as `make_street` documents them.
 
-    Parameters
-    ----------
-    make_scene : callable
-        The scene, from the number of its regular points.
-    n_samples : int
-    scanning : Scanning
-    random_state : int, RandomState instance or None
+    ``make_scene(n)`` is the scene of n regular points.
     """
     sampling, spacing_growth, noise, noise_growth, outlier_share, *kinds, width, snow = scanning
-    kinds = _check_kinds(*kinds)
+    check_kinds(*kinds)
+    kinds = kinds[0]
     _check_sampling(sampling, spacing_growth, width, snow)
     n_outliers = round(outlier_share * n_samples)
     n_echoes = n_samples - n_outliers
@@ -94,7 +89,7 @@ def scan(make_scene, n_samples, scanning, random_state):
     points = scene.to_scene(local, bay) + scale[:, None] * deviations
     normals, edge_distance = _truth(scene, places, surface, bay)
 
-    sizes = np.full(len(kinds), n_outliers // len(kinds)) if kinds else np.zeros(0, int)
+    sizes = np.full(len(kinds), n_outliers // len(kinds))
     sizes[: n_outliers - sizes.sum()] += 1
     outliers = [
         MAKERS[kind](scene, size, lambda points: CLEARANCE * noise_at(points), outlier_rng)
@@ -103,26 +98,7 @@ def scan(make_scene, n_samples, scanning, random_state):
     outliers = np.concatenate([np.empty((0, 3)), *outliers])
     names = ["regular", *MAKERS, *(["snow"] if snow else [])]
     codes = np.repeat([names.index(kind) for kind in kinds], sizes)
-    own = np.zeros(n_echoes, np.int8)
-    for number, name in ((MIXED, "mixed_pixel"), (SNOW, "snow")):
-        own[kind == number] = names.index(name) if name in names else 0
-    regular = kind == REGULAR
-    if not regular.any():
-        raise ValueError(
-            "Snow and mixed pixels leave no regular point: give more points (n_samples), or less "
-            "snow."
-        )
-
-    order = order_rng.permutation(n_samples)
-
-    def rows(of_echoes, of_outliers):
-        of_outliers = np.broadcast_to(of_outliers, (n_outliers, *of_echoes.shape[1:]))
-        return np.concatenate([of_echoes, of_outliers]).astype(of_echoes.dtype)[order]
-
-    def truth(of_echoes, nothing):
-        wide = regular.reshape(-1, *[1] * (of_echoes.ndim - 1))
-        return rows(np.where(wide, of_echoes, nothing).astype(of_echoes.dtype), nothing)
-
+    rows, truth = rows_of(kind, n_outliers, order_rng.permutation(n_samples))
     scanners = scene.scanners
     per_bay = points_per_bay(scene, 1.0, sampling, spacing_growth)
     return Bunch(
@@ -133,7 +109,7 @@ def scan(make_scene, n_samples, scanning, random_state):
         surface=truth(surface, -1),
         bay=truth(bay, -1),
         edge_distance=truth(edge_distance, np.nan),
-        outlier_kind=rows(own, codes),
+        outlier_kind=rows(own_codes(kind, names), codes),
         noise_scale=rows(scale, noise_at(outliers)),
         sensor_origins=rows(scanners[bay], scanners[scene.to_bay(outliers)[1]]),
         surface_names=[part.name for part in scene.parts],
@@ -149,16 +125,6 @@ def points_per_bay(scene, spacing, sampling, spacing_growth):
     if sampling == "scan_lines":
         return effective_area(scene) / spacing**2
     return scene.effective_area(spacing_growth) / spacing**2
-
-
-def _check_kinds(kinds, possible):
-    unknown = [kind for kind in kinds if kind not in possible]
-    if unknown or len(set(kinds)) < len(kinds) or not kinds:
-        raise ValueError(
-            f"outlier_kinds={kinds!r} must name, once each, one or more of {list(possible)}; "
-            "for a cloud without outliers set outlier_share=0."
-        )
-    return list(kinds)
 
 
 def _check_sampling(sampling, spacing_growth, beam_divergence, snow):

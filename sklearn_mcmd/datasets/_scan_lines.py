@@ -55,23 +55,12 @@ _REACH = 100.0
 
 
 def scan_lines(scene, n, rng, optics=None):
-    """n points of the scene's surfaces on vertical scan lines at equal angles.
+    """n points of the scene's surfaces on vertical scan lines at equal angles: `Lines`.
 
     From each bay's scanner rays leave in columns of equal azimuth, at equal steps of azimuth and
-    elevation, and end at the first surface they meet. So the density falls with the square of
-    the range and with the angle of incidence, and what lies behind another surface is in shadow.
-
-    Parameters
-    ----------
-    scene : Scene
-    n : int
-    rng : Generator
-    optics : Optics, default=None
-        None means beams without width, in clear air.
-
-    Returns
-    -------
-    Lines
+    elevation, and end at the first surface they meet. So the density falls with the square of the
+    range and with the angle of incidence, and what lies behind another surface is in shadow.
+    Without `optics` beams have no width, and the air is clear.
     """
     sizes = np.full(scene.n_bays, n // scene.n_bays)
     sizes[: n - sizes.sum()] += 1

@@ -10,18 +10,9 @@ class Scene:
     """A row of bays along x, all copies of the first.
 
     The bays are equal, and each is scanned from within. So all arithmetic is done in one bay's
-    coordinates, and the cost per point does not grow with the length of the scene.
-
-    Parameters
-    ----------
-    parts : list of surfaces
-        The parts of the first bay, within 0 <= x <= `bay_length`.
-    bay_length : float
-    n_bays : int
-    scanner : array-like of shape (3,)
-        The first bay's scanner position, within the bay.
-    displacement : float, default=0.2
-        Standard deviation of the displacement of "gaussian" outliers on each axis.
+    coordinates, and the cost per point does not grow with the length of the scene. Parts and
+    scanner are those of the first bay, within 0 <= x <= `bay_length`; `displacement` is the
+    standard deviation of "gaussian" outliers on each axis.
     """
 
     def __init__(self, parts, bay_length, n_bays, scanner, *, displacement=0.2):

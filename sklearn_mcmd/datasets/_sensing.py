@@ -10,7 +10,6 @@ from sklearn.utils import Bunch, check_random_state
 
 from sklearn_mcmd._sklearn import Interval
 from sklearn_mcmd.datasets._echoes import (
-    MIXED,
     PULSED,
     REGULAR,
     SNOW,
@@ -18,9 +17,11 @@ from sklearn_mcmd.datasets._echoes import (
     blocks,
     cone,
     merge,
+    own_codes,
+    rows_of,
     truths,
 )
-from sklearn_mcmd.datasets._outliers import CLEARANCE
+from sklearn_mcmd.datasets._outliers import CLEARANCE, check_kinds
 from sklearn_mcmd.datasets._sensor_outliers import FAR, MAKERS
 from sklearn_mcmd.datasets._snow import flake_echoes
 from sklearn_mcmd.datasets._surfaces import first_hits
@@ -170,14 +171,7 @@ class Scan(NamedTuple):
 def sense(make_world, sensor, n_samples, junk, random_state):
     """A cloud of n_samples points with the truth of each, as the makers of scenes document it.
 
-    Parameters
-    ----------
-    make_world : callable
-        The world, from a generator.
-    sensor : Sensor
-    n_samples : int
-    junk : Junk
-    random_state : int, RandomState instance or None
+    ``make_world(rng)`` is the `World`.
     """
     sizes = _sizes(junk, n_samples)
     n_echoes = n_samples - sum(sizes.values())
@@ -192,12 +186,9 @@ def sense(make_world, sensor, n_samples, junk, random_state):
     ranges = echoes.ranges + scale * sensor.deviate(beams, echoes.beam, noise_rng)
     points = sensor.record(origins, directions, ranges, beams.stretch[echoes.beam])
 
+    n_outliers = n_samples - n_echoes
+    join, truth = rows_of(echoes.kind, n_outliers, order_rng.permutation(n_samples))
     regular = echoes.kind == REGULAR
-    if not regular.any():
-        raise ValueError(
-            "Snow and mixed pixels leave no regular point: give more points (n_samples), or less "
-            "snow."
-        )
     scan = _scan(world, sensor, beams, first, echoes.beam[regular], echoes.place[regular])
     rows = [(MAKERS | FAR)[kind](scan, size, outlier_rng) for kind, size in sizes.items() if size]
     rows = np.concatenate([np.empty((0, 7)), *rows])
@@ -206,19 +197,6 @@ def sense(make_world, sensor, n_samples, junk, random_state):
 
     names = ["regular", *MAKERS, *FAR, *(["snow"] if sensor.snow else [])]
     codes = np.repeat([names.index(kind) for kind in sizes], list(sizes.values()))
-    own = np.zeros(n_echoes, np.int8)
-    for kind, name in ((MIXED, "mixed_pixel"), (SNOW, "snow")):
-        own[echoes.kind == kind] = names.index(name) if name in names else 0
-    order = order_rng.permutation(n_samples)
-
-    def join(of_echoes, filling):
-        filling = np.broadcast_to(filling, (len(outliers), *of_echoes.shape[1:]))
-        return np.concatenate([of_echoes, filling]).astype(of_echoes.dtype)[order]
-
-    def truth(of_echoes, nothing):
-        wide = regular.reshape(-1, *[1] * (of_echoes.ndim - 1))
-        return join(np.where(wide, of_echoes, nothing).astype(of_echoes.dtype), nothing)
-
     cloud = Bunch(
         data=join(points, outliers),
         target=truth(np.ones(n_echoes, np.int64), -1),
@@ -230,7 +208,7 @@ def sense(make_world, sensor, n_samples, junk, random_state):
         stretch=truth(beams.stretch[echoes.beam], -1),
         sensor_origins=join(origins, sensor_origins),
         noise_scale=join(scale, sensor.noise_at(outlier_range)),
-        outlier_kind=join(own, codes),
+        outlier_kind=join(own_codes(echoes.kind, names), codes),
         surface_names=[part.name for part in world.parts],
         class_names=world.class_names,
         outlier_kind_names=names,
@@ -252,12 +230,7 @@ def _scan(world, sensor, beams, first, beam, points):
 
 def _sizes(junk, n_samples):
     """How many outliers of each kind."""
-    unknown = [kind for kind in junk.kinds if kind not in MAKERS]
-    if unknown or len(set(junk.kinds)) < len(junk.kinds) or not junk.kinds:
-        raise ValueError(
-            f"outlier_kinds={junk.kinds!r} must name, once each, one or more of {list(MAKERS)}; "
-            "for a cloud without these outliers set outlier_share=0."
-        )
+    check_kinds(junk.kinds, MAKERS, "these outliers")
     n_near, n_far = round(junk.share * n_samples), round(junk.far_share * n_samples)
     if n_near + n_far >= n_samples:
         raise ValueError(

@@ -82,15 +82,7 @@ def make_box(
     >>> box.data.shape, box.surface_names
     ((3339, 3), ['front', 'side', 'top'])
     """
-    scanning = Scanning(
-        sampling=sampling,
-        spacing_growth=1.0,
-        noise=noise,
-        noise_growth=noise_growth,
-        outlier_share=outlier_share,
-        outlier_kinds=outlier_kinds,
-        possible_kinds=_KINDS,
-    )
+    scanning = Scanning(sampling, 1.0, noise, noise_growth, outlier_share, outlier_kinds, _KINDS)
     return scan(lambda _: _box(outlier_scale), n_samples, scanning, random_state)
 
 
@@ -156,15 +148,7 @@ def make_crown_roof(
     >>> roof.data.shape, len(roof.surface_names)
     ((3017, 3), 4)
     """
-    scanning = Scanning(
-        sampling=sampling,
-        spacing_growth=1.0,
-        noise=noise,
-        noise_growth=noise_growth,
-        outlier_share=outlier_share,
-        outlier_kinds=outlier_kinds,
-        possible_kinds=_KINDS,
-    )
+    scanning = Scanning(sampling, 1.0, noise, noise_growth, outlier_share, outlier_kinds, _KINDS)
     return scan(lambda _: _crown_roof(outlier_scale), n_samples, scanning, random_state)
 
 
@@ -178,10 +162,10 @@ def _box(displacement):
     return Scene(parts, 1.0, 1, scanner=(3.0, 3.4, 3.2), displacement=displacement)
 
 
-def _crown_roof(displacement, gable=0.6, crown=0.9):
-    center = np.array([1.0, 1.0, crown])
+def _crown_roof(displacement):
+    center = np.array([1.0, 1.0, 0.9])
     eaves = [np.array([x, y, 0.0]) for x, y in ((0, 0), (2, 0), (2, 2), (0, 2))]
-    gables = [np.array([x, y, gable]) for x, y in ((1, 0), (2, 1), (1, 2), (0, 1))]
+    gables = [np.array([x, y, 0.6]) for x, y in ((1, 0), (2, 1), (1, 2), (0, 1))]
     parts = [
         # Corners: at the eaves, a gable, the center and the other gable.
         Bilinear(name, [eaves[i], gables[i], center, gables[i - 1]], smooth=(0, 3))

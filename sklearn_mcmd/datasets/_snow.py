@@ -33,16 +33,8 @@ _STEPS = 4000
 def flake_echoes(target, snowfall, reach, divergence, rng):
     """Beams on which a flake is what the sensor writes down, and the ranges of these flakes.
 
-    Parameters
-    ----------
-    target : ndarray of shape (n,)
-        Range of what each beam meets otherwise; inf where nothing.
-    snowfall : float
-        mm of water an hour.
-    reach : float
-    divergence : float
-        In radians; 0 means that of usual sensors.
-    rng : Generator
+    `target` (n,) is the range of what each beam meets otherwise, inf where nothing; snowfall is in
+    mm of water an hour, divergence in radians, where 0 means that of usual sensors.
     """
     ranges = np.linspace(_NEAREST, reach, _STEPS)
     weakest = _BRIGHT * _shine(reach)

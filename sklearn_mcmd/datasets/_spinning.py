@@ -209,25 +209,23 @@ def _campus(rng):
         {
             "ground": [Patch("ground", (-60, -75, g), (120, 0, 0), (0, 100, 0))],
             "building": [
-                *(part for args in houses for part in house(*args)),
-                *box("steps", (-2, 3.2, g), (3.0, 0.8, 0.3)),
-                *box("bench", (1.5, -5.5, g), (1.8, 0.45, 0.45)),
-                *(p for x, y in pillars for p in capped("pillar", (x, y, g), 0.16, 3.2)),
+                *(house(*args) for args in houses),
+                box("steps", (-2, 3.2, g), (3.0, 0.8, 0.3)),
+                box("bench", (1.5, -5.5, g), (1.8, 0.45, 0.45)),
+                *(capped("pillar", (x, y, g), 0.16, 3.2) for x, y in pillars),
             ],
             "pole": [
-                *(p for x, y in poles for p in capped("pole", (x, y, g), 0.1, 7.0)),
-                *(p for x, y in stands for p in capped("stand", (x, y, g), 0.025, 0.9)),
+                *(capped("pole", (x, y, g), 0.1, 7.0) for x, y in poles),
+                *(capped("stand", (x, y, g), 0.025, 0.9) for x, y in stands),
             ],
             "vegetation": [
-                *(part for parts in trees for part in parts),
+                *trees,
                 *shrubs,
                 hedge("hedge", (9, -12, g), (9, 0.9, 1.3), rng),
                 hedge("hedge", (-12, -18, g), (8, 0.9, 1.1), rng),
             ],
             "grass": [Grass("grass", (-11, -19, g + 0.001), (19, 0, 0), (0, 12, 0), 0.06)],
-            "vehicle": [p for x, y, turn in cars for p in car("car", (x, y, g), turn)],
-            "pedestrian": [
-                p for x, y in pedestrians for p in capped("pedestrian", (x, y, g), 0.22, 1.7)
-            ],
+            "vehicle": [car("car", (x, y, g), turn) for x, y, turn in cars],
+            "pedestrian": [capped("pedestrian", (x, y, g), 0.22, 1.7) for x, y in pedestrians],
         }
     )

@@ -195,12 +195,7 @@ def make_street(
         return _fit_street(n_regular, spacing, sampling, spacing_growth, tree)
 
     scanning = Scanning(
-        sampling=sampling,
-        spacing_growth=spacing_growth,
-        noise=noise,
-        noise_growth=noise_growth,
-        outlier_share=outlier_share,
-        outlier_kinds=outlier_kinds,
+        *(sampling, spacing_growth, noise, noise_growth, outlier_share, outlier_kinds),
         beam_divergence=beam_divergence,
         snow=snow,
     )

@@ -50,19 +50,10 @@ class Flat:
 class Patch(Flat):
     """Flat rectangle, with rectangular holes if wished.
 
-    Parameters
-    ----------
-    name : str
-    corner : array-like of shape (3,)
-    u, v : array-like of shape (3,)
-        The two sides, at right angles; ``u x v`` points to the seen side.
-    holes : sequence of (u0, u1, v0, v1), default=()
-        Rectangles cut out, in meters from the corner.
-    smooth : sequence of {"u0", "u1", "v0", "v1"}, default=()
-        Sides that are no sharp edges: the surface goes on, or only the scene ends.
-    circles : sequence of Circle, default=()
-    lines : sequence of (start, end), default=()
-        More sharp edges: the feet of what stands on the patch, circles or straight lines.
+    ``u x v`` of its two sides, at right angles, points to the seen side. Holes are (u0, u1, v0, v1)
+    in meters from the corner. `smooth` names sides, of "u0", "u1", "v0", "v1", that are no sharp
+    edges: the surface goes on, or only the scene ends. `circles` and `lines` (m, 2, 3) are more
+    sharp edges: the feet of what stands on the patch.
     """
 
     def __init__(self, name, corner, u, v, *, holes=(), smooth=(), circles=(), lines=()):
@@ -123,25 +114,11 @@ class Patch(Flat):
 class Cylinder:
     """Round surface, whole (a pole) or an arc of it (a cambered road), seen from outside.
 
-    Parameters
-    ----------
-    name : str
-    base : array-like of shape (3,)
-        Start of the axis.
-    axis : array-like of shape (3,)
-        From the start of the axis to its end.
-    radius : float
-    start : array-like of shape (3,), default=None
-        Direction, at right angles to the axis, from which the arc's angle counts.
-    arc : float, default=2 pi
-        Angle of the arc in radians, right-handed around the axis.
-    sharp : sequence of {"base", "top", "start", "stop"}, default=("base", "top")
-        Its sharp edges: the circles at both ends, the straight sides of an arc.
-
-    Notes
-    -----
-    There is no lid: a scanner higher than a pole would look into it, so poles must be higher or
-    get a `Disc` as their lid.
+    `axis` leads from the base to the other end. The arc, in radians and right-handed around the
+    axis, begins at the direction `start`, at right angles to the axis. `sharp` names its sharp
+    edges: the circles at both ends, "base" and "top", and the straight sides of an arc, "start" and
+    "stop". There is no lid: a scanner higher than a pole would look into it, so poles must be
+    higher or get a `Disc` as their lid.
     """
 
     def __init__(
@@ -260,16 +237,7 @@ class Soft:
 class Foliage(Soft):
     """Ball filled with leaves: points without a surface; rays pass through it.
 
-    Parameters
-    ----------
-    name : str
-    center : array-like of shape (3,)
-    radius : float
-
-    Notes
-    -----
-    Its `area`, which sets its share of the points, is that of the half ball that a scanner
-    sees.
+    Its `area`, which sets its share of the points, is that of the half ball that a scanner sees.
     """
 
     #: How far a ray gets among the leaves, on average, in radii.
@@ -399,26 +367,11 @@ class Reach:
 
 
 def first_hits(parts, origin, ends, rng, bundle=1, apart=0.0):
-    """Where segments from one origin, or from one each, end first.
+    """Where n segments from one origin, or from one each, end first.
 
-    Parameters
-    ----------
-    parts : list of surfaces
-    origin : ndarray of shape (3,) or (n, 3)
-    ends : ndarray of shape (n, 3)
-    rng : Generator
-    bundle : int, default=1
-        So many segments in a row start at one place and end near that of the first of them, which
-        stands for all where parts are sought that may be met.
-    apart : float, default=0.0
-        No end is farther than this from that of the first of its bundle.
-
-    Returns
-    -------
-    fraction : ndarray of shape (n,)
-        Of the segment; inf where it meets nothing.
-    met : ndarray of int of shape (n,)
-        Number of the part, -1 where the segment meets nothing.
+    Of each segment the fraction, inf where it meets nothing, and the number of the part, or -1. So
+    many segments in a row as a `bundle` has start at one place and end no farther `apart` from the
+    end of the first of them, which stands for all where parts are sought that may be met.
     """
     nearest, met = np.full(len(ends), np.inf), np.full(len(ends), -1)
     origin = np.broadcast_to(origin, ends.shape)

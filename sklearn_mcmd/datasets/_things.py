@@ -49,13 +49,7 @@ def box(name, corner, size):
 def car(name, foot, turn):
     """A car of 4.2 m by 1.8 m by 1.45 m whose windows let beams through to its seats.
 
-    Parameters
-    ----------
-    name : str
-    foot : array-like of shape (3,)
-        Its middle on the ground.
-    turn : float
-        Radians from x to its nose.
+    `foot` is its middle on the ground, `turn` are the radians from x to its nose.
     """
     along = np.array([np.cos(turn), np.sin(turn), 0.0])
     across = np.array([-np.sin(turn), np.cos(turn), 0.0])
@@ -87,17 +81,8 @@ def car(name, foot, turn):
 def house(name, foot, turn, size, eaves, ridge):
     """A house with a gable roof that juts out by 0.4 m, four dormers and a chimney.
 
-    Parameters
-    ----------
-    name : str
-    foot : array-like of shape (3,)
-        Its middle on the ground.
-    turn : float
-        Radians from x to the ridge.
-    size : tuple of float
-        Length along the ridge and width.
-    eaves, ridge : float
-        Heights.
+    `foot` is its middle on the ground, `turn` are the radians from x to the ridge, `size` is the
+    length along the ridge and the width, `eaves` and `ridge` are heights.
     """
     along = np.array([np.cos(turn), np.sin(turn), 0.0])
     across = np.array([-np.sin(turn), np.cos(turn), 0.0])

@@ -16,13 +16,7 @@ _WAVES, _SWING = (1.3, 1.7), 0.5
 
 
 class Crown(Soft):
-    """Crown of a tree: balls of leaves, which may overlap.
-
-    Parameters
-    ----------
-    name : str
-    balls : list of Foliage
-    """
+    """Crown of a tree: balls of leaves (`Foliage`), which may overlap."""
 
     def __init__(self, name, balls):
         self.name = name
@@ -44,14 +38,8 @@ class Crown(Soft):
 class Grass(Soft):
     """Flat ground under grass: rays end on blades, whose heights follow a Rayleigh distribution.
 
-    Parameters
-    ----------
-    name : str
-    corner, u, v : array-like of shape (3,)
-        The ground, as in `Patch`.
-    height : float
-        Root mean square of the blades' heights, from which waves deviate, in meters; no blade is
-        higher than three times this.
+    The ground is as in `Patch`. `height` is the root mean square of the blades' heights, from which
+    waves deviate, in meters; no blade is higher than three times this.
     """
 
     def __init__(self, name, corner, u, v, height):
@@ -86,17 +74,9 @@ class Grass(Soft):
 
 
 def leaves(name, middle, half, n_balls, radius, rng):
-    """A crown of balls of leaves in an ellipsoid.
+    """A crown of balls of leaves that stay in an ellipsoid, by its middle and half axes.
 
-    Parameters
-    ----------
-    name : str
-    middle, half : array-like of shape (3,)
-        Middle and half axes of the ellipsoid that the balls stay in.
-    n_balls : int
-    radius : float
-        Mean radius of the balls, which vary by 30 %.
-    rng : Generator
+    `radius` is the mean of the balls' radii, which vary by 30 %.
     """
     direction = rng.standard_normal((n_balls, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)

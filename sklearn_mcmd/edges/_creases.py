@@ -9,13 +9,7 @@ surface. The verdict is pooled over the neighbors, as an edge is a line and not 
 
 import numpy as np
 
-from sklearn_mcmd.edges._faces import (
-    OFF,
-    Faces,
-    are_flat,
-    give_faces,
-    measure_spacing,
-)
+from sklearn_mcmd.edges._faces import OFF, Faces, are_flat, give_faces, measure_spacing
 from sklearn_mcmd.planes._chunks import each_chunk, run
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._progress import progress_part
@@ -43,17 +37,8 @@ CERTAIN = -np.log(np.finfo(float).eps)
 class CreaseModel:
     """A fitted cloud that tells the distance of any point to the nearest crease.
 
-    Parameters
-    ----------
-    n_neighbors : int
-    min_angle : float
-        Degrees between the planes of two faces, at least.
-    n_jobs : int or None
-
-    Attributes
-    ----------
-    distances : ndarray of shape (n,)
-        ``distance`` of the fitted points.
+    `min_angle` is the least between the planes of two faces, in degrees. `distances` are those of
+    the fitted points.
     """
 
     def __init__(self, n_neighbors, min_angle, n_jobs=None):
@@ -68,15 +53,10 @@ class CreaseModel:
         return self
 
     def find(self, index, planes, around=None):
-        """The `distances` of the points of an index.
+        """The `distances` of the points of an index, or of what answers as one.
 
-        Parameters
-        ----------
-        index : NeighborIndex, or what answers as one
-        planes : Planes
-            Of these points: centroids, normals and scale are known, and are changed.
-        around : Neighborhoods, default=None
-            Of these points, where they are known.
+        Of the planes, of these points, centroids, normals and scale are known, and are changed.
+        `around` are their `Neighborhoods`, where they are known.
         """
         self.index, self.planes = index, planes
         # Of heights, which are differences of coordinates that may be large.
@@ -193,24 +173,9 @@ class CreaseModel:
 def meet_faces(queries, own, around, points, faces, cosine):
     """Distance to the nearest crease in spacings, inf if none, and the evidence for it.
 
-    The evidence is the logarithm of the likelihood of the best smooth surface over that of the
-    best two or three faces: negative where there is an edge.
-
-    Parameters
-    ----------
-    queries : ndarray of shape (m, d)
-    own : Faces
-        Of the queries.
-    around : Neighborhoods
-        Rows of `points`.
-    points : ndarray of shape (n, d)
-    faces : Faces
-        Of the points.
-    cosine : float
-
-    Returns
-    -------
-    distance, evidence : ndarray of shape (m,)
+    The evidence is the logarithm of the likelihood of the best smooth surface over that of the best
+    two or three faces: negative where there is an edge. `own` are the faces of the queries;
+    `around`, their neighborhoods, has rows of `points` and of their `faces`.
     """
     distance, evidence = np.full(len(queries), np.inf), np.full(len(queries), np.nan)
     indices = around.indices

@@ -7,13 +7,7 @@ from scipy.special import gamma
 
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 
-__all__ = [
-    "OFF",
-    "Faces",
-    "are_flat",
-    "give_faces",
-    "measure_spacing",
-]
+__all__ = ["OFF", "Faces", "are_flat", "give_faces", "measure_spacing"]
 
 # The spacing is told from this many neighbors, or all if fewer.
 SPACING_NEIGHBORS = 8
@@ -86,22 +80,10 @@ def are_flat(planes):
 
 
 def give_faces(queries, around, planes, flat, usable):
-    """Of the planes of its neighbors, the one that explains each query best.
+    """Of the planes of its neighbors, the one that explains each query best: `Faces`.
 
-    Parameters
-    ----------
-    queries : ndarray of shape (m, d)
-    around : Neighborhoods
-        Rows of `planes`.
-    planes : Planes
-        Of n points, with the radius and spacing of `measure_spacing`.
-    flat : ndarray of bool of shape (n,)
-    usable : ndarray of bool of shape (n,)
-        True; an array, so that it is made once.
-
-    Returns
-    -------
-    Faces
+    The rows of `around` are those of the planes, which have radius and spacing of
+    `measure_spacing`, and of `flat`. `usable` is True for all; an array, so that it is made once.
     """
     spacing = np.median(planes.spacing[around.indices], axis=1)
     least = np.maximum(LEAST_NOISE * spacing, np.finfo(float).tiny)

@@ -23,14 +23,8 @@ def column_of_criterion(criterion):
 def least_of_edge(parts, threshold, n_std, median=None):
     """The limit that a threshold means; it depends on neither the parts nor their order.
 
-    Parameters
-    ----------
-    parts : callable
-        Returns an iterable of arrays, the values of a cloud.
-    threshold : float, "mean" or None
-    n_std : float or None
-    median : callable, default=None
-        The median of what such a callable returns; by default all values are put together.
+    ``parts()`` iterates over arrays, the values of a cloud; ``median(parts)`` is what such a
+    callable returns, by default with all values put together.
     """
     if isinstance(threshold, Real):
         return float(threshold)

@@ -26,12 +26,8 @@ LEVELS = 31  # bits of a place along an axis
 class Choice(NamedTuple):
     """Which points of a file are used, by what the file says of each.
 
-    Points that are marked withheld are never used.
-
-    ignored : tuple of int
-        Classes that are left out.
-    only : tuple of int
-        If there are any, all other classes are left out.
+    Points that are marked withheld are never used, nor those of `ignored` classes. If there are any
+    `only`, all other classes are left out.
     """
 
     ignored: tuple[int, ...] = ()
@@ -40,10 +36,7 @@ class Choice(NamedTuple):
     def of(self, cloud):
         """A mask of the points that are used; None if all are.
 
-        Raises
-        ------
-        PointFileError
-            If classes are asked for, and the cloud has none.
+        Raise if classes are asked for, and the cloud has none.
         """
         used = np.ones(len(cloud), bool)
         if "withheld" in cloud.attributes:
@@ -69,18 +62,8 @@ class LowestPoints:
     """The lowest of some points in squares in plan, collected from their parts.
 
     The sides of the squares are a power of two, such that a square that has any of the points has
-    at least `n_usual` on average. They depend on the points alone, not on parts or their order.
-
-    Parameters
-    ----------
-    most_points : int
-        No more will be added.
-    n_usual : int
-
-    Attributes
-    ----------
-    n_points : int
-        That were added.
+    at least `n_usual` on average. They depend on the points alone, not on parts or their order. No
+    more than `most_points` will be added; `n_points` were.
     """
 
     def __init__(self, most_points, n_usual):
@@ -144,15 +127,9 @@ class LowestPoints:
 def noise_classes(cloud, marked, flagged, used, n_usual):
     """The class of each outlier: low or high noise; 0 for all other points.
 
-    Parameters
-    ----------
-    cloud : PointCloud
-    marked, flagged, used : ndarray of bool of shape (n,)
-        Points to give a class, those that no other is compared with, and those that the verdict is
-        based on. Low is what lies lower than all ground around it, if there is ground, else than
-        all that was used.
-    n_usual : int
-        Of `LowestPoints`.
+    Of three masks (n,) of points, `marked` get a class, no other is compared with `flagged`, and
+    the verdict is based on `used`. Low is what lies lower than all ground around it, if there is
+    ground, else than all that was used; `n_usual` is of `LowestPoints`.
     """
     compared = ground_in(cloud)
     if compared is None or np.count_nonzero(compared & ~flagged) < n_usual:

@@ -23,16 +23,8 @@ REMEDY = ParameterError(
 def coordinate_columns(names, columns=None):
     """Positions of x, y and z among the names of columns.
 
-    Parameters
-    ----------
-    names : list of str
-    columns : dict or None
-        The column of an axis, where it is told: a name, or a number from 1 on.
-
-    Raises
-    ------
-    PointFileError
-        If an axis has no column, or several that it may be.
+    `columns` has the column of an axis, where it is told: a name, or a number from 1 on. Raise if
+    an axis has no column, or several that it may be.
     """
     told = {axis: _position(names, which) for axis, which in (columns or {}).items()}
     lower, plain = [name.lower() for name in names], [_plain(name) for name in names]

@@ -20,11 +20,8 @@ SHOWN = 3
 def scale_of(xyz, axes=slice(None)):
     """The coarsest of 1, 0.1 ... 1e-6 that holds some axes exactly, else the finest that fits.
 
-    Raises
-    ------
-    PointFileError
-        If it is coarser than most points ask for: than their decimal step, 0.0001 or more, else
-        than a hundredth of their spacing and a millionth of the extent of their middle half.
+    Raise if it is coarser than most points ask for: than their decimal step, 0.0001 or more, else
+    than a hundredth of their spacing and a millionth of the extent of their middle half.
     """
     values, asked = xyz[:, axes], None
     sample = np.unique(values[:: len(xyz) // SAMPLE + 1], axis=0)  # copies, as of no returns, once

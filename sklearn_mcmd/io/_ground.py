@@ -26,13 +26,7 @@ AT_ONCE = 100_000  # points whose nearest are asked for at once
 
 
 class Ground:
-    """Points of the ground, of which those nearest in plan can be asked for.
-
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3)
-        At least three points, in any order.
-    """
+    """Points of the ground, of which those nearest in plan can be asked for: at least three."""
 
     def __init__(self, xyz):
         xyz = xyz[np.lexsort(xyz.T[::-1])]
@@ -71,13 +65,7 @@ class Ground:
 
 
 def ground_of(cloud):
-    """A mask of the points of the ground; those that are marked withheld are none.
-
-    Raises
-    ------
-    PointFileError
-        If there is no ground.
-    """
+    """A mask of the points of the ground, none of those marked withheld. Raise if there is none."""
     classes_of(cloud)
     ground = ground_in(cloud)
     check_ground(np.count_nonzero(ground))
@@ -96,16 +84,7 @@ def check_ground(n_points):
 def heights_over_ground(xyz, ground):
     """Height of each point over the mean of the three ground points that are nearest in plan.
 
-    Of equally distant ones the lowest count.
-
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3)
-    ground : ndarray of bool of shape (n,)
-
-    Returns
-    -------
-    ndarray of shape (n,)
+    Of equally distant ones the lowest count. `ground` is a mask of the points.
     """
     _, near = Ground(xyz[ground]).nearest(xyz)
     return xyz[:, 2] - near.mean(axis=1)
@@ -120,15 +99,7 @@ def depths_of_groups(xyz, ground, candidates):
     highest point. Its size is the standard deviation along its longest axis, as of the detector's
     groups, but no less than the distance in plan to the third nearest ground point.
 
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3)
-    ground, candidates : ndarray of bool of shape (n,)
-
-    Returns
-    -------
-    ndarray of shape (n,)
-        0 for what is not below ground.
+    `ground` and `candidates` are masks of the points. What is not below ground has 0.
     """
     away, near = Ground(xyz[ground]).nearest(xyz)
     depth, away = near.min(axis=1) - xyz[:, 2], away[:, -1]
@@ -141,16 +112,8 @@ def depths_of_groups(xyz, ground, candidates):
 def group_depths(points, depth, away):
     """How deep the group of each point lies, in units of its size, whatever their order is.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3)
-        All that are below ground.
-    depth, away : ndarray of shape (n,)
-        How far each is below the ground, and in plan from the third nearest point of it.
-
-    Returns
-    -------
-    ndarray of shape (n,)
+    The points (n, 3) are all that are below ground: how far, says `depth`, and how far each is from
+    the third nearest point of it in plan, `away`.
     """
     n, result = len(points), np.empty(len(points))
     if not n:
@@ -161,8 +124,7 @@ def group_depths(points, depth, away):
     highest = np.full(n_groups, np.inf)
     np.minimum.at(highest, group, depth)
     size = np.maximum(
-        _longest_deviations(points, group, n_groups),
-        np.bincount(group, away) / np.bincount(group),
+        _longest_deviations(points, group, n_groups), np.bincount(group, away) / np.bincount(group)
     )
     with np.errstate(divide="ignore"):
         result[order] = (highest / size)[group]

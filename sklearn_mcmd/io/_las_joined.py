@@ -24,20 +24,7 @@ def joined_header(paths):
     """A header whose points hold those of all files.
 
     It is that of the first file. Its point format is the richest, its scales are the finest, and it
-    has the extra dimensions of all.
-
-    Parameters
-    ----------
-    paths : list of Path
-
-    Returns
-    -------
-    laspy.LasHeader
-
-    Raises
-    ------
-    PointFileError
-        If there is none. The message names a file.
+    has the extra dimensions of all. If there is none, an error names a file.
     """
     laspy = import_laspy(compressed=False)
     first = read_header(paths[0])

@@ -19,15 +19,7 @@ POINTS_A_TIME = 250_000
 def read_parts(path, n_points):
     """The clouds of successive points of a LAS, LAZ or COPC file, as of `read_las`.
 
-    Parameters
-    ----------
-    path : Path
-    n_points : int
-        Points of a part, at most; of a compressed file a part has at least one of its chunks.
-
-    Yields
-    ------
-    PointCloud
+    A part has `n_points` at most, but of a compressed file at least one of its chunks.
     """
     with one_clear_line(path, "read"), open(path, "rb") as file:
         header = read_header(path)

@@ -41,33 +41,14 @@ WAVE_PACKET_FORMATS = (4, 5, 9, 10)
 def read_compressed_points(file, header):
     """The point records (n * record length bytes) behind a header that laspy has read.
 
-    Parameters
-    ----------
-    file : binary file
-        Opened for reading, at any position.
-    header : laspy.LasHeader
-        Its LASzip record is removed, as laspy does.
-
-    Returns
-    -------
-    ndarray of uint8
+    The file may be at any position. The header's LASzip record is removed, as laspy does.
     """
     parts = list(compressed_parts(file, header, header.point_count))
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def compressed_parts(file, header, n_points):
-    """The same in parts of whole chunks, of about `n_points` points each but at least a chunk.
-
-    Parameters
-    ----------
-    file, header : as of `read_compressed_points`
-    n_points : int
-
-    Yields
-    ------
-    ndarray of uint8
-    """
+    """The same in parts of whole chunks, of about `n_points` points each but at least a chunk."""
     lazrs = import_extra("lazrs", "las", "LAZ")
     names = [type(record).__name__ for record in header.vlrs]
     if "LasZipVlr" not in names:

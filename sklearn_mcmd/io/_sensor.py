@@ -28,8 +28,7 @@ class Stated(NamedTuple):
 
 
 def sensor_origins(
-    cloud: PointCloud,
-    trajectory: Trajectory | tuple[ArrayLike, ArrayLike] | None = None,
+    cloud: PointCloud, trajectory: Trajectory | tuple[ArrayLike, ArrayLike] | None = None
 ) -> NDArray[np.float64]:
     """Where the sensor was when it measured each point.
 

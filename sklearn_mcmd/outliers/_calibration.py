@@ -34,26 +34,10 @@ BATCH = 20_000  # points a batch of planes of their own
 def calibrated_cutoff(model, settings, rate, rows=None):
     """Cutoff beyond which a stated share of a clean plane's points is flagged.
 
-    Parameters
-    ----------
-    model : LocalPlaneModel
-        Of the whole cloud. Its planes also tell how large the noise is against the spacing,
-        which matters where it reaches the size of a neighborhood.
-    settings : dict
-        Of `JudgedCloud`.
-    rate : float
-        Share of points.
-    rows : ndarray of int of shape (m,), default=None
-        Points whose planes tell that, every `sample_step`-th in the order of coordinates.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    ValueError
-        If the rate is less than the simulation resolves.
+    The model is of the whole cloud. Its planes also tell how large the noise is against the
+    spacing, which matters where it reaches the size of a neighborhood; `rows` are the points whose
+    planes tell that, by default every `sample_step`-th in the order of coordinates. The settings
+    are of `JudgedCloud`. Raise if the rate is less than the simulation resolves.
     """
     d = model.index.points.shape[1]
     compiled = d == 3 and model.index.n_neighbors is not None

@@ -11,7 +11,14 @@ from sklearn_mcmd.outliers._company import (
     chosen_rows,
     mean_distance,
 )
-from sklearn_mcmd.outliers._rays import DIFFERS, Emptiness, RayLimits, Rays, one_far_position
+from sklearn_mcmd.outliers._rays import (
+    DIFFERS,
+    Emptiness,
+    RayLimits,
+    Rays,
+    distances_between,
+    one_far_position,
+)
 from sklearn_mcmd.outliers._surfaces import (
     SurfaceLimits,
     distances_to_surfaces,
@@ -95,14 +102,8 @@ class JudgedCloud:
     def judge(self, counts, n_points, measured=None):
         """Find `point_scores`, those of all points of the index; returns the rows that explain.
 
-        Parameters
-        ----------
-        counts : ndarray of int of shape (n,)
-            Measurements at each of these points.
-        n_points : int
-            Measurements at all of them.
-        measured : callable, default=None
-            Returns what `measure_planes` returns of all points, where it is known.
+        `counts` (n,) are the measurements at each of these points, `n_points` all of them.
+        ``measured()`` gives what `measure_planes` returns of all points, where it is known.
         """
         self.counts, index = counts, self.model.index
         begin = FITTING if measured is None else 0.0
@@ -156,15 +157,10 @@ class JudgedCloud:
     def _score_new(self, queries, around, precision):
         floor = self._floor(queries, precision)
         _, distances = distances_to_surfaces(
-            queries,
-            around.take,
-            self.planes,
-            self.explaining,
-            floor,
-            len(queries),
+            queries, around.take, self.planes, self.explaining, floor, len(queries)
         )
         near = around.indices[:, : self.company_limits.n_near]
-        gaps = self._distances(queries, near)
+        gaps = distances_between(self.model.index.points[near], queries)
         spacing = mean_distance(gaps, self.counts[near], self.company_limits.n_near)
         isolation, separation = np.zeros(len(queries)), np.zeros(len(queries))
         joined = np.zeros(len(queries), dtype=bool)
@@ -292,9 +288,6 @@ class JudgedCloud:
     def _floor(self, queries, precision):
         return max(self.model.rounding, 8 * precision) * np.abs(queries).max(axis=1)
 
-    def _distances(self, queries, near):
-        return _distances(self.model.index.points, queries, near)
-
     def _joined(self, distances, isolation, separation, points):
         beside = None
         if self.strictness == "surfaces" and self.explained.any():
@@ -314,22 +307,13 @@ def least_of(n_neighbors, n_places, n_points):
 
 
 def both_spacings(points, counts, queries, near, n_near):
-    """Mean distance of queries to measurements, and to those at other places.
+    """Mean distance of queries to measurements, and to those at other places: the nearest `n_near`.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, d)
-    counts : ndarray of int of shape (n,)
-        Measurements at each of the points.
-    queries : ndarray of shape (m, d)
-        Some of the points.
-    near : ndarray of int of shape (m, k)
-        Rows of the nearest points, itself the first.
-    n_near : int
-        Measurements that are taken.
+    The queries (m, d) are some of the points; `counts` (n,) are the measurements at each of these,
+    and `near` (m, k) rows of the nearest, itself the first.
     """
     near = near[:, : n_near + 1]
-    distances, counts = _distances(points, queries, near), counts[near]
+    distances, counts = distances_between(points[near], queries), counts[near]
     counts[:, 0] -= 1  # itself
     spacing = mean_distance(distances, counts, n_near)
     counts[:, 0] = 0
@@ -339,17 +323,9 @@ def both_spacings(points, counts, queries, near, n_near):
 def joined_scores(distances, isolation, separation, strictness, limit, beside):
     """One score: a point is as wrong as the best of its excuses leaves it.
 
-    Parameters
-    ----------
-    distances : ndarray of shape (m,)
-        From surfaces; inf of the lost, which none reaches.
-    isolation, separation : ndarray of shape (m,)
-    strictness : {"isolated", "groups", "surfaces"}
-    limit : float
-        Points within this distance are explained by a surface.
-    beside : callable or None
-        Of ``strictness="surfaces"`` where there are surfaces: returns how far the lost, of which it
-        gets the rows, are from the nearest point on a surface, in standard deviations.
+    Distances are from surfaces, inf of the lost, which none reaches; a surface explains points
+    within the limit. ``beside(rows)``, of ``strictness="surfaces"`` where there are surfaces, gives
+    how far the lost of these rows are from the nearest point on a surface, in standard deviations.
     """
     apart = isolation
     if strictness != "isolated":
@@ -373,12 +349,6 @@ def _isolation_with_rays(isolation, spacing, alone, step):
 def _separation_with_rays(separation, together, step):
     """A group stands off by as much as the beams around it say that its place is empty."""
     return np.where(step > 0, together * separation, separation)
-
-
-def _distances(points, queries, near):
-    """Distances of queries (m, d) from some of the points (m, w)."""
-    gaps = points[near] - queries[:, None]
-    return np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
 
 
 def _measurements(index, n):

@@ -12,13 +12,7 @@ from sklearn_mcmd.planes._linking import connected
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._progress import progress_part
 
-__all__ = [
-    "Company",
-    "CompanyLimits",
-    "Places",
-    "chosen_rows",
-    "mean_distance",
-]
+__all__ = ["Company", "CompanyLimits", "Places", "chosen_rows", "mean_distance"]
 
 # Where no point is on a surface, what is usual is half of all points: the sparse quarter of them
 # would be the very points that are judged.
@@ -151,25 +145,15 @@ class Company:
             real.release()
 
     def measure(self, queries, spacing, n_jobs=None):
-        """How far new points stand off, each as if it were alone added to the cloud.
+        """How far m new points stand off, each as if it were alone added to the cloud.
 
-        Parameters
-        ----------
-        queries : ndarray of float64 of shape (m, d)
-        spacing : ndarray of shape (m,)
-            Mean distance of each to its nearest measurements.
-        n_jobs : int, default=None
+        `spacing` (m,) is the mean distance of each to its nearest measurements. Returns, of each,
 
-        Returns
-        -------
-        isolation : ndarray of shape (m,)
-            Spacing among the rest and among all points, over the usual one; what keeps company
-            has about 1.
-        separation : ndarray of shape (m,)
-            Gap between the query, with the small group that it belongs to, and what is real, over
-            their size. 0 for what belongs to a large group.
-        joined : ndarray of bool of shape (m,)
-            Whether the query belongs to a group of the cloud, whose separation it has.
+        - isolation: spacing among the rest and among all points, over the usual one; what keeps
+          company has about 1;
+        - separation: gap between the query, with the small group that it belongs to, and what is
+          real, over their size; 0 for what belongs to a large group;
+        - joined: whether it belongs to a group of the cloud, whose separation it has.
         """
         usual = self._usual(queries, n_jobs)
         distances, near = self.others.query(queries, self.limits.n_near, n_jobs)
@@ -311,20 +295,9 @@ def steps_between(usual, usual_there, distances):
 def lengths_of_pieces(points, group, limits):
     """Length of each group that is flat, 0 of the others.
 
-    Sums are taken as by `separation_of_groups`. The deviation off the plane has as many degrees
-    of freedom as there are points beyond those that a plane needs, and counts with its standard
-    error: few points are flat by chance.
-
-    Parameters
-    ----------
-    points : ndarray of shape (m, d)
-    group : ndarray of int of shape (m,)
-        Of each point, from 0 on.
-    limits : CompanyLimits
-
-    Returns
-    -------
-    ndarray of shape (n_groups,)
+    Sums are taken as by `separation_of_groups`. The deviation off the plane has as many degrees of
+    freedom as there are points beyond those that a plane needs, and counts with its standard error:
+    few points are flat by chance.
     """
     order = np.lexsort(points.T[::-1])
     sizes = np.bincount(group)
@@ -339,13 +312,8 @@ def lengths_of_pieces(points, group, limits):
 def are_pieces(length, length_there, distances, bridge):
     """Whether points of flat groups belong to one thing with those that they are near to.
 
-    Parameters
-    ----------
-    length : ndarray of shape (m,)
-        Of the group of each point.
-    length_there, distances : ndarray of shape (m, w)
-        The same of the group of each neighbor, 0 if it is no piece, and how far away that is.
-    bridge : float
+    `length` (m,) is of the group of each point, `length_there` (m, w) of that of each neighbor, 0
+    if it is no piece, and `distances` (m, w) are how far away that is.
     """
     near = distances <= bridge * np.maximum(length[:, None], length_there)
     return near & (length_there > 0)
@@ -354,21 +322,9 @@ def are_pieces(length, length_there, distances, bridge):
 def separation_of_groups(points, group, usual, gaps):
     """Gap of each group over the size of the group.
 
-    Sums are taken in the order of coordinates, so they do not depend on the order of the points.
-
-    Parameters
-    ----------
-    points : ndarray of shape (m, d)
-    group : ndarray of int of shape (m,)
-        Of each point, from 0 on.
-    usual : ndarray of shape (m,)
-        Usual spacing around each point.
-    gaps : ndarray of shape (m,)
-        Distance of each point to the nearest that is real.
-
-    Returns
-    -------
-    ndarray of shape (n_groups,)
+    Sums are taken in the order of coordinates, so they do not depend on the order of the points
+    (m, d). Of each, `group` is its group, from 0 on, `usual` the usual spacing around it, and
+    `gaps` its distance to the nearest that is real.
     """
     order = np.lexsort(points.T[::-1])
     points, group, usual = points[order], group[order], usual[order]
@@ -381,16 +337,9 @@ def separation_of_groups(points, group, usual, gaps):
 
 
 def mean_distance(distances, counts, n_near):
-    """Mean distance to the nearest measurements.
+    """Mean distance to the `n_near` nearest measurements, or to all that there are.
 
-    Parameters
-    ----------
-    distances : ndarray of shape (m, w)
-        To neighbors, ascending.
-    counts : ndarray of int of shape (m, w)
-        Measurements at each of them.
-    n_near : int
-        Measurements that are taken, or all that there are.
+    Distances (m, w) to neighbors are ascending; `counts` are the measurements at each of these.
     """
     reached = np.minimum(np.cumsum(counts, axis=1), n_near)
     taken = np.diff(reached, axis=1, prepend=0)

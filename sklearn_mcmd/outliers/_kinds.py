@@ -13,15 +13,6 @@ def kinds_of_outliers(detector):
     Isolated points are farther from their neighbors than the cutoff, in usual spacings. Those in
     groups are not, but their group stands off by more than the cutoff. The others lie on no
     surface, and ``strictness="surfaces"`` flags them for that alone, as does the paper's form.
-
-    Parameters
-    ----------
-    detector : MCMDOutlierDetector
-        Fitted.
-
-    Returns
-    -------
-    ndarray of int8 of shape (n_samples,)
     """
     cloud, is_outlier = detector._cloud, detector.scores_ < detector.offset_
     kinds = np.where(is_outlier, np.int8(2), np.int8(-1))

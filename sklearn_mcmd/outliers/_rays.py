@@ -151,7 +151,7 @@ class Rays:
         def search(rows):
             found = cloud.neighbors(rows, k + 1, 0)[:, 1:]
             beams[rows] = cloud.rows[found]
-            angles[rows] = _distances(cloud.points[found], cloud.points[rows])
+            angles[rows] = distances_between(cloud.points[found], cloud.points[rows])
 
         each_slice(len(beams), CHUNK, search, n_jobs)
         places = cloud.places
@@ -178,13 +178,8 @@ class Rays:
     def around(self, rows, groups, on_surface):
         """The `Emptiness` around groups of points: the beams next to them that are of others.
 
-        Parameters
-        ----------
-        rows : ndarray of int of shape (m,)
-            Of the points of whole groups.
-        groups : ndarray of int of shape (m,)
-            Group of each.
-        on_surface : ndarray of bool of shape (n,)
+        `rows` (m,) are the points of whole groups, `groups` (m,) says of which; `on_surface` is a
+        mask of all points.
         """
         group = np.full(len(self.points), -1)
         group[rows] = groups
@@ -207,14 +202,7 @@ class Rays:
         return sums
 
     def new_witnesses(self, queries, nearest):
-        """The `Witnesses` of new points, each measured from where the `nearest` of the points was.
-
-        Parameters
-        ----------
-        queries : ndarray of shape (m, d)
-        nearest : ndarray of int of shape (m,)
-            Rows of the points.
-        """
+        """`Witnesses` of new points, each measured from where the point of row `nearest` was."""
         origins = self.origins[nearest]
         ranges, directions = _polar(queries, origins)
         ranks = np.arange(1, self.n_beams + 1)
@@ -245,24 +233,12 @@ class Rays:
 
         The range to a plane changes from beam to beam with its tilt. An outline that cuts beams
         makes mixed pixels, which lie between it and what is behind: a plane too, but it contains
-        the rays, and its ranges follow no tilt.
+        the rays, and its ranges follow no tilt. The planes are of each of the points of the index;
+        they explain points within so many of their standard deviations.
 
-        Parameters
-        ----------
-        index : NeighborIndex
-            Of the points.
-        planes : Planes
-            Of each of them.
-        explained : float
-            A plane explains points within this many of its standard deviations.
-
-        Returns
-        -------
-        scatter : ndarray of shape (n,)
-            What the tilt of the plane leaves of the ranges of the beams that meet it, in steps:
-            the median of the points nearby. Less where most have a beam's point at hand.
-        spacing : ndarray of shape (n,)
-            Mean distance to the beams' points on the plane, 0 where there is none.
+        Returns, of each point, what the tilt of the plane leaves of the ranges of the beams that
+        meet it, in steps: the median of the points nearby, less where most have a beam's point at
+        hand; and the mean distance to the beams' points on the plane, 0 where there is none.
         """
         n, limits = len(self.points), self.limits
         scatter, alone, spacing = np.empty((3, n))
@@ -285,7 +261,7 @@ class Rays:
 
     def _look(self, rows, planes, explained):
         beams, step = self._beams[rows], self._step[rows]
-        away = _distances(self.points[beams], self.points[rows])
+        away = distances_between(self.points[beams], self.points[rows])
         heights = self.points[beams] - planes.centroids[:, None]
         heights = np.einsum("mkd,md->mk", heights, planes.normals)
         met = np.abs(heights) <= explained * planes.scale[:, None]
@@ -321,8 +297,8 @@ def _polar(points, origins):
     return ranges, ratio(rays, ranges[:, None])
 
 
-def _distances(points, queries):
-    """From queries (m, d) to points (m, k, d)."""
+def distances_between(points, queries):
+    """Distances (m, k) of points (m, k, d) from queries (m, d)."""
     gaps = points - queries[:, None]
     return np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
 

@@ -43,20 +43,10 @@ class SurfaceLimits(NamedTuple):
 def find_surfaces(index, planes, distances, least, limits, barred=None):
     """Which points form surfaces: bool (n,).
 
-    A point may be part of a surface if its plane is flat and explains the point itself. Two such
-    points are linked if they are near each other, their planes explain each other's point and
-    their normals agree. A surface is a connected part of at least `least` points.
-
-    Parameters
-    ----------
-    index : NeighborIndex
-    planes : Planes
-    distances : ndarray of shape (n,)
-        Of the points from their own planes, in standard deviations.
-    least : float
-    limits : SurfaceLimits
-    barred : ndarray of bool of shape (n,), default=None
-        Points that can be part of no surface.
+    A point may be part of a surface if its plane is flat and explains the point itself: `distances`
+    (n,) are those from their own planes, in standard deviations. Two such points are linked if they
+    are near each other, their planes explain each other's point and their normals agree. A surface
+    is a connected part of at least `least` points. Those that are barred can be part of none.
     """
     usable, links = usable_planes(planes, distances, limits), link_limits(limits)
     if barred is not None:
@@ -86,28 +76,12 @@ def own_distances(queries, planes, floor):
 
 
 def distances_to_surfaces(queries, neighbors_of, planes, on_surface, floor, chunk, n_jobs=None):
-    """The nearest of the surfaces' planes among each query's neighbors.
+    """The nearest of the surfaces' planes among each query's neighbors: its row, and the distance.
 
-    Parameters
-    ----------
-    queries : ndarray of float64 of shape (m, d)
-    neighbors_of : callable
-        Returns the `Neighborhoods` of a slice of the queries, rows of `planes`.
-    planes : Planes
-    on_surface : ndarray of bool
-        Which of the planes are of a surface.
-    floor : ndarray of shape (m,)
-        Rounding error of the coordinates, a standard deviation that is added.
-    chunk : int
-        Queries a task.
-    n_jobs : int, default=None
-
-    Returns
-    -------
-    owners : ndarray of int32 of shape (m,)
-        Rows of `planes`, -1 where none reaches the query.
-    distances : ndarray of shape (m,)
-        In standard deviations; inf where none reaches.
+    The row is -1 where none reaches the query, and the distance inf; it is in standard deviations.
+    ``neighbors_of(rows)`` gives the `Neighborhoods` of a slice of the queries, rows of `planes`, of
+    which those `on_surface` count. `floor` (m,) is a standard deviation that is added: the rounding
+    error of the coordinates. A task takes `chunk` queries.
     """
     m = len(queries)
     owners, distances = np.full(m, -1, np.int32), np.full(m, np.inf)

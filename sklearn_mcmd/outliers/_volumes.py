@@ -34,17 +34,8 @@ class LostVolume(NamedTuple):
 def lost_volumes(parts, n_points):
     """The volumes that lost hundreds of points, the largest first.
 
-    Parameters
-    ----------
-    parts : callable
-        Returns an iterator over the parts of a cloud: points (m, 3), and which are removed. The
-        order of points and parts does not matter.
-    n_points : int
-        Of the cloud.
-
-    Returns
-    -------
-    list of LostVolume
+    ``parts()`` iterates over the parts of a cloud of n points: points (m, 3), and which are
+    removed. The order of points and parts does not matter.
     """
     step = np.uint64(-(-n_points // SAMPLE))
     n_removed, samples = 0, ([], [])

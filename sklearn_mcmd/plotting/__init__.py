@@ -4,11 +4,7 @@ from sklearn_mcmd.plotting._displays import EdgeDisplay, NormalsDisplay, Segment
 from sklearn_mcmd.plotting._outlier_display import OutlierDisplay
 from sklearn_mcmd.plotting._pages import view
 from sklearn_mcmd.plotting._residual_display import PlaneResidualDisplay
-from sklearn_mcmd.plotting._still import (
-    normal_colors,
-    plot_cloud,
-    region_colors,
-)
+from sklearn_mcmd.plotting._still import normal_colors, plot_cloud, region_colors
 
 __all__ = [
     "EdgeDisplay",

@@ -11,13 +11,6 @@ from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.plotting._still import plot_cloud
 from sklearn_mcmd.plotting._views import thinned
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from typing import Self
-
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 __all__ = [
     "FOUND",
     "MOST_DRAWN",
@@ -29,6 +22,13 @@ __all__ = [
     "choose_colors",
     "one_for_each",
 ]
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Self
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 MOST_DRAWN = 200_000  # points; more take long and cover each other
 # Okabe and Ito's colors, which the common color blindnesses keep apart.
@@ -83,11 +83,7 @@ class CloudDisplay(ABC):
         return cls.from_predictions(np.asarray(X)[:, :3], *found, **options)
 
     def plot(
-        self,
-        *,
-        view: View | None = None,
-        max_points: int = MOST_DRAWN,
-        ax: "Axes | None" = None,
+        self, *, view: View | None = None, max_points: int = MOST_DRAWN, ax: "Axes | None" = None
     ) -> "Self":
         """Draw the cloud.
 

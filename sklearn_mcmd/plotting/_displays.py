@@ -15,10 +15,10 @@ from sklearn_mcmd.plotting._cloud_display import (
 )
 from sklearn_mcmd.plotting._still import check_points, draw_ball, normal_colors, region_colors
 
+__all__ = ["EdgeDisplay", "NormalsDisplay", "SegmentationDisplay"]
+
 if TYPE_CHECKING:
     from typing import Self
-
-__all__ = ["EdgeDisplay", "NormalsDisplay", "SegmentationDisplay"]
 
 
 class NormalsDisplay(CloudDisplay):

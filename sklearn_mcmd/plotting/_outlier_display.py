@@ -18,12 +18,12 @@ from sklearn_mcmd.plotting._cloud_display import (
 )
 from sklearn_mcmd.plotting._still import check_points, color_modules
 
+__all__ = ["OutlierDisplay"]
+
 if TYPE_CHECKING:
     from typing import Self
 
     from matplotlib.axes import Axes
-
-__all__ = ["OutlierDisplay"]
 
 MISSED, WRONG = "#0072b2", "#e69f00"  # beside FOUND, of the same palette
 

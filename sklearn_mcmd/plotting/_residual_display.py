@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike
 from sklearn_mcmd.plotting._cloud_display import CloudDisplay, Picture, one_for_each
 from sklearn_mcmd.plotting._still import check_points, color_modules
 
+__all__ = ["PlaneResidualDisplay", "along_normal"]
+
 if TYPE_CHECKING:
     from typing import Self
-
-__all__ = ["PlaneResidualDisplay", "along_normal"]
 
 
 class PlaneResidualDisplay(CloudDisplay):

@@ -9,10 +9,6 @@ from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.io._point_cloud import COLORS
 from sklearn_mcmd.plotting._views import VIEW, camera, draw_scale_bar, look
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 __all__ = [
     "ball_picture",
     "check_points",
@@ -23,6 +19,10 @@ __all__ = [
     "region_colors",
     "region_columns",
 ]
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 OUTLIER_COLOR = (0.84, 0.10, 0.11)
 # Of the ball in the picture of normals: left, bottom, width and height as shares of the axes.
@@ -133,13 +133,7 @@ def plot_cloud(
 
 
 def plot_before_after(
-    before: ArrayLike,
-    outliers: ArrayLike,
-    after: ArrayLike,
-    missed: ArrayLike,
-    normals: ArrayLike,
-    *,
-    view: tuple[float, float] = VIEW,
+    before: ArrayLike, outliers: ArrayLike, after: ArrayLike, missed: ArrayLike, normals: ArrayLike
 ) -> "Figure":
     """Draw a contaminated cloud, the cleaned one and its normals in a row.
 
@@ -148,9 +142,9 @@ def plot_before_after(
     plt = import_extra("matplotlib.pyplot", "plot", "Plotting")
     fig, axes = plt.subplots(1, 3, figsize=(15, 4.5), layout="constrained", facecolor="white")
     for ax, xyz, marked in ((axes[0], before, outliers), (axes[1], after, missed)):
-        plot_cloud(xyz, outliers=marked, view=view, ax=ax)
-    plot_cloud(after, color=normal_colors(normals, view=view), view=view, ax=axes[2])
-    draw_ball(axes[2], view)
+        plot_cloud(xyz, outliers=marked, ax=ax)
+    plot_cloud(after, color=normal_colors(normals), ax=axes[2])
+    draw_ball(axes[2], VIEW)
     n_marked, n_missed = np.count_nonzero(outliers), np.count_nonzero(missed)
     n_before, n_after = len(np.asarray(before)), len(np.asarray(after))
     titles = (

@@ -54,18 +54,9 @@ def shown_of_tiles(catalog, outputs, run, marked):
 def denoise_contents(shown, verdict, *, marked, together="", judged=()):
     """The contents of a report of `mcmd denoise`.
 
-    Parameters
-    ----------
-    shown : Shown
-        With ``outlier``, and with ``outlier_score`` if scores are known; without both if nobody
-        knows which points were removed.
-    verdict : Verdict
-    marked : bool
-        Whether outliers are marked, or dropped.
-    together : str, default=""
-        Where outliers lie together, by `words_of`.
-    judged : sequence of MCMDOutlierDetector
-        The fitted detector, if it is there.
+    What is shown has ``outlier``, and ``outlier_score`` if scores are known; neither if nobody
+    knows which points were removed. Outliers are marked, or dropped. `together` says where they lie
+    together, by `words_of`; `judged` has the fitted detector, if it is there.
     """
     n, n_all, n_others, cutoff = verdict
     given, xyz, near = shown.cloud.attributes, shown.xyz, shown.near

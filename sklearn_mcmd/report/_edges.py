@@ -16,19 +16,10 @@ MANY = 0.4
 
 
 def edges_contents(shown, criterion, n, limit, cards):
-    """The contents of a report of `mcmd edges`.
+    """The contents of a report of `mcmd edges`, of whose points `n` are of edges.
 
-    Parameters
-    ----------
-    shown : Shown
-        With ``edge`` and ``edge_score``.
-    criterion : str
-    n : int
-        Edge points of the whole.
-    limit : float or None
-        Of scores; None is the least value of an edge.
-    cards : list of (str, str)
-        What else is known.
+    What is shown has ``edge`` and ``edge_score``. The limit is of scores; None is the least value
+    of an edge. `cards` are what else is known.
     """
     is_crease, n_all, xyz, near = criterion == "crease", shown.n_all, shown.xyz, shown.near
     found = shown.cloud.attributes["edge"] > 0

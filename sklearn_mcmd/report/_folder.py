@@ -40,17 +40,7 @@ def check_folder(folder):
 def write_report(folder, run, contents):
     """Write the page, and the one to look around in beside it; pages that stand there go.
 
-    Parameters
-    ----------
-    folder : Path
-        It is made if it is missing.
-    run : Run
-    contents : Contents
-
-    Returns
-    -------
-    Path
-        Of the page.
+    The folder is made if it is missing. Returns the path of the page.
     """
     folder = Path(folder)
     try:

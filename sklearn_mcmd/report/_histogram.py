@@ -16,25 +16,12 @@ STEEP = 50
 def histogram(
     values, *, cutoff=None, cutoff_name="cutoff", above=True, name="", least=None, what="points"
 ):
-    """A histogram with a line at the cutoff; what is beyond it is colored.
+    """A histogram with a line at the cutoff; what is beyond it, `above` or below, is colored.
 
     Both axes are logarithmic where a linear one would show nothing. The first bar then holds all
-    smaller values, the last one all larger.
-
-    Parameters
-    ----------
-    values : ndarray of shape (n,)
-        NaN and infinity are left out of the bars, and counted in the caption.
-    cutoff : float, default=None
-    cutoff_name : str
-    above : bool
-        Whether values above the cutoff are beyond it, or those below.
-    name : str
-        Of the axis.
-    least : float, default=None
-        First value of a logarithmic axis; smaller ones are in the first bar.
-    what : str
-        What is counted.
+    smaller values, the last one all larger; `least` is the first value of a logarithmic axis. NaN
+    and infinity are left out of the bars, and counted in the caption. `name` is of the axis, `what`
+    of what is counted.
     """
     values = np.asarray(values, dtype=np.float64)
     known = values[np.isfinite(values)]

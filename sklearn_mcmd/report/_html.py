@@ -4,7 +4,6 @@ import html
 
 __all__ = ["bar_table", "chips", "figure", "paragraph", "pre", "table"]
 
-
 LONG = 28  # characters
 
 

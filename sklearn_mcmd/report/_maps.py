@@ -30,18 +30,10 @@ PALETTE = 255  # colors of a picture; half of the bytes of true color
 
 
 def maps(draw, xyz, near, legend=(), views=tuple(VIEWS)):
-    """Figures of a cloud.
+    """Figures of a cloud, of the points that are `near`, not far from all others.
 
-    Parameters
-    ----------
-    draw : callable
-        ``draw(rows, view, ax, max_points)`` draws some of the points by a display, from a view,
-        into axes.
-    xyz : ndarray of shape (n, 3)
-    near : ndarray of bool of shape (n,)
-        Points that are not far from all others; they alone are drawn.
-    legend : iterable of (color, str)
-    views : sequence of str or of (view, caption)
+    ``draw(rows, view, ax, max_points)`` draws some of the points by a display, from a view, into
+    axes. The legend has pairs of a color and words; a view may come with its caption.
     """
     rows = np.flatnonzero(near)
     figures = [_map(draw, xyz, rows, *_view(view)) for view in views]

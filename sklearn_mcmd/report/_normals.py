@@ -25,14 +25,8 @@ TILTS = ((0, 10, "level"), (10, 45, "sloping"), (45, 80, "steep"), (80, 90.01, "
 def normals_contents(shown, names, removed):
     """The contents of a report of `mcmd normals`.
 
-    Parameters
-    ----------
-    shown : Shown
-        With the columns that were written; and ``normal_error``, if it is known.
-    names : sequence of str
-        Of the columns that were written.
-    removed : float
-        Mean share of a neighborhood that was removed.
+    What is shown has the columns that were written, by their names, and ``normal_error``, if it is
+    known. `removed` is the mean share of a neighborhood that was removed.
     """
     given, n_all, xyz, near = shown.cloud.attributes, shown.n_all, shown.xyz, shown.near
     normals = np.column_stack([given[f"normal_{axis}"] for axis in "xyz"]).astype(np.float64)

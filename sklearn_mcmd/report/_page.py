@@ -16,15 +16,7 @@ POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 
 def make_page(run, contents, has_view):
-    """The HTML of a report.
-
-    Parameters
-    ----------
-    run : Run
-    contents : Contents
-    has_view : bool
-        Whether view.html lies beside the page.
-    """
+    """The HTML of a report; it may have view.html beside it."""
     title = f"{run.verb}: {source_name(run)}"
     parts = [_head(run, contents, has_view), _notes(contents)]
     parts += [_section(section.title, section.html) for section in contents.sections]

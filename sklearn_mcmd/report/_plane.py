@@ -23,16 +23,7 @@ RED, BLUE = "#b2182b", "#2166ac"  # the ends of the palette of residuals
 def plane_contents(cloud, detector, residuals, text, unit):
     """The contents of a report of `mcmd plane`.
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        As it was read.
-    detector : BaardaPlaneDetector or FuzzyPlaneDetector
-        Fitted to it.
-    residuals : ndarray of shape (n,)
-    text : str
-        The text report.
-    unit : str
+    The detector is fitted to the cloud, as it was read; `text` is the text report.
     """
     found, n_all = detector.labels_ == -1, len(cloud)
     n = int(np.count_nonzero(found))

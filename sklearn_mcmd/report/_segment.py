@@ -52,14 +52,8 @@ class Regions(NamedTuple):
 def segment_contents(shown, regions, n_regions, inside):
     """The contents of a report of `mcmd segment`.
 
-    Parameters
-    ----------
-    shown : Shown
-        With ``region``.
-    regions : Regions
-        All, or the largest.
-    n_regions, inside : int
-        Regions, and points in them, of the whole.
+    What is shown has ``region``. `regions` are all, or the largest; `n_regions`, and the points
+    `inside` of them, are of the whole.
     """
     sizes, n_all, labels = regions.sizes, shown.n_all, shown.cloud.attributes["region"]
     largest = int(sizes[0]) if len(sizes) else 0

@@ -20,16 +20,9 @@ NEAREST = ExplainLimits(likely=False)
 class Claims:
     """The planes of all points, and which points they claim.
 
-    A plane claims a point that is within `CUTOFF` standard deviations of it and not farther
-    from the plane's own point than that one's neighbors are.
-
-    Parameters
-    ----------
-    index : NeighborIndex
-    planes : Planes
-    rules : GrowthRules
-        A `max_distance` takes the place of the standard deviations, a `max_gap` that of the radii.
-    n_jobs : int, default=None
+    A plane claims a point that is within `CUTOFF` standard deviations of it and not farther from
+    the plane's own point than that one's neighbors are. A `max_distance` of the rules takes the
+    place of the standard deviations, a `max_gap` that of the radii.
     """
 
     def __init__(self, index, planes, rules, n_jobs=None):
@@ -45,16 +38,8 @@ class Claims:
     def absorb_fragments(self, labels):
         """Give fragments to the region whose planes claim most of their points.
 
-        A fragment is a region no larger than a neighborhood: its normals come from points of
-        other surfaces as well.
-
-        Parameters
-        ----------
-        labels : ndarray of int of shape (n,)
-
-        Returns
-        -------
-        labels : ndarray of int of shape (n,)
+        A fragment is a region no larger than a neighborhood: its normals come from points of other
+        surfaces as well.
         """
         sizes = region_sizes(labels, int(labels.max(initial=-1)) + 1).astype(np.int64)
         fragment = np.append(sizes <= self.index.n_neighbors, False)  # the last is -1
@@ -74,21 +59,10 @@ class Claims:
         return relabeled(labels, number)
 
     def assign_unlabeled(self, labels, content=()):
-        """Give points without a region to that of the neighbor whose plane is nearest.
+        """Give points without a region, -1, to that of the neighbor whose plane is nearest.
 
-        Points claimed in one round may claim others in the next: the outcome depends on no
-        order.
-
-        Parameters
-        ----------
-        labels : ndarray of int of shape (n,)
-            -1 for points without a region.
-        content : ndarray of int, default=()
-            Labels of regions that have all their points, and claim none.
-
-        Returns
-        -------
-        labels : ndarray of int of shape (n,)
+        Points claimed in one round may claim others in the next: the outcome depends on no order.
+        Regions whose labels are `content` have all their points, and claim none.
         """
         labels = labels.copy()
         claiming = np.append(np.ones(int(labels.max(initial=-1)) + 1, dtype=bool), False)

@@ -26,16 +26,7 @@ class FitLimits(NamedTuple):
 
 
 class Cylinder:
-    """A circular cylinder without ends.
-
-    Parameters
-    ----------
-    point : ndarray of shape (3,)
-        A point of the axis.
-    axis : ndarray of shape (3,)
-        Unit vector along the axis.
-    radius : float
-    """
+    """A circular cylinder without ends: a point of the axis, its unit vector, and the radius."""
 
     def __init__(self, point, axis, radius):
         self.point, self.axis, self.radius = point, axis, radius
@@ -54,18 +45,9 @@ def fit_cylinder(points, normals):
 
     The search for the axis starts from three directions. The longest extent of the points is right
     for a pole, and the second extent for a wide strip of a column. The direction most nearly
-    perpendicular to all normals is right for pieces as high as wide. Points of an exact plane have
-    no best cylinder and get a poor one: compare it with their plane.
-
-    Parameters
-    ----------
-    points, normals : ndarray of shape (n, 3)
-        At least six points; normals of either sign.
-
-    Returns
-    -------
-    sum_of_squares : float
-    cylinder : Cylinder
+    perpendicular to all normals, of either sign, is right for pieces as high as wide. Points of an
+    exact plane have no best cylinder and get a poor one: compare it with their plane. There must be
+    at least six points. Returns the sum of squares and the `Cylinder`.
     """
     center = points.mean(axis=0)
     local = points - center

@@ -67,11 +67,7 @@ def _scaled(a, factor):
 @kernel
 def _moved(a, s, u, t, v):
     """The point a + s u + t v."""
-    return (
-        a[0] + s * u[0] + t * v[0],
-        a[1] + s * u[1] + t * v[1],
-        a[2] + s * u[2] + t * v[2],
-    )
+    return (a[0] + s * u[0] + t * v[0], a[1] + s * u[1] + t * v[1], a[2] + s * u[2] + t * v[2])
 
 
 @kernel

@@ -54,34 +54,21 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
 
     A neighbor is linked if
 
-    1. its distance to the point's plane is at most `max_distance`; by default three standard
-       deviations of the plane,
-    2. it is not farther than `max_gap`; by default the median of the neighbors' distances,
-       which leaves the nearer half,
-    3. its normal is within the angle,
+    - its distance to the point's plane is at most `max_distance`; by default three standard
+      deviations of the plane,
+    - it is not farther than `max_gap`; by default the median of the neighbors' distances, which
+      leaves the nearer half,
+    - its normal is within the angle,
 
     and, if `mutual`, also the point is within such a distance of the neighbor's plane, and both
-    planes are quiet: no noisier than is usual around and than surfaces are whose normals
-    turn by the angle over a neighborhood. A plane that runs across an edge is noisier. Without
-    `mutual` the distance is by default the paper's: the median of the neighbors' distances and
-    two robust standard deviations.
+    planes are quiet: no noisier than is usual around and than surfaces are whose normals turn by
+    the angle over a neighborhood. A plane that runs across an edge is noisier. Without `mutual` the
+    distance is by default the paper's: the median of the neighbors' distances and two robust
+    standard deviations.
 
-    Parameters
-    ----------
-    index : NeighborIndex
-    planes : Planes
-        Of ``index.points``: centroids, normals and scales, which are no less than `floor`.
-    floor : ndarray of shape (n,)
-        What rounding amounts to.
-    rules : GrowthRules
-    n_jobs : int, default=None
-
-    Returns
-    -------
-    links : ndarray of int32 of shape (n, width)
-        Neighbors that may be added from each point, nearest first, then -1.
-    radius : ndarray of shape (n,)
-        Distance of the farthest neighbor looked at.
+    The planes are of ``index.points``; their scales are no less than `floor` (n,), what rounding
+    amounts to. Returns links (n, width) of int32, neighbors that may be added from each point,
+    nearest first, then -1; and the distance of the farthest neighbor looked at.
     """
     n, k = len(index.points), index.n_neighbors
     if rules.max_gap is None:  # those beyond the median distance are never linked
@@ -115,19 +102,8 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
 def grow_regions(links, seeds):
     """Regions of points that can be reached from a seed along links (section 5.2.3).
 
-    Which points these are does not depend on the order in which links are followed.
-
-    Parameters
-    ----------
-    links : ndarray of int32 of shape (n, width)
-        Rows that may be added from each row, then -1.
-    seeds : ndarray of int of shape (n,)
-        All rows, that of least curvature first.
-
-    Returns
-    -------
-    labels : ndarray of int32 of shape (n,)
-        From 0, in the order of the seeds.
+    Which points these are does not depend on the order in which links are followed. Seeds are all
+    rows, that of least curvature first. Labels, int32, count from 0 in their order.
     """
     return compiled_function("segmentation._graph_numba", "grow")(links, seeds)
 

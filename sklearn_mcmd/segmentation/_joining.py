@@ -35,24 +35,9 @@ WIDER = 1.0 + 1e-9
 def region_planes(points, labels, n_regions, weights=None, n_jobs=None):
     """Sizes, centroids, covariances and principal axes of regions, in any order of the points.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, d)
-    labels : ndarray of int of shape (n,)
-        Points of label -1 belong to none.
-    n_regions : int
-    weights : ndarray of int of shape (n,), default=None
-        Copies of each point.
-    n_jobs : int, default=None
-
-    Returns
-    -------
-    sizes : ndarray of shape (n_regions,)
-    centroids : ndarray of shape (n_regions, d)
-    covariances : ndarray of shape (n_regions, d, d)
-    eigenvalues : ndarray of shape (n_regions, d), ascending
-    axes : ndarray of shape (n_regions, d, d)
-        As columns; the first is the normal.
+    Points of label -1 belong to none; weights (n,) of int are copies of each point. Returns sizes,
+    centroids (n_regions, d), covariances, eigenvalues, ascending, and axes as columns; the first is
+    the normal.
     """
     found = region_moments(points, labels, n_regions, weights, n_jobs=n_jobs)
     eigenvalues, axes = np.linalg.eigh(found.covariances)
@@ -60,25 +45,13 @@ def region_planes(points, labels, n_regions, weights=None, n_jobs=None):
 
 
 def join_coplanar(points, labels, noise, n_jobs=None):
-    """Give one label to regions that are parts of one plane.
+    """Give one label to regions that are parts of one plane: new labels, by their first parts.
 
     A shadow, or a few bad normals, cut a wall into parts. A smaller region lies in the plane of a
     larger, flat one if the noise explains its root mean square distance to that plane. The two are
-    joined if the gap between them is at most half as long as the smaller one.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n, d)
-    labels : ndarray of int of shape (n,)
-        From 0 on without gaps, -1 for none.
-    noise : ndarray of shape (n,)
-        Standard deviation of each neighborhood along its normal, in units of the points.
-    n_jobs : int, default=None
-
-    Returns
-    -------
-    labels : ndarray of int of shape (n,)
-        A joined region has the number of its first part.
+    joined if the gap between them is at most half as long as the smaller one. Labels are from 0 on
+    without gaps, -1 for none. The noise (n,) is the standard deviation of each neighborhood along
+    its normal, in units of the points.
     """
     n_regions = int(labels.max(initial=-1)) + 1
     if n_regions < 2:

@@ -88,17 +88,8 @@ def rows_of(labels, wanted):
 def region_moments(points, labels, n_regions, weights=None, number=None, n_jobs=None):
     """The `Moments` of regions.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, d)
-    labels : ndarray of int of shape (n,)
-        Points of label -1 belong to none.
-    n_regions : int
-    weights : ndarray of int of shape (n,), default=None
-        Copies of each point.
-    number : ndarray of int of shape (n_regions + 1,), default=None
-        Takes the place of each label, the last that of -1.
-    n_jobs : int, default=None
+    Points of label -1 belong to none; weights (n,) of int are copies of each point. `number`
+    (n_regions + 1,) takes the place of each label, the last that of -1.
     """
     d, parts = points.shape[1], _Parts(labels, number, n_jobs)
     sizes = np.zeros(n_regions)
@@ -193,16 +184,7 @@ def sums_by_region(values, labels, n_regions, number=None, n_jobs=None):
 def median_by_region(values, labels, n_regions):
     """Median of the values of each region; for an even number the upper one.
 
-    Parameters
-    ----------
-    values : ndarray of shape (n,)
-    labels : ndarray of int of shape (n,)
-        Points of label -1 belong to none; each region has at least one point.
-    n_regions : int
-
-    Returns
-    -------
-    medians : ndarray of shape (n_regions,)
+    Points of label -1 belong to none; each region has at least one point.
     """
     sizes = region_sizes(labels, n_regions).astype(np.int64)
     medians, first = np.empty(n_regions), 0

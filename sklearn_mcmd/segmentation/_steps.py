@@ -30,28 +30,10 @@ def least_scales(points, dtype, step):
 
 
 def finish_regions(labels, index, planes, floor, copies, growing, n_jobs=None):
-    """The regions of a `RegionGrowing` from those that have grown.
+    """The regions of a `RegionGrowing` from those that have grown; the largest is 0, -1 is none.
 
-    Parameters
-    ----------
-    labels : ndarray of int of shape (n,)
-        From `grow_regions`.
-    index : NeighborIndex
-        Or what answers as one.
-    planes : Planes
-        Of ``index.points``. What tells of their faces may be changed.
-    floor : ndarray of shape (n,)
-        As by `least_scales`.
-    copies : ndarray of int of shape (n,)
-        Points at each place.
-    growing : RegionGrowing
-        Its parameters.
-    n_jobs : int, default=None
-
-    Returns
-    -------
-    labels : ndarray of int of shape (n,)
-        The largest region is 0, and -1 is none.
+    The planes are of ``index.points``; what tells of their faces may be changed. `floor` is as by
+    `least_scales`, `copies` (n,) are the points at each place, and `growing` has the parameters.
     """
     rules = rules_of(growing)
     labels = _renumber(labels, copies, growing.min_region_size)

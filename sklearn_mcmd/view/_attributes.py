@@ -128,20 +128,9 @@ class NumberCode(NamedTuple):
 def plan_attributes(clouds, only=None):
     """The attributes of the clouds as `ColumnSource`s, and those with one value as a dictionary.
 
-    Parameters
-    ----------
-    clouds : list of dict of str to ndarray
-        Attributes of each cloud, of its points in the page.
-    only : collection of str, default=None
-        Names to keep, as in the file or in the page.
-
-    Returns
-    -------
-    sources : list of ColumnSource
-    constants : list of dict
-        For each cloud.
-    skipped : list of str
-        Names of attributes that hold no numbers.
+    `clouds` has the attributes of each cloud, of its points in the page; `only` are names to keep,
+    as in the file or in the page. Returns the sources, the constants of each cloud, and the names
+    of attributes that hold no numbers.
     """
     tables = [_numeric(flat_columns(attributes)) for attributes in clouds]
     skipped = sorted({name for _, others in tables for name in others})

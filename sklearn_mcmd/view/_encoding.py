@@ -105,14 +105,8 @@ def shuffled(n_points, most, seed=0):
 def pack_points(steps, rows, columns):
     """Pack one cloud.
 
-    Parameters
-    ----------
-    steps : ndarray of uint32 of shape (n, 3)
-        Coordinates, of points in random order.
-    rows : ndarray of int of shape (n,)
-        The row of each point in its file.
-    columns : list of ndarray of shape (n,)
-        Unsigned whole numbers of 8 or 16 bits.
+    `steps` (n, 3) of uint32 are coordinates of points in random order, `rows` the row of each in
+    its file, and `columns` have unsigned whole numbers of 8 or 16 bits.
     """
     bounds = _chunk_bounds(len(rows))
     largest = slice(bounds[-2], bounds[-1])

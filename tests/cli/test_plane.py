@@ -9,7 +9,7 @@ import pytest
 
 from commands import error_line, files_in, run
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
-from sklearn_mcmd.cli import _plane
+from sklearn_mcmd.cli import _files, _plane
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 
 N, N_OUTLIERS = 600, 60
@@ -274,7 +274,7 @@ def test_points_that_cannot_be_written_leave_no_report(wall_file, tmp_path, monk
     def fail(*args, **kwargs):
         raise PointFileError("out.laz: cannot be written: no space left on device")
 
-    monkeypatch.setattr(_plane, "write", fail)
+    monkeypatch.setattr(_files, "write", fail)
     assert "out.laz: cannot be written" in error_line(run("plane", wall_file, tmp_path / "out.laz"))
     assert files_in(tmp_path) == ["wall.laz"]
 

@@ -305,11 +305,11 @@ def test_samples_of_a_bilinear_surface_are_uniform_over_its_area():
     assert in_half.mean() == pytest.approx(share, abs=5 * np.sqrt(0.25 / 40_000))
 
 
-def test_edges_of_a_polygon_leave_out_its_smooth_sides():
-    square = Polygon("square", [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], smooth=(0,))
+def test_edges_of_a_polygon_are_its_sides():
+    square = Polygon("square", [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)])
     points = square.sample(500, np.random.default_rng(0))
     x, y = points[:, 0], points[:, 1]
-    assert_allclose(square.edge_distance(points), np.min([x, 1 - x, 1 - y], axis=0), atol=1e-12)
+    assert_allclose(square.edge_distance(points), np.min([x, y, 1 - x, 1 - y], axis=0), atol=1e-12)
 
 
 def test_edges_of_a_ring_are_both_its_circles():
