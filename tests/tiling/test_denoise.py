@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from functools import cache
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ DETECTOR = MCMDOutlierDetector(16, random_state=0)
 RNG = np.random.default_rng(0)
 
 
+@cache
 def street_with_tree(n, share=0.05, seed=0):
     return make_street(n, outlier_share=share, tree=True, random_state=seed).data
 
@@ -34,7 +36,7 @@ def with_copies():
 
 
 def far_apart():
-    X = street_with_tree(2_000)
+    X = street_with_tree(2_000).copy()
     X[1_000:, 0] += 1e4
     far = RNG.uniform(-1e5, 1e5, (15, 3))
     ghost = RNG.normal([0, 0, 2_000], 0.1, (30, 3))

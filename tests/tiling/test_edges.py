@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ DETECTOR = SharpFeatureDetector(12, random_state=0)
 RNG = np.random.default_rng(0)
 
 
+@cache
 def street_of(n, share=0.05, seed=0):
     return make_street(n, outlier_share=share, random_state=seed).data
 
@@ -47,7 +49,7 @@ def with_copies():
 
 
 def far_apart():
-    X = street_of(1_800)
+    X = street_of(1_800).copy()
     X[900:, 0] += 1e4
     return np.vstack([X, RNG.uniform(-1e5, 1e5, (15, 3)), RNG.normal([0, 0, 2_000], 0.1, (30, 3))])
 

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ GROWING = RegionGrowing(20, normal_estimator=RobustNormalEstimator(24, random_st
 RNG = np.random.default_rng(0)
 
 
+@cache
 def street_with_tree(n, seed=0):
     return make_street(n, outlier_share=0.03, tree=True, random_state=seed).data
 
@@ -35,7 +37,7 @@ def with_copies():
 
 
 def far_apart():
-    X = street_with_tree(2_800)
+    X = street_with_tree(2_800).copy()
     X[1_400:, 0] += 1e4
     return np.vstack([X, RNG.uniform(-1e5, 1e5, (15, 3))])
 
