@@ -66,7 +66,7 @@ def test_it_answers_in_time(script):
     path = os.pathsep.join([str(EXAMPLES.parent), os.environ.get("PYTHONPATH", "")])
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run(
-        [sys.executable, str(script), *(() if whole else FEW)], capture_output=True, text=True, check=False,
+        [sys.executable, str(script), *(() if whole else FEW)], capture_output=True, text=True,
         cwd=script.parent, env=os.environ | {"MPLBACKEND": "agg", "PYTHONPATH": path},
     )  # fmt: skip
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
