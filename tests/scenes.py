@@ -6,6 +6,7 @@ import numpy as np
 
 from sklearn_mcmd import datasets
 from sklearn_mcmd.datasets import _airborne, _depth_frame, _mobile, _spinning
+from sklearn_mcmd.datasets._sensor_outliers import MAKERS
 from sklearn_mcmd.datasets._street import _street
 from sklearn_mcmd.planes._record import Planes
 
@@ -85,6 +86,11 @@ def scanned(name, n_samples=20_000, seed=0, **parameters):
     scan = getattr(datasets, name)(n_samples, random_state=seed, **parameters)
     drawn = np.random.RandomState(seed).randint(np.iinfo(np.int32).max)
     return scan, SCANNED[name](np.random.default_rng(drawn).spawn(5)[0])
+
+
+def with_outliers(name):
+    """A scanned scene with outliers of all kinds, far ones too, and its world; made once."""
+    return scanned(name, outlier_share=0.1, outlier_kinds=tuple(MAKERS), far_share=0.05)
 
 
 def random_planes(points, rng):

@@ -40,9 +40,6 @@ QUICK = RobustNormalEstimator(max_outlier_rate=0.2, random_state=0)
         RobustNormalEstimator(20, method="robpca", method_params={"n_trials": 30}, radius=1.5),
         PlaneOutlierDetector(20, n_jobs=2),
         PlaneOutlierDetector(None, method="qsp", contamination=0.1),
-        PlaneOutlierDetector(
-            20, method="ulsif", method_params={"widths": [0.3, 3]}, contamination=0.1
-        ),
         RegionGrowing(normal_estimator=QUICK),
         RegionGrowing(
             10, max_distance=0.5, max_gap=1.0, mutual=False, min_region_size=12,

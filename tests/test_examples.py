@@ -22,11 +22,13 @@ PRINTED = {
     "plot_grid_search": "unseen street",
     "plot_one_plane": "finds 360 of 360, and 0 good points",
     "plot_pipeline_edges": "area under ROC",
-    "plot_pipeline_resampling": "10000 points labeled",
+    "plot_pipeline_resampling": "4000 points labeled",
     "plot_pipeline_search": "defaults, unseen",
     "plot_pipeline_segments": "polars gives the same segments: True",
     "plot_tiles": "other scores:      0\nother verdicts:    0",
 }
+FEW = ("--points", "4000")  # of scripts that have the option; `.ci/docs` runs them whole
+ONCE = dict.fromkeys(["plot_adjustment_judgement", "plot_adjustment_table5"], ("--runs", "1"))
 LONGEST = 60  # seconds of a processor: half a minute on two cores
 
 
@@ -61,10 +63,11 @@ def test_what_is_printed_is_asked_of_scripts_that_there_are():
 def test_it_answers_in_time(script):
     for library in ("matplotlib", "pandas", "polars", "imblearn", "laspy"):
         pytest.importorskip(library)
+    few = FEW if '"--points"' in script.read_text(encoding="utf-8") else ONCE.get(script.stem, ())
     path = os.pathsep.join([str(EXAMPLES.parent), os.environ.get("PYTHONPATH", "")])
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run(
-        [sys.executable, str(script)], capture_output=True, text=True, check=False,
+        [sys.executable, str(script), *few], capture_output=True, text=True,
         cwd=script.parent, env=os.environ | {"MPLBACKEND": "agg", "PYTHONPATH": path},
     )  # fmt: skip
     after = resource.getrusage(resource.RUSAGE_CHILDREN)

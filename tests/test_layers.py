@@ -1,8 +1,6 @@
-"""Who imports whom: arrows go one way, and nothing heavy comes with the package."""
+"""Who imports whom: arrows go one way."""
 
 import ast
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -79,21 +77,6 @@ def test_no_two_rooms_import_each_other():
         free = {room for room, below in ROOMS.items() if below <= seen} - seen
         assert free, f"a circle among {sorted(set(ROOMS) - seen)}"
         seen |= free
-
-
-def test_importing_the_package_loads_nothing_heavy():
-    statement = "import sys, sklearn_mcmd; print(*sys.modules)"
-    loaded = subprocess.run(
-        [sys.executable, "-c", statement], capture_output=True, text=True, check=True
-    ).stdout.split()
-    heavy = {"numba", "matplotlib", "laspy", "pandas", "typer", "scipy.stats"}
-    assert not heavy & set(loaded) - _loaded_by_scikit_learn()
-
-
-def _loaded_by_scikit_learn():
-    statement = "import sys, sklearn.neighbors; print(*sys.modules)"
-    result = subprocess.run([sys.executable, "-c", statement], capture_output=True, text=True)
-    return set(result.stdout.split())
 
 
 def test_private_scikit_learn_is_touched_in_one_file_only():

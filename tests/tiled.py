@@ -1,5 +1,6 @@
 """Clouds in files and their normals in memory, which those by tiles must equal."""
 
+from functools import cache
 from unittest.mock import patch
 
 import numpy as np
@@ -18,10 +19,14 @@ ESTIMATOR = RobustNormalEstimator(16, random_state=0)
 
 def street(n, seed=0):
     """A part of a street in national coordinates, in millimeters, with copies and attributes."""
-    xyz = make_street(n, outlier_share=0.03, random_state=seed).data
-    xyz = np.round(xyz + np.array([362_000, 5_157_000, 100]), 3)
+    xyz = np.round(_made(n, seed) + np.array([362_000, 5_157_000, 100]), 3)
     xyz[-50:] = xyz[:50]
     return PointCloud(xyz, {"intensity": np.arange(n).astype(np.uint16)})
+
+
+@cache
+def _made(n, seed):
+    return make_street(n, outlier_share=0.03, random_state=seed).data
 
 
 def in_memory(source, target, estimator=ESTIMATOR):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from commands import run
+from scenes import scanned
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_lidar_turn
 from sklearn_mcmd.io import read_points, write_points
 from sklearn_mcmd.io._classes import noise_classes
 
@@ -184,7 +184,7 @@ def test_exact_planes_are_warned_about_where_they_make_outliers(strictness, tmp_
 @pytest.fixture
 def turn(tmp_path):
     """A turn of a spinning sensor at the origin, in a file."""
-    xyz = make_lidar_turn(4_000, random_state=0).data
+    xyz = scanned("make_lidar_turn", 4_000)[0].data
     np.save(tmp_path / "turn.npy", xyz)
     return tmp_path / "turn.npy", xyz
 

@@ -47,7 +47,7 @@ def usage_error(result):
 # ---- --false-positive-rate ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("strictness", ["groups", "surfaces", "paper"])
+@pytest.mark.parametrize("strictness", ["groups", "paper"])
 def test_the_false_positive_rate_reaches_the_detector(strictness, room, room_file, tmp_path):
     result = run(
         *("denoise", room_file, tmp_path / "out.npy", "--mode", "mark"),

@@ -102,7 +102,7 @@ def test_quiet_work_is_not_told_however_long(impatient, capsys):
 def test_on_a_terminal_each_stage_has_a_bar_that_fills_once(tmp_path):
     import pty
 
-    np.save(tmp_path / "in.npy", np.random.default_rng(0).uniform(size=(30_000, 3)))
+    np.save(tmp_path / "in.npy", np.random.default_rng(0).uniform(size=(15_000, 3)))
     ours, theirs = pty.openpty()
     process = subprocess.Popen(
         [sys.executable, "-m", "sklearn_mcmd", "edges", tmp_path / "in.npy", tmp_path / "out.npy"],

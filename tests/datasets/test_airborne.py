@@ -15,25 +15,30 @@ def density(scan, x, y):
     return (inside.all(axis=1) & ground).sum() / ((x[1] - x[0]) * (y[1] - y[0]))
 
 
-@pytest.mark.parametrize("ratio", [2.0, 6.0])
-def test_densities_of_swaths_and_of_their_overlap(ratio):
-    scan = make_airborne_scan(100_000, density_ratio=ratio, random_state=0)
+RATIO, MISFIT = 6.0, 0.05  # neither is the default
+
+
+@pytest.fixture(scope="module")
+def scan():
+    return make_airborne_scan(100_000, density_ratio=RATIO, misfit=MISFIT, random_state=0)
+
+
+def test_densities_of_swaths_and_of_their_overlap(scan):
     dense = density(scan, (0, 80), (0.2, 2.3))
     # Beams from 250 m beside and 800 m up land farther apart on the slope of .2, which falls
     # away from them.
     sparse = density(scan, (53, 79), (53, 59.5)) / (1 - 0.2 * (250 - 56) / 800)
     both = density(scan, (53, 78), (26.6, 28.5))  # no wire throws its shadow there
-    assert dense / sparse == pytest.approx(ratio, rel=0.08)
-    assert both / sparse == pytest.approx(ratio + 1, rel=0.08)
+    assert dense / sparse == pytest.approx(RATIO, rel=0.08)
+    assert both / sparse == pytest.approx(RATIO + 1, rel=0.08)
 
 
-def test_the_second_swath_is_too_high_by_the_misfit():
-    scan, _ = scanned("make_airborne_scan", misfit=0.05)
+def test_the_second_swath_is_too_high_by_the_misfit(scan):
     regular = scan.target == 1
     ray = (scan.true_points - scan.sensor_origins)[regular]
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     error = (scan.data - scan.true_points)[regular]
-    for swath, misfit in ((0, 0.0), (1, 0.05)):
+    for swath, misfit in ((0, 0.0), (1, MISFIT)):
         mine = scan.stretch[regular] == swath
         rest = error[mine] - [0, 0, misfit]
         along = np.einsum("ij,ij->i", rest, ray[mine])

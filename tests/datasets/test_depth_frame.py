@@ -10,8 +10,8 @@ from sklearn_mcmd.datasets import make_depth_frame
 AXIS = np.array([0.0, np.cos(np.radians(8)), -np.sin(np.radians(8))])
 
 
-@pytest.mark.parametrize("step", [0.0029, 0.01])
-def test_depths_are_levels_whose_steps_grow_with_the_square_of_depth(step):
+def test_depths_are_levels_whose_steps_grow_with_the_square_of_depth():
+    step = 0.01  # not the default
     scan = make_depth_frame(20_000, step=step, random_state=0)
     depth = (scan.data - scan.sensor_origins) @ AXIS
     level = 1 / (step * depth)

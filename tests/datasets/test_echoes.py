@@ -101,7 +101,7 @@ def test_ranges_at_an_outline_follow_the_energy_on_either_side():
     wall = Patch("wall", (-3, 6, -1.5), (6, 0, 0), (0, 0, 3))
     scene = Scene([plate, wall], 1.0, 1, scanner=(0, 0, 0))
     optics = Optics(WIDTH, 0.0, lambda points: np.full(len(points), 0.005), None)
-    lines = scan_lines(scene, 100_000, np.random.default_rng(0), optics)
+    lines = scan_lines(scene, 50_000, np.random.default_rng(0), optics)
     x, y, z = lines.points.T
     near = (np.abs(x / y) < WIDTH) & (np.abs(z / y) < 0.2)
     sideways, depth = (x / y)[near], y[near]

@@ -162,7 +162,7 @@ def test_wherever_two_surfaces_meet_both_have_an_edge(scene_of):
     parts = [p for p in scene_of().parts if not isinstance(p, Foliage)]
     rng, met = np.random.default_rng(0), 0
     for part in parts:
-        points = part.sample(10_000, rng)
+        points = part.sample(4_000, rng)
         for foot in getattr(part, "circles", ()):
             # Inside a pole's foot no point is ever seen.
             if isinstance(part, Patch):

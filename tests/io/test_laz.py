@@ -118,9 +118,13 @@ def read_in_a_process(folder):
 # ---- whole files -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("point_format", range(11))
-@pytest.mark.parametrize("extra", [False, True])
-@pytest.mark.parametrize("chunks", [{}, {"chunk_size": 20}, {"cuts": [7, 8, 1500]}])
+CHUNKS = [{}, {"chunk_size": 20}, {"cuts": [7, 8, 1500]}]  # of a usual, a small, and their own size
+
+
+@pytest.mark.parametrize(
+    ("point_format", "extra", "chunks"),
+    [(n, bool(n % 2) == swap, CHUNKS[(n + swap) % 3]) for n in range(11) for swap in (0, 1)],
+)
 def test_whole_files_read_as_laspy_reads_them(tmp_path, point_format, extra, chunks):
     las = las_of(point_format, extra=extra)
     path = tmp_path / "a.laz"

@@ -85,13 +85,13 @@ METHODS = [  # of each kind of compiled loop
 def test_threads_give_the_same_to_the_last_bit_every_time(monkeypatch, parameters):
     # A compiled loop must not depend on where its arrays lie.
     monkeypatch.setattr("sklearn_mcmd.planes._neighbor_table.AT_ONCE", 97)
-    X = np.vstack([corner(800)[0], 0.2 * torus(800, 0.003)[0] + 2])
+    X = np.vstack([corner(400)[0], 0.2 * torus(400, 0.003)[0] + 2])
     X = np.vstack([X, np.random.default_rng(0).uniform(0, 1, (60, 3))])
     features = ["mean_curvature", "roughness", "normal_error"]
     estimator = RobustNormalEstimator(20, features=features, random_state=0, **parameters)
     expected = estimator.fit_transform(X)
     estimator.set_params(n_jobs=8)
-    for _ in range(2 if parameters else 10):
+    for _ in range(2 if parameters else 6):
         assert_array_equal(estimator.fit_transform(X), expected)
 
 

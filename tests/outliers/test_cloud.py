@@ -43,19 +43,19 @@ def lifted(points, gap):
 
 
 def small_street(rng):
-    """600 points: wall, floor, foliage, a ghost and scattered outliers."""
-    floor = rng.uniform(0, 3, (200, 3)) * [1, -1, 0] + rng.normal(0, 0.01, (200, 3))
+    """440 points: wall, floor, foliage, a ghost and scattered outliers."""
+    floor = rng.uniform(0, 3, (140, 3)) * [1, -1, 0] + rng.normal(0, 0.01, (140, 3))
     foliage = [1, -1.5, 1.5] + 0.25 * rng.normal(size=(60, 3))
     ghost = [2.5, -2.5, 2.5] + 0.05 * rng.normal(size=(20, 3))
     scattered = rng.uniform([0, -3, 0], [3, 0, 3], (20, 3))
-    return np.vstack([wall(300, rng, noise=0.01), floor, foliage, ghost, scattered])
+    return np.vstack([wall(200, rng, noise=0.01), floor, foliage, ghost, scattered])
 
 
 def oracle_cloud(kind):
     rng = np.random.default_rng(0)
     street = small_street(rng)
     if kind == "copies":
-        return np.vstack([street[:500:2], street[:90], street[500:], street[590:], street[-3:]])
+        return np.vstack([street[:340:2], street[:90], street[340:], street[-10:], street[-3:]])
     if kind == "pieces":
         lines = [[0.07 * i, -1.5, 3.5 + 0.8 * j] for j in range(3) for i in range(9)]
         return np.vstack([street, lines + rng.normal(0, 0.005, (27, 3))])
@@ -77,7 +77,6 @@ FORM = {"n_neighbors": 30, "max_outlier_rate": 0.2}
 @pytest.fixture(
     scope="module",
     params=[
-        ("street", None),
         ("street", 0.012),
         ("copies", None),
         ("pieces", None),
@@ -113,7 +112,7 @@ def test_scores_equal_those_of_the_literal_oracle(oracle, compiled, monkeypatch)
 
 # Small clouds
 
-SMALL = (5, 8, 10, 15, 20, 30, 40, 50, 51, 80, 200)
+SMALL = (5, 10, 20, 30, 50, 51, 200)
 CLEAN_RATE = 0.0027  # of a normal law beyond 3
 
 
@@ -145,10 +144,10 @@ def test_clean_planes_of_few_points_are_flagged_no_more_than_the_cutoff_says(d):
 
 @pytest.mark.filterwarnings("ignore:n_neighbors=50 is more than")
 @pytest.mark.parametrize("strictness", STRICTNESSES)
-@pytest.mark.parametrize("n", [10, 20, 30, 50, 80, 200])
-def test_a_far_point_is_found_in_a_small_cloud(n, strictness):
-    X = np.vstack([clean_plane(n, 3, seed=0), [[0.5, 0.5, 5.0]]])
-    assert flagged(X, strictness)[-1]
+def test_a_far_point_is_found_in_a_small_cloud(strictness):
+    for n in (10, 20, 30, 50, 80, 200):
+        X = np.vstack([clean_plane(n, 3, seed=0), [[0.5, 0.5, 5.0]]])
+        assert flagged(X, strictness)[-1]
 
 
 # What is kept and what is flagged
@@ -356,10 +355,10 @@ def test_a_point_takes_less_than_300_bytes():
     """Of them 100 are neighbors, two bytes each. Buffers of fixed size cancel out."""
     MCMDOutlierDetector().fit(make_street(4000, random_state=0).data)  # imports and compiles
     peaks = []
-    for n in (40_000, 80_000):
+    for n in (20_000, 40_000):
         X = make_street(n, outlier_share=0.1, random_state=0).data
         tracemalloc.start()
         MCMDOutlierDetector(random_state=0).fit(X)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-    assert peaks[1] - peaks[0] < 300 * 40_000
+    assert peaks[1] - peaks[0] < 300 * 20_000

@@ -77,7 +77,7 @@ def test_simulated_errors_in_real_clouds_are_single(shared_data, monkeypatch):
     monkeypatch.syspath_prepend(Path(__file__).parents[2] / "benchmarks")
     from _real_clouds import inject, load_clouds
 
-    for cloud in load_clouds(shared_data):
+    for cloud in load_clouds(shared_data, limit=60_000):
         real = np.ones(len(cloud.points), bool) if cloud.noise is None else ~cloud.noise
         xyz, _ = inject(cloud.points[real], np.random.default_rng(0))
         found = MCMDOutlierDetector(random_state=0, n_jobs=2).fit_predict(xyz) < 0

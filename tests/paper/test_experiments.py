@@ -34,7 +34,7 @@ def verdicts():
 
 @pytest.fixture(scope="module")
 def few_verdicts():
-    return table4(4, seed=1).results
+    return table4(2, seed=1).results
 
 
 @pytest.mark.slow

@@ -1,6 +1,5 @@
 """Algorithm 1 in NumPy and compiled, against the literal reference and each other."""
 
-import numba
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -16,6 +15,7 @@ from sklearn_mcmd.planes._consistent_set import (
     n_trials_needed,
 )
 from sklearn_mcmd.planes._consistent_set_numba import WorkArrays, consistent_set_3d
+from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.planes._moments_numba import eigh_3d, kth_smallest
 
 
@@ -64,7 +64,7 @@ def test_the_batched_form_equals_the_reference_in_other_dimensions(d):
         assert_array_equal(np.flatnonzero(support[i]), consistent_set(neighborhood, trials, 10)[0])
 
 
-@numba.njit
+@kernel(cache=True)
 def _sets_of(local, sizes, trials, arrays, from_numba, least):
     for i in range(len(local)):
         arrays.local[:] = local[i].T
@@ -83,12 +83,12 @@ def compiled_sets(local, sizes, positions, h):
     return found, least
 
 
-@numba.njit
+@kernel(cache=True)
 def decomposed(covariance):
     return eigh_3d(covariance)
 
 
-@numba.njit
+@kernel(cache=True)
 def kth_of(keys, size, rank):
     return kth_smallest(keys, size, rank)
 

@@ -62,8 +62,8 @@ def test_processes_may_compile_at_once(tmp_path):
     (tmp_path / "shared_kernel.py").write_text(SOURCE)
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     command = [sys.executable, "-c", "import shared_kernel as s; assert s.double(3) == 6"]
-    several = [subprocess.Popen(command, cwd=tmp_path, env=environment) for _ in range(3)]
-    assert [process.wait(timeout=600) for process in several] == [0, 0, 0]
+    several = [subprocess.Popen(command, cwd=tmp_path, env=environment) for _ in range(2)]
+    assert [process.wait(timeout=600) for process in several] == [0, 0]
     command[-1] += "; assert not s.double.stats.cache_misses"
     assert subprocess.run(command, cwd=tmp_path, env=environment).returncode == 0
 

@@ -96,7 +96,7 @@ def test_parts_hold_as_many_as_their_rows_ask_for():
     indices = neighbors(3000, 300, spread=40)
     sizes = np.full(3000, 20)
     sizes[-1] = 300
-    table = NeighborTable(lambda rows, k: indices[rows, :k], 3000, 300, sizes)
+    table = NeighborTable(lambda rows, k: indices[rows, :k].copy(), 3000, 300, sizes)
     found = table.query(slice(None), 30)
     assert_array_equal(found[:, :20], indices[:, :20])
     assert_array_equal(found[-1], indices[-1, :30])

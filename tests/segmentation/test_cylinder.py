@@ -17,7 +17,8 @@ def strip(rng, n, radius, height, arc, noise=0.0):
     angle, along = rng.uniform(0, np.radians(arc), n), rng.uniform(0, height, n)
     normals = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(n)])
     points = radius * normals + np.outer(along, [0, 0, 1]) + rng.normal(0, noise, (n, 3))
-    return POSE.apply(points) + SHIFT, POSE.apply(normals)
+    # In the order of rows, as segments come: Numba compiles other orders anew.
+    return np.ascontiguousarray(POSE.apply(points) + SHIFT), POSE.apply(normals)
 
 
 @pytest.mark.parametrize(

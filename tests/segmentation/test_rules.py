@@ -88,7 +88,7 @@ def grown_by_loops(columns, d, k, max_angle, max_distance, max_gap, mutual):
     return labels
 
 
-@pytest.mark.parametrize(("n", "d"), [(300, 2), (400, 3), (500, 4), (2500, 3)])
+@pytest.mark.parametrize(("n", "d"), [(300, 2), (400, 3), (500, 4), (1500, 3)])
 @pytest.mark.parametrize(
     ("k", "max_angle", "max_distance", "max_gap", "mutual"),
     [(30, 15, None, None, True), (17, 20, None, None, False), (20, 10, 0.004, 0.12, True)],

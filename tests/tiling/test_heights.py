@@ -95,8 +95,13 @@ def files(tmp_path):
     return tuple(tmp_path / name for name in ("a.las", "b.las", "c.las"))
 
 
-@pytest.mark.parametrize("heights", [NEAR, GROUPS, ALL], ids=["near", "groups", "all"])
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize(
+    ("scene", "heights"),
+    [
+        *(pytest.param("site", heights) for heights in (NEAR, GROUPS, ALL)),
+        *[("lattice", ALL), ("far apart", ALL), ("little ground", ALL)],
+    ],
+)
 def test_verdicts_are_those_of_memory_wherever_tiles_begin(scene, heights, tmp_path, monkeypatch):
     monkeypatch.setattr(_heights, "SMALL", 50)  # less ground than a tile has points
     a, b, c = files(tmp_path)
@@ -113,15 +118,14 @@ def test_verdicts_are_those_of_memory_wherever_tiles_begin(scene, heights, tmp_p
 
 
 @pytest.mark.parametrize(
-    ("options", "params"),
+    ("options", "params", "mode"),
     [
-        ({"ignore_classes": [2]}, {"strictness": "surfaces"}),
-        ({"only_classes": [1, 2]}, {"contamination": 0.1}),
-        ({}, {"strictness": None}),
+        ({"ignore_classes": [2]}, {"strictness": "surfaces"}, "drop"),
+        ({"only_classes": [1, 2]}, {"contamination": 0.1}, "mark"),
+        ({}, {"strictness": None}, "drop"),
     ],
     ids=["ignored", "only", "paper"],
 )
-@pytest.mark.parametrize("mode", ["drop", "mark"])
 def test_verdicts_are_those_of_memory_for_other_points_and_detectors(
     options, params, mode, tmp_path
 ):

@@ -20,7 +20,7 @@ from sklearn_mcmd.tiling._whole import whole_of
 K = 20
 
 
-@pytest.fixture(scope="module", params=["float64", "float32"])
+@pytest.fixture(scope="module")
 def cloud(request):
     """A street with copies, in the order of its files."""
     X = make_street(3_500, outlier_share=0.03, tree=True, random_state=0).data
@@ -49,8 +49,14 @@ def links_by_tiles(folder, X, growing):
 
 
 @pytest.mark.parametrize(
-    "params",
-    [{}, {"mutual": False}, {"mutual": False, "max_distance": 0.02}, {"max_gap": 0.1}],
+    ("cloud", "params"),
+    [
+        ("float64", {}),
+        ("float64", {"mutual": False, "max_distance": 0.02}),
+        ("float32", {"mutual": False}),
+        ("float32", {"max_gap": 0.1}),
+    ],
+    indirect=["cloud"],
     ids=str,
 )
 def test_planes_neighbors_and_links_are_those_of_memory(cloud, params, tmp_path):
