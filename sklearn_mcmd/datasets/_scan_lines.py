@@ -1,6 +1,7 @@
 """What a scanner with a turning mirror sees: points on scan lines, nearest surfaces only."""
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -69,6 +70,7 @@ def scan_lines(scene, n, rng, optics=None):
     return Lines(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
 
 
+@lru_cache(maxsize=8)
 def angular_area(scene):
     """Azimuth times elevation, in square radians, in which a bay's scanner meets a surface."""
     rng = np.random.default_rng(0)

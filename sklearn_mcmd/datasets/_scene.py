@@ -21,6 +21,7 @@ class Scene:
         self.bay_length = float(bay_length)
         self.n_bays = n_bays
         self.scanner = np.asarray(scanner, float)
+        self._effective_areas = {}
         low = np.min([part.bounds[0] for part in parts], axis=0)
         high = np.max([part.bounds[1] for part in parts], axis=0)
         self.bay_bounds = np.array([low, high])
@@ -122,8 +123,13 @@ class Scene:
         """Area of a bay's seen surface in m^2, weighted by one over the squared relative spacing.
 
         Points per bay = effective area / spacing^2. It is a sum over points of a fixed seed, so it
-        depends on the scene alone.
+        depends on the scene alone, and is found once.
         """
+        if spacing_growth not in self._effective_areas:
+            self._effective_areas[spacing_growth] = self._effective_area(spacing_growth)
+        return self._effective_areas[spacing_growth]
+
+    def _effective_area(self, spacing_growth):
         rng = np.random.default_rng(0)
         counts = np.maximum(_N_QUADRATURE * self.areas / self.areas.sum(), 256).astype(int)
         points = np.concatenate([p.sample(c, rng) for p, c in zip(self.parts, counts, strict=True)])

@@ -1,6 +1,7 @@
 """A simulated scan of a street, with the truth of every point."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from numbers import Real
 from typing import Literal
 
@@ -225,6 +226,7 @@ def _fit_street(n_regular, spacing, sampling, spacing_growth, tree):
     return scene
 
 
+@lru_cache(maxsize=8)
 def _street(length, n_bays, tree):
     """The street of n_bays bays of that length."""
     recess_y = _WALL_Y + _DOOR_DEPTH
