@@ -255,14 +255,12 @@ def _by_tiles(
     _warn_if_without_scale(told.n_exact, told.n_points)
     if not quiet:
         found = _speech.number_and_share(told.n_outliers, told.n_points)
-        again = told.n_used - told.n_proved
         judged = {"judged": _speech.number_and_share(told.n_judged, told.n_points)}
         _speech.print_summary(
             *(source, target, told.n_points, seconds()),
             **(judged if told.n_judged < told.n_points else {}),
             tiles=f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
             **{"marked" if mode is Mode.mark else "removed": found},
-            proved=f"all; {again:,} from more points than lie around their tile",
         )
 
 

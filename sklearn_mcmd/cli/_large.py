@@ -13,8 +13,7 @@ from sklearn_mcmd.cli._speech import print_table
 __all__ = ["DryRun", "Memory", "Restart", "is_several", "large_catalog", "print_plan"]
 
 SAMPLE = 50_000  # points whose time is measured
-# Time of tiles over that in memory, about.
-MORE = {"normals": 1.3, "outliers": 1.5, "heights": 1.7, "edges": 1.7, "auto": 2.3, "regions": 1.6}
+MORE = 1.25  # time of tiles over that in memory, at most; see docs/tiling.rst
 PARSED_SUFFIXES, INDEX_SUFFIX = (".las", ".laz"), ".vpc"
 
 
@@ -102,7 +101,12 @@ def print_plan(source, target, catalog, estimator, memory, *, n_features=0, work
     from sklearn_mcmd.io import PointFileError
     from sklearn_mcmd.io._las_parts import read_parts
     from sklearn_mcmd.tiling import Catalog
-    from sklearn_mcmd.tiling._memory import bytes_in_memory, plan_run, usual_memory
+    from sklearn_mcmd.tiling._memory import (
+        bytes_in_memory,
+        most_neighbors,
+        plan_run,
+        usual_memory,
+    )
 
     if catalog is None and source.suffix.lower() not in PARSED_SUFFIXES:
         raise PointFileError(f"{source}: --dry-run needs LAS or LAZ")
@@ -118,8 +122,9 @@ def print_plan(source, target, catalog, estimator, memory, *, n_features=0, work
     rows = {"points": f"{catalog.n_points:,}", "files": f"{len(catalog):,}"}
     if tiles:
         limit = usual_memory() if memory is None else memory
-        plan = plan_run(catalog.n_points, limit, n_jobs, n_features, work=work)
-        seconds *= MORE[work] / (plan.n_workers * plan.n_threads)
+        k = most_neighbors(estimator)
+        plan = plan_run(catalog.n_points, limit, n_jobs, n_features, work=work, n_neighbors=k)
+        seconds *= MORE / (plan.n_workers * plan.n_threads)
         rows |= {
             "tiles": f"about {plan.n_tiles:,} of at most {plan.tile_size:,} points",
             "processes": f"{plan.n_workers}"

@@ -127,7 +127,7 @@ def normals(
         seconds = _speech.stopwatch()
         n_features = len(_feature_columns(features))
         work = "tree" if orientation is Orientation.mst else "normals"
-        work = "auto" if n_neighbors == "auto" else work
+        work = f"{work}, auto" if n_neighbors == "auto" else work
         catalog = large_catalog(
             source, memory, n_features, scheduler is not None, columns, work=work
         )
@@ -197,12 +197,10 @@ def _by_tiles(
             report, source, target, seconds, lambda: _tile_contents(catalog, target, params, told)
         )
     if not quiet:
-        again = told.n_points - told.n_proved
         _speech.print_summary(
             *(source, target, told.n_points, seconds()),
             tiles=f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
             removed=_removed(told.removed_fraction),
-            proved=f"all; {again:,} from more points than lie around their tile",
             **_sides(orientation, told.n_upright, told.n_points),
         )
 

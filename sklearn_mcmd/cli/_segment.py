@@ -174,14 +174,12 @@ def _by_tiles(source, target, catalog, growing, colors, memory, restart, report,
             report, source, target, seconds, lambda: _tile_contents(catalog, target, told)
         )
     if not quiet:
-        again = told.n_points - told.n_proved
         _speech.print_summary(
             *(source, target, told.n_points, seconds()),
             tiles=f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
             regions=f"{told.n_regions:,}",
             inside=_speech.number_and_share(told.n_inside, told.n_points),
             largest=_in_words(told.largest[:LARGEST_SHOWN]),
-            proved=f"all; {again:,} from more points than lie around their tile",
         )
 
 

@@ -19,7 +19,7 @@ from sklearn_mcmd.normals._features import (
     needs_curvatures,
     settle_features,
 )
-from sklearn_mcmd.normals._scales import MOST, sized_index
+from sklearn_mcmd.normals._scales import sized_index
 from sklearn_mcmd.normals._sides import Sides
 from sklearn_mcmd.normals._surface_planes import SurfacePlanes
 from sklearn_mcmd.planes._base import BaseLocalPlanes
@@ -255,10 +255,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         "features": [StrOptions({"all", *FEATURES}), "array-like", None],
     }
 
-    # Whether normals follow the bend of a surface. Creases are sought between planes of faces.
-    _tangents = True
-    # As `sized_index` takes them. `tiling` sets them, where X is a part of a cloud.
-    _sizes_of_cloud: tuple[int, np.ndarray] | None = None
+    _tangents = True  # whether normals follow a bend; creases are sought between planes of faces
 
     def __init__(
         self,
@@ -372,7 +369,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         xyz = self._check_queries(X)
         with self._part_of_planes():
             if self._surfaces is not None:
-                planes = self._surfaces.evaluate(xyz)
+                planes = self._surfaces.evaluate(xyz, self.n_jobs)
             else:
                 planes, _ = self._model.evaluate(xyz, n_jobs=self.n_jobs)
         normals = point_up(planes.normals)
@@ -429,23 +426,38 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         self._surfaces = None
         with self._part_of_planes():
             if self._mends_planes() and X.shape[1] <= 3:
-                lends = self.neighbor_planes is not False
-                self._surfaces = SurfacePlanes(self._model, lends, self.n_jobs, self._tangents)
-                planes, self.plane_index_ = self._surfaces.fit(X)
+                self._surfaces = self._make_surfaces(self._model)
+                planes, self.plane_index_ = self._surfaces.fit(X, self.n_jobs)
             else:
                 with progress_part(0.0, 1.0, "normals"):
                     planes, _ = self._model.evaluate_fitted(X, n_jobs=self.n_jobs)
                 self.plane_index_ = np.arange(len(X))
+
+        def orient(normals):
+            self._sides.fit(self._model.index, normals, X, self.n_jobs)
+
+        self._tell(planes, X, orient, curvatures_of_fitted)
+        return X
+
+    def _make_surfaces(self, model, members=None):
+        """The `SurfacePlanes` of a model, by the parameters."""
+        return SurfacePlanes(model, self.neighbor_planes is not False, self._tangents, members)
+
+    def _tell(self, planes, X, orient, find_curvatures):
+        """Set what is public of fitted points X (n, d), from their planes.
+
+        `orient` flips normals that point up, in place; `find_curvatures` is as
+        `curvatures_of_fitted`.
+        """
         self.normals_ = point_up(planes.normals)
         self.eigenvalues_ = planes.eigenvalues
         self.surface_variation_ = surface_variation(planes.eigenvalues)
         self.removed_fraction_ = 1.0 - planes.kept
         self.normal_error_ = planes.normal_error
-        self._sides.fit(self._model.index, self.normals_, X, self.n_jobs)
-        self.features_ = self._evaluate_features(planes, self.normals_, X, curvatures_of_fitted)
+        orient(self.normals_)
+        self.features_ = self._evaluate_features(planes, self.normals_, X, find_curvatures)
         self.plane_offset_ = plane_offsets(planes, self.normals_, X)
         self.plane_scale_ = planes.scale
-        return X
 
     def _make_index(self, xyz, radius):
         if self.neighbor_planes and xyz.shape[1] > 3:
@@ -461,7 +473,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
                 "features; give a number of neighbors, such as 50."
             )
         with progress_part(0.0, FINDING, "sizes of neighborhoods"):
-            return sized_index(xyz, radius, self._sizes_of_cloud, self.n_jobs)
+            return sized_index(xyz, radius, self.n_jobs)
 
     def _part_of_planes(self):
         """The part of the work that comes before the curvatures."""
@@ -481,18 +493,6 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         edges = ("normals next to edges",) if self._mends_planes() else ()
         curvatures = () if self.features is None else ("curvatures",)
         return (*sizes, "normals", *edges, *curvatures)
-
-    def _locality(self):
-        if self.n_neighbors is None:
-            return None, None
-        k = MOST if self.n_neighbors == "auto" else self.n_neighbors
-        if isinstance(self.orientation, str) and self.orientation == "mst":
-            return None, None
-        if not self._mends_planes():
-            return 0, k
-        # A smooth neighborhood is compared with the noise of its members. Then a member may lend
-        # its plane, which was compared with the noise of the member's members.
-        return 1 if self.neighbor_planes is False else 2, k
 
     def _mends_planes(self):
         """Whether the planes of Algorithm 4 are corrected by `SurfacePlanes`."""

@@ -14,26 +14,12 @@ from scipy.special import ndtri
 from sklearn_mcmd.normals._quadrics import CHANCE, noise_quantiles
 from sklearn_mcmd.normals._smoothness import whole_planes
 from sklearn_mcmd.planes._around import quantile_around
-from sklearn_mcmd.planes._chunks import each_slice
-from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._plane import normal_errors
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._record import Planes
 
-__all__ = [
-    "AROUND",
-    "LEAST",
-    "MOST",
-    "QUIET",
-    "ScaleFinder",
-    "angles",
-    "are_turned",
-    "errors_of",
-    "sized_index",
-    "sizes_of",
-    "wanted_by",
-]
+__all__ = ["AROUND", "ScaleFinder", "sized_index"]
 
 # Standard error of a normal, in degrees, that the noise may cause.
 TILT = 2.5
@@ -51,12 +37,13 @@ class ScaleFinder:
 
     Parameters
     ----------
-    X : ndarray of float64 of shape (n, d), in 2D or 3D
+    index : NeighborIndex
+        Of `AROUND` neighbors, in 2D or 3D.
     n_jobs : int or None
     """
 
-    def __init__(self, X, n_jobs):
-        self.index = NeighborIndex(X, AROUND)
+    def __init__(self, index, n_jobs):
+        self.index = index
         self.n_jobs = n_jobs
         self._done = 0.0
 
@@ -99,7 +86,8 @@ class ScaleFinder:
 
     def _fit(self, k, rows):
         """Errors (m,) and normals (m, d) of planes of the k nearest, of some points."""
-        errors, normals = np.full(len(rows), 90.0), np.zeros_like(self.index.points)
+        errors, normals = self.index.empty(len(rows)), self.index.empty(self.index.points.shape)
+        errors[:], normals[:] = 90.0, 0.0
 
         def task(part, around):
             errors[part], normals[part] = errors_of(self.index.points, around)
@@ -119,29 +107,14 @@ class ScaleFinder:
 
     def _each(self, wanted, k, work):
         """Call ``work(rows, around)`` with rows that are wanted and their k nearest."""
-        index, m = self.index, len(wanted)
-        k = min(k, m)
-
-        def task(part):
-            rows = np.flatnonzero(wanted[part])
-            if len(rows):
-                around = index.query_own(part, k, keep=k <= index.n_neighbors).take(rows)
-                work(part.start + rows, around)
-
         done, self._done = self._done, self._done + (1 - self._done) * SHARE
         with progress_part(done, self._done):
-            each_slice(m, index.chunk, task, self.n_jobs)
+            self.index.visit_own(wanted, min(k, len(wanted)), work, self.n_jobs)
 
 
-def sized_index(xyz, radius, sizes_of_cloud, n_jobs):
-    """The `NeighborIndex` whose neighborhoods have the sizes of the cloud, or found from xyz.
-
-    `sizes_of_cloud` is None, or the largest size in the cloud and that of each row of xyz.
-    """
-    if sizes_of_cloud is not None:
-        largest, sizes = sizes_of_cloud
-        return NeighborIndex(xyz, largest, radius, sizes[IndexedCloud.of(xyz).rows])
-    finder = ScaleFinder(xyz, n_jobs)  # whose index the next one shares
+def sized_index(xyz, radius, n_jobs):
+    """The `NeighborIndex` whose neighborhoods have the sizes that their noise asks for."""
+    finder = ScaleFinder(NeighborIndex(xyz, AROUND), n_jobs)  # whose index the next one shares
     sizes = finder.sizes()
     return NeighborIndex(xyz, int(sizes.max()), radius, sizes)
 

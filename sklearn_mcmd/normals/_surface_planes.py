@@ -6,6 +6,8 @@ majority may lie on the other face, or one plane may run across both faces. Ther
 the plane of a neighbor that explains it best. Planes noisier than is usual around come last.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.special import ndtri
 
@@ -19,7 +21,7 @@ from sklearn_mcmd.planes._plane import flat_normals, normal_errors
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._record import Planes
 
-__all__ = ["SurfacePlanes"]
+__all__ = ["SurfacePlanes", "Surfaces"]
 
 # Forms of neighborhoods: ROUGH ones have a robust plane, and may borrow another. The others keep
 # all members: FLAT ones have the plane of these, BENT ones the tangent plane of a quadric.
@@ -38,138 +40,129 @@ HALF_BALL = 0.5
 UNUSED = "spacing"
 
 
+class Surfaces(NamedTuple):
+    """What is known of the surfaces of m points before any plane is lent.
+
+    planes : Planes
+    forms : ndarray of int8 of shape (m,)
+        ROUGH, FLAT or BENT.
+    noise : ndarray of shape (m,)
+        What the surface, flat or curved, leaves of the neighborhood as a whole.
+    left : ndarray of shape (m,)
+        What the surface leaves of the members of its plane.
+    """
+
+    planes: Planes
+    forms: np.ndarray
+    noise: np.ndarray
+    left: np.ndarray
+
+    @classmethod
+    def empty(cls, m, d):
+        """A record to be filled."""
+        planes = Planes.empty(m, d).without(UNUSED)
+        return cls(planes, np.empty(m, np.int8), np.empty(m), np.empty(m))
+
+
 class SurfacePlanes:
-    """Planes of the surfaces of a fitted cloud.
+    """Planes of the surfaces of a cloud's points, in memory or on disk.
 
     Parameters
     ----------
     model : LocalPlaneModel
         A model with neighborhoods.
     lends : bool
-    n_jobs : int or None
+        Whether points next to edges take planes of their neighbors.
     tangents : bool, default=True
         Whether a neighborhood that bends has the tangent plane of its quadric, and not the plane of
         all members.
+    members : Surfaces, default=None
+        Of all points of the model's index, which `fit_own` and then `bend` fill part by part.
     """
 
-    ROUGH, BENT = ROUGH, BENT
+    def __init__(self, model, lends, tangents=True, members=None):
+        self.model, self.lends, self.tangents = model, lends, tangents
+        self.members = Surfaces.empty(*model.index.points.shape) if members is None else members
 
-    def __init__(self, model, lends, n_jobs, tangents=True):
-        self.model = model
-        self.tangents = tangents
-        self.lends = lends
-        self.n_jobs = n_jobs
-
-    def fit(self, X):
+    def fit(self, X, n_jobs):
         """Planes of the fitted points X (n, d), and the rows of X (n,) whose planes they are."""
-        planes, lenders = self._fit_members()
+        index, members = self.model.index, self.members
+        m, lenders = len(index.points), np.full(len(index.points), -1, dtype=np.int32)
+
+        def ask(rows):
+            lenders[rows] = self.lenders(rows)
+
+        with progress_part(0.0, 0.8, "normals"):
+            each_slice(m, self.model.chunk(), self.fit_own, n_jobs)
+        with progress_part(0.8, 1.0, "normals next to edges"):
+            with progress_part(0.0, 0.5):
+                each_slice(m, self.model.chunk(), self.bend, n_jobs)
+            if self.lends:
+                with progress_part(0.5, 1.0):
+                    each_slice(m, self.model.chunk(), ask, n_jobs)
         self.borrowing = np.flatnonzero(lenders >= 0)
-        self.before = planes.take(self.borrowing)
-        self._lend(planes, self.borrowing, planes.take(lenders[self.borrowing]))
-        places, rows = self.model.index.places, self.model.index.rows
-        self.planes = _moved(planes, places)
+        self.before = members.planes.take(self.borrowing)
+        self.lend(members.planes, self.borrowing, members.planes, lenders[self.borrowing])
+        places, rows = index.places, index.rows
+        self.planes = _moved(members.planes, places)
+        self.members = members._replace(planes=None)
         lenders = lenders[places]
         return self.planes, np.where(lenders >= 0, rows[lenders], np.arange(len(X)))
 
-    def _fit_members(self):
-        """Planes of the index's points (m, d), and the rows of the planes that these borrow."""
-        index = self.model.index
-        points, (m, d) = index.points, index.points.shape
-        planes, forms = Planes.empty(m, d).without(UNUSED), np.empty(m, dtype=np.int8)
-        self.noise, lenders = np.empty(m), np.full(m, -1, dtype=np.int32)
-        self.left = np.empty(m)
+    def fit_own(self, rows):
+        """Fill the planes of some rows, each of its own neighborhood, and what tells their form."""
+        index, members = self.model.index, self.members
+        own = Planes.empty(rows.stop - rows.start, index.points.shape[1])
+        found = self._own(index.points[rows], own, index.query_own(rows))
+        members.forms[rows], members.noise[rows], members.left[rows] = found
+        members.planes.put(rows, own)
 
-        def sweep(rows):
-            own = Planes.empty(rows.stop - rows.start, d)
-            found = self._own(points[rows], own, index.query_own(rows))
-            forms[rows], self.noise[rows], self.left[rows] = found
-            planes.put(rows, own)
+    def bend(self, rows):
+        """Settle the forms of some rows, once all planes are filled, and fill what then changes."""
+        index, (planes, forms, noise, left) = self.model.index, self.members
+        own, around = planes.take(rows), index.query_own(rows)  # views, which are filled
+        self._bend(index.points[rows], own, forms[rows], left[rows], around, noise)
+        left[rows] = np.where(forms[rows] == BENT, left[rows], own.scale)
 
-        def bend(rows):
-            own, around = planes.take(rows), index.query_own(rows)  # views, which are filled
-            self._bend(points[rows], own, forms[rows], self.left[rows], around)
+    def lenders(self, rows):
+        """Whose planes some rows are to take, once all are bent; -1 of those that keep theirs."""
+        index, (planes, forms, _, left) = self.model.index, self.members
+        own, lenders = planes.take(rows), np.full(rows.stop - rows.start, -1)
+        rough = _rough(own, forms[rows])
+        around = index.query_own(rows.start + rough)
+        lent = planes._replace(scale=left)
+        lenders[rough] = self._lenders(index.points[rows], own, rough, around, lent)
+        return lenders
 
-        def ask(rows):
-            own = planes.take(rows)
-            rough = _rough(own, forms[rows])
-            around = index.query_own(rows.start + rough)
-            found = self._lenders(points[rows], own, rough, around, planes)
-            lenders[rows.start + rough] = found
-
-        with progress_part(0.0, 0.8, "normals"):
-            each_slice(m, self.model.chunk(), sweep, self.n_jobs)
-        with progress_part(0.8, 1.0, "normals next to edges"):
-            with progress_part(0.0, 0.5):
-                each_slice(m, self.model.chunk(), bend, self.n_jobs)
-            self.bent = np.flatnonzero(forms == BENT)
-            if self.lends:
-                own_scale = planes.scale[self.bent]
-                planes.scale[self.bent] = self.left[self.bent]
-                with progress_part(0.5, 1.0):
-                    each_slice(m, self.model.chunk(), ask, self.n_jobs)
-                planes.scale[self.bent] = own_scale
-        return planes, lenders
-
-    def evaluate(self, queries):
-        """Planes of any queries (m, d)."""
-        planes = Planes.empty(*queries.shape)
-        everyone = np.arange(len(self.model.index.points))
-        members = self.members_of(everyone)
-        noise = self.noise_of(everyone, members)
+    def evaluate(self, queries, n_jobs):
+        """Planes of any queries (m, d) of a cloud that was fitted."""
+        planes, all_planes = Planes.empty(*queries.shape), self._members()
 
         def task(part):
             points = queries[part]
-            around = self._query(points)
-            own = Planes.empty(*points.shape)
-            forms, _, left = self._own(points, own, around)
-            self._bend(points, own, forms, left, around)
-            if self.lends:
-                self.lend(points, own, forms, around, members, noise)
-            planes.put(part, own)
+            around = self.model.index.query(np.ascontiguousarray(points, dtype=np.float64))
+            planes.put(part, self.evaluate_neighborhoods(points, around, all_planes))
 
-        each_chunk(queries, self.model.chunk(), task, self.n_jobs)
+        each_chunk(queries, self.model.chunk(), task, n_jobs)
         return planes
 
-    def members_of(self, rows):
-        """The planes of some of the index's points before any was lent."""
-        members = self.planes.take(self.model.index.rows[rows])
-        if len(self.borrowing):
-            places = np.minimum(np.searchsorted(self.borrowing, rows), len(self.borrowing) - 1)
-            borrowed = np.flatnonzero(self.borrowing[places] == rows)
-            members.put(borrowed, self.before.take(places[borrowed]))
-        return members
+    def evaluate_neighborhoods(self, points, around, all_planes):
+        """Planes of queries (m, d) whose neighborhoods are given; `all_planes` are the members'."""
+        own, members = Planes.empty(*points.shape), self.members
+        forms, _, left = self._own(points, own, around)
+        self._bend(points, own, forms, left, around, members.noise)
+        if self.lends:
+            rough, lent = _rough(own, forms), all_planes._replace(scale=members.left)
+            lenders = self._lenders(points, own, rough, around.take(rough), lent)
+            borrowing = lenders >= 0
+            self.lend(own, rough[borrowing], all_planes, lenders[borrowing])
+        return own
 
-    def noise_of(self, rows, members):
-        """What their surfaces leave at some of the index's points, whose planes are `members`."""
-        noise = members.scale.copy()
-        if len(self.bent):
-            places = np.minimum(np.searchsorted(self.bent, rows), len(self.bent) - 1)
-            bent = self.bent[places] == rows
-            noise[bent] = self.left[rows[bent]]
-        return noise
-
-    def lend(self, points, planes, forms, around, members, noise):
-        """Replace planes of queries, in place, by those of members that explain them better.
-
-        Parameters
-        ----------
-        points : ndarray of shape (m, d)
-        planes : Planes
-        forms : ndarray of int of shape (m,)
-        around : Neighborhoods
-        members : Planes
-            Of the model's points.
-        noise : ndarray
-            What a surface leaves at each of these.
-        """
-        rough = _rough(planes, forms)
-        lent = members._replace(scale=noise)
-        lenders = self._lenders(points, planes, rough, around.take(rough), lent)
-        borrowing = lenders >= 0
-        self._lend(planes, rough[borrowing], members.take(lenders[borrowing]))
-
-    def _query(self, points):
-        return self.model.index.query(np.ascontiguousarray(points, dtype=np.float64))
+    def _members(self):
+        """The planes of the index's points before any was lent."""
+        planes = self.planes.take(self.model.index.rows)
+        planes.put(self.borrowing, self.before)
+        return planes
 
     def _robust(self, points, around):
         precision = np.finfo(points.dtype).eps
@@ -211,10 +204,10 @@ class SurfacePlanes:
         planes.normal_error[:] = normal_errors(planes.scale, planes.eigenvalues, around.sizes)
         return found
 
-    def _bend(self, points, planes, forms, left, around):
+    def _bend(self, points, planes, forms, left, around, noise):
         """Settle the forms of neighborhoods by what is usual around, and give those that bend the
         tangent planes of their quadrics, in place."""
-        creased = ~(left <= self._most(self.noise, around))
+        creased = ~(left <= self._most(noise, around))
         self._smooth(points, planes, forms, np.flatnonzero(~creased & (forms == ROUGH)), around)
         self._unfold(points, planes, forms, np.flatnonzero(creased & (forms != ROUGH)), around)
         rows = np.flatnonzero(forms == BENT)
@@ -278,13 +271,13 @@ class SurfacePlanes:
         lenders[asking[leans]] = best[leans]
         return lenders
 
-    def _lend(self, planes, rows, lent):
-        """Replace rows of planes, in place, by other planes; extents stay the rows' own.
+    def lend(self, planes, rows, members, lenders):
+        """Replace rows of planes, in place, by those of lenders; extents stay the rows' own.
 
         A borrowed normal is no better known than the own one was: which surface the point lies on
         is in doubt.
         """
-        own = planes.take(rows)
+        own, lent = planes.take(rows), members.take(lenders)
         error = np.maximum(own.normal_error, lent.normal_error)
         lent = lent._replace(kept=own.kept, radius=own.radius, spacing=own.spacing)
         planes.put(rows, lent._replace(normal_error=error))

@@ -234,7 +234,7 @@ class Rays:
         The range to a plane changes from beam to beam with its tilt. An outline that cuts beams
         makes mixed pixels, which lie between it and what is behind: a plane too, but it contains
         the rays, and its ranges follow no tilt. The planes are of each of the points of the index;
-        they explain points within so many of their standard deviations.
+        they explain points within `explained` of their standard deviations.
 
         Returns, of each point, what the tilt of the plane leaves of the ranges of the beams that
         meet it, in steps: the median of the points nearby, less where most have a beam's point at

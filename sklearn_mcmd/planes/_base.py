@@ -54,33 +54,16 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         """Names of the stages of a fit, which callbacks are told; some may be left out."""
         return ()
 
-    def _locality(self):
-        """On which points the result of a point depends, which `tiling` asks.
-
-        Returns
-        -------
-        levels : int or None
-            0: the own neighborhood tells all. 1: the planes of its members count too, and each is
-            made of the member's own neighborhood. 2: the planes of the members depend on the planes
-            of their members. None: the result depends on the whole cloud.
-        n_neighbors : int or None
-            Members of a neighborhood, at most.
-        """
-        return None, None
-
     def _fit_planes(self, X, radius=None, cutoff=None):
         """Validate X, settle the parameters that depend on it, and fit its local planes.
 
         Members of a neighborhood beyond the cutoff are left out of its plane; None is the rule's.
         """
-        comparator = self._settle_comparator()
+        self._settle_comparator()  # before what takes long
         X, index = self._index_cloud(X, radius)
         d = X.shape[1]
         n_support = n_support_points(self.support_fraction, self.n_neighbors_, d)
         self.n_support_ = int(n_support) if index.sizes is None else n_support
-        if comparator is not None:
-            self._fit_comparator(comparator, X, index)
-            return X
         self._model = self._make_model(
             index, X.shape, np.finfo(X.dtype).eps, self._coordinate_step(X), cutoff
         )
@@ -92,6 +75,11 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         `precision` is the relative rounding error of the coordinates, `step` that of a lattice.
         """
         n, d = shape
+        comparator = self._settle_comparator()
+        if comparator is not None:  # a registered method judges the neighborhoods
+            self.n_trials_, _ = comparator.table_shape(index.n_neighbors or n, d)
+            settings = PlaneSettings(self.method, precision, step, comparator=comparator)
+            return LocalPlaneModel(index, comparator.tables(self.random_state), settings)
         self.n_trials_ = self._settle_n_trials(d)
         rule = METHODS[self.method]
         trials = draw_trials(
@@ -135,13 +123,6 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
                 "parameters are those of the estimator: pass {} or None."
             )
         return None
-
-    def _fit_comparator(self, comparator, X, index):
-        """Let a registered method judge the neighborhoods."""
-        self.n_trials_, _ = comparator.table_shape(index.n_neighbors or len(X), X.shape[1])
-        precision, step = np.finfo(X.dtype).eps, self._coordinate_step(X)
-        settings = PlaneSettings(self.method, precision, step, comparator=comparator)
-        self._model = LocalPlaneModel(index, comparator.tables(self.random_state), settings)
 
     def _index_cloud(self, X, radius=None):
         """Validate X and return it with the index of its neighborhoods."""

@@ -78,7 +78,7 @@ class LocalPlaneModel:
 
     def __init__(self, index, trials, settings):
         self.index, self.trials, self.settings = index, trials, settings
-        self.rounding = 8 * settings.precision
+        self.rounding = 8 * float(settings.precision)  # a float32 would compile all code anew
         # At the usual cutoffs a distance of one step is then no outlier.
         self.least_scale = settings.step / 2
         n, d = index.points.shape
@@ -88,7 +88,7 @@ class LocalPlaneModel:
 
     def evaluate(self, queries, n_jobs=None):
         """Planes of the neighborhoods of queries (m, d), and robust distances (m,) to them."""
-        rounding = max(self.rounding, 8 * np.finfo(queries.dtype).eps)
+        rounding = max(self.rounding, 8 * float(np.finfo(queries.dtype).eps))
         queries = np.ascontiguousarray(queries, dtype=np.float64)
         planes, distance = Planes.empty(*queries.shape), np.empty(len(queries))
         if self.whole is not None:
@@ -128,7 +128,9 @@ class LocalPlaneModel:
 
         `precision` is the relative rounding error of the queries, where that is greater.
         """
-        return self._evaluate_chunk(queries, neighborhoods, max(self.rounding, 8 * precision))
+        return self._evaluate_chunk(
+            queries, neighborhoods, max(self.rounding, 8 * float(precision))
+        )
 
     def chunk(self):
         """Queries a task."""

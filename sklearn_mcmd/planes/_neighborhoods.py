@@ -2,12 +2,13 @@
 
 import numpy as np
 
+from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.planes._nearest import NearestPoints
 from sklearn_mcmd.planes._neighbor_table import NeighborTable, part_size
 from sklearn_mcmd.planes._record import Neighborhoods
 
-__all__ = ["NeighborIndex"]
+__all__ = ["NeighborIndex", "padded", "within_radius"]
 
 
 class NeighborIndex:
@@ -106,7 +107,7 @@ class NeighborIndex:
         if self.radius is None:
             return Neighborhoods(indices, sizes)
         distances = np.linalg.norm(self.points[indices] - self.points[rows][:, None], axis=2)
-        return self._within_radius(indices, distances, sizes)
+        return within_radius(indices, distances, sizes, self.radius, self.points.shape[1])
 
     def _query_sized(self, rows, keep):
         sizes = self.sizes[rows]
@@ -118,7 +119,7 @@ class NeighborIndex:
             if self._table is None:  # after a pickle
                 self._table = self._own_table()
             indices = self._table.query(rows, k, keep)
-        return _padded(indices, sizes), sizes
+        return padded(indices, sizes), sizes
 
     def _own_table(self):
         """Neighbors where more are needed than are shared, which no other index could use."""
@@ -147,15 +148,20 @@ class NeighborIndex:
             k = int(sizes.max(initial=1))
         distances, indices = self.cloud.nearest(queries, k)
         if self.radius is None:
-            return Neighborhoods(_padded(indices, sizes), sizes)
-        return self._within_radius(indices, distances, sizes)
+            return Neighborhoods(padded(indices, sizes), sizes)
+        return within_radius(indices, distances, sizes, self.radius, self.points.shape[1])
 
-    def _within_radius(self, indices, distances, sizes):
-        """Neighborhoods of the members not farther than the radius, at least as many as a plane."""
-        k = indices.shape[1]
-        near = (distances <= self.radius) & (np.arange(k) < sizes[:, None])
-        sizes = np.maximum(np.count_nonzero(near, axis=1), min(self.points.shape[1] + 1, k))
-        return Neighborhoods(_padded(indices, sizes), sizes)
+    def visit_own(self, wanted, k, work, n_jobs=None):
+        """Call ``work(rows, around)`` with those of the points that are wanted, bool (m,), and the
+        neighborhoods of their k nearest."""
+
+        def task(part):
+            rows = np.flatnonzero(wanted[part])
+            if len(rows):
+                around = self.query_own(part, k, keep=k <= self.n_neighbors).take(rows)
+                work(part.start + rows, around)
+
+        each_slice(len(wanted), self.chunk, task, n_jobs)
 
     def among(self, chosen):
         """The search of those of the points that are chosen, bool (m,): `NearestPoints`."""
@@ -172,7 +178,15 @@ class NeighborIndex:
         return self.tree.query(queries, workers=n_workers)[1]
 
 
-def _padded(indices, sizes):
+def within_radius(indices, distances, sizes, radius, d):
+    """Neighborhoods of the members not farther than the radius, at least as many as a plane."""
+    k = indices.shape[1]
+    near = (distances <= radius) & (np.arange(k) < sizes[:, None])
+    sizes = np.maximum(np.count_nonzero(near, axis=1), min(d + 1, k))
+    return Neighborhoods(padded(indices, sizes), sizes)
+
+
+def padded(indices, sizes):
     """Indices whose columns beyond the sizes repeat the first."""
     k = indices.shape[1]
     if (sizes == k).all():

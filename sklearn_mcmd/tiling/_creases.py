@@ -1,6 +1,5 @@
 """The kept points of a cloud, cell by cell: neighbors, planes, and distances from creases."""
 
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -8,21 +7,18 @@ import numpy as np
 
 from sklearn_mcmd.edges import SharpFeatureDetector
 from sklearn_mcmd.edges._creases import CreaseModel
-from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.planes import _columns
-from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._constants import Constants
 from sklearn_mcmd.tiling._outputs import SCORED
-from sklearn_mcmd.tiling._search import all_places
-from sklearn_mcmd.tiling._stored import StoredIndex, nearest_rows
-from sklearn_mcmd.tiling._tile import columns_of_tile, write_results
+from sklearn_mcmd.tiling._stored import StoredIndex
+from sklearn_mcmd.tiling._tile import write_results
 from sklearn_mcmd.tiling._whole import whole_of
 
-__all__ = ["STORED", "EdgeJob", "find_distances", "find_kept_planes", "kept_places"]
+__all__ = ["STORED", "EdgeJob", "find_distances", "tell_faces"]
 
-# What `find_kept_planes` fills besides neighbors: dtypes and shapes of a row.
+# What `tell_faces` fills: dtypes and shapes of a row.
 STORED = {
     "centroids": (np.float64, (3,)), "normals": (np.float64, (3,)), "scale": (np.float64, ()),
 }  # fmt: skip
@@ -35,10 +31,7 @@ class EdgeJob(NamedTuple):
         Folders of the `Cells` of all points, and of those that are kept.
     columns : Path
         Folder of `Columns`.
-    faces : Path
-        Folder of what the normal estimator has found for other criteria than creases.
     detector : SharpFeatureDetector
-    normals : RobustNormalEstimator
     constants : Constants
         Of the kept points.
     """
@@ -46,9 +39,7 @@ class EdgeJob(NamedTuple):
     cells: Path
     kept: Path
     columns: Path
-    faces: Path
     detector: SharpFeatureDetector
-    normals: RobustNormalEstimator
     constants: Constants
 
     def open(self):
@@ -63,52 +54,29 @@ class EdgeJob(NamedTuple):
         return records, ~columns.read(cell, "kept")
 
 
-def kept_places(cells, columns):
-    """What loads the kept places of a cell, and their rows; there may be none."""
-    load_some = all_places(columns)
-
-    def load(cell):
-        return load_some(cell) if cells.counts[cell] else (np.empty((0, 3)), np.empty(0, np.intp))
-
-    return load
-
-
-def find_kept_planes(cell, job):
-    """Fill near, the neighbors of the kept places of a cell, and the columns `STORED`."""
-    (cells, columns), whole = job.open(), whole_of(job)
-    near, _ = nearest_rows(cells, whole, cell, job.detector.n_neighbors)
-    dtype = np.dtype(job.constants.dtype)
-    _, found, n_proved = columns_of_tile(
-        cells, cell, job.normals, job.constants, partial(_face_columns, dtype=dtype)
-    )
-    found = found[columns.read(cell, "first_rows")]
+def tell_faces(cell, job, fitted):
+    """Fill the columns `STORED` of the kept places of a cell."""
+    whole, dtype = whole_of(job), np.dtype(job.constants.dtype)
     points = whole.open("points")[whole.rows(cell)].astype(dtype)
-    normals, offset, scale = found[:, :3], found[:, 3], found[:, 4]
+    normals, offset, scale = (
+        values.astype(dtype)
+        for values in (fitted.normals_, fitted.plane_offset_, fitted.plane_scale_)
+    )
     told = _columns.Columns(points, normals, None, None, offset, scale)
     planes = told.planes(np.arange(len(points)))
-    whole.put(
-        cell, near=near, centroids=planes.centroids, normals=planes.normals, scale=planes.scale
-    )
-    columns.finish(cell, "normals", n_proved=n_proved)
-
-
-def _face_columns(fitted, dtype):
-    """Normals, offsets and scales of the planes of an estimator, as of `transform`: (n, 5)."""
-    columns = fitted.normals_, fitted.plane_offset_[:, None], fitted.plane_scale_[:, None]
-    return np.hstack(columns).astype(dtype)
+    whole.put(cell, centroids=planes.centroids, normals=planes.normals, scale=planes.scale)
 
 
 def find_distances(job, n_threads):
     """Write the scores of all points of all cells, once the planes of kept places are known."""
     (cells, columns), whole, detector = job.open(), whole_of(job), job.detector
-    index = StoredIndex(whole, cells)
+    index = StoredIndex(whole, cells, detector.n_neighbors)
     planes = whole.planes(changing=True)
     kept, radius, spacing = (index.empty(len(whole)) for _ in range(3))
     kept[:] = 1.0
     planes = planes._replace(kept=kept, radius=radius, spacing=spacing)
     model = CreaseModel(detector.n_neighbors, detector.min_angle, n_threads)
-    near = whole.open("near")
-    distance = model.find(index, planes, Neighborhoods(near, np.full(len(near), near.shape[1])))
+    distance = model.find(index, planes, index.all_own())
     for cell in range(len(cells)):
         records, removed = job.removed(cell)
         values = np.empty(len(records))
@@ -116,5 +84,5 @@ def find_distances(job, n_threads):
             values[~removed] = distance[whole.rows(cell)][columns.read(cell, "place_of")]
         if removed.any():
             queries = records["xyz"][removed]
-            values[removed] = model.distance_by(queries, index.search(queries, n_threads))
+            values[removed] = model.distance_by(queries, index.query(queries, n_threads))
         write_results(job.columns, cell, records["row"], values, SCORED)

@@ -13,11 +13,11 @@ from sklearn_mcmd.outliers._calibration import calibrated_cutoff, sample_step
 from sklearn_mcmd.outliers._volumes import lost_volumes, words_of
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._progress import listen_to_progress, progress_part
-from sklearn_mcmd.planes._resolution import coarse_warning
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._heights import HeightLimits, Heights
 from sklearn_mcmd.tiling._judging import Job, find_planes
 from sklearn_mcmd.tiling._lowest import lowest_points
+from sklearn_mcmd.tiling._memory import most_neighbors
 from sklearn_mcmd.tiling._outputs import (
     SCORED,
     Scored,
@@ -28,11 +28,11 @@ from sklearn_mcmd.tiling._outputs import (
 )
 from sklearn_mcmd.tiling._ranks import evenly_along_x, exceeded_by
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
-from sklearn_mcmd.tiling._stored import StoredIndex, find_places
+from sklearn_mcmd.tiling._stored import StoredIndex, find_neighbors, find_places
 from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._tile import write_results
 from sklearn_mcmd.tiling._together import fit_together
-from sklearn_mcmd.tiling._warnings import warn_caller
+from sklearn_mcmd.tiling._warnings import warn_caller, warn_if_coarse
 from sklearn_mcmd.tiling._whole import ALL, whole_of
 
 __all__ = ["Denoise", "check_detector", "cutoff_of", "judge_cells"]
@@ -40,7 +40,7 @@ __all__ = ["Denoise", "check_detector", "cutoff_of", "judge_cells"]
 WARM_UP = 3_000  # points that load or compile the code
 # The ends of the work on heights and on scores, as a share of the time, and then of each sweep.
 HEIGHTS, VERDICTS = 0.15, 0.99
-ENDS = {"places": 0.02, "planes": 0.75}
+ENDS = {"places": 0.02, "neighbors": 0.2, "planes": 0.75}
 
 
 class Denoise(Verb):
@@ -66,7 +66,8 @@ class Denoise(Verb):
 
     def prepare(self):
         self.cutoff = cutoff_of(self.estimator)
-        return "outliers" if self.limits is None else "heights", 0
+        work = "outliers" if self.limits is None else "heights"
+        return work, 0, most_neighbors(self.estimator)
 
     def find(self, run):
         self.n_used = self.n_judged = int(run.cells.counts.sum())
@@ -86,12 +87,9 @@ class Denoise(Verb):
         self.n_resumed = sum(columns.is_done(cell, "planes") for cell in range(n_cells))
         job = Job(
             *(run.folder.cells, run.folder.results, self.estimator, run.folder.constants),
-            self.n_used,
-        )
+            self.n_used, run.plan.n_threads,
+        )  # fmt: skip
         self.cutoff = judge_cells(job, run.cells, columns, run.plan.n_workers, self.cutoff)
-        self.n_proved = self.n_used
-        if columns.is_done(0, "planes"):
-            self.n_proved = int(columns.total(n_cells, "planes", "n_proved"))
 
     def write(self, run):
         lowest = None
@@ -113,7 +111,6 @@ class Denoise(Verb):
             "removed_fraction": n_outliers / run.catalog.n_points,
             "n_judged": self.n_judged,
             "n_used": self.n_used,
-            "n_proved": self.n_proved,
             "n_resumed": self.n_resumed,
         }
 
@@ -175,9 +172,10 @@ def judge_cells(job, cells, columns, n_workers, cutoff):
     if not all(has_scores(job.columns, cell) for cell in range(n_cells)):
         whole.join("points", "counts")
         whole.make(**job.stored_columns())
+        sweep("neighbors", find_neighbors)
         sweep("planes", find_planes)
         with progress_part(ENDS["planes"], 1.0), whole.releasing():
-            _judge(job, cells, whole, n_workers)
+            _judge(job, cells, whole, n_workers * job.n_threads)
     if job.detector.false_positive_rate is not None:
         return columns.report(ALL, "cutoff")["cutoff"]
     if job.detector._share() is not None:
@@ -190,8 +188,7 @@ def _judge(job, cells, whole, n_threads):
     """Write the scores of all cells, once the planes of all places are known."""
     columns, index = whole.columns, StoredIndex(whole, cells)
     judged = job.judged(index, n_threads)
-    if job.constants.dtype == "float32" and (coarse := coarse_warning(index)):
-        warn_caller(coarse)
+    warn_if_coarse(job.constants, index)
     if job.detector.false_positive_rate is not None and not columns.is_done(ALL, "cutoff"):
         columns.finish(ALL, "cutoff", cutoff=_simulated_cutoff(job, judged.model, whole))
     if job.paper:

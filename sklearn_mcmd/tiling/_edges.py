@@ -7,22 +7,23 @@ import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.edges._limits import least_of_edge
-from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.tiling._cells import BOXES, Cells
 from sklearn_mcmd.tiling._columns import Columns
-from sklearn_mcmd.tiling._creases import STORED, EdgeJob, find_distances, find_kept_planes
-from sklearn_mcmd.tiling._criteria import find_values, value_column, values_in_parts
+from sklearn_mcmd.tiling._creases import STORED, EdgeJob, find_distances, tell_faces
+from sklearn_mcmd.tiling._criteria import find_values, tell_values, values_in_parts
 from sklearn_mcmd.tiling._denoise import check_detector, cutoff_of, judge_cells
 from sklearn_mcmd.tiling._judging import Job
 from sklearn_mcmd.tiling._kept import close_kept, find_kept, kept_constants
-from sklearn_mcmd.tiling._normals import check_normals
+from sklearn_mcmd.tiling._memory import most_neighbors, sized
+from sklearn_mcmd.tiling._normals import without_sides
 from sklearn_mcmd.tiling._outputs import SCORED, scores_in_parts, write_edge_outputs
+from sklearn_mcmd.tiling._planes import OWN, PlaneJob, are_few, ends_of, find_planes
 from sklearn_mcmd.tiling._ranks import median_of
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
 from sklearn_mcmd.tiling._stored import find_places
 from sklearn_mcmd.tiling._sweeps import Sweeps
-from sklearn_mcmd.tiling._tile import normals_of_tile, tile_files, total_proved, write_results
+from sklearn_mcmd.tiling._tile import write_results
 from sklearn_mcmd.tiling._together import fit_together
 from sklearn_mcmd.tiling._whole import whole_of
 
@@ -50,7 +51,7 @@ class Edges(Verb):
 
     def prepare(self):
         warm_up(self.estimator, WARM_UP)
-        return "edges", 0
+        return sized("edges", self.steps[1]), 0, most_neighbors(self.estimator, *self.steps)
 
     def find(self, run):
         self.found = _Steps(run, self.estimator, self.steps)
@@ -66,7 +67,6 @@ class Edges(Verb):
             "n_edges": n_edges,
             "n_outliers": n_removed,
             "removed_fraction": n_removed / run.catalog.n_points,
-            "n_proved": self.found.n_proved + n_removed,
             "n_resumed": self.found.n_resumed,
         }
 
@@ -85,8 +85,7 @@ def _checked_steps(estimator):
     detector, normals = estimator._make_steps()
     if detector is not None:
         check_detector(detector)
-    check_normals(normals, inner=True)
-    return detector, normals
+    return detector, without_sides(normals)
 
 
 class _Steps:
@@ -96,8 +95,6 @@ class _Steps:
     ----------
     n_kept : int
         Points that are no outliers.
-    n_proved : int
-        Of these, those whose normals the first halo proved.
     n_resumed : int
         Tiles whose normals an earlier run had.
     """
@@ -109,59 +106,47 @@ class _Steps:
             if step is not None:
                 step.set_params(n_jobs=1)
         self.cells, self.columns = run.cells, Columns(run.folder.results)
-        self.sweep = Sweeps(self.columns, run.plan.n_workers, ENDS)
-        self.scores, self.faces = run.folder.results / "outliers", run.folder.results / "faces"
-        self.n_kept, self.n_proved, self.n_resumed = run.catalog.n_points, 0, 0
+        ends = {**ENDS, **ends_of(ENDS["places"], ENDS["normals"], self.normals)}
+        self.sweep = Sweeps(self.columns, run.plan.n_workers, ends)
+        self.scores, self.n_threads = run.folder.results / "outliers", run.plan.n_threads
+        self.n_kept, self.n_resumed = run.catalog.n_points, 0
 
     def find_scores(self):
         """Find the scores of all points; returns the one below which they are edges'."""
         kept = self._clean()
         self.n_kept = int(kept.counts.sum())
-        job = EdgeJob(
-            self.folder.cells, kept.folder, self.folder.results, self.faces, self.estimator,
-            self.normals, self._constants(kept),
-        )  # fmt: skip
+        constants, results = self._constants(kept), self.folder.results
+        job = EdgeJob(self.folder.cells, kept.folder, results, self.estimator, constants)
+        creases = self.estimator.criterion == "crease"
+        tell = partial(tell_values, criterion=self.estimator.criterion)
+        planes = PlaneJob(
+            kept.folder,
+            results,
+            self.normals,
+            constants,
+            tell_faces if creases else tell,
+            self.n_threads,
+        )
         self.sweep("places", find_places, kept, job=job)
-        whole = whole_of(job)
-        k = max(self.estimator.n_neighbors, self.normals.n_neighbors)
-        if len(whole) < max(COMPILE_FROM, k + 1):
+        self.n_resumed = sum(self.columns.is_done(cell, "normals") for cell in range(len(kept)))
+        whole, k = whole_of(job), self.estimator.n_neighbors
+        if are_few(whole, self.normals, k):
             return self._judge_together(len(whole))
-        if self.estimator.criterion == "crease":
-            return self._find_creases(kept, job, whole)
-        return self._find_values(kept, job)
-
-    def _find_creases(self, kept, job, whole):
-        """Distances to creases; returns the one within which points are edges'."""
-        n_cells, k = len(kept), self.estimator.n_neighbors
-        self.n_resumed = sum(self.columns.is_done(cell, "normals") for cell in range(n_cells))
-        if not all(map(self.folder.is_done, range(n_cells))):
-            whole.join("points")
-            whole.make(near=(np.int32, (k,)), **STORED)
-            self.sweep("normals", find_kept_planes, kept, job=job)
+        if creases:
+            whole.make(**STORED)
+        find_planes(self.sweep, kept, planes, k if creases else 0)
+        if not creases:
+            return self._find_values(kept, job, planes)
+        whole.remove(*OWN)
+        if not all(map(self.folder.is_done, range(len(kept)))):
             with progress_part(ENDS["normals"], 1.0), whole.releasing():
-                find_distances(job, self.sweep.n_workers)
-        some = np.flatnonzero(kept.counts)
-        self.n_proved = sum(self.columns.report(c, "normals")["n_proved"] for c in some)
+                find_distances(job, self.sweep.n_workers * self.n_threads)
         return self.estimator._crease_width()
 
-    def _find_values(self, kept, job):
+    def _find_values(self, kept, job, planes):
         """Values of another criterion; returns the least of an edge, negative."""
-        self.faces.mkdir(exist_ok=True)
-        some = np.flatnonzero(kept.counts)
-
-        def is_done(cell):
-            return tile_files(self.faces, cell)[0].exists()
-
-        self.n_resumed = sum(map(is_done, some))
-        dtype = job.constants.dtype
-        self.sweep(
-            "normals", partial(normals_of_tile, kept.folder), kept, is_done,
-            estimator=self.normals, constants=job.constants, target=self.faces,
-            columns_of=partial(value_column, criterion=self.estimator.criterion, dtype=dtype),
-        )  # fmt: skip
-        self.n_proved = total_proved(self.faces, some)
-        self.sweep("edges", find_values, self.cells, self.folder.is_done, job=job)
-        parts = partial(values_in_parts, self.faces, some, dtype)
+        self.sweep("edges", find_values, self.cells, self.folder.is_done, job=job, planes=planes)
+        parts = partial(values_in_parts, self.columns, np.flatnonzero(kept.counts))
         return -least_of_edge(parts, self.estimator.threshold, self.estimator.n_std, median_of)
 
     def _clean(self):
@@ -174,7 +159,10 @@ class _Steps:
             self.scores.mkdir(exist_ok=True)
             target.mkdir(exist_ok=True)
             constants, n_points = self.folder.constants, self.catalog.n_points
-            job = Job(self.folder.cells, self.scores, self.detector, constants, n_points)
+            job = Job(
+                *(self.folder.cells, self.scores, self.detector, constants, n_points),
+                n_threads=self.n_threads,
+            )
             with progress_part(0.0, ENDS["outliers"], "outliers"):
                 columns, cutoff = Columns(self.scores), cutoff_of(self.detector)
                 cutoff = judge_cells(job, self.cells, columns, self.sweep.n_workers, cutoff)
@@ -208,5 +196,4 @@ class _Steps:
         detector, parts = fit_together(self.estimator, self.cells, constants.dtype, words)
         for cell, (rows, places) in enumerate(parts):
             write_results(self.folder.results, cell, rows, detector.scores_[places], SCORED)
-        self.n_proved = self.n_kept
         return detector.offset_

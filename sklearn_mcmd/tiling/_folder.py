@@ -11,7 +11,7 @@ from pathlib import Path
 from sklearn_mcmd.tiling._catalog import stamp_of
 from sklearn_mcmd.tiling._constants import Constants
 from sklearn_mcmd.tiling._lock import Lock
-from sklearn_mcmd.tiling._tile import tile_files
+from sklearn_mcmd.tiling._tile import tile_file
 
 __all__ = ["WorkFolder", "key_of"]
 
@@ -83,7 +83,7 @@ class WorkFolder:
 
     def is_done(self, cell):
         """Whether the results of a tile are there."""
-        return tile_files(self.results, cell)[0].exists()
+        return tile_file(self.results, cell).exists()
 
     def staged(self, i, target):
         """Where the i-th output waits if it may not replace its input before all are written."""

@@ -16,18 +16,18 @@ from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._classes import ground_in
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._ground import CORNERS, Ground, check_ground, group_depths
-from sklearn_mcmd.planes._certificate import SLACK, to_border
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._memory import bytes_of_groups
 from sklearn_mcmd.tiling._outputs import SCORED, VERDICTS, Scored, has_scores
-from sklearn_mcmd.tiling._search import as_near_as
+from sklearn_mcmd.tiling._search import SLACK, as_near_as, to_border
 from sklearn_mcmd.tiling._sweeps import Sweeps
-from sklearn_mcmd.tiling._tile import SMALL, tile_files, write_results
+from sklearn_mcmd.tiling._tile import tile_file, write_results
 
 __all__ = ["GroundWriter", "HeightLimits", "Heights"]
 
 GROUND = "ground"  # the folder of the ground's cells
+SMALL = 20_000  # points that are read at once at least
 WIDTH = 4  # spacings of the points, by which the ground around a tile is taken; only time depends
 ENDS = {"heights": 1.0, "verdicts": 1.0}
 
@@ -195,7 +195,7 @@ def find_heights(cell, job):
 def find_verdicts(cell, job):
     """Write the scores of a cell's points with what heights say of them, as `VERDICTS`."""
     columns = Columns(job.folder)
-    scored = np.fromfile(tile_files(job.results, cell)[0], SCORED)
+    scored = np.fromfile(tile_file(job.results, cell), SCORED)
     scores, depths = scored["values"][:, 0], np.zeros(len(scored))
     if job.limits.low_groups:
         depths[columns.read(cell, "below_rows")] = columns.read(cell, "depths")

@@ -11,11 +11,7 @@ from sklearn_mcmd.outliers._cloud import JudgedCloud
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._constants import Constants
-from sklearn_mcmd.tiling._stored import (
-    OwnNeighbors,
-    chunks_of,
-    nearest_rows,
-)
+from sklearn_mcmd.tiling._stored import StoredIndex, chunks_of
 from sklearn_mcmd.tiling._whole import whole_of
 
 __all__ = ["Job", "find_planes"]
@@ -30,6 +26,8 @@ class Job(NamedTuple):
     constants : Constants
     n_points : int
         Of the whole cloud.
+    n_threads : int
+        Of each worker.
     """
 
     cells: Path
@@ -37,6 +35,7 @@ class Job(NamedTuple):
     detector: MCMDOutlierDetector
     constants: Constants
     n_points: int = 0
+    n_threads: int = 1
 
     def open(self):
         """The cells, and the columns of their places."""
@@ -72,23 +71,20 @@ class Job(NamedTuple):
 
 def find_planes(cell, job):
     """Fill the columns of a cell that `Job.stored_columns` names."""
-    (cells, columns), whole = job.open(), whole_of(job)
-    own, counts = whole.rows(cell), whole.open("counts")
-    near, _ = nearest_rows(cells, whole, cell, job.detector.n_neighbors)
-    index = OwnNeighbors(whole.open("points"), near, own.start)
-    judged = job.judged(index)
+    columns, whole = job.open()[1], whole_of(job)
+    own = whole.rows(cell)
+    judged = job.judged(StoredIndex(whole), job.n_threads)
     if job.paper:
         distances = [_paper_scores(judged, rows) for rows in chunks_of(own)]
-        whole.put(cell, near=near, distances=np.concatenate(distances))
+        whole.put(cell, distances=np.concatenate(distances))
     else:
-        judged.counts = counts
+        judged.counts = whole.open("counts")
         planes, spacing, other_spacing = judged.measure_planes(own)
         whole.put(
-            cell, near=near, centroids=planes.centroids, normals=planes.normals,
-            scale=planes.scale, radius=planes.radius, spacing=spacing, other_spacing=other_spacing,
+            cell, centroids=planes.centroids, normals=planes.normals, scale=planes.scale,
+            radius=planes.radius, spacing=spacing, other_spacing=other_spacing,
         )  # fmt: skip
-    inside = ((near >= own.start) & (near < own.stop)).all(axis=1)
-    columns.finish(cell, "planes", n_proved=int(counts[own][inside].sum()))
+    columns.finish(cell, "planes")
 
 
 def _paper_scores(judged, rows):

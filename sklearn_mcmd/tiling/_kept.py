@@ -10,7 +10,7 @@ from sklearn_mcmd.tiling._cells import BOXES, Cells, _no_extent, _path
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._constants import WholeCloud
 from sklearn_mcmd.tiling._outputs import SCORED
-from sklearn_mcmd.tiling._tile import tile_files
+from sklearn_mcmd.tiling._tile import tile_file
 
 __all__ = ["close_kept", "find_kept", "kept_constants"]
 
@@ -31,7 +31,7 @@ def find_kept(cell, folder, target, columns, scores, cutoff):
     cutoff : float
     """
     cells, columns = Cells(folder), Columns(columns)
-    kept = np.fromfile(tile_files(scores, cell)[0], SCORED)["values"][:, 0] <= cutoff
+    kept = np.fromfile(tile_file(scores, cell), SCORED)["values"][:, 0] <= cutoff
     records = cells.read(cell)[kept]
     path = _path(target, cell)
     temporary = path.with_name(f"{path.name}.{secrets.token_hex(4)}")

@@ -21,8 +21,10 @@ __all__ = [
     "bytes_of_groups",
     "bytes_to_join",
     "check_tile_size",
+    "most_neighbors",
     "parse_memory",
     "plan_run",
+    "sized",
     "usual_memory",
 ]
 
@@ -33,32 +35,39 @@ SHARE, UNKNOWN = 0.5, 4e9
 # while its normals are computed, for each point of a cloud in memory besides what its record has,
 # and for each value of a feature.
 PROCESS, TILE_POINT, CLOUD_POINT, FEATURE = 330e6, 650, 450, 24
+# Costs are those of so many neighbors. Each that is more takes 4 bytes of disk and 8 of a tile.
+NEIGHBORS = 50
 # Bytes of temporary files for each point: of normals, and of what the detector finds; and what the
 # detector takes for each point of a tile. The same of edges, and of normals with "auto".
-TILE_STORED, JUDGED_STORED, JUDGED_POINT = 98, 400, 450
-EDGES_STORED, EDGES_POINT, EDGES_CLOUD = 400, 750, 1100
-AUTO_STORED, AUTO_POINT, AUTO_CLOUD = 170, 1300, 750
+TILE_STORED, JUDGED_STORED, JUDGED_POINT = 430, 400, 450
+EDGES_STORED, EDGES_POINT, EDGES_CLOUD = 480, 750, 1100
+AUTO_STORED, AUTO_POINT, AUTO_CLOUD = 800, 1300, 750
 # With heights over the ground: temporary files, and each point that lies below the ground.
 HEIGHTS_STORED, BELOW_POINT = 460, 750
-# Of outliers, once planes are known, each point of the cloud.
-JUDGED_CLOUD = 35
+# Of outliers, once planes are known, each point of the cloud; and of numbers of neighbors.
+JUDGED_CLOUD, SIZED_CLOUD = 35, 80
 # Of regions: temporary files; what the growing and joining of regions takes, for each point of the
 # cloud, and of so many points at once; and what a cloud takes in memory besides its records.
-GROWN_STORED, GROWN_POINT, JOINED_POINT, JOINED_AT_ONCE, GROWN_CLOUD = 420, 60, 150, 1_000_000, 720
+GROWN_STORED, GROWN_POINT, JOINED_POINT, JOINED_AT_ONCE, GROWN_CLOUD = 470, 60, 150, 1_000_000, 720
 # Of these, of each point, and of one that growth left over.
 GROWN_LEAST, REST_POINT = 26, 200
 # Of normals along a tree: a tile; temporary files; what the tree takes, for each point of the
 # cloud; and the cloud in memory.
-TREE_TILE, TREE_STORED, TREE_POINT, TREE_CLOUD = 1200, 200, 200, 850
+TREE_TILE, TREE_STORED, TREE_POINT, TREE_CLOUD = 650, 480, 200, 850
 # By the work: bytes for each point of a tile, of temporary files, and of a cloud in memory.
 COSTS = {
     "normals": (TILE_POINT, TILE_STORED, CLOUD_POINT),
     "outliers": (JUDGED_POINT, JUDGED_STORED, CLOUD_POINT),
     "heights": (JUDGED_POINT, HEIGHTS_STORED, CLOUD_POINT),
     "edges": (EDGES_POINT, EDGES_STORED, EDGES_CLOUD),
-    "auto": (AUTO_POINT, AUTO_STORED, AUTO_CLOUD),
     "tree": (TREE_TILE, TREE_STORED, TREE_CLOUD),
     "regions": (TILE_POINT, GROWN_STORED, GROWN_CLOUD),
+}
+# With "auto", a tile takes AUTO_POINT, and sizes and what is larger take disk.
+SIZED_STORED = AUTO_STORED - TILE_STORED
+COSTS |= {
+    f"{work}, auto": (AUTO_POINT, stored + SIZED_STORED, max(cloud, AUTO_CLOUD))
+    for work, (_, stored, cloud) in COSTS.items()
 }
 # What one process takes that works on all points at once, for each, and what it does.
 WHOLE = {
@@ -66,9 +75,15 @@ WHOLE = {
     "tree": (TREE_POINT, "holds the tree of"),
     **dict.fromkeys(("outliers", "heights", "edges"), (JUDGED_CLOUD, "judges")),
 }
+WHOLE |= {
+    f"{work}, auto": max(
+        WHOLE.get(work, (0, "")), (SIZED_CLOUD, "finds the numbers of neighbors of")
+    )
+    for work in ("normals", "tree", "regions", "edges")
+}
 # Points read or written at once, and bytes for each while that is done.
 PART, PART_POINT = 250_000, 400
-LEAST_TILE = 20_000  # smaller tiles are mostly halo
+LEAST_TILE = 20_000  # most points of smaller tiles have neighbors in others
 # Where there is memory for more, each process gets EACH tiles or more, of GOOD_TILE points or more.
 # Where there is less, fewer processes with more threads each have tiles as large.
 EACH, GOOD_TILE = 2, 1_000_000
@@ -110,6 +125,17 @@ def parse_memory(memory):
     number, unit, binary = found.groups()
     power = " KMGT".index(unit.upper() or " ")
     return float(number) * (1024 if binary else 1000) ** power
+
+
+def most_neighbors(*estimators):
+    """The largest number of neighbors of some estimators."""
+    numbers = [e.n_neighbors for e in estimators if e is not None]
+    return max((k for k in numbers if isinstance(k, Integral)), default=NEIGHBORS)
+
+
+def sized(work, estimator):
+    """The key of `COSTS` of some work with an estimator of normals."""
+    return f"{work}, auto" if estimator.n_neighbors == "auto" else work
 
 
 def check_tile_size(tile_size):
@@ -172,10 +198,13 @@ def bytes_of_groups(n_points):
     return PROCESS + BELOW_POINT * n_points
 
 
-def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, work="normals"):
+def plan_run(
+    n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, work="normals",
+    n_neighbors=NEIGHBORS,
+):  # fmt: skip
     """Divide points so that all workers together stay within the memory.
 
-    `work` is a key of `COSTS`.
+    `work` is a key of `COSTS`, and `n_neighbors` the most that are asked for.
 
     Raises
     ------
@@ -183,12 +212,14 @@ def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, wor
         If one worker with the smallest tile would take more.
     """
     point, stored, _ = COSTS[work]
-    bytes_a_point = point + FEATURE * n_features
+    more = 4 * max(0, n_neighbors - NEIGHBORS)
+    stored, bytes_a_point = stored + more, point + FEATURE * n_features + 2 * more
     own = PROCESS + PART * PART_POINT  # of the process that reads and writes
     least, why = PROCESS + LEAST_TILE * bytes_a_point, ""
     if work in WHOLE:
         whole_point, does = WHOLE[work]
-        at_once = JOINED_POINT * min(n_points, JOINED_AT_ONCE) if work == "regions" else 0
+        joins = work.startswith("regions")
+        at_once = JOINED_POINT * min(n_points, JOINED_AT_ONCE) if joins else 0
         own = max(own, PROCESS + whole_point * n_points + at_once)
         if own > least:
             why = f", because one process {does} all {n_points:,} points"
@@ -207,7 +238,7 @@ def plan_run(n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, wor
         for_tiles = memory - PROCESS * (n_workers + (n_workers > 1))
         return int(for_tiles / n_workers / bytes_a_point)
 
-    shares = work in ("normals", "auto") and not _is_elsewhere()  # other work does not take threads
+    shares = not _is_elsewhere()
     if tile_size is None and shares:
         while n_workers > 1 and capacity(n_workers) < min(GOOD_TILE, n_points / n_workers):
             n_workers -= 1

@@ -1,100 +1,113 @@
 """Normals of clouds larger than memory."""
 
-from functools import partial
-
 import numpy as np
 from sklearn.base import clone
 
-from sklearn_mcmd._errors import ParameterError
-from sklearn_mcmd.normals._features import needs_curvatures, settle_features
+from sklearn_mcmd.normals._sides import Sides
 from sklearn_mcmd.planes._base import BaseLocalPlanes
-from sklearn_mcmd.planes._progress import progress_part
-from sklearn_mcmd.tiling._auto import find_auto_normals
+from sklearn_mcmd.tiling._columns import Columns
+from sklearn_mcmd.tiling._memory import most_neighbors, sized
 from sklearn_mcmd.tiling._outputs import write_outputs
+from sklearn_mcmd.tiling._planes import OWN, PlaneJob, are_few, ends_of, find_planes, has_tree
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
-from sklearn_mcmd.tiling._tile import (
-    NORMAL_COLUMNS,
-    normal_columns,
-    normals_of_tile,
-    total_proved,
-)
-from sklearn_mcmd.tiling._trees import find_agreeing_normals
-from sklearn_mcmd.tiling._work import compute_cells
+from sklearn_mcmd.tiling._stored import find_places
+from sklearn_mcmd.tiling._sweeps import Sweeps
+from sklearn_mcmd.tiling._tile import NORMAL_COLUMNS, normal_columns, result_dtype, write_results
+from sklearn_mcmd.tiling._together import fit_together
+from sklearn_mcmd.tiling._whole import whole_of
 
-__all__ = ["Normals", "check_normals"]
+__all__ = ["Normals", "check_normals", "without_sides"]
 
 WARM_UP = 1_500  # points that load or compile the code
+PLACES = 0.02  # the share of the time that finding them takes
 
 
-def check_normals(estimator, *, inner=False):
-    """Raise if normals depend on the whole cloud; `inner` ones are those of another estimator."""
-    if not inner and _has_tree(estimator):
-        if estimator.n_neighbors == "auto" or needs_curvatures(
-            settle_features(estimator.features, 3)
-        ):
-            raise ParameterError(
-                "$orientation='mst' cannot work by tiles with $n_neighbors='auto' or curvatures "
-                "among the features: leave these out, or give more memory."
-            )
-        estimator = clone(estimator).set_params(orientation=None)
-    if not isinstance(estimator, BaseLocalPlanes) or estimator._locality()[0] is None:
+def check_normals(estimator):
+    """Raise if normals depend on the whole cloud."""
+    if not isinstance(estimator, BaseLocalPlanes) or estimator.n_neighbors is None:
         raise ValueError(
             f"{type(estimator).__name__} cannot work by tiles with these parameters: with "
-            'n_neighbors=None or orientation="mst", results depend on the whole cloud.'
+            "n_neighbors=None, results depend on the whole cloud."
         )
     if np.ndim(getattr(estimator, "sensor_origin", None)) == 2:
         raise ValueError(
             "sensor_origin with a position for each point cannot work by tiles: give one position, "
             "or compute the normals in memory."
         )
-    if inner and estimator.n_neighbors == "auto":
-        raise ValueError('n_neighbors="auto" of normal_estimator cannot work by tiles.')
     check_seed(estimator)
 
 
-def _has_tree(estimator):
-    asked = getattr(estimator, "orientation", None)
-    return isinstance(asked, str) and asked == "mst"
+def without_sides(estimator):
+    """The estimator, changed, of those who do not ask for the sides of normals.
+
+    Raises as `check_normals` does, and for sides that are none.
+    """
+    check_normals(estimator)
+    Sides.settled(estimator.orientation, estimator.sensor_origin, np.zeros((1, 3)))
+    return estimator.set_params(orientation=None, sensor_origin=None)
 
 
 class Normals(Verb):
-    """Normals, by tiles that need nothing of each other but points, or signs along a tree."""
+    """Normals, in sweeps; their sides may be told along a tree of all places."""
 
     def __init__(self, estimator):
         check_normals(estimator)
         super().__init__(clone(estimator).set_params(n_jobs=1))
 
     def prepare(self):
-        self.is_auto = self.estimator.n_neighbors == "auto"
-        self.names = normal_columns(warm_up(self.estimator, WARM_UP))[0]
-        if self.is_auto:
-            self.names.append("n_neighbors")
-        work = "auto" if self.is_auto else "tree" if _has_tree(self.estimator) else "normals"
-        return work, len(self.names) - len(NORMAL_COLUMNS)
+        self.names, _ = told_columns(warm_up(self.estimator, WARM_UP))
+        work = "tree" if has_tree(self.estimator) else "normals"
+        n_features = len(self.names) - len(NORMAL_COLUMNS)
+        return sized(work, self.estimator), n_features, most_neighbors(self.estimator)
 
     def find(self, run):
-        with progress_part(0.0, 1.0, "normals"):
-            find = find_auto_normals if self.is_auto else _find_normals
-            find = find_agreeing_normals if _has_tree(self.estimator) else find
-            self.n_resumed = find(run, self.estimator)
+        folder, n_cells = run.folder, len(run.cells)
+        columns = Columns(folder.results)
+        last = "planes" if self.estimator._mends_planes() else "normals"
+        self.n_resumed = sum(columns.is_done(cell, last) for cell in range(n_cells))
+        if all(map(folder.is_done, range(n_cells))):
+            return
+        ends = {"places": PLACES, **ends_of(PLACES, 1.0, self.estimator)}
+        sweeps = Sweeps(columns, run.plan.n_workers, ends)
+        job = PlaneJob(
+            folder.cells, folder.results, self.estimator, folder.constants, _write,
+            run.plan.n_threads,
+        )  # fmt: skip
+        sweeps("places", find_places, run.cells, job=job)
+        if are_few(whole_of(job), self.estimator):
+            return self._find_together(run, len(whole_of(job)))
+        find_planes(sweeps, run.cells, job)
+        whole_of(job).remove("near", "larger", *OWN)
+
+    def _find_together(self, run, n_places):
+        words, dtype = f" at {n_places:,} places", run.folder.constants.dtype
+        fitted, parts = fit_together(self.estimator, run.cells, dtype, words)
+        _, values = told_columns(fitted)
+        for cell, (rows, places) in enumerate(parts):
+            _write_values(run.folder.results, cell, rows, values[places])
 
     def write(self, run):
         removed, n_upright = write_outputs(run.catalog, run.targets, run.folder, self.names)
         return {
-            "removed_fraction": removed,
-            "n_upright": n_upright,
-            "n_proved": total_proved(run.folder.results, range(len(run.cells))),
-            "n_resumed": self.n_resumed,
-        }
+            "removed_fraction": removed, "n_upright": n_upright, "n_resumed": self.n_resumed,
+        }  # fmt: skip
 
 
-def _find_normals(run, estimator):
-    """Write the results of all tiles; returns how many tiles an earlier run had done."""
-    folder, n_cells = run.folder, len(run.cells)
-    todo = [cell for cell in range(n_cells) if not folder.is_done(cell)]
-    task = partial(
-        normals_of_tile, folder.cells, estimator=estimator, constants=folder.constants,
-        target=folder.results, n_threads=run.plan.n_threads,
-    )  # fmt: skip
-    compute_cells(task, run.cells, todo, run.plan.n_workers)
-    return n_cells - len(todo)
+def told_columns(fitted):
+    """Names of all results of a fitted estimator, and their values: float32 (n, n_columns)."""
+    names, columns = normal_columns(fitted)
+    if fitted.n_neighbors == "auto":
+        names, sizes = [*names, "n_neighbors"], fitted.n_neighbors_.astype(np.float32)
+        columns = np.column_stack([columns, sizes])
+    return names, columns
+
+
+def _write(cell, job, fitted):
+    """Write the results of the points of a cell, from those of its places."""
+    cells, columns = job.open()
+    values = told_columns(fitted)[1][columns.read(cell, "place_of")]
+    _write_values(job.columns, cell, cells.read(cell)["row"], values)
+
+
+def _write_values(folder, cell, rows, values):
+    write_results(folder, cell, rows, values, result_dtype(values.shape[1]))

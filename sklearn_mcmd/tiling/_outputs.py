@@ -21,7 +21,7 @@ from sklearn_mcmd.tiling._catalog import EXTENSIONS, stamp_of
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._memory import PART
 from sklearn_mcmd.tiling._moves import places_of
-from sklearn_mcmd.tiling._tile import result_dtype, tile_files
+from sklearn_mcmd.tiling._tile import result_dtype, tile_file
 from sklearn_mcmd.tiling._warnings import warn_caller
 
 __all__ = [
@@ -154,7 +154,7 @@ class Scored(NamedTuple):
 
     def flagged(self, cell, cutoff):
         """Which points of a tile are outliers, but for those of groups below the ground."""
-        values = np.fromfile(tile_files(self.folder, cell)[0], self.dtype)["values"]
+        values = np.fromfile(tile_file(self.folder, cell), self.dtype)["values"]
         scores, depths = _judged(values)
         return (scores > cutoff) & ~(depths > cutoff)
 
@@ -318,20 +318,20 @@ def write_edge_outputs(catalog, targets, folder, limit, by_distance, colors, con
 
 def has_scores(results, cell):
     """Whether the scores of a tile are there."""
-    return tile_files(results, cell)[0].exists()
+    return tile_file(results, cell).exists()
 
 
 def scores_in_parts(results, n_cells, dtype=SCORED):
     """The scores of all points, tile by tile."""
     for cell in range(n_cells):
-        yield np.fromfile(tile_files(results, cell)[0], dtype)["values"][:, 0]
+        yield np.fromfile(tile_file(results, cell), dtype)["values"][:, 0]
 
 
 class Results:
     """The results of all tiles in the order of the points, of which each is asked for once."""
 
     def __init__(self, folder, n_tiles, dtype):
-        self.paths = [tile_files(folder, cell)[0] for cell in range(n_tiles)]
+        self.paths = [tile_file(folder, cell) for cell in range(n_tiles)]
         self.dtype = dtype
         self.waiting = [np.empty(0, self.dtype)] * n_tiles
         self.read = [0] * n_tiles

@@ -66,8 +66,7 @@ def process_files(
         What is done, with an int as `random_state` and no None as `n_neighbors`:
 
         - :class:`~sklearn_mcmd.MCMDOutlierDetector` removes outliers, or marks them: see `mode`;
-        - :class:`~sklearn_mcmd.RobustNormalEstimator` adds normals and what else it finds.
-          ``orientation="mst"`` takes a number of neighbors, and no curvatures;
+        - :class:`~sklearn_mcmd.RobustNormalEstimator` adds normals and what else it finds;
         - :class:`~sklearn_mcmd.RegionGrowing` adds an attribute ``region``. It takes
           ``normals="estimate"``. One process grows regions, with about 60 bytes a point of the
           whole cloud;

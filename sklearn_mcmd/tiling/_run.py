@@ -53,9 +53,6 @@ class RunReport(NamedTuple):
     n_points, n_tiles, n_workers : int
     n_resumed : int
         Tiles that an earlier run had finished; of outliers, those whose planes it had.
-    n_proved : int
-        Points whose normals or planes the first halo proved. The others were computed again, from
-        all points that they depend on.
     removed_fraction : float
         Mean share of a neighborhood that was removed; of outliers, their share.
     seconds : float
@@ -85,7 +82,6 @@ class RunReport(NamedTuple):
     n_tiles: int
     n_workers: int
     n_resumed: int
-    n_proved: int
     removed_fraction: float
     seconds: float
     n_outliers: int = 0
@@ -158,7 +154,7 @@ class Verb(ABC):
         -------
         work : str
             Of `plan_run`.
-        n_features : int
+        n_features, n_neighbors : int
         """
 
     @abstractmethod
@@ -195,8 +191,10 @@ def run_by_tiles(
     if not restart and (report := _finished_before(verb, catalog, target, targets)):
         return report
     verb.look(catalog)
-    work, n_features = verb.prepare()
-    plan = plan_run(catalog.n_points, memory, n_jobs, n_features, tile_size, work=work)
+    work, n_features, k = verb.prepare()
+    plan = plan_run(
+        catalog.n_points, memory, n_jobs, n_features, tile_size, work=work, n_neighbors=k
+    )
     folder = _scattered(verb, catalog, target, plan, restart)
     with _kept(folder):
         for path in targets:

@@ -2,22 +2,21 @@
 
 from functools import partial
 
-import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd._errors import ParameterWarning
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.normals import RobustNormalEstimator
-from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.segmentation._graph import grow_regions, link_neighbors, seed_order
 from sklearn_mcmd.segmentation._region_sums import region_sizes
 from sklearn_mcmd.segmentation._steps import finish_regions, rules_of
 from sklearn_mcmd.tiling._columns import Columns
-from sklearn_mcmd.tiling._links import STORED, GrowthJob, find_planes
-from sklearn_mcmd.tiling._memory import bytes_to_join
-from sklearn_mcmd.tiling._normals import check_normals
+from sklearn_mcmd.tiling._links import STORED, tell_planes
+from sklearn_mcmd.tiling._memory import bytes_to_join, most_neighbors, sized
+from sklearn_mcmd.tiling._normals import without_sides
 from sklearn_mcmd.tiling._outputs import LABELED, write_segmented_outputs
+from sklearn_mcmd.tiling._planes import OWN, PlaneJob, are_few, ends_of, find_planes
 from sklearn_mcmd.tiling._run import Verb, warm_up
 from sklearn_mcmd.tiling._stored import StoredIndex, find_places
 from sklearn_mcmd.tiling._sweeps import Sweeps
@@ -31,7 +30,7 @@ __all__ = ["Segments"]
 WARM_UP = 3_000  # points that load or compile the code
 LARGEST = 20  # regions whose points are counted in the report
 # The end of each sweep and step, as a share of the time.
-ENDS = {"places": 0.02, "planes": 0.72, "growth": 0.82, "steps": 1.0}
+ENDS = {"places": 0.02, "normals": 0.72, "growth": 0.82, "steps": 1.0}
 
 
 class Segments(Verb):
@@ -45,16 +44,18 @@ class Segments(Verb):
 
     def prepare(self):
         warm_up(self.estimator, WARM_UP)
-        return "regions", 0
+        normals = self.estimator.normal_estimator
+        return sized("regions", normals), 0, most_neighbors(self.estimator, normals)
 
     def find(self, run):
         folder, n_cells = run.folder, len(run.cells)
         self.columns = Columns(folder.results)
-        self.n_resumed = sum(self.columns.is_done(cell, "planes") for cell in range(n_cells))
-        job = GrowthJob(
-            *(folder.cells, folder.results, self.estimator, folder.constants, run.plan.n_threads)
-        )
-        _segment(job, run.cells, self.columns, run.plan.n_workers, run.memory)
+        self.n_resumed = sum(self.columns.is_done(cell, "normals") for cell in range(n_cells))
+        job = PlaneJob(
+            folder.cells, folder.results, self.estimator.normal_estimator, folder.constants,
+            tell_planes, run.plan.n_threads,
+        )  # fmt: skip
+        _segment(self.estimator, job, run.cells, run.plan.n_workers, run.memory)
 
     def write(self, run):
         make = partial(segmented, colors=self.colors)
@@ -78,7 +79,7 @@ def _checked(estimator):
     if estimator.normal_estimator is None:
         normals = RobustNormalEstimator(random_state=estimator.random_state)
         estimator.set_params(normal_estimator=normals)
-    check_normals(estimator.normal_estimator, inner=True)
+    without_sides(estimator.normal_estimator)
     return estimator.set_params(n_jobs=1, normal_estimator__n_jobs=1)
 
 
@@ -90,33 +91,35 @@ def segmented(cloud, labels, colors=None):
     return with_results(cloud, region_columns(labels, paints))
 
 
-def _segment(job, cells, columns, n_workers, memory):
+def _segment(growing, job, cells, n_workers, memory):
     """Find the region of all points, and write them for each cell."""
-    n_cells, sweeps = len(cells), Sweeps(columns, n_workers, ENDS)
+    columns = job.open()[1]
+    ends = {**ENDS, **ends_of(ENDS["places"], ENDS["normals"], job.estimator)}
+    sweeps = Sweeps(columns, n_workers, ends)
     if columns.is_done(ALL, "regions"):
         return
-    sweep = partial(sweeps, cells=cells, job=job)
-    sweep("places", find_places)
-    whole, k = whole_of(job), job.growing.n_neighbors
-    if len(whole) < max(COMPILE_FROM, k, job.growing.normal_estimator.n_neighbors + 1):
-        return _segment_together(job, cells, columns, len(whole))
-    whole.join("points", "counts")
-    whole.make(near=(np.int32, (k,)), variation=(job.constants.dtype, ()), **STORED)
-    sweep("planes", find_planes)
+    sweeps("places", find_places, cells, job=job)
+    whole, k = whole_of(job), growing.n_neighbors
+    if are_few(whole, job.estimator, k):
+        return _segment_together(growing, job, cells, len(whole))
+    whole.join("counts")
+    whole.make(variation=(job.constants.dtype, ()), **STORED)
+    find_planes(sweeps, cells, job, k)
+    whole.remove(*OWN)
     with whole.releasing():
-        labels = _find_regions(job, cells, whole, n_workers * job.n_threads, memory)
-    for cell in range(n_cells):
+        labels = _find_regions(growing, cells, whole, n_workers * job.n_threads, memory)
+    for cell in range(len(cells)):
         own, rows = labels[whole.rows(cell)], cells.read(cell)["row"]
         write_results(columns.folder, cell, rows, own[columns.read(cell, "place_of")], LABELED)
     sizes = region_sizes(labels, int(labels.max(initial=-1)) + 1, whole.open("counts"))
-    _finish(columns, sizes, int(columns.total(n_cells, "planes", "n_proved")))
+    _finish(columns, sizes)
 
 
-def _find_regions(job, cells, whole, n_threads, memory):
+def _find_regions(growing, cells, whole, n_threads, memory):
     """Regions of all places, once their planes and neighbors are known."""
-    index, growing, planes = StoredIndex(whole, cells), job.growing, whole.planes(changing=True)
+    index, planes = StoredIndex(whole, cells, growing.n_neighbors), whole.planes(changing=True)
     points, floor = index.points, whole.open("floor")
-    with progress_part(ENDS["planes"], ENDS["growth"], "growing regions"):
+    with progress_part(ENDS["normals"], ENDS["growth"], "growing regions"):
         links, radius = link_neighbors(index, planes, floor, rules_of(growing), n_threads)
         planes = planes._replace(radius=radius)
         labels = grow_regions(links, seed_order(whole.open("variation"), points, planes))
@@ -141,16 +144,16 @@ def _warn_if_much(labels, n_neighbors, memory):
         )
 
 
-def _segment_together(job, cells, columns, n_places):
+def _segment_together(growing, job, cells, n_places):
     """Regions of a cloud of few places, which other code finds than that of tiles."""
     words = f" at {n_places:,} places"
-    fitted, parts = fit_together(job.growing, cells, job.constants.dtype, words)
+    fitted, parts = fit_together(growing, cells, job.constants.dtype, words)
     for cell, (rows, places) in enumerate(parts):
-        write_results(columns.folder, cell, rows, fitted.labels_[places], LABELED)
-    _finish(columns, fitted.region_sizes_, int(cells.counts.sum()))
+        write_results(job.columns, cell, rows, fitted.labels_[places], LABELED)
+    _finish(job.open()[1], fitted.region_sizes_)
 
 
-def _finish(columns, sizes, n_proved):
+def _finish(columns, sizes):
     """Remember that the regions of all points are written, and what they are."""
     sizes = [int(size) for size in sizes]
     columns.finish(
@@ -159,5 +162,4 @@ def _finish(columns, sizes, n_proved):
         n_regions=len(sizes),
         n_inside=sum(sizes),
         largest=sizes[:LARGEST],
-        n_proved=n_proved,
     )

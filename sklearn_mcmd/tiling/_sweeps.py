@@ -26,7 +26,7 @@ class Sweeps:
     def __init__(self, columns, n_workers, ends, begin=0.0):
         self.columns, self.n_workers, self.ends, self.begin = columns, n_workers, ends, begin
 
-    def __call__(self, name, work, cells, is_done=None, collect=True, **known):
+    def __call__(self, name, work, cells, is_done=None, **known):
         """Do some work on all cells with points.
 
         Parameters
@@ -37,11 +37,9 @@ class Sweeps:
         cells : Cells
         is_done : callable, default=None
             Whether an earlier run has done a cell; None asks the reports of the sweep.
-        collect : bool, default=True
-            As of `compute_cells`.
         """
         is_done = is_done or partial(self.columns.is_done, sweep=name)
         todo = [cell for cell in range(len(cells)) if cells.counts[cell] and not is_done(cell)]
         with progress_part(self.begin, self.ends[name], name):
-            compute_cells(partial(work, **known), cells, todo, self.n_workers, collect)
+            compute_cells(partial(work, **known), cells, todo, self.n_workers)
         self.begin = self.ends[name]

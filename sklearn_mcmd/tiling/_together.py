@@ -3,9 +3,7 @@
 import numpy as np
 from sklearn.base import clone
 
-from sklearn_mcmd.tiling._tile import write_proved
-
-__all__ = ["find_together", "fit_together"]
+__all__ = ["fit_together"]
 
 # Points that may be fitted at once; only copies make a cloud of few places so large.
 MOST_COPIES = 1_000_000
@@ -50,12 +48,3 @@ def fit_together(estimator, cells, dtype, words, step=None):
     places[order] = np.arange(len(order))
     ends = np.cumsum([len(part) for part in records])[:-1]
     return fitted, list(zip(np.split(rows, ends), np.split(places, ends), strict=True))
-
-
-def find_together(folder, cells, estimator, n_places, columns_of):
-    """Write the results of normals at few places; `columns_of` is as `normal_columns`."""
-    words = f" at {n_places:,} places"
-    fitted, parts = fit_together(estimator, cells, folder.constants.dtype, words)
-    _, columns = columns_of(fitted)
-    for cell, (rows, places) in enumerate(parts):
-        write_proved(folder.results, cell, rows, columns[places], len(rows))

@@ -4,7 +4,7 @@ import mmap
 import os
 import secrets
 import shutil
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from threading import Event, Thread
 
 import numpy as np
@@ -40,7 +40,7 @@ class WholeColumns:
             for cell in range(n_cells)
         ]
         self.starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-        self._open = []
+        self._open, self._headers = [], {}
 
     def __len__(self):
         return int(self.starts[-1])
@@ -57,40 +57,59 @@ class WholeColumns:
                 self.columns.finish(ALL, name)
             self.columns.remove(self.n_cells, name)
 
-    def make(self, **columns):
-        """Make files for columns that `put` fills, by their names and (dtype, shape of a row)."""
+    def make(self, n_rows=None, /, **columns):
+        """Make files for columns that `put` fills, by their names and (dtype, shape of a row).
+
+        They have a row for each place, or `n_rows`.
+        """
         if len(self) > MOST_PLACES:
             raise ValueError(f"{len(self):,} different points are more than {MOST_PLACES:,}")
         for name, (dtype, shape) in columns.items():
             if not self.columns.is_done(ALL, name):
-                shape = len(self), *shape
-                _made(self._path(name), dtype, shape)
+                _made(self._path(name), dtype, (len(self) if n_rows is None else n_rows, *shape))
                 self.columns.finish(ALL, name)
 
     def put(self, cell, **arrays):
         """Fill what a cell has of columns."""
         for name, values in arrays.items():
-            np.load(self._path(name), mmap_mode="r+")[self.rows(cell)] = values
+            self.write(name, self.rows(cell).start, values)
 
-    def open(self, name, changing=False):
+    def write(self, name, start, values):
+        """Fill rows of a column, from one on; no other bytes are written."""
+        dtype, shape, offset = self._header(name)
+        row = dtype.itemsize * int(np.prod(shape[1:]))
+        with open(self._path(name), "r+b") as file:
+            file.seek(offset + row * int(start))
+            file.write(np.ascontiguousarray(values, dtype).data)
+
+    def remove(self, *names):
+        """Free the disk of columns that no later sweep asks for."""
+        for name in names:
+            self._path(name).unlink(missing_ok=True)
+
+    def open(self, name, changing=False, private=False):
         """The array of a column, as a file that is mapped into memory.
 
-        With `changing`, that of a copy, which may be written to. The column itself may not, but is
-        opened as if: of an array that is read only Numba would compile everything anew.
+        With `private`, what is written stays in the memory of this process. With `changing`, it is
+        the array of a copy, which may be written to. The column itself may not, but is opened as
+        if: of an array that is read only Numba would compile everything anew.
         """
         path = self._path(name)
         if changing:
             path = shutil.copyfile(path, path.with_suffix(".changed"))
-        stored = np.load(path, mmap_mode="r+")
-        self._open.append(stored)
+        stored = np.load(path, mmap_mode="c" if private else "r+")
+        if not private:  # to free it would undo what was written
+            self._open.append(stored)
         return np.asarray(stored)
 
     def scratch(self, shape, dtype):
-        """An array on disk for the work on what is open."""
+        """An array on disk for the work on what is open; its file has no name."""
         if 0 in np.atleast_1d(shape):
             return np.empty(shape, dtype)
         path = self._path(f"scratch.{secrets.token_hex(4)}")
         self._open.append(_made(path, dtype, np.atleast_1d(shape)))
+        with suppress(PermissionError):  # Windows, where it stays while it is mapped
+            path.unlink()
         return np.asarray(self._open[-1])
 
     @contextmanager
@@ -121,7 +140,21 @@ class WholeColumns:
 
     def rows_of(self, name, rows):
         """Some rows of a column, of which nothing else stays in memory."""
-        return np.load(self._path(name), mmap_mode="r")[rows]
+        dtype, shape, offset = self._header(name)
+        if not isinstance(rows, slice):
+            return np.memmap(self._path(name), dtype, "r", offset, shape)[rows]
+        width, n = int(np.prod(shape[1:])), rows.stop - rows.start
+        offset += rows.start * width * dtype.itemsize
+        return np.fromfile(self._path(name), dtype, n * width, offset=offset).reshape(
+            -1, *shape[1:]
+        )
+
+    def _header(self, name):
+        """The dtype and the shape of a column, and where its file has the first row."""
+        if name not in self._headers:
+            stored = np.load(self._path(name), mmap_mode="r")
+            self._headers[name] = stored.dtype, stored.shape, stored.offset
+        return self._headers[name]
 
     def planes(self, changing=False):
         """The planes of all places, as `RegionGrowing` knows them; `changing` as of `open`."""

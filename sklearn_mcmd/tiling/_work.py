@@ -1,26 +1,22 @@
 """Work on cells in processes: what fails is told in one line, and the others are finished."""
 
-import gc
 import time
 import warnings
 
 from joblib import Parallel, delayed
 
 from sklearn_mcmd.planes._progress import listen_to_progress
-from sklearn_mcmd.planes._resolution import CoarseCoordinatesWarning
 from sklearn_mcmd.tiling._outputs import tell
 from sklearn_mcmd.tiling._warnings import warn_caller
 
 __all__ = ["TilingError", "compute_cells"]
-
-COLLECTED = 50_000  # points of a cell whose memory is worth the time to look for it
 
 
 class TilingError(ValueError):
     """A run ended before its output was whole; the message names what is kept of it."""
 
 
-def compute_cells(task, cells, todo, n_workers, collect=True):
+def compute_cells(task, cells, todo, n_workers):
     """Run a task for some cells, the largest first.
 
     Parameters
@@ -34,34 +30,22 @@ def compute_cells(task, cells, todo, n_workers, collect=True):
     n_workers : int
         Cells that are computed at once, in processes or by the engine that
         :obj:`joblib.parallel_config` names.
-    collect : bool, default=True
-        Whether a task leaves memory that only a search for it frees.
 
     Raises
     ------
     TilingError
         When all cells have been tried, and some failed. A warning for each says why.
-
-    Warns
-    -----
-    CoarseCoordinatesWarning
-        Once, if any cell's task does.
     """
     todo = sorted(todo, key=lambda cell: -cells.counts[cell])
     n_points = int(cells.counts.sum())
     n_before = n_done = n_points - int(cells.counts[todo].sum())
-    begin, n_failed, told = time.monotonic(), 0, False
+    begin, n_failed = time.monotonic(), 0
     # No more tasks are given than may run: dask has its own number of workers.
     work = Parallel(
         n_jobs=n_workers, pre_dispatch=n_workers, return_as="generator_unordered", batch_size=1
     )
-    large = cells.counts > COLLECTED
-    jobs = (delayed(_attempt)(task, cell, collect and large[cell]) for cell in todo)
-    for cell, error, coarse in work(jobs):
+    for cell, error in work(delayed(_attempt)(task, cell) for cell in todo):
         n_done += int(cells.counts[cell])
-        if coarse is not None and not told:
-            told = True
-            warn_caller(CoarseCoordinatesWarning(*coarse))
         if error is not None:
             n_failed += 1
             between = _between(*cells.extent(cell))
@@ -72,19 +56,15 @@ def compute_cells(task, cells, todo, n_workers, collect=True):
         raise TilingError(f"{n_failed} of {len(cells)} tiles failed")
 
 
-def _attempt(task, cell, collect):
-    """Run the task; returns why it failed, in one line, and what coordinates are too coarse."""
-    error = None
-    with warnings.catch_warnings(record=True) as said, listen_to_progress(None):
-        warnings.simplefilter("always")
+def _attempt(task, cell):
+    """Run the task; returns why it failed, in one line."""
+    with warnings.catch_warnings(), listen_to_progress(None):
+        warnings.simplefilter("ignore")
         try:
             task(cell)
-            if collect:
-                gc.collect()  # an index and its table of neighbors know each other
         except Exception as err:
-            error = f"{type(err).__name__}: {' '.join(str(err).split())}".removesuffix(": ")
-    coarse = [w.message.args for w in said if isinstance(w.message, CoarseCoordinatesWarning)]
-    return cell, error, coarse[0] if coarse else None
+            return cell, f"{type(err).__name__}: {' '.join(str(err).split())}".removesuffix(": ")
+    return cell, None
 
 
 def _between(low, high):

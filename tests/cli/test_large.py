@@ -8,7 +8,7 @@ import pytest
 
 from commands import error_line, files_in, run
 from sklearn_mcmd.io import read_points, write_points
-from sklearn_mcmd.tiling import _normals
+from sklearn_mcmd.tiling import _planes
 from tiled import street
 
 ONE = ("--n-jobs", 1)
@@ -23,7 +23,6 @@ def test_a_file_larger_than_memory_gets_the_output_that_it_has_in_memory(
     result = run("normals", source, b, *options, "--memory", "2MB", *ONE)
     assert result.exit_code == 0, result.output
     assert "tiles" in result.stdout
-    assert "all; " in result.stdout
     assert a.read_bytes() == b.read_bytes()
     assert files_in(tmp_path) == ["a.laz", "b.laz", "street.laz"]
 
@@ -81,12 +80,6 @@ def test_a_dry_run_reads_no_positions(options, source, tmp_path):
     assert result.exit_code == 0, result.output
 
 
-def test_what_needs_the_whole_cloud_is_refused(small_machine, source, tmp_path):
-    options = ("--memory", "3MB", "--orientation", "mst", "--features", "mean_curvature")
-    line = error_line(run("normals", source, tmp_path / "b.laz", *options))
-    assert "--orientation 'mst' cannot work by tiles" in line
-
-
 @pytest.mark.parametrize("options", [("--sensor", "auto"), ("--trajectory", "path.csv")])
 def test_positions_of_points_need_the_whole_cloud(options, small_machine, source, tmp_path):
     asked = ("--memory", "2MB", "--orientation", "sensor", *options)
@@ -119,11 +112,11 @@ def test_a_wrong_size_is_wrong_usage(source, tmp_path, size):
 def test_each_tile_that_failed_has_a_line_and_the_rest_is_kept(
     small_machine, source, tmp_path, monkeypatch
 ):
-    def fail(folder, cell, *args):
+    def fail(cell, job):
         raise MemoryError
 
     with monkeypatch.context() as patch:
-        patch.setattr(_normals, "normals_of_tile", fail)
+        patch.setattr(_planes, "_fit_own", fail)
         args = ("normals", source, tmp_path / "b.laz", "--memory", "2MB", *ONE)
         result = run(*args)
     assert result.exit_code == 1

@@ -11,7 +11,8 @@ from sklearn.base import clone
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.normals._scales import LEAST, MOST, TILT, ScaleFinder
+from sklearn_mcmd.normals._scales import AROUND, LEAST, MOST, TILT, ScaleFinder
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 
 
 def sheet(n, noise, seed=0):
@@ -23,7 +24,7 @@ def sheet(n, noise, seed=0):
 
 def sizes_of(X, n_jobs=None):
     """In the order of X."""
-    finder = ScaleFinder(X, n_jobs)
+    finder = ScaleFinder(NeighborIndex(X, AROUND), n_jobs)
     return finder.sizes()[finder.index.places]
 
 

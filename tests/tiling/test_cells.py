@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
-from scipy.spatial import cKDTree
+from numpy.testing import assert_array_equal
 
 from sklearn_mcmd.tiling._cells import CellWriter
 
@@ -65,53 +64,3 @@ def test_copies_of_one_place_stay_together(tmp_path):
     cells = cells_of(tmp_path, xyz)
     assert cells.counts.max() >= 900
     assert cells.counts.sum() == len(xyz)
-
-
-def test_the_halo_is_all_points_of_the_wider_box(tmp_path):
-    xyz = uneven()
-    cells = cells_of(tmp_path, xyz)
-    for cell in range(0, len(cells), 5):
-        halo, low, high = cells.around(cell, 0.5, len(xyz))
-        expected = ((xyz >= low) & (xyz < high)).all(axis=1).sum()
-        assert len(halo) + cells.counts[cell] == expected
-        assert_array_equal(low, cells.low[cell] - 0.5)
-
-
-def test_a_halo_gets_narrower_until_it_has_few_points(tmp_path):
-    xyz = uneven()
-    cells = cells_of(tmp_path, xyz)
-    sparse = np.argmax(np.nan_to_num(cells.extent(slice(None))[0]).sum(axis=1))
-    halo, low, high = cells.around(sparse, 8.0, 100)
-    expected = ((xyz >= low) & (xyz < high)).all(axis=1).sum()
-    assert len(halo) + cells.counts[sparse] == expected
-    assert 0 < len(halo) <= 100
-
-
-@pytest.mark.parametrize("k", [1, 20])
-@pytest.mark.parametrize("bounded", [False, True])
-def test_neighbors_are_searched_for_in_all_cells(tmp_path, k, bounded):
-    xyz = uneven()
-    distinct = np.unique(xyz, axis=0)
-    queries = distinct[:: len(distinct) // 40]
-    distances = cKDTree(distinct).query(queries, np.arange(1, k + 1))[0]
-    bound = 1.5 * distances[:, -1] + 1e-9 if bounded else np.full(len(queries), np.inf)
-    found, reach = cells_of(tmp_path, xyz).neighbors(queries, k, bound)
-    assert len(np.unique(found, axis=0)) == len(found)
-    again = cKDTree(found).query(queries, np.arange(1, k + 1))[0]
-    assert_array_equal(again, distances)
-    assert (distances[:, -1] <= reach).all()
-    assert_allclose(reach, distances[:, -1], rtol=1e-9)
-
-
-def test_of_equally_distant_neighbors_all_are_found(tmp_path):
-    grid = np.stack(np.meshgrid(*[np.arange(9.0)] * 3), axis=-1).reshape(-1, 3)
-    cells = cells_of(tmp_path, grid, capacity=100)
-    found, _ = cells.neighbors(np.array([[4.0, 4.0, 4.0]]), 3, np.array([np.inf]))
-    assert len(found) == 7  # itself, and all six at distance one
-
-
-def test_fewer_points_than_neighbors_are_all_found(tmp_path):
-    xyz = uneven(200)
-    found, reach = cells_of(tmp_path, xyz).neighbors(xyz[:2], 500, np.full(2, np.inf))
-    assert len(found) == len(np.unique(xyz, axis=0))
-    assert_array_equal(reach, np.inf)

@@ -57,7 +57,7 @@ SCENES = {
     ),
 }
 
-# These are tried as one tile, too. There are no halos then: order, copies and precision count.
+# These are tried as one tile, too. There only order, copies and precision count.
 ONE_TILE = {"street", "copies", "single precision"}
 
 
@@ -102,7 +102,6 @@ def test_scores_are_those_of_memory_wherever_tiles_begin(scene, by_tiles, tmp_pa
         assert_array_equal(scores, -expected.scores_)
         assert report.n_outliers == (expected.scores_ < expected.offset_).sum()
         assert report.n_tiles >= len(cloud) / tile_size
-        assert (report.n_proved < report.n_points) == (report.n_tiles > 1)
 
 
 @pytest.mark.parametrize(
@@ -177,9 +176,8 @@ def test_scores_of_any_cloud_are_those_of_memory(X, tile_size, cut, strictness, 
 @pytest.mark.parametrize("n", [900, 30])
 def test_small_clouds_are_judged_as_in_memory(n, by_tiles, tmp_path):
     path, cloud = written(tmp_path, street_with_tree(2_000)[:n])
-    scores, report = by_tiles(path, DETECTOR, tile_size=200)
+    scores, _ = by_tiles(path, DETECTOR, tile_size=200)
     assert_array_equal(scores, -in_memory(cloud, DETECTOR).scores_)
-    assert report.n_proved == len(cloud)
 
 
 def test_many_points_at_few_places_are_refused(tmp_path, monkeypatch):

@@ -8,7 +8,7 @@ from sklearn_mcmd.tiling._cells import CellWriter
 from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._kept import close_kept, find_kept, kept_constants
 from sklearn_mcmd.tiling._outputs import SCORED
-from sklearn_mcmd.tiling._tile import tile_files
+from sklearn_mcmd.tiling._tile import tile_file
 
 
 def test_kept_points_lie_in_the_cells_of_all_and_have_constants_of_their_own(tmp_path):
@@ -27,7 +27,7 @@ def test_kept_points_lie_in_the_cells_of_all_and_have_constants_of_their_own(tmp
         row = cells.read(cell)["row"]
         results = np.empty(len(row), SCORED)
         results["row"], results["values"][:, 0] = row, score[row]
-        tile_files(scores, cell)[0].write_bytes(results.tobytes())
+        tile_file(scores, cell).write_bytes(results.tobytes())
         find_kept(cell, folder, target, columns, scores, cutoff=1.0)
     kept = close_kept(cells, target, Columns(columns))
     assert len(kept) == len(cells)

@@ -12,9 +12,12 @@ from sklearn_mcmd.planes._resolution import coordinate_step
 from sklearn_mcmd.segmentation._graph import link_neighbors
 from sklearn_mcmd.segmentation._steps import least_scales, rules_of
 from sklearn_mcmd.tiling._cells import CellWriter
+from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._constants import Constants
-from sklearn_mcmd.tiling._links import STORED, GrowthJob, find_planes
+from sklearn_mcmd.tiling._links import STORED, tell_planes
+from sklearn_mcmd.tiling._planes import PlaneJob, ends_of, find_planes
 from sklearn_mcmd.tiling._stored import StoredIndex, find_places
+from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._whole import whole_of
 
 K = 20
@@ -36,14 +39,15 @@ def links_by_tiles(folder, X, growing):
     writer.add(X.astype(np.float64), 0)
     cells = writer.close()
     constants = Constants(X.dtype.name, float(coordinate_step(X)))
-    job = GrowthJob(folder / "cells", folder / "columns", growing, constants)
-    for cell in range(len(cells)):
-        find_places(cell, job)
+    estimator = growing.normal_estimator
+    job = PlaneJob(folder / "cells", folder / "columns", estimator, constants, tell_planes)
+    ends = {"places": 0.0, **ends_of(0.0, 1.0, estimator)}
+    sweeps = Sweeps(Columns(folder / "columns"), 1, ends)
+    sweeps("places", find_places, cells, job=job)
     whole = whole_of(job)
-    whole.join("points", "counts")
-    whole.make(near=(np.int32, (K,)), variation=(X.dtype, ()), **STORED)
-    for cell in range(len(cells)):
-        find_planes(cell, job)
+    whole.join("counts")
+    whole.make(variation=(X.dtype, ()), **STORED)
+    find_planes(sweeps, cells, job, K)
     assert len(cells) > 4
     return whole
 
@@ -78,7 +82,7 @@ def test_planes_neighbors_and_links_are_those_of_memory(cloud, params, tmp_path)
     assert_array_equal(whole.open("variation"), told.surface_variation[index.rows][row])
     for name in ("centroids", "normals", "scale"):
         assert_array_equal(whole.open(name), getattr(planes, name)[row])
-    stored = StoredIndex(whole)
+    stored = StoredIndex(whole, n_neighbors=K)
     near = stored.query_own(slice(0, len(whole))).indices
     assert_array_equal(row[near], index.query_own(slice(0, len(row))).indices[row])
     found, radius = link_neighbors(stored, whole.planes(), floor[row], rules_of(growing))

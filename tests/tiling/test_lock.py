@@ -8,20 +8,20 @@ import sys
 
 import pytest
 
-from sklearn_mcmd.tiling import TilingError, _normals, process_files
+from sklearn_mcmd.tiling import TilingError, _sweeps, process_files
 from sklearn_mcmd.tiling._lock import Lock
 from tiled import ESTIMATOR
 
 
 def test_a_second_run_is_refused_while_the_first_works(small_file, tmp_path, monkeypatch):
-    target, compute = tmp_path / "out.las", _normals.compute_cells
+    target, compute = tmp_path / "out.las", _sweeps.compute_cells
 
     def second(*args):
         with pytest.raises(TilingError, match=rf"lock: another run .*process {os.getpid()} on"):
             process_files(small_file, target, ESTIMATOR, tile_size=4_000)
         compute(*args)
 
-    monkeypatch.setattr(_normals, "compute_cells", second)
+    monkeypatch.setattr(_sweeps, "compute_cells", second)
     process_files(small_file, target, ESTIMATOR, tile_size=3_000)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.las", "small.las"]
 

@@ -14,9 +14,12 @@ from tiled import divide, in_memory
 @pytest.mark.parametrize(
     "params",
     [
-        {"neighbor_planes": False},
-        {"reweight": False},
+        {"neighbor_planes": False, "features": "mean_curvature", "orientation": "mst"},
+        {"reweight": False, "radius": 0.15},
         {"method": "pca"},
+        {"method": "msac"},
+        {"radius": 0.1, "orientation": [1.0, 2.0, 3.0]},
+        {"n_neighbors": 8, "orientation": "mst", "reweight": False},
         {"method": "mcmd_md", "n_neighbors": 20},
         {"radius": 0.2, "features": ["roughness", "mean_curvature", "max_curvature_direction"]},
         {"orientation": "sensor", "sensor_origin": [362_002, 5_157_002, 103]},
@@ -34,11 +37,6 @@ def test_the_output_is_that_of_memory_for_all_parameters(small_file, tmp_path, p
 @pytest.mark.parametrize(
     ("estimator", "message"),
     [
-        (RobustNormalEstimator("auto", orientation="mst", random_state=0), "leave these out"),
-        (
-            RobustNormalEstimator(orientation="mst", features="shape_index", random_state=0),
-            "leave these out",
-        ),
         (RobustNormalEstimator(None, orientation="mst", random_state=0), "whole cloud"),
         (RobustNormalEstimator(None, random_state=0), "whole cloud"),
         (RobustNormalEstimator(), "random_state"),

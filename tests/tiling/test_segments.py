@@ -60,6 +60,7 @@ SCENES = {
 LARGER_TILES = {"street", "copies", "far apart", "volume"}  # these are tried with them, too
 SLOW_SCENES = ("bus stop", "single precision", "sparse beside dense")
 SWITCHES = [
+    {"normal_estimator__n_neighbors": "auto", "normal_estimator__orientation": "mst"},
     {"find_narrow_faces": False},
     {"join_coplanar": False},
     {"join_curved": False},
@@ -69,7 +70,6 @@ SWITCHES = [
     {"max_distance": 0.02},
     {"mutual": False, "max_distance": 0.02, "max_gap": 0.2},
     {"min_region_size": 1, "n_neighbors": 30},
-    {"normal_estimator__method": "pca"},
     {"normal_estimator__neighbor_planes": False},
 ]
 
@@ -215,8 +215,8 @@ def some(work, done=[]):
 
 if place == "writing":
     _outputs.Results.take = die
-elif place.startswith("find"):
-    setattr(_segments, place, some(getattr(_segments, place)))
+elif place == "tell_planes":
+    _segments.tell_planes = some(_segments.tell_planes)
 else:
     setattr(_segments, place, die)
 normals = RobustNormalEstimator(24, random_state=0)
@@ -228,7 +228,7 @@ process_files(source, target, growing, tile_size=1_500)
 @pytest.mark.parametrize(
     ("place", "n_resumed"),
     [
-        ("find_planes", 2),
+        ("tell_planes", 2),
         *(
             pytest.param(place, n, marks=pytest.mark.slow)
             for place, n in (("finish_regions", 4), ("_finish", 4), ("writing", 4))
@@ -249,20 +249,20 @@ def test_a_run_that_was_killed_goes_on(place, n_resumed, tmp_path):
 
 def test_a_tile_that_fails_has_its_line_and_does_not_end_the_others(tmp_path, monkeypatch):
     path, cloud = written(tmp_path, street_with_tree(4_000))
-    work = _segments.find_planes
+    work = _segments.tell_planes
 
-    def fail(cell, job):
+    def fail(cell, job, fitted):
         if cell == 1:
             raise MemoryError("too much\nof it")
-        return work(cell, job)
+        return work(cell, job, fitted)
 
-    monkeypatch.setattr(_segments, "find_planes", fail)
+    monkeypatch.setattr(_segments, "tell_planes", fail)
     with (
         pytest.warns(UserWarning, match="tile 1 failed .*MemoryError: too much of"),
         pytest.raises(TilingError, match=r"1 of 4 tiles failed; .*b\.las\.tiles, and"),
     ):
         process_files(path, tmp_path / "b.las", GROWING, tile_size=1_500)
-    monkeypatch.setattr(_segments, "find_planes", work)
+    monkeypatch.setattr(_segments, "tell_planes", work)
     report = process_files(path, tmp_path / "b.las", GROWING, tile_size=1_500)
     assert report.n_resumed == 3
     found = read_points(tmp_path / "b.las").attributes["region"]
@@ -274,7 +274,6 @@ def test_a_tile_that_fails_has_its_line_and_does_not_end_the_others(tmp_path, mo
     [
         (RegionGrowing(normals="precomputed"), "precomputed"),
         (RegionGrowing(), "random_state"),
-        (RegionGrowing(normal_estimator=RobustNormalEstimator("auto", random_state=0)), "auto"),
         (RegionGrowing(max_angle=100, random_state=0), "max_angle"),
     ],
 )

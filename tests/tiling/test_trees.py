@@ -5,7 +5,7 @@ import pytest
 
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.io import PointCloud, write_points
-from sklearn_mcmd.tiling import TilingError, _trees, process_files
+from sklearn_mcmd.tiling import TilingError, _planes, process_files
 from tiled import in_memory
 
 
@@ -29,7 +29,7 @@ def test_a_run_along_a_tree_that_failed_goes_on(small_file, tmp_path, monkeypatc
     estimator = RobustNormalEstimator(16, orientation="mst", random_state=0)
     expected = in_memory(small_file, tmp_path / "expected.las", estimator).read_bytes()
     with monkeypatch.context() as patch:
-        patch.setattr(_trees, "signs_along", lambda *_: 1 / 0)
+        patch.setattr(_planes, "signs_along", lambda *_: 1 / 0)
         with pytest.raises(TilingError, match="goes on from there"):
             process_files(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
     report = process_files(small_file, tmp_path / "out.las", estimator, tile_size=2_000)

@@ -1,0 +1,328 @@
+"""Planes of all places of a cloud, as `RobustNormalEstimator` finds them, in sweeps over cells.
+
+The stages of the estimator ask only for neighbors, and for what the stage before has found of
+these. So each stage is one sweep, whose results lie on disk.
+"""
+
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from sklearn.base import clone
+
+from sklearn_mcmd.normals import RobustNormalEstimator
+from sklearn_mcmd.normals._curvature import Curvatures, curvatures_of_each
+from sklearn_mcmd.normals._features import settle_features
+from sklearn_mcmd.normals._scales import AROUND, ScaleFinder
+from sklearn_mcmd.normals._sides import TREE_NEIGHBORS, Sides
+from sklearn_mcmd.normals._surface_planes import Surfaces
+from sklearn_mcmd.planes._chunks import each_slice
+from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
+from sklearn_mcmd.planes._orientation import signs_along, spanning_forest
+from sklearn_mcmd.planes._progress import progress_part
+from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.tiling._cells import Cells
+from sklearn_mcmd.tiling._columns import Columns
+from sklearn_mcmd.tiling._constants import Constants
+from sklearn_mcmd.tiling._stored import StoredIndex, find_larger, find_neighbors
+from sklearn_mcmd.tiling._warnings import warn_if_coarse
+from sklearn_mcmd.tiling._whole import ALL, whole_of
+
+__all__ = ["PlaneJob", "are_few", "ends_of", "find_planes", "has_tree", "tell_new"]
+
+NUMBER, VECTOR = (np.float64, ()), (np.float64, (3,))
+# Fields of `Planes`, and of `Surfaces`, that are stored between the sweeps.
+FIELDS = {
+    **dict.fromkeys(("centroids", "normals", "eigenvalues"), VECTOR),
+    **dict.fromkeys(("scale", "kept", "radius", "normal_error"), NUMBER),
+}
+OTHERS = {"forms": (np.int8, ()), "noise": NUMBER, "left": NUMBER}
+OWN = {f"own_{name}": kind for name, kind in {**FIELDS, **OTHERS}.items()}
+# Ends of the sweeps as shares of their time; with "auto", that of all that comes before.
+ENDS = {"neighbors": 0.2, "planes": 0.75, "bends": 0.85, "normals": 1.0}
+SIZED = {"neighbors": 0.15, "sizes": 0.45, "larger": 0.5}
+TREE = {"normals": 0.85, "forest": 0.9, "sides": 1.0}  # where a tree tells the sides of normals
+
+
+class PlaneJob(NamedTuple):
+    """What all sweeps over the cells of a cloud know.
+
+    cells, columns : Path
+        Folders of `Cells` and `Columns`.
+    estimator : RobustNormalEstimator
+    constants : Constants
+    tell : callable
+        Called as ``tell(cell, job, fitted)`` with an estimator that has what is public of the
+        places of a cell.
+    n_threads : int
+        Of each worker.
+    """
+
+    cells: Path
+    columns: Path
+    estimator: RobustNormalEstimator
+    constants: Constants
+    tell: object
+    n_threads: int = 1
+
+    def open(self):
+        """The cells, and the columns of their places."""
+        return Cells(self.cells), Columns(self.columns)
+
+    @property
+    def is_sized(self):
+        """Whether each place has its own number of neighbors."""
+        return self.estimator.n_neighbors == "auto"
+
+    def index(self):
+        """The `StoredIndex` of the estimator's neighborhoods."""
+        whole, k = whole_of(self), self.estimator.n_neighbors
+        if self.is_sized:
+            k = whole.columns.report(ALL, "numbers")["largest"]
+        return StoredIndex(whole, Cells(self.cells), k, self.estimator.radius, self.is_sized)
+
+    def model(self):
+        """The `LocalPlaneModel` of all places."""
+        index, constants = self.index(), self.constants
+        precision = np.finfo(constants.dtype).eps
+        return clone(self.estimator)._make_model(
+            index, index.points.shape, precision, constants.step, self.estimator.cutoff
+        )
+
+    def surfaces(self, model):
+        """The `SurfacePlanes` of a model; None where the estimator corrects no planes."""
+        if not self.estimator._mends_planes():
+            return None
+        whole = whole_of(self)
+        own = {name: whole.open(f"own_{name}", private=True) for name in (*FIELDS, *OTHERS)}
+        planes = Planes(**{name: own[name] for name in FIELDS}, spacing=np.empty(0))
+        members = Surfaces(planes, *(own[name] for name in OTHERS))
+        return self.estimator._make_surfaces(model, members)
+
+
+def ends_of(begin, end, estimator):
+    """The ends of the sweeps of `find_planes`, between two shares of the time."""
+    first, last = 0.0, 1.0
+    if estimator.n_neighbors == "auto":
+        first = SIZED["larger"]
+    if has_tree(estimator):
+        last = TREE["normals"]
+    ends = {name: first + (last - first) * share for name, share in ENDS.items()}
+    ends |= (SIZED if first else {}) | (TREE if last < 1.0 else {})
+    return {name: begin + share * (end - begin) for name, share in ends.items()}
+
+
+def has_tree(estimator):
+    """Whether a tree of all places tells the sides of normals."""
+    return isinstance(estimator.orientation, str) and estimator.orientation == "mst"
+
+
+def are_few(whole, estimator, k=0):
+    """Whether places are so few that other code finds their planes; `k` are asked besides."""
+    fixed = 0 if estimator.n_neighbors == "auto" else estimator.n_neighbors + 1
+    return len(whole) < max(COMPILE_FROM, fixed, k)
+
+
+def find_planes(sweeps, cells, job, k=0):
+    """Find the planes of all places, and call ``job.tell`` for each cell with points.
+
+    Parameters
+    ----------
+    sweeps : Sweeps
+        With ends as by `ends_of`.
+    cells : Cells
+    job : PlaneJob
+    k : int, default=0
+        Neighbors that are asked for later, which are stored as the column near.
+    """
+    whole, sweep = whole_of(job), partial(sweeps, cells=cells, job=job)
+    whole.join("points")
+    asked = AROUND if job.is_sized else job.estimator.n_neighbors
+    along = TREE_NEIGHBORS if has_tree(job.estimator) else 0
+    whole.make(near=(np.int32, (max(asked, k, along),)))
+    sweep("neighbors", find_neighbors)
+    if job.is_sized:
+        _find_sizes(sweeps, cells, job)
+        sweep("larger", find_larger)
+    warn_if_coarse(job.constants, job.index())
+    if job.estimator._mends_planes():
+        whole.make(**OWN)
+        sweep("planes", _fit_own)
+        sweep("bends", _bend)
+    if not has_tree(job.estimator):
+        return sweep("normals", _tell_cell)
+    sweep("normals", _tell_cell, job=job._replace(tell=_keep_normals))
+    whole.join("normals")
+    sweep("forest", _find_forest)
+    if not whole.columns.is_done(ALL, "tree"):
+        _find_signs(whole, np.flatnonzero(cells.counts))
+    sweep("sides", partial(_tell_cell, name="sides"))
+
+
+def tell_new(job, queries, n_jobs=None):
+    """An estimator that has what is public of new points (m, 3), once planes are found."""
+    model, X = job.model(), queries.astype(job.constants.dtype)
+    surfaces = job.surfaces(model)
+    around = model.index.query(queries, n_jobs)
+    planes = Planes.empty(*X.shape)
+
+    def task(rows):
+        near = around.take(rows)
+        if surfaces is not None:
+            found = surfaces.evaluate_neighborhoods(X[rows], near, surfaces.members.planes)
+        else:
+            found, _ = model.evaluate_neighborhoods(queries[rows], near)
+        planes.put(rows, found)
+
+    each_slice(len(X), model.chunk(), task, n_jobs)
+    return _told(job, model, planes, X, around.take, n_jobs)
+
+
+def _find_sizes(sweeps, cells, job):
+    """Fill sizes, the number of neighbors of each place, and starts, where larger has them."""
+    whole, n_threads = whole_of(job), sweeps.n_workers * job.n_threads
+    if whole.columns.is_done(ALL, "numbers"):
+        return
+    with progress_part(sweeps.begin, sweeps.ends["sizes"], "sizes of neighborhoods"):
+        index = StoredIndex(whole, cells)
+        with whole.releasing():
+            sizes = ScaleFinder(index, n_threads).sizes()
+        many = np.where(sizes > index.n_neighbors, sizes, 0)
+        whole.make(sizes=(np.int64, ()), starts=(np.int64, ()))
+        whole.open("sizes")[:], whole.open("starts")[:] = sizes, np.cumsum(many) - many
+        whole.make(max(1, int(many.sum())), larger=(np.int32, ()))
+        whole.columns.finish(ALL, "numbers", largest=int(sizes.max()))
+    sweeps.begin = sweeps.ends["sizes"]
+
+
+def _fit_own(cell, job):
+    """Fill the planes of the places of a cell, each of its own neighborhood."""
+    model, whole = job.model(), whole_of(job)
+    surfaces = job.surfaces(model)
+    _each_part(whole.rows(cell), model, surfaces.fit_own, job.n_threads)
+    _put(whole, cell, surfaces.members)
+    whole.columns.finish(cell, "planes")
+
+
+def _bend(cell, job):
+    """Settle the forms of the planes of a cell, and change the planes as these ask.
+
+    What an earlier run has changed in part is filled anew before.
+    """
+    model, whole = job.model(), whole_of(job)
+    own, surfaces = whole.rows(cell), job.surfaces(model)
+    if whole.columns.is_done(cell, "begun"):
+        _each_part(own, model, surfaces.fit_own, job.n_threads)
+    _each_part(own, model, surfaces.bend, job.n_threads)
+    whole.columns.finish(cell, "begun")
+    _put(whole, cell, surfaces.members)
+    whole.columns.finish(cell, "bends")
+
+
+def _put(whole, cell, members):
+    """Fill what a cell has of the columns `OWN`."""
+    found = {**members.planes._asdict(), **members._asdict()}
+    own = whole.rows(cell)
+    whole.put(cell, **{f"own_{name}": found[name][own] for name in (*FIELDS, *OTHERS)})
+
+
+def _tell_cell(cell, job, name="normals"):
+    """Find what is public of the places of a cell, and let the job tell it."""
+    model, whole = job.model(), whole_of(job)
+    surfaces, own, index = job.surfaces(model), whole.rows(cell), model.index
+    planes = Planes.empty(own.stop - own.start, 3).without("spacing")
+
+    def find(rows):
+        part = slice(rows.start - own.start, rows.stop - own.start)
+        if surfaces is None:
+            found, _ = model.evaluate_neighborhoods(index.points[rows], index.query_own(rows))
+            return planes.put(part, found)
+        members = surfaces.members.planes
+        planes.put(part, members.take(rows))
+        if surfaces.lends:
+            lenders = surfaces.lenders(rows)
+            borrowing = np.flatnonzero(lenders >= 0)
+            surfaces.lend(planes, part.start + borrowing, members, lenders[borrowing])
+
+    def around(rows):
+        return index.query_own(slice(own.start + rows.start, own.start + rows.stop))
+
+    _each_part(own, model, find, job.n_threads)
+    X, columns = index.points[own].astype(job.constants.dtype), job.open()[1]
+
+    def along_tree(normals):
+        if columns.is_done(ALL, "tree"):
+            normals *= whole.open("signs")[own, None]
+
+    fitted = _told(job, model, planes, X, around, job.n_threads, along_tree)
+    fitted.n_neighbors_ = index.n_neighbors if index.sizes is None else np.array(index.sizes[own])
+    job.tell(cell, job, fitted)
+    columns.finish(cell, name)
+
+
+def _find_signs(whole, cells):
+    """Fill signs, those of the normals of all places along the tree that joins the forests."""
+    points, normals = whole.open("points"), whole.open("normals")
+    edges = np.concatenate([whole.columns.read(cell, "forest") for cell in cells])
+    signs = signs_along(normals, points, *spanning_forest(normals, points, *edges.T))
+    whole.make(signs=(np.float64, ()))
+    whole.open("signs")[:] = signs
+    whole.columns.finish(ALL, "tree")
+
+
+def _keep_normals(cell, job, fitted):
+    job.open()[1].write(cell, normals=fitted.normals_)
+
+
+def _find_forest(cell, job):
+    """Write the edges of the forest of the places of a cell and their neighbors, by rows."""
+    whole, columns, index = whole_of(job), job.open()[1], job.index()
+    near = index.query_own(whole.rows(cell), min(TREE_NEIGHBORS, len(whole))).indices
+    known, local = np.unique(near, return_inverse=True)
+    local = local.reshape(near.shape).astype(np.int32)
+    first = np.repeat(local[:, 0], local.shape[1])
+    normals = whole.open("normals")[known]
+    edges = spanning_forest(normals, index.points[known], first, local.ravel())
+    columns.write(cell, forest=known[np.column_stack(edges)])
+    columns.finish(cell, "forest")
+
+
+def _told(job, model, planes, X, around, n_jobs, along_tree=None):
+    """An estimator with what is public of points X (n, 3) and their planes.
+
+    `around` returns the neighborhoods of a slice of these. `along_tree` flips normals that point
+    up, in place, where a tree tells their sides.
+    """
+    fitted = clone(job.estimator)
+    fitted.n_features_in_, fitted._feature_names = 3, settle_features(fitted.features, 3)
+    sides = Sides.settled(fitted.orientation, fitted.sensor_origin, X)
+
+    def orient(normals):
+        if sides.tree:
+            along_tree(normals)
+        else:
+            sides.orient(None, normals, X, n_jobs)
+
+    def curvatures(model, planes, X, n_jobs):
+        found = Curvatures.empty(len(X))
+
+        def task(rows):
+            queries = X[rows].astype(np.float64)
+            found.put(rows, curvatures_of_each(model, planes.take(rows), queries, around(rows)))
+
+        each_slice(len(X), model.chunk(), task, n_jobs)
+        return found
+
+    fitted._model, fitted.n_jobs = model, n_jobs
+    fitted._tell(planes, X, orient, curvatures)
+    return fitted
+
+
+def _each_part(rows, model, work, n_threads):
+    """Call ``work(part)`` with the parts of a slice, as long as a model fits at once."""
+
+    def task(part):
+        work(slice(rows.start + part.start, rows.start + part.stop))
+
+    each_slice(rows.stop - rows.start, model.chunk(), task, n_threads)
