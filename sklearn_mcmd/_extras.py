@@ -5,7 +5,7 @@ import os
 import re
 import sys
 
-from sklearn_mcmd._interrupts import INTERRUPTED, exit_at_once, ignore_interrupts
+from sklearn_mcmd.runtime._interrupts import INTERRUPTED, exit_at_once, ignore_interrupts
 
 __all__ = ["how_to_install", "import_extra", "run_app"]
 

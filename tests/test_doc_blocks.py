@@ -11,7 +11,7 @@ import pytest
 
 from doc_blocks import blocks, run_console, run_python
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.cli import _waiting
+from sklearn_mcmd.cli import _progress_bar
 from sklearn_mcmd.cli._demo_run import write_street
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import PointCloud, write_points
@@ -94,7 +94,7 @@ def reader(tmp_path, given_files, monkeypatch):
     matplotlib.use("agg")
     shutil.copytree(given_files, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(_waiting, "PATIENCE", 3600.0)
+    monkeypatch.setattr(_progress_bar, "PATIENCE", 3600.0)
     return tmp_path
 
 

@@ -5,7 +5,7 @@ from zlib import crc32
 import numpy as np
 
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.planes._progress import current_span
+from sklearn_mcmd.runtime._progress import current_span
 
 __all__ = [
     "Steps",

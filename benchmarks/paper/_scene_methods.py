@@ -8,7 +8,7 @@ from benchmarks.paper._methods import QSP_SAMPLE
 from sklearn_mcmd.baselines import PlaneOutlierDetector
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.outliers._detector import MCMDOutlierDetector
-from sklearn_mcmd.planes._progress import listen_to_progress
+from sklearn_mcmd.runtime._progress import listen_to_progress
 
 __all__ = ["SCENE_METHODS", "SceneMethod", "quietly", "runs_of", "summary"]
 

@@ -29,7 +29,7 @@ from sklearn_mcmd.adjustment._tests import (
     statistic,
     t_to_tau,
 )
-from sklearn_mcmd.planes._tasks import fit_in_tasks
+from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
 __all__ = ["BaardaPlaneDetector"]
 

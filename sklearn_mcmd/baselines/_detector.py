@@ -10,7 +10,7 @@ from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd.baselines._methods import METHOD_NAMES
 from sklearn_mcmd.planes._base import BasePlaneOutliers
 from sklearn_mcmd.planes._comparators import settle_comparator
-from sklearn_mcmd.planes._tasks import fit_in_tasks
+from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
 __all__ = ["PlaneOutlierDetector"]
 

@@ -7,10 +7,10 @@ import numpy as np
 from scipy.special import chdtri
 
 from sklearn_mcmd.baselines._fits import Found, Method, WhitenedModel, check
-from sklearn_mcmd.planes._compiling import compiled_function
 from sklearn_mcmd.planes._consistent_set import n_trials_needed
 from sklearn_mcmd.planes._plane import fit_planes, orthogonal_distances
 from sklearn_mcmd.planes._rules import MAD_TO_SD
+from sklearn_mcmd.runtime._compiling import compiled_function
 
 __all__ = ["Msac", "Ransac"]
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from sklearn_mcmd.baselines._ransac import scale_factor
-from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.planes._moments_numba import FASTMATH
+from sklearn_mcmd.runtime._kernels import kernel
 
 __all__ = ["best_planes_3d", "least_median_scales_3d"]
 

@@ -6,13 +6,13 @@ from typing import Annotated
 
 import typer
 
-from sklearn_mcmd._interrupts import ignore_interrupts
 from sklearn_mcmd.cli._denoise import denoise
 from sklearn_mcmd.cli._files import files_of, naming, read, refuse_existing
+from sklearn_mcmd.cli._messages import clear_exits, print_table, stopwatch
 from sklearn_mcmd.cli._normals import normals
 from sklearn_mcmd.cli._options import Columns, NJobs, NoClobber, Quiet
-from sklearn_mcmd.cli._speech import clear_exits, print_table, stopwatch
-from sklearn_mcmd.cli._waiting import progress
+from sklearn_mcmd.cli._progress_bar import progress
+from sklearn_mcmd.runtime._interrupts import ignore_interrupts
 
 __all__ = ["demo", "info"]
 

@@ -9,8 +9,8 @@ from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_point
 from sklearn_mcmd.io._files import replacing
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
-from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.plotting._still import plot_before_after
+from sklearn_mcmd.runtime._progress import progress_part
 
 __all__ = ["draw", "made_by_demo", "normal_errors", "outlier_rates", "write_street"]
 

@@ -7,12 +7,12 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from sklearn_mcmd.cli import _files, _judged, _options, _sensor, _speech
+from sklearn_mcmd.cli import _files, _messages, _options, _point_selection, _sensor
 from sklearn_mcmd.cli._config import Config
-from sklearn_mcmd.cli._engine import Scheduler, engine
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
+from sklearn_mcmd.cli._progress_bar import progress
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
-from sklearn_mcmd.cli._waiting import progress
+from sklearn_mcmd.cli._scheduler import Scheduler, engine
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, noise_classes
 from sklearn_mcmd.io._point_cloud import denoised_before, with_results, without_outliers
 
@@ -112,11 +112,11 @@ def denoise(
             fits=lambda share: 0 < share <= LARGEST_RATE,
         ),
     ] = None,
-    ignore_class: _judged.IgnoreClass = None,
-    only_class: _judged.OnlyClass = None,
-    above: _judged.Above = None,
-    below: _judged.Below = None,
-    low_groups: _judged.LowGroups = False,
+    ignore_class: _point_selection.IgnoreClass = None,
+    only_class: _point_selection.OnlyClass = None,
+    above: _point_selection.Above = None,
+    below: _point_selection.Below = None,
+    low_groups: _point_selection.LowGroups = False,
     sensor: _sensor.SensorOrigin = None,
     trajectory: _sensor.TrajectoryFile = None,
     max_outlier_rate: _options.MaxOutlierRate = 0.5,
@@ -169,8 +169,8 @@ def denoise(
         "random_state": random_state,
         "n_jobs": n_jobs,
     }
-    with _speech.clear_exits(allow_coarse=allow_coarse), engine(scheduler):
-        seconds = _speech.stopwatch()
+    with _messages.clear_exits(allow_coarse=allow_coarse), engine(scheduler):
+        seconds = _messages.stopwatch()
         choice = Choice(ignore_class or (), only_class or ())
         heights = {"above": above, "below": below, "low_groups": low_groups}
         catalog = large_catalog(source, memory, 0, scheduler is not None, columns)
@@ -195,7 +195,7 @@ def denoise(
             )
             if cloud.metadata.get("denoised"):
                 warnings.warn(denoised_before(source), stacklevel=2)
-            points = _judged.judged_points(source, cloud, choice, above, below, low_groups)
+            points = _point_selection.judged_points(source, cloud, choice, above, below, low_groups)
             nothing = _files.blank(cloud)
             _files.rehearse(
                 target, *_denoised(cloud, nothing.astype(np.uint8), nothing, mark), whole=mark
@@ -221,10 +221,10 @@ def denoise(
             )  # fmt: skip
         if not quiet:
             judged = (
-                {} if points.judged.all() else {"judged": _speech.count_and_share(points.judged)}
+                {} if points.judged.all() else {"judged": _messages.count_and_share(points.judged)}
             )
-            found = {"marked" if mark else "removed": _speech.count_and_share(is_outlier)}
-            _speech.print_summary(source, target, len(cloud), seconds(), **judged, **found)
+            found = {"marked" if mark else "removed": _messages.count_and_share(is_outlier)}
+            _messages.print_summary(source, target, len(cloud), seconds(), **judged, **found)
 
 
 def _refuse_sensor(source, sensor, trajectory):
@@ -254,9 +254,9 @@ def _by_tiles(
         )  # fmt: skip
     _warn_if_without_scale(told.n_exact, told.n_points)
     if not quiet:
-        found = _speech.number_and_share(told.n_outliers, told.n_points)
-        judged = {"judged": _speech.number_and_share(told.n_judged, told.n_points)}
-        _speech.print_summary(
+        found = _messages.number_and_share(told.n_outliers, told.n_points)
+        judged = {"judged": _messages.number_and_share(told.n_judged, told.n_points)}
+        _messages.print_summary(
             *(source, target, told.n_points, seconds()),
             **(judged if told.n_judged < told.n_points else {}),
             tiles=f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",

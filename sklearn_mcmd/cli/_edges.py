@@ -6,12 +6,12 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from sklearn_mcmd.cli import _files, _options, _speech
+from sklearn_mcmd.cli import _files, _messages, _options
 from sklearn_mcmd.cli._config import Config
-from sklearn_mcmd.cli._engine import Scheduler, engine
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
+from sklearn_mcmd.cli._progress_bar import progress
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
-from sklearn_mcmd.cli._waiting import progress
+from sklearn_mcmd.cli._scheduler import Scheduler, engine
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 
 __all__ = ["edges"]
@@ -86,8 +86,8 @@ def edges(
         "random_state": random_state,
         "n_jobs": n_jobs,
     }
-    with _speech.clear_exits(allow_coarse=allow_coarse), engine(scheduler):
-        seconds = _speech.stopwatch()
+    with _messages.clear_exits(allow_coarse=allow_coarse), engine(scheduler):
+        seconds = _messages.stopwatch()
         catalog = large_catalog(source, memory, 0, scheduler is not None, columns, work="edges")
         if dry_run:
             print_plan(source, target, catalog, _detector(params), memory, work="edges")
@@ -109,8 +109,8 @@ def edges(
             _files.write(target, with_results(cloud, _results(is_edge, score, colors)))
             write_report_of(report, source, target, seconds, lambda: _contents(cloud, detector))
         if not quiet:
-            edges = _speech.count_and_share(is_edge)
-            _speech.print_summary(source, target, len(cloud), seconds(), edges=edges)
+            edges = _messages.count_and_share(is_edge)
+            _messages.print_summary(source, target, len(cloud), seconds(), edges=edges)
 
 
 def _by_tiles(source, target, catalog, params, colors, memory, restart, report, quiet, seconds):
@@ -125,10 +125,10 @@ def _by_tiles(source, target, catalog, params, colors, memory, restart, report, 
             report, source, target, seconds, lambda: _tile_contents(catalog, target, params, told)
         )
     if not quiet:
-        _speech.print_summary(
+        _messages.print_summary(
             *(source, target, told.n_points, seconds()),
             tiles=f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
-            edges=_speech.number_and_share(told.n_edges, told.n_points),
+            edges=_messages.number_and_share(told.n_edges, told.n_points),
         )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from sklearn_mcmd.cli._large import PARSED_SUFFIXES, is_several
 from sklearn_mcmd.io._point_cloud import joined
-from sklearn_mcmd.planes._progress import progress_part
+from sklearn_mcmd.runtime._progress import progress_part
 
 __all__ = [
     "blank",

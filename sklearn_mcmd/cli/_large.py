@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from sklearn_mcmd._errors import ParameterError
-from sklearn_mcmd.cli._speech import print_table
+from sklearn_mcmd.cli._messages import print_table
 
 __all__ = ["DryRun", "Memory", "Restart", "is_several", "large_catalog", "print_plan"]
 

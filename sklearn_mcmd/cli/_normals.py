@@ -6,12 +6,12 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from sklearn_mcmd.cli import _files, _options, _sensor, _speech
+from sklearn_mcmd.cli import _files, _messages, _options, _sensor
 from sklearn_mcmd.cli._config import Config
-from sklearn_mcmd.cli._engine import Scheduler, engine
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
+from sklearn_mcmd.cli._progress_bar import progress
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
-from sklearn_mcmd.cli._waiting import progress
+from sklearn_mcmd.cli._scheduler import Scheduler, engine
 from sklearn_mcmd.io._point_cloud import with_results
 
 __all__ = ["normals"]
@@ -123,8 +123,8 @@ def normals(
         "random_state": random_state,
         "n_jobs": n_jobs,
     }
-    with _speech.clear_exits(allow_coarse=allow_coarse), engine(scheduler):
-        seconds = _speech.stopwatch()
+    with _messages.clear_exits(allow_coarse=allow_coarse), engine(scheduler):
+        seconds = _messages.stopwatch()
         n_features = len(_feature_columns(features))
         work = "tree" if orientation is Orientation.mst else "normals"
         work = f"{work}, auto" if n_neighbors == "auto" else work
@@ -161,7 +161,7 @@ def normals(
             from sklearn_mcmd.planes._orientation import count_upright
 
             removed = float(results["removed_fraction"].mean(dtype=np.float64))
-            _speech.print_summary(
+            _messages.print_summary(
                 *(source, target, len(cloud), seconds()),
                 removed=_removed(removed),
                 **{"surface variation": f"{np.median(results['surface_variation']):.2g} (median)"}
@@ -197,7 +197,7 @@ def _by_tiles(
             report, source, target, seconds, lambda: _tile_contents(catalog, target, params, told)
         )
     if not quiet:
-        _speech.print_summary(
+        _messages.print_summary(
             *(source, target, told.n_points, seconds()),
             tiles=f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
             removed=_removed(told.removed_fraction),
@@ -234,14 +234,14 @@ def _estimator(params):
 
 
 def _columns():
-    from sklearn_mcmd.tiling._tile import NORMAL_COLUMNS
+    from sklearn_mcmd.tiling._result_files import NORMAL_COLUMNS
 
     return NORMAL_COLUMNS
 
 
 def _find_normals(xyz, params, sensor_origin=None):
     """The fitted estimator, and the columns of results by their names."""
-    from sklearn_mcmd.tiling._tile import normal_columns
+    from sklearn_mcmd.tiling._result_files import normal_columns
 
     fitted = _estimator(params).fit(xyz, sensor_origin=sensor_origin)
     names, columns = normal_columns(fitted)

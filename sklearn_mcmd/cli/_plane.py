@@ -10,11 +10,11 @@ import numpy as np
 import typer
 
 from sklearn_mcmd._extras import how_to_install
-from sklearn_mcmd.cli import _files, _options, _speech
+from sklearn_mcmd.cli import _files, _messages, _options
 from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._large import is_several, large_catalog
+from sklearn_mcmd.cli._progress_bar import progress
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
-from sklearn_mcmd.cli._waiting import progress
 from sklearn_mcmd.io._point_cloud import with_results
 
 __all__ = ["plane"]
@@ -161,10 +161,10 @@ def plane(
     if method is Method.baarda:
         params["random_state"] = random_state
     sheets = _choose_sheets(source, target, text, plot)
-    with _speech.clear_exits(allow_coarse=allow_coarse):
+    with _messages.clear_exits(allow_coarse=allow_coarse):
         from sklearn_mcmd.io import PointCloud
 
-        seconds = _speech.stopwatch()
+        seconds = _messages.stopwatch()
         with progress("plane", quiet):
             catalog = large_catalog(source, 0, 0, columns=columns) if is_several(source) else None
             _files.refuse_existing(no_clobber, target, *sheets, report=report, catalog=catalog)
@@ -383,9 +383,9 @@ def _summarize(source, target, sheets, detector, residuals, unit, seconds):
     how = rows_of.sigma0_origin(detector)
     if detector._sigma0_is_rounding:
         how += ": no noise to test against"
-    _speech.print_summary(
+    _messages.print_summary(
         *(source, target, len(is_outlier), seconds),
-        outliers=_speech.count_and_share(is_outlier),
+        outliers=_messages.count_and_share(is_outlier),
         normal=f"{rows_of.normal_row(detector)}, tilt {rows_of.tilt(detector)}",
         point=f"{rows_of.point_row(detector, unit)}, on the plane",
         residuals=f"rms {rms[0]:.4g}{unit}, without outliers {rms[1]:.4g}{unit}; "

@@ -6,9 +6,9 @@ from typing import Annotated, NamedTuple
 
 import typer
 
-from sklearn_mcmd._interrupts import ignore_interrupts
-from sklearn_mcmd.cli._speech import clear_exits
-from sklearn_mcmd.planes._progress import current_span, progress_part
+from sklearn_mcmd.cli._messages import clear_exits
+from sklearn_mcmd.runtime._interrupts import ignore_interrupts
+from sklearn_mcmd.runtime._progress import current_span, progress_part
 
 __all__ = ["ReportFolder", "write_report_of"]
 

@@ -5,12 +5,12 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from sklearn_mcmd.cli import _files, _options, _speech
+from sklearn_mcmd.cli import _files, _messages, _options
 from sklearn_mcmd.cli._config import Config
-from sklearn_mcmd.cli._engine import Scheduler, engine
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
+from sklearn_mcmd.cli._progress_bar import progress
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
-from sklearn_mcmd.cli._waiting import progress
+from sklearn_mcmd.cli._scheduler import Scheduler, engine
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 
 __all__ = ["segment"]
@@ -131,8 +131,8 @@ def segment(
         "assign_unlabeled": assign_unlabeled,
         "n_jobs": n_jobs,
     }
-    with _speech.clear_exits(allow_coarse=allow_coarse), engine(scheduler):
-        seconds = _speech.stopwatch()
+    with _messages.clear_exits(allow_coarse=allow_coarse), engine(scheduler):
+        seconds = _messages.stopwatch()
         catalog = large_catalog(source, memory, 0, scheduler is not None, columns, work="regions")
         if dry_run:
             growing = _growing(normals, params)
@@ -154,10 +154,10 @@ def segment(
             _files.write(target, _segmented(cloud, fitted.labels_, colors))
             write_report_of(report, source, target, seconds, lambda: _contents(cloud, fitted))
         if not quiet:
-            _speech.print_summary(
+            _messages.print_summary(
                 *(source, target, len(cloud), seconds()),
                 regions=f"{fitted.n_regions_:,}",
-                inside=_speech.count_and_share(fitted.labels_ >= 0),
+                inside=_messages.count_and_share(fitted.labels_ >= 0),
                 largest=_in_words(fitted.region_sizes_[:LARGEST_SHOWN]),
             )
 
@@ -174,11 +174,11 @@ def _by_tiles(source, target, catalog, growing, colors, memory, restart, report,
             report, source, target, seconds, lambda: _tile_contents(catalog, target, told)
         )
     if not quiet:
-        _speech.print_summary(
+        _messages.print_summary(
             *(source, target, told.n_points, seconds()),
             tiles=f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
             regions=f"{told.n_regions:,}",
-            inside=_speech.number_and_share(told.n_inside, told.n_points),
+            inside=_messages.number_and_share(told.n_inside, told.n_points),
             largest=_in_words(told.largest[:LARGEST_SHOWN]),
         )
 

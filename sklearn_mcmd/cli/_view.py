@@ -5,13 +5,13 @@ from typing import Annotated
 
 import typer
 
-from sklearn_mcmd._interrupts import ignore_interrupts
 from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._files import read_all, refuse_existing, standing_in
+from sklearn_mcmd.cli._messages import clear_exits, print_table, stopwatch
 from sklearn_mcmd.cli._options import Columns, NoClobber, Quiet
-from sklearn_mcmd.cli._speech import clear_exits, print_table, stopwatch
-from sklearn_mcmd.cli._waiting import progress
-from sklearn_mcmd.planes._progress import progress_part
+from sklearn_mcmd.cli._progress_bar import progress
+from sklearn_mcmd.runtime._interrupts import ignore_interrupts
+from sklearn_mcmd.runtime._progress import progress_part
 
 __all__ = ["view"]
 

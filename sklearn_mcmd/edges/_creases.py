@@ -10,10 +10,10 @@ surface. The verdict is pooled over the neighbors, as an edge is a line and not 
 import numpy as np
 
 from sklearn_mcmd.edges._faces import OFF, Faces, are_flat, give_faces, measure_spacing
-from sklearn_mcmd.planes._chunks import each_chunk, run
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._record import Neighborhoods
+from sklearn_mcmd.runtime._chunks import each_chunk, run
+from sklearn_mcmd.runtime._progress import progress_part
 
 __all__ = ["FAR", "CreaseModel"]
 

@@ -22,8 +22,8 @@ from sklearn_mcmd.edges._limits import column_of_criterion, least_of_edge
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.outliers._detector import MCMDOutlierDetector
 from sklearn_mcmd.planes._columns import Columns, split_columns
-from sklearn_mcmd.planes._progress import progress_part
-from sklearn_mcmd.planes._tasks import fit_in_tasks, sub_fit
+from sklearn_mcmd.runtime._progress import progress_part
+from sklearn_mcmd.runtime._tasks import fit_in_tasks, sub_fit
 
 __all__ = ["SharpFeatureDetector"]
 

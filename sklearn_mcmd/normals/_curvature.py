@@ -12,9 +12,9 @@ import numpy as np
 from scipy.special import ndtr, ndtri, stdtrit
 
 from sklearn_mcmd.normals._quadrics import PIVOT, tangents_of
-from sklearn_mcmd.planes._chunks import each_chunk, each_slice
-from sklearn_mcmd.planes._compiling import compiled_function
 from sklearn_mcmd.planes._orientation import point_up
+from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
+from sklearn_mcmd.runtime._compiling import compiled_function
 
 __all__ = ["Curvatures", "curvatures_of_each", "curvatures_of_fitted", "curvatures_of_new"]
 

@@ -11,7 +11,7 @@ from sklearn_mcmd.normals._quadrics_numba import (
     quadric_moments,
     work_arrays,
 )
-from sklearn_mcmd.planes._kernels import kernel
+from sklearn_mcmd.runtime._kernels import kernel
 
 __all__ = ["fit_jets"]
 

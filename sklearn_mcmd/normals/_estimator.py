@@ -11,6 +11,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, check_feature_names_in, fit_context
 from sklearn_mcmd.baselines._methods import METHOD_NAMES  # registers them
+from sklearn_mcmd.normals._adaptive_k import sized_index
 from sklearn_mcmd.normals._curvature import curvatures_of_fitted, curvatures_of_new
 from sklearn_mcmd.normals._features import (
     FEATURES,
@@ -19,16 +20,15 @@ from sklearn_mcmd.normals._features import (
     needs_curvatures,
     settle_features,
 )
-from sklearn_mcmd.normals._scales import sized_index
-from sklearn_mcmd.normals._sides import Sides
+from sklearn_mcmd.normals._orientation import Sides
 from sklearn_mcmd.normals._surface_planes import SurfacePlanes
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.planes._columns import column_names, joined_columns, plane_offsets
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._plane import surface_variation
-from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._rules import METHODS
-from sklearn_mcmd.planes._tasks import fit_in_tasks
+from sklearn_mcmd.runtime._progress import progress_part
+from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
 __all__ = ["RobustNormalEstimator"]
 

@@ -9,8 +9,8 @@ So all arrays of a kernel with one number for each member are rows of one.
 
 import numpy as np
 
-from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.planes._moments_numba import FASTMATH
+from sklearn_mcmd.runtime._kernels import kernel
 
 __all__ = [
     "TERMS",

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import fdtri, ndtr, ndtri
 
 from sklearn_mcmd.normals._quadrics import PIVOT, least_members, n_terms
-from sklearn_mcmd.planes._compiling import compiled_function
+from sklearn_mcmd.runtime._compiling import compiled_function
 
 __all__ = ["is_smooth", "whole_planes"]
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from sklearn_mcmd.normals._quadrics_numba import decompose, quadric_moments, work_arrays
-from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.planes._moments_numba import FASTMATH, principal_axes, weighted_covariance
+from sklearn_mcmd.runtime._kernels import kernel
 
 __all__ = ["fit_whole_planes"]
 

@@ -11,15 +11,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
-from sklearn_mcmd.normals._folds import are_folded, quadric_normals
-from sklearn_mcmd.normals._lenders import find_lenders
+from sklearn_mcmd.normals._crease_test import are_folded, quadric_normals
+from sklearn_mcmd.normals._neighbor_planes import find_lenders
 from sklearn_mcmd.normals._quadrics import CHANCE, noise_quantiles
 from sklearn_mcmd.normals._smoothness import is_smooth, whole_planes
 from sklearn_mcmd.planes._around import extents, quantile_around
-from sklearn_mcmd.planes._chunks import each_chunk, each_slice
 from sklearn_mcmd.planes._plane import flat_normals, normal_errors
-from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
+from sklearn_mcmd.runtime._progress import progress_part
 
 __all__ = ["SurfacePlanes", "Surfaces"]
 

@@ -26,10 +26,10 @@ from sklearn_mcmd.outliers._surfaces import (
     own_distances,
 )
 from sklearn_mcmd.planes._around import ratio
-from sklearn_mcmd.planes._chunks import each_chunk, each_slice, run
-from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import small_sample_inflation
+from sklearn_mcmd.runtime._chunks import each_chunk, each_slice, run
+from sklearn_mcmd.runtime._progress import progress_part
 
 __all__ = ["JudgedCloud", "Judgement", "both_spacings", "joined_scores", "least_of"]
 

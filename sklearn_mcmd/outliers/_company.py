@@ -10,7 +10,7 @@ from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._linking import connected
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._progress import progress_part
+from sklearn_mcmd.runtime._progress import progress_part
 
 __all__ = ["Company", "CompanyLimits", "Places", "chosen_rows", "mean_distance"]
 

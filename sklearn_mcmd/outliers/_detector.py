@@ -13,8 +13,8 @@ from sklearn_mcmd._validation import FittedScoresMixin, check_sensor_origin
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff
 from sklearn_mcmd.outliers._cloud import JudgedCloud
 from sklearn_mcmd.planes._base import BasePlaneOutliers
-from sklearn_mcmd.planes._progress import progress_part, told_to
-from sklearn_mcmd.planes._tasks import fit_in_tasks
+from sklearn_mcmd.runtime._progress import progress_part, told_to
+from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
 __all__ = ["EXACT_PLANE_SCORE", "MCMDOutlierDetector"]
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._around import ratio
-from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
+from sklearn_mcmd.runtime._chunks import each_slice
 
 __all__ = ["DIFFERS", "Emptiness", "RayLimits", "Rays", "one_far_position"]
 

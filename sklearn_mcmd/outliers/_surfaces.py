@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._linking import LinkLimits, connected_planes
+from sklearn_mcmd.runtime._chunks import each_slice
 
 __all__ = [
     "SurfaceLimits",

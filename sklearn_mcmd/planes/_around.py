@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sklearn_mcmd.planes._compiling import compiled_function
+from sklearn_mcmd.runtime._compiling import compiled_function
 
 __all__ = ["extents", "quantile_around", "ratio"]
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.planes._moments_numba import kth_smallest
+from sklearn_mcmd.runtime._kernels import kernel
 
 __all__ = ["extents_of_neighborhoods", "quantile_of_neighbors"]
 

@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd._validation import check_extent
-from sklearn_mcmd.planes._chunks import run
 from sklearn_mcmd.planes._plane import surface_variation
 from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.runtime._chunks import run
 
 __all__ = ["Columns", "column_names", "joined_columns", "plane_offsets", "split_columns"]
 

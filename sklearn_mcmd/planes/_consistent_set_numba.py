@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.planes._lanes_numba import (
     FEATURES,
     MOST_LEVEL,
@@ -28,6 +27,7 @@ from sklearn_mcmd.planes._moments_numba import (
     variance_along,
     weighted_covariance,
 )
+from sklearn_mcmd.runtime._kernels import kernel
 
 __all__ = [
     "NO_FIT",

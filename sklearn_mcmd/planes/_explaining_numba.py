@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sklearn_mcmd.planes._kernels import kernel
+from sklearn_mcmd.runtime._kernels import kernel
 
 __all__ = ["explain_queries"]
 

@@ -10,14 +10,12 @@ from scipy.spatial import cKDTree
 
 from sklearn_mcmd.planes._neighbor_table import NeighborTable
 from sklearn_mcmd.planes._self_search import SelfSearch
+from sklearn_mcmd.runtime._chunks import ORDER_FROM, spatial_order
 
-__all__ = ["ORDER_FROM", "IndexedCloud", "spatial_order"]
+__all__ = ["IndexedCloud"]
 
-# Below this many points the order of memory does not matter, ...
-ORDER_FROM = 10_000
-# ... and loading compiled code takes longer than the search.
+# Below this many points loading compiled code takes longer than the search.
 COMPILE_FROM = 1_000
-COARSE_LEAF = 256
 ODD = np.uint64(0x9E3779B97F4A7C15)  # of 64 bits, which multiplication spreads
 LEAF = 32
 
@@ -149,11 +147,6 @@ class IndexedCloud:
 
 
 _known, _lock = WeakValueDictionary(), Lock()
-
-
-def spatial_order(X):
-    """The row order of a coarse tree's leaves: points near in space are near in memory."""
-    return cKDTree(X, leafsize=COARSE_LEAF, balanced_tree=False, compact_nodes=False).indices
 
 
 def distinct_rows(X):

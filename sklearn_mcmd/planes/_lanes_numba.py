@@ -7,8 +7,8 @@ a multiple of `ROWS`, and rows that pad change no result.
 
 import numpy as np
 
-from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.planes._moments_numba import FASTMATH
+from sklearn_mcmd.runtime._kernels import kernel
 
 __all__ = [
     "FEATURES",

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._chunks import each_slice
-from sklearn_mcmd.planes._compiling import compiled_function
-from sklearn_mcmd.planes._progress import progress_part
+from sklearn_mcmd.runtime._chunks import each_slice
+from sklearn_mcmd.runtime._compiling import compiled_function
+from sklearn_mcmd.runtime._progress import progress_part
 
 __all__ = [
     "LinkLimits",

@@ -6,8 +6,6 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.planes._around import extents
-from sklearn_mcmd.planes._chunks import each_chunk, each_slice
-from sklearn_mcmd.planes._compiling import compiled_function
 from sklearn_mcmd.planes._consistent_set import (
     Trials,
     localize,
@@ -17,6 +15,8 @@ from sklearn_mcmd.planes._consistent_set import (
 from sklearn_mcmd.planes._plane import RANK_TOLERANCE, fit_planes, flat_normals, normal_errors
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import METHODS, RuleLimits, robust_distances
+from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
+from sklearn_mcmd.runtime._compiling import compiled_function
 
 __all__ = ["LocalPlaneModel", "PlaneSettings"]
 

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.planes._consistent_set_numba import NO_FIT, WorkArrays, consistent_set_3d
-from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.planes._moments_numba import (
     FASTMATH,
     eigh_3d,
@@ -17,6 +16,7 @@ from sklearn_mcmd.planes._moments_numba import (
     variance_along,
     weighted_covariance,
 )
+from sklearn_mcmd.runtime._kernels import kernel
 
 __all__ = ["fit_neighborhoods_3d"]
 

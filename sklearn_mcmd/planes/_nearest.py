@@ -5,8 +5,8 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._self_search import SelfSearch
+from sklearn_mcmd.runtime._chunks import each_slice
 
 __all__ = ["NearestPoints"]
 

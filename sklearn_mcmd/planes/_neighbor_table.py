@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._compiling import compiled_function
+from sklearn_mcmd.runtime._compiling import compiled_function
 
 __all__ = ["NeighborTable"]
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.planes._nearest import NearestPoints
 from sklearn_mcmd.planes._neighbor_table import NeighborTable, part_size
 from sklearn_mcmd.planes._record import Neighborhoods
+from sklearn_mcmd.runtime._chunks import each_slice
 
 __all__ = ["NeighborIndex", "padded", "within_radius"]
 

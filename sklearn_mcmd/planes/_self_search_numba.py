@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._kernels import kernel
+from sklearn_mcmd.runtime._kernels import kernel
 
 __all__ = ["build_tree", "search_rows"]
 

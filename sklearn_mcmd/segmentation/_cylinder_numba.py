@@ -5,7 +5,7 @@ Numba takes ten times as long to compile calls of BLAS and LAPACK.
 
 import numpy as np
 
-from sklearn_mcmd.planes._kernels import kernel
+from sklearn_mcmd.runtime._kernels import kernel
 
 __all__ = ["fit"]
 

@@ -6,10 +6,10 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from sklearn_mcmd.planes._chunks import run
+from sklearn_mcmd.runtime._chunks import run
 from sklearn_mcmd.segmentation._cylinder import N_PARAMETERS, Cylinder, fit_cylinder
 from sklearn_mcmd.segmentation._graph import CUTOFF, by_place, n_within_median
-from sklearn_mcmd.segmentation._joining import MOST_NOISE
+from sklearn_mcmd.segmentation._merge_coplanar import MOST_NOISE
 from sklearn_mcmd.segmentation._narrow_faces import REACH
 from sklearn_mcmd.segmentation._region_sums import region_moments, rows_of, sums_by_region
 

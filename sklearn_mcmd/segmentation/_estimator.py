@@ -19,11 +19,11 @@ from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.planes._columns import split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._orientation import point_up
-from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._resolution import coordinate_step
-from sklearn_mcmd.planes._tasks import fit_in_tasks, sub_fit
+from sklearn_mcmd.runtime._progress import progress_part
+from sklearn_mcmd.runtime._tasks import fit_in_tasks, sub_fit
 from sklearn_mcmd.segmentation._graph import grow_regions, link_neighbors, seed_order
-from sklearn_mcmd.segmentation._joining import region_planes
+from sklearn_mcmd.segmentation._merge_coplanar import region_planes
 from sklearn_mcmd.segmentation._steps import finish_regions, least_scales, rules_of
 
 __all__ = ["RegionGrowing"]

@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.planes._around import quantile_around, ratio
-from sklearn_mcmd.planes._chunks import each_slice
-from sklearn_mcmd.planes._compiling import compiled_function
 from sklearn_mcmd.planes._linking import LinkLimits, row_linker
 from sklearn_mcmd.planes._rules import MAD_TO_SD
+from sklearn_mcmd.runtime._chunks import each_slice
+from sklearn_mcmd.runtime._compiling import compiled_function
 
 __all__ = [
     "GrowthRules",

@@ -3,10 +3,10 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sklearn_mcmd.planes._chunks import run
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._plane import fit_planes
 from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.runtime._chunks import run
 from sklearn_mcmd.segmentation._graph import (
     CUTOFF,
     by_place,
@@ -14,7 +14,7 @@ from sklearn_mcmd.segmentation._graph import (
     link_neighbors,
     n_within_median,
 )
-from sklearn_mcmd.segmentation._joining import MOST_NOISE, join_coplanar
+from sklearn_mcmd.segmentation._merge_coplanar import MOST_NOISE, join_coplanar
 from sklearn_mcmd.segmentation._region_sums import median_by_region, region_sizes, rows_of
 
 __all__ = ["RestFaces"]

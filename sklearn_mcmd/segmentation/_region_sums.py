@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import coo_array
 
-from sklearn_mcmd.planes._chunks import run
+from sklearn_mcmd.runtime._chunks import run
 
 __all__ = [
     "Moments",

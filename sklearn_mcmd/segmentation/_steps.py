@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from sklearn_mcmd.planes._progress import progress_part
-from sklearn_mcmd.segmentation._claims import Claims
+from sklearn_mcmd.runtime._progress import progress_part
+from sklearn_mcmd.segmentation._assign_points import Claims
 from sklearn_mcmd.segmentation._cylinder_parts import CylinderParts
 from sklearn_mcmd.segmentation._graph import GrowthRules
-from sklearn_mcmd.segmentation._joining import join_coplanar
+from sklearn_mcmd.segmentation._merge_coplanar import join_coplanar
 from sklearn_mcmd.segmentation._narrow_faces import RestFaces
 from sklearn_mcmd.segmentation._region_sums import region_sizes, relabeled
 

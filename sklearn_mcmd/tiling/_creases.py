@@ -8,13 +8,13 @@ import numpy as np
 from sklearn_mcmd.edges import SharpFeatureDetector
 from sklearn_mcmd.edges._creases import CreaseModel
 from sklearn_mcmd.planes import _columns
+from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._cells import Cells
-from sklearn_mcmd.tiling._columns import Columns
-from sklearn_mcmd.tiling._constants import Constants
+from sklearn_mcmd.tiling._cloud_constants import Constants
 from sklearn_mcmd.tiling._outputs import SCORED
-from sklearn_mcmd.tiling._stored import StoredIndex
-from sklearn_mcmd.tiling._tile import write_results
-from sklearn_mcmd.tiling._whole import whole_of
+from sklearn_mcmd.tiling._result_files import write_results
+from sklearn_mcmd.tiling._stored_columns import whole_of
+from sklearn_mcmd.tiling._stored_index import StoredIndex
 
 __all__ = ["STORED", "EdgeJob", "find_distances", "tell_faces"]
 
@@ -30,7 +30,7 @@ class EdgeJob(NamedTuple):
     cells, kept : Path
         Folders of the `Cells` of all points, and of those that are kept.
     columns : Path
-        Folder of `Columns`.
+        Folder of `CellColumns`.
     detector : SharpFeatureDetector
     constants : Constants
         Of the kept points.
@@ -44,11 +44,11 @@ class EdgeJob(NamedTuple):
 
     def open(self):
         """The cells of the kept points, and the columns of their places."""
-        return Cells(self.kept), Columns(self.columns)
+        return Cells(self.kept), CellColumns(self.columns)
 
     def removed(self, cell):
         """Records of the points of a cell, and which of them were removed."""
-        records, columns = Cells(self.cells).read(cell), Columns(self.columns)
+        records, columns = Cells(self.cells).read(cell), CellColumns(self.columns)
         if self.kept == self.cells:
             return records, np.zeros(len(records), bool)
         return records, ~columns.read(cell, "kept")

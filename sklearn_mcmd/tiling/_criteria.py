@@ -5,7 +5,7 @@ import numpy as np
 from sklearn_mcmd.edges._limits import column_of_criterion
 from sklearn_mcmd.tiling._outputs import SCORED
 from sklearn_mcmd.tiling._planes import tell_new
-from sklearn_mcmd.tiling._tile import N_TRANSFORMED, write_results
+from sklearn_mcmd.tiling._result_files import N_TRANSFORMED, write_results
 
 __all__ = ["find_values", "tell_values", "values_in_parts"]
 

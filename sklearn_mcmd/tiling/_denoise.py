@@ -12,12 +12,12 @@ from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff, sample_step
 from sklearn_mcmd.outliers._volumes import lost_volumes, words_of
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
-from sklearn_mcmd.planes._progress import listen_to_progress, progress_part
-from sklearn_mcmd.tiling._columns import Columns
+from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part
+from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._heights import HeightLimits, Heights
-from sklearn_mcmd.tiling._judging import Job, find_planes
-from sklearn_mcmd.tiling._lowest import lowest_points
+from sklearn_mcmd.tiling._low_noise import lowest_points
 from sklearn_mcmd.tiling._memory import most_neighbors
+from sklearn_mcmd.tiling._outlier_job import Job, find_planes
 from sklearn_mcmd.tiling._outputs import (
     SCORED,
     Scored,
@@ -26,14 +26,14 @@ from sklearn_mcmd.tiling._outputs import (
     scores_in_parts,
     write_denoised_outputs,
 )
-from sklearn_mcmd.tiling._ranks import evenly_along_x, exceeded_by
+from sklearn_mcmd.tiling._quantiles import evenly_along_x, exceeded_by
+from sklearn_mcmd.tiling._result_files import write_results
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
-from sklearn_mcmd.tiling._stored import StoredIndex, find_neighbors, find_places
+from sklearn_mcmd.tiling._small_clouds import fit_together
+from sklearn_mcmd.tiling._stored_columns import ALL, whole_of
+from sklearn_mcmd.tiling._stored_index import StoredIndex, find_neighbors, find_places
 from sklearn_mcmd.tiling._sweeps import Sweeps
-from sklearn_mcmd.tiling._tile import write_results
-from sklearn_mcmd.tiling._together import fit_together
 from sklearn_mcmd.tiling._warnings import warn_caller, warn_if_coarse
-from sklearn_mcmd.tiling._whole import ALL, whole_of
 
 __all__ = ["Denoise", "check_detector", "cutoff_of", "judge_cells"]
 
@@ -83,7 +83,7 @@ class Denoise(Verb):
             self.scored = heights.scored()
 
     def _find_scores(self, run):
-        columns, n_cells = Columns(run.folder.results), len(run.cells)
+        columns, n_cells = CellColumns(run.folder.results), len(run.cells)
         self.n_resumed = sum(columns.is_done(cell, "planes") for cell in range(n_cells))
         job = Job(
             *(run.folder.cells, run.folder.results, self.estimator, run.folder.constants),
@@ -154,7 +154,7 @@ def judge_cells(job, cells, columns, n_workers, cutoff):
     ----------
     job : Job
     cells : Cells
-    columns : Columns
+    columns : CellColumns
     n_workers : int
     cutoff : float
         By `cutoff_of`.

@@ -7,25 +7,25 @@ import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.edges._limits import least_of_edge
-from sklearn_mcmd.planes._progress import progress_part
+from sklearn_mcmd.runtime._progress import progress_part
+from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._cells import BOXES, Cells
-from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._creases import STORED, EdgeJob, find_distances, tell_faces
 from sklearn_mcmd.tiling._criteria import find_values, tell_values, values_in_parts
 from sklearn_mcmd.tiling._denoise import check_detector, cutoff_of, judge_cells
-from sklearn_mcmd.tiling._judging import Job
-from sklearn_mcmd.tiling._kept import close_kept, find_kept, kept_constants
+from sklearn_mcmd.tiling._kept_points import close_kept, find_kept, kept_constants
 from sklearn_mcmd.tiling._memory import most_neighbors, sized
 from sklearn_mcmd.tiling._normals import without_sides
+from sklearn_mcmd.tiling._outlier_job import Job
 from sklearn_mcmd.tiling._outputs import SCORED, scores_in_parts, write_edge_outputs
 from sklearn_mcmd.tiling._planes import OWN, PlaneJob, are_few, ends_of, find_planes
-from sklearn_mcmd.tiling._ranks import median_of
+from sklearn_mcmd.tiling._quantiles import median_of
+from sklearn_mcmd.tiling._result_files import write_results
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
-from sklearn_mcmd.tiling._stored import find_places
+from sklearn_mcmd.tiling._small_clouds import fit_together
+from sklearn_mcmd.tiling._stored_columns import whole_of
+from sklearn_mcmd.tiling._stored_index import find_places
 from sklearn_mcmd.tiling._sweeps import Sweeps
-from sklearn_mcmd.tiling._tile import write_results
-from sklearn_mcmd.tiling._together import fit_together
-from sklearn_mcmd.tiling._whole import whole_of
 
 __all__ = ["Edges"]
 
@@ -105,7 +105,7 @@ class _Steps:
         for step in steps:
             if step is not None:
                 step.set_params(n_jobs=1)
-        self.cells, self.columns = run.cells, Columns(run.folder.results)
+        self.cells, self.columns = run.cells, CellColumns(run.folder.results)
         ends = {**ENDS, **ends_of(ENDS["places"], ENDS["normals"], self.normals)}
         self.sweep = Sweeps(self.columns, run.plan.n_workers, ends)
         self.scores, self.n_threads = run.folder.results / "outliers", run.plan.n_threads
@@ -164,7 +164,7 @@ class _Steps:
                 n_threads=self.n_threads,
             )
             with progress_part(0.0, ENDS["outliers"], "outliers"):
-                columns, cutoff = Columns(self.scores), cutoff_of(self.detector)
+                columns, cutoff = CellColumns(self.scores), cutoff_of(self.detector)
                 cutoff = judge_cells(job, self.cells, columns, self.sweep.n_workers, cutoff)
             self.sweep.begin = ENDS["outliers"]
             scores = scores_in_parts(self.scores, len(self.cells))

@@ -9,9 +9,9 @@ from contextlib import suppress
 from pathlib import Path
 
 from sklearn_mcmd.tiling._catalog import stamp_of
-from sklearn_mcmd.tiling._constants import Constants
+from sklearn_mcmd.tiling._cloud_constants import Constants
 from sklearn_mcmd.tiling._lock import Lock
-from sklearn_mcmd.tiling._tile import tile_file
+from sklearn_mcmd.tiling._result_files import tile_file
 
 __all__ = ["WorkFolder", "key_of"]
 

@@ -16,13 +16,13 @@ from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._classes import ground_in
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._ground import CORNERS, Ground, check_ground, group_depths
+from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
-from sklearn_mcmd.tiling._columns import Columns
 from sklearn_mcmd.tiling._memory import bytes_of_groups
 from sklearn_mcmd.tiling._outputs import SCORED, VERDICTS, Scored, has_scores
+from sklearn_mcmd.tiling._result_files import tile_file, write_results
 from sklearn_mcmd.tiling._search import SLACK, as_near_as, to_border
 from sklearn_mcmd.tiling._sweeps import Sweeps
-from sklearn_mcmd.tiling._tile import tile_file, write_results
 
 __all__ = ["GroundWriter", "HeightLimits", "Heights"]
 
@@ -122,7 +122,7 @@ class Heights:
         folder = results / "heights {} {} {}".format(*limits)  # other limits have another
         folder.mkdir(exist_ok=True)
         self.job = HeightJob(run.folder.cells, results, folder, limits)
-        self.columns = Columns(folder)
+        self.columns = CellColumns(folder)
         self.sweep = Sweeps(self.columns, run.plan.n_workers, ENDS)
 
     def find(self):
@@ -177,7 +177,7 @@ def find_heights(cell, job):
     Columns: judged, of all points; below_rows, and below: coordinates, how deep, and the distance
     in plan of the third nearest ground point.
     """
-    columns = Columns(job.folder)
+    columns = CellColumns(job.folder)
     xyz = np.ascontiguousarray(Cells(job.cells).read(cell)["xyz"])
     away, near = _nearest_ground(Cells(job.cells / GROUND), xyz)
     judged = job.limits.judged(xyz[:, 2] - near.mean(axis=1))
@@ -194,7 +194,7 @@ def find_heights(cell, job):
 
 def find_verdicts(cell, job):
     """Write the scores of a cell's points with what heights say of them, as `VERDICTS`."""
-    columns = Columns(job.folder)
+    columns = CellColumns(job.folder)
     scored = np.fromfile(tile_file(job.results, cell), SCORED)
     scores, depths = scored["values"][:, 0], np.zeros(len(scored))
     if job.limits.low_groups:

@@ -4,7 +4,7 @@ import json
 import os
 import socket
 
-from sklearn_mcmd.tiling._work import TilingError
+from sklearn_mcmd.tiling._workers import TilingError
 
 __all__ = ["Lock"]
 

@@ -3,18 +3,23 @@
 import numpy as np
 from sklearn.base import clone
 
-from sklearn_mcmd.normals._sides import Sides
+from sklearn_mcmd.normals._orientation import Sides
 from sklearn_mcmd.planes._base import BaseLocalPlanes
-from sklearn_mcmd.tiling._columns import Columns
+from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._memory import most_neighbors, sized
 from sklearn_mcmd.tiling._outputs import write_outputs
 from sklearn_mcmd.tiling._planes import OWN, PlaneJob, are_few, ends_of, find_planes, has_tree
+from sklearn_mcmd.tiling._result_files import (
+    NORMAL_COLUMNS,
+    normal_columns,
+    result_dtype,
+    write_results,
+)
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
-from sklearn_mcmd.tiling._stored import find_places
+from sklearn_mcmd.tiling._small_clouds import fit_together
+from sklearn_mcmd.tiling._stored_columns import whole_of
+from sklearn_mcmd.tiling._stored_index import find_places
 from sklearn_mcmd.tiling._sweeps import Sweeps
-from sklearn_mcmd.tiling._tile import NORMAL_COLUMNS, normal_columns, result_dtype, write_results
-from sklearn_mcmd.tiling._together import fit_together
-from sklearn_mcmd.tiling._whole import whole_of
 
 __all__ = ["Normals", "check_normals", "without_sides"]
 
@@ -62,7 +67,7 @@ class Normals(Verb):
 
     def find(self, run):
         folder, n_cells = run.folder, len(run.cells)
-        columns = Columns(folder.results)
+        columns = CellColumns(folder.results)
         last = "planes" if self.estimator._mends_planes() else "normals"
         self.n_resumed = sum(columns.is_done(cell, last) for cell in range(n_cells))
         if all(map(folder.is_done, range(n_cells))):

@@ -16,12 +16,12 @@ from sklearn_mcmd.io._las_parts import read_parts, writing_parts
 from sklearn_mcmd.io._point_cloud import has_colors, with_results, without_outliers
 from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
 from sklearn_mcmd.planes._orientation import count_upright
-from sklearn_mcmd.planes._progress import current_span
+from sklearn_mcmd.runtime._progress import current_span
 from sklearn_mcmd.tiling._catalog import EXTENSIONS, stamp_of
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._memory import PART
-from sklearn_mcmd.tiling._moves import places_of
-from sklearn_mcmd.tiling._tile import result_dtype, tile_file
+from sklearn_mcmd.tiling._publish_outputs import places_of
+from sklearn_mcmd.tiling._result_files import result_dtype, tile_file
 from sklearn_mcmd.tiling._warnings import warn_caller
 
 __all__ = [

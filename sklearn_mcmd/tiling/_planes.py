@@ -12,22 +12,22 @@ import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.normals import RobustNormalEstimator
+from sklearn_mcmd.normals._adaptive_k import AROUND, ScaleFinder
 from sklearn_mcmd.normals._curvature import Curvatures, curvatures_of_each
 from sklearn_mcmd.normals._features import settle_features
-from sklearn_mcmd.normals._scales import AROUND, ScaleFinder
-from sklearn_mcmd.normals._sides import TREE_NEIGHBORS, Sides
+from sklearn_mcmd.normals._orientation import TREE_NEIGHBORS, Sides
 from sklearn_mcmd.normals._surface_planes import Surfaces
-from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._orientation import signs_along, spanning_forest
-from sklearn_mcmd.planes._progress import progress_part
 from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.runtime._chunks import each_slice
+from sklearn_mcmd.runtime._progress import progress_part
+from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._cells import Cells
-from sklearn_mcmd.tiling._columns import Columns
-from sklearn_mcmd.tiling._constants import Constants
-from sklearn_mcmd.tiling._stored import StoredIndex, find_larger, find_neighbors
+from sklearn_mcmd.tiling._cloud_constants import Constants
+from sklearn_mcmd.tiling._stored_columns import ALL, whole_of
+from sklearn_mcmd.tiling._stored_index import StoredIndex, find_larger, find_neighbors
 from sklearn_mcmd.tiling._warnings import warn_if_coarse
-from sklearn_mcmd.tiling._whole import ALL, whole_of
 
 __all__ = ["PlaneJob", "are_few", "ends_of", "find_planes", "has_tree", "tell_new"]
 
@@ -49,7 +49,7 @@ class PlaneJob(NamedTuple):
     """What all sweeps over the cells of a cloud know.
 
     cells, columns : Path
-        Folders of `Cells` and `Columns`.
+        Folders of `Cells` and `CellColumns`.
     estimator : RobustNormalEstimator
     constants : Constants
     tell : callable
@@ -68,7 +68,7 @@ class PlaneJob(NamedTuple):
 
     def open(self):
         """The cells, and the columns of their places."""
-        return Cells(self.cells), Columns(self.columns)
+        return Cells(self.cells), CellColumns(self.columns)
 
     @property
     def is_sized(self):

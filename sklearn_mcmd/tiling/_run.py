@@ -13,15 +13,15 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.base import clone
 
-from sklearn_mcmd._interrupts import ignoring_interrupts
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.io._no_returns import NoReturns
-from sklearn_mcmd.planes._progress import progress_part
+from sklearn_mcmd.runtime._interrupts import ignoring_interrupts
+from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
-from sklearn_mcmd.tiling._constants import WholeCloud
+from sklearn_mcmd.tiling._cloud_constants import WholeCloud
 from sklearn_mcmd.tiling._folder import WorkFolder, key_of
 from sklearn_mcmd.tiling._heights import GroundWriter
 from sklearn_mcmd.tiling._memory import (
@@ -32,10 +32,10 @@ from sklearn_mcmd.tiling._memory import (
     plan_run,
     usual_memory,
 )
-from sklearn_mcmd.tiling._moves import Moves
 from sklearn_mcmd.tiling._outputs import targets_of, tell
+from sklearn_mcmd.tiling._publish_outputs import Moves
 from sklearn_mcmd.tiling._warnings import warn_caller
-from sklearn_mcmd.tiling._work import TilingError
+from sklearn_mcmd.tiling._workers import TilingError
 
 __all__ = ["Run", "RunReport", "Verb", "check_seed", "run_by_tiles", "warm_up"]
 

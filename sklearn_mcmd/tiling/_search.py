@@ -9,9 +9,9 @@ from threading import Lock
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sklearn_mcmd.planes._compiling import compiled_function
-from sklearn_mcmd.planes._indexed_cloud import ORDER_FROM, spatial_order
 from sklearn_mcmd.planes._nearest import NearestPoints
+from sklearn_mcmd.runtime._chunks import ORDER_FROM, spatial_order
+from sklearn_mcmd.runtime._compiling import compiled_function
 
 __all__ = [
     "SLACK",

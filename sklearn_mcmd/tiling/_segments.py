@@ -7,23 +7,23 @@ from sklearn.base import clone
 from sklearn_mcmd._errors import ParameterWarning
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.normals import RobustNormalEstimator
-from sklearn_mcmd.planes._progress import progress_part
+from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.segmentation._graph import grow_regions, link_neighbors, seed_order
 from sklearn_mcmd.segmentation._region_sums import region_sizes
 from sklearn_mcmd.segmentation._steps import finish_regions, rules_of
-from sklearn_mcmd.tiling._columns import Columns
-from sklearn_mcmd.tiling._links import STORED, tell_planes
+from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._memory import bytes_to_join, most_neighbors, sized
 from sklearn_mcmd.tiling._normals import without_sides
 from sklearn_mcmd.tiling._outputs import LABELED, write_segmented_outputs
 from sklearn_mcmd.tiling._planes import OWN, PlaneJob, are_few, ends_of, find_planes
+from sklearn_mcmd.tiling._region_planes import STORED, tell_planes
+from sklearn_mcmd.tiling._result_files import write_results
 from sklearn_mcmd.tiling._run import Verb, warm_up
-from sklearn_mcmd.tiling._stored import StoredIndex, find_places
+from sklearn_mcmd.tiling._small_clouds import fit_together
+from sklearn_mcmd.tiling._stored_columns import ALL, whole_of
+from sklearn_mcmd.tiling._stored_index import StoredIndex, find_places
 from sklearn_mcmd.tiling._sweeps import Sweeps
-from sklearn_mcmd.tiling._tile import write_results
-from sklearn_mcmd.tiling._together import fit_together
 from sklearn_mcmd.tiling._warnings import warn_caller
-from sklearn_mcmd.tiling._whole import ALL, whole_of
 
 __all__ = ["Segments"]
 
@@ -49,7 +49,7 @@ class Segments(Verb):
 
     def find(self, run):
         folder, n_cells = run.folder, len(run.cells)
-        self.columns = Columns(folder.results)
+        self.columns = CellColumns(folder.results)
         self.n_resumed = sum(self.columns.is_done(cell, "normals") for cell in range(n_cells))
         job = PlaneJob(
             folder.cells, folder.results, self.estimator.normal_estimator, folder.constants,

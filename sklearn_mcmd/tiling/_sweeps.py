@@ -2,8 +2,8 @@
 
 from functools import partial
 
-from sklearn_mcmd.planes._progress import progress_part
-from sklearn_mcmd.tiling._work import compute_cells
+from sklearn_mcmd.runtime._progress import progress_part
+from sklearn_mcmd.tiling._workers import compute_cells
 
 __all__ = ["Sweeps"]
 
@@ -13,7 +13,7 @@ class Sweeps:
 
     Parameters
     ----------
-    columns : Columns
+    columns : CellColumns
         What they write.
     n_workers : int
         Cells that are computed at once.

@@ -3,7 +3,7 @@
 import pytest
 
 from sklearn_mcmd import adjustment
-from sklearn_mcmd.cli import _waiting
+from sklearn_mcmd.cli import _progress_bar
 from sklearn_mcmd.io import write_points
 from sklearn_mcmd.tiling import _memory
 from tiled import street
@@ -12,7 +12,7 @@ from tiled import street
 @pytest.fixture(autouse=True)
 def patient(monkeypatch):
     """However slow the machine is, no line of progress comes between those a test asks for."""
-    monkeypatch.setattr(_waiting, "PATIENCE", 3600.0)
+    monkeypatch.setattr(_progress_bar, "PATIENCE", 3600.0)
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from benchmarks.paper._speed import fit_power
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._progress import listen_to_progress
+from sklearn_mcmd.runtime._progress import listen_to_progress
 
 RUNS = 200
 

@@ -29,7 +29,7 @@ from benchmarks.paper._sharp import edge_detector
 from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_box
 from sklearn_mcmd.metrics import segmentation_scores
-from sklearn_mcmd.planes._progress import listen_to_progress
+from sklearn_mcmd.runtime._progress import listen_to_progress
 
 SLOW = {"RPCA", "uLSIF"}
 

@@ -15,8 +15,8 @@ from sklearn_mcmd.planes._consistent_set import (
     n_trials_needed,
 )
 from sklearn_mcmd.planes._consistent_set_numba import WorkArrays, consistent_set_3d
-from sklearn_mcmd.planes._kernels import kernel
 from sklearn_mcmd.planes._moments_numba import eigh_3d, kth_smallest
+from sklearn_mcmd.runtime._kernels import kernel
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,9 @@ from joblib import parallel_config
 from numpy.testing import assert_array_equal
 
 from reference import GivenNeighbors
-from sklearn_mcmd.planes._chunks import each_slice
 from sklearn_mcmd.planes._linking import LinkLimits, connected, connected_planes, row_linker
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
+from sklearn_mcmd.runtime._chunks import each_slice
 
 
 def links_of(cloud, limits, chunk=1000):

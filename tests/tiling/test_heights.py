@@ -12,7 +12,7 @@ from sklearn.base import clone
 
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.cli._denoise import _denoised, _verdict
-from sklearn_mcmd.cli._judged import judged_points
+from sklearn_mcmd.cli._point_selection import judged_points
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.io._classes import Choice
 from sklearn_mcmd.io._ground import Ground

@@ -12,8 +12,9 @@ import pytest
 from numpy.testing import assert_array_equal
 from sklearn.base import clone
 
-from sklearn_mcmd import RobustNormalEstimator, _interrupts
+from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.io import PointFileError, read_points, write_points
+from sklearn_mcmd.runtime import _interrupts
 from sklearn_mcmd.tiling import (
     Catalog,
     TilingError,
@@ -23,7 +24,7 @@ from sklearn_mcmd.tiling import (
     _sweeps,
     process_files,
 )
-from sklearn_mcmd.tiling._tile import normal_columns
+from sklearn_mcmd.tiling._result_files import normal_columns
 from tiled import ESTIMATOR, divide, in_memory, street
 
 TILE = 5_000

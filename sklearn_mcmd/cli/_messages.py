@@ -1,0 +1,146 @@
+"""Messages of the verbs: errors, warnings and summaries."""
+
+import time
+import warnings
+from contextlib import contextmanager
+
+import numpy as np
+import typer
+
+from sklearn_mcmd._errors import ParameterError, ParameterWarning
+from sklearn_mcmd.cli._termination import tidy_when_terminated
+from sklearn_mcmd.runtime._interrupts import INTERRUPTED, raise_interrupts, was_interrupted
+
+__all__ = [
+    "clear_exits",
+    "count_and_share",
+    "number_and_share",
+    "print_summary",
+    "print_table",
+    "stopwatch",
+]
+
+
+@contextmanager
+def clear_exits(*, allow_coarse=False):
+    """Turn each error that a user can meet into one line on stderr and an exit code.
+
+    Coordinates that float32 rounds too coarsely are an error unless `allow_coarse`.
+    """
+    try:
+        with raise_interrupts(), tidy_when_terminated(), _plain_warnings(allow_coarse):
+            yield
+    except typer.Exit:  # from a verb within a verb, which has said why
+        raise
+    except BaseException as err:
+        if isinstance(err, KeyboardInterrupt) or was_interrupted():
+            typer.echo("mcmd: interrupted", err=True)
+            raise typer.Exit(INTERRUPTED) from None
+        if isinstance(err, BrokenPipeError):
+            raise
+        file = "".join(getattr(err, "__notes__", ()))  # of the work on its points
+        if isinstance(err, MemoryError):
+            _fail(f"{file}not enough memory; take fewer points or a smaller --n-neighbors")
+        if isinstance(err, ValueError | OSError | ImportError):
+            _fail(file + (_in_words(err) or type(err).__name__))
+        if _is_coarse(err):
+            _fail(
+                f"{file}{_coarse_words(err)}. Write the file in double precision, as LAS, LAZ or "
+                "text, or subtract an offset where it is made; or give --allow-coarse"
+            )
+        raise
+
+
+def _fail(message):
+    typer.echo(f"mcmd: error: {' '.join(message.split())}", err=True)
+    raise typer.Exit(1)
+
+
+def _in_words(err):
+    """The error and its file, without Python's names."""
+    if isinstance(err, OSError) and err.strerror:
+        about = f"{err.filename}: " if err.filename else ""
+        return f"{about}{err.strerror.lower()}"
+    return _of_options(err)
+
+
+def _of_options(said):
+    """What an error or a warning says, and what it repeats of its cause, with options as names."""
+    if isinstance(said, ParameterError | ParameterWarning):
+        return said.worded(_option)
+    words, cause = str(said), str(said.__cause__ or "")
+    return words.replace(cause, _of_options(said.__cause__)) if cause else words
+
+
+def _option(name, value):
+    if name == "n_samples":
+        return f"{value} point(s)"
+    if name == "row":
+        return f"point {value + 1}"
+    if name == "columns":
+        return "--columns " + ",".join(f"{axis}={column}" for axis, column in value.items())
+    words = {"X": "the cloud", "sensor_origin": "--sensor"}
+    return words.get(name) or f"--{name.replace('_', '-').replace('=', ' ')}"
+
+
+def _is_coarse(warning):
+    return type(warning).__name__ == "CoarseCoordinatesWarning"
+
+
+def _coarse_words(warning):
+    """The warning in words. It does not claim single precision: whole meters look the same."""
+    return (
+        f"single precision (float32) rounds coordinates as large as {warning.largest:,.0f} to "
+        f"steps of {warning.rounding:.2g}, and those of the file have no more digits: too coarse "
+        f"for points whose neighborhoods have a radius of {warning.radius:.2g}"
+    )
+
+
+@contextmanager
+def _plain_warnings(allow_coarse):
+    """Show each warning for users once, in one line."""
+    shown = set()
+
+    def show(message, category, *args, **kwargs):
+        if _is_coarse(message) and not allow_coarse:
+            raise message
+        words = _coarse_words(message) if _is_coarse(message) else _of_options(message)
+        text = " ".join(words.split())
+        if text not in shown:
+            shown.add(text)
+            typer.echo(f"mcmd: warning: {text}", err=True)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", UserWarning)
+        # Deprecations are for programmers, though some libraries derive them from UserWarning.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        warnings.showwarning = show
+        yield
+
+
+def print_table(title, **rows):
+    """A title and aligned lines of names and values."""
+    typer.echo(title)
+    width = max(map(len, rows))
+    for name, value in rows.items():
+        typer.echo(f"  {name:<{width}}  {value}")
+
+
+def print_summary(source, target, n_points, seconds, **rows):
+    """The summary of a verb: files, number of points, its own rows, and seconds."""
+    print_table(f"{source} -> {target}", points=f"{n_points:,}", **rows, seconds=f"{seconds:.1f}")
+
+
+def count_and_share(mask):
+    """The number of marked points, and their percentage."""
+    return number_and_share(np.count_nonzero(mask), len(mask))
+
+
+def number_and_share(n, n_all):
+    return f"{n:,} ({100 * n / n_all:.2f} %)"
+
+
+def stopwatch():
+    start = time.perf_counter()
+    return lambda: time.perf_counter() - start

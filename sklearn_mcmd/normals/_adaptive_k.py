@@ -1,0 +1,157 @@
+"""How many neighbors a normal needs: as many as the noise asks for, and no more.
+
+Noise tilts the normal of a large neighborhood less than that of a small one, and a small one
+follows the surface better. So each point gets the number of neighbors with which the noise tilts
+its normal by `TILT`. The noise is what quadrics leave of small neighborhoods around the point.
+Where these are too noisy to tell, neighborhoods of twice as many points are asked; but only as
+long as the planes of twice as many points turn by no more than noise explains. Where they turn by
+more, the surface bends or folds within them.
+"""
+
+import numpy as np
+from scipy.special import ndtri
+
+from sklearn_mcmd.normals._quadrics import CHANCE, noise_quantiles
+from sklearn_mcmd.normals._smoothness import whole_planes
+from sklearn_mcmd.planes._around import quantile_around
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+from sklearn_mcmd.planes._plane import normal_errors
+from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.runtime._progress import progress_part
+
+__all__ = ["AROUND", "ScaleFinder", "sized_index"]
+
+# Standard error of a normal, in degrees, that the noise may cause.
+TILT = 2.5
+# Fewer neighbors leave a quadric too few degrees of freedom. More are seldom worth their time.
+LEAST, MOST = 16, 256
+# A point's error is the one that this share of the neighborhoods around do not exceed. So next to
+# an edge it is the error on the faces. "Around" are this many points.
+QUIET, AROUND = 0.25, 64
+# Of the work not yet done, the share that the next step is told to be: their number is not known.
+SHARE = 0.2
+
+
+class ScaleFinder:
+    """Finds the size of the neighborhood of each point of a cloud.
+
+    Parameters
+    ----------
+    index : NeighborIndex
+        Of `AROUND` neighbors, in 2D or 3D.
+    n_jobs : int or None
+    """
+
+    def __init__(self, index, n_jobs):
+        self.index = index
+        self.n_jobs = n_jobs
+        self._done = 0.0
+
+    def sizes(self):
+        """Members of the neighborhoods of the index's points: ndarray of int of shape (m,)."""
+        m, d = self.index.points.shape
+        wanted, todo = np.full(m, np.inf), np.ones(m, dtype=bool)
+        k = min(LEAST, m)
+        errors, normals = self._fit(k, todo)
+        while todo.any() and k <= min(MOST // 2, m):
+            error, found = wanted_by(self._quiet(errors, todo), k, d)
+            known = found <= 2 * k  # more than that the next, twice as large, can tell
+            if not known.all():
+                errors, larger = self._fit(2 * k, self._reached(todo))
+                turns = self._quiet(angles(normals, larger), todo)
+                bent = ~known & are_turned(turns, error)
+                found[bent] = k
+                known |= bent
+                normals = larger
+            wanted[todo] = np.where(known, np.maximum(found, LEAST), np.inf)
+            todo = wanted == np.inf
+            wanted[todo] = self._quiet(wanted, todo)
+            todo = wanted == np.inf
+            k *= 2
+        wanted[todo] = MOST
+        wanted = self._quiet(wanted, np.ones(m, dtype=bool))
+        return sizes_of(wanted, m)
+
+    def _reached(self, rows):
+        """Whether each point is around any of some points: bool (m,)."""
+        if rows.all():
+            return rows
+        reached = np.zeros_like(rows)
+
+        def task(part, around):
+            reached[around.indices] = True
+
+        self._each(rows, AROUND, task)
+        return reached
+
+    def _fit(self, k, rows):
+        """Errors (m,) and normals (m, d) of planes of the k nearest, of some points."""
+        errors, normals = self.index.empty(len(rows)), self.index.empty(self.index.points.shape)
+        errors[:], normals[:] = 90.0, 0.0
+
+        def task(part, around):
+            errors[part], normals[part] = errors_of(self.index.points, around)
+
+        self._each(rows, k, task)
+        return errors, normals
+
+    def _quiet(self, values, rows):
+        """The value that `QUIET` of those around do not exceed, of some points."""
+        found = np.empty(len(rows))
+
+        def task(part, around):
+            found[part] = quantile_around(values, around, QUIET)
+
+        self._each(rows, AROUND, task)
+        return found[rows]
+
+    def _each(self, wanted, k, work):
+        """Call ``work(rows, around)`` with rows that are wanted and their k nearest."""
+        done, self._done = self._done, self._done + (1 - self._done) * SHARE
+        with progress_part(done, self._done):
+            self.index.visit_own(wanted, min(k, len(wanted)), work, self.n_jobs)
+
+
+def sized_index(xyz, radius, n_jobs):
+    """The `NeighborIndex` whose neighborhoods have the sizes that their noise asks for."""
+    finder = ScaleFinder(NeighborIndex(xyz, AROUND), n_jobs)  # whose index the next one shares
+    sizes = finder.sizes()
+    return NeighborIndex(xyz, int(sizes.max()), radius, sizes)
+
+
+def errors_of(points, around):
+    """Errors (m,), in degrees, and normals (m, d) of planes of neighborhoods.
+
+    The error is 90 where the members do not determine a quadric.
+    """
+    planes = Planes.empty(len(around.sizes), points.shape[1])
+    _, left, _ = whole_planes(points, around, planes, np.empty_like(planes.normals))
+    known = np.isfinite(left)
+    found = normal_errors(np.where(known, left, 0.0), planes.eigenvalues, around.sizes)
+    return np.where(known, found, 90.0), planes.normals
+
+
+def wanted_by(quiet, k, d):
+    """The usual error (m,) of planes of k points, and how many points (m,) would have `TILT`.
+
+    `quiet` is the error that `QUIET` of those around do not exceed.
+    """
+    error = quiet / noise_quantiles(QUIET, np.array([k]), d)
+    # Of k points, the spread along the surface grows as k ** (1 / (d - 1)).
+    return error, k * (error / TILT) ** (1 / (1 / 2 + 1 / (d - 1)))
+
+
+def are_turned(turns, error):
+    """Whether planes of twice as many points turn by more than their errors do by chance."""
+    return turns > ndtri(1 - CHANCE) * error
+
+
+def sizes_of(wanted, m):
+    """Whole numbers (n,) of neighbors in a cloud of m points."""
+    return np.rint(wanted).astype(np.int64).clip(max=m)
+
+
+def angles(first, second):
+    """Angles (m,) between normals of either sign, in degrees."""
+    cosine = np.abs(np.einsum("md,md->m", first, second))
+    return np.degrees(np.arccos(np.minimum(cosine, 1.0)))

@@ -1,0 +1,93 @@
+"""Where a quadric explains a neighborhood: does the surface bend there, or is it folded?
+
+A quadric and two planes have the same number of parameters. At a bend the quadric leaves less, at a
+fold the planes do. Of a surface that bends, the normal is that of the quadric at the point, and not
+that of the plane of all members: beside an end of a fillet this leans.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sklearn_mcmd.normals._quadrics import PIVOT, n_terms, tangents_of
+from sklearn_mcmd.planes._plane import student_factors
+from sklearn_mcmd.runtime._compiling import compiled_function
+
+__all__ = ["are_folded", "quadric_normals"]
+
+# A neighborhood is folded if what the quadric leaves exceeds this number of times what two planes
+# leave, in squares.
+LEAST_EVIDENCE = 1.0
+# Each leaves the sum of the least squares of this share of the members, since others may be
+# outliers.
+BEST = 0.75
+# Members farther from the robust plane than this number of its standard deviations are what the
+# second plane is fitted to first. Then members join the nearer plane and both are fitted anew.
+OFF = 1.5
+ROUNDS = 5
+
+
+class FoldLimits(NamedTuple):
+    """What the compiled form of `are_folded` is told."""
+
+    evidence: float
+    best: float
+    off: float
+    rounds: int
+
+
+def are_folded(points, around, planes, faces):
+    """Whether two planes leave less of neighborhoods than a quadric does.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, d), in 2D or 3D
+    around : Neighborhoods
+    planes : Planes
+        Of all members (m).
+    faces : Planes
+        The robust planes, each of the majority of the members.
+
+    Returns
+    -------
+    folded : ndarray of bool of shape (m,)
+    """
+    limits = FoldLimits(LEAST_EVIDENCE, BEST, OFF, ROUNDS)
+    folded = np.empty(len(around.sizes), dtype=bool)
+    find = compiled_function("normals._crease_test_numba", "find_folded")
+    find(points, around, planes, tangents_of(planes.normals), faces, limits, folded)
+    return folded
+
+
+def quadric_normals(points, queries, around, planes, left):
+    """Tangent planes of quadrics at points, and the errors of their normals.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, d), in 2D or 3D
+    queries : ndarray of shape (m, d)
+    around : Neighborhoods
+    planes : Planes
+        Of all members (m).
+    left : ndarray of shape (m,)
+        Standard deviation of the members from their quadric.
+
+    Returns
+    -------
+    normals : ndarray of shape (m, d)
+    centroids : ndarray of shape (m, d)
+        Points of the quadrics nearest to the queries, along the normals of the planes. No point is
+        farther off the mean, in the plane, than the farthest member.
+    errors : ndarray of shape (m,)
+        As from `normal_errors`; 90 where the members do not determine the quadric, whose tangent
+        plane is then the plane of all members.
+    """
+    m, d = queries.shape
+    tilt, (normals, centroids) = np.empty(m), np.empty((2, m, d))
+    find = compiled_function("normals._crease_test_numba", "find_quadric_normals")
+    tangents = tangents_of(planes.normals)
+    find(points, queries, around, planes, tangents, PIVOT, normals, centroids, tilt)
+    freedom = around.sizes - n_terms(d)
+    with np.errstate(invalid="ignore"):
+        errors = np.degrees(tilt * left) * student_factors(freedom, d)
+    return normals, centroids, np.where(errors <= 90.0, errors, 90.0)

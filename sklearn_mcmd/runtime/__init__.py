@@ -1,0 +1,1 @@
+"""How work runs: chunks and threads, progress and callbacks, interrupts, compiled functions."""

@@ -1,0 +1,205 @@
+"""Planes of regions, and the joining of regions that are parts of one plane."""
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from sklearn_mcmd.runtime._chunks import run
+from sklearn_mcmd.segmentation._region_sums import (
+    median_by_region,
+    parts_of,
+    region_moments,
+    relabeled,
+)
+
+__all__ = ["MOST_NOISE", "join_coplanar", "region_planes"]
+
+# Largest ratio of two root mean squares that count as equal. A region is flat if the distances from
+# its plane are at most this many times the noise of its neighborhoods. Another region lies in that
+# plane if they are at most as many times the noise of the quieter of the two: noise of a curved one
+# contains its bend.
+MOST_NOISE = 1.5
+# Parts are joined over a gap of at most this share of the smaller one's length.
+MOST_GAP = 0.5
+# Rounding error of a least eigenvalue, as a share of the largest one.
+ROUNDING = 16 * np.finfo(np.float64).eps
+# Number of regions whose pairs are tried at once; it limits the memory.
+CHUNK = 256
+# One point in so many is asked first whether a region is near.
+FEW = 128
+# A search reaches farther than the largest gap by more than rounding.
+WIDER = 1.0 + 1e-9
+
+
+def region_planes(points, labels, n_regions, weights=None, n_jobs=None):
+    """Sizes, centroids, covariances and principal axes of regions, in any order of the points.
+
+    Points of label -1 belong to none; weights (n,) of int are copies of each point. Returns sizes,
+    centroids (n_regions, d), covariances, eigenvalues, ascending, and axes as columns; the first is
+    the normal.
+    """
+    found = region_moments(points, labels, n_regions, weights, n_jobs=n_jobs)
+    eigenvalues, axes = np.linalg.eigh(found.covariances)
+    return *found[:3], np.maximum(eigenvalues, 0.0), axes
+
+
+def join_coplanar(points, labels, noise, n_jobs=None):
+    """Give one label to regions that are parts of one plane: new labels, by their first parts.
+
+    A shadow, or a few bad normals, cut a wall into parts. A smaller region lies in the plane of a
+    larger, flat one if the noise explains its root mean square distance to that plane. The two are
+    joined if the gap between them is at most half as long as the smaller one. Labels are from 0 on
+    without gaps, -1 for none. The noise (n,) is the standard deviation of each neighborhood along
+    its normal, in units of the points.
+    """
+    n_regions = int(labels.max(initial=-1)) + 1
+    if n_regions < 2:
+        return labels
+    found = region_moments(points, labels, n_regions, n_jobs=n_jobs)
+    planes, boxes = found[:3], (found.low, found.high)
+    scale = median_by_region(noise, labels, n_regions)
+    whole = np.append(np.arange(n_regions), -1)  # the joined region to which each region belongs
+    while True:  # each round joins at least two parts
+        pairs, most = _pairs_in_a_plane(*planes, scale, n_jobs)
+        if len(pairs) > 0:
+            parts = _parts(points, labels, whole, pairs, most, boxes)
+            pairs = pairs[_near(parts, pairs, most, n_jobs)]
+        if len(pairs) == 0:
+            break
+        graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(scale), len(scale)))
+        # Parts are numbered by their first region, which keeps the order of regions.
+        _, part = connected_components(graph, directed=False)
+        planes, scale = _pool(*planes, scale, part)
+        boxes = _joined_boxes(*boxes, part)
+        whole = np.append(part, -1)[whole]
+    return relabeled(labels, whole)
+
+
+def _pool(sizes, centroids, covariances, scale, part):
+    """Sizes, centroids, covariances and scales of joined regions, from those of their parts."""
+    n_parts = int(part.max()) + 1
+    share = _grouping(part, n_parts, sizes)
+    total = np.bincount(part, sizes, n_parts)
+    # The first part is the origin, so that large coordinates cost no accuracy.
+    first = np.unique(part, return_index=True)[1]
+    local = centroids - centroids[first[part]]
+    mean = (share @ local) / total[:, None]
+    apart = local - mean[part]
+    moments = covariances + apart[:, :, None] * apart[:, None, :]
+    d = centroids.shape[1]
+    pooled = (share @ moments.reshape(-1, d * d)) / total[:, None]
+    planes = total, centroids[first] + mean, pooled.reshape(-1, d, d)
+    return planes, (share @ scale) / total
+
+
+def _pairs_in_a_plane(sizes, centroids, covariances, scale, n_jobs=None):
+    """Pairs (smaller, larger) of regions that may be joined, and the gap that each allows."""
+    eigenvalues, axes = np.linalg.eigh(covariances)
+    eigenvalues, normals = np.maximum(eigenvalues, 0.0), axes[..., 0]
+    # Points spread evenly over a length have its root 12th as standard deviation.
+    length = np.sqrt(12 * eigenvalues[:, -1])
+    rounding = ROUNDING * eigenvalues[:, -1]
+    flat = eigenvalues[:, 0] <= (MOST_NOISE * scale) ** 2 + rounding
+    flat &= sizes > centroids.shape[1]
+    # Regions that are not flat are in no pair; a cloud of noise has very many of them.
+    flat = np.flatnonzero(flat)
+    rank = np.argsort(np.argsort(sizes[flat], kind="stable"), kind="stable")
+    centroids, covariances, normals = centroids[flat], covariances[flat], normals[flat]
+    scale, rounding, reach = scale[flat], rounding[flat], length[flat]
+    parts = [slice(start, start + CHUNK) for start in range(0, len(flat), CHUNK)]
+    found = [np.empty((0, 2), dtype=int)] * (len(parts) + 1)
+
+    def search(place, rows):
+        apart = centroids[None] - centroids[rows][:, None]
+        normal = normals[rows]
+        heights = np.einsum("rsd,rd->rs", apart, normal)
+        tilted = np.einsum("sde,rd,re->rs", covariances, normal, normal, optimize=True)
+        limit = (MOST_NOISE * np.minimum(scale[None], scale[rows][:, None])) ** 2
+        limit += np.maximum(rounding[None], rounding[rows][:, None])
+        candidate = heights**2 + tilted <= limit
+        candidate &= rank[None] < rank[rows][:, None]
+        r, s = np.nonzero(candidate)
+        # This is a lower bound of the gap: no point is farther from its centroid than the length.
+        beyond = np.linalg.norm(apart[r, s], axis=-1) - reach[rows][r] - reach[s]
+        near = beyond <= MOST_GAP * reach[s]
+        found[place] = np.column_stack([flat[s[near]], flat[rows][r[near]]])
+
+    run(list(enumerate(parts, 1)), search, n_jobs)
+    return np.concatenate(found), MOST_GAP * length
+
+
+def _joined_boxes(low, high, part):
+    """The boxes of joined regions."""
+    shape = (int(part.max()) + 1, low.shape[1])
+    least, most = np.full(shape, np.inf), np.full(shape, -np.inf)
+    np.minimum.at(least, part, low)
+    np.maximum.at(most, part, high)
+    return least, most
+
+
+def _parts(points, labels, whole, pairs, most, boxes):
+    """Points of the regions in pairs, by region: those that another of a pair may be near to."""
+    small, large = pairs.T
+    low, high = boxes
+    reach = WIDER * most[small][:, None]
+    reach = reach + ROUNDING * np.maximum(np.abs(low), np.abs(high)).max(initial=0.0)
+    least, highest = np.full(low.shape, np.inf), np.full(low.shape, -np.inf)
+    for one, other in ((small, large), (large, small)):
+        np.minimum.at(least, one, low[other] - reach)
+        np.maximum.at(highest, one, high[other] + reach)
+    asked = np.append(np.isfinite(least[:, 0]), False)
+    parts = {region: [] for region in np.flatnonzero(asked).tolist()}
+    for rows in parts_of(len(labels)):
+        region = whole[labels[rows]]
+        inside = np.flatnonzero(asked[region])
+        some, region = points[rows][inside], region[inside]
+        near = ((some >= least[region]) & (some <= highest[region])).all(axis=1)
+        some, region = some[near], region[near]
+        order = np.argsort(region, kind="stable")
+        regions, starts = np.unique(region[order], return_index=True)
+        groups = np.split(some[order], starts[1:]) if len(regions) else []
+        for name, group in zip(regions.tolist(), groups, strict=True):
+            parts[name].append(group)
+    nothing = np.empty((0, points.shape[1]))
+    return {name: np.concatenate([nothing, *groups]) for name, groups in parts.items()}
+
+
+def _near(parts, pairs, most, n_jobs=None):
+    """Whether the gap between the regions of each pair is small enough for the first region."""
+    near = np.zeros(len(pairs), dtype=bool)
+
+    def search(large):
+        own, tree = parts[large], None
+        if len(own) == 0:
+            return
+        low, high = own.min(axis=0), own.max(axis=0)
+        rounding = ROUNDING * np.maximum(np.abs(low), np.abs(high))
+        for row in np.flatnonzero(pairs[:, 1] == large).tolist():
+            small = pairs[row, 0]
+            queries, reach = parts[small], WIDER * most[small] + rounding
+            for axis in range(own.shape[1]):  # those beyond the box are too far away
+                column = queries[:, axis]
+                inside = (column >= low[axis] - reach[axis]) & (column <= high[axis] + reach[axis])
+                queries = queries if inside.all() else queries[inside]
+            if len(queries) == 0:
+                continue
+            tree = cKDTree(own, balanced_tree=False) if tree is None else tree
+            for some in (queries[::FEW], queries):  # a few mostly tell
+                gaps, _ = tree.query(some, distance_upper_bound=WIDER * most[small])
+                near[row] = (gaps <= most[small]).any()
+                if near[row]:
+                    break
+
+    run([(large,) for large in np.unique(pairs[:, 1]).tolist()], search, n_jobs)
+    return near
+
+
+def _grouping(labels, n_regions, weights=None):
+    """Sparse matrix (n_regions, n) of weights, 1 by default; `indices` are the rows by region.
+
+    It sorts by counting; the rows of a region keep their order.
+    """
+    n = len(labels)
+    weights = np.ones(n) if weights is None else weights
+    return coo_array((weights, (labels, np.arange(n))), shape=(n_regions, n)).tocsr()

@@ -1,0 +1,76 @@
+"""Values of the places of cells on disk, which one sweep over the cells writes for the next."""
+
+import json
+import os
+import secrets
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+__all__ = ["CellColumns"]
+
+
+class CellColumns:
+    """Arrays by their cell and name, a file each.
+
+    A place is a distinct point; its copies lie in the same cell. What a sweep has written of a cell
+    counts when its report is there, which is the last that it writes.
+
+    Parameters
+    ----------
+    folder : path
+    """
+
+    def __init__(self, folder):
+        self.folder = Path(folder)
+
+    def read(self, cell, name, mmap=False):
+        """An array; with `mmap`, parts of it are read when they are asked for."""
+        path = self._path(cell, name)
+        if mmap and os.path.getsize(path) > 2**16:
+            return np.load(path, mmap_mode="r")
+        return np.load(path)
+
+    def write(self, cell, **arrays):
+        for name, values in arrays.items():
+            with _replacing(self._path(cell, name)) as temporary, open(temporary, "wb") as file:
+                np.save(file, values)
+
+    def finish(self, cell, sweep, **report):
+        """Remember that a sweep has written all of a cell, and what it tells of it."""
+        with _replacing(self._report(cell, sweep)) as temporary:
+            temporary.write_text(json.dumps(report))
+
+    def is_done(self, cell, sweep):
+        return self._report(cell, sweep).exists()
+
+    def report(self, cell, sweep):
+        return json.loads(self._report(cell, sweep).read_text())
+
+    def total(self, n_cells, sweep, name):
+        """The sum over all cells of a number in their reports."""
+        return sum(self.report(cell, sweep)[name] for cell in range(n_cells))
+
+    def remove(self, n_cells, *names):
+        """Free the disk of arrays that no later sweep asks for."""
+        for cell in range(n_cells):
+            for name in names:
+                self._path(cell, name).unlink(missing_ok=True)
+
+    def _path(self, cell, name):
+        return self.folder / f"{cell}.{name}.npy"
+
+    def _report(self, cell, sweep):
+        return self.folder / f"{cell}.{sweep}.json"
+
+
+@contextmanager
+def _replacing(path):
+    """A name that no other process takes; its file replaces `path`, which others may read."""
+    temporary = path.with_name(f"{path.name}.{secrets.token_hex(4)}.part")
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)

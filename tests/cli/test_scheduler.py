@@ -1,0 +1,70 @@
+"""``--scheduler`` in the command line."""
+
+import socket
+import sys
+
+import pytest
+
+from commands import error_line, files_in, run
+from sklearn_mcmd.cli import _scheduler
+from sklearn_mcmd.io import write_points
+from tiled import street
+
+distributed = pytest.importorskip("distributed")
+
+# A warning that is an error would be lost in a thread of dask, and the test would wait for it.
+pytestmark = pytest.mark.filterwarnings("default")
+LOCAL = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
+
+
+@pytest.fixture
+def source(tmp_path):
+    write_points(tmp_path / "street.laz", street(3_000))
+    return tmp_path / "street.laz"
+
+
+def test_a_scheduler_divides_the_work(source, tmp_path):
+    plain, divided = tmp_path / "a.laz", tmp_path / "b.laz"
+    options = ("--n-neighbors", 16)
+    assert run("normals", source, plain, *options).exit_code == 0
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", **LOCAL
+    ) as cluster:
+        address = cluster.scheduler_address
+        result = run("normals", source, divided, *options, "--scheduler", address)
+        assert result.exit_code == 0, result.output
+        plan = run("normals", source, divided, "--scheduler", address, "--dry-run")
+    assert "tiles" in result.stdout
+    assert "processes  1" in plan.stdout
+    assert plain.read_bytes() == divided.read_bytes()
+    assert files_in(tmp_path) == ["a.laz", "b.laz", "street.laz"]
+
+
+def free_port():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        return taken.getsockname()[1]
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:{}", "127.0.0.1", "no://127.0.0.1:{}"])
+def test_an_address_that_does_not_answer_is_said_soon(address, source, tmp_path, monkeypatch):
+    monkeypatch.setattr(_scheduler, "SECONDS", 0.3)
+    address = address.format(free_port())
+    line = error_line(run("normals", source, tmp_path / "b.laz", "--scheduler", address))
+    assert f"--scheduler {address}: no scheduler of dask answers" in line
+    assert files_in(tmp_path) == ["street.laz"]
+
+
+def test_a_scheduler_without_workers_is_said(source, tmp_path, monkeypatch):
+    monkeypatch.setattr(_scheduler, "SECONDS", 0.5)
+    with distributed.LocalCluster(n_workers=0, processes=False, protocol="tcp", **LOCAL) as cluster:
+        address = cluster.scheduler_address
+        line = error_line(run("normals", source, tmp_path / "b.laz", "--scheduler", address))
+    assert f"--scheduler {address}: has no workers" in line
+
+
+def test_without_the_library_its_installation_is_said(source, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    options = ("--scheduler", "tcp://127.0.0.1:1")
+    line = error_line(run("normals", source, tmp_path / "b.laz", *options))
+    assert 'pip install "dask[distributed]' in line

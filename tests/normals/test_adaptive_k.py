@@ -1,0 +1,165 @@
+"""n_neighbors="auto": sizes by the noise, against planes whose noise is known."""
+
+import pickle
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from scipy.spatial.transform import Rotation
+from sklearn.base import clone
+
+from sklearn_mcmd import RobustNormalEstimator
+from sklearn_mcmd.datasets import make_street
+from sklearn_mcmd.metrics import bias_angle
+from sklearn_mcmd.normals._adaptive_k import AROUND, LEAST, MOST, TILT, ScaleFinder
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+
+
+def sheet(n, noise, seed=0):
+    """Points on z = 0 with one point on each unit of area, and noise along z."""
+    rng = np.random.default_rng(seed)
+    side = np.sqrt(n)
+    return np.column_stack([rng.uniform(0, side, (n, 2)), rng.normal(0, noise, n)])
+
+
+def sizes_of(X, n_jobs=None):
+    """In the order of X."""
+    finder = ScaleFinder(NeighborIndex(X, AROUND), n_jobs)
+    return finder.sizes()[finder.index.places]
+
+
+@pytest.mark.parametrize("noise", [0.2, 0.4, 0.8])
+def test_noise_tilts_normals_by_what_is_allowed(noise):
+    """Of least squares of the found sizes, with a fifth for the noise of the noise's estimate."""
+    X = sheet(5000, noise)
+    estimator = RobustNormalEstimator("auto", method="pca").fit(X)
+    inside = (np.abs(X[:, :2] - np.sqrt(5000) / 2) < np.sqrt(5000) / 2 - 8).all(axis=1)
+    tilt = bias_angle(estimator.normals_[inside], np.array([0.0, 0.0, 1.0]))
+    assert np.sqrt(np.mean(tilt**2)) == pytest.approx(TILT, rel=0.2)
+
+
+def test_without_noise_neighborhoods_are_as_small_as_can_be():
+    rng = np.random.default_rng(0)
+    ball = rng.normal(size=(3000, 3))
+    ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+    box = rng.uniform(-1, 1, (3000, 3))
+    box /= np.abs(box).max(axis=1, keepdims=True)
+    for X in (ball, box):
+        assert np.mean(sizes_of(X) == LEAST) > 0.99
+
+
+def test_hopeless_noise_gets_the_most():
+    X = np.random.default_rng(0).uniform(size=(3000, 3))
+    assert_array_equal(sizes_of(X), MOST)
+
+
+def test_each_part_has_its_own_size():
+    quiet, noisy = sheet(3000, 0.05), sheet(3000, 0.5, seed=1)
+    noisy[:, 0] += 200
+    sizes = sizes_of(np.vstack([quiet, noisy]))
+    assert_array_equal(sizes[:3000], LEAST)
+    assert sizes[3000:].min() > 2 * LEAST
+
+
+def test_the_number_follows_from_the_noise():
+    """The error of a plane of k points on unit squares is noise * sqrt(8 pi) / k.
+
+    A fifth more comes from Student's factor of few points, and from their thickness.
+    """
+    for noise in (0.2, 0.4, 0.8):
+        expected = np.degrees(noise * np.sqrt(8 * np.pi)) / TILT
+        found = np.median(sizes_of(sheet(5000, noise)))
+        assert expected <= found <= 1.25 * expected
+
+
+@pytest.mark.parametrize("n", [700, 3000])
+def test_sizes_do_not_depend_on_rows_jobs_and_pose(n):
+    X = make_street(n, random_state=0).data
+    sizes = sizes_of(X)
+    order = np.random.default_rng(0).permutation(n)
+    assert_array_equal(sizes_of(X[order], n_jobs=2), sizes[order])
+    moved = 3 * X @ Rotation.random(random_state=0).as_matrix().T + [10, -20, 30]
+    assert np.mean(sizes_of(moved) == sizes) > 0.995  # the rest is rounded to the other side
+
+
+@pytest.mark.parametrize("n", [700, 3000])
+def test_estimator_tells_the_sizes_and_keeps_them(n):
+    street = make_street(n, random_state=0)
+    X = street.data
+    estimator = RobustNormalEstimator("auto", random_state=0, features="all")
+    columns = estimator.fit_transform(X)
+    assert_array_equal(estimator.n_neighbors_, sizes_of(X))
+    assert estimator.n_neighbors_.shape == estimator.n_support_.shape == (n,)
+    for other in (estimator, pickle.loads(pickle.dumps(estimator))):
+        again = other.transform(X)
+        cosine = np.abs(np.einsum("nd,nd->n", again[:, 3:6], columns[:, 3:6]))
+        assert np.mean(cosine > 1 - 1e-9) > 0.99  # other than where neighbors are equally far
+    parallel = clone(estimator).set_params(n_jobs=2).fit(X)
+    assert_array_equal(parallel.normals_, estimator.normals_)
+
+
+@pytest.mark.parametrize("n", [700, 3000])
+def test_each_point_has_the_plane_of_its_own_size(n):
+    X = make_street(n, random_state=0).data
+    auto = RobustNormalEstimator("auto", method="pca").fit(X)
+    for k in np.unique(auto.n_neighbors_)[::10]:
+        fixed = RobustNormalEstimator(int(k), method="pca").fit(X)
+        rows = auto.n_neighbors_ == k
+        assert bias_angle(auto.normals_[rows], fixed.normals_[rows]).max() < 1e-5
+
+
+def test_a_radius_limits_them():
+    X = sheet(3000, 0.5)
+    auto = RobustNormalEstimator("auto", method="pca").fit(X)
+    within = RobustNormalEstimator("auto", radius=2.0, method="pca").fit(X)
+    assert_array_equal(within.n_neighbors_, auto.n_neighbors_)
+    # A disk's variance along an axis is a quarter of its squared radius.
+    assert np.median(within.eigenvalues_[:, -1]) < 1.5 < np.median(auto.eigenvalues_[:, -1])
+
+
+def test_more_dimensions_than_three_ask_for_a_number():
+    with pytest.raises(ValueError, match="X has 4 features; give a number of neighbors"):
+        RobustNormalEstimator("auto").fit(np.random.default_rng(0).normal(size=(40, 4)))
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("n", [6, 40, 300])
+def test_few_points(n, d):
+    X = np.random.default_rng(0).normal(size=(n, d))
+    X[:, -1] *= 0.01
+    estimator = RobustNormalEstimator("auto", random_state=0).fit(X)
+    assert estimator.n_neighbors_.max() <= min(n, MOST)
+    assert np.isfinite(estimator.normals_).all()
+
+
+def test_copies_have_the_size_of_their_place():
+    X = sheet(1500, 0.3)
+    estimator = RobustNormalEstimator("auto", random_state=0).fit(np.vstack([X, X[:200]]))
+    assert_array_equal(estimator.n_neighbors_[1500:], estimator.n_neighbors_[:200])
+
+
+def waves(noise, n=4000):
+    """A surface that bends with a period of 18 spacings, and its normals."""
+    rng = np.random.default_rng(0)
+    height, step = 2.0, 2 * np.pi / 18
+    x, y = rng.uniform(0, np.sqrt(n), (2, n))
+    surface = np.column_stack([x, y, height * np.sin(step * x) * np.cos(step * y)])
+    slopes = [np.cos(step * x) * np.cos(step * y), -np.sin(step * x) * np.sin(step * y)]
+    normals = np.column_stack([*(-height * step * np.array(slopes)), np.ones(n)])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return surface + rng.normal(0, noise, n)[:, None] * normals, normals
+
+
+def test_one_setting_does_for_clouds_for_which_no_fixed_number_does():
+    ratios = {"auto": [], 16: [], 32: [], 64: [], 128: []}
+    for noise in (0.0, 0.2, 0.4, 0.8):
+        X, normals = waves(noise)
+        errors = {}
+        for k in ratios:
+            found = RobustNormalEstimator(k, random_state=0).fit(X).normals_
+            errors[k] = np.sqrt(np.mean(bias_angle(found, normals) ** 2))
+        for k, error in errors.items():
+            ratios[k].append(error / min(errors.values()))
+    worst = {k: max(values) for k, values in ratios.items()}
+    print(worst)
+    assert worst.pop("auto") < 1.3 < min(worst.values())

@@ -1,0 +1,217 @@
+"""Ctrl-C, met by real processes: one line and 130, until their outputs are there."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from commands import files_in
+from sklearn_mcmd.planes._local_planes import COMPILE_FROM
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
+
+# The program meets Ctrl-C at a moment of its own, which does not depend on how fast it is.
+CTRL_C = """
+import os, signal, sys
+
+def ctrl_c():
+    os.kill(os.getpid(), signal.SIGINT)
+"""
+MAIN = """
+from sklearn_mcmd.__main__ import main
+main()
+"""
+IMPORTING = """
+class Finder:
+    def find_spec(self, name, *rest):
+        if name == {name!r}:
+            ctrl_c()
+
+sys.meta_path.insert(0, Finder())
+"""
+COMPILING = """
+from numba.core import event
+
+class Listener(event.Listener):
+    def on_start(self, event):
+        ctrl_c()
+
+    def on_end(self, event):
+        pass
+
+event.register("numba:compile", Listener())
+"""
+FITTING = """
+from sklearn_mcmd.runtime._progress import Span
+
+tell = Span.tell
+
+def tell_and_stop(self, share):
+    tell(self, share)
+    if self.stage == "planes" and share > 0:
+        ctrl_c()
+
+Span.tell = tell_and_stop
+"""
+SUMMING_UP = """
+from sklearn_mcmd.cli import {module}
+
+told = {module}.{function}
+
+def tell_late(*args, **kwargs):
+    ctrl_c()
+    told(*args, **kwargs)
+
+{module}.{function} = tell_late
+"""
+# Python calls the first while its handlers are in force, and the second when they are gone.
+CLEARING_UP = """
+import atexit
+
+class Late:
+    def __del__(self, kill=os.kill, own=os.getpid(), number=signal.SIGINT):
+        kill(own, number)
+
+atexit.register(ctrl_c)
+late = Late()
+"""
+
+
+def outcome_of(moment, *args, **variables):
+    """Exit code, stdout and stderr of a command that meets Ctrl-C."""
+    done = subprocess.run(
+        [sys.executable, "-c", CTRL_C + moment + MAIN, *map(str, args)],
+        capture_output=True,
+        text=True,
+        env=os.environ | variables,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("name", ["sklearn_mcmd._extras", "typer", "numpy", "sklearn"])
+def test_ctrl_c_ends_in_one_line_while_modules_are_imported(name, room_file, tmp_path):
+    moment = IMPORTING.format(name=name)
+    outcome = outcome_of(moment, "denoise", room_file, tmp_path / "out.npy")
+    assert outcome == (130, "", "mcmd: interrupted\n")
+    assert files_in(tmp_path) == ["room.laz"]
+
+
+def test_ctrl_c_ends_in_one_line_while_code_is_compiled(tmp_path):
+    np.save(tmp_path / "in.npy", np.random.default_rng(0).uniform(size=(COMPILE_FROM, 3)))
+    command = "denoise", tmp_path / "in.npy", tmp_path / "out.npy", "--quiet"
+    (tmp_path / "compiled").mkdir()
+    outcome = outcome_of(COMPILING, *command, NUMBA_CACHE_DIR=str(tmp_path / "compiled"))
+    assert outcome == (130, "", "mcmd: interrupted\n")
+    assert files_in(tmp_path) == ["compiled", "in.npy"]
+
+
+def test_ctrl_c_ends_in_one_line_while_planes_are_fitted(room_file, tmp_path):
+    code, out, err = outcome_of(FITTING, "denoise", room_file, tmp_path / "out.npy")
+    assert (code, out) == (130, "")
+    assert err.splitlines()[-1] == "mcmd: interrupted"  # a slow machine tells its progress before
+    assert files_in(tmp_path) == ["room.laz"]
+
+
+@pytest.mark.parametrize(
+    ("verb", "function", "arguments"),
+    [
+        ("denoise", "_messages.print_summary", ["out.xyz"]),
+        ("view", "_view._report", ["-o", "out.html"]),
+    ],
+)
+def test_ctrl_c_comes_too_late_when_the_output_is_there(
+    verb, function, arguments, room_file, tmp_path
+):
+    module, function = function.split(".")
+    *options, name = arguments
+    moment = SUMMING_UP.format(module=module, function=function)
+    code, out, _ = outcome_of(moment, verb, room_file, *options, tmp_path / name)
+    assert code == 0
+    assert "points" in out
+    assert files_in(tmp_path) == sorted([name, "room.laz"])
+
+
+def test_ctrl_c_does_not_change_how_a_command_has_ended_while_python_clears_up(room_file, tmp_path):
+    code, out, err = outcome_of(CLEARING_UP, "info", room_file)
+    assert (code, err) == (0, "")
+    assert "points" in out
+    code, _, err = outcome_of(CLEARING_UP, "info", tmp_path / "none.laz")
+    assert (code, err) == (1, f"mcmd: error: {tmp_path / 'none.laz'}: no such file\n")
+
+
+def test_a_verb_within_another_one_does_not_end_its_interrupts():
+    code = (
+        "import signal\n"
+        "from sklearn_mcmd.runtime._interrupts import "
+        "exit_at_once, ignore_interrupts, raise_interrupts\n"
+        "exit_at_once('mcmd')\n"
+        "with raise_interrupts():\n"
+        "    with raise_interrupts():\n"
+        "        ignore_interrupts()\n"
+        "    try:\n"
+        "        signal.raise_signal(signal.SIGINT)\n"
+        "    except KeyboardInterrupt:\n"
+        "        print('interrupted')\n"
+        "    ignore_interrupts()\n"
+        "    signal.raise_signal(signal.SIGINT)\n"
+        "signal.raise_signal(signal.SIGINT)\n"
+        "print('done')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("interrupted\ndone\n", "")
+
+
+def test_ctrl_c_that_a_library_turns_into_another_error_is_still_an_interruption():
+    code = (
+        "import signal\n"
+        "from sklearn_mcmd.runtime._interrupts import exit_at_once\n"
+        "exit_at_once('mcmd')\n"
+        "import typer\n"
+        "from sklearn_mcmd.cli._messages import clear_exits\n"
+        "try:\n"
+        "    with clear_exits():\n"
+        "        try:\n"
+        "            signal.raise_signal(signal.SIGINT)\n"
+        "        except BaseException:\n"
+        "            raise ImportError('cannot import half of it')\n"
+        "except typer.Exit as end:\n"
+        "    print(end.exit_code)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("130\n", "mcmd: interrupted\n")
+
+
+def test_ctrl_c_that_a_callback_forgets_comes_again():
+    code = (
+        "import signal, time\n"
+        "from sklearn_mcmd.runtime._interrupts import exit_at_once, raise_interrupts\n"
+        "exit_at_once('mcmd')\n"
+        "class Forgets:\n"
+        "    def __del__(self):\n"
+        "        signal.raise_signal(signal.SIGINT)\n"
+        "try:\n"
+        "    with raise_interrupts():\n"
+        "        Forgets()\n"
+        "        begin = time.monotonic()\n"
+        "        time.sleep(600)\n"
+        "        print('forgotten')\n"
+        "except KeyboardInterrupt:\n"
+        "    print('came again', time.monotonic() - begin < 500)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("came again True\n", "")
+
+
+def test_a_process_that_ignores_ctrl_c_goes_on_ignoring_it():
+    code = (
+        "import signal\n"
+        "from sklearn_mcmd.runtime._interrupts import exit_at_once\n"
+        "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+        "exit_at_once('mcmd')\n"
+        "signal.raise_signal(signal.SIGINT)\n"
+        "print('goes on')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "goes on\n")

@@ -1,0 +1,113 @@
+"""Compiled code that is kept on disk is taken only while all kernels are as they were."""
+
+import importlib
+import os
+import subprocess
+import sys
+
+import pytest
+
+from sklearn_mcmd.runtime import _compiling, _kernels
+
+SOURCE = """
+from sklearn_mcmd.runtime._kernels import kernel
+
+@kernel(cache=True)
+def double(x):
+    return 2 * x
+"""
+
+
+def n_compiled(name):
+    """How often the function is compiled, not loaded, in a module that is imported afresh."""
+    module = importlib.reload(importlib.import_module(name))
+    assert module.double(3) == 6
+    return sum(module.double.stats.cache_misses.values())
+
+
+def test_an_edit_of_any_kernel_lets_all_be_compiled_again(tmp_path, monkeypatch):
+    (tmp_path / "kept_kernel.py").write_text(SOURCE)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert n_compiled("kept_kernel") == 1
+    assert n_compiled("kept_kernel") == 0
+    monkeypatch.setattr(_kernels, "_stamp", lambda: "another version")
+    assert n_compiled("kept_kernel") == 1
+
+
+def test_the_stamp_is_of_the_text_of_all_kernels(tmp_path, monkeypatch):
+    before = _kernels._stamp.__wrapped__()
+    assert before == _kernels._stamp()
+    (tmp_path / "a_numba.py").write_text("LIMIT = 1")
+    monkeypatch.setattr(_kernels, "ROOT", tmp_path)
+    first = _kernels._stamp.__wrapped__()
+    (tmp_path / "a_numba.py").write_text("LIMIT = 2")
+    assert len({before, first, _kernels._stamp.__wrapped__()}) == 3
+
+
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+@pytest.mark.parametrize("left", [0, 100])
+def test_damaged_files_are_compiled_again(kind, left, tmp_path, monkeypatch):
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path / "cache"))
+    (tmp_path / "damaged_kernel.py").write_text(SOURCE)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "damaged_kernel", raising=False)
+    assert n_compiled("damaged_kernel") == 1
+    (path,) = (tmp_path / "cache").rglob(f"*.{kind}")
+    path.write_bytes(path.read_bytes()[:left])
+    assert n_compiled("damaged_kernel") == 1
+    assert n_compiled("damaged_kernel") == 0
+
+
+def test_processes_may_compile_at_once(tmp_path):
+    (tmp_path / "shared_kernel.py").write_text(SOURCE)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    command = [sys.executable, "-c", "import shared_kernel as s; assert s.double(3) == 6"]
+    several = [subprocess.Popen(command, cwd=tmp_path, env=environment) for _ in range(2)]
+    assert [process.wait(timeout=600) for process in several] == [0, 0]
+    command[-1] += "; assert not s.double.stats.cache_misses"
+    assert subprocess.run(command, cwd=tmp_path, env=environment).returncode == 0
+
+
+USE = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import numpy as np
+from sklearn_mcmd.runtime._compiling import compiled_function
+number_parts = compiled_function("planes._linking_numba", "number_parts")
+assert number_parts(np.array([0, 0, 2], np.int32)).tolist() == [0, 0, 1]
+print(sum(number_parts.stats.cache_misses.values()))
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="HOME does not say where users keep caches")
+@pytest.mark.parametrize("home", ["home", "no/home"])
+def test_a_package_that_cannot_be_written_keeps_its_code_elsewhere(home, tmp_path):
+    """In the user's folder of caches, or in a temporary folder where there is no home."""
+    (tmp_path / "home").mkdir()
+    for folder in [_kernels.ROOT, *_kernels.ROOT.rglob("*/")]:
+        if folder.name != "__pycache__":
+            copy = tmp_path / "site" / folder.relative_to(_kernels.ROOT.parent)
+            copy.mkdir(parents=True)
+            (copy / "__pycache__").touch()  # a file: not even root can write into it
+            for path in folder.glob("*.py"):
+                (copy / path.name).write_bytes(path.read_bytes())
+    environment = {k: v for k, v in os.environ.items() if k[:5] not in ("NUMBA", "XDG_C")}
+    environment |= {"TMPDIR": str(tmp_path)}
+    if home == "no/home":  # below a file, where root can make no folder either
+        (tmp_path / "no").touch()
+    environment |= {"HOME": str(tmp_path / home)}
+    command = [sys.executable, "-c", USE, str(tmp_path / "site")]
+    for expected in (1, 0):
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        assert int(done.stdout) == expected
+
+
+def test_the_folder_is_this_users_alone(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    own = _compiling._own_folder()
+    assert own == _compiling._own_folder()
+    if hasattr(os, "getuid"):
+        os.chmod(own, 0o777)  # as another user might have made it
+        other = _compiling._own_folder()
+        assert other != own
+        assert os.stat(other).st_mode & 0o077 == 0

@@ -1,0 +1,75 @@
+"""Which regions are parts of one plane, and which are not."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from sklearn.metrics import adjusted_rand_score
+
+from sklearn_mcmd import RegionGrowing
+from sklearn_mcmd.segmentation._merge_coplanar import join_coplanar
+
+
+def walls(rng, *boxes, noise=0.003, density=3000):
+    """Vertical walls: each of x from, to, y and slope of y; and which one points are of."""
+    parts = []
+    for low, high, y, slope in boxes:
+        n = int(density * (high - low))
+        x = rng.uniform(low, high, n)
+        parts.append(np.column_stack([x, y + slope * (x - low), rng.uniform(0, 1, n)]))
+    X = np.vstack(parts)
+    return X + rng.normal(0, noise, X.shape), np.repeat(
+        np.arange(len(parts)), list(map(len, parts))
+    )
+
+
+@pytest.mark.parametrize(
+    ("second", "n_regions"),
+    [
+        ((1.3, 2.3, 0.0, 0.0), 1),
+        ((1.3, 2.3, 0.05, 0.0), 2),
+        ((1.3, 2.3, 0.0, 0.1), 2),
+        ((4.0, 5.0, 0.0, 0.0), 2),
+    ],
+    ids=["a shadow cuts one wall", "a recess", "a bend", "far apart"],
+)
+def test_parts_of_one_plane_are_joined_across_short_gaps_only(second, n_regions):
+    X, part = walls(np.random.default_rng(0), (0.0, 1.0, 0.0, 0.0), second)
+    apart = RegionGrowing(random_state=0, join_coplanar=False).fit(X)
+    assert apart.n_regions_ == 2
+    assert adjusted_rand_score(part, apart.labels_) > 0.99
+    assert RegionGrowing(random_state=0).fit(X).n_regions_ == n_regions
+
+
+def test_curved_regions_are_not_joined():
+    rng = np.random.default_rng(0)
+    angle = rng.uniform(0, np.pi, 8000)
+    angle = angle[np.abs(angle - np.pi / 2) > 0.15]  # two quarters of a vault, a slit between
+    vault = np.column_stack([np.cos(angle), rng.uniform(0, 2, len(angle)), np.sin(angle)])
+    assert RegionGrowing(random_state=0).fit(vault).n_regions_ == 2
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_parts_of_a_plane_without_noise_are_joined_in_any_attitude(seed):
+    # The least eigenvalue of a region is rounded by a share of its largest one, far above
+    # what rounding of the coordinates amounts to.
+    X = np.random.default_rng(0).uniform(0, 1, (4000, 3)) * [10, 1, 0]
+    part = (X[:, 0] // 2).astype(int)
+    X[:, 0] += 0.3 * part
+    X = X @ Rotation.random(random_state=seed).as_matrix().T + [3, 7, 1]
+    rounding = 8 * np.finfo(np.float64).eps * np.abs(X).max(axis=1)
+    assert len(np.unique(join_coplanar(X, part, rounding))) == 1
+
+
+def test_regions_that_are_not_flat_are_compared_with_none():
+    # A table of 200 flat regions by all is 27 MB; a cloud of noise has far more that are not flat.
+    points = np.random.default_rng(0).uniform(size=(21_000, 3))
+    labels = np.arange(21_000) % 4200
+    points[labels < 200, 2] = 10.0 + labels[labels < 200]
+    tracemalloc.start()
+    joined = join_coplanar(points, labels, np.full(21_000, 1e-6))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(np.unique(joined)) == 4200
+    assert peak < 15e6

@@ -1,0 +1,134 @@
+"""Outputs of runs that ended while they were written, above all where they replace inputs."""
+
+import os
+
+import pytest
+
+from sklearn_mcmd import MCMDOutlierDetector
+from sklearn_mcmd.io import read_points, write_points
+from sklearn_mcmd.tiling import TilingError, _outputs, _publish_outputs, process_files
+from tiled import ESTIMATOR, street
+
+DETECTOR = MCMDOutlierDetector(16, contamination=0.05, random_state=0)
+NAMES = ["a.las", "b.las"]
+SIZE = {"tile_size": 1_500}
+
+
+@pytest.fixture
+def drive(tmp_path):
+    """A folder of two files, and a function that makes another."""
+
+    def make(name):
+        (tmp_path / name).mkdir()
+        for seed, file in enumerate(NAMES):
+            write_points(tmp_path / name / file, street(1_200, seed))
+        return tmp_path / name
+
+    return make
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def ended(monkeypatch, module, name, nth, work):
+    """Run work that is ended at the nth call of a function."""
+    real, calls = getattr(module, name), []
+
+    def end(*args):
+        calls.append(args)
+        if len(calls) == nth:
+            raise KeyboardInterrupt
+        return real(*args)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(module, name, end)
+        with pytest.warns(match="kept in") as caught:
+            _interrupted(work)
+        assert [warning.filename for warning in caught] == [__file__]
+
+
+def _interrupted(work):
+    with pytest.raises(KeyboardInterrupt):
+        work()
+
+
+@pytest.fixture
+def replaced(drive):
+    """A folder whose files a whole run has replaced, and its report."""
+    folder = drive("whole")
+    report = process_files(folder, folder, DETECTOR, **SIZE)
+    return contents(folder), report.n_outliers
+
+
+def test_inputs_are_kept_until_all_outputs_are_written(drive, replaced, monkeypatch):
+    folder = drive("early")
+    before = contents(folder)
+    ended(
+        monkeypatch,
+        _outputs,
+        "read_parts",
+        2,
+        lambda: process_files(folder, folder, DETECTOR, **SIZE),
+    )
+    assert {name: contents(folder)[name] for name in NAMES} == before
+    report = process_files(folder, folder, DETECTOR, **SIZE)
+    assert (contents(folder), report.n_outliers) == replaced
+    assert not folder.with_name("early.tiles").exists()
+
+
+def test_a_run_that_ended_between_two_moves_has_only_to_move(drive, replaced, monkeypatch):
+    folder = drive("early")
+    before, move = contents(folder), _publish_outputs._move
+    with monkeypatch.context() as patch:
+        patch.setattr(_publish_outputs, "_move", lambda moves: move(moves[:1]) or 1 / 0)
+        with pytest.raises(TilingError, match="kept in"):
+            process_files(folder, folder, DETECTOR, **SIZE)
+    assert sum(contents(folder)[name] != before[name] for name in NAMES) == 1
+    with pytest.raises(TilingError, match="had replaced some of its inputs"):
+        process_files(folder, folder, DETECTOR, mode="mark", **SIZE)
+    report = process_files(folder, folder, DETECTOR, **SIZE)
+    assert (contents(folder), report.n_outliers) == replaced
+    assert report.n_resumed == report.n_tiles
+    assert not folder.with_name("early.tiles").exists()
+
+
+def test_beginning_anew_leaves_nothing_beside_the_outputs(drive, monkeypatch):
+    folder = drive("in")
+    ended(
+        monkeypatch,
+        _outputs,
+        "read_parts",
+        2,
+        lambda: process_files(folder, folder, ESTIMATOR, **SIZE),
+    )
+    process_files(folder, folder, ESTIMATOR, restart=True, **SIZE)
+    assert sorted(contents(folder)) == NAMES
+
+
+def test_an_output_with_a_hidden_name_is_kept(drive):
+    source = drive("in")
+    process_files(source / "a.las", source / ".mcmd-mine.las", ESTIMATOR, **SIZE)
+    assert ".mcmd-mine.las" in contents(source)
+
+
+@pytest.mark.parametrize("change", ["mode", "gone", "touched"])
+def test_outputs_that_are_not_as_they_were_written_are_written_again(drive, monkeypatch, change):
+    source, target = drive("in"), drive("out")
+
+    def run(mode="drop", target=target):
+        return process_files(source, target, DETECTOR, mode=mode, **SIZE)
+
+    ended(monkeypatch, _outputs, "read_parts", 2, run)
+    if change == "mode":
+        ended(monkeypatch, _outputs, "read_parts", 2, lambda: run("mark"))
+        assert "outlier_score" in read_points(target / "a.las").attributes
+    elif change == "gone":
+        (target / "a.las").unlink()
+    else:
+        write_points(target / "a.las", street(100))
+        os.utime(target / "a.las", (1, 1))
+    run()
+    other = drive("other")
+    run(target=other)
+    assert contents(target) == contents(other)
