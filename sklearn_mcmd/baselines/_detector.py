@@ -157,7 +157,8 @@ class PlaneOutlierDetector(BasePlaneOutliers):
                 "the share of outliers, such as contamination=0.1."
             )
         xyz, index = self._index_cloud(X)
-        self._fit_comparator(comparator, xyz, index)
+        precision, step = np.finfo(xyz.dtype).eps, self._coordinate_step(xyz)
+        self._model = self._make_comparator_model(comparator, index, xyz.shape, precision, step)
         if self.contamination == "auto":
             self.offset_ = -comparator.usual_cutoff(self.n_neighbors_, xyz.shape[1])
         else:

@@ -77,9 +77,7 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         n, d = shape
         comparator = self._settle_comparator()
         if comparator is not None:  # a registered method judges the neighborhoods
-            self.n_trials_, _ = comparator.table_shape(index.n_neighbors or n, d)
-            settings = PlaneSettings(self.method, precision, step, comparator=comparator)
-            return LocalPlaneModel(index, comparator.tables(self.random_state), settings)
+            return self._make_comparator_model(comparator, index, shape, precision, step)
         self.n_trials_ = self._settle_n_trials(d)
         rule = METHODS[self.method]
         trials = draw_trials(
@@ -97,6 +95,13 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
             reweight=self.reweight,
         )
         return LocalPlaneModel(index, trials, settings)
+
+    def _make_comparator_model(self, comparator, index, shape, precision, step):
+        """The same of a registered method, which judges the neighborhoods in place of a rule."""
+        n, d = shape
+        self.n_trials_, _ = comparator.table_shape(index.n_neighbors or n, d)
+        settings = PlaneSettings(self.method, precision, step, comparator=comparator)
+        return LocalPlaneModel(index, comparator.tables(self.random_state), settings)
 
     def _coordinate_step(self, X):
         return coordinate_step(X) if self._step_of_cloud is None else self._step_of_cloud
