@@ -1,1 +1,6 @@
-"""How work runs: chunks and threads, progress and callbacks, interrupts, compiled functions."""
+"""How work runs: chunks and threads, progress and callbacks, interrupts, compiled functions.
+
+All rooms stand on it; nothing here is public.
+"""
+
+__all__ = []
