@@ -11,14 +11,8 @@ from sklearn_mcmd.outliers._company import (
     chosen_rows,
     mean_distance,
 )
-from sklearn_mcmd.outliers._rays import (
-    DIFFERS,
-    Emptiness,
-    RayLimits,
-    Rays,
-    distances_between,
-    one_far_position,
-)
+from sklearn_mcmd.outliers._ray_evidence import RayEvidence
+from sklearn_mcmd.outliers._rays import distances_between
 from sklearn_mcmd.outliers._surfaces import (
     SurfaceLimits,
     distances_to_surfaces,
@@ -68,7 +62,7 @@ class JudgedCloud:
         Standard deviation of the noise, in the place of each plane's own.
     n_jobs : int or None
     origins : ndarray of float64 of shape (n, d), default=None
-        Where the sensor stood when it measured each row that the model has indexed.
+        Where the sensor stood when it measured each point of the model's index.
     """
 
     def __init__(self, model, *, strictness, noise_scale, n_jobs, origins=None):
@@ -82,8 +76,7 @@ class JudgedCloud:
         self.n_jobs = n_jobs
         self.surface_limits = SurfaceLimits()
         self.company_limits = CompanyLimits()
-        self.ray_limits = RayLimits()
-        self.origins = None if origins is None else origins[model.index.rows]
+        self.origins = origins
         self.rays = None
 
     def fit(self, X):
@@ -111,12 +104,7 @@ class JudgedCloud:
             planes, *spacings = self.measure_planes() if measured is None else measured()
         with progress_part(begin, 1.0, "outliers"):
             with progress_part(0.0, 0.4):
-                if self.origins is not None:
-                    self.rays = Rays(index.points, self.origins, self.ray_limits, self.n_jobs)
-                owners, distances, beam_spacing = self._find_surfaces(planes)
-            if self.rays is not None:
-                # What is usual is what beams make of the surfaces around.
-                spacings[1] = np.maximum(spacings[1], beam_spacing)
+                owners, distances, spacings[1] = self._find_surfaces(planes, spacings[1])
             _, least = least_of(index.n_neighbors, len(index.points), n_points)
             places = Places.of(index, counts, self.explained, *spacings)
             del planes, spacings
@@ -125,8 +113,8 @@ class JudgedCloud:
         rest, company = self.company.rest, self.company
         apart = company.isolation, company.separation
         if self.rays is not None:
-            company.isolation, company.separation = apart = self._ask_rays(*apart, places.spacing)
-            self.rays.release()
+            apart = self.rays.judge(company, places.spacing, self.explained, self.to_planes)
+            company.isolation, company.separation = apart
         distances[rest] = self._joined(distances[rest], *apart, company.points)
         self.point_scores = distances
         return owners
@@ -155,23 +143,22 @@ class JudgedCloud:
         return scores
 
     def _score_new(self, queries, around, precision):
-        floor = self._floor(queries, precision)
-        _, distances = distances_to_surfaces(
-            queries, around.take, self.planes, self.explaining, floor, len(queries)
-        )
+        _, distances = self.to_planes(queries, around.take, self.explaining, precision)
         near = around.indices[:, : self.company_limits.n_near]
         gaps = distances_between(self.model.index.points[near], queries)
         spacing = mean_distance(gaps, self.counts[near], self.company_limits.n_near)
-        isolation, separation = np.zeros(len(queries)), np.zeros(len(queries))
-        joined = np.zeros(len(queries), dtype=bool)
+        apart = isolation, separation, joined = (
+            np.zeros(len(queries)), np.zeros(len(queries)), np.zeros(len(queries), bool)
+        )  # fmt: skip
         rest = np.flatnonzero(distances > self.surface_limits.explained)
         if len(rest):
             isolation[rest], separation[rest], joined[rest] = self.company.measure(
                 queries[rest], spacing[rest]
             )
         if self.rays is not None:
-            isolation, apart = self._ask_new_rays(queries, around, isolation, separation, spacing)
-            separation = np.where(joined, separation, apart)  # rays have judged the group
+            isolation, separation = self.rays.judge_new(
+                queries, around, apart, spacing, self.explained, self.to_planes
+            )
         return self._joined(distances, isolation, separation, queries)
 
     def paper_scores(self, planes, distances):
@@ -204,8 +191,11 @@ class JudgedCloud:
         n_near = self.company_limits.n_near
         return both_spacings(self.model.index.points, self.counts, points, near, n_near)
 
-    def _find_surfaces(self, planes):
-        """What explains points: its rows, and how far from it they are."""
+    def _find_surfaces(self, planes, spacing):
+        """What explains points: its rows, and how far from it they are; and the usual spacings.
+
+        These are the `spacing`, or what beams make of the surfaces around if that is larger.
+        """
         index = self.model.index
         points, n, k = index.points, len(index.points), index.n_neighbors
         limits, chunk = self.surface_limits, self.model.chunk()
@@ -217,61 +207,34 @@ class JudgedCloud:
             distances[rows] = own_distances(part, self.planes.take(rows), self._floor(part, 0.0))
 
         run([(slice(i, i + chunk),) for i in range(0, n, chunk)], measure, self.n_jobs)
-        least, _ = least_of(k, n, n)
-        self.on_sheet = beam_spacing = None
-        if self.rays is not None:
-            self.scatter, beam_spacing = self.rays.measure(index, self.planes, limits.explained)
-            self.on_sheet = self.scatter > DIFFERS
-            if one_far_position(points, self.origins):
-                self.on_sheet[:] = False
+        (least, _), barred = least_of(k, n, n), None
+        if self.origins is not None:
+            self.rays = RayEvidence(index, self.origins, self.planes, limits, self.n_jobs)
+            spacing, barred = np.maximum(spacing, self.rays.beam_spacing), self.rays.on_sheet
         with progress_part(0.0, 0.6):
-            self.explaining = find_surfaces(index, planes, distances, least, limits, self.on_sheet)
+            self.explaining = find_surfaces(index, planes, distances, least, limits, barred)
         if self.rays is not None:
-            self.on_sheet = find_surfaces(
-                index, planes, distances, self.ray_limits.sheet * least, limits, ~self.on_sheet,
-            )  # fmt: skip
+            self.rays.settle_sheets(planes, distances, least)
         others = np.flatnonzero(~self.explaining)
         queries = chosen_rows(index, points, ~self.explaining)
         with progress_part(0.6, 1.0):
-            found, distances[others] = distances_to_surfaces(
-                queries, lambda rows: index.query_own(others[rows]), self.planes,
-                self.explaining, self._floor(queries, 0.0), chunk, self.n_jobs,
-            )  # fmt: skip
+            found, distances[others] = self.to_planes(
+                queries, lambda rows: index.query_own(others[rows]), self.explaining
+            )
         owners[others] = np.where(found < 0, others, found)
         self.explained = distances <= limits.explained
         self.explained_scale = None
         if self.strictness == "surfaces":
             self.explained_scale = self.planes.scale[owners[self.explained]]
-        return owners, distances, beam_spacing
+        return owners, distances, spacing
 
-    def _ask_rays(self, isolation, separation, spacing):
-        """Isolation and separation of the rest, as the beams next to it see them."""
-        rest, rays, index = self.company.rest, self.rays, self.model.index
-        groups, step = self.company.groups, rays.steps(self.company.rest)
-        sheet = self._sheet_scores(index.points[rest], lambda rows: index.query_own(rest[rows]))
-        alone = rays.next_to(rest, self.explained).alone()
-        isolation = np.maximum(_isolation_with_rays(isolation, spacing, alone, step), sheet)
-        rows = np.flatnonzero(separation > 0)
-        empty = rays.around(rest[rows], groups[rows], self.explained)
-        together = np.ones(len(rest))
-        together[rows] = empty.together(groups[rows])
-        return isolation, _separation_with_rays(separation, together, step)
-
-    def _ask_new_rays(self, queries, around, isolation, separation, spacing):
-        witnesses = self.rays.new_witnesses(queries, around.indices[:, 0])
-        empty = Emptiness.of(witnesses, self.explained)
-        together = empty.together(np.arange(len(queries)))
-        isolation = _isolation_with_rays(isolation, spacing, empty.alone(), witnesses.step)
-        separation = _separation_with_rays(separation, together, witnesses.step)
-        return np.maximum(isolation, self._sheet_scores(queries, around.take)), separation
-
-    def _sheet_scores(self, queries, neighbors_of):
-        """How much ranges scatter on the sheet of rays that explains a point; 0 if none does."""
-        owners, off = distances_to_surfaces(
-            queries, neighbors_of, self.planes, self.on_sheet, self._floor(queries, 0.0),
+    def to_planes(self, queries, neighbors_of, wanted, precision=0.0):
+        """The nearest of the planes that are wanted among each query's neighbors: its row, and the
+        distance; see `distances_to_surfaces`."""
+        return distances_to_surfaces(
+            queries, neighbors_of, self.planes, wanted, self._floor(queries, precision),
             self.model.chunk(), self.n_jobs,
         )  # fmt: skip
-        return np.where(off <= self.surface_limits.explained, self.scatter[owners], 0.0)
 
     def measured(self, planes):
         """The planes with the noise by which distances are measured."""
@@ -337,18 +300,6 @@ def joined_scores(distances, isolation, separation, strictness, limit, beside):
     if len(lost):
         scores[lost] = np.maximum(beside(lost), apart[lost])
     return scores
-
-
-def _isolation_with_rays(isolation, spacing, alone, step):
-    """The spacing of a single point counts as much in steps as in usual spacings, by how empty
-    its place is. Points where the sensor is have no ray, and keep what coordinates say."""
-    both = np.sqrt(isolation * ratio(spacing, step))
-    return np.where(step > 0, alone * both, isolation)
-
-
-def _separation_with_rays(separation, together, step):
-    """A group stands off by as much as the beams around it say that its place is empty."""
-    return np.where(step > 0, together * separation, separation)
 
 
 def _measurements(index, n):

@@ -333,6 +333,8 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
                 stacklevel=4,
             )
         origins = check_sensor_origin(sensor_origin, xyz)
+        if origins is not None:
+            origins = origins[self._model.index.rows]
         settings = {
             "strictness": self.strictness,
             "noise_scale": self.noise_scale,

@@ -105,13 +105,20 @@ class Emptiness(NamedTuple):
         """
         return self._evidence(self.passing)
 
-    def together(self, groups):
-        """The same of groups, for each of their points, from the beams around the whole group.
+    def pooled(self, groups, points):
+        """The beams of all points of a group, for each of these; `groups` counts from 0 on.
+
+        Sums are taken in the order of coordinates, so they do not depend on that of the points.
+        """
+        order = np.lexsort(points.T[::-1])
+        return Emptiness(*(np.bincount(groups[order], part[order])[groups] for part in self))
+
+    def together(self):
+        """The same of a group, from the beams around all of it.
 
         Here beams that end before it speak for the group: behind what they met, it may go on.
         """
-        pooled = Emptiness(*(np.bincount(groups, part)[groups] for part in self))
-        return pooled._evidence(pooled.passing - pooled.ending)
+        return self._evidence(self.passing - self.ending)
 
     def _evidence(self, empty):
         evidence = np.maximum(ratio(empty, self.asked), 2 * ratio(self.hidden, self.asked) - 1)
@@ -121,6 +128,8 @@ class Emptiness(NamedTuple):
 class Rays:
     """The rays from where the sensor stood to the points of a cloud.
 
+    Of points in one direction, the farthest tells where the beam ends.
+
     Parameters
     ----------
     points : ndarray of float64 of shape (n, d)
@@ -128,6 +137,8 @@ class Rays:
         Where the sensor stood when it measured each of the points.
     limits : RayLimits
     n_jobs : int or None
+    empty : callable, default=np.empty
+        Makes an array of a shape and a dtype for what is found of all points.
 
     Attributes
     ----------
@@ -137,28 +148,50 @@ class Rays:
         Between rays that are next to each other, the median of all.
     """
 
-    def __init__(self, points, origins, limits, n_jobs):
+    def __init__(self, points, origins, limits, n_jobs, empty=np.empty):
         self.points, self.origins, self.limits, self.n_jobs = points, origins, limits, n_jobs
-        self.ranges, self.directions = _polar(points, origins)
-        self.unit = (
-            None if (origins == origins[0]).all() else np.median(self.ranges[self.ranges > 0])
-        )
-        self.cloud = cloud = IndexedCloud(self._places(self.directions, origins))
-        self.n_beams = k = min(limits.n_beams, len(cloud.points) - 1)
-        beams = np.empty((len(cloud.points), k), np.int32)
-        angles = np.empty((len(cloud.points), k))
+        n = len(points)
+        self.ranges, self.directions = empty(n, float), empty(points.shape, float)
+
+        def look(rows):
+            self.ranges[rows], self.directions[rows] = _polar(points[rows], origins[rows])
+
+        each_slice(n, CHUNK, look, n_jobs)
+        seen = self.ranges > 0
+        self.unit = None if (origins == origins[0]).all() else np.median(self.ranges[seen])
+        self._index(self._places(self.directions, origins))
+        self.n_beams = k = min(limits.n_beams, len(self.cloud.points) - 1)
+        self._beams, self._angles = empty((n, k), np.int32), empty((n, k), float)
+        means = empty(n, float)
+        self._search(k, empty, means)
+        self.usual_angle = float(np.median(means[seen]))
+        self._step = self._steps(means, self.ranges)
+
+    def _index(self, places):
+        """Index the directions, in an order that does not depend on that of the points."""
+        order = np.lexsort((-self.ranges, *places.T[::-1])).astype(np.int32)
+        self.cloud = IndexedCloud(places[order])
+        self.rows = order[self.cloud.rows]  # of the points that tell where the beams end
+        self._place_of = np.empty(len(order), np.int32)
+        self._place_of[order] = self.cloud.places
+
+    def _search(self, k, empty, means):
+        """Find the k beams next to each ray, and their angles; their means are filled, too."""
+        cloud, n_places = self.cloud, len(self.cloud.points)
+        beams, angles = empty((n_places, k), np.int32), empty((n_places, k), float)
 
         def search(rows):
             found = cloud.neighbors(rows, k + 1, 0)[:, 1:]
-            beams[rows] = cloud.rows[found]
+            beams[rows] = self.rows[found]
             angles[rows] = distances_between(cloud.points[found], cloud.points[rows])
 
-        each_slice(len(beams), CHUNK, search, n_jobs)
-        places = cloud.places
-        self._beams, self._angles = beams[places], angles[places]
-        means = self._angles.mean(axis=1)
-        self.usual_angle = float(np.median(means[self.ranges > 0]))
-        self._step = self._steps(means, self.ranges)
+        def spread(rows):
+            places = self._place_of[rows]
+            self._beams[rows], self._angles[rows] = beams[places], angles[places]
+            means[rows] = self._angles[rows].mean(axis=1)
+
+        each_slice(n_places, CHUNK, search, self.n_jobs)
+        each_slice(len(means), CHUNK, spread, self.n_jobs)
 
     def _places(self, directions, origins):
         """Rays are next to each other if their directions are, and the sensor's positions too."""
@@ -168,7 +201,7 @@ class Rays:
 
     def release(self):
         """Forget what only the points themselves ask for."""
-        self._beams = self._angles = self._step = None
+        self._beams = self._angles = self._step = self._place_of = None
 
     def next_to(self, rows, on_surface):
         """The `Emptiness` of the places of some of the points."""
@@ -181,7 +214,7 @@ class Rays:
         `rows` (m,) are the points of whole groups, `groups` (m,) says of which; `on_surface` is a
         mask of all points.
         """
-        group = np.full(len(self.points), -1)
+        group = np.full(len(self.points), -1, np.int32)
         group[rows] = groups
         cloud, k, ranges = self.cloud, self.n_beams, self.ranges[rows]
         n_searched = min(int(self.limits.searched * k), len(cloud.points) - 1)
@@ -189,8 +222,8 @@ class Rays:
 
         def ask(part):
             own = rows[part]
-            angles, found = cloud.nearest(cloud.points[cloud.places[own]], n_searched + 1)
-            angles, beams = angles[:, 1:], cloud.rows[found[:, 1:]]
+            angles, found = cloud.nearest(cloud.points[self._place_of[own]], n_searched + 1)
+            angles, beams = angles[:, 1:], self.rows[found[:, 1:]]
             strange = group[beams] != group[own][:, None]
             strange &= np.cumsum(strange, axis=1) <= k
             silent = angles > self.limits.usual * self.usual_angle
@@ -208,7 +241,7 @@ class Rays:
         ranks = np.arange(1, self.n_beams + 1)
         angles, near = self.cloud.tree.query(self._places(directions, origins), k=ranks)
         step = self._steps(angles.mean(axis=1), ranges)
-        return self._next(self.cloud.rows[near], angles, ranges, step)
+        return self._next(self.rows[near], angles, ranges, step)
 
     def steps(self, rows):
         """Steps at some of the points; 0 of points where the sensor is."""
@@ -241,7 +274,7 @@ class Rays:
         hand; and the mean distance to the beams' points on the plane, 0 where there is none.
         """
         n, limits = len(self.points), self.limits
-        scatter, alone, spacing = np.empty((3, n))
+        scatter, alone, spacing, agreed = (index.empty(n) for _ in range(4))
 
         def look(rows):
             scatter[rows], alone[rows], spacing[rows] = self._look(
@@ -249,7 +282,6 @@ class Rays:
             )
 
         each_slice(n, CHUNK, look, self.n_jobs)
-        agreed = np.empty(n)
 
         def agree(rows):
             near = index.query_own(rows, min(limits.n_beams + 1, index.n_neighbors)).indices

@@ -234,10 +234,10 @@ def test_the_range_to_a_plane_follows_its_tilt():
     """Without noise the ranges of a wall scatter by nothing, however much it is grazed."""
     X = room(n_steps=600, noise=0.0)
     fitted = detector(sensor_origin="origin").fit(X)
-    cloud = fitted._cloud
-    inner = np.abs(np.abs(cloud.rays.points[:, 0]) - 10) < 1e-9
-    inner &= (np.abs(cloud.rays.points[:, 1]) < 8) & (cloud.rays.points[:, 2] > -1)
-    assert np.median(cloud.scatter[inner]) < 0.1
+    told = fitted._cloud.rays
+    inner = np.abs(np.abs(told.rays.points[:, 0]) - 10) < 1e-9
+    inner &= (np.abs(told.rays.points[:, 1]) < 8) & (told.rays.points[:, 2] > -1)
+    assert np.median(told.scatter[inner]) < 0.1
 
 
 def test_witnesses_pass_or_end_before():
@@ -255,7 +255,7 @@ def test_witnesses_pass_or_end_before():
     assert_allclose(empty.hidden, [0, 8, 0], atol=0.1)
     assert_allclose(empty.alone(), [1, 1, 0], atol=0.1)
     assert_array_equal(others.asked, 8)
-    assert_allclose(others.together(np.arange(3)), [1, 1, 0], atol=0.1)
+    assert_allclose(others.together(), [1, 1, 0], atol=0.1)
 
 
 def test_beams_around_a_group_are_those_of_others():
@@ -270,7 +270,9 @@ def test_beams_around_a_group_are_those_of_others():
     groups = np.zeros(len(ball), int)
     on_wall = np.arange(len(X)) < len(wall)
     assert np.median(rays.next_to(rows, on_wall).alone()) < 0.5
-    assert_allclose(rays.around(rows, groups, on_wall).together(groups), 1, atol=0.01)
+    assert_allclose(
+        rays.around(rows, groups, on_wall).pooled(groups, ball).together(), 1, atol=0.01
+    )
 
 
 def test_new_points_of_a_ghost_are_judged_as_the_ghost(snowed):
