@@ -173,20 +173,19 @@ def denoise(
         seconds = _messages.stopwatch()
         choice = Choice(ignore_class or (), only_class or ())
         heights = {"above": above, "below": below, "low_groups": low_groups}
-        catalog = large_catalog(source, memory, 0, scheduler is not None, columns)
-        if catalog is not None:
-            _refuse_sensor(source, sensor, trajectory)
+        work = "heights" if low_groups or above is not None or below is not None else "outliers"
+        work = _sensor.work_of_options(work, sensor, trajectory, rays=True)
+        catalog = large_catalog(source, memory, 0, scheduler is not None, columns, work=work)
         if dry_run:
-            asked = low_groups or above is not None or below is not None
-            work = "heights" if asked else "outliers"
-            estimator = _detector(params)
+            rays = "rays" in work  # positions are not read here
+            estimator = _detector(params | {"sensor_origin": "origin" if rays else None})
             print_plan(source, target, catalog, estimator, memory, work=work)
             return
         _files.refuse_existing(no_clobber, target, report=report, catalog=catalog)
         if catalog is not None:
             return _by_tiles(
                 *(source, target, catalog, params, choice, heights, mode, memory, restart),
-                *(report, quiet, seconds),
+                *(report, quiet, seconds, sensor, trajectory),
             )
         with progress("denoise", quiet):
             mark = mode is Mode.mark
@@ -227,24 +226,17 @@ def denoise(
             _messages.print_summary(source, target, len(cloud), seconds(), **judged, **found)
 
 
-def _refuse_sensor(source, sensor, trajectory):
-    """Raise where a position is given: rays go through the whole cloud."""
-    for name, value in {"--sensor": sensor, "--trajectory": trajectory}.items():
-        if value is not None:
-            raise ValueError(
-                f"{source}: {name} needs the whole cloud in memory, and this one is divided into "
-                "tiles; give one file at a time, more --memory if it is large, and no --scheduler"
-            )
-
-
 def _by_tiles(
-    source, target, catalog, params, choice, heights, mode, memory, restart, report, quiet, seconds
-):
+    source, target, catalog, params, choice, heights, mode, memory, restart, report, quiet, seconds,
+    sensor, trajectory,
+):  # fmt: skip
     from sklearn_mcmd.tiling import process_files
 
+    position = sensor if isinstance(sensor, tuple) else None
     with progress("denoise", quiet):
         told = process_files(
-            catalog, target, _detector(params), mode=str(mode), memory=memory,
+            catalog, target, _detector(params | {"sensor_origin": position}), mode=str(mode),
+            memory=memory, sensor_origin=_sensor.path_of_options(sensor, trajectory),
             n_jobs=params["n_jobs"], restart=restart, ignore_classes=choice.ignored,
             only_classes=choice.only, **heights,
         )  # fmt: skip

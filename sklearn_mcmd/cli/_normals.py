@@ -128,11 +128,10 @@ def normals(
         n_features = len(_feature_columns(features))
         work = "tree" if orientation is Orientation.mst else "normals"
         work = f"{work}, auto" if n_neighbors == "auto" else work
+        work = _sensor.work_of_options(work, sensor, trajectory, rays=False)
         catalog = large_catalog(
             source, memory, n_features, scheduler is not None, columns, work=work
         )
-        if catalog is not None:
-            _check_local(source, sensor, trajectory)
         if dry_run:
             known = params
             if orientation is Orientation.sensor:  # positions are not read here
@@ -143,7 +142,7 @@ def normals(
         _files.refuse_existing(no_clobber, target, report=report, catalog=catalog)
         if catalog is not None:
             return _by_tiles(
-                *(source, target, catalog, params, orientation),
+                *(source, target, catalog, params, orientation, sensor, trajectory),
                 *(memory, restart, report, quiet, seconds),
             )
         with progress("normals", quiet):
@@ -169,29 +168,16 @@ def normals(
             )
 
 
-def _check_local(source, sensor, trajectory):
-    """Raise if normals depend on a position of each point."""
-    for name, given in {
-        "--sensor auto": sensor == _sensor.AUTO,
-        "--trajectory": trajectory,
-    }.items():
-        if given:
-            raise ValueError(
-                f"{source}: {name} needs the whole cloud in memory, and this one is divided into "
-                "tiles; give one file at a time, more --memory if it is large, and no --scheduler, "
-                "or one position, such as --sensor 0,0,0"
-            )
-
-
 def _by_tiles(
-    source, target, catalog, params, orientation, memory, restart, report, quiet, seconds
-):
+    source, target, catalog, params, orientation, sensor, trajectory, memory, restart, report,
+    quiet, seconds,
+):  # fmt: skip
     from sklearn_mcmd.tiling import process_files
 
     with progress("normals", quiet):
         told = process_files(
             catalog, target, _estimator(params), memory=memory, n_jobs=params["n_jobs"],
-            restart=restart,
+            restart=restart, sensor_origin=_sensor.path_of_options(sensor, trajectory),
         )  # fmt: skip
         write_report_of(
             report, source, target, seconds, lambda: _tile_contents(catalog, target, params, told)

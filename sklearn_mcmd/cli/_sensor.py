@@ -6,7 +6,14 @@ from typing import Annotated
 import numpy as np
 import typer
 
-__all__ = ["AUTO", "SensorOrigin", "TrajectoryFile", "check_one_position", "sensor_of_options"]
+__all__ = [
+    "SensorOrigin",
+    "TrajectoryFile",
+    "check_one_position",
+    "path_of_options",
+    "sensor_of_options",
+    "work_of_options",
+]
 
 AUTO = "auto"
 
@@ -31,8 +38,7 @@ SensorOrigin = Annotated[
         parser=_position,
         metavar="X,Y,Z|auto",
         help="Where the sensor stood, in the coordinates of the file. auto: as the file says, by "
-        "E57's poses, PCD's VIEWPOINT, or LAS's scan angles; mcmd info shows it. "
-        "By tiles only normals takes it, as X,Y,Z.",
+        "E57's poses, PCD's VIEWPOINT, or LAS's scan angles; mcmd info shows it.",
         show_default="not known",
     ),
 ]
@@ -42,7 +48,7 @@ TrajectoryFile = Annotated[
         "--trajectory",
         metavar="FILE",
         help="Where a moving sensor was: CSV with the columns time (or gps_time), x, y, z. Points "
-        "need times as well. Not by tiles.",
+        "need times as well.",
     ),
 ]
 
@@ -51,6 +57,24 @@ def check_one_position(sensor, trajectory):
     """Wrong usage where a position is given twice."""
     if sensor is not None and trajectory is not None:
         raise typer.BadParameter("--sensor and --trajectory exclude each other: leave one out.")
+
+
+def work_of_options(work, sensor, trajectory, *, rays):
+    """The name of some work by tiles, as of `plan_run`, where the sensor may be known."""
+    if rays and not (sensor is None and trajectory is None):
+        work = f"{work}, rays"
+    if trajectory is not None:
+        return f"{work}, trajectory"
+    return f"{work}, angles" if sensor == AUTO else work
+
+
+def path_of_options(sensor, trajectory):
+    """What `process_files` takes beside an estimator, which may have one position."""
+    if trajectory is None:
+        return sensor if sensor == AUTO else None
+    from sklearn_mcmd.io import read_trajectory
+
+    return read_trajectory(trajectory)
 
 
 def sensor_of_options(source, cloud, sensor=None, trajectory=None):

@@ -12,7 +12,16 @@ from sklearn_mcmd.io._files import check_file, one_clear_line
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 from sklearn_mcmd.io._text import read_text
 
-__all__ = ["TIMES", "Trajectory", "positions_at", "read_trajectory"]
+__all__ = [
+    "Trajectory",
+    "positions_at",
+    "positions_of_times",
+    "read_trajectory",
+    "settle_shift",
+    "times_of",
+    "trajectory_of",
+    "warn_if_far",
+]
 
 TIMES = ("gps_time", "time")  # names of columns, the first is taken
 WEEK = 604_800.0  # seconds
@@ -104,28 +113,46 @@ def trajectory_of(times, positions):
 
 def positions_at(cloud: PointCloud, trajectory: Trajectory) -> NDArray[np.float64]:
     """Where the sensor was for each point, by its time; see `sensor_origins`."""
+    times = times_of(cloud)
+    positions = positions_of_times(times - settle_shift(times, trajectory), trajectory)
+    if len(cloud):
+        warn_if_far(cloud.xyz.min(axis=0), cloud.xyz.max(axis=0), positions)
+    return positions
+
+
+def times_of(cloud):
+    """The times of the points of a cloud, float64 (n,)."""
     name = next((time for time in TIMES if time in cloud.attributes), None)
     if name is None:
         raise PointFileError(
             "points have no times, which a trajectory needs: an attribute gps_time or time"
         )
-    times = np.asarray(cloud.attributes[name], float)
+    return np.asarray(cloud.attributes[name], float)
+
+
+def settle_shift(times, trajectory):
+    """Seconds by which the times of points are ahead of a trajectory's, with a warning if so.
+
+    Raises if it does not cover them.
+    """
     begin, end = trajectory.times[[0, -1]]
     shift, words = _shift(times, begin, end)
     if words:
-        warnings.warn(f"the times of points and trajectory begin elsewhere: {words}", stacklevel=3)
-    times = times - shift
-    outside = ~((times >= begin) & (times <= end))
-    if outside.any():
+        warnings.warn(f"the times of points and trajectory begin elsewhere: {words}", stacklevel=4)
+    n_outside = np.count_nonzero(~((times - shift >= begin) & (times - shift <= end)))
+    if n_outside:
         raise PointFileError(
-            f"{np.count_nonzero(outside):,} of {len(times):,} points were measured when there is "
-            f"no trajectory: points have times from {times.min() + shift:.10g} to "
-            f"{times.max() + shift:.10g}, and the trajectory from {begin:.10g} to {end:.10g}"
+            f"{n_outside:,} of {len(times):,} points were measured when there is "
+            f"no trajectory: points have times from {times.min():.10g} to "
+            f"{times.max():.10g}, and the trajectory from {begin:.10g} to {end:.10g}"
         )
+    return shift
+
+
+def positions_of_times(times, trajectory):
+    """Positions (n, 3) at times (n,) of the trajectory."""
     axes = trajectory.positions.T
-    positions = np.stack([np.interp(times, trajectory.times, axis) for axis in axes], axis=1)
-    _warn_if_far(cloud.xyz, positions)
-    return positions
+    return np.stack([np.interp(times, trajectory.times, axis) for axis in axes], axis=1)
 
 
 def _shift(times, begin, end):
@@ -162,10 +189,11 @@ def _shift(times, begin, end):
     return 0.0, ""
 
 
-def _warn_if_far(xyz, positions):
-    """Warn if a trajectory cannot be in the coordinate system of its points."""
-    extent = np.linalg.norm(xyz.max(axis=0) - xyz.min(axis=0))
-    away = float(np.median(np.linalg.norm(xyz - positions, axis=1)))
+def warn_if_far(low, high, positions):
+    """Warn if positions cannot be in the coordinate system of points between two corners."""
+    extent = np.linalg.norm(high - low)
+    between = np.maximum(low - positions.max(axis=0), positions.min(axis=0) - high)
+    away = float(np.linalg.norm(np.maximum(between, 0.0)))
     if away > FAR * extent:
         warnings.warn(
             f"the trajectory is {away:,.0f} away from the points, which extend over {extent:,.0f}: "

@@ -137,7 +137,16 @@ def curvatures_of_fitted(model, planes, X, n_jobs=None):
         found.put(rows, curvatures_of_each(model, own, index.points[rows], around))
 
     each_slice(len(index.points), model.chunk(), task, n_jobs)
-    return found.take(index.places)
+    places, found = index.places, found.take(index.places)
+    # Copies of a point that a sensor measured from its other side have the opposite normal.
+    turned = (planes.normals != planes.normals[index.rows[places]]).any(axis=1)
+    rows = np.flatnonzero(turned)
+    if len(rows):
+        around = index.query_own(places[rows])
+        found.put(
+            rows, curvatures_of_each(model, planes.take(rows), index.points[places[rows]], around)
+        )
+    return found
 
 
 def curvatures_of_new(model, planes, queries, n_jobs=None):

@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 from sklearn.base import clone
 
+from sklearn_mcmd._validation import check_sensor_origin
 from sklearn_mcmd.io._classes import Choice
 from sklearn_mcmd.io._las import is_denoised, read_header
 from sklearn_mcmd.io._point_cloud import denoised_before
@@ -16,7 +17,7 @@ from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part
 from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._heights import HeightLimits, Heights
 from sklearn_mcmd.tiling._low_noise import lowest_points
-from sklearn_mcmd.tiling._memory import most_neighbors
+from sklearn_mcmd.tiling._memory import most_neighbors, sensed
 from sklearn_mcmd.tiling._outlier_job import Job, find_planes
 from sklearn_mcmd.tiling._outputs import (
     SCORED,
@@ -29,6 +30,7 @@ from sklearn_mcmd.tiling._outputs import (
 from sklearn_mcmd.tiling._quantiles import evenly_along_x, exceeded_by
 from sklearn_mcmd.tiling._result_files import write_results
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
+from sklearn_mcmd.tiling._sensor_origins import check_one_origin, sensor_path, stored_origins
 from sklearn_mcmd.tiling._small_clouds import fit_together
 from sklearn_mcmd.tiling._stored_columns import ALL, whole_of
 from sklearn_mcmd.tiling._stored_index import StoredIndex, find_neighbors, find_places
@@ -46,17 +48,23 @@ ENDS = {"places": 0.02, "neighbors": 0.2, "planes": 0.75}
 class Denoise(Verb):
     """Outliers, in sweeps; points without scores are kept."""
 
-    options = ("mode", "ignore_classes", "only_classes", "above", "below", "low_groups")
+    options = (
+        *("mode", "ignore_classes", "only_classes", "above", "below", "low_groups"),
+        "sensor_origin",
+    )
 
-    def __init__(self, estimator, mode, ignore_classes, only_classes, above, below, low_groups):
+    def __init__(
+        self, estimator, mode, ignore_classes, only_classes, above, below, low_groups, sensor_origin
+    ):
         if mode not in ("drop", "mark"):
             raise ValueError(f"mode={mode!r} must be 'drop' or 'mark'.")
         check_detector(estimator)
+        sensor = sensor_path(estimator, sensor_origin)
         choice = Choice(ignore_classes, only_classes)
         self.mode, self.limits = mode, HeightLimits.of(above, below, low_groups)
         super().__init__(
             clone(estimator).set_params(n_jobs=1), content_of(mode, choice, self.limits), choice,
-            needs_ground=self.limits is not None,
+            needs_ground=self.limits is not None, sensor=sensor,
         )  # fmt: skip
 
     def look(self, catalog):
@@ -67,7 +75,7 @@ class Denoise(Verb):
     def prepare(self):
         self.cutoff = cutoff_of(self.estimator)
         work = "outliers" if self.limits is None else "heights"
-        return work, 0, most_neighbors(self.estimator)
+        return sensed(work, self.estimator, self.sensor), 0, most_neighbors(self.estimator)
 
     def find(self, run):
         self.n_used = self.n_judged = int(run.cells.counts.sum())
@@ -131,11 +139,7 @@ def check_detector(estimator):
         raise ValueError(
             "n_neighbors=None cannot work by tiles: the whole cloud is one neighborhood."
         )
-    if estimator.sensor_origin is not None:
-        raise ValueError(
-            "sensor_origin cannot work by tiles: beams that are next to each other lie in "
-            "different tiles. Leave it None, or denoise the points in memory."
-        )
+    check_one_origin(estimator)
     check_seed(estimator)
 
 
@@ -187,7 +191,7 @@ def judge_cells(job, cells, columns, n_workers, cutoff):
 def _judge(job, cells, whole, n_threads):
     """Write the scores of all cells, once the planes of all places are known."""
     columns, index = whole.columns, StoredIndex(whole, cells)
-    judged = job.judged(index, n_threads)
+    judged = job.judged(index, n_threads, _origins(job, cells, whole, index))
     warn_if_coarse(job.constants, index)
     if job.detector.false_positive_rate is not None and not columns.is_done(ALL, "cutoff"):
         columns.finish(ALL, "cutoff", cutoff=_simulated_cutoff(job, judged.model, whole))
@@ -202,11 +206,25 @@ def _judge(job, cells, whole, n_threads):
         write_results(job.columns, cell, rows, own[columns.read(cell, "place_of")], SCORED)
 
 
+def _origins(job, cells, whole, index):
+    """Where the sensor was for each place, by the first point there; None if it is not known."""
+    origins, stored = job.detector.sensor_origin, stored_origins(job.cells)
+    if stored is not None:
+        origins = index.empty(index.points.shape)
+        for cell in range(len(cells)):
+            place_of, rows = whole.columns.read(cell, "place_of"), cells.read(cell)["row"]
+            first = np.empty(whole.rows(cell).stop - whole.rows(cell).start, rows.dtype)
+            first[place_of[::-1]] = rows[::-1]
+            origins[whole.rows(cell)] = stored[first]
+    return check_sensor_origin(origins, index.points)
+
+
 def _judge_together(job, cells, n_places):
     """Scores of a cloud of few places, which other code judges than tiles."""
     words = f" at {n_places:,} places"
     dtype, step = job.constants.dtype, job.constants.step
-    detector, parts = fit_together(job.detector, cells, dtype, words, step)
+    origins = stored_origins(job.cells)
+    detector, parts = fit_together(job.detector, cells, dtype, words, step, origins)
     for cell, (rows, places) in enumerate(parts):
         write_results(job.columns, cell, rows, -detector.scores_[places], SCORED)
     return -detector.offset_

@@ -14,7 +14,7 @@ from sklearn_mcmd.tiling._creases import STORED, EdgeJob, find_distances, tell_f
 from sklearn_mcmd.tiling._criteria import find_values, tell_values, values_in_parts
 from sklearn_mcmd.tiling._denoise import check_detector, cutoff_of, judge_cells
 from sklearn_mcmd.tiling._kept_points import close_kept, find_kept, kept_constants
-from sklearn_mcmd.tiling._memory import most_neighbors, sized
+from sklearn_mcmd.tiling._memory import most_neighbors, sensed, sized
 from sklearn_mcmd.tiling._normals import without_sides
 from sklearn_mcmd.tiling._outlier_job import Job
 from sklearn_mcmd.tiling._outputs import SCORED, scores_in_parts, write_edge_outputs
@@ -51,7 +51,8 @@ class Edges(Verb):
 
     def prepare(self):
         warm_up(self.estimator, WARM_UP)
-        return sized("edges", self.steps[1]), 0, most_neighbors(self.estimator, *self.steps)
+        work = sensed(sized("edges", self.steps[1]), self.steps[0])
+        return work, 0, most_neighbors(self.estimator, *self.steps)
 
     def find(self, run):
         self.found = _Steps(run, self.estimator, self.steps)

@@ -79,7 +79,7 @@ class GroundWriter:
         self._folder.mkdir()
         self._writer = CellWriter(self._folder, capacity, share)
 
-    def add(self, cloud):
+    def add(self, cloud, _):
         """Take the ground of a part of the cloud."""
         xyz = cloud.xyz[ground_in(cloud)]
         if len(xyz):

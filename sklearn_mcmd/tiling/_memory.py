@@ -24,6 +24,7 @@ __all__ = [
     "most_neighbors",
     "parse_memory",
     "plan_run",
+    "sensed",
     "sized",
     "usual_memory",
 ]
@@ -44,6 +45,9 @@ EDGES_STORED, EDGES_POINT, EDGES_CLOUD = 480, 750, 1100
 AUTO_STORED, AUTO_POINT, AUTO_CLOUD = 800, 1300, 750
 # With heights over the ground: temporary files, and each point that lies below the ground.
 HEIGHTS_STORED, BELOW_POINT = 460, 750
+# With rays, and with a position for each point: temporary files, and what one process takes for
+# each point that follows rays, keeps times, or adjusts flight lines.
+RAYS_STORED, ORIGINS_STORED, RAYS_CLOUD, TIMES_CLOUD, ANGLES_CLOUD = 250, 24, 200, 20, 250
 # Of outliers, once planes are known, each point of the cloud; and of numbers of neighbors.
 JUDGED_CLOUD, SIZED_CLOUD = 35, 80
 # Of regions: temporary files; what the growing and joining of regions takes, for each point of the
@@ -63,23 +67,23 @@ COSTS = {
     "tree": (TREE_TILE, TREE_STORED, TREE_CLOUD),
     "regions": (TILE_POINT, GROWN_STORED, GROWN_CLOUD),
 }
-# With "auto", a tile takes AUTO_POINT, and sizes and what is larger take disk.
-SIZED_STORED = AUTO_STORED - TILE_STORED
-COSTS |= {
-    f"{work}, auto": (AUTO_POINT, stored + SIZED_STORED, max(cloud, AUTO_CLOUD))
-    for work, (_, stored, cloud) in COSTS.items()
+# What more it takes with sizes, rays, or a position of the sensor for each point: a tile, at least;
+# temporary files; and a cloud in memory, beyond that of normals.
+MORE = {
+    "auto": (AUTO_POINT, AUTO_STORED - TILE_STORED, AUTO_CLOUD - CLOUD_POINT),
+    "rays": (0, RAYS_STORED, RAYS_STORED),
+    "trajectory": (0, ORIGINS_STORED, 2 * ORIGINS_STORED),
+    "angles": (0, ORIGINS_STORED, ANGLES_CLOUD),
 }
 # What one process takes that works on all points at once, for each, and what it does.
 WHOLE = {
     "regions": (GROWN_POINT, "joins the regions of"),
     "tree": (TREE_POINT, "holds the tree of"),
     **dict.fromkeys(("outliers", "heights", "edges"), (JUDGED_CLOUD, "judges")),
-}
-WHOLE |= {
-    f"{work}, auto": max(
-        WHOLE.get(work, (0, "")), (SIZED_CLOUD, "finds the numbers of neighbors of")
-    )
-    for work in ("normals", "tree", "regions", "edges")
+    "auto": (SIZED_CLOUD, "finds the numbers of neighbors of"),
+    "rays": (RAYS_CLOUD, "follows the rays to"),
+    "trajectory": (TIMES_CLOUD, "keeps the times of"),
+    "angles": (ANGLES_CLOUD, "adjusts the flight lines of"),
 }
 # Points read or written at once, and bytes for each while that is done.
 PART, PART_POINT = 250_000, 400
@@ -134,8 +138,34 @@ def most_neighbors(*estimators):
 
 
 def sized(work, estimator):
-    """The key of `COSTS` of some work with an estimator of normals."""
+    """The name of some work with an estimator of normals."""
     return f"{work}, auto" if estimator.n_neighbors == "auto" else work
+
+
+def sensed(work, detector, sensor=None):
+    """The name of some work with a detector, or None, and a `SensorPath`."""
+    moving = sensor is not None
+    if moving or (detector is not None and detector.sensor_origin is not None):
+        work = f"{work}, rays"
+    return f"{work}, {sensor.kind}" if moving and sensor.kind in MORE else work
+
+
+def costs_of(work):
+    """Bytes for each point of a tile, of temporary files, and of a cloud in memory, of some work.
+
+    It is a key of `COSTS`, and after commas keys of `MORE`.
+    """
+    base, *more = work.split(", ")
+    point, stored, cloud = COSTS[base]
+    for name in more:
+        least, files, memory = MORE[name]
+        point, stored, cloud = max(point, least), stored + files, max(cloud, CLOUD_POINT + memory)
+    return point, stored, cloud
+
+
+def whole_costs_of(work):
+    """Bytes for each point of a cloud that one process takes, and what it does; (0, "") if none."""
+    return max((WHOLE[name] for name in work.split(", ") if name in WHOLE), default=(0, ""))
 
 
 def check_tile_size(tile_size):
@@ -178,8 +208,8 @@ def _memory_of_machine():
 
 
 def bytes_in_memory(catalog, n_features=0, *, work="normals"):
-    """What a whole catalog takes in memory, about; `work` is a key of `COSTS`."""
-    cloud_point = COSTS[work][2]
+    """What a whole catalog takes in memory, about; `work` is as of `costs_of`."""
+    cloud_point = costs_of(work)[2]
     points = sum(
         n * (size + cloud_point + FEATURE * n_features)
         for n, size in zip(catalog.counts, catalog.record_sizes, strict=True)
@@ -204,20 +234,20 @@ def plan_run(
 ):  # fmt: skip
     """Divide points so that all workers together stay within the memory.
 
-    `work` is a key of `COSTS`, and `n_neighbors` the most that are asked for.
+    `work` is as of `costs_of`, and `n_neighbors` the most that are asked for.
 
     Raises
     ------
     ValueError
         If one worker with the smallest tile would take more.
     """
-    point, stored, _ = COSTS[work]
+    point, stored, _ = costs_of(work)
+    whole_point, does = whole_costs_of(work)
     more = 4 * max(0, n_neighbors - NEIGHBORS)
     stored, bytes_a_point = stored + more, point + FEATURE * n_features + 2 * more
     own = PROCESS + PART * PART_POINT  # of the process that reads and writes
     least, why = PROCESS + LEAST_TILE * bytes_a_point, ""
-    if work in WHOLE:
-        whole_point, does = WHOLE[work]
+    if does:
         joins = work.startswith("regions")
         at_once = JOINED_POINT * min(n_points, JOINED_AT_ONCE) if joins else 0
         own = max(own, PROCESS + whole_point * n_points + at_once)
@@ -229,7 +259,7 @@ def plan_run(
             f"$memory={given} is too little: at least {max(own, least) / 1e6:.0f}MB is needed{why}."
         )
     n_jobs = n_workers = _n_jobs(n_jobs)
-    if work in WHOLE:  # other processes stay, while one works on the whole
+    if does:  # other processes stay, while one works on the whole
         n_workers = max(1, min(n_workers, int((memory - own) // max(PROCESS, 1))))
     if n_workers > 1:  # processes of their own
         n_workers = max(1, min(n_workers, int((memory - PROCESS) // least)))
@@ -251,7 +281,7 @@ def plan_run(
     n_threads = max(1, n_jobs // n_workers) if shares else 1
     used = PROCESS * (n_workers + (n_workers > 1)) + n_workers * tile_size * bytes_a_point
     disk = n_points * (stored + 4 * n_features)
-    if work in WHOLE and n_workers > 1:
+    if does and n_workers > 1:
         own += PROCESS * n_workers
     return Plan(n_workers, n_threads, tile_size, n_tiles, max(own, used), disk)
 

@@ -6,7 +6,7 @@ from sklearn.base import clone
 from sklearn_mcmd.normals._orientation import Sides
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.tiling._cell_columns import CellColumns
-from sklearn_mcmd.tiling._memory import most_neighbors, sized
+from sklearn_mcmd.tiling._memory import MORE, most_neighbors, sized
 from sklearn_mcmd.tiling._outputs import write_outputs
 from sklearn_mcmd.tiling._planes import OWN, PlaneJob, are_few, ends_of, find_planes, has_tree
 from sklearn_mcmd.tiling._result_files import (
@@ -16,6 +16,7 @@ from sklearn_mcmd.tiling._result_files import (
     write_results,
 )
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
+from sklearn_mcmd.tiling._sensor_origins import check_one_origin, sensor_path, stored_origins
 from sklearn_mcmd.tiling._small_clouds import fit_together
 from sklearn_mcmd.tiling._stored_columns import whole_of
 from sklearn_mcmd.tiling._stored_index import find_places
@@ -34,11 +35,7 @@ def check_normals(estimator):
             f"{type(estimator).__name__} cannot work by tiles with these parameters: with "
             "n_neighbors=None, results depend on the whole cloud."
         )
-    if np.ndim(getattr(estimator, "sensor_origin", None)) == 2:
-        raise ValueError(
-            "sensor_origin with a position for each point cannot work by tiles: give one position, "
-            "or compute the normals in memory."
-        )
+    check_one_origin(estimator)
     check_seed(estimator)
 
 
@@ -55,13 +52,25 @@ def without_sides(estimator):
 class Normals(Verb):
     """Normals, in sweeps; their sides may be told along a tree of all places."""
 
-    def __init__(self, estimator):
+    options = ("sensor_origin",)
+
+    def __init__(self, estimator, sensor_origin):
         check_normals(estimator)
-        super().__init__(clone(estimator).set_params(n_jobs=1))
+        sensor = None
+        if sensor_origin is not None:
+            if getattr(estimator, "orientation", None) != "sensor":
+                raise ValueError('sensor_origin is given but orientation is not "sensor".')
+            sensor = sensor_path(estimator, sensor_origin)
+        super().__init__(clone(estimator).set_params(n_jobs=1), sensor=sensor)
 
     def prepare(self):
-        self.names, _ = told_columns(warm_up(self.estimator, WARM_UP))
+        estimator = self.estimator
+        if self.sensor is not None:  # any position will do
+            estimator = clone(estimator).set_params(sensor_origin="origin")
+        self.names, _ = told_columns(warm_up(estimator, WARM_UP))
         work = "tree" if has_tree(self.estimator) else "normals"
+        if self.sensor is not None and self.sensor.kind in MORE:
+            work = f"{work}, {self.sensor.kind}"
         n_features = len(self.names) - len(NORMAL_COLUMNS)
         return sized(work, self.estimator), n_features, most_neighbors(self.estimator)
 
@@ -86,7 +95,8 @@ class Normals(Verb):
 
     def _find_together(self, run, n_places):
         words, dtype = f" at {n_places:,} places", run.folder.constants.dtype
-        fitted, parts = fit_together(self.estimator, run.cells, dtype, words)
+        origins = stored_origins(run.folder.cells)
+        fitted, parts = fit_together(self.estimator, run.cells, dtype, words, origins=origins)
         _, values = told_columns(fitted)
         for cell, (rows, places) in enumerate(parts):
             _write_values(run.folder.results, cell, rows, values[places])
@@ -110,7 +120,9 @@ def told_columns(fitted):
 def _write(cell, job, fitted):
     """Write the results of the points of a cell, from those of its places."""
     cells, columns = job.open()
-    values = told_columns(fitted)[1][columns.read(cell, "place_of")]
+    values = told_columns(fitted)[1]
+    if job.origins() is None:  # else they are of points, not of places
+        values = values[columns.read(cell, "place_of")]
     _write_values(job.columns, cell, cells.read(cell)["row"], values)
 
 

@@ -51,12 +51,12 @@ class Job(NamedTuple):
         """Those of `JudgedCloud`."""
         return {name: getattr(self.detector, name) for name in ("strictness", "noise_scale")}
 
-    def judged(self, index, n_jobs=1):
-        """The places of an index, to be judged by the detector."""
+    def judged(self, index, n_jobs=1, origins=None):
+        """The places of an index, as the detector judges them; `origins` are of `JudgedCloud`."""
         constants, detector = self.constants, clone(self.detector)
         precision = np.finfo(constants.dtype).eps
         model = detector._make_model(index, index.points.shape, precision, constants.step)
-        return JudgedCloud(model, **self.settings, n_jobs=n_jobs)
+        return JudgedCloud(model, **self.settings, n_jobs=n_jobs, origins=origins)
 
     def stored_columns(self):
         """What `find_planes` fills: names, dtypes and shapes of a row."""

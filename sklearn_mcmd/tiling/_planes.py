@@ -18,13 +18,14 @@ from sklearn_mcmd.normals._features import settle_features
 from sklearn_mcmd.normals._orientation import TREE_NEIGHBORS, Sides
 from sklearn_mcmd.normals._surface_planes import Surfaces
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
-from sklearn_mcmd.planes._orientation import signs_along, spanning_forest
+from sklearn_mcmd.planes._orientation import orient_toward, signs_along, spanning_forest
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import each_slice
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._cloud_constants import Constants
+from sklearn_mcmd.tiling._sensor_origins import stored_origins
 from sklearn_mcmd.tiling._stored_columns import ALL, whole_of
 from sklearn_mcmd.tiling._stored_index import StoredIndex, find_larger, find_neighbors
 from sklearn_mcmd.tiling._warnings import warn_if_coarse
@@ -74,6 +75,13 @@ class PlaneJob(NamedTuple):
     def is_sized(self):
         """Whether each place has its own number of neighbors."""
         return self.estimator.n_neighbors == "auto"
+
+    def origins(self):
+        """Where the sensor was for each point of the inputs, if it matters; else None."""
+        told = (
+            isinstance(self.estimator.orientation, str) and self.estimator.orientation == "sensor"
+        )
+        return stored_origins(self.cells) if told else None
 
     def index(self):
         """The `StoredIndex` of the estimator's neighborhoods."""
@@ -245,18 +253,28 @@ def _tell_cell(cell, job, name="normals"):
             borrowing = np.flatnonzero(lenders >= 0)
             surfaces.lend(planes, part.start + borrowing, members, lenders[borrowing])
 
-    def around(rows):
-        return index.query_own(slice(own.start + rows.start, own.start + rows.stop))
-
     _each_part(own, model, find, job.n_threads)
-    X, columns = index.points[own].astype(job.constants.dtype), job.open()[1]
+    X, (cells, columns) = index.points[own].astype(job.constants.dtype), job.open()
+    sizes = index.n_neighbors if index.sizes is None else np.array(index.sizes[own])
+    origins = job.origins()
+    if origins is not None:  # copies of a point may have been measured from elsewhere
+        place_of, origins = columns.read(cell, "place_of"), origins[cells.read(cell)["row"]]
+        planes, X = planes.take(place_of), X[place_of]
+        sizes = sizes if index.sizes is None else sizes[place_of]
 
-    def along_tree(normals):
-        if columns.is_done(ALL, "tree"):
+    def around(rows):
+        if origins is None:
+            return index.query_own(slice(own.start + rows.start, own.start + rows.stop))
+        return index.query_own(own.start + place_of[rows])
+
+    def orient(normals):
+        if origins is not None:
+            orient_toward(normals, origins - X)
+        elif columns.is_done(ALL, "tree"):
             normals *= whole.open("signs")[own, None]
 
-    fitted = _told(job, model, planes, X, around, job.n_threads, along_tree)
-    fitted.n_neighbors_ = index.n_neighbors if index.sizes is None else np.array(index.sizes[own])
+    fitted = _told(job, model, planes, X, around, job.n_threads, orient)
+    fitted.n_neighbors_ = sizes
     job.tell(cell, job, fitted)
     columns.finish(cell, name)
 
@@ -288,19 +306,20 @@ def _find_forest(cell, job):
     columns.finish(cell, "forest")
 
 
-def _told(job, model, planes, X, around, n_jobs, along_tree=None):
+def _told(job, model, planes, X, around, n_jobs, orient_by_all=None):
     """An estimator with what is public of points X (n, 3) and their planes.
 
-    `around` returns the neighborhoods of a slice of these. `along_tree` flips normals that point
-    up, in place, where a tree tells their sides.
+    `around` returns the neighborhoods of a slice of these. `orient_by_all` flips normals that point
+    up, in place, where more than the points tells their sides: a tree, or positions of the sensor.
     """
     fitted = clone(job.estimator)
     fitted.n_features_in_, fitted._feature_names = 3, settle_features(fitted.features, 3)
-    sides = Sides.settled(fitted.orientation, fitted.sensor_origin, X)
+    if job.origins() is None:
+        sides = Sides.settled(fitted.orientation, fitted.sensor_origin, X)
 
     def orient(normals):
-        if sides.tree:
-            along_tree(normals)
+        if job.origins() is not None or sides.tree:
+            orient_by_all(normals)
         else:
             sides.orient(None, normals, X, n_jobs)
 

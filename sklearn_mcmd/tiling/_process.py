@@ -4,9 +4,11 @@ import os
 from collections.abc import Iterable
 from typing import Literal
 
+from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
 
 from sklearn_mcmd.edges import SharpFeatureDetector
+from sklearn_mcmd.io import Trajectory
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.segmentation import RegionGrowing
@@ -40,6 +42,7 @@ def process_files(
     above: float | None = None,
     below: float | None = None,
     low_groups: bool = False,
+    sensor_origin: Literal["auto"] | Trajectory | ArrayLike | None = None,
     colors: bool | None = None,
     memory: str | float | None = None,
     n_jobs: int | None = None,
@@ -93,6 +96,12 @@ def process_files(
         Whether a group of any number of points is an outlier, of low noise, if it lies below the
         ground by more sizes of its own than the cutoff. Points below the ground are in memory
         together, see :doc:`/tiling`.
+    sensor_origin : "auto", Trajectory, or array-like of shape (n, 3), default=None
+        Of outliers, and of normals with ``orientation="sensor"``: where the sensor was when it
+        measured each point, if it had more than one position; an estimator's own parameter has
+        one. "auto" adjusts flight lines to LAS's scan angles, a trajectory is read at the times of
+        the points, see :func:`~sklearn_mcmd.io.sensor_origins`; positions are in the order of the
+        inputs. One process follows the rays to all points, with 200 bytes for each.
     colors : bool, default=None
         Of regions and edges: whether to paint them. None paints files that have no colors.
     memory : str or float, default=None
@@ -162,10 +171,11 @@ def process_files(
         "below": (below, None),
         "low_groups": (low_groups, False),
         "colors": (colors, None),
+        "sensor_origin": (sensor_origin, None),
     }
     verb = _verb_of(estimator)
     for name, (value, idle) in given.items():
-        if name not in verb.options and value != idle:
+        if name not in verb.options and repr(value) != repr(idle):
             raise ValueError(
                 f"{name}={value!r} has no meaning for {type(estimator).__name__}: leave it "
                 f"{idle!r}."

@@ -34,6 +34,7 @@ from sklearn_mcmd.tiling._memory import (
 )
 from sklearn_mcmd.tiling._outputs import targets_of, tell
 from sklearn_mcmd.tiling._publish_outputs import Moves
+from sklearn_mcmd.tiling._sensor_origins import OriginWriter
 from sklearn_mcmd.tiling._warnings import warn_caller
 from sklearn_mcmd.tiling._workers import TilingError
 
@@ -130,6 +131,8 @@ class Verb(ABC):
         The points that are used; None is all.
     needs_ground : bool, default=False
         Whether the points of the ground get cells of their own.
+    sensor : SensorPath, default=None
+        Where the sensor was for each point, if it had more than one position.
 
     Attributes
     ----------
@@ -139,9 +142,9 @@ class Verb(ABC):
 
     options: tuple[str, ...] = ()
 
-    def __init__(self, estimator, content="", choice=None, *, needs_ground=False):
+    def __init__(self, estimator, content="", choice=None, *, needs_ground=False, sensor=None):
         self.estimator, self.content, self.choice = estimator, content, choice
-        self.needs_ground = needs_ground
+        self.needs_ground, self.sensor = needs_ground, sensor
 
     def look(self, catalog):  # noqa: B027 - most have nothing to say
         """Warn of what is known of the inputs before the work."""
@@ -191,6 +194,8 @@ def run_by_tiles(
     if not restart and (report := _finished_before(verb, catalog, target, targets)):
         return report
     verb.look(catalog)
+    if verb.sensor is not None:
+        verb.sensor.check(catalog.n_points)
     work, n_features, k = verb.prepare()
     plan = plan_run(
         catalog.n_points, memory, n_jobs, n_features, tile_size, work=work, n_neighbors=k
@@ -237,7 +242,7 @@ def check_seed(estimator):
 
 def _scattered(verb, catalog, target, plan, restart):
     """The folder of a run, with all points in cells: of an earlier run, if that was the same."""
-    used = verb.choice, verb.needs_ground
+    used = verb.choice, verb.needs_ground, verb.sensor and verb.sensor.key
     key = key_of(catalog, verb.estimator, plan.tile_size, CUT, _version(), used)
     folder = WorkFolder(target, key)
     try:
@@ -308,9 +313,11 @@ def _check_disk(folder, wanted):
 def _scatter(verb, catalog, folder, capacity):
     """Read all points once: into cells, and for the constants of the whole cloud."""
     writer, whole, row = CellWriter(folder.cells, capacity, CUT), WholeCloud(), 0
-    choice, ground = verb.choice, None
+    choice, others = verb.choice, []  # other than the cells
     if verb.needs_ground:
-        ground = GroundWriter(folder.cells, capacity, CUT)
+        others.append(GroundWriter(folder.cells, capacity, CUT))
+    if verb.sensor is not None:
+        others.append(OriginWriter(folder.cells, verb.sensor))
     for path in catalog.paths:
         no_returns = NoReturns()
         for cloud in read_parts(path, PART):
@@ -322,8 +329,8 @@ def _scatter(verb, catalog, folder, capacity):
             if len(xyz):
                 writer.add(xyz, rows if chosen is None else rows[chosen])
                 whole.add(xyz)
-            if ground is not None:
-                ground.add(cloud)
+            for other in others:
+                other.add(cloud, path)
             row += len(cloud)
             tell(row / catalog.n_points)
         if warning := no_returns.warning(path):
@@ -333,8 +340,8 @@ def _scatter(verb, catalog, folder, capacity):
             f"{catalog.paths[0]}: no points are judged: all are withheld or of other classes"
         )
     writer.close()
-    if ground is not None:
-        ground.close(catalog.paths[0])
+    for other in others:
+        other.close(catalog.paths[0])
     folder.finish_cells(whole.constants())
 
 

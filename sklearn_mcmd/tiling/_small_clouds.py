@@ -9,7 +9,7 @@ __all__ = ["fit_together"]
 MOST_COPIES = 1_000_000
 
 
-def fit_together(estimator, cells, dtype, words, step=None):
+def fit_together(estimator, cells, dtype, words, step=None, origins=None):
     """An estimator fitted to all points of a cloud in the order of the inputs.
 
     Parameters
@@ -22,6 +22,8 @@ def fit_together(estimator, cells, dtype, words, step=None):
         Where the points are, such as " at 600 places", for the error.
     step : float, default=None
         To which coordinates are rounded, if that of these points alone would be another.
+    origins : ndarray of shape (n, 3), default=None
+        Where the sensor was for each point of the inputs.
 
     Returns
     -------
@@ -43,7 +45,8 @@ def fit_together(estimator, cells, dtype, words, step=None):
     fitted = clone(estimator)
     if step is not None:
         fitted._step_of_cloud = step
-    fitted.fit(points[order].astype(dtype))
+    given = {} if origins is None else {"sensor_origin": origins[rows[order]]}
+    fitted.fit(points[order].astype(dtype), **given)
     places = np.empty_like(order)
     places[order] = np.arange(len(order))
     ends = np.cumsum([len(part) for part in records])[:-1]

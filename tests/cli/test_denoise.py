@@ -224,9 +224,13 @@ def test_a_dry_run_asks_for_no_positions(turn, tmp_path):
     assert not (tmp_path / "out.las").exists()
 
 
-def test_tiles_refuse_a_position(turn, tmp_path):
-    write_points(tmp_path / "in.las", turn[1])
-    options = ("--memory", "1MB", "--sensor", "0,0,0")
-    result = run("denoise", tmp_path / "in.las", tmp_path / "out.las", *options)
-    assert result.exit_code == 1
-    assert "--sensor needs the whole cloud in memory" in " ".join(result.output.split())
+def test_tiles_take_a_position(turn, tmp_path, small_machine):
+    write_points(tmp_path / "in.las", np.round(turn[1], 3))
+    a, b = tmp_path / "a.las", tmp_path / "b.las"
+    assert run("denoise", tmp_path / "in.las", a, "--sensor", "0,0,0").exit_code == 0
+    result = run(
+        "denoise", tmp_path / "in.las", b, "--sensor", "0,0,0", "--memory", "2MB", "--n-jobs", 1
+    )
+    assert result.exit_code == 0, result.output
+    assert "tiles" in result.output
+    assert a.read_bytes() == b.read_bytes()

@@ -80,12 +80,26 @@ def test_a_dry_run_reads_no_positions(options, source, tmp_path):
     assert result.exit_code == 0, result.output
 
 
-@pytest.mark.parametrize("options", [("--sensor", "auto"), ("--trajectory", "path.csv")])
-def test_positions_of_points_need_the_whole_cloud(options, small_machine, source, tmp_path):
-    asked = ("--memory", "2MB", "--orientation", "sensor", *options)
+def test_normals_look_along_a_trajectory_by_tiles_too(small_machine, source, tmp_path):
+    cloud = read_points(source)
+    times = np.linspace(10, 20, len(cloud))
+    write_points(tmp_path / "in.laz", cloud.with_attributes(gps_time=times))
+    path = "time,x,y,z\n10,362000,5157002,101\n20,362009,5157002,101\n"
+    (tmp_path / "path.csv").write_text(path)
+    asked = ("--orientation", "sensor", "--trajectory", tmp_path / "path.csv")
+    a, b = tmp_path / "a.laz", tmp_path / "b.laz"
+    assert run("normals", tmp_path / "in.laz", a, *asked).exit_code == 0
+    result = run("normals", tmp_path / "in.laz", b, *asked, "--memory", "2MB", *ONE)
+    assert result.exit_code == 0, result.output
+    assert "tiles" in result.stdout
+    assert a.read_bytes() == b.read_bytes()
+
+
+def test_a_file_that_tells_no_position_is_named_by_tiles_too(small_machine, source, tmp_path):
+    asked = ("--memory", "2MB", "--orientation", "sensor", "--sensor", "auto", *ONE)
     line = error_line(run("normals", source, tmp_path / "b.laz", *asked))
-    assert "needs the whole cloud in memory" in line
-    assert options[0] in line
+    assert f"{source.name}: no position of the sensor is known" in line
+    assert files_in(tmp_path) == ["street.laz"]
 
 
 def test_sizes_of_neighborhoods_are_found_by_tiles_too(small_machine, source, tmp_path):

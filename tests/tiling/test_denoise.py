@@ -368,7 +368,6 @@ def test_a_tile_that_fails_has_its_line_and_does_not_end_the_others(tmp_path, mo
     ("estimator", "message"),
     [
         (MCMDOutlierDetector(None, random_state=0), "n_neighbors=None"),
-        (MCMDOutlierDetector(sensor_origin="origin", random_state=0), "sensor_origin"),
         (MCMDOutlierDetector(), "random_state"),
         (MCMDOutlierDetector(cutoff=3, contamination=0.1, random_state=0), "exclude each other"),
         (

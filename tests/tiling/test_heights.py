@@ -272,7 +272,7 @@ def test_the_nearest_ground_is_that_of_all_whatever_is_taken_around(tmp_path, mo
     cloud = lattice()
     writer = _heights.GroundWriter(tmp_path, 300, 0.4)
     for rows in np.array_split(np.arange(len(cloud)), 7):
-        writer.add(cloud.subset(rows))
+        writer.add(cloud.subset(rows), None)
     writer.close(tmp_path)
     cells = Cells(tmp_path / _heights.GROUND)
     is_ground = (cloud.attributes["classification"] == 2) & ~cloud.attributes["withheld"]

@@ -44,7 +44,7 @@ def test_the_output_is_that_of_memory_for_all_parameters(small_file, tmp_path, p
             RobustNormalEstimator(
                 orientation="sensor", sensor_origin=np.zeros((4, 3)), random_state=0
             ),
-            "a position for each point",
+            "is one position by tiles",
         ),
         (IsolationForest(), "IsolationForest cannot work by tiles"),
     ],

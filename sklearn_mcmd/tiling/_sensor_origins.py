@@ -1,0 +1,149 @@
+"""Where the sensor was for each point: found while the inputs are read, and kept on disk."""
+
+import hashlib
+
+import numpy as np
+
+from sklearn_mcmd.io import PointCloud, sensor_origins
+from sklearn_mcmd.io._files import one_clear_line
+from sklearn_mcmd.io._trajectory import (
+    positions_of_times,
+    settle_shift,
+    times_of,
+    trajectory_of,
+    warn_if_far,
+)
+from sklearn_mcmd.tiling._memory import PART
+
+__all__ = ["OriginWriter", "SensorPath", "check_one_origin", "sensor_path", "stored_origins"]
+
+ORIGINS = "origins.npy"
+# Attributes that scan angles need.
+OF_LINES = ("scan_angle", "scan_angle_rank", "gps_time", "point_source_id")
+
+
+class SensorPath:
+    """What `process_files` is told of a sensor with more than one position.
+
+    Parameters
+    ----------
+    given : "auto", Trajectory, tuple of arrays, or array-like of shape (n, 3)
+
+    Attributes
+    ----------
+    kind : {"angles", "trajectory", "positions"}
+        Of `plan_run`.
+    key : str
+        A hash.
+    """
+
+    def __init__(self, given):
+        if isinstance(given, str):
+            if given != "auto":
+                raise ValueError(
+                    f"sensor_origin={given!r} must be 'auto', a trajectory, or positions of all "
+                    "points of the inputs."
+                )
+            self.kind, self.given, arrays = "angles", given, ()
+        elif isinstance(given, tuple):
+            self.kind, self.given = "trajectory", trajectory_of(*given)
+            arrays = self.given
+        else:
+            self.given = np.asarray(given, float)
+            if self.given.ndim != 2 or self.given.shape[1] != 3:
+                raise ValueError(
+                    f"sensor_origin of all points must have shape (n, 3), got {self.given.shape}; "
+                    "give one position to the estimator."
+                )
+            self.kind, arrays = "positions", (self.given,)
+        content = [np.ascontiguousarray(values).tobytes() for values in arrays]
+        self.key = hashlib.sha256(b"".join([self.kind.encode(), *content])).hexdigest()
+
+    def check(self, n_points):
+        """Raise if there are positions of another number of points."""
+        if self.kind == "positions" and len(self.given) != n_points:
+            raise ValueError(
+                f"sensor_origin has {len(self.given):,} positions, and the inputs have "
+                f"{n_points:,} points."
+            )
+
+
+class OriginWriter:
+    """Takes all points once, in the order of the inputs, and writes positions for them.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the `Cells` of the points.
+    path : SensorPath
+    """
+
+    def __init__(self, folder, path):
+        self.folder, self.path, self.parts = folder, path, []
+        self.low, self.high = np.full(3, np.inf), np.full(3, -np.inf)
+
+    def add(self, cloud, path):
+        """Take some of the points, those of an input that errors name."""
+        if self.path.kind == "trajectory":
+            with one_clear_line(path, "read"):
+                self.parts.append(times_of(cloud).copy())
+            self.low = np.minimum(self.low, cloud.xyz.min(axis=0))
+            self.high = np.maximum(self.high, cloud.xyz.max(axis=0))
+        elif self.path.kind == "angles":
+            known = {
+                name: np.array(cloud.attributes[name])
+                for name in OF_LINES
+                if name in cloud.attributes
+            }
+            self.parts.append(PointCloud(cloud.xyz, known, {"las_header": True}))
+
+    def close(self, path):
+        """Write the positions of all; `path` is what errors name."""
+        if self.path.kind == "positions":
+            np.save(self.folder / ORIGINS, self.path.given)
+            return
+        with one_clear_line(path, "read"):
+            if self.path.kind == "trajectory":
+                self._interpolate()
+            else:
+                np.save(self.folder / ORIGINS, sensor_origins(_joined(self.parts)))
+
+    def _interpolate(self):
+        times, trajectory = np.concatenate(self.parts), self.path.given
+        times -= settle_shift(times, trajectory)
+        stored = np.lib.format.open_memmap(self.folder / ORIGINS, "w+", float, (len(times), 3))
+        for first in range(0, len(times), PART):
+            rows = slice(first, first + PART)
+            stored[rows] = positions_of_times(times[rows], trajectory)
+        warn_if_far(self.low, self.high, stored)
+
+
+def check_one_origin(estimator):
+    """Raise if an estimator has a position for each point."""
+    if np.ndim(getattr(estimator, "sensor_origin", None)) == 2:
+        raise ValueError(
+            "sensor_origin of the estimator is one position by tiles: give positions of all points "
+            "to process_files."
+        )
+
+
+def sensor_path(estimator, given):
+    """The `SensorPath` that is given beside an estimator, or None."""
+    if given is not None and estimator.sensor_origin is not None:
+        raise ValueError("sensor_origin is given twice: by the estimator, and to process_files.")
+    return None if given is None else SensorPath(given)
+
+
+def stored_origins(folder):
+    """The positions for all points in the order of the inputs, (n, 3) on disk; None if there are
+    none beside the cells of a folder."""
+    path = folder / ORIGINS
+    return np.load(path, mmap_mode="r") if path.exists() else None
+
+
+def _joined(clouds):
+    names = set.intersection(*(set(cloud.attributes) for cloud in clouds))
+    attributes = {
+        name: np.concatenate([cloud.attributes[name] for cloud in clouds]) for name in names
+    }
+    return PointCloud(np.vstack([cloud.xyz for cloud in clouds]), attributes, clouds[0].metadata)

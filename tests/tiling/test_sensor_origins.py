@@ -1,0 +1,179 @@
+"""A sensor with one position or many: scores and normals by tiles equal those in memory."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from sklearn.base import clone
+
+from flights import flight, of
+from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, SharpFeatureDetector
+from sklearn_mcmd.datasets import make_lidar_turn, make_mobile_scan
+from sklearn_mcmd.io import PointCloud, Trajectory, read_points, sensor_origins, write_points
+from sklearn_mcmd.tiling import TilingError, process_files
+from sklearn_mcmd.tiling._memory import plan_run
+from tiled import in_memory
+
+DETECTOR = MCMDOutlierDetector(16, random_state=0)
+NORMALS = RobustNormalEstimator(16, orientation="sensor", features="mean_curvature", random_state=0)
+
+
+@pytest.fixture(scope="module")
+def turn(tmp_path_factory):
+    """A turn of a spinning sensor at the origin, in snow, with copies and echoes in one beam."""
+    xyz = np.round(make_lidar_turn(4_000, snow=10.0, random_state=0).data, 3)
+    xyz = np.vstack([xyz, xyz[:200], xyz[200:400] * 0.75])
+    write_points(path := tmp_path_factory.mktemp("turn") / "a.las", PointCloud(xyz))
+    return path
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """A drive through a street, some places measured twice, and the way of the sensor."""
+    scan = make_mobile_scan(4_000, random_state=0)
+    xyz, times = np.round(scan.data, 3), scan.gps_time.copy()
+    xyz[-60:], times[-60:] = xyz[:60], times[-60:]
+    path = tmp_path_factory.mktemp("drive") / "a.las"
+    write_points(path, PointCloud(xyz, {"gps_time": times}))
+    return path, Trajectory(*scan.trajectory)
+
+
+def scores_by_tiles(path, target, detector, **options):
+    process_files(path, target, detector, mode="mark", **options)
+    return read_points(target).attributes["outlier_score"]
+
+
+@pytest.mark.parametrize(
+    ("origin", "params"),
+    [
+        ("origin", {}),
+        ("origin", {"strictness": "surfaces"}),
+        ([0.5, 0.0, -0.25], {"strictness": "isolated"}),
+        ([300.0, 0.0, 20.0], {"contamination": 0.05}),
+    ],
+    ids=str,
+)
+def test_scores_with_one_position_are_those_of_memory(turn, tmp_path, origin, params):
+    detector = clone(DETECTOR).set_params(sensor_origin=origin, **params)
+    expected = detector.fit(read_points(turn).xyz).scores_
+    for tile_size in (700, 10_000):
+        found = scores_by_tiles(turn, tmp_path / f"{tile_size}.las", detector, tile_size=tile_size)
+        assert_array_equal(found, -expected.astype(np.float32))
+
+
+def test_scores_along_a_trajectory_are_those_of_memory(drive, tmp_path):
+    path, trajectory = drive
+    cloud = read_points(path)
+    origins = sensor_origins(cloud, trajectory)
+    expected = -clone(DETECTOR).fit(cloud.xyz, sensor_origin=origins).scores_.astype(np.float32)
+    for name, given in {"path": trajectory, "positions": origins}.items():
+        options = {"sensor_origin": given, "tile_size": 900, "n_jobs": 2}
+        found = scores_by_tiles(path, tmp_path / f"{name}.las", DETECTOR, **options)
+        assert_array_equal(found, expected)
+
+
+def test_normals_look_at_where_the_sensor_was_for_each_copy_of_a_point(drive, tmp_path):
+    path, trajectory = drive
+    origins = sensor_origins(read_points(path), trajectory)
+    expected = in_memory(path, tmp_path / "a.las", clone(NORMALS).set_params(sensor_origin=origins))
+    process_files(path, tmp_path / "b.las", NORMALS, tile_size=900, sensor_origin=trajectory)
+    assert (tmp_path / "b.las").read_bytes() == expected.read_bytes()
+
+
+def test_few_places_are_judged_as_in_memory(drive, tmp_path):
+    cloud = read_points(drive[0]).subset(slice(0, 700))
+    write_points(tmp_path / "few.las", cloud)
+    origins = sensor_origins(cloud, drive[1])
+    expected = clone(DETECTOR).fit(cloud.xyz, sensor_origin=origins).scores_
+    options = {"sensor_origin": drive[1], "tile_size": 300}
+    found = scores_by_tiles(tmp_path / "few.las", tmp_path / "b.las", DETECTOR, **options)
+    assert_array_equal(found, -expected.astype(np.float32))
+    estimator = clone(NORMALS).set_params(sensor_origin=origins)
+    expected = in_memory(tmp_path / "few.las", tmp_path / "c.las", estimator)
+    process_files(tmp_path / "few.las", tmp_path / "d.las", NORMALS, **options)
+    assert (tmp_path / "d.las").read_bytes() == expected.read_bytes()
+
+
+def test_flight_lines_over_several_files_are_adjusted_together(tmp_path):
+    xyz, _, given = flight(step=1.0)
+    cloud = of(xyz, given)
+    for name, rows in {"a": slice(0, 1_500), "b": slice(1_500, None)}.items():
+        write_points(tmp_path / f"{name}.las", cloud.subset(rows))
+    parts = [read_points(tmp_path / f"{name}.las") for name in "ab"]
+    names = ("gps_time", "point_source_id", "scan_angle_rank")
+    whole = PointCloud(
+        np.vstack([part.xyz for part in parts]),
+        {name: np.concatenate([part.attributes[name] for part in parts]) for name in names},
+        {"las_header": parts[0].metadata["las_header"]},
+    )
+    origins = sensor_origins(whole)
+    expected = clone(DETECTOR).fit(whole.xyz, sensor_origin=origins).scores_
+    sources = [tmp_path / "a.las", tmp_path / "b.las"]
+    options = {"sensor_origin": "auto", "tile_size": 900}
+    process_files(sources, tmp_path / "out", DETECTOR, mode="mark", **options)
+    found = [read_points(tmp_path / f"out/{name}.las").attributes["outlier_score"] for name in "ab"]
+    assert_array_equal(np.concatenate(found), -expected.astype(np.float32))
+
+
+def test_edges_of_what_a_detector_with_a_position_leaves_are_those_of_memory(turn, tmp_path):
+    detector = clone(DETECTOR).set_params(sensor_origin="origin")
+    edges = SharpFeatureDetector(16, outlier_detector=detector, random_state=0)
+    expected = edges.fit_predict(read_points(turn).xyz) == -1
+    process_files(turn, tmp_path / "b.las", edges, tile_size=900)
+    assert_array_equal(read_points(tmp_path / "b.las").attributes["edge"] == 1, expected)
+
+
+def test_another_trajectory_begins_anew_and_the_same_goes_on(drive, tmp_path, monkeypatch):
+    path, trajectory = drive
+    target, options = tmp_path / "b.las", {"tile_size": 900, "mode": "mark"}
+
+    def fail(*_, **__):
+        raise MemoryError("enough")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("sklearn_mcmd.tiling._denoise.write_denoised_outputs", fail)
+        with pytest.raises(TilingError, match="enough"):
+            process_files(path, target, DETECTOR, sensor_origin=trajectory, **options)
+    moved = Trajectory(trajectory.times, trajectory.positions + np.array([0.0, 5.0, 0.0]))
+    with monkeypatch.context() as patch:
+        patch.setattr("sklearn_mcmd.tiling._denoise.write_denoised_outputs", fail)
+        with pytest.raises(TilingError, match="enough"):
+            process_files(path, target, DETECTOR, sensor_origin=moved, **options)
+    report = process_files(path, target, DETECTOR, sensor_origin=moved, **options)
+    assert report.n_resumed == report.n_tiles
+    origins = sensor_origins(read_points(path), moved)
+    expected = clone(DETECTOR).fit(read_points(path).xyz, sensor_origin=origins).scores_
+    found = read_points(target).attributes["outlier_score"]
+    assert_array_equal(found, -expected.astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    ("estimator", "given", "message"),
+    [
+        (DETECTOR, "here", "'here' must be 'auto'"),
+        (DETECTOR, np.zeros(3), r"shape \(n, 3\), got \(3,\)"),
+        (DETECTOR, np.zeros((5, 3)), "has 5 positions, and the inputs have 4,400 points"),
+        (DETECTOR, "auto", "no position of the sensor is known"),
+        (DETECTOR, ([5.0, 6.0], np.zeros((2, 3))), "4,400 points were measured when there is no"),
+        (clone(DETECTOR).set_params(sensor_origin="origin"), "auto", "given twice"),
+        (clone(DETECTOR).set_params(sensor_origin=np.zeros((5, 3))), None, "is one position"),
+        (RobustNormalEstimator(16, random_state=0), "auto", "orientation is not"),
+        (NORMALS, None, "needs sensor_origin"),
+        (SharpFeatureDetector(16, random_state=0), "auto", "no meaning for SharpFeatureDetector"),
+    ],
+    ids=str,
+)
+def test_wrong_positions_are_refused_and_nothing_is_left(turn, tmp_path, estimator, given, message):
+    with pytest.raises(ValueError, match=message):
+        process_files(turn, tmp_path / "b.las", estimator, sensor_origin=given)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_plan_says_what_rays_to_all_points_take():
+    with pytest.raises(ValueError, match="because one process follows the rays to all 100,000,000"):
+        plan_run(10**8, 4e9, work="outliers, rays")
+    without, along, of_lines = (
+        plan_run(10**7, 4e9, tile_size=10**6, work=f"outliers{more}")
+        for more in ("", ", rays, trajectory", ", rays, angles")
+    )
+    assert without.disk < along.disk == of_lines.disk
+    assert without.memory < along.memory < of_lines.memory
