@@ -48,8 +48,8 @@ from _ablation_clouds import (
 )
 from sklearn.metrics import average_precision_score
 
-from sklearn_mcmd.outliers._cloud import JudgedCloud
 from sklearn_mcmd.outliers._detector import CUTOFF
+from sklearn_mcmd.outliers._model import JudgedCloud
 
 
 @dataclass(frozen=True)
@@ -325,19 +325,19 @@ PARTS = {
     ),
     "detector": Part(
         tried=(
-            Limit("outliers._cloud", "SurfaceLimits", "explained"),
-            Limit("outliers._cloud", "SurfaceLimits", "flat", off=np.inf),
-            Limit("outliers._cloud", "SurfaceLimits", "angle", off=180.0),
-            Limit("outliers._cloud", "SurfaceLimits", "n_links"),
-            Constant("outliers._cloud", "THING", 0.0),
-            Constant("outliers._cloud", "LEAST_SHARE", 1.0, most=1.0),
-            *(Limit("outliers._cloud", "CompanyLimits", name) for name in ("n_near", "n_usual")),
-            Limit("outliers._cloud", "CompanyLimits", "usual", most=0.99),
-            Constant("outliers._company", "HALF", most=0.99),
-            Limit("outliers._cloud", "CompanyLimits", "reach", off=0.0),
-            Limit("outliers._cloud", "CompanyLimits", "rest_weight", off=0.0, most=1.0),
-            Limit("outliers._cloud", "CompanyLimits", "flat", off=0.0),
-            Limit("outliers._cloud", "CompanyLimits", "bridge", off=0.0),
+            Limit("outliers._model", "SurfaceLimits", "explained"),
+            Limit("outliers._model", "SurfaceLimits", "flat", off=np.inf),
+            Limit("outliers._model", "SurfaceLimits", "angle", off=180.0),
+            Limit("outliers._model", "SurfaceLimits", "n_links"),
+            Constant("outliers._model", "THING", 0.0),
+            Constant("outliers._model", "LEAST_SHARE", 1.0, most=1.0),
+            *(Limit("outliers._model", "OffSurfaceLimits", name) for name in ("n_near", "n_usual")),
+            Limit("outliers._model", "OffSurfaceLimits", "usual", most=0.99),
+            Constant("outliers._off_surface", "HALF", most=0.99),
+            Limit("outliers._model", "OffSurfaceLimits", "reach", off=0.0),
+            Limit("outliers._model", "OffSurfaceLimits", "rest_weight", off=0.0, most=1.0),
+            Limit("outliers._model", "OffSurfaceLimits", "flat", off=0.0),
+            Limit("outliers._model", "OffSurfaceLimits", "bridge", off=0.0),
         ),
         scenes=lambda options: chain(streets(options), contaminated(options)),
         prepare=planes_of,
@@ -346,7 +346,7 @@ PARTS = {
     ),
     "rays": Part(
         tried=tuple(
-            Limit("outliers._cloud", "RayLimits", name)
+            Limit("outliers._ray_evidence", "RayLimits", name)
             for name in ("n_beams", "searched", "usual", "alone", "sheet")
         ),
         scenes=seen,

@@ -10,7 +10,7 @@ from math import gamma, pi
 import numpy as np
 from scipy.special import ndtri
 
-from sklearn_mcmd.outliers._cloud import JudgedCloud
+from sklearn_mcmd.outliers._model import JudgedCloud
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex

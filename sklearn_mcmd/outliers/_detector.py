@@ -11,7 +11,7 @@ from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd._validation import FittedScoresMixin, check_sensor_origin
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff
-from sklearn_mcmd.outliers._cloud import JudgedCloud
+from sklearn_mcmd.outliers._model import JudgedCloud
 from sklearn_mcmd.planes._base import BasePlaneOutliers
 from sklearn_mcmd.runtime._progress import progress_part, told_to
 from sklearn_mcmd.runtime._tasks import fit_in_tasks

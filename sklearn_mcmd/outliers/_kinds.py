@@ -18,9 +18,9 @@ def kinds_of_outliers(detector):
     kinds = np.where(is_outlier, np.int8(2), np.int8(-1))
     if cloud.own_planes_only:
         return kinds
-    index, company = cloud.model.index, cloud.company
+    index, off_surface = cloud.model.index, cloud.off_surface
     of_places = np.full(len(index.points), 2, np.int8)
     cutoff = -detector.offset_
-    of_places[company.rest[company.separation > cutoff]] = 1
-    of_places[company.rest[company.isolation > cutoff]] = 0
+    of_places[off_surface.rows[off_surface.separation > cutoff]] = 1
+    of_places[off_surface.rows[off_surface.isolation > cutoff]] = 0
     return np.where(is_outlier, of_places[index.places], kinds)

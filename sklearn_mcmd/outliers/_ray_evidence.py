@@ -50,32 +50,32 @@ class RayEvidence:
         )
         self.beam_spacing = None
 
-    def judge(self, company, spacing, explained, to_planes):
+    def judge(self, off_surface, spacing, explained, to_planes):
         """Isolation and separation of all points that no surface explains.
 
         Parameters
         ----------
-        company : Company
+        off_surface : OffSurface
         spacing : ndarray of shape (m,)
-            Mean distance of each of the rest to its nearest measurements.
+            Mean distance of each off-surface point to its nearest measurements.
         explained : ndarray of bool of shape (n,)
         to_planes : callable
             As `JudgedCloud.to_planes`.
         """
-        rest, rays, index = company.rest, self.rays, self.index
-        groups, step = company.groups, rays.steps(rest)
+        rest, rays, index = off_surface.rows, self.rays, self.index
+        groups, step = off_surface.groups, rays.steps(rest)
         isolation = _isolation(
-            company.isolation, spacing, rays.next_to(rest, explained).alone(), step
+            off_surface.isolation, spacing, rays.next_to(rest, explained).alone(), step
         )
         on_sheet = self._on_sheets(
             index.points[rest], lambda r: index.query_own(rest[r]), to_planes
         )
-        rows = np.flatnonzero(company.separation > 0)
+        rows = np.flatnonzero(off_surface.separation > 0)
         around = rays.around(rest[rows], groups[rows], explained)
         together = np.ones(len(rest))
         together[rows] = around.pooled(groups[rows], index.points[rest[rows]]).together()
         rays.release()
-        return np.maximum(isolation, on_sheet), _separation(company.separation, together, step)
+        return np.maximum(isolation, on_sheet), _separation(off_surface.separation, together, step)
 
     def judge_new(self, queries, around, apart, spacing, explained, to_planes):
         """The same of new points (m, d) and their neighborhoods, each for itself.

@@ -7,7 +7,7 @@ import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.outliers import MCMDOutlierDetector
-from sklearn_mcmd.outliers._cloud import JudgedCloud
+from sklearn_mcmd.outliers._model import JudgedCloud
 from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._cloud_constants import Constants

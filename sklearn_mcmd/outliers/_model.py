@@ -1,16 +1,11 @@
-"""A fitted cloud that scores its own points and new ones: planes, then surfaces, then the rest."""
+"""A fitted cloud that scores its own points and new ones: planes, surfaces, then all else."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.outliers._company import (
-    Company,
-    CompanyLimits,
-    Places,
-    chosen_rows,
-    mean_distance,
-)
+from sklearn_mcmd.outliers._isolation import chosen_rows, mean_distance
+from sklearn_mcmd.outliers._off_surface import OffSurface, OffSurfaceLimits, Places
 from sklearn_mcmd.outliers._ray_evidence import RayEvidence
 from sklearn_mcmd.outliers._rays import distances_between
 from sklearn_mcmd.outliers._surfaces import (
@@ -51,7 +46,7 @@ class Judgement(NamedTuple):
 
 
 class JudgedCloud:
-    """A cloud whose points are scored by its surfaces and by the company that they keep.
+    """A cloud whose points are scored by its surfaces and by how far they stand off from all else.
 
     Parameters
     ----------
@@ -75,7 +70,7 @@ class JudgedCloud:
         self.noise_scale = noise_scale
         self.n_jobs = n_jobs
         self.surface_limits = SurfaceLimits()
-        self.company_limits = CompanyLimits()
+        self.off_surface_limits = OffSurfaceLimits()
         self.origins = origins
         self.rays = None
 
@@ -109,13 +104,13 @@ class JudgedCloud:
             places = Places.of(index, counts, self.explained, *spacings)
             del planes, spacings
             with progress_part(0.4, 1.0):
-                self.company = Company(places, least, self.company_limits, self.n_jobs)
-        rest, company = self.company.rest, self.company
-        apart = company.isolation, company.separation
+                self.off_surface = OffSurface(places, least, self.off_surface_limits, self.n_jobs)
+        rest, off_surface = self.off_surface.rows, self.off_surface
+        apart = off_surface.isolation, off_surface.separation
         if self.rays is not None:
-            apart = self.rays.judge(company, places.spacing, self.explained, self.to_planes)
-            company.isolation, company.separation = apart
-        distances[rest] = self._joined(distances[rest], *apart, company.points)
+            apart = self.rays.judge(off_surface, places.spacing, self.explained, self.to_planes)
+            off_surface.isolation, off_surface.separation = apart
+        distances[rest] = self._joined(distances[rest], *apart, off_surface.points)
         self.point_scores = distances
         return owners
 
@@ -144,15 +139,15 @@ class JudgedCloud:
 
     def _score_new(self, queries, around, precision):
         _, distances = self.to_planes(queries, around.take, self.explaining, precision)
-        near = around.indices[:, : self.company_limits.n_near]
+        near = around.indices[:, : self.off_surface_limits.n_near]
         gaps = distances_between(self.model.index.points[near], queries)
-        spacing = mean_distance(gaps, self.counts[near], self.company_limits.n_near)
+        spacing = mean_distance(gaps, self.counts[near], self.off_surface_limits.n_near)
         apart = isolation, separation, joined = (
             np.zeros(len(queries)), np.zeros(len(queries)), np.zeros(len(queries), bool)
         )  # fmt: skip
         rest = np.flatnonzero(distances > self.surface_limits.explained)
         if len(rest):
-            isolation[rest], separation[rest], joined[rest] = self.company.measure(
+            isolation[rest], separation[rest], joined[rest] = self.off_surface.measure(
                 queries[rest], spacing[rest]
             )
         if self.rays is not None:
@@ -188,7 +183,7 @@ class JudgedCloud:
         return planes, spacing, other_spacing
 
     def _spacings(self, points, near):
-        n_near = self.company_limits.n_near
+        n_near = self.off_surface_limits.n_near
         return both_spacings(self.model.index.points, self.counts, points, near, n_near)
 
     def _find_surfaces(self, planes, spacing):
@@ -256,7 +251,7 @@ class JudgedCloud:
         if self.strictness == "surfaces" and self.explained.any():
 
             def beside(rows):
-                gaps, near = self.company.reference.query(points[rows], 1)
+                gaps, near = self.off_surface.reference.query(points[rows], 1)
                 return ratio(gaps[:, 0], self.explained_scale[near[:, 0]])
 
         limit = self.surface_limits.explained

@@ -1,4 +1,4 @@
-"""Company: how far points that no surface explains stand off, by hand on small clouds."""
+"""How far points that no surface explains stand off, by hand on small clouds."""
 
 from types import SimpleNamespace
 
@@ -8,7 +8,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from sklearn_mcmd.outliers._company import Company, CompanyLimits, Places, mean_distance
+from sklearn_mcmd.outliers._isolation import mean_distance
+from sklearn_mcmd.outliers._off_surface import OffSurface, OffSurfaceLimits, Places
 from sklearn_mcmd.planes import _nearest
 from sklearn_mcmd.planes._nearest import NearestPoints
 
@@ -39,10 +40,10 @@ def company(points, n_explained, least=100, counts=None, n_jobs=None):
     explained = np.arange(len(points)) < n_explained
     spacings = (spacing_of(points, counts, others_only=only) for only in (False, True))
     places = Places.of(index_of(points), counts, explained, *spacings)
-    found = Company(places, least, CompanyLimits(), n_jobs)
-    assert_array_equal(found.rest, np.flatnonzero(~explained))
+    found = OffSurface(places, least, OffSurfaceLimits(), n_jobs)
+    assert_array_equal(found.rows, np.flatnonzero(~explained))
     isolation, separation = np.zeros(len(points)), np.zeros(len(points))
-    isolation[found.rest], separation[found.rest] = found.isolation, found.separation
+    isolation[found.rows], separation[found.rows] = found.isolation, found.separation
     return SimpleNamespace(
         isolation=isolation, separation=separation, measure=found.measure, usual=found.usual
     )
@@ -244,7 +245,7 @@ def test_a_point_away_from_a_cloud_of_one_place_stands_off_without_bounds():
     X = np.zeros((4, 3))
     counts, explained = np.ones(4, dtype=int), np.ones(4, dtype=bool)
     places = Places.of(index_of(X), counts, explained, np.zeros(4), np.zeros(4))
-    fitted = Company(places, 2, CompanyLimits(), None)
+    fitted = OffSurface(places, 2, OffSurfaceLimits(), None)
     isolation, separation, _ = fitted.measure(np.array([[5.0, 0, 0]]), np.array([5.0]))
     assert isolation > 1e300
     assert separation > 1e300

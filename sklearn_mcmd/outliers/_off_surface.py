@@ -1,4 +1,4 @@
-"""Company: how far a point that no surface explains stands off from everything real."""
+"""Points that no surface explains: how far each, or its group, stands off from all that is real."""
 
 from typing import NamedTuple
 
@@ -6,26 +6,31 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from sklearn_mcmd.outliers._groups import are_pieces, lengths_of_pieces, separation_of_groups
+from sklearn_mcmd.outliers._isolation import (
+    chosen_rows,
+    isolation_of,
+    mean_distance_to_rest,
+    steps_between,
+    usual_of,
+)
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._linking import connected
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.runtime._progress import progress_part
 
-__all__ = ["Company", "CompanyLimits", "Places", "chosen_rows", "mean_distance"]
+__all__ = ["OffSurface", "OffSurfaceLimits", "Places"]
 
 # Where no point is on a surface, what is usual is half of all points: the sparse quarter of them
 # would be the very points that are judged.
 HALF = 0.5
-# Each point of the rest is linked to at most so many others, as those of surfaces are.
+# Each off-surface point is linked to at most so many others, as those of surfaces are.
 LINKED = SurfaceLimits().n_links
-AT_ONCE = 1_000_000  # rows that are copied
-# Length of an evenly filled line, in its standard deviations.
-LENGTH = np.sqrt(12.0)
 
 
-class CompanyLimits(NamedTuple):
-    """What keeps company.
+class OffSurfaceLimits(NamedTuple):
+    """When points are near each other.
 
     n_near : int
         Spacing is the mean distance to this many neighbors.
@@ -34,10 +39,10 @@ class CompanyLimits(NamedTuple):
     usual : float
         Of their spacings it is this quantile.
     reach : float
-        Two points of the rest are of one group if they are within this many usual spacings.
+        Two off-surface points are of one group if they are within this many usual spacings.
     rest_weight : float
-        Weight of the spacing among the rest against that among all points, in their geometric
-        mean.
+        Weight of the spacing among off-surface points against that among all points, in their
+        geometric mean.
     flat : float
         A group is flat if its standard deviation along its longest axis is so many times the one
         off its plane.
@@ -60,11 +65,11 @@ class Places(NamedTuple):
     cloud : NeighborIndex, or what answers as one
         Of n points.
     counts : ndarray of int of shape (n,)
-        Measurements at each: a place that was measured often keeps company with itself.
+        Measurements at each: a place that was measured often is near to itself.
     explained : ndarray of bool of shape (n,)
-        Points that a surface explains. All others are the rest.
+        Points that a surface explains. All others are off-surface points.
     spacing : ndarray of shape (m,)
-        Mean distance of each of the rest to its nearest measurements, by `mean_distance`.
+        Mean distance of each off-surface point to its nearest measurements, by `mean_distance`.
     usual_spacing : ndarray of shape (n - m,), or (n,) if a surface explains none
         The same of the others, to measurements at other places, which is never 0.
     """
@@ -83,8 +88,8 @@ class Places(NamedTuple):
         return cls(index, counts, explained, spacing[~explained], other_spacing)
 
 
-class Company:
-    """The points that no surface explains, the rest: things such as foliage and wires, or errors.
+class OffSurface:
+    """The points that no surface explains: things such as foliage and wires, or errors.
 
     No plane can tell these apart. What tells is how far a point, or the small group that it
     belongs to, stands off from everything else, in units of its own size. The size of a point is
@@ -99,13 +104,13 @@ class Company:
     places : Places
     least : float
         A group of this many measurements is a thing, however far it stands off.
-    limits : CompanyLimits
+    limits : OffSurfaceLimits
     n_jobs : int or None
 
     Attributes
     ----------
-    rest : ndarray of int of shape (m,)
-        Rows of the points that no surface explains.
+    rows : ndarray of int of shape (m,)
+        Of the points that no surface explains.
     groups : ndarray of int of shape (m,)
         Group of each, from 0 on; pieces of one thing are one group.
     isolation, separation : ndarray of shape (m,)
@@ -119,7 +124,7 @@ class Company:
         self.reference = index.among(explained if explained.any() else ~explained)
         self.reference_spacing = places.usual_spacing
         self.quantile = limits.usual if explained.any() else HALF
-        self.rest = rest = np.flatnonzero(~explained)
+        self.rows = rest = np.flatnonzero(~explained)
         self.points, self.counts = chosen_rows(index, index.points, ~explained), places.counts[rest]
         self.others = index.among(~explained)
         with progress_part(0.0, 0.2):
@@ -149,8 +154,8 @@ class Company:
 
         `spacing` (m,) is the mean distance of each to its nearest measurements. Returns, of each,
 
-        - isolation: spacing among the rest and among all points, over the usual one; what keeps
-          company has about 1;
+        - isolation: spacing among off-surface points and among all points, over the usual one;
+          what has others near has about 1;
         - separation: gap between the query, with the small group that it belongs to, and what is
           real, over their size; 0 for what belongs to a large group;
         - joined: whether it belongs to a group of the cloud, whose separation it has.
@@ -176,7 +181,7 @@ class Company:
         return usual
 
     def _neighbors(self, index, n_jobs):
-        """Mean distance of each of the rest to others of it, and those that are of its group."""
+        """Mean distance of each point to others, and those that are of its group."""
         m, n_links = len(self.points), max(LINKED, self.limits.n_near)
         own = np.arange(m, dtype=np.int32)  # as `connected` takes them
         among_rest, linked = np.empty(m), index.empty((m, n_links), np.int32)
@@ -254,107 +259,3 @@ class Company:
         gaps = self._gaps(points, n_jobs)
         separation[rows] = separation_of_groups(points, group, self.usual[rows], gaps)[group]
         return separation
-
-
-def chosen_rows(index, values, chosen):
-    """Those of the values (n, ...) that are chosen, bool (n,), as an array of the index."""
-    rows = index.empty((np.count_nonzero(chosen), *values.shape[1:]), values.dtype)
-    end = 0
-    for first in range(0, len(values), AT_ONCE):  # so that no more is in memory
-        part = values[first : first + AT_ONCE][chosen[first : first + AT_ONCE]]
-        rows[end : end + len(part)], end = part, end + len(part)
-    return rows
-
-
-def usual_of(spacings, share):
-    """The spacing (m,) that is usual among the nearest points on surfaces, (m, k)."""
-    place = int(share * spacings.shape[1])
-    return np.partition(spacings, place, axis=1)[:, place]
-
-
-def mean_distance_to_rest(queries, distances, counts, box, n_near):
-    """Mean distance to the nearest of the rest. Those that are missing are as far away as
-    the cloud, whose low and high corner are the `box`, is large with the query in it."""
-    low, high = box
-    extent = np.maximum(queries, high) - np.minimum(queries, low)
-    extent = np.linalg.norm(extent, axis=1)
-    distances = np.where(np.isinf(distances), extent[:, None], distances)
-    return mean_distance(distances, counts, n_near)
-
-
-def isolation_of(among_rest, among_all, usual, rest_weight):
-    """Most weight is on the rest: surfaces are poor company for what lies off them."""
-    return ratio(among_rest**rest_weight * among_all ** (1 - rest_weight), usual)
-
-
-def steps_between(usual, usual_there, distances):
-    """Distances (m, w) to neighbors in usual spacings, the smaller of both points'."""
-    return ratio(distances, np.minimum(usual[:, None], usual_there))
-
-
-def lengths_of_pieces(points, group, limits):
-    """Length of each group that is flat, 0 of the others.
-
-    Sums are taken as by `separation_of_groups`. The deviation off the plane has as many degrees of
-    freedom as there are points beyond those that a plane needs, and counts with its standard error:
-    few points are flat by chance.
-    """
-    order = np.lexsort(points.T[::-1])
-    sizes = np.bincount(group)
-    spare = sizes - points.shape[1]
-    deviations = _deviations(points[order], group[order], sizes, spare > 0)
-    longest = deviations[:, -1]
-    spare = np.maximum(spare, 1)
-    off = deviations[:, 0] * np.sqrt(sizes / spare) * (1 + 1 / np.sqrt(2 * spare))
-    return np.where(limits.flat * off <= longest, LENGTH * longest, 0.0)
-
-
-def are_pieces(length, length_there, distances, bridge):
-    """Whether points of flat groups belong to one thing with those that they are near to.
-
-    `length` (m,) is of the group of each point, `length_there` (m, w) of that of each neighbor, 0
-    if it is no piece, and `distances` (m, w) are how far away that is.
-    """
-    near = distances <= bridge * np.maximum(length[:, None], length_there)
-    return near & (length_there > 0)
-
-
-def separation_of_groups(points, group, usual, gaps):
-    """Gap of each group over the size of the group.
-
-    Sums are taken in the order of coordinates, so they do not depend on the order of the points
-    (m, d). Of each, `group` is its group, from 0 on, `usual` the usual spacing around it, and
-    `gaps` its distance to the nearest that is real.
-    """
-    order = np.lexsort(points.T[::-1])
-    points, group, usual = points[order], group[order], usual[order]
-    sizes = np.bincount(group)
-    gap = np.full(len(sizes), np.inf)
-    np.minimum.at(gap, group, gaps[order])
-    size = np.bincount(group, usual) / sizes
-    size = np.maximum(size, _deviations(points, group, sizes, sizes > 1)[:, -1])
-    return ratio(gap, size)
-
-
-def mean_distance(distances, counts, n_near):
-    """Mean distance to the `n_near` nearest measurements, or to all that there are.
-
-    Distances (m, w) to neighbors are ascending; `counts` are the measurements at each of these.
-    """
-    reached = np.minimum(np.cumsum(counts, axis=1), n_near)
-    taken = np.diff(reached, axis=1, prepend=0)
-    return (taken * distances).sum(axis=1) / np.maximum(reached[:, -1], 1)
-
-
-def _deviations(points, group, sizes, asked):
-    """Standard deviations of groups along their axes, ascending; 0 of those that are not asked."""
-    d = points.shape[1]
-    covariance = np.zeros((len(sizes), d, d))
-    centers = np.stack([np.bincount(group, points[:, i]) / sizes for i in range(d)], axis=1)
-    away = points - centers[group]
-    for i in range(d):
-        for j in range(i + 1):
-            covariance[:, i, j] = np.bincount(group, away[:, i] * away[:, j]) / sizes
-    deviations = np.zeros((len(sizes), d))
-    deviations[asked] = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance[asked]), 0.0))
-    return deviations

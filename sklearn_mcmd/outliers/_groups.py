@@ -1,0 +1,68 @@
+"""Groups of points: how flat and long they are, and how far they stand off from what is real."""
+
+import numpy as np
+
+from sklearn_mcmd.planes._around import ratio
+
+__all__ = ["are_pieces", "lengths_of_pieces", "separation_of_groups"]
+
+# Length of an evenly filled line, in its standard deviations.
+LENGTH = np.sqrt(12.0)
+
+
+def lengths_of_pieces(points, group, limits):
+    """Length of each group that is flat, 0 of the others.
+
+    Sums are taken as by `separation_of_groups`. The deviation off the plane has as many degrees of
+    freedom as there are points beyond those that a plane needs, and counts with its standard error:
+    few points are flat by chance.
+    """
+    order = np.lexsort(points.T[::-1])
+    sizes = np.bincount(group)
+    spare = sizes - points.shape[1]
+    deviations = _deviations(points[order], group[order], sizes, spare > 0)
+    longest = deviations[:, -1]
+    spare = np.maximum(spare, 1)
+    off = deviations[:, 0] * np.sqrt(sizes / spare) * (1 + 1 / np.sqrt(2 * spare))
+    return np.where(limits.flat * off <= longest, LENGTH * longest, 0.0)
+
+
+def are_pieces(length, length_there, distances, bridge):
+    """Whether points of flat groups belong to one thing with those that they are near to.
+
+    `length` (m,) is of the group of each point, `length_there` (m, w) of that of each neighbor, 0
+    if it is no piece, and `distances` (m, w) are how far away that is.
+    """
+    near = distances <= bridge * np.maximum(length[:, None], length_there)
+    return near & (length_there > 0)
+
+
+def separation_of_groups(points, group, usual, gaps):
+    """Gap of each group over the size of the group.
+
+    Sums are taken in the order of coordinates, so they do not depend on the order of the points
+    (m, d). Of each, `group` is its group, from 0 on, `usual` the usual spacing around it, and
+    `gaps` its distance to the nearest that is real.
+    """
+    order = np.lexsort(points.T[::-1])
+    points, group, usual = points[order], group[order], usual[order]
+    sizes = np.bincount(group)
+    gap = np.full(len(sizes), np.inf)
+    np.minimum.at(gap, group, gaps[order])
+    size = np.bincount(group, usual) / sizes
+    size = np.maximum(size, _deviations(points, group, sizes, sizes > 1)[:, -1])
+    return ratio(gap, size)
+
+
+def _deviations(points, group, sizes, asked):
+    """Standard deviations of groups along their axes, ascending; 0 of those that are not asked."""
+    d = points.shape[1]
+    covariance = np.zeros((len(sizes), d, d))
+    centers = np.stack([np.bincount(group, points[:, i]) / sizes for i in range(d)], axis=1)
+    away = points - centers[group]
+    for i in range(d):
+        for j in range(i + 1):
+            covariance[:, i, j] = np.bincount(group, away[:, i] * away[:, j]) / sizes
+    deviations = np.zeros((len(sizes), d))
+    deviations[asked] = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance[asked]), 0.0))
+    return deviations
