@@ -18,10 +18,11 @@ from sklearn_mcmd.normals._smoothness import is_smooth, whole_planes
 from sklearn_mcmd.planes._around import extents, quantile_around
 from sklearn_mcmd.planes._plane import flat_normals, normal_errors
 from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.planes._rules import METHODS
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._progress import progress_part
 
-__all__ = ["SurfacePlanes", "Surfaces"]
+__all__ = ["SurfacePlanes", "Surfaces", "mends_planes"]
 
 # Forms of neighborhoods: ROUGH ones have a robust plane, and may borrow another. The others keep
 # all members: FLAT ones have the plane of these, BENT ones the tangent plane of a quadric.
@@ -83,6 +84,11 @@ class SurfacePlanes:
     def __init__(self, model, lends, tangents=True, members=None):
         self.model, self.lends, self.tangents = model, lends, tangents
         self.members = Surfaces.empty(*model.index.points.shape) if members is None else members
+
+    @classmethod
+    def of(cls, estimator, model, members=None):
+        """Those of a model, by the parameters of an estimator that `mends_planes`."""
+        return cls(model, estimator.neighbor_planes is not False, estimator.tangents, members)
 
     def fit(self, X, n_jobs):
         """Planes of the fitted points X (n, d), and the rows of X (n,) whose planes they are."""
@@ -287,6 +293,13 @@ class SurfacePlanes:
         usual = quantile_around(values, around, BEST)
         usual /= noise_quantiles(BEST, around.sizes, self.model.index.points.shape[1])
         return (1 + ndtri(1 - CHANCE) / np.sqrt(2 * around.sizes)) * usual
+
+
+def mends_planes(estimator):
+    """Whether `SurfacePlanes` correct what a `RobustNormalEstimator` finds in 2D and 3D."""
+    rule = METHODS.get(estimator.method)
+    robust = rule is not None and rule.needs_consistent_set
+    return robust and estimator.reweight and estimator.n_neighbors is not None
 
 
 def _moved(planes, places):
