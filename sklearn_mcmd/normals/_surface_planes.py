@@ -190,7 +190,7 @@ class SurfacePlanes:
             rough |= _bends_too_much(deviation[rest], left[rest], planes.take(rest))
             forms[rest[rough]] = ROUGH
             planes.put(rest[rough], robust.take(rough))
-        left = np.maximum(np.minimum(deviation, left), self._floor(planes))
+        left = np.maximum(np.minimum(deviation, left), self.model.least_scales(planes.centroids))
         noise = np.where(forms == ROUGH, planes.scale, left)
         return forms, noise, left
 
@@ -205,7 +205,7 @@ class SurfacePlanes:
         points = np.ascontiguousarray(points, dtype=np.float64)
         planes.spacing[:], planes.radius[:] = extents(members, points, around)
         deviation = np.where(np.isfinite(found[0]), found[0], 0.0)
-        planes.scale[:] = np.maximum(deviation, self._floor(planes))
+        planes.scale[:] = np.maximum(deviation, self.model.least_scales(planes.centroids))
         planes.kept[:] = 1.0
         planes.normal_error[:] = normal_errors(planes.scale, planes.eigenvalues, around.sizes)
         return found
@@ -248,11 +248,6 @@ class SurfacePlanes:
             )
             planes.put(rows[folded], faces.take(folded))
             forms[rows[folded]] = ROUGH
-
-    def _floor(self, planes):
-        """Least deviations that are no rounding."""
-        rounding = self.model.rounding * np.abs(planes.centroids).max(axis=1)
-        return np.maximum(rounding, self.model.least_scale)
 
     def _lenders(self, points, planes, rough, around, members):
         """The members whose planes the rows `rough` borrow; -1 for rows that borrow none.
