@@ -10,12 +10,14 @@ from scipy.stats import truncnorm
 
 from sklearn_mcmd.planes._record import Neighborhoods
 
+VARIANCE_LEFT = truncnorm(-2.5, 2.5).var()  # of a normal law that is cut at 2.5
+
 
 def plane(points):
     """Mean, ascending eigenvalues and eigenvectors of the covariance matrix (Eq. 1)."""
     mean = points.mean(axis=0)
     deviations = points - mean
-    covariance = sum(np.outer(row, row) for row in deviations) / len(points)
+    covariance = deviations.T @ deviations / len(points)
     eigenvalues, eigenvectors = np.linalg.eigh(covariance)
     return mean, eigenvalues, eigenvectors
 
@@ -52,7 +54,7 @@ def consistent_set(points, trials, h):
         normal = normal_through(subset)
         distances = np.abs((points - subset.mean(axis=0)) @ normal)
         # Equal to rounding is equal: the earlier member first.
-        order = sorted(range(k), key=lambda j: (round(distances[j] / radius * 2**29), j))
+        order = np.argsort(np.round(distances / radius * 2**29), kind="stable")
         chosen = order[:h]
         mean, eigenvalues, axes = plane(points[chosen])
         if eigenvalues[1] <= 1e-12 * eigenvalues[-1]:
@@ -113,7 +115,6 @@ def reweighted_plane(points, trials, h):
     The first scale is that of least median of squares, the others are standard deviations of
     what is left of a normal law that is cut at 2.5.
     """
-    variance_left = truncnorm(-2.5, 2.5).var()
     k, d = points.shape
     members, _ = consistent_set(points, trials, h)
     center, _, axes = plane(points[members])
@@ -123,7 +124,7 @@ def reweighted_plane(points, trials, h):
         kept = off < 2.5 * scale
         center, _, axes = plane(points[kept])
         off = np.abs((points - center) @ axes[:, 0])
-        scale = np.sqrt(np.sum(off[kept] ** 2) / (kept.sum() - d) / variance_left)
+        scale = np.sqrt(np.sum(off[kept] ** 2) / (kept.sum() - d) / VARIANCE_LEFT)
     kept = off < 2.5 * scale
     center, _, axes = plane(points[kept])
     return center, axes[:, 0], scale, kept.mean()

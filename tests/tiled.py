@@ -1,5 +1,8 @@
 """Clouds in files and their normals in memory, which those by tiles must equal."""
 
+import os
+import subprocess
+import sys
 from functools import cache
 from unittest.mock import patch
 
@@ -35,6 +38,21 @@ def in_memory(source, target, estimator=ESTIMATOR):
     names, columns = normal_columns(clone(estimator).fit(cloud.xyz))
     write_points(target, with_results(cloud, dict(zip(names, columns.T.copy(), strict=True))))
     return target
+
+
+def is_killed(code, *arguments):
+    """If a process that runs the code is killed: a fork of this one, which has all imports."""
+    arguments = [str(argument) for argument in arguments]
+    if sys.platform != "linux":
+        return subprocess.run([sys.executable, "-c", code, *arguments]).returncode not in (0, 1)
+    child = os.fork()
+    if child == 0:
+        try:
+            sys.argv[1:] = arguments
+            exec(code, {})
+        finally:
+            os._exit(1)
+    return os.WIFSIGNALED(os.waitpid(child, 0)[1])
 
 
 def divide(source, target, estimator, *, cut=0.5, **options):

@@ -81,7 +81,8 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
 
     normal_estimator : estimator, default=None
         The estimator of the planes of the cleaned cloud, such as :class:`RobustNormalEstimator`.
-        None means that one, with `n_neighbors`, and with ``method="pca"`` for "eigenvalue" and
+        None means that one, with `n_neighbors`, with ``tangents=False``, because a tangent turns
+        beside an edge from one face to the other, and with ``method="pca"`` for "eigenvalue" and
         "surface_variation". A robust fit removes one of two faces, and its own eigenvalues then
         do not show the edge.
 
@@ -348,15 +349,14 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
         if self.normal_estimator is not None:
             return _seeded(self.normal_estimator, seed)
         plain = self.criterion in ("eigenvalue", "surface_variation")
-        estimator = RobustNormalEstimator(
+        return RobustNormalEstimator(
             self.n_neighbors,
             method="pca" if plain else "mcmd_z",
+            tangents=False,  # beside an edge they turn from one face to the other
             features="removed_fraction" if self.criterion == "removed_fraction" else None,
             random_state=seed,
             n_jobs=self.n_jobs,
         )
-        estimator._tangents = False  # beside an edge they turn from one face to the other
-        return estimator
 
     def _values(self, columns, members=None):
         """The value of the criterion at points, if it is not "crease".

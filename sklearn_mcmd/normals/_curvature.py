@@ -198,8 +198,7 @@ def _curvatures_of_one(model, planes, queries):
 def _fit_jets(model, planes, queries, around, tangents):
     """Quadrics over the planes (m) of queries (m, 3), along `tangents` (m, 2, 3)."""
     points, limits = model.index.points, JetLimits()
-    floor = model.rounding * np.abs(planes.centroids).max(axis=1)
-    floor = np.maximum(floor, model.least_scale)
+    floor = model.least_scales(planes.centroids)
     jets = Jets.undetermined(len(queries))
     fit = compiled_function("normals._curvature_numba", "fit_jets")
     fit(points, around, queries, tangents, planes, floor, limits, jets)

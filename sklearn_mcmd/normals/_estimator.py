@@ -21,7 +21,7 @@ from sklearn_mcmd.normals._features import (
     settle_features,
 )
 from sklearn_mcmd.normals._orientation import Sides
-from sklearn_mcmd.normals._surface_planes import SurfacePlanes
+from sklearn_mcmd.normals._surface_planes import SurfacePlanes, mends_planes
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.planes._columns import column_names, joined_columns, plane_offsets
 from sklearn_mcmd.planes._orientation import point_up
@@ -90,6 +90,10 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         the points nearest to it best. Most of its own neighborhood may lie on the other face, or
         its own plane may run across both. None means as `reweight` says, in 2D and 3D. It cannot
         be True without `reweight`, or for more than three features.
+
+    tangents : bool, default=True
+        Whether the normal is that of a quadric at the point where a surface bends. False leaves it
+        the plane of all members; edges are sought between such planes.
 
     radius : float, default=None
         Largest distance of a neighbor, in units of X. A neighborhood then has this radius and
@@ -249,13 +253,12 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         "method": [StrOptions({*METHODS, *METHOD_NAMES})],
         "method_params": [dict, None],
         "neighbor_planes": ["boolean", None],
+        "tangents": ["boolean"],
         "radius": [Interval(Real, 0, None, closed="neither"), None],
         "orientation": [StrOptions({"sensor", "mst"}), "array-like", None],
         "sensor_origin": ["array-like", StrOptions({"origin"}), None],
         "features": [StrOptions({"all", *FEATURES}), "array-like", None],
     }
-
-    _tangents = True  # whether normals follow a bend; creases are sought between planes of faces
 
     def __init__(
         self,
@@ -269,6 +272,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         cutoff: float | None = None,
         reweight: bool = True,
         neighbor_planes: bool | None = None,
+        tangents: bool = True,
         radius: float | None = None,
         orientation: Literal["sensor", "mst"] | ArrayLike | None = None,
         sensor_origin: ArrayLike | Literal["origin"] | None = None,
@@ -285,6 +289,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         self.cutoff = cutoff
         self.reweight = reweight
         self.neighbor_planes = neighbor_planes
+        self.tangents = tangents
         self.radius = radius
         self.orientation = orientation
         self.sensor_origin = sensor_origin
@@ -413,7 +418,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
                 f"radius={self.radius} has no meaning with n_neighbors=None, one neighborhood of "
                 "all points; give a number of neighbors."
             )
-        if self.neighbor_planes and not self._mends_planes():
+        if self.neighbor_planes and not mends_planes(self):
             raise ValueError(
                 "neighbor_planes=True needs robust planes of neighborhoods that are refitted: "
                 'reweight=True, a method "mcmd_z" or "mcmd_md", and a number of neighbors.'
@@ -425,8 +430,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         self._feature_names = settle_features(self.features, X.shape[1])
         self._surfaces = None
         with self._part_of_planes():
-            if self._mends_planes() and X.shape[1] <= 3:
-                self._surfaces = self._make_surfaces(self._model)
+            if mends_planes(self) and X.shape[1] <= 3:
+                self._surfaces = SurfacePlanes.of(self, self._model)
                 planes, self.plane_index_ = self._surfaces.fit(X, self.n_jobs)
             else:
                 with progress_part(0.0, 1.0, "normals"):
@@ -438,10 +443,6 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
 
         self._tell(planes, X, orient, curvatures_of_fitted)
         return X
-
-    def _make_surfaces(self, model, members=None):
-        """The `SurfacePlanes` of a model, by the parameters."""
-        return SurfacePlanes(model, self.neighbor_planes is not False, self._tangents, members)
 
     def _tell(self, planes, X, orient, find_curvatures):
         """Set what is public of fitted points X (n, d), from their planes.
@@ -490,11 +491,6 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
 
     def _stages(self):
         sizes = ("sizes of neighborhoods",) if self.n_neighbors == "auto" else ()
-        edges = ("normals next to edges",) if self._mends_planes() else ()
+        edges = ("normals next to edges",) if mends_planes(self) else ()
         curvatures = () if self.features is None else ("curvatures",)
         return (*sizes, "normals", *edges, *curvatures)
-
-    def _mends_planes(self):
-        """Whether the planes of Algorithm 4 are corrected by `SurfacePlanes`."""
-        robust = self.method in METHODS and METHODS[self.method].needs_consistent_set
-        return robust and self.reweight and self.n_neighbors is not None

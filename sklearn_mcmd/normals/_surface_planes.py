@@ -18,10 +18,11 @@ from sklearn_mcmd.normals._smoothness import is_smooth, whole_planes
 from sklearn_mcmd.planes._around import extents, quantile_around
 from sklearn_mcmd.planes._plane import flat_normals, normal_errors
 from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.planes._rules import METHODS
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._progress import progress_part
 
-__all__ = ["SurfacePlanes", "Surfaces"]
+__all__ = ["SurfacePlanes", "Surfaces", "mends_planes"]
 
 # Forms of neighborhoods: ROUGH ones have a robust plane, and may borrow another. The others keep
 # all members: FLAT ones have the plane of these, BENT ones the tangent plane of a quadric.
@@ -83,6 +84,11 @@ class SurfacePlanes:
     def __init__(self, model, lends, tangents=True, members=None):
         self.model, self.lends, self.tangents = model, lends, tangents
         self.members = Surfaces.empty(*model.index.points.shape) if members is None else members
+
+    @classmethod
+    def of(cls, estimator, model, members=None):
+        """Those of a model, by the parameters of an estimator that `mends_planes`."""
+        return cls(model, estimator.neighbor_planes is not False, estimator.tangents, members)
 
     def fit(self, X, n_jobs):
         """Planes of the fitted points X (n, d), and the rows of X (n,) whose planes they are."""
@@ -184,7 +190,7 @@ class SurfacePlanes:
             rough |= _bends_too_much(deviation[rest], left[rest], planes.take(rest))
             forms[rest[rough]] = ROUGH
             planes.put(rest[rough], robust.take(rough))
-        left = np.maximum(np.minimum(deviation, left), self._floor(planes))
+        left = np.maximum(np.minimum(deviation, left), self.model.least_scales(planes.centroids))
         noise = np.where(forms == ROUGH, planes.scale, left)
         return forms, noise, left
 
@@ -199,7 +205,7 @@ class SurfacePlanes:
         points = np.ascontiguousarray(points, dtype=np.float64)
         planes.spacing[:], planes.radius[:] = extents(members, points, around)
         deviation = np.where(np.isfinite(found[0]), found[0], 0.0)
-        planes.scale[:] = np.maximum(deviation, self._floor(planes))
+        planes.scale[:] = np.maximum(deviation, self.model.least_scales(planes.centroids))
         planes.kept[:] = 1.0
         planes.normal_error[:] = normal_errors(planes.scale, planes.eigenvalues, around.sizes)
         return found
@@ -243,11 +249,6 @@ class SurfacePlanes:
             planes.put(rows[folded], faces.take(folded))
             forms[rows[folded]] = ROUGH
 
-    def _floor(self, planes):
-        """Least deviations that are no rounding."""
-        rounding = self.model.rounding * np.abs(planes.centroids).max(axis=1)
-        return np.maximum(rounding, self.model.least_scale)
-
     def _lenders(self, points, planes, rough, around, members):
         """The members whose planes the rows `rough` borrow; -1 for rows that borrow none.
 
@@ -287,6 +288,13 @@ class SurfacePlanes:
         usual = quantile_around(values, around, BEST)
         usual /= noise_quantiles(BEST, around.sizes, self.model.index.points.shape[1])
         return (1 + ndtri(1 - CHANCE) / np.sqrt(2 * around.sizes)) * usual
+
+
+def mends_planes(estimator):
+    """Whether `SurfacePlanes` correct what a `RobustNormalEstimator` finds in 2D and 3D."""
+    rule = METHODS.get(estimator.method)
+    robust = rule is not None and rule.needs_consistent_set
+    return robust and estimator.reweight and estimator.n_neighbors is not None
 
 
 def _moved(planes, places):

@@ -14,6 +14,7 @@ from sklearn_mcmd.planes._consistent_set import (
 )
 from sklearn_mcmd.planes._plane import RANK_TOLERANCE, fit_planes, flat_normals, normal_errors
 from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.planes._resolution import LEAST_STEPS, ROUNDING, least_scales
 from sklearn_mcmd.planes._rules import METHODS, RuleLimits, robust_distances
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
@@ -78,9 +79,8 @@ class LocalPlaneModel:
 
     def __init__(self, index, trials, settings):
         self.index, self.trials, self.settings = index, trials, settings
-        self.rounding = 8 * float(settings.precision)  # a float32 would compile all code anew
-        # At the usual cutoffs a distance of one step is then no outlier.
-        self.least_scale = settings.step / 2
+        self.rounding = ROUNDING * float(settings.precision)  # a float32 would compile anew
+        self.least_scale = LEAST_STEPS * settings.step
         n, d = index.points.shape
         # Decided by the fitted cloud, so that predicting one row is the same arithmetic.
         self.compiled = index.n_neighbors is not None and d == 3 and n >= COMPILE_FROM
@@ -88,7 +88,7 @@ class LocalPlaneModel:
 
     def evaluate(self, queries, n_jobs=None):
         """Planes of the neighborhoods of queries (m, d), and robust distances (m,) to them."""
-        rounding = max(self.rounding, 8 * float(np.finfo(queries.dtype).eps))
+        rounding = max(self.rounding, ROUNDING * float(np.finfo(queries.dtype).eps))
         queries = np.ascontiguousarray(queries, dtype=np.float64)
         planes, distance = Planes.empty(*queries.shape), np.empty(len(queries))
         if self.whole is not None:
@@ -128,9 +128,12 @@ class LocalPlaneModel:
 
         `precision` is the relative rounding error of the queries, where that is greater.
         """
-        return self._evaluate_chunk(
-            queries, neighborhoods, max(self.rounding, 8 * float(precision))
-        )
+        rounding = max(self.rounding, ROUNDING * float(precision))
+        return self._evaluate_chunk(queries, neighborhoods, rounding)
+
+    def least_scales(self, points):
+        """As `least_scales` of points, by the rounding of the fitted ones."""
+        return least_scales(points, self.settings.precision, self.settings.step)
 
     def chunk(self):
         """Queries a task."""

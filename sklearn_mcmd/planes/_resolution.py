@@ -1,8 +1,20 @@
-"""The step to which a file rounded its coordinates, found from the coordinates."""
+"""The step to which a file rounded its coordinates, and the least scales that rounding allows."""
 
 import numpy as np
 
-__all__ = ["CoarseCoordinatesWarning", "coarse_warning", "coordinate_step", "step_of_levels"]
+__all__ = [
+    "LEAST_STEPS",
+    "ROUNDING",
+    "CoarseCoordinatesWarning",
+    "coarse_warning",
+    "coordinate_step",
+    "least_scales",
+    "step_of_levels",
+]
+
+# The least scale of a plane, in steps to which coordinates were rounded: at the usual cutoffs a
+# distance of one step is then no outlier. And in rounding errors of the coordinates' type.
+LEAST_STEPS, ROUNDING = 0.5, 8.0
 
 # A gap is a whole number of steps if it differs from one by this share of a step at most.
 TOLERANCE = 0.02
@@ -40,6 +52,16 @@ class CoarseCoordinatesWarning(UserWarning):
             f"{self.rounding:.2g}, too coarse for neighborhoods of radius {self.radius:.2g}. Pass "
             "X as float64, or subtract an offset before converting it to float32."
         )
+
+
+def least_scales(points, precision, step):
+    """Least standard deviation of a plane at each of the points (n, d): what rounding amounts to.
+
+    `precision` is the relative rounding error of the coordinates, eps of their dtype, and `step`
+    the one to which they were rounded before.
+    """
+    largest = np.abs(points).max(axis=1)
+    return np.maximum(ROUNDING * float(precision) * largest, LEAST_STEPS * step)
 
 
 def coordinate_step(X):

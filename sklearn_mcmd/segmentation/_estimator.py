@@ -19,12 +19,12 @@ from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.planes._columns import split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._orientation import point_up
-from sklearn_mcmd.planes._resolution import coordinate_step
+from sklearn_mcmd.planes._resolution import coordinate_step, least_scales
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.runtime._tasks import fit_in_tasks, sub_fit
 from sklearn_mcmd.segmentation._graph import grow_regions, link_neighbors, seed_order
 from sklearn_mcmd.segmentation._merge_coplanar import region_planes
-from sklearn_mcmd.segmentation._steps import finish_regions, least_scales, rules_of
+from sklearn_mcmd.segmentation._steps import finish_regions, rules_of
 
 __all__ = ["RegionGrowing"]
 
@@ -151,7 +151,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
     of the distances between points, are remembered from later papers of its authors, and
     unverified. ``mutual=False, find_narrow_faces=False, join_coplanar=False, join_curved=False,
     assign_unlabeled=False`` is nearest to the paper. Departures: deviations are scaled to standard
-    deviations by 1.4826; thresholds have a floor where coordinates are rounded; and `mutual`.
+    deviations by 1.4826; no scale is less than half the step of rounded coordinates; and `mutual`.
 
     With `mutual`, the usual noise around a point is the lower quartile of the neighbors' noise. A
     plane may be noisier by three standard errors, a factor of ``1 + 3 / sqrt(2 * n_neighbors)``,
@@ -277,7 +277,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         xyz = columns.coordinates
         index = NeighborIndex(xyz.astype(np.float64, copy=False), self.n_neighbors)
         points, rows = index.points, index.rows
-        floor = least_scales(points, xyz.dtype, coordinate_step(xyz))
+        floor = least_scales(points, np.finfo(xyz.dtype).eps, coordinate_step(xyz))
         planes = columns.planes(rows, self.n_jobs)
         planes.scale[:] = np.maximum(planes.scale, floor)
         rules = rules_of(self)

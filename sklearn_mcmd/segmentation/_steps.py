@@ -10,23 +10,13 @@ from sklearn_mcmd.segmentation._merge_coplanar import join_coplanar
 from sklearn_mcmd.segmentation._narrow_faces import RestFaces
 from sklearn_mcmd.segmentation._region_sums import region_sizes, relabeled
 
-__all__ = ["finish_regions", "least_scales", "rules_of"]
+__all__ = ["finish_regions", "rules_of"]
 
 
 def rules_of(growing):
     """The `GrowthRules` of a `RegionGrowing`."""
     cosine = np.cos(np.radians(growing.max_angle))
     return GrowthRules(cosine, growing.max_distance, growing.max_gap, growing.mutual)
-
-
-def least_scales(points, dtype, step):
-    """Least standard deviation of a plane at each of the points (n, d): what rounding amounts to.
-
-    `dtype` is that of the coordinates, and `step` the one to which they were rounded.
-    """
-    floor = 8 * float(np.finfo(dtype).eps) * np.abs(points).max(axis=1)
-    # At the usual cutoff one step of rounded coordinates is then no outlier.
-    return np.maximum(floor, 1.25 * step)
 
 
 def finish_regions(labels, index, planes, floor, copies, growing, n_jobs=None):

@@ -4,6 +4,7 @@ import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.normals._orientation import Sides
+from sklearn_mcmd.normals._surface_planes import mends_planes
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._memory import MORE, most_neighbors, sized
@@ -77,7 +78,7 @@ class Normals(Verb):
     def find(self, run):
         folder, n_cells = run.folder, len(run.cells)
         columns = CellColumns(folder.results)
-        last = "planes" if self.estimator._mends_planes() else "normals"
+        last = "planes" if mends_planes(self.estimator) else "normals"
         self.n_resumed = sum(columns.is_done(cell, last) for cell in range(n_cells))
         if all(map(folder.is_done, range(n_cells))):
             return

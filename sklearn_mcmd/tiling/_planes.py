@@ -16,7 +16,7 @@ from sklearn_mcmd.normals._adaptive_k import AROUND, ScaleFinder
 from sklearn_mcmd.normals._curvature import Curvatures, curvatures_of_each
 from sklearn_mcmd.normals._features import settle_features
 from sklearn_mcmd.normals._orientation import TREE_NEIGHBORS, Sides
-from sklearn_mcmd.normals._surface_planes import Surfaces
+from sklearn_mcmd.normals._surface_planes import SurfacePlanes, Surfaces, mends_planes
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._orientation import orient_toward, signs_along, spanning_forest
 from sklearn_mcmd.planes._record import Planes
@@ -100,13 +100,13 @@ class PlaneJob(NamedTuple):
 
     def surfaces(self, model):
         """The `SurfacePlanes` of a model; None where the estimator corrects no planes."""
-        if not self.estimator._mends_planes():
+        if not mends_planes(self.estimator):
             return None
         whole = whole_of(self)
         own = {name: whole.open(f"own_{name}", private=True) for name in (*FIELDS, *OTHERS)}
         planes = Planes(**{name: own[name] for name in FIELDS}, spacing=np.empty(0))
         members = Surfaces(planes, *(own[name] for name in OTHERS))
-        return self.estimator._make_surfaces(model, members)
+        return SurfacePlanes.of(self.estimator, model, members)
 
 
 def ends_of(begin, end, estimator):
@@ -154,7 +154,7 @@ def find_planes(sweeps, cells, job, k=0):
         _find_sizes(sweeps, cells, job)
         sweep("larger", find_larger)
     warn_if_coarse(job.constants, job.index())
-    if job.estimator._mends_planes():
+    if mends_planes(job.estimator):
         whole.make(**OWN)
         sweep("planes", _fit_own)
         sweep("bends", _bend)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sklearn_mcmd.planes._columns import joined_columns, split_columns
-from sklearn_mcmd.segmentation._steps import least_scales
+from sklearn_mcmd.planes._resolution import least_scales
 from sklearn_mcmd.tiling._stored_columns import whole_of
 
 __all__ = ["STORED", "tell_planes"]
@@ -26,7 +26,7 @@ def tell_planes(cell, job, fitted):
     )  # fmt: skip
     told = split_columns(found, 3)
     planes = told.planes(np.arange(len(points)))
-    floor = least_scales(points, dtype, job.constants.step)
+    floor = least_scales(points, np.finfo(dtype).eps, job.constants.step)
     whole.put(
         cell, floor=floor, centroids=planes.centroids, normals=planes.normals,
         scale=np.maximum(planes.scale, floor), variation=told.surface_variation,

@@ -5,6 +5,7 @@ import pytest
 from sklearn_mcmd import adjustment
 from sklearn_mcmd.cli import _progress_bar
 from sklearn_mcmd.io import write_points
+from sklearn_mcmd.report import _maps
 from sklearn_mcmd.tiling import _memory
 from tiled import street
 
@@ -13,6 +14,12 @@ from tiled import street
 def patient(monkeypatch):
     """However slow the machine is, no line of progress comes between those a test asks for."""
     monkeypatch.setattr(_progress_bar, "PATIENCE", 3600.0)
+
+
+@pytest.fixture(autouse=True)
+def small_maps(monkeypatch):
+    """Maps of reports take most of their time for pixels."""
+    monkeypatch.setattr(_maps, "DPI", 20)
 
 
 @pytest.fixture

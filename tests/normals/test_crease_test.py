@@ -224,6 +224,15 @@ def test_normals_of_curved_surfaces_without_noise_are_their_tangents(make, n):
     assert np.sqrt(np.mean(tangents**2)) < 0.1 * np.sqrt(np.mean(least_squares**2))
 
 
+def test_without_tangents_the_normals_of_a_curved_surface_are_those_of_least_squares():
+    X, _ = sphere(900, 0.0)
+    planes, expected = (
+        RobustNormalEstimator(30, random_state=0, **parameters).fit(X).normals_
+        for parameters in ({"tangents": False}, {"method": "pca"})
+    )
+    assert bias_angle(planes, expected).max() < 1e-5
+
+
 @pytest.mark.parametrize("k", [20, 30, 50])
 @pytest.mark.parametrize("bends", [(0.3, 0.0), (0.3, 0.3), (0.3, -0.3)])
 def test_standard_errors_of_tangents_hold_95_percent(k, bends):

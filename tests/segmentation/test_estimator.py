@@ -135,6 +135,14 @@ def test_labels_depend_on_neither_unit_nor_origin(street, unit, offset):
     assert adjusted_rand_score(labels, moved) > 0.999
 
 
+def test_terraces_four_steps_of_rounding_apart_are_two_regions():
+    X = np.random.default_rng(0).uniform(0, 1, (2000, 3)) * [1.0, 0.5, 0.0]
+    upper = X[:, 0] > 0.5
+    X[upper, 2] = 0.04
+    labels = RegionGrowing(random_state=0).fit_predict(np.rint(X / 0.01) * 0.01)
+    assert adjusted_rand_score(upper, labels) == 1.0
+
+
 def test_labels_are_the_same_in_national_coordinates_and_minus_whole_meters():
     offset = np.array([119849.0, 485249.0, -1.0])
     X = np.round(make_street(6000, random_state=2).data, 3) + offset

@@ -1,7 +1,5 @@
 """Scores by tiles equal those in memory to the last bit, wherever tiles begin and runs end."""
 
-import subprocess
-import sys
 from functools import cache
 
 import numpy as np
@@ -19,7 +17,7 @@ from sklearn_mcmd.io._point_cloud import without_outliers
 from sklearn_mcmd.tiling import TilingError, _denoise, _small_clouds, process_files
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._outputs import SCORED, Results
-from tiled import divide, street
+from tiled import divide, is_killed, street
 
 DETECTOR = MCMDOutlierDetector(16, random_state=0)
 RNG = np.random.default_rng(0)
@@ -329,8 +327,7 @@ def test_a_run_that_was_killed_goes_on(place, n_resumed, by_tiles, tmp_path, mon
     write_points(source, street(5_000))
     expected = in_memory(read_points(source), DETECTOR)
     target = tmp_path / "denoised.las"
-    died = subprocess.run([sys.executable, "-c", RUN, source, target, place])
-    assert died.returncode != 0
+    assert is_killed(RUN, source, target, place)
     assert not target.exists()
     computed = []
     work = _denoise.find_planes

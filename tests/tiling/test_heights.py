@@ -1,8 +1,5 @@
 """Heights over the ground by tiles are those in memory to the last bit."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -18,7 +15,7 @@ from sklearn_mcmd.io._classes import Choice
 from sklearn_mcmd.io._ground import Ground
 from sklearn_mcmd.tiling import TilingError, _heights, _memory, process_files
 from sklearn_mcmd.tiling._cells import Cells
-from tiled import divide
+from tiled import divide, is_killed
 
 DETECTOR = MCMDOutlierDetector(16, random_state=0)
 NEAR = {"above": -0.5, "below": 6.0}
@@ -233,8 +230,7 @@ def test_a_run_that_was_killed_goes_on(place, n_resumed, tmp_path):
     a, b, c = files(tmp_path)
     write_points(a, site())
     in_memory(a, b, **ALL)
-    died = subprocess.run([sys.executable, "-c", RUN, a, c, place])
-    assert died.returncode != 0
+    assert is_killed(RUN, a, c, place)
     assert not c.exists()
     report = process_files(a, c, DETECTOR, mode="mark", tile_size=900, **ALL)
     assert c.read_bytes() == b.read_bytes()

@@ -20,7 +20,7 @@ from tiled import divide, in_memory
         {"method": "msac"},
         {"radius": 0.1, "orientation": [1.0, 2.0, 3.0]},
         {"n_neighbors": 8, "orientation": "mst", "reweight": False},
-        {"method": "mcmd_md", "n_neighbors": 20},
+        {"method": "mcmd_md", "n_neighbors": 20, "tangents": False},
         {"radius": 0.2, "features": ["roughness", "mean_curvature", "max_curvature_direction"]},
         {"orientation": "sensor", "sensor_origin": [362_002, 5_157_002, 103]},
         {"orientation": "mst", "radius": 0.2, "features": "roughness"},

@@ -8,9 +8,9 @@ from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.planes._columns import split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._resolution import coordinate_step
+from sklearn_mcmd.planes._resolution import coordinate_step, least_scales
 from sklearn_mcmd.segmentation._graph import link_neighbors
-from sklearn_mcmd.segmentation._steps import least_scales, rules_of
+from sklearn_mcmd.segmentation._steps import rules_of
 from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._cells import CellWriter
 from sklearn_mcmd.tiling._cloud_constants import Constants
@@ -70,7 +70,7 @@ def test_planes_neighbors_and_links_are_those_of_memory(cloud, params, tmp_path)
     told = split_columns(np.asarray(estimator.fit_transform(cloud)), 3)
     index = NeighborIndex(cloud.astype(np.float64), K)
     planes = told.planes(index.rows)
-    floor = least_scales(index.points, cloud.dtype, coordinate_step(cloud))
+    floor = least_scales(index.points, np.finfo(cloud.dtype).eps, coordinate_step(cloud))
     planes.scale[:] = np.maximum(planes.scale, floor)
     links, planes.radius[:] = link_neighbors(index, planes, floor, rules_of(growing))
     # Rows of the index by rows of all places.
