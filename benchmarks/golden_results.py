@@ -73,6 +73,36 @@ def results(X):
         outlier_detector="passthrough", normal_estimator=normals, random_state=0, n_jobs=2
     )
     yield "edge scores", edges.fit(X).scores_
+    yield from options(X)
+
+
+def options(X):
+    """The same of what is not the default."""
+    for params in (
+        {"strictness": "isolated"},
+        {"strictness": "surfaces", "noise_scale": 0.01},
+        {"method": "mcmd_md", "n_neighbors": 20},
+        {"false_positive_rate": 0.05},
+    ):
+        detector = MCMDOutlierDetector(**{"random_state": 0, "n_jobs": 2, **params}).fit(X)
+        yield f"outlier scores {params}", detector.scores_
+    above = X.mean(axis=0) + np.array([0.0, 0.0, np.ptp(X)])
+    along = above + (X - above) * np.array([0.5, 0.0, 0.0])
+    for name, origin in {"a position": above, "positions": along}.items():
+        detector = MCMDOutlierDetector(random_state=0, n_jobs=2).fit(X, sensor_origin=origin)
+        yield f"outlier scores with {name}", detector.scores_
+    for params in (
+        {"n_neighbors": "auto"},
+        {"orientation": "mst", "features": "all"},
+        {"neighbor_planes": False, "radius": 0.1 * np.ptp(X)},
+        {"method": "pca"},
+    ):
+        normals = RobustNormalEstimator(**{"random_state": 0, "n_jobs": 2, **params})
+        yield f"columns {params}", normals.fit_transform(X)
+    yield "regions of points", RegionGrowing(random_state=0, n_jobs=2).fit(X).labels_
+    for criterion in ("crease", "surface_variation"):
+        edges = SharpFeatureDetector(criterion=criterion, random_state=0, n_jobs=2)
+        yield f"edge scores by {criterion}", edges.fit(X).scores_
 
 
 def main():
