@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from pathlib import Path
 
 # Before NumPy and SciPy are imported. Without the first scikit-learn skips its array API checks.
@@ -19,7 +20,9 @@ import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis.database import DirectoryBasedExampleDatabase
 
+from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, SharpFeatureDetector
 from sklearn_mcmd.io import PointCloud, write_points
+from sklearn_mcmd.planes import _local_planes
 
 # Failing assertions of helpers show their values, as those of tests do.
 pytest.register_assert_rewrite("commands")
@@ -58,6 +61,31 @@ def pytest_configure(config):
         providers._get_local_constants = lambda: providers._local_constants  # none
     if getattr(config.option, "dist", None) == "load":  # what -n asks for by itself
         config.option.dist = "worksteal"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _compiled(request, tmp_path_factory):
+    """Two of pytest-xdist's workers compile half of the functions each, and the others wait.
+
+    Else each would compile all of them, at the same time.
+    """
+    worker = getattr(request.config, "workerinput", {"workercount": 1})
+    if worker["workercount"] == 1 or len(request.session.items) < 1_000:
+        return
+    X = np.random.default_rng(0).uniform(size=(2_000, 3)) * [1, 1, 0.01]
+    done = [tmp_path_factory.getbasetemp().parent / f"compiled_{half}" for half in (0, 1)]
+    if worker["workerid"] == "gw0":
+        MCMDOutlierDetector(random_state=0).fit(X)
+        done[0].touch()
+    elif worker["workerid"] == "gw1":
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(_local_planes, "COMPILE_FROM", 10**9)
+            RobustNormalEstimator("auto", features="all", random_state=0).fit(X[:400])
+            SharpFeatureDetector(random_state=0).fit(X[:400])
+        done[1].touch()
+    end = time.monotonic() + 300
+    while not all(half.exists() for half in done) and time.monotonic() < end:
+        time.sleep(0.1)
 
 
 @pytest.fixture(autouse=True)

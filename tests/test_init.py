@@ -21,14 +21,18 @@ def test_importing_the_package_imports_none_of_its_dependencies():
 
 
 def test_names_are_found_where_nothing_was_imported_before():
-    """Of an estimator that is unpickled, then of a subpackage, then all by a star."""
+    """Of an estimator that is unpickled, then of a subpackage, then all by a star.
+
+    What needs an extra does not load it.
+    """
     pickled = pickle.dumps(sklearn_mcmd.MCMDOutlierDetector(n_neighbors=33))
-    neighbors, subpackage, *names = python(
+    neighbors, subpackage, loaded, *names = python(
         f"import pickle; print(pickle.loads({pickled!r}).n_neighbors)\n"
         "import sklearn_mcmd; print(sklearn_mcmd.tiling.__name__)\n"
+        "import sys, sklearn_mcmd.resampling; print('imblearn' in sys.modules)\n"
         "from sklearn_mcmd import *; print(*dir())"
     )
-    assert (neighbors, subpackage) == ("33", "sklearn_mcmd.tiling")
+    assert (neighbors, subpackage, loaded) == ("33", "sklearn_mcmd.tiling", "False")
     assert set(sklearn_mcmd.__all__) <= set(names)
 
 

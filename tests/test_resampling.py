@@ -1,8 +1,5 @@
 """DenoisingSampler: outliers leave X and y together, with and without imbalanced-learn."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -111,11 +108,6 @@ class Strict(BaseEstimator):
 def test_a_detector_that_keeps_nothing_is_refused(street):
     with pytest.raises(ValueError, match="all 3000 points outliers"):
         DenoisingSampler(Strict()).fit_resample(street.data)
-
-
-def test_imbalanced_learn_is_not_loaded():
-    code = "import sys, sklearn_mcmd.resampling; assert 'imblearn' not in sys.modules"
-    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_a_classifier_behind_it_learns_from_the_kept_rows_and_predicts_all(street, kept):

@@ -47,7 +47,7 @@ def wait_for(condition, seconds=600):
         time.sleep(0.02)
 
 
-@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGINT"])
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
 def test_a_signal_while_writing_leaves_no_temporary_file(room_file, tmp_path, name):
     number = getattr(signal, name)
     process = start("denoise", room_file, tmp_path / "out.xyz", "--n-jobs", 1)
@@ -68,6 +68,7 @@ def test_signals_are_as_before_when_the_command_is_done():
     before = numbers()
     with tidy_when_terminated():
         assert numbers() != before
+        assert numbers()[0] == numbers()[1]  # the handler of a signal that a process gets above
     assert numbers() == before
 
 

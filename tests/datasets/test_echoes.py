@@ -199,7 +199,7 @@ def test_a_beam_that_is_hardly_wide_gives_the_same_street():
         assert_array_equal(thin[array], none[array])
 
 
-@pytest.mark.parametrize(("name", "n"), [("make_mobile_scan", 6_000), ("make_lidar_turn", 20_000)])
+@pytest.mark.parametrize(("name", "n"), [("make_mobile_scan", 3_000), ("make_lidar_turn", 20_000)])
 def test_pulses_mix_only_what_their_resolution_does_not_part(name, n):
     scan, world = scanned(
         name, n, outlier_share=0.02, outlier_kinds=("ghost",), far_share=0.0, beam_divergence=0.006

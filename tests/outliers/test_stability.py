@@ -96,7 +96,7 @@ def test_no_label_changes_but_those_on_the_cutoff(name, n, strictness, request):
 
 
 @pytest.mark.parametrize(
-    ("name", "n"), [*zip([*REAL, "isprs_samp31"], [15_000, 6_000, 6_000, 6_000], strict=True)]
+    ("name", "n"), [*zip([*REAL, "isprs_samp31"], [15_000, 4_000, 4_000, 4_000], strict=True)]
 )
 def test_few_labels_change_where_coordinates_lie_on_a_lattice(shared_data, name, n):
     """A tie that is resolved otherwise exchanges the last of 50 neighbors, or picks another set

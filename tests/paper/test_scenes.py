@@ -44,7 +44,7 @@ def segmented_and_told():
     """Table 6, and the progress that was told of it."""
     told = []
     with listen_to_progress(lambda heard: told.append(heard.share)):
-        return table6(2, seed=1, n_points=900, slow_points=250), told
+        return table6(2, seed=1, n_points=900, slow_points=150), told
 
 
 @pytest.fixture(scope="module")
@@ -123,11 +123,11 @@ def test_figure_9_removes_what_the_method_flags():
 def test_table_6_runs_slow_methods_once_on_the_smaller_scene(segmented):
     for scene in SEGMENTATION:
         large = {name for s, n, name in segmented.results if (s, n) == (scene, 900)}
-        small = {name for s, n, name in segmented.results if (s, n) == (scene, 250)}
+        small = {name for s, n, name in segmented.results if (s, n) == (scene, 150)}
         assert small - large == SLOW
         assert not large - small
         for name in small:
-            assert segmented.results[scene, 250, name].shape == (1 if name in SLOW else 2, 10)
+            assert segmented.results[scene, 150, name].shape == (1 if name in SLOW else 2, 10)
 
 
 def test_table_6_is_what_the_estimators_give(segmented):
