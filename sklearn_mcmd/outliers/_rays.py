@@ -205,8 +205,13 @@ class Rays:
 
     def next_to(self, rows, on_surface):
         """The `Emptiness` of the places of some of the points."""
-        beams, angles, ranges = self._beams[rows], self._angles[rows], self.ranges[rows]
-        return Emptiness.of(self._next(beams, angles, ranges, self._step[rows]), on_surface)
+
+        def ask(part):
+            own = rows[part]
+            beams, angles, ranges = self._beams[own], self._angles[own], self.ranges[own]
+            return self._next(beams, angles, ranges, self._step[own])
+
+        return self._sums(len(rows), ask, on_surface)
 
     def around(self, rows, groups, on_surface):
         """The `Emptiness` around groups of points: the beams next to them that are of others.
@@ -218,7 +223,6 @@ class Rays:
         group[rows] = groups
         cloud, k, ranges = self.cloud, self.n_beams, self.ranges[rows]
         n_searched = min(int(self.limits.searched * k), len(cloud.points) - 1)
-        sums = Emptiness(*np.empty((4, len(rows))))
 
         def ask(part):
             own = rows[part]
@@ -227,11 +231,19 @@ class Rays:
             strange = group[beams] != group[own][:, None]
             strange &= np.cumsum(strange, axis=1) <= k
             silent = angles > self.limits.usual * self.usual_angle
-            witnesses = self._asked(beams, strange, silent, ranges[part], self._step[own])
-            for field, values in zip(sums, Emptiness.of(witnesses, on_surface), strict=True):
+            return self._asked(beams, strange, silent, ranges[part], self._step[own])
+
+        return self._sums(len(rows), ask, on_surface)
+
+    def _sums(self, m, ask, on_surface):
+        """The `Emptiness` of m points, of which ``ask(part)`` gives the `Witnesses` of a slice."""
+        sums = Emptiness(*np.empty((4, m)))
+
+        def add(part):
+            for field, values in zip(sums, Emptiness.of(ask(part), on_surface), strict=True):
                 field[part] = values
 
-        each_slice(len(rows), CHUNK, ask, self.n_jobs)
+        each_slice(m, CHUNK, add, self.n_jobs)
         return sums
 
     def new_witnesses(self, queries, nearest):
