@@ -16,6 +16,7 @@ __all__ = ["RECORD", "CellWriter", "Cells"]
 # A point as it is stored, with its place in the order of all inputs.
 RECORD = np.dtype([("xyz", np.float64, 3), ("row", np.int64)])
 BOXES = "cells.npz"
+TOLD_APART = 2**16  # points whose cells are found at once
 # Of a cell that is cut, COUNTED points tell how many lie near the cut: nearer than NEAR of the
 # length that holds all but a share STRAY of them at each end. Only the time depends on these.
 COUNTED, NEAR, STRAY = 20_000, 0.02, 0.05
@@ -124,6 +125,16 @@ class Cells:
     def read(self, cell):
         """The points of a cell, as records in the order of the inputs."""
         return np.fromfile(_path(self.folder, self._names[cell]), RECORD)
+
+    def of(self, points):
+        """The cell in whose box each point lies; 0 where there is none, since it would be empty."""
+        of = np.zeros(len(points), np.int32)
+        for first in range(0, len(points), TOLD_APART):
+            part, cells = points[first : first + TOLD_APART], of[first : first + TOLD_APART]
+            low, high = part.min(axis=0), part.max(axis=0)
+            for cell in np.flatnonzero(((self.low <= high) & (self.high > low)).all(axis=1)):
+                cells[((part >= self.low[cell]) & (part < self.high[cell])).all(axis=1)] = cell
+        return of
 
     def extent(self, cell):
         """The least and the most coordinates of a cell's points."""

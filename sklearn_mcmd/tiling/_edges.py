@@ -19,7 +19,6 @@ from sklearn_mcmd.tiling._normals import without_sides
 from sklearn_mcmd.tiling._outlier_job import Job
 from sklearn_mcmd.tiling._outputs import SCORED, scores_in_parts, write_edge_outputs
 from sklearn_mcmd.tiling._planes import OWN, PlaneJob, are_few, ends_of, find_planes
-from sklearn_mcmd.tiling._quantiles import median_of
 from sklearn_mcmd.tiling._result_files import write_results
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
 from sklearn_mcmd.tiling._small_clouds import fit_together
@@ -147,7 +146,7 @@ class _Steps:
         """Values of another criterion; returns the least of an edge, negative."""
         self.sweep("edges", find_values, self.cells, self.folder.is_done, job=job, planes=planes)
         parts = partial(values_in_parts, self.columns, np.flatnonzero(kept.counts))
-        return -least_of_edge(parts, self.estimator.threshold, self.estimator.n_std, median_of)
+        return -least_of_edge(parts, self.estimator.threshold, self.estimator.n_std)
 
     def _clean(self):
         """The cells of the points that the detector leaves."""

@@ -15,6 +15,7 @@ from sklearn.base import clone
 
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import one_clear_line
+from sklearn_mcmd.io._ground import check_ground
 from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.io._no_returns import NoReturns
 from sklearn_mcmd.runtime._interrupts import ignoring_interrupts
@@ -23,7 +24,7 @@ from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
 from sklearn_mcmd.tiling._cloud_constants import WholeCloud
 from sklearn_mcmd.tiling._folder import WorkFolder, key_of
-from sklearn_mcmd.tiling._heights import GroundWriter
+from sklearn_mcmd.tiling._heights import GROUND, GroundWriter
 from sklearn_mcmd.tiling._memory import (
     PART,
     Plan,
@@ -310,7 +311,8 @@ def _scatter(verb, catalog, folder, capacity):
     writer, whole, row = CellWriter(folder.cells, capacity, CUT), WholeCloud(), 0
     choice, ground = verb.choice, None
     if verb.needs_ground:
-        ground = GroundWriter(folder.cells, capacity, CUT)
+        (folder.cells / GROUND).mkdir()
+        ground = GroundWriter(folder.cells / GROUND, capacity, CUT)
     for path in catalog.paths:
         no_returns = NoReturns()
         for cloud in read_parts(path, PART):
@@ -334,7 +336,9 @@ def _scatter(verb, catalog, folder, capacity):
         )
     writer.close()
     if ground is not None:
-        ground.close(catalog.paths[0])
+        with one_clear_line(catalog.paths[0], "read"):
+            check_ground(ground.n_points)
+        ground.close()
     folder.finish_cells(whole.constants())
 
 
