@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from sklearn_mcmd.io._files import one_clear_line
+from sklearn_mcmd.tiling._cell_columns import in_place_of
 
-__all__ = ["RECORD", "CellWriter", "Cells"]
+__all__ = ["RECORD", "CellWriter", "Cells", "write_boxes"]
 
 # A point as it is stored, with its place in the order of all inputs.
 RECORD = np.dtype([("xyz", np.float64, 3), ("row", np.int64)])
@@ -57,11 +58,10 @@ class CellWriter:
         leaves = [i for i, (_, _, child) in enumerate(self.nodes) if child < 0 and self.counts[i]]
         boxes, extents = np.array(self.boxes)[leaves], np.array(self.extents)[leaves]
         counts = np.array(self.counts)[leaves]
-        np.savez(
-            self.folder / BOXES, names=leaves, low=boxes[:, 0], high=boxes[:, 1],
+        return write_boxes(
+            self.folder, names=leaves, low=boxes[:, 0], high=boxes[:, 1],
             least=extents[:, 0], most=extents[:, 1], counts=counts,
         )  # fmt: skip
-        return Cells(self.folder)
 
     def _put(self, node, records):
         waiting = [(node, records)]
@@ -139,6 +139,13 @@ class Cells:
     def extent(self, cell):
         """The least and the most coordinates of a cell's points."""
         return self._least[cell], self._most[cell]
+
+
+def write_boxes(folder, **told):
+    """Write what the cells of a folder are; returns these as `Cells`."""
+    with in_place_of(folder / BOXES) as temporary, open(temporary, "wb") as file:
+        np.savez(file, **told)
+    return Cells(folder)
 
 
 def _best_cut(points, share):

@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from sklearn_mcmd.tiling._catalog import stamp_of
+from sklearn_mcmd.tiling._cell_columns import in_place_of
 from sklearn_mcmd.tiling._cloud_constants import Constants
 from sklearn_mcmd.tiling._lock import Lock
 from sklearn_mcmd.tiling._result_files import tile_file
@@ -155,9 +156,8 @@ def _read(path):
 
 
 def _write(path, content):
-    temporary = path.with_suffix(".part")
-    temporary.write_text(json.dumps(content))
-    os.replace(temporary, path)
+    with in_place_of(path) as temporary:
+        temporary.write_text(json.dumps(content))
 
 
 def _mark(path, content):
@@ -167,14 +167,10 @@ def _mark(path, content):
     return {"path": str(path), "content": content, "stamp": stamp}
 
 
-def key_of(catalog, estimator, tile_size, share, version, used=None):
-    """A hash of all that results and tiles depend on."""
-    paths = [str(path.resolve()) for path in catalog.paths]
+def key_of(estimator, *known):
+    """A hash of an estimator and all else that results depend on."""
+    from sklearn_mcmd import __version__
+
     params = sorted(estimator.get_params().items())
-    content = repr(
-        (
-            *(version, type(estimator).__name__, params, paths, catalog.stamps, tile_size, share),
-            used,
-        )
-    )
+    content = repr((__version__, type(estimator).__name__, params, *known))
     return hashlib.sha256(content.encode()).hexdigest()

@@ -17,8 +17,13 @@ from sklearn_mcmd.io._ground import CORNERS, Ground, group_depths
 from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
 from sklearn_mcmd.tiling._memory import bytes_of_groups
-from sklearn_mcmd.tiling._outputs import SCORED, VERDICTS, Scored, has_scores
-from sklearn_mcmd.tiling._result_files import tile_file, write_results
+from sklearn_mcmd.tiling._result_files import (
+    SCORED,
+    VERDICTS,
+    has_scores,
+    tile_file,
+    write_results,
+)
 from sklearn_mcmd.tiling._search import SLACK, asking, by_distance, near_box
 from sklearn_mcmd.tiling._sweeps import Sweeps
 
@@ -107,10 +112,10 @@ class Heights:
         return n_judged
 
     def scored(self):
-        """The `Scored` points, with what heights say of each."""
+        """Find what heights say of each score; returns what `Results` takes."""
         folder, results = self.columns.folder, self.run.folder.results
         self._sweep("verdicts", find_verdicts, partial(has_scores, folder), results=results)
-        return Scored(folder, len(self.run.cells), VERDICTS)
+        return folder, len(self.run.cells), VERDICTS
 
     def _sweep(self, name, work, is_done=None, **known):
         known |= {"folder": self.columns.folder, "limits": self.limits}

@@ -1,16 +1,12 @@
 """The points that a detector left, in cells of their own with the same boxes and numbers."""
 
-import os
-import secrets
-
 import numpy as np
 
 from sklearn_mcmd.io._files import one_clear_line
-from sklearn_mcmd.tiling._cell_columns import CellColumns
-from sklearn_mcmd.tiling._cells import BOXES, Cells, _no_extent, _path
+from sklearn_mcmd.tiling._cell_columns import CellColumns, in_place_of
+from sklearn_mcmd.tiling._cells import Cells, _no_extent, _path, write_boxes
 from sklearn_mcmd.tiling._cloud_constants import WholeCloud
-from sklearn_mcmd.tiling._outputs import SCORED
-from sklearn_mcmd.tiling._result_files import tile_file
+from sklearn_mcmd.tiling._result_files import SCORED, tile_file
 
 __all__ = ["close_kept", "find_kept", "kept_constants"]
 
@@ -30,14 +26,11 @@ def find_kept(cell, folder, target, columns, scores, cutoff):
         Of the results of the detector.
     cutoff : float
     """
-    cells, columns = Cells(folder), CellColumns(columns)
+    cells, columns, path = Cells(folder), CellColumns(columns), _path(target, cell)
     kept = np.fromfile(tile_file(scores, cell), SCORED)["values"][:, 0] <= cutoff
     records = cells.read(cell)[kept]
-    path = _path(target, cell)
-    temporary = path.with_name(f"{path.name}.{secrets.token_hex(4)}")
-    with one_clear_line(path, "written"), open(temporary, "wb") as file:
-        file.write(records.data)
-    os.replace(temporary, path)
+    with one_clear_line(path, "written"), in_place_of(path) as temporary:
+        temporary.write_bytes(records.data)
     extent = _no_extent()
     if len(records):
         extent = np.stack([records["xyz"].min(axis=0), records["xyz"].max(axis=0)])
@@ -49,13 +42,10 @@ def close_kept(cells, target, columns):
     """Write what the cells of the kept points are; some may be empty. Returns these `Cells`."""
     counts = [columns.report(cell, "kept")["n_kept"] for cell in range(len(cells))]
     extents = np.array([columns.read(cell, "kept_extent") for cell in range(len(cells))])
-    temporary = target / f"part-{BOXES}"
-    np.savez(
-        temporary, names=np.arange(len(cells)), low=cells.low, high=cells.high,
+    return write_boxes(
+        target, names=np.arange(len(cells)), low=cells.low, high=cells.high,
         least=extents[:, 0], most=extents[:, 1], counts=counts,
     )  # fmt: skip
-    os.replace(temporary, target / BOXES)
-    return Cells(target)
 
 
 def kept_constants(kept, dtype):

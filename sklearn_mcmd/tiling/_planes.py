@@ -26,10 +26,10 @@ from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._cloud_constants import Constants
 from sklearn_mcmd.tiling._stored_columns import ALL, whole_of
-from sklearn_mcmd.tiling._stored_index import StoredIndex, find_larger, find_neighbors
+from sklearn_mcmd.tiling._stored_index import StoredIndex, find_larger, find_neighbors, find_places
 from sklearn_mcmd.tiling._warnings import warn_if_coarse
 
-__all__ = ["PlaneJob", "are_few", "ends_of", "find_planes", "has_tree", "tell_new"]
+__all__ = ["NUMBER", "OWN", "VECTOR", "PlaneJob", "ends_of", "find_planes", "has_tree", "tell_new"]
 
 NUMBER, VECTOR = (np.float64, ()), (np.float64, (3,))
 # Fields of `Planes`, and of `Surfaces`, that are stored between the sweeps.
@@ -65,6 +65,13 @@ class PlaneJob(NamedTuple):
     constants: Constants
     tell: object
     n_threads: int = 1
+
+    @classmethod
+    def of(cls, run, estimator, tell):
+        """The job on all points of a `Run`."""
+        folder = run.folder
+        known = folder.cells, folder.results, estimator, folder.constants
+        return cls(*known, tell, run.plan.n_threads)
 
     def open(self):
         """The cells, and the columns of their places."""
@@ -109,7 +116,7 @@ def ends_of(begin, end, estimator):
     if has_tree(estimator):
         last = TREE["normals"]
     ends = {name: first + (last - first) * share for name, share in ENDS.items()}
-    ends |= (SIZED if first else {}) | (TREE if last < 1.0 else {})
+    ends |= {"places": 0.0} | (SIZED if first else {}) | (TREE if last < 1.0 else {})
     return {name: begin + share * (end - begin) for name, share in ends.items()}
 
 
@@ -118,14 +125,11 @@ def has_tree(estimator):
     return isinstance(estimator.orientation, str) and estimator.orientation == "mst"
 
 
-def are_few(whole, estimator, k=0):
-    """Whether places are so few that other code finds their planes; `k` are asked besides."""
-    fixed = 0 if estimator.n_neighbors == "auto" else estimator.n_neighbors + 1
-    return len(whole) < max(COMPILE_FROM, fixed, k)
-
-
-def find_planes(sweeps, cells, job, k=0):
+def find_planes(sweeps, cells, job, k=0, least=0, **stored):
     """Find the planes of all places, and call ``job.tell`` for each cell with points.
+
+    Returns the `StoredColumns`; None, and nothing is found, if there are so few places that other
+    code works on them than on tiles.
 
     Parameters
     ----------
@@ -135,9 +139,18 @@ def find_planes(sweeps, cells, job, k=0):
     job : PlaneJob
     k : int, default=0
         Neighbors that are asked for later, which are stored as the column near.
+    least : int, default=0
+        Places that later steps need.
+    **stored : (dtype, shape)
+        Columns that ``job.tell`` fills.
     """
-    whole, sweep = whole_of(job), partial(sweeps, cells=cells, job=job)
+    sweep = partial(sweeps, cells=cells, job=job)
+    sweep("places", find_places)
+    whole = whole_of(job)
+    if len(whole) < max(COMPILE_FROM, 0 if job.is_sized else job.estimator.n_neighbors + 1, least):
+        return None
     whole.join("points")
+    whole.make(**stored)
     asked = AROUND if job.is_sized else job.estimator.n_neighbors
     along = TREE_NEIGHBORS if has_tree(job.estimator) else 0
     whole.make(near=(np.int32, (max(asked, k, along),)))
@@ -151,13 +164,15 @@ def find_planes(sweeps, cells, job, k=0):
         sweep("planes", _fit_own)
         sweep("bends", _bend)
     if not has_tree(job.estimator):
-        return sweep("normals", _tell_cell)
+        sweep("normals", _tell_cell)
+        return whole
     sweep("normals", _tell_cell, job=job._replace(tell=_keep_normals))
     whole.join("normals")
     sweep("forest", _find_forest)
     if not whole.columns.is_done(ALL, "tree"):
         _find_signs(whole, np.flatnonzero(cells.counts))
     sweep("sides", partial(_tell_cell, name="sides"))
+    return whole
 
 
 def tell_new(job, queries, n_jobs=None):

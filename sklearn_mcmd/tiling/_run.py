@@ -19,7 +19,7 @@ from sklearn_mcmd.io._ground import check_ground
 from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.io._no_returns import NoReturns
 from sklearn_mcmd.runtime._interrupts import ignoring_interrupts
-from sklearn_mcmd.runtime._progress import progress_part
+from sklearn_mcmd.runtime._progress import progress_part, tell_share
 from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
 from sklearn_mcmd.tiling._cloud_constants import WholeCloud
@@ -33,10 +33,10 @@ from sklearn_mcmd.tiling._memory import (
     plan_run,
     usual_memory,
 )
-from sklearn_mcmd.tiling._outputs import targets_of, tell
-from sklearn_mcmd.tiling._publish_outputs import Moves
+from sklearn_mcmd.tiling._outputs import targets_of
+from sklearn_mcmd.tiling._publish_outputs import move_outputs, resume_moves
+from sklearn_mcmd.tiling._sweeps import TilingError
 from sklearn_mcmd.tiling._warnings import warn_caller
-from sklearn_mcmd.tiling._workers import TilingError
 
 __all__ = ["Run", "RunReport", "Verb", "check_seed", "run_by_tiles", "warm_up"]
 
@@ -98,24 +98,14 @@ class RunReport(NamedTuple):
 
 
 class Run(NamedTuple):
-    """What a verb has to work with, once all points are in cells.
-
-    catalog : Catalog
-    targets : list of Path
-        The outputs.
-    folder : WorkFolder
-    cells : Cells
-    plan : Plan
-    memory : float
-        Bytes that the run may take.
-    """
+    """What a verb has to work with, once all points are in cells."""
 
     catalog: Catalog
     targets: list[Path]
     folder: WorkFolder
     cells: Cells
     plan: Plan
-    memory: float
+    memory: float  # bytes that the run may take
 
 
 class Verb(ABC):
@@ -129,27 +119,29 @@ class Verb(ABC):
         What tells apart outputs of one estimator.
     choice : Choice, default=None
         The points that are used; None is all.
-    needs_ground : bool, default=False
-        Whether the points of the ground get cells of their own.
 
     Attributes
     ----------
     options : tuple of str
         Options of `process_files` that mean something to it.
+    needs_ground : bool
+        Whether the points of the ground get cells of their own.
+    n_resumed : int
+        As of `RunReport`.
     """
 
     options: tuple[str, ...] = ()
+    needs_ground = False
+    n_resumed = 0
 
-    def __init__(self, estimator, content="", choice=None, *, needs_ground=False):
+    def __init__(self, estimator, content="", choice=None):
         self.estimator, self.content, self.choice = estimator, content, choice
-        self.needs_ground = needs_ground
-
-    def look(self, catalog):  # noqa: B027 - most have nothing to say
-        """Warn of what is known of the inputs before the work."""
 
     @abstractmethod
-    def prepare(self):
+    def prepare(self, catalog):
         """Put compiled code on disk for all processes, and raise for parameters that are wrong.
+
+        Warn of what is known of the inputs before the work.
 
         Returns
         -------
@@ -160,16 +152,22 @@ class Verb(ABC):
 
     @abstractmethod
     def find(self, run):
-        """Write the results of all tiles that an earlier run has not done.
-
-        Parameters
-        ----------
-        run : Run
-        """
+        """Write the results of all tiles that an earlier run has not done."""
 
     @abstractmethod
     def write(self, run):
         """Write the outputs; returns a dict of all other fields of the `RunReport`."""
+
+    @abstractmethod
+    def make(self, cloud, values, xyz):
+        """What to write of a cloud in the form of its output, and which points to mark in it.
+
+        `values` are its results, and `xyz` its coordinates in the input.
+        """
+
+    def measure(self, values):
+        """What is summed up of the results of points."""
+        return 0
 
 
 def run_by_tiles(
@@ -191,8 +189,7 @@ def run_by_tiles(
     targets = targets_of(catalog, Path(target), as_folder)
     if not restart and (report := _finished_before(verb, catalog, target, targets)):
         return report
-    verb.look(catalog)
-    work, n_features, k = verb.prepare()
+    work, n_features, k = verb.prepare(catalog)
     plan = plan_run(
         catalog.n_points, memory, n_jobs, n_features, tile_size, work=work, n_neighbors=k
     )
@@ -206,10 +203,10 @@ def run_by_tiles(
         with progress_part(COMPUTED, 1.0, "writing"):
             found = verb.write(run)
         report = RunReport(
-            catalog.n_points, len(run.cells), plan.n_workers,
+            catalog.n_points, len(run.cells), plan.n_workers, verb.n_resumed,
             seconds=time.perf_counter() - begin, **found,
         )  # fmt: skip
-        _moves(verb, catalog, targets, folder).finish(report._asdict())
+        move_outputs(verb, catalog, targets, folder, report._asdict())
         with ignoring_interrupts():
             folder.remove()
     return report
@@ -239,7 +236,8 @@ def check_seed(estimator):
 def _scattered(verb, catalog, target, plan, restart):
     """The folder of a run, with all points in cells: of an earlier run, if that was the same."""
     used = verb.choice, verb.needs_ground
-    key = key_of(catalog, verb.estimator, plan.tile_size, CUT, _version(), used)
+    paths = [str(path.resolve()) for path in catalog.paths]
+    key = key_of(verb.estimator, paths, catalog.stamps, plan.tile_size, CUT, used)
     folder = WorkFolder(target, key)
     try:
         if restart:
@@ -263,7 +261,7 @@ def _finished_before(verb, catalog, target, targets):
         return None
     folder = WorkFolder(target, None)
     with _kept(folder):
-        report = _moves(verb, catalog, targets, folder).resume()
+        report = resume_moves(verb, catalog, targets, folder)
         if report:
             folder.remove()
     if report is False:
@@ -276,10 +274,6 @@ def _finished_before(verb, catalog, target, targets):
         return None
     report = RunReport(**report)
     return report._replace(n_resumed=report.n_tiles)
-
-
-def _moves(verb, catalog, targets, folder):
-    return Moves(folder, catalog, targets, verb.estimator, verb.content, _version())
 
 
 @contextmanager
@@ -327,7 +321,7 @@ def _scatter(verb, catalog, folder, capacity):
             if ground is not None:
                 ground.add(cloud)
             row += len(cloud)
-            tell(row / catalog.n_points)
+            tell_share(row / catalog.n_points)
         if warning := no_returns.warning(path):
             warn_caller(warning)
     if not writer.n_points:
@@ -340,9 +334,3 @@ def _scatter(verb, catalog, folder, capacity):
             check_ground(ground.n_points)
         ground.close()
     folder.finish_cells(whole.constants())
-
-
-def _version():
-    from sklearn_mcmd import __version__
-
-    return __version__

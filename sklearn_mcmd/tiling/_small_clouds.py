@@ -3,6 +3,8 @@
 import numpy as np
 from sklearn.base import clone
 
+from sklearn_mcmd.tiling._result_files import write_results
+
 __all__ = ["fit_together"]
 
 # Points that may be fitted at once; only copies make a cloud of few places so large.
@@ -26,13 +28,8 @@ def fit_together(estimator, cells, dtype, words, step=None):
     Returns
     -------
     fitted : estimator
-    parts : list of (ndarray of int of shape (m,), ndarray of int of shape (m,))
-        Of each cell, the rows of the inputs, and those among the points that are fitted.
-
-    Raises
-    ------
-    ValueError
-        If there are too many.
+    put : callable
+        ``put(folder, values, dtype)`` writes values of the points that are fitted as results.
     """
     n_points = int(cells.counts.sum())
     if n_points > MOST_COPIES:
@@ -44,7 +41,11 @@ def fit_together(estimator, cells, dtype, words, step=None):
     if step is not None:
         fitted._step_of_cloud = step
     fitted.fit(points[order].astype(dtype))
-    places = np.empty_like(order)
+    places, ends = np.empty_like(order), np.cumsum([len(part) for part in records])[:-1]
     places[order] = np.arange(len(order))
-    ends = np.cumsum([len(part) for part in records])[:-1]
-    return fitted, list(zip(np.split(rows, ends), np.split(places, ends), strict=True))
+
+    def put(folder, values, dtype):
+        for cell, some in enumerate(np.split(places, ends)):
+            write_results(folder, cell, records[cell]["row"], values[some], dtype)
+
+    return fitted, put

@@ -1,11 +1,19 @@
-"""Kinds of work on all cells, one after another, of which those are left out that are done."""
+"""Kinds of work on all cells, one after another: what fails is told, the others are finished."""
 
+import time
+import warnings
 from functools import partial
 
-from sklearn_mcmd.runtime._progress import progress_part
-from sklearn_mcmd.tiling._workers import compute_cells
+from joblib import Parallel, delayed
 
-__all__ = ["Sweeps"]
+from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part, tell_share
+from sklearn_mcmd.tiling._warnings import warn_caller
+
+__all__ = ["Sweeps", "TilingError", "compute_cells"]
+
+
+class TilingError(ValueError):
+    """A run ended before its output was whole; the message names what is kept of it."""
 
 
 class Sweeps:
@@ -43,3 +51,47 @@ class Sweeps:
         with progress_part(self.begin, self.ends[name], name):
             compute_cells(partial(work, **known), cells, todo, self.n_workers)
         self.begin = self.ends[name]
+
+
+def compute_cells(task, cells, todo, n_workers):
+    """Run a task for the cells `todo`, the largest first; all others count as done.
+
+    It takes the number of a cell and leaves its results in a file, so that they are kept whatever
+    happens to other cells. When all have been tried and some failed, TilingError is raised; a
+    warning for each says why.
+    """
+    todo = sorted(todo, key=lambda cell: -cells.counts[cell])
+    n_points = int(cells.counts.sum())
+    n_before = n_done = n_points - int(cells.counts[todo].sum())
+    begin, n_failed = time.monotonic(), 0
+    # No more tasks are given than may run: dask has its own number of workers.
+    work = Parallel(
+        n_jobs=n_workers, pre_dispatch=n_workers, return_as="generator_unordered", batch_size=1
+    )
+    for cell, error in work(delayed(_attempt)(task, cell) for cell in todo):
+        n_done += int(cells.counts[cell])
+        if error is not None:
+            n_failed += 1
+            between = _between(*cells.extent(cell))
+            warn_caller(f"tile {cell} failed ({between}): {error}")
+        rate = (n_done - n_before) / max(time.monotonic() - begin, 1e-9)
+        tell_share(n_done / n_points, f"{rate:,.0f} points/s")
+    if n_failed:
+        raise TilingError(f"{n_failed} of {len(cells)} tiles failed")
+
+
+def _attempt(task, cell):
+    """Run the task; returns why it failed, in one line."""
+    with warnings.catch_warnings(), listen_to_progress(None):
+        warnings.simplefilter("ignore")
+        try:
+            task(cell)
+        except Exception as err:
+            return cell, f"{type(err).__name__}: {' '.join(str(err).split())}".removesuffix(": ")
+    return cell, None
+
+
+def _between(low, high):
+    return ", ".join(
+        f"{axis} {a:.6g} to {b:.6g}" for axis, a, b in zip("xyz", low, high, strict=True)
+    )

@@ -15,9 +15,8 @@ from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._cells import CellWriter
 from sklearn_mcmd.tiling._cloud_constants import Constants
 from sklearn_mcmd.tiling._planes import PlaneJob, ends_of, find_planes
-from sklearn_mcmd.tiling._region_planes import STORED, tell_planes
-from sklearn_mcmd.tiling._stored_columns import whole_of
-from sklearn_mcmd.tiling._stored_index import StoredIndex, find_places
+from sklearn_mcmd.tiling._segments import STORED, tell_planes
+from sklearn_mcmd.tiling._stored_index import StoredIndex
 from sklearn_mcmd.tiling._sweeps import Sweeps
 
 K = 20
@@ -41,13 +40,9 @@ def links_by_tiles(folder, X, growing):
     constants = Constants(X.dtype.name, float(coordinate_step(X)))
     estimator = growing.normal_estimator
     job = PlaneJob(folder / "cells", folder / "columns", estimator, constants, tell_planes)
-    ends = {"places": 0.0, **ends_of(0.0, 1.0, estimator)}
-    sweeps = Sweeps(CellColumns(folder / "columns"), 1, ends)
-    sweeps("places", find_places, cells, job=job)
-    whole = whole_of(job)
+    sweeps = Sweeps(CellColumns(folder / "columns"), 1, ends_of(0.0, 1.0, estimator))
+    whole = find_planes(sweeps, cells, job, K, variation=(X.dtype, ()), **STORED)
     whole.join("counts")
-    whole.make(variation=(X.dtype, ()), **STORED)
-    find_planes(sweeps, cells, job, K)
     assert len(cells) > 4
     return whole
 

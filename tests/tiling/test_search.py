@@ -24,7 +24,7 @@ class Scattered:
         for cell in range(len(self.cells)):
             points = self.cells.read(cell)["xyz"]
             columns.write(cell, points=points)
-            columns.finish(cell, "planes", n_places=len(points))
+            columns.finish(cell, "places", n_places=len(points))
         whole = StoredColumns(columns, len(self.cells))
         whole.join("points")
         chosen = np.arange(len(whole)) % 3 != 0
