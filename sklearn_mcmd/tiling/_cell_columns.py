@@ -16,10 +16,6 @@ class CellColumns:
 
     A place is a distinct point; its copies lie in the same cell. What a sweep has written of a cell
     counts when its report is there, which is the last that it writes.
-
-    Parameters
-    ----------
-    folder : path
     """
 
     def __init__(self, folder):

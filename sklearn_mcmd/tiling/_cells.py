@@ -24,16 +24,10 @@ COUNTED, NEAR, STRAY = 20_000, 0.02, 0.05
 
 
 class CellWriter:
-    """Scatters points to the files of cells.
+    """Scatters points to the files of cells in an empty folder.
 
-    Parameters
-    ----------
-    folder : path
-        An empty folder.
-    capacity : int
-        Largest number of points in a cell; copies of one point are never divided.
-    share : float, default=0.5
-        Share of the points of a cell that are left of the cut. Results do not depend on it.
+    No cell has more than `capacity` points, but that copies of one are never divided. Of a cell
+    that is cut, `share` is left of the cut; results do not depend on it.
     """
 
     def __init__(self, folder, capacity, share=0.5):
@@ -55,12 +49,11 @@ class CellWriter:
 
     def close(self):
         """Write what the cells are; returns these as `Cells`."""
-        leaves = [i for i, (_, _, child) in enumerate(self.nodes) if child < 0 and self.counts[i]]
+        counts, leaves = np.array(self.counts), np.flatnonzero(self.counts)
         boxes, extents = np.array(self.boxes)[leaves], np.array(self.extents)[leaves]
-        counts = np.array(self.counts)[leaves]
         return write_boxes(
             self.folder, names=leaves, low=boxes[:, 0], high=boxes[:, 1],
-            least=extents[:, 0], most=extents[:, 1], counts=counts,
+            least=extents[:, 0], most=extents[:, 1], counts=counts[leaves],
         )  # fmt: skip
 
     def _put(self, node, records):
@@ -106,11 +99,7 @@ class CellWriter:
 class Cells:
     """The points that a `CellWriter` has scattered.
 
-    Attributes
-    ----------
-    low, high : ndarray of shape (n_cells, 3)
-        Boxes ``low <= x < high`` that together are all of space.
-    counts : ndarray of int of shape (n_cells,)
+    The boxes of cells, ``low <= x < high`` (n_cells, 3), together are all of space.
     """
 
     def __init__(self, folder):

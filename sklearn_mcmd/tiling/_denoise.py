@@ -5,8 +5,9 @@ from functools import partial
 import numpy as np
 from sklearn.base import clone
 
-from sklearn_mcmd.io._classes import LOW_NOISE, Choice, classes_of_noise
+from sklearn_mcmd.io._classes import LOW_NOISE, Choice, LowestPoints, classes_of_noise, ground_in
 from sklearn_mcmd.io._las import is_denoised, read_header
+from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.io._point_cloud import denoised_before, with_results, without_outliers
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff, sample_step
@@ -16,8 +17,7 @@ from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part
 from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._heights import HeightLimits, Heights
-from sklearn_mcmd.tiling._low_noise import lowest_points
-from sklearn_mcmd.tiling._memory import most_neighbors
+from sklearn_mcmd.tiling._memory import PART, most_neighbors
 from sklearn_mcmd.tiling._outlier_job import Job, find_planes
 from sklearn_mcmd.tiling._outputs import write_outputs
 from sklearn_mcmd.tiling._quantiles import evenly_along_x, exceeded_by
@@ -93,9 +93,7 @@ class Denoise(Verb):
 
     def write(self, run):
         if self.mode == "mark":
-            self.lowest = lowest_points(
-                run.catalog, self.scored, run.cells, self.estimator.n_neighbors, self.cutoff
-            )
+            self.lowest = self._lowest(run)
         n_outliers, n_exact = map(int, write_outputs(run, self, Results(*self.scored)))
         together = ""
         if self.estimator.strictness != "surfaces":  # which takes things that are no surfaces
@@ -124,6 +122,24 @@ class Denoise(Verb):
         scores, _ = _judged(values)
         limits = self.cutoff, max(self.cutoff, EXACT_PLANE_SCORE)
         return np.array([np.count_nonzero(scores > limit) for limit in limits])
+
+    def _lowest(self, run):
+        """What tells low noise from high: the `LowestPoints` of the ground, but outliers.
+
+        Where these are less than a neighborhood, of all points that are kept.
+        """
+        results, k, first = Results(*self.scored), self.estimator.n_neighbors, 0
+        lowest = LowestPoints(run.catalog.n_points, k)
+        for path in run.catalog.paths:
+            for cloud in read_parts(path, PART):
+                scores = results.take(first, len(cloud), False)[:, 0]
+                first += len(cloud)
+                lowest.add(cloud.xyz[ground_in(cloud) & ~(scores > self.cutoff)])
+        if lowest.n_points < k:
+            lowest = LowestPoints(self.n_used, k)
+            for cell, scores in enumerate(scores_in_parts(*self.scored)):
+                lowest.add(run.cells.read(cell)["xyz"][scores <= self.cutoff])
+        return lowest
 
     def _removed(self, cells):
         """Points, and which are outliers, but for groups below the ground, tile by tile."""

@@ -8,10 +8,12 @@ from sklearn.base import clone
 
 from sklearn_mcmd.edges._limits import least_of_edge
 from sklearn_mcmd.edges._painting import edge_columns
+from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.runtime._progress import progress_part
-from sklearn_mcmd.tiling._cell_columns import CellColumns
-from sklearn_mcmd.tiling._cells import BOXES, Cells
+from sklearn_mcmd.tiling._cell_columns import CellColumns, in_place_of
+from sklearn_mcmd.tiling._cells import BOXES, Cells, _no_extent, _path, write_boxes
+from sklearn_mcmd.tiling._cloud_constants import WholeCloud
 from sklearn_mcmd.tiling._denoise import check_detector, cutoff_of, judge_cells
 from sklearn_mcmd.tiling._edge_scores import (
     STORED,
@@ -21,13 +23,18 @@ from sklearn_mcmd.tiling._edge_scores import (
     tell_values,
     values_in_parts,
 )
-from sklearn_mcmd.tiling._kept_points import close_kept, find_kept, kept_constants
 from sklearn_mcmd.tiling._memory import most_neighbors, sized
 from sklearn_mcmd.tiling._normals import without_sides
 from sklearn_mcmd.tiling._outlier_job import Job
 from sklearn_mcmd.tiling._outputs import write_outputs
 from sklearn_mcmd.tiling._planes import OWN, PlaneJob, ends_of, find_planes
-from sklearn_mcmd.tiling._result_files import SCORED, Results, scores_in_parts
+from sklearn_mcmd.tiling._result_files import (
+    SCORED,
+    Results,
+    has_scores,
+    scores_in_parts,
+    tile_file,
+)
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
 from sklearn_mcmd.tiling._small_clouds import fit_together
 from sklearn_mcmd.tiling._stored_columns import whole_of
@@ -35,7 +42,6 @@ from sklearn_mcmd.tiling._sweeps import Sweeps
 
 __all__ = ["Edges"]
 
-WARM_UP = 3_000  # points that load or compile the code
 PLACES = 0.47  # the end of the search for places, as a share of the time
 # The same of each other step.
 ENDS = {"outliers": 0.45, "kept": 0.46, "normals": 0.8, "edges": 1.0}
@@ -62,7 +68,7 @@ class Edges(Verb):
         self.by_distance = estimator.criterion == "crease"
 
     def prepare(self, catalog):
-        warm_up(self.estimator, WARM_UP)
+        warm_up(self.estimator)
         most = most_neighbors(self.estimator, self.detector, self.normals)
         return sized("edges", self.normals), 0, most
 
@@ -78,7 +84,8 @@ class Edges(Verb):
         if self.detector is not None:
             constants = kept_constants(kept, job.constants.dtype)
             job = job._replace(cells=kept.folder, constants=constants)
-        self.n_resumed, is_done = columns.n_done(n_cells, "normals"), run.folder.is_done
+        self.n_resumed = columns.n_done(n_cells, "normals")
+        is_done = partial(has_scores, run.folder.results)
         k, stored = (self.estimator.n_neighbors, STORED) if self.by_distance else (0, {})
         whole = find_planes(sweep, kept, job, k, self.estimator.n_neighbors, **stored)
         if whole is None:
@@ -142,3 +149,39 @@ class Edges(Verb):
             close_kept(run.cells, target, sweep.columns)
         shutil.rmtree(scores, ignore_errors=True)
         return Cells(target)
+
+
+def find_kept(cell, folder, target, columns, scores, cutoff):
+    """Write the points of a cell whose scores are at most the cutoff, from one folder to another.
+
+    Column: kept, of all points of the cell in their order.
+    """
+    cells, columns, path = Cells(folder), CellColumns(columns), _path(target, cell)
+    kept = np.fromfile(tile_file(scores, cell), SCORED)["values"][:, 0] <= cutoff
+    records = cells.read(cell)[kept]
+    with one_clear_line(path, "written"), in_place_of(path) as temporary:
+        temporary.write_bytes(records.data)
+    extent = _no_extent()
+    if len(records):
+        extent = np.stack([records["xyz"].min(axis=0), records["xyz"].max(axis=0)])
+    columns.write(cell, kept=kept)
+    columns.finish(cell, "kept", count=len(records), extent=extent.tolist())
+
+
+def close_kept(cells, target, columns):
+    """Write what the cells of the kept points are; some may be empty. Returns these `Cells`."""
+    reports = [columns.report(cell, "kept") for cell in range(len(cells))]
+    extents = np.array([report["extent"] for report in reports])
+    return write_boxes(
+        target, names=np.arange(len(cells)), low=cells.low, high=cells.high,
+        least=extents[:, 0], most=extents[:, 1], counts=[report["count"] for report in reports],
+    )  # fmt: skip
+
+
+def kept_constants(kept, dtype):
+    """The `Constants` of the kept points, in the precision of the whole cloud."""
+    whole = WholeCloud()
+    whole.single = False  # the precision is known
+    for cell in np.flatnonzero(kept.counts):
+        whole.add(kept.read(cell)["xyz"])
+    return whole.constants(dtype)

@@ -33,11 +33,7 @@ GROUND = "ground"  # the folder of the ground's cells
 
 
 class HeightLimits(NamedTuple):
-    """Which points are judged by their height over the ground, and whether groups below it are.
-
-    above, below : float or None
-    low_groups : bool
-    """
+    """Which points are judged by their height over the ground, and whether groups below it are."""
 
     above: float | None = None
     below: float | None = None
@@ -74,13 +70,7 @@ class GroundWriter(CellWriter):
 
 
 class Heights:
-    """What is found by heights in a run, beside the scores, which depend on none.
-
-    Parameters
-    ----------
-    run : Run
-    limits : HeightLimits
-    """
+    """What is found by heights in a run, beside the scores, which depend on none."""
 
     def __init__(self, run, limits):
         self.run, self.limits = run, limits
@@ -90,13 +80,7 @@ class Heights:
         self.columns = CellColumns(folder)
 
     def find(self):
-        """Find which points are judged, and groups below the ground; returns how many are judged.
-
-        Raises
-        ------
-        PointFileError
-            If there are none.
-        """
+        """Find which points are judged, how many, and groups below the ground."""
         n_cells = len(self.run.cells)
         self._sweep("heights", find_heights, points=self.run.folder.cells)
         n_judged = self.columns.total(n_cells, "heights", "n_judged")

@@ -14,6 +14,7 @@ from sklearn_mcmd.tiling._planes import OWN, PlaneJob, ends_of, find_planes, has
 from sklearn_mcmd.tiling._result_files import (
     NORMAL_COLUMNS,
     Results,
+    has_scores,
     normal_columns,
     result_dtype,
     write_results,
@@ -25,7 +26,6 @@ from sklearn_mcmd.tiling._sweeps import Sweeps
 
 __all__ = ["Normals", "check_normals", "without_sides"]
 
-WARM_UP = 1_500  # points that load or compile the code
 PLACES = 0.02  # the share of the time that finding them takes
 
 
@@ -62,7 +62,7 @@ class Normals(Verb):
         super().__init__(clone(estimator).set_params(n_jobs=1))
 
     def prepare(self, catalog):
-        self.names, _ = normal_columns(warm_up(self.estimator, WARM_UP))
+        self.names, _ = normal_columns(warm_up(self.estimator, 1_500))
         work = "tree" if has_tree(self.estimator) else "normals"
         n_features = len(self.names) - len(NORMAL_COLUMNS)
         return sized(work, self.estimator), n_features, most_neighbors(self.estimator)
@@ -72,7 +72,7 @@ class Normals(Verb):
         columns = CellColumns(folder.results)
         last = "planes" if self.estimator._mends_planes() else "normals"
         self.n_resumed = columns.n_done(n_cells, last)
-        if all(map(folder.is_done, range(n_cells))):
+        if all(has_scores(folder.results, cell) for cell in range(n_cells)):
             return
         sweeps = Sweeps(columns, run.plan.n_workers, ends_of(PLACES, 1.0, self.estimator))
         job = PlaneJob.of(run, self.estimator, _write)

@@ -18,13 +18,8 @@ __all__ = ["targets_of", "write_outputs"]
 def targets_of(catalog, target, as_folder=None):
     """The output of each input, or one for all of several inputs.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    target : Path
-    as_folder : bool, default=None
-        Whether the target is a folder. None: if there may be several inputs and its name is not
-        that of a LAS or LAZ file.
+    By default the target is a folder if there may be several inputs and its name is not that of a
+    LAS or LAZ file.
     """
     named_as_file = target.suffix.lower() in EXTENSIONS and not target.is_dir()
     if as_folder is None:

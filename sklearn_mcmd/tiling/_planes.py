@@ -39,24 +39,21 @@ FIELDS = {
 }
 OTHERS = {"forms": (np.int8, ()), "noise": NUMBER, "left": NUMBER}
 OWN = {f"own_{name}": kind for name, kind in {**FIELDS, **OTHERS}.items()}
-# Ends of the sweeps as shares of their time; with "auto", that of all that comes before.
-ENDS = {"neighbors": 0.2, "planes": 0.75, "bends": 0.85, "normals": 1.0}
-SIZED = {"neighbors": 0.15, "sizes": 0.45, "larger": 0.5}
-TREE = {"normals": 0.85, "forest": 0.9, "sides": 1.0}  # where a tree tells the sides of normals
+# Percents of the time of the sweeps; also with "auto", which needs more before planes are found,
+# and what a tree takes that tells the sides of normals.
+SHARES = {"places": 0, "neighbors": 20, "planes": 55, "bends": 10, "normals": 15}
+SIZED = {
+    **{"places": 0, "neighbors": 24, "sizes": 48, "larger": 8},
+    **{"planes": 55, "bends": 10, "normals": 15},
+}
+TREE = {"forest": 6, "sides": 12}
 
 
 class PlaneJob(NamedTuple):
     """What all sweeps over the cells of a cloud know.
 
-    cells, columns : Path
-        Folders of `Cells` and `CellColumns`.
-    estimator : RobustNormalEstimator
-    constants : Constants
-    tell : callable
-        Called as ``tell(cell, job, fitted)`` with an estimator that has what is public of the
-        places of a cell.
-    n_threads : int
-        Of each worker.
+    ``tell(cell, job, fitted)`` is called with an estimator that has what is public of the places
+    of a cell. `n_threads` are those of each worker.
     """
 
     cells: Path
@@ -108,16 +105,12 @@ class PlaneJob(NamedTuple):
         return self.estimator._make_surfaces(model, members)
 
 
-def ends_of(begin, end, estimator):
+def ends_of(begin, last, estimator):
     """The ends of the sweeps of `find_planes`, between two shares of the time."""
-    first, last = 0.0, 1.0
-    if estimator.n_neighbors == "auto":
-        first = SIZED["larger"]
-    if has_tree(estimator):
-        last = TREE["normals"]
-    ends = {name: first + (last - first) * share for name, share in ENDS.items()}
-    ends |= {"places": 0.0} | (SIZED if first else {}) | (TREE if last < 1.0 else {})
-    return {name: begin + share * (end - begin) for name, share in ends.items()}
+    shares = SIZED if estimator.n_neighbors == "auto" else SHARES
+    shares = shares | TREE if has_tree(estimator) else shares
+    ends = np.cumsum(list(shares.values())) / sum(shares.values())
+    return dict(zip(shares, begin + ends * (last - begin), strict=True))
 
 
 def has_tree(estimator):
@@ -131,18 +124,8 @@ def find_planes(sweeps, cells, job, k=0, least=0, **stored):
     Returns the `StoredColumns`; None, and nothing is found, if there are so few places that other
     code works on them than on tiles.
 
-    Parameters
-    ----------
-    sweeps : Sweeps
-        With ends as by `ends_of`.
-    cells : Cells
-    job : PlaneJob
-    k : int, default=0
-        Neighbors that are asked for later, which are stored as the column near.
-    least : int, default=0
-        Places that later steps need.
-    **stored : (dtype, shape)
-        Columns that ``job.tell`` fills.
+    The column near stores k neighbors or more. Later steps need the `least` places. ``job.tell``
+    fills the columns `stored`, given as (dtype, shape of a row).
     """
     sweep = partial(sweeps, cells=cells, job=job)
     sweep("places", find_places)

@@ -9,7 +9,7 @@ import shutil
 from pathlib import Path
 
 from sklearn_mcmd.tiling._catalog import stamp_of
-from sklearn_mcmd.tiling._folder import key_of
+from sklearn_mcmd.tiling._folder import key_of, read_json, write_json
 
 __all__ = ["move_outputs", "places_of", "resume_moves"]
 
@@ -34,7 +34,8 @@ def move_outputs(verb, catalog, targets, folder, report):
     # Files without points, which no run can read again, come last.
     moves.sort(key=lambda move: -move[2][0])
     inputs, key = [list(stamp) for stamp in catalog.stamps], _key(verb, catalog, targets)
-    folder.finish_outputs(key=key, inputs=inputs, moves=moves, report=report)
+    told = {"key": key, "inputs": inputs, "moves": moves, "report": report}
+    write_json(folder.moves, told)  # a run that ends now has only to move them
     _move(moves)
 
 
@@ -43,7 +44,7 @@ def resume_moves(verb, catalog, targets, folder):
 
     None if there is none. False if there is another, and some inputs were replaced.
     """
-    stored = folder.moves()
+    stored = read_json(folder.moves)
     if not stored:
         return None
     if stored["key"] == _key(verb, catalog, targets) and _fits(stored, catalog):
@@ -51,7 +52,7 @@ def resume_moves(verb, catalog, targets, folder):
         return stored["report"]
     if any(_is_there(target, stamp) for _, target, stamp in stored["moves"]):
         return False
-    folder.forget_moves()
+    folder.moves.unlink(missing_ok=True)
     return None
 
 

@@ -8,11 +8,7 @@ __all__ = ["evenly_along_x", "exceeded_by"]
 def exceeded_by(parts, share):
     """The number that a share of numbers exceeds, of which all are in memory: 16 bytes for each.
 
-    Parameters
-    ----------
-    parts : callable
-        Returns an iterable of arrays of float64.
-    share : float in [0, 1]
+    ``parts()`` iterates over arrays of float64.
     """
     numbers = np.concatenate(list(parts()))
     np.negative(numbers, out=numbers)

@@ -111,27 +111,12 @@ class Run(NamedTuple):
 class Verb(ABC):
     """What one verb does in a run; `run_by_tiles` does all else.
 
-    Parameters
-    ----------
-    estimator : estimator
-        It has the number of jobs of a tile.
-    content : str, default=""
-        What tells apart outputs of one estimator.
-    choice : Choice, default=None
-        The points that are used; None is all.
-
-    Attributes
-    ----------
-    options : tuple of str
-        Options of `process_files` that mean something to it.
-    needs_ground : bool
-        Whether the points of the ground get cells of their own.
-    n_resumed : int
-        As of `RunReport`.
+    The estimator has the number of jobs of a tile. `content` tells apart outputs of one estimator.
+    With a choice, some points are used.
     """
 
-    options: tuple[str, ...] = ()
-    needs_ground = False
+    options: tuple[str, ...] = ()  # those of `process_files` that mean something to it
+    needs_ground = False  # whether the points of the ground get cells of their own
     n_resumed = 0
 
     def __init__(self, estimator, content="", choice=None):
@@ -141,13 +126,8 @@ class Verb(ABC):
     def prepare(self, catalog):
         """Put compiled code on disk for all processes, and raise for parameters that are wrong.
 
-        Warn of what is known of the inputs before the work.
-
-        Returns
-        -------
-        work : str
-            Of `plan_run`.
-        n_features, n_neighbors : int
+        Warn of what is known of the inputs. Returns the work, and the numbers of features and
+        neighbors that `plan_run` takes.
         """
 
     @abstractmethod
@@ -174,14 +154,7 @@ def run_by_tiles(
     verb, source, target, *, memory=None, n_jobs=None, tile_size=None, as_folder=None,
     restart=False,
 ):  # fmt: skip
-    """Run a verb, or go on where an earlier run has ended; returns its `RunReport`.
-
-    Parameters
-    ----------
-    verb : Verb
-    source, target, memory, n_jobs, tile_size, as_folder, restart
-        As of `process_files`.
-    """
+    """Run a verb, or go on where an earlier run has ended; returns its `RunReport`."""
     begin = time.perf_counter()
     check_tile_size(tile_size)
     memory = usual_memory() if memory is None else parse_memory(memory)
@@ -212,7 +185,7 @@ def run_by_tiles(
     return report
 
 
-def warm_up(estimator, n_points):
+def warm_up(estimator, n_points=3_000):
     """An estimator fitted to so many points; compiled code is then on disk for all processes.
 
     Half of the points lie in a plane, and half in a volume.

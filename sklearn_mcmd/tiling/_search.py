@@ -22,13 +22,8 @@ class StoredNearest(NearestPoints):
     """Some of all places, which answer as `NearestPoints` do; cells are read where they matter.
 
     A search among places of a cell is that of all if it does not reach the border of the cell's
-    box. Else all cells are seen that may have nearer places, one after the other.
-
-    Parameters
-    ----------
-    whole : StoredColumns
-    cells : Cells
-    chosen : ndarray of bool of shape (n,), default=None
+    box. Else all cells are seen that may have nearer places, one after the other. `chosen` is a
+    mask of all places.
     """
 
     def __init__(self, whole, cells, chosen=None):
@@ -116,12 +111,8 @@ class StoredNearest(NearestPoints):
 class _Nearest:
     """The k nearest points of queries, as far as cells were seen.
 
-    Equally distant ones come in the order of their coordinates.
-
-    Attributes
-    ----------
-    squares, numbers : ndarray of shape (m, k)
-        Of distances, ascending; inf where there are no more points, whose number is `nothing`.
+    Equally distant ones come in the order of their coordinates. Where there are no more points,
+    squares are inf, and numbers `nothing`.
     """
 
     def __init__(self, queries, k, nothing):

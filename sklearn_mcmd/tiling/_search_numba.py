@@ -8,20 +8,11 @@ __all__ = ["merge_nearest"]
 
 
 def merge_nearest(nearest, queries, asking, near, points, numbers):
-    """Take points (l, 3) that are nearer to some queries than what is known, in place.
+    """Take points that are nearer to some queries, `asking`, than what is known, in place.
 
-    Parameters
-    ----------
-    nearest : tuple of ndarray
-        Squares of distances (m, k), ascending, inf where nothing is known; coordinates (m, k, 3),
-        and numbers (m, k).
-    queries : ndarray of shape (m, 3)
-    asking : ndarray of int of shape (n,)
-        Which of the queries are asked for.
-    near : ndarray of int of shape (n, width)
-        Their nearest of the points, the nearest first.
-    points : ndarray of shape (l, 3)
-    numbers : ndarray of int of shape (l,)
+    Known are the nearest of each: squares of distances (m, k), ascending, inf where there is none;
+    coordinates (m, k, 3); and numbers (m, k). The points (n, 3) have numbers, and `near` are rows
+    of those that are nearest to each who asks, the nearest first.
     """
     k = nearest[0].shape[1]
     # Python makes the arrays, since Numba takes long to compile what makes them.

@@ -33,7 +33,6 @@ from sklearn_mcmd.tiling._warnings import warn_caller
 
 __all__ = ["Segments"]
 
-WARM_UP = 3_000  # points that load or compile the code
 # What `tell_planes` fills: dtypes and shapes of a row.
 STORED = {"centroids": VECTOR, "normals": VECTOR, "scale": NUMBER, "floor": NUMBER}
 LARGEST = 20  # regions whose points are counted in the report
@@ -52,7 +51,7 @@ class Segments(Verb):
         self.colors = colors
 
     def prepare(self, catalog):
-        warm_up(self.estimator, WARM_UP)
+        warm_up(self.estimator)
         normals = self.estimator.normal_estimator
         return sized("regions", normals), 0, most_neighbors(self.estimator, normals)
 

@@ -12,24 +12,11 @@ MOST_COPIES = 1_000_000
 
 
 def fit_together(estimator, cells, dtype, words, step=None):
-    """An estimator fitted to all points of a cloud in the order of the inputs.
+    """An estimator fitted to all points of a cloud in the order of the inputs, and `put`.
 
-    Parameters
-    ----------
-    estimator : estimator
-    cells : Cells
-    dtype : dtype
-        In which points are fitted.
-    words : str
-        Where the points are, such as " at 600 places", for the error.
-    step : float, default=None
-        To which coordinates are rounded, if that of these points alone would be another.
-
-    Returns
-    -------
-    fitted : estimator
-    put : callable
-        ``put(folder, values, dtype)`` writes values of the points that are fitted as results.
+    ``put(folder, values, dtype)`` writes values of these points as results. `words` tell where the
+    points are, such as " at 600 places", for the error. The `step` is that to which coordinates are
+    rounded, if that of these points alone would be another.
     """
     n_points = int(cells.counts.sum())
     if n_points > MOST_COPIES:

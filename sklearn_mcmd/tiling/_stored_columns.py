@@ -23,13 +23,8 @@ class StoredColumns:
     """What sweeps have found of all places, as arrays that lie on disk.
 
     A place is known by its row: those of the first cell come first. Parts of an array come into
-    memory when they are asked for, and the system takes their memory when it needs it.
-
-    Parameters
-    ----------
-    columns : CellColumns
-        With the reports of `find_places`, how many each cell has.
-    n_cells : int
+    memory when they are asked for, and the system takes their memory when it needs it. The columns
+    of cells have the reports of `find_places`, how many each cell has.
     """
 
     def __init__(self, columns, n_cells):

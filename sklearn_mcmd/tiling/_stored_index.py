@@ -17,7 +17,6 @@ __all__ = [
     "find_larger",
     "find_neighbors",
     "find_places",
-    "places_of_cell",
 ]
 
 STEP = 1.25  # ratio of numbers of neighbors that are searched at once
@@ -27,16 +26,9 @@ CHUNK = 4096  # rows that are asked for at once
 class StoredIndex:
     """A `NeighborIndex` of all places, whose neighbors were searched for and stored.
 
-    Parameters
-    ----------
-    whole : StoredColumns
-        With the columns points and near. With sizes, also sizes, and what `find_larger` fills.
-    cells : Cells, default=None
-        Those of the columns, which searches other than of own neighbors need.
-    n_neighbors : int, default=None
-        By default as many as are stored; with sizes, the largest.
-    radius : float, default=None
-    sized : bool, default=False
+    It has as many neighbors as the column near, by default. If it is sized, their number is the
+    largest, and the columns have sizes and what `find_larger` fills. Only searches other than of
+    own neighbors need the cells.
     """
 
     chunk = CHUNK
@@ -93,32 +85,29 @@ class StoredIndex:
         def found(some, _, near):
             work(rows[some], Neighborhoods(near.astype(np.int32), np.full(len(near), k)))
 
-        self._everything().visit(self.points[rows], k, found, n_jobs)
+        self.among(None).visit(self.points[rows], k, found, n_jobs)
 
     def among(self, chosen):
-        """As of `NeighborIndex`."""
+        """As of `NeighborIndex`; of all places with None."""
         return StoredNearest(self._whole, self._cells, chosen)
 
     def query(self, queries, n_jobs=None):
         """As of `NeighborIndex`; it is fastest of all queries at once."""
-        everything, sizes = self._everything(), np.full(len(queries), self.n_neighbors)
+        sizes = np.full(len(queries), self.n_neighbors)
         if self.sizes is not None:
             sizes = self.sizes[self.nearest(queries, n_jobs)]
-        distances, near = everything.query(queries, int(sizes.max(initial=1)), n_jobs)
+        distances, near = self.among(None).query(queries, int(sizes.max(initial=1)), n_jobs)
         if self.radius is None:
             return Neighborhoods(padded(near, sizes), sizes)
         return within_radius(near, distances, sizes, self.radius, 3)
 
     def nearest(self, queries, n_jobs=None):
         """As of `NeighborIndex`."""
-        return self._everything().query(queries, 1, n_jobs)[1][:, 0]
+        return self.among(None).query(queries, 1, n_jobs)[1][:, 0]
 
     def empty(self, shape, dtype=np.float64):
         """As of `NeighborIndex`, on disk."""
         return self._whole.scratch(shape, dtype)
-
-    def _everything(self):
-        return StoredNearest(self._whole, self._cells)
 
 
 def find_places(cell, job):
@@ -128,14 +117,6 @@ def find_places(cell, job):
     """
     cells, columns = job.open()
     points = cells.read(cell)["xyz"]
-    rows, place_of = places_of_cell(points)
-    counts = np.bincount(place_of, minlength=len(rows)).astype(np.int32)
-    columns.write(cell, points=points[rows], counts=counts, place_of=place_of.astype(np.int32))
-    columns.finish(cell, "places", n_places=len(rows))
-
-
-def places_of_cell(points):
-    """Rows of the distinct points of a cell, near ones together, and the place of each point."""
     rows, place_of = distinct_rows(points)
     place_of = np.arange(len(points)) if place_of is None else place_of
     if len(rows) >= ORDER_FROM:
@@ -143,7 +124,9 @@ def places_of_cell(points):
         rows, new = rows[order], np.empty_like(order)
         new[order] = np.arange(len(order))
         place_of = new[place_of]
-    return rows, place_of
+    counts = np.bincount(place_of, minlength=len(rows)).astype(np.int32)
+    columns.write(cell, points=points[rows], counts=counts, place_of=place_of.astype(np.int32))
+    columns.finish(cell, "places", n_places=len(rows))
 
 
 def find_neighbors(cell, job):
