@@ -4,15 +4,13 @@ import numpy as np
 
 from sklearn_mcmd.edges._creases import CreaseModel
 from sklearn_mcmd.edges._limits import column_of_criterion
-from sklearn_mcmd.planes._columns import Columns
 from sklearn_mcmd.tiling._cells import Cells
-from sklearn_mcmd.tiling._planes import NUMBER, VECTOR, tell_new
+from sklearn_mcmd.tiling._planes import tell_new, told_planes
 from sklearn_mcmd.tiling._result_files import N_TRANSFORMED, SCORED, write_results
 from sklearn_mcmd.tiling._stored_columns import whole_of
 from sklearn_mcmd.tiling._stored_index import StoredIndex
 
 __all__ = [
-    "STORED",
     "find_distances",
     "find_values",
     "tell_faces",
@@ -20,19 +18,10 @@ __all__ = [
     "values_in_parts",
 ]
 
-# What `tell_faces` fills: dtypes and shapes of a row.
-STORED = {"centroids": VECTOR, "normals": VECTOR, "scale": NUMBER}
-
 
 def tell_faces(cell, job, fitted):
-    """Fill the columns `STORED` of the kept places of a cell."""
-    whole, dtype = whole_of(job), np.dtype(job.constants.dtype)
-    points = whole.open("points")[whole.rows(cell)].astype(dtype)
-    faces = fitted.normals_, fitted.plane_offset_, fitted.plane_scale_
-    normals, offset, scale = (values.astype(dtype) for values in faces)
-    told = Columns(points, normals, None, None, offset, scale)
-    planes = told.planes(np.arange(len(points)))
-    whole.put(cell, centroids=planes.centroids, normals=planes.normals, scale=planes.scale)
+    """Fill the columns `FACES` of the kept places of a cell."""
+    whole_of(job).put(cell, **told_planes(cell, job, fitted)[2])
 
 
 def find_distances(job, all_cells, detector, n_threads):

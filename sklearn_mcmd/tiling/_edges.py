@@ -16,7 +16,6 @@ from sklearn_mcmd.tiling._cells import BOXES, Cells, _no_extent, _path, write_bo
 from sklearn_mcmd.tiling._cloud_constants import WholeCloud
 from sklearn_mcmd.tiling._denoise import check_detector, cutoff_of, judge_cells
 from sklearn_mcmd.tiling._edge_scores import (
-    STORED,
     find_distances,
     find_values,
     tell_faces,
@@ -27,7 +26,7 @@ from sklearn_mcmd.tiling._memory import most_neighbors, sized
 from sklearn_mcmd.tiling._normals import without_sides
 from sklearn_mcmd.tiling._outlier_job import Job
 from sklearn_mcmd.tiling._outputs import write_outputs
-from sklearn_mcmd.tiling._planes import OWN, PlaneJob, ends_of, find_planes
+from sklearn_mcmd.tiling._planes import FACES, OWN, PlaneJob, ends_of, find_planes
 from sklearn_mcmd.tiling._result_files import (
     SCORED,
     Results,
@@ -86,7 +85,7 @@ class Edges(Verb):
             job = job._replace(cells=kept.folder, constants=constants)
         self.n_resumed = columns.n_done(n_cells, "normals")
         is_done = partial(has_scores, run.folder.results)
-        k, stored = (self.estimator.n_neighbors, STORED) if self.by_distance else (0, {})
+        k, stored = (self.estimator.n_neighbors, FACES) if self.by_distance else (0, {})
         whole = find_planes(sweep, kept, job, k, self.estimator.n_neighbors, **stored)
         if whole is None:
             words = f", of which {len(whole_of(job)):,} places are no outliers,"

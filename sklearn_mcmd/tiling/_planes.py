@@ -17,6 +17,7 @@ from sklearn_mcmd.normals._curvature import Curvatures, curvatures_of_each
 from sklearn_mcmd.normals._features import settle_features
 from sklearn_mcmd.normals._orientation import TREE_NEIGHBORS, Sides
 from sklearn_mcmd.normals._surface_planes import Surfaces
+from sklearn_mcmd.planes._columns import joined_columns, split_columns
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._orientation import signs_along, spanning_forest
 from sklearn_mcmd.planes._record import Planes
@@ -29,7 +30,17 @@ from sklearn_mcmd.tiling._stored_columns import ALL, whole_of
 from sklearn_mcmd.tiling._stored_index import StoredIndex, find_larger, find_neighbors, find_places
 from sklearn_mcmd.tiling._warnings import warn_if_coarse
 
-__all__ = ["NUMBER", "OWN", "VECTOR", "PlaneJob", "ends_of", "find_planes", "has_tree", "tell_new"]
+__all__ = [
+    "FACES",
+    "NUMBER",
+    "OWN",
+    "PlaneJob",
+    "ends_of",
+    "find_planes",
+    "has_tree",
+    "tell_new",
+    "told_planes",
+]
 
 NUMBER, VECTOR = (np.float64, ()), (np.float64, (3,))
 # Fields of `Planes`, and of `Surfaces`, that are stored between the sweeps.
@@ -37,6 +48,7 @@ FIELDS = {
     **dict.fromkeys(("centroids", "normals", "eigenvalues"), VECTOR),
     **dict.fromkeys(("scale", "kept", "radius", "normal_error"), NUMBER),
 }
+FACES = {"centroids": VECTOR, "normals": VECTOR, "scale": NUMBER}
 OTHERS = {"forms": (np.int8, ()), "noise": NUMBER, "left": NUMBER}
 OWN = {f"own_{name}": kind for name, kind in {**FIELDS, **OTHERS}.items()}
 # Percents of the time of the sweeps; also with "auto", which needs more before planes are found,
@@ -149,13 +161,27 @@ def find_planes(sweeps, cells, job, k=0, least=0, **stored):
     if not has_tree(job.estimator):
         sweep("normals", _tell_cell)
         return whole
+    whole.make(normals=(job.constants.dtype, (3,)))
     sweep("normals", _tell_cell, job=job._replace(tell=_keep_normals))
-    whole.join("normals")
     sweep("forest", _find_forest)
     if not whole.columns.is_done(ALL, "tree"):
         _find_signs(whole, np.flatnonzero(cells.counts))
     sweep("sides", partial(_tell_cell, name="sides"))
     return whole
+
+
+def told_planes(cell, job, fitted):
+    """What later stages know of the places of a cell, by the columns of a fitted estimator.
+
+    Returns the points, their `Columns`, and the fields of planes that are `FACES`.
+    """
+    whole, dtype = whole_of(job), np.dtype(job.constants.dtype)
+    points = np.array(whole.open("points")[whole.rows(cell)])
+    planes = fitted.plane_offset_[:, None], fitted.plane_scale_[:, None]
+    found = joined_columns(points.astype(dtype), fitted.normals_, fitted.eigenvalues_, *planes)
+    told = split_columns(found, 3)
+    planes = told.planes(np.arange(len(points)))
+    return points, told, {name: getattr(planes, name) for name in FACES}
 
 
 def tell_new(job, queries, n_jobs=None):
@@ -270,7 +296,7 @@ def _find_signs(whole, cells):
 
 
 def _keep_normals(cell, job, fitted):
-    job.open()[1].write(cell, normals=fitted.normals_)
+    whole_of(job).put(cell, normals=fitted.normals_)
 
 
 def _find_forest(cell, job):

@@ -150,10 +150,7 @@ class Verb(ABC):
         return 0
 
 
-def run_by_tiles(
-    verb, source, target, *, memory=None, n_jobs=None, tile_size=None, as_folder=None,
-    restart=False,
-):  # fmt: skip
+def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, as_folder, restart):
     """Run a verb, or go on where an earlier run has ended; returns its `RunReport`."""
     begin = time.perf_counter()
     check_tile_size(tile_size)

@@ -6,7 +6,6 @@ from sklearn.base import clone
 from sklearn_mcmd._errors import ParameterWarning
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.normals import RobustNormalEstimator
-from sklearn_mcmd.planes._columns import joined_columns, split_columns
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.segmentation._graph import grow_regions, link_neighbors, seed_order
 from sklearn_mcmd.segmentation._region_sums import region_sizes
@@ -16,12 +15,13 @@ from sklearn_mcmd.tiling._memory import bytes_to_join, most_neighbors, sized
 from sklearn_mcmd.tiling._normals import without_sides
 from sklearn_mcmd.tiling._outputs import write_outputs
 from sklearn_mcmd.tiling._planes import (
+    FACES,
     NUMBER,
     OWN,
-    VECTOR,
     PlaneJob,
     ends_of,
     find_planes,
+    told_planes,
 )
 from sklearn_mcmd.tiling._result_files import LABELED, Results, write_results
 from sklearn_mcmd.tiling._run import Verb, warm_up
@@ -33,8 +33,7 @@ from sklearn_mcmd.tiling._warnings import warn_caller
 
 __all__ = ["Segments"]
 
-# What `tell_planes` fills: dtypes and shapes of a row.
-STORED = {"centroids": VECTOR, "normals": VECTOR, "scale": NUMBER, "floor": NUMBER}
+STORED = {**FACES, "floor": NUMBER}
 LARGEST = 20  # regions whose points are counted in the report
 PLACES = 0.02  # the end of the search for places, as a share of the time
 # The same of each other step.
@@ -121,23 +120,11 @@ def _segment(growing, job, run):
 
 
 def tell_planes(cell, job, fitted):
-    """Fill the planes of the places of a cell as growing takes them.
-
-    Columns: `STORED`, of which floor is the least scale; variation, in the dtype of the cloud.
-    """
-    whole, dtype = whole_of(job), np.dtype(job.constants.dtype)
-    points = whole.open("points")[whole.rows(cell)]
-    found = joined_columns(
-        points.astype(dtype), fitted.normals_, fitted.eigenvalues_,
-        fitted.plane_offset_[:, None], fitted.plane_scale_[:, None],
-    )  # fmt: skip
-    told = split_columns(found, 3)
-    planes = told.planes(np.arange(len(points)))
-    floor = least_scales(points, dtype, job.constants.step)
-    whole.put(
-        cell, floor=floor, centroids=planes.centroids, normals=planes.normals,
-        scale=np.maximum(planes.scale, floor), variation=told.surface_variation,
-    )  # fmt: skip
+    """Fill the columns `STORED`, of which floor is the least scale, and variation."""
+    points, told, faces = told_planes(cell, job, fitted)
+    floor = least_scales(points, np.dtype(job.constants.dtype), job.constants.step)
+    faces["scale"] = np.maximum(faces["scale"], floor)
+    whole_of(job).put(cell, floor=floor, variation=told.surface_variation, **faces)
 
 
 def _find_regions(growing, cells, whole, n_threads, memory):
