@@ -166,8 +166,9 @@ def _nearest_ground(cells, xyz):
     own = cells.of(plan)
 
     def ask(cell, asked):
-        records = cells.read(cell)
-        records = records[near_box(records["xyz"], plan[asked], SLACK * found[0, asked, -1])]
+        records, reach = cells.read(cell), SLACK * found[0, asked, -1]
+        if np.isfinite(reach).all():
+            records = records[near_box(records["xyz"], plan[asked], reach)]
         flat, heights = records["xyz"], records["row"].view(np.float64)
         return np.array(Ground(np.column_stack([flat[:, :2], heights])).nearest(xyz[asked]))
 
