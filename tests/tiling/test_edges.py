@@ -254,7 +254,7 @@ if place == "writing":
 elif place == "close_kept":
     _edges.close_kept = die
 else:
-    places = (_edges, _denoise) if place == "find_planes" else (_planes, _edges, _denoise)
+    places = (_denoise,) if place == "find_planes" else (_planes, _edges, _denoise)
     module = next(module for module in places if hasattr(module, place))
     setattr(module, place, twice(getattr(module, place)))
 detector = SharpFeatureDetector(12, random_state=0)
