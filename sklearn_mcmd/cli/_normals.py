@@ -231,10 +231,7 @@ def _find_normals(xyz, params, sensor_origin=None):
 
     fitted = _estimator(params).fit(xyz, sensor_origin=sensor_origin)
     names, columns = normal_columns(fitted)
-    results = dict(zip(names, columns.T.copy(), strict=True))
-    for name in _size_column(params["n_neighbors"]):
-        results[name] = fitted.n_neighbors_.astype(np.float32)
-    return fitted, results
+    return fitted, dict(zip(names, columns.T.copy(), strict=True))
 
 
 def _contents(cloud, fitted, results):

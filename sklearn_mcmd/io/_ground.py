@@ -26,14 +26,17 @@ AT_ONCE = 100_000  # points whose nearest are asked for at once
 
 
 class Ground:
-    """Points of the ground, of which those nearest in plan can be asked for: at least three."""
+    """Points of the ground, of which those nearest in plan can be asked for.
+
+    Where there are fewer than three, the others are infinitely far and high.
+    """
 
     def __init__(self, xyz):
         xyz = xyz[np.lexsort(xyz.T[::-1])]
         # Of those at one place in plan only the lowest can be among the nearest.
         kept = np.ones(len(xyz), bool)
         kept[CORNERS:] = (xyz[CORNERS:, :2] != xyz[:-CORNERS, :2]).any(axis=1)
-        self._heights = xyz[kept, 2]
+        self._heights = np.append(xyz[kept, 2], np.inf)
         self._tree = cKDTree(xyz[kept, :2], balanced_tree=False)
 
     def nearest(self, xyz):
@@ -49,9 +52,9 @@ class Ground:
 
     def _nearest(self, plan):
         distances, heights = np.empty((len(plan), CORNERS)), np.empty((len(plan), CORNERS))
-        n, k, rows = len(self._heights), CORNERS + 1, np.arange(len(plan))
+        n, k, rows = self._tree.n, CORNERS + 1, np.arange(len(plan))
         while len(rows):
-            away, near = self._tree.query(plan[rows], np.arange(1, min(k, n) + 1))
+            away, near = self._tree.query(plan[rows], np.arange(1, max(CORNERS, min(k, n)) + 1))
             there = self._heights[near]
             ties = np.flatnonzero((away[:, 1:] == away[:, :-1]).any(axis=1))
             order = np.lexsort((there[ties], away[ties]))

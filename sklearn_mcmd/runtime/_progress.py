@@ -20,6 +20,7 @@ __all__ = [
     "current_span",
     "listen_to_progress",
     "progress_part",
+    "tell_share",
     "told_to",
     "watch_compilation",
 ]
@@ -126,6 +127,12 @@ def progress_part(low, high, stage=None):
 def current_span():
     """The part of the work that this context does, or None without a listener."""
     return _span.get()
+
+
+def tell_share(share, note=""):
+    """Say what share of this part of the work is done, and what else there is to say of it."""
+    if span := _span.get():
+        replace(span, note=note).tell(share)
 
 
 @cache

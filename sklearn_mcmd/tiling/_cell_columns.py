@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-__all__ = ["CellColumns"]
+__all__ = ["CellColumns", "in_place_of"]
 
 
 class CellColumns:
@@ -16,30 +16,22 @@ class CellColumns:
 
     A place is a distinct point; its copies lie in the same cell. What a sweep has written of a cell
     counts when its report is there, which is the last that it writes.
-
-    Parameters
-    ----------
-    folder : path
     """
 
     def __init__(self, folder):
         self.folder = Path(folder)
 
-    def read(self, cell, name, mmap=False):
-        """An array; with `mmap`, parts of it are read when they are asked for."""
-        path = self._path(cell, name)
-        if mmap and os.path.getsize(path) > 2**16:
-            return np.load(path, mmap_mode="r")
-        return np.load(path)
+    def read(self, cell, name):
+        return np.load(self._path(cell, name))
 
     def write(self, cell, **arrays):
         for name, values in arrays.items():
-            with _replacing(self._path(cell, name)) as temporary, open(temporary, "wb") as file:
+            with in_place_of(self._path(cell, name)) as temporary, open(temporary, "wb") as file:
                 np.save(file, values)
 
     def finish(self, cell, sweep, **report):
         """Remember that a sweep has written all of a cell, and what it tells of it."""
-        with _replacing(self._report(cell, sweep)) as temporary:
+        with in_place_of(self._report(cell, sweep)) as temporary:
             temporary.write_text(json.dumps(report))
 
     def is_done(self, cell, sweep):
@@ -47,6 +39,10 @@ class CellColumns:
 
     def report(self, cell, sweep):
         return json.loads(self._report(cell, sweep).read_text())
+
+    def n_done(self, n_cells, sweep):
+        """Cells of which a sweep has written all."""
+        return sum(self.is_done(cell, sweep) for cell in range(n_cells))
 
     def total(self, n_cells, sweep, name):
         """The sum over all cells of a number in their reports."""
@@ -66,7 +62,7 @@ class CellColumns:
 
 
 @contextmanager
-def _replacing(path):
+def in_place_of(path):
     """A name that no other process takes; its file replaces `path`, which others may read."""
     temporary = path.with_name(f"{path.name}.{secrets.token_hex(4)}.part")
     try:

@@ -10,28 +10,24 @@ from pathlib import Path
 import numpy as np
 
 from sklearn_mcmd.io._files import one_clear_line
+from sklearn_mcmd.tiling._cell_columns import in_place_of
 
-__all__ = ["RECORD", "CellWriter", "Cells"]
+__all__ = ["RECORD", "CellWriter", "Cells", "write_boxes"]
 
 # A point as it is stored, with its place in the order of all inputs.
 RECORD = np.dtype([("xyz", np.float64, 3), ("row", np.int64)])
 BOXES = "cells.npz"
+TOLD_APART = 2**16  # points whose cells are found at once
 # Of a cell that is cut, COUNTED points tell how many lie near the cut: nearer than NEAR of the
 # length that holds all but a share STRAY of them at each end. Only the time depends on these.
 COUNTED, NEAR, STRAY = 20_000, 0.02, 0.05
 
 
 class CellWriter:
-    """Scatters points to the files of cells.
+    """Scatters points to the files of cells in an empty folder.
 
-    Parameters
-    ----------
-    folder : path
-        An empty folder.
-    capacity : int
-        Largest number of points in a cell; copies of one point are never divided.
-    share : float, default=0.5
-        Share of the points of a cell that are left of the cut. Results do not depend on it.
+    No cell has more than `capacity` points, but that copies of one are never divided. Of a cell
+    that is cut, `share` is left of the cut; results do not depend on it.
     """
 
     def __init__(self, folder, capacity, share=0.5):
@@ -53,14 +49,12 @@ class CellWriter:
 
     def close(self):
         """Write what the cells are; returns these as `Cells`."""
-        leaves = [i for i, (_, _, child) in enumerate(self.nodes) if child < 0 and self.counts[i]]
+        counts, leaves = np.array(self.counts), np.flatnonzero(self.counts)
         boxes, extents = np.array(self.boxes)[leaves], np.array(self.extents)[leaves]
-        counts = np.array(self.counts)[leaves]
-        np.savez(
-            self.folder / BOXES, names=leaves, low=boxes[:, 0], high=boxes[:, 1],
-            least=extents[:, 0], most=extents[:, 1], counts=counts,
+        return write_boxes(
+            self.folder, names=leaves, low=boxes[:, 0], high=boxes[:, 1],
+            least=extents[:, 0], most=extents[:, 1], counts=counts[leaves],
         )  # fmt: skip
-        return Cells(self.folder)
 
     def _put(self, node, records):
         waiting = [(node, records)]
@@ -105,11 +99,7 @@ class CellWriter:
 class Cells:
     """The points that a `CellWriter` has scattered.
 
-    Attributes
-    ----------
-    low, high : ndarray of shape (n_cells, 3)
-        Boxes ``low <= x < high`` that together are all of space.
-    counts : ndarray of int of shape (n_cells,)
+    The boxes of cells, ``low <= x < high`` (n_cells, 3), together are all of space.
     """
 
     def __init__(self, folder):
@@ -125,9 +115,26 @@ class Cells:
         """The points of a cell, as records in the order of the inputs."""
         return np.fromfile(_path(self.folder, self._names[cell]), RECORD)
 
+    def of(self, points):
+        """The cell in whose box each point lies; 0 where there is none, since it would be empty."""
+        of = np.zeros(len(points), np.int32)
+        for first in range(0, len(points), TOLD_APART):
+            part, cells = points[first : first + TOLD_APART], of[first : first + TOLD_APART]
+            low, high = part.min(axis=0), part.max(axis=0)
+            for cell in np.flatnonzero(((self.low <= high) & (self.high > low)).all(axis=1)):
+                cells[((part >= self.low[cell]) & (part < self.high[cell])).all(axis=1)] = cell
+        return of
+
     def extent(self, cell):
         """The least and the most coordinates of a cell's points."""
         return self._least[cell], self._most[cell]
+
+
+def write_boxes(folder, **told):
+    """Write what the cells of a folder are; returns these as `Cells`."""
+    with in_place_of(folder / BOXES) as temporary, open(temporary, "wb") as file:
+        np.savez(file, **told)
+    return Cells(folder)
 
 
 def _best_cut(points, share):

@@ -10,12 +10,8 @@ __all__ = ["Constants", "WholeCloud"]
 
 
 class Constants(NamedTuple):
-    """What every tile must know of the whole cloud.
-
-    dtype : str
-        Precision of the coordinates: float32 if it holds all of them exactly.
-    step : float
-        Step to which they were rounded, 0 where there is none.
+    """What every tile must know of the whole cloud: the precision of the coordinates, float32 if it
+    holds all of them exactly, and the step to which they were rounded, 0 where there is none.
     """
 
     dtype: str

@@ -6,29 +6,30 @@ import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd._validation import check_sensor_origin
-from sklearn_mcmd.io._classes import Choice
+from sklearn_mcmd.io._classes import LOW_NOISE, Choice, LowestPoints, classes_of_noise, ground_in
 from sklearn_mcmd.io._las import is_denoised, read_header
-from sklearn_mcmd.io._point_cloud import denoised_before
+from sklearn_mcmd.io._las_parts import read_parts
+from sklearn_mcmd.io._point_cloud import denoised_before, with_results, without_outliers
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff, sample_step
+from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
 from sklearn_mcmd.outliers._volumes import lost_volumes, words_of
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part
 from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._heights import HeightLimits, Heights
-from sklearn_mcmd.tiling._low_noise import lowest_points
-from sklearn_mcmd.tiling._memory import most_neighbors, sensed
+from sklearn_mcmd.tiling._memory import PART, most_neighbors, sensed
 from sklearn_mcmd.tiling._outlier_job import Job, find_planes
-from sklearn_mcmd.tiling._outputs import (
+from sklearn_mcmd.tiling._outputs import write_outputs
+from sklearn_mcmd.tiling._quantiles import evenly_along_x, exceeded_by
+from sklearn_mcmd.tiling._result_files import (
     SCORED,
-    Scored,
-    content_of,
+    Results,
     has_scores,
     scores_in_parts,
-    write_denoised_outputs,
+    tile_file,
+    write_results,
 )
-from sklearn_mcmd.tiling._quantiles import evenly_along_x, exceeded_by
-from sklearn_mcmd.tiling._result_files import write_results
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
 from sklearn_mcmd.tiling._sensor_origins import check_one_origin, sensor_path, stored_origins
 from sklearn_mcmd.tiling._small_clouds import fit_together
@@ -59,27 +60,26 @@ class Denoise(Verb):
         if mode not in ("drop", "mark"):
             raise ValueError(f"mode={mode!r} must be 'drop' or 'mark'.")
         check_detector(estimator)
-        sensor = sensor_path(estimator, sensor_origin)
         choice = Choice(ignore_classes, only_classes)
         self.mode, self.limits = mode, HeightLimits.of(above, below, low_groups)
-        super().__init__(
-            clone(estimator).set_params(n_jobs=1), content_of(mode, choice, self.limits), choice,
-            needs_ground=self.limits is not None, sensor=sensor,
-        )  # fmt: skip
+        content = mode if choice == Choice() else f"{mode} {tuple(choice)}"
+        if self.limits is not None:
+            content += f" {tuple(self.limits)}"
+        super().__init__(clone(estimator).set_params(n_jobs=1), content, choice)
+        self.needs_ground = self.limits is not None
+        self.sensor = sensor_path(estimator, sensor_origin)
 
-    def look(self, catalog):
+    def prepare(self, catalog):
         for path in catalog.paths:
             if is_denoised(read_header(path)):
                 warn_caller(denoised_before(path))
-
-    def prepare(self):
         self.cutoff = cutoff_of(self.estimator)
         work = "outliers" if self.limits is None else "heights"
         return sensed(work, self.estimator, self.sensor), 0, most_neighbors(self.estimator)
 
     def find(self, run):
         self.n_used = self.n_judged = int(run.cells.counts.sum())
-        self.scored = Scored(run.folder.results, len(run.cells))
+        self.scored = run.folder.results, len(run.cells), SCORED
         if self.limits is None:
             return self._find_scores(run)
         heights = Heights(run, self.limits)
@@ -91,8 +91,8 @@ class Denoise(Verb):
             self.scored = heights.scored()
 
     def _find_scores(self, run):
-        columns, n_cells = CellColumns(run.folder.results), len(run.cells)
-        self.n_resumed = sum(columns.is_done(cell, "planes") for cell in range(n_cells))
+        columns = CellColumns(run.folder.results)
+        self.n_resumed = columns.n_done(len(run.cells), "planes")
         job = Job(
             *(run.folder.cells, run.folder.results, self.estimator, run.folder.constants),
             self.n_used, run.plan.n_threads,
@@ -100,15 +100,9 @@ class Denoise(Verb):
         self.cutoff = judge_cells(job, run.cells, columns, run.plan.n_workers, self.cutoff)
 
     def write(self, run):
-        lowest = None
         if self.mode == "mark":
-            lowest = lowest_points(
-                run.catalog, self.scored, run.cells, self.estimator.n_neighbors, self.cutoff
-            )
-        n_outliers, n_exact = write_denoised_outputs(
-            run.catalog, run.targets, run.folder, self.mode, self.cutoff, self.choice,
-            self.content, self.scored, lowest,
-        )  # fmt: skip
+            self.lowest = self._lowest(run)
+        n_outliers, n_exact = map(int, write_outputs(run, self, Results(*self.scored)))
         together = ""
         if self.estimator.strictness != "surfaces":  # which takes things that are no surfaces
             together = words_of(lost_volumes(partial(self._removed, run.cells), self.n_used))
@@ -119,13 +113,57 @@ class Denoise(Verb):
             "removed_fraction": n_outliers / run.catalog.n_points,
             "n_judged": self.n_judged,
             "n_used": self.n_used,
-            "n_resumed": self.n_resumed,
         }
 
+    def make(self, cloud, values, xyz):
+        scores, depths = _judged(values)
+        is_outlier = scores > self.cutoff
+        if self.mode == "drop":
+            return without_outliers(cloud, ~is_outlier), None
+        classes = np.zeros(len(cloud), np.uint8)
+        classes[is_outlier] = classes_of_noise(self.lowest, xyz[is_outlier])
+        classes[depths > self.cutoff] = LOW_NOISE
+        return with_results(cloud, {"outlier_score": scores.astype(np.float32)}), classes
+
+    def measure(self, values):
+        """Outliers, and those of them that have no scale, see `EXACT_PLANE_SCORE`."""
+        scores, _ = _judged(values)
+        limits = self.cutoff, max(self.cutoff, EXACT_PLANE_SCORE)
+        return np.array([np.count_nonzero(scores > limit) for limit in limits])
+
+    def _lowest(self, run):
+        """What tells low noise from high: the `LowestPoints` of the ground, but outliers.
+
+        Where these are less than a neighborhood, of all points that are kept.
+        """
+        results, k, first = Results(*self.scored), self.estimator.n_neighbors, 0
+        lowest = LowestPoints(run.catalog.n_points, k)
+        for path in run.catalog.paths:
+            for cloud in read_parts(path, PART):
+                scores = results.take(first, len(cloud), False)[:, 0]
+                first += len(cloud)
+                lowest.add(cloud.xyz[ground_in(cloud) & ~(scores > self.cutoff)])
+        if lowest.n_points < k:
+            lowest = LowestPoints(self.n_used, k)
+            for cell, scores in enumerate(scores_in_parts(*self.scored)):
+                lowest.add(run.cells.read(cell)["xyz"][scores <= self.cutoff])
+        return lowest
+
     def _removed(self, cells):
-        """Points, and which are outliers, tile by tile."""
-        for cell in range(len(cells)):
-            yield cells.read(cell)["xyz"], self.scored.flagged(cell, self.cutoff)
+        """Points, and which are outliers, but for groups below the ground, tile by tile."""
+        folder, n_cells, dtype = self.scored
+        for cell in range(n_cells):
+            scores, depths = _judged(np.fromfile(tile_file(folder, cell), dtype)["values"])
+            yield cells.read(cell)["xyz"], (scores > self.cutoff) & ~(depths > self.cutoff)
+
+
+def _judged(values):
+    """Scores, NaN of points that are not judged, and the depths of groups below the ground."""
+    scores = values[:, 0]
+    if values.shape[1] == 1:
+        return scores, np.zeros(len(scores))
+    depths = values[:, 1]
+    return np.where(np.isnan(depths), np.nan, scores), depths
 
 
 def check_detector(estimator):
@@ -212,10 +250,10 @@ def _origins(job, cells, whole, index):
     if stored is not None:
         origins = index.empty(index.points.shape)
         for cell in range(len(cells)):
-            place_of, rows = whole.columns.read(cell, "place_of"), cells.read(cell)["row"]
-            first = np.empty(whole.rows(cell).stop - whole.rows(cell).start, rows.dtype)
-            first[place_of[::-1]] = rows[::-1]
-            origins[whole.rows(cell)] = stored[first]
+            own, rows = whole.rows(cell), cells.read(cell)["row"]
+            first = np.empty(own.stop - own.start, rows.dtype)
+            first[whole.columns.read(cell, "place_of")[::-1]] = rows[::-1]
+            origins[own] = stored[first]
     return check_sensor_origin(origins, index.points)
 
 
@@ -224,17 +262,14 @@ def _judge_together(job, cells, n_places):
     words = f" at {n_places:,} places"
     dtype, step = job.constants.dtype, job.constants.step
     origins = stored_origins(job.cells)
-    detector, parts = fit_together(job.detector, cells, dtype, words, step, origins)
-    for cell, (rows, places) in enumerate(parts):
-        write_results(job.columns, cell, rows, -detector.scores_[places], SCORED)
+    detector, put = fit_together(job.detector, cells, dtype, words, step, origins)
+    put(job.columns, -detector.scores_, SCORED)
     return -detector.offset_
 
 
 def _simulated_cutoff(job, model, whole):
     """The cutoff of a false-positive rate, for planes as rough as those of the cloud."""
-    points, n = whole.open("points"), len(whole)
-    some = evenly_along_x(lambda cell: points[whole.rows(cell)], whole.n_cells, n, sample_step(n))
-    rows = np.concatenate([whole.rows(cell).start + rows for cell, rows in some])
+    rows = evenly_along_x(whole.open("points"), sample_step(len(whole)))
     with listen_to_progress(None):
         settings = {**job.settings, "n_jobs": 1}
         return calibrated_cutoff(model, settings, job.detector.false_positive_rate, rows)

@@ -7,37 +7,43 @@ import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.edges._limits import least_of_edge
+from sklearn_mcmd.edges._painting import edge_columns
+from sklearn_mcmd.io._files import one_clear_line
+from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.runtime._progress import progress_part
-from sklearn_mcmd.tiling._cell_columns import CellColumns
-from sklearn_mcmd.tiling._cells import BOXES, Cells
-from sklearn_mcmd.tiling._creases import STORED, EdgeJob, find_distances, tell_faces
-from sklearn_mcmd.tiling._criteria import find_values, tell_values, values_in_parts
+from sklearn_mcmd.tiling._cell_columns import CellColumns, in_place_of
+from sklearn_mcmd.tiling._cells import BOXES, Cells, _no_extent, _path, write_boxes
+from sklearn_mcmd.tiling._cloud_constants import WholeCloud
 from sklearn_mcmd.tiling._denoise import check_detector, cutoff_of, judge_cells
-from sklearn_mcmd.tiling._kept_points import close_kept, find_kept, kept_constants
+from sklearn_mcmd.tiling._edge_scores import (
+    find_distances,
+    find_values,
+    tell_faces,
+    tell_values,
+    values_in_parts,
+)
 from sklearn_mcmd.tiling._memory import most_neighbors, sensed, sized
 from sklearn_mcmd.tiling._normals import without_sides
 from sklearn_mcmd.tiling._outlier_job import Job
-from sklearn_mcmd.tiling._outputs import SCORED, scores_in_parts, write_edge_outputs
-from sklearn_mcmd.tiling._planes import OWN, PlaneJob, are_few, ends_of, find_planes
-from sklearn_mcmd.tiling._quantiles import median_of
-from sklearn_mcmd.tiling._result_files import write_results
+from sklearn_mcmd.tiling._outputs import write_outputs
+from sklearn_mcmd.tiling._planes import FACES, OWN, PlaneJob, ends_of, find_planes
+from sklearn_mcmd.tiling._result_files import (
+    SCORED,
+    Results,
+    has_scores,
+    scores_in_parts,
+    tile_file,
+)
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
 from sklearn_mcmd.tiling._small_clouds import fit_together
 from sklearn_mcmd.tiling._stored_columns import whole_of
-from sklearn_mcmd.tiling._stored_index import find_places
 from sklearn_mcmd.tiling._sweeps import Sweeps
 
 __all__ = ["Edges"]
 
-WARM_UP = 3_000  # points that load or compile the code
-# The end of each step, as a share of the time.
-ENDS = {
-    "outliers": 0.45,
-    "kept": 0.46,
-    "places": 0.47,
-    "normals": 0.8,
-    "edges": 1.0,
-}
+PLACES = 0.47  # the end of the search for places, as a share of the time
+# The same of each other step.
+ENDS = {"outliers": 0.45, "kept": 0.46, "normals": 0.8, "edges": 1.0}
 
 
 class Edges(Verb):
@@ -47,154 +53,134 @@ class Edges(Verb):
 
     def __init__(self, estimator, colors):
         super().__init__(clone(estimator).set_params(n_jobs=1), f"colors={colors}")
-        self.steps, self.colors = _checked_steps(estimator), colors
+        check_seed(estimator)
+        if estimator.normals != "estimate":
+            raise ValueError(
+                f"normals={estimator.normals!r} cannot work by tiles, which hold coordinates only: "
+                "take normals='estimate'."
+            )
+        self.detector, normals = estimator._make_steps()  # no detector if nothing is removed
+        if self.detector is not None:
+            check_detector(self.detector)
+            self.detector.set_params(n_jobs=1)
+        self.normals, self.colors = without_sides(normals).set_params(n_jobs=1), colors
+        self.by_distance = estimator.criterion == "crease"
 
-    def prepare(self):
-        warm_up(self.estimator, WARM_UP)
-        work = sensed(sized("edges", self.steps[1]), self.steps[0])
-        return work, 0, most_neighbors(self.estimator, *self.steps)
+    def prepare(self, catalog):
+        warm_up(self.estimator)
+        most = most_neighbors(self.estimator, self.detector, self.normals)
+        return sensed(sized("edges", self.normals), self.detector), 0, most
 
     def find(self, run):
-        self.found = _Steps(run, self.estimator, self.steps)
-        self.limit = self.found.find_scores()
+        columns, n_cells = CellColumns(run.folder.results), len(run.cells)
+        ends = {**ENDS, **ends_of(PLACES, ENDS["normals"], self.normals)}
+        sweep = Sweeps(columns, run.plan.n_workers, ends)
+        kept = run.cells if self.detector is None else self._clean(run, sweep)
+        sweep.begin, self.n_kept = ENDS["kept"], int(kept.counts.sum())
+        job = PlaneJob.of(run, self.normals, tell_faces)
+        if not self.by_distance:
+            job = job._replace(tell=partial(tell_values, criterion=self.estimator.criterion))
+        if self.detector is not None:
+            constants = kept_constants(kept, job.constants.dtype)
+            job = job._replace(cells=kept.folder, constants=constants)
+        self.n_resumed = columns.n_done(n_cells, "normals")
+        is_done = partial(has_scores, run.folder.results)
+        k, stored = (self.estimator.n_neighbors, FACES) if self.by_distance else (0, {})
+        whole = find_planes(sweep, kept, job, k, self.estimator.n_neighbors, **stored)
+        if whole is None:
+            words = f", of which {len(whole_of(job)):,} places are no outliers,"
+            detector, put = fit_together(self.estimator, run.cells, job.constants.dtype, words)
+            put(run.folder.results, detector.scores_, SCORED)
+            self.limit = detector.offset_
+        elif self.by_distance:
+            whole.remove(*OWN)
+            if not all(map(is_done, range(n_cells))):
+                n_threads = run.plan.n_workers * run.plan.n_threads
+                with progress_part(ENDS["normals"], 1.0), whole.releasing():
+                    find_distances(job, run.cells, self.estimator, n_threads)
+            self.limit = self.estimator._crease_width()
+        else:
+            known = {"all_cells": run.folder.cells, "criterion": self.estimator.criterion}
+            sweep("edges", find_values, run.cells, is_done, job=job, **known)
+            parts = partial(values_in_parts, columns, np.flatnonzero(kept.counts))
+            self.limit = -least_of_edge(parts, self.estimator.threshold, self.estimator.n_std)
 
     def write(self, run):
-        n_edges = write_edge_outputs(
-            run.catalog, run.targets, run.folder, self.limit,
-            self.estimator.criterion == "crease", self.colors, self.content,
-        )  # fmt: skip
-        n_removed = run.catalog.n_points - self.found.n_kept
+        results = Results(run.folder.results, len(run.cells), SCORED)
+        n_edges = int(write_outputs(run, self, results))
+        n_removed = run.catalog.n_points - self.n_kept
+        removed_fraction = n_removed / run.catalog.n_points
         return {
-            "n_edges": n_edges,
-            "n_outliers": n_removed,
-            "removed_fraction": n_removed / run.catalog.n_points,
-            "n_resumed": self.found.n_resumed,
-        }
+            "n_edges": n_edges, "n_outliers": n_removed, "removed_fraction": removed_fraction,
+        }  # fmt: skip
 
+    def make(self, cloud, values, xyz):
+        scores = values[:, 0]
+        paints = not has_colors(cloud) if self.colors is None else self.colors
+        told = scores if self.by_distance else -scores
+        return with_results(cloud, edge_columns(scores < self.limit, told, paints)), None
 
-def _checked_steps(estimator):
-    """The detector and the normal estimator of a detector of edges that can work by tiles.
+    def measure(self, values):
+        return np.count_nonzero(values < self.limit)
 
-    The first is None if nothing is removed. Raises if it cannot.
-    """
-    check_seed(estimator)
-    if estimator.normals != "estimate":
-        raise ValueError(
-            f"normals={estimator.normals!r} cannot work by tiles, which hold coordinates only: "
-            "take normals='estimate'."
-        )
-    detector, normals = estimator._make_steps()
-    if detector is not None:
-        check_detector(detector)
-    return detector, without_sides(normals)
-
-
-class _Steps:
-    """The steps of a run, of which those are left out that an earlier run has done.
-
-    Attributes
-    ----------
-    n_kept : int
-        Points that are no outliers.
-    n_resumed : int
-        Tiles whose normals an earlier run had.
-    """
-
-    def __init__(self, run, estimator, steps):
-        self.catalog, self.folder, self.estimator = run.catalog, run.folder, estimator
-        self.detector, self.normals = steps
-        for step in steps:
-            if step is not None:
-                step.set_params(n_jobs=1)
-        self.cells, self.columns = run.cells, CellColumns(run.folder.results)
-        ends = {**ENDS, **ends_of(ENDS["places"], ENDS["normals"], self.normals)}
-        self.sweep = Sweeps(self.columns, run.plan.n_workers, ends)
-        self.scores, self.n_threads = run.folder.results / "outliers", run.plan.n_threads
-        self.n_kept, self.n_resumed = run.catalog.n_points, 0
-
-    def find_scores(self):
-        """Find the scores of all points; returns the one below which they are edges'."""
-        kept = self._clean()
-        self.n_kept = int(kept.counts.sum())
-        constants, results = self._constants(kept), self.folder.results
-        job = EdgeJob(self.folder.cells, kept.folder, results, self.estimator, constants)
-        creases = self.estimator.criterion == "crease"
-        tell = partial(tell_values, criterion=self.estimator.criterion)
-        planes = PlaneJob(
-            kept.folder,
-            results,
-            self.normals,
-            constants,
-            tell_faces if creases else tell,
-            self.n_threads,
-        )
-        self.sweep("places", find_places, kept, job=job)
-        self.n_resumed = sum(self.columns.is_done(cell, "normals") for cell in range(len(kept)))
-        whole, k = whole_of(job), self.estimator.n_neighbors
-        if are_few(whole, self.normals, k):
-            return self._judge_together(len(whole))
-        if creases:
-            whole.make(**STORED)
-        find_planes(self.sweep, kept, planes, k if creases else 0)
-        if not creases:
-            return self._find_values(kept, job, planes)
-        whole.remove(*OWN)
-        if not all(map(self.folder.is_done, range(len(kept)))):
-            with progress_part(ENDS["normals"], 1.0), whole.releasing():
-                find_distances(job, self.sweep.n_workers * self.n_threads)
-        return self.estimator._crease_width()
-
-    def _find_values(self, kept, job, planes):
-        """Values of another criterion; returns the least of an edge, negative."""
-        self.sweep("edges", find_values, self.cells, self.folder.is_done, job=job, planes=planes)
-        parts = partial(values_in_parts, self.columns, np.flatnonzero(kept.counts))
-        return -least_of_edge(parts, self.estimator.threshold, self.estimator.n_std, median_of)
-
-    def _clean(self):
+    def _clean(self, run, sweep):
         """The cells of the points that the detector leaves."""
-        target = self.folder.cells / "kept"
-        if self.detector is None:
-            self.sweep.begin = ENDS["kept"]
-            return self.cells
+        folder, scores = run.folder, run.folder.results / "outliers"
+        target = folder.cells / "kept"
         if not (target / BOXES).exists():
-            self.scores.mkdir(exist_ok=True)
+            scores.mkdir(exist_ok=True)
             target.mkdir(exist_ok=True)
-            constants, n_points = self.folder.constants, self.catalog.n_points
             job = Job(
-                *(self.folder.cells, self.scores, self.detector, constants, n_points),
-                n_threads=self.n_threads,
+                *(folder.cells, scores, self.detector, folder.constants, run.catalog.n_points),
+                n_threads=run.plan.n_threads,
             )
             with progress_part(0.0, ENDS["outliers"], "outliers"):
-                columns, cutoff = CellColumns(self.scores), cutoff_of(self.detector)
-                cutoff = judge_cells(job, self.cells, columns, self.sweep.n_workers, cutoff)
-            self.sweep.begin = ENDS["outliers"]
-            scores = scores_in_parts(self.scores, len(self.cells))
-            if sum(np.count_nonzero(values <= cutoff) for values in scores) <= 3:
+                columns, cutoff = CellColumns(scores), cutoff_of(self.detector)
+                cutoff = judge_cells(job, run.cells, columns, run.plan.n_workers, cutoff)
+            sweep.begin = ENDS["outliers"]
+            parts = scores_in_parts(scores, len(run.cells))
+            if sum(np.count_nonzero(values <= cutoff) for values in parts) <= 3:
                 cutoff = np.inf  # too few would be left for a plane
-            self.sweep(
-                "kept", find_kept, self.cells, folder=self.folder.cells, target=target,
-                columns=self.folder.results, scores=self.scores, cutoff=cutoff,
+            sweep(
+                "kept", find_kept, run.cells, folder=folder.cells, target=target,
+                columns=folder.results, scores=scores, cutoff=cutoff,
             )  # fmt: skip
-            close_kept(self.cells, target, self.columns)
-        self.sweep.begin = ENDS["kept"]
-        shutil.rmtree(self.scores, ignore_errors=True)
+            close_kept(run.cells, target, sweep.columns)
+        shutil.rmtree(scores, ignore_errors=True)
         return Cells(target)
 
-    def _constants(self, kept):
-        """The `Constants` of the kept points."""
-        constants = self.folder.constants
-        if self.detector is None:
-            return constants
-        if not self.columns.is_done("all", "kept constants"):
-            found = kept_constants(kept, constants.dtype)
-            self.columns.finish("all", "kept constants", step=found.step)
-        return constants._replace(step=self.columns.report("all", "kept constants")["step"])
 
-    def _judge_together(self, n_places):
-        """Scores of a cloud of which few places are kept, which other code judges than tiles."""
-        words = f", of which {n_places:,} places are no outliers,"
-        constants = self.folder.constants
-        detector, parts = fit_together(self.estimator, self.cells, constants.dtype, words)
-        for cell, (rows, places) in enumerate(parts):
-            write_results(self.folder.results, cell, rows, detector.scores_[places], SCORED)
-        return detector.offset_
+def find_kept(cell, folder, target, columns, scores, cutoff):
+    """Write the points of a cell whose scores are at most the cutoff, from one folder to another.
+
+    Column: kept, of all points of the cell in their order.
+    """
+    cells, columns, path = Cells(folder), CellColumns(columns), _path(target, cell)
+    kept = np.fromfile(tile_file(scores, cell), SCORED)["values"][:, 0] <= cutoff
+    records = cells.read(cell)[kept]
+    with one_clear_line(path, "written"), in_place_of(path) as temporary:
+        temporary.write_bytes(records.data)
+    extent = _no_extent()
+    if len(records):
+        extent = np.stack([records["xyz"].min(axis=0), records["xyz"].max(axis=0)])
+    columns.write(cell, kept=kept)
+    columns.finish(cell, "kept", count=len(records), extent=extent.tolist())
+
+
+def close_kept(cells, target, columns):
+    """Write what the cells of the kept points are; some may be empty. Returns these `Cells`."""
+    reports = [columns.report(cell, "kept") for cell in range(len(cells))]
+    extents = np.array([report["extent"] for report in reports])
+    return write_boxes(
+        target, names=np.arange(len(cells)), low=cells.low, high=cells.high,
+        least=extents[:, 0], most=extents[:, 1], counts=[report["count"] for report in reports],
+    )  # fmt: skip
+
+
+def kept_constants(kept, dtype):
+    """The `Constants` of the kept points, in the precision of the whole cloud."""
+    whole = WholeCloud()
+    whole.single = False  # the precision is known
+    for cell in np.flatnonzero(kept.counts):
+        whole.add(kept.read(cell)["xyz"])
+    return whole.constants(dtype)

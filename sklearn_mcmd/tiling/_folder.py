@@ -9,11 +9,11 @@ from contextlib import suppress
 from pathlib import Path
 
 from sklearn_mcmd.tiling._catalog import stamp_of
+from sklearn_mcmd.tiling._cell_columns import in_place_of
 from sklearn_mcmd.tiling._cloud_constants import Constants
 from sklearn_mcmd.tiling._lock import Lock
-from sklearn_mcmd.tiling._result_files import tile_file
 
-__all__ = ["WorkFolder", "key_of"]
+__all__ = ["WorkFolder", "key_of", "read_json", "write_json"]
 
 MANIFEST = "manifest.json"
 MOVES = "moves.json"
@@ -27,19 +27,8 @@ class WorkFolder:
 
     The manifest is written when all points are in their cells. Its key tells whether what lies
     there was made of the same inputs, with the same parameters. What was not is removed.
-    A lock keeps other runs out until it is released, or the folder is removed.
-
-    Parameters
-    ----------
-    target : path
-        The output.
-    key : str or None
-        None looks at what is there, and removes nothing.
-
-    Attributes
-    ----------
-    path : Path
-    cells, results : Path
+    A lock keeps other runs out until it is released, or the folder is removed. With a key of None
+    nothing is removed.
     """
 
     def __init__(self, target, key):
@@ -47,15 +36,15 @@ class WorkFolder:
         self.cells, self.results = self.path / "cells", self.path / "results"
         self.key = key
         self._lock = Lock(self.path / LOCK)
-        self._manifest, self._moves = self.path / MANIFEST, self.path / MOVES
-        if self.path.exists() and not (self._read() or self._is_ours()):
+        self._manifest, self.moves = self.path / MANIFEST, self.path / MOVES
+        if self.path.exists() and not (read_json(self._manifest) or self._is_ours()):
             raise FileExistsError(
                 f"{self.path} is in the way: it is where temporary files would be; move it"
             )
         self.path.mkdir(exist_ok=True)
         self._lock.acquire()
         try:
-            if key is not None and self._read().get("key") != key:
+            if key is not None and read_json(self._manifest).get("key") != key:
                 self.clear()
         except BaseException:
             self.release()
@@ -68,22 +57,18 @@ class WorkFolder:
     @classmethod
     def written(cls, target):
         """Real paths of outputs that a run wrote before it ended, and nobody changed since."""
-        marks = map(_read, cls.path_of(target).glob(f"*{WRITTEN}"))
+        marks = map(read_json, cls.path_of(target).glob(f"*{WRITTEN}"))
         return {m["path"] for m in marks if m and m == _mark(m["path"], m["content"])}
 
     @property
     def constants(self):
         """The constants of the whole cloud, or None if not all points are in cells."""
-        stored = self._read()
+        stored = read_json(self._manifest)
         return Constants(**stored["constants"]) if stored else None
 
     def finish_cells(self, constants):
         """Remember that all points are in cells."""
-        _write(self._manifest, {"key": self.key, "constants": constants._asdict()})
-
-    def is_done(self, cell):
-        """Whether the results of a tile are there."""
-        return tile_file(self.results, cell).exists()
+        write_json(self._manifest, {"key": self.key, "constants": constants._asdict()})
 
     def staged(self, i, target):
         """Where the i-th output waits if it may not replace its input before all are written."""
@@ -92,22 +77,11 @@ class WorkFolder:
 
     def is_written(self, i, path, content):
         """Whether the i-th output was written before, with this content, and is there."""
-        mark = _read(self.path / f"{i}{WRITTEN}")
+        mark = read_json(self.path / f"{i}{WRITTEN}")
         return mark == _mark(path, content) and mark["stamp"] is not None
 
     def mark_written(self, i, path, content):
-        _write(self.path / f"{i}{WRITTEN}", _mark(path, content))
-
-    def finish_outputs(self, **moves):
-        """Remember that all outputs are written; a run that ends now has only to move them."""
-        _write(self._moves, moves)
-
-    def moves(self):
-        """What `finish_outputs` has remembered, or nothing."""
-        return _read(self._moves)
-
-    def forget_moves(self):
-        self._moves.unlink(missing_ok=True)
+        write_json(self.path / f"{i}{WRITTEN}", _mark(path, content))
 
     def release(self):
         """Let other runs in."""
@@ -116,7 +90,7 @@ class WorkFolder:
     def remove(self):
         """Remove the folder, and outputs that wait; last of all what tells of moves."""
         self._empty()
-        self.forget_moves()
+        self.moves.unlink(missing_ok=True)
         self.release()
         with suppress(OSError):  # another run may have begun
             self.path.rmdir()
@@ -124,40 +98,36 @@ class WorkFolder:
     def clear(self):
         """Begin anew."""
         self._empty()
-        self.forget_moves()
+        self.moves.unlink(missing_ok=True)
         self.cells.mkdir(parents=True)
         self.results.mkdir()
 
     def _empty(self):
         for file in self.path.glob(f"*{WRITTEN}"):
-            path = Path(_read(file).get("path", ""))
+            path = Path(read_json(file).get("path", ""))
             if STAGED.fullmatch(path.name):
                 path.unlink(missing_ok=True)
         for folder in (self.cells, self.results):
             shutil.rmtree(folder, ignore_errors=True)
         for file in self.path.glob("*"):
-            if file not in (self._moves, self._lock.path) and not file.is_dir():
+            if file not in (self.moves, self._lock.path) and not file.is_dir():
                 file.unlink(missing_ok=True)
-
-    def _read(self):
-        return _read(self._manifest)
 
     def _is_ours(self):
         """Of a run that ended before its manifest; or an empty folder."""
         return {entry.name for entry in self.path.iterdir()} <= {"cells", "results", MOVES, LOCK}
 
 
-def _read(path):
+def read_json(path):
     try:
         return json.loads(path.read_text())
     except (OSError, ValueError):
         return {}
 
 
-def _write(path, content):
-    temporary = path.with_suffix(".part")
-    temporary.write_text(json.dumps(content))
-    os.replace(temporary, path)
+def write_json(path, content):
+    with in_place_of(path) as temporary:
+        temporary.write_text(json.dumps(content))
 
 
 def _mark(path, content):
@@ -167,14 +137,10 @@ def _mark(path, content):
     return {"path": str(path), "content": content, "stamp": stamp}
 
 
-def key_of(catalog, estimator, tile_size, share, version, used=None):
-    """A hash of all that results and tiles depend on."""
-    paths = [str(path.resolve()) for path in catalog.paths]
+def key_of(estimator, *known):
+    """A hash of an estimator and all else that results depend on."""
+    from sklearn_mcmd import __version__
+
     params = sorted(estimator.get_params().items())
-    content = repr(
-        (
-            *(version, type(estimator).__name__, params, paths, catalog.stamps, tile_size, share),
-            used,
-        )
-    )
+    content = repr((__version__, type(estimator).__name__, params, *known))
     return hashlib.sha256(content.encode()).hexdigest()

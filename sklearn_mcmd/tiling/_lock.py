@@ -4,7 +4,7 @@ import json
 import os
 import socket
 
-from sklearn_mcmd.tiling._workers import TilingError
+from sklearn_mcmd.tiling._sweeps import TilingError
 
 __all__ = ["Lock"]
 
@@ -13,10 +13,6 @@ class Lock:
     """A file that tells which process works in a folder.
 
     What a process has left that is no more, on this machine, is taken over.
-
-    Parameters
-    ----------
-    path : Path
     """
 
     def __init__(self, path):
@@ -25,24 +21,19 @@ class Lock:
 
     def acquire(self):
         """Take the lock, or raise TilingError with a message that names it."""
-        for _ in range(2):
-            try:
-                handle = os.open(self.path, os.O_CREAT | os.O_EXCL | os.O_WRONLY)
-            except FileExistsError:
-                owner = self._owner()
-                if owner and owner["host"] == socket.gethostname() and not _lives(owner["pid"]):
-                    self.path.unlink(missing_ok=True)
-                    continue
-                break
-            with open(handle, "w") as file:
-                json.dump({"host": socket.gethostname(), "pid": os.getpid()}, file)
-            self.is_held = True
-            return
-        owner = self._owner() or {"host": "an unknown machine", "pid": "?"}
-        raise TilingError(
-            f"{self.path}: another run works on this output (process {owner['pid']} on "
-            f"{owner['host']}); wait for it, or remove this file if it is no more"
-        )
+        owner, host = self._owner(), socket.gethostname()
+        if owner and owner["host"] == host and not _lives(owner["pid"]):
+            self.path.unlink(missing_ok=True)
+        try:
+            with open(self.path, "x") as file:
+                json.dump({"host": host, "pid": os.getpid()}, file)
+        except FileExistsError:
+            owner = self._owner() or {"host": "an unknown machine", "pid": "?"}
+            raise TilingError(
+                f"{self.path}: another run works on this output (process {owner['pid']} on "
+                f"{owner['host']}); wait for it, or remove this file if it is no more"
+            ) from None
+        self.is_held = True
 
     def release(self):
         if self.is_held:

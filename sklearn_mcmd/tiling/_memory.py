@@ -14,8 +14,6 @@ from joblib.parallel import get_active_backend
 from sklearn_mcmd._errors import ParameterError
 
 __all__ = [
-    "JUDGED_POINT",
-    "JUDGED_STORED",
     "Plan",
     "bytes_in_memory",
     "bytes_of_groups",
@@ -32,59 +30,49 @@ __all__ = [
 # Share of the machine's memory that a run may take by itself, and what it takes where the machine
 # does not tell.
 SHARE, UNKNOWN = 0.5, 4e9
-# Measured, see docs/tiling.rst: bytes of a process with its compiled code, for each point of a tile
-# while its normals are computed, for each point of a cloud in memory besides what its record has,
-# and for each value of a feature.
-PROCESS, TILE_POINT, CLOUD_POINT, FEATURE = 330e6, 650, 450, 24
+
+
+class Costs(NamedTuple):
+    """Bytes that a work takes, measured, see docs/tiling.rst: for each point.
+
+    tile, stored, cloud : int
+        Of a tile, of temporary files, and of a cloud in memory besides what its record has.
+    whole : int
+        Of all points, in one process that works on all at once.
+    does : str
+        What that process does.
+    """
+
+    tile: int
+    stored: int
+    cloud: int
+    whole: int = 0
+    does: str = ""
+
+
+COSTS = {
+    "normals": Costs(650, 430, 450),
+    "outliers": Costs(450, 400, 450, 35, "judges"),
+    "heights": Costs(450, 460, 450, 35, "judges"),
+    "edges": Costs(750, 480, 1100, 35, "judges"),
+    "tree": Costs(650, 480, 850, 200, "holds the tree of"),
+    "regions": Costs(650, 470, 720, 60, "joins the regions of"),
+}
+# What more a work takes: a tile and a cloud in memory, at least; what is stored; and one process.
+# Numbers of neighbors are found, rays are followed, and there is a position for each point.
+MORE = {
+    "auto": Costs(1300, 370, 750, 80, "finds the numbers of neighbors of"),
+    "rays": Costs(0, 250, 650, 200, "follows the rays to"),
+    "trajectory": Costs(0, 24, 500, 20, "keeps the times of"),
+    "angles": Costs(0, 24, 700, 250, "adjusts the flight lines of"),
+}
+# Bytes of a process with its compiled code, and for each value of a feature.
+PROCESS, FEATURE = 330e6, 24
 # Costs are those of so many neighbors. Each that is more takes 4 bytes of disk and 8 of a tile.
 NEIGHBORS = 50
-# Bytes of temporary files for each point: of normals, and of what the detector finds; and what the
-# detector takes for each point of a tile. The same of edges, and of normals with "auto".
-TILE_STORED, JUDGED_STORED, JUDGED_POINT = 430, 400, 450
-EDGES_STORED, EDGES_POINT, EDGES_CLOUD = 480, 750, 1100
-AUTO_STORED, AUTO_POINT, AUTO_CLOUD = 800, 1300, 750
-# With heights over the ground: temporary files, and each point that lies below the ground.
-HEIGHTS_STORED, BELOW_POINT = 460, 750
-# With rays, and with a position for each point: temporary files, and what one process takes for
-# each point that follows rays, keeps times, or adjusts flight lines.
-RAYS_STORED, ORIGINS_STORED, RAYS_CLOUD, TIMES_CLOUD, ANGLES_CLOUD = 250, 24, 200, 20, 250
-# Of outliers, once planes are known, each point of the cloud; and of numbers of neighbors.
-JUDGED_CLOUD, SIZED_CLOUD = 35, 80
-# Of regions: temporary files; what the growing and joining of regions takes, for each point of the
-# cloud, and of so many points at once; and what a cloud takes in memory besides its records.
-GROWN_STORED, GROWN_POINT, JOINED_POINT, JOINED_AT_ONCE, GROWN_CLOUD = 470, 60, 150, 1_000_000, 720
-# Of these, of each point, and of one that growth left over.
-GROWN_LEAST, REST_POINT = 26, 200
-# Of normals along a tree: a tile; temporary files; what the tree takes, for each point of the
-# cloud; and the cloud in memory.
-TREE_TILE, TREE_STORED, TREE_POINT, TREE_CLOUD = 650, 480, 200, 850
-# By the work: bytes for each point of a tile, of temporary files, and of a cloud in memory.
-COSTS = {
-    "normals": (TILE_POINT, TILE_STORED, CLOUD_POINT),
-    "outliers": (JUDGED_POINT, JUDGED_STORED, CLOUD_POINT),
-    "heights": (JUDGED_POINT, HEIGHTS_STORED, CLOUD_POINT),
-    "edges": (EDGES_POINT, EDGES_STORED, EDGES_CLOUD),
-    "tree": (TREE_TILE, TREE_STORED, TREE_CLOUD),
-    "regions": (TILE_POINT, GROWN_STORED, GROWN_CLOUD),
-}
-# What more it takes with sizes, rays, or a position of the sensor for each point: a tile, at least;
-# temporary files; and a cloud in memory, beyond that of normals.
-MORE = {
-    "auto": (AUTO_POINT, AUTO_STORED - TILE_STORED, AUTO_CLOUD - CLOUD_POINT),
-    "rays": (0, RAYS_STORED, RAYS_STORED),
-    "trajectory": (0, ORIGINS_STORED, 2 * ORIGINS_STORED),
-    "angles": (0, ORIGINS_STORED, ANGLES_CLOUD),
-}
-# What one process takes that works on all points at once, for each, and what it does.
-WHOLE = {
-    "regions": (GROWN_POINT, "joins the regions of"),
-    "tree": (TREE_POINT, "holds the tree of"),
-    **dict.fromkeys(("outliers", "heights", "edges"), (JUDGED_CLOUD, "judges")),
-    "auto": (SIZED_CLOUD, "finds the numbers of neighbors of"),
-    "rays": (RAYS_CLOUD, "follows the rays to"),
-    "trajectory": (TIMES_CLOUD, "keeps the times of"),
-    "angles": (ANGLES_CLOUD, "adjusts the flight lines of"),
-}
+# Each point that lies below the ground; of regions, so many points at once, each point, and one
+# that growth left over.
+BELOW_POINT, JOINED_POINT, JOINED_AT_ONCE, GROWN_LEAST, REST_POINT = 750, 150, 1_000_000, 26, 200
 # Points read or written at once, and bytes for each while that is done.
 PART, PART_POINT = 250_000, 400
 LEAST_TILE = 20_000  # most points of smaller tiles have neighbors in others
@@ -95,18 +83,8 @@ FILL = 0.7  # how full cells are that are halved when they are full
 
 
 class Plan(NamedTuple):
-    """How a catalog is to be divided.
-
-    n_workers : int
-        Tiles that are computed at once.
-    n_threads : int
-        Of each worker.
-    tile_size : int
-        Largest number of points in a tile.
-    n_tiles : int
-        About as many.
-    memory, disk : float
-        Bytes, about; disk is for temporary files.
+    """How a catalog is to be divided: how many tiles are computed at once, with so many threads
+    each, how large they are, about how many, and about how many bytes of memory and disk they take.
     """
 
     n_workers: int
@@ -144,28 +122,19 @@ def sized(work, estimator):
 
 def sensed(work, detector, sensor=None):
     """The name of some work with a detector, or None, and a `SensorPath`."""
-    moving = sensor is not None
-    if moving or (detector is not None and detector.sensor_origin is not None):
+    if detector is not None and not (sensor is None and detector.sensor_origin is None):
         work = f"{work}, rays"
-    return f"{work}, {sensor.kind}" if moving and sensor.kind in MORE else work
+    return f"{work}, {sensor.kind}" if sensor is not None and sensor.kind in MORE else work
 
 
 def costs_of(work):
-    """Bytes for each point of a tile, of temporary files, and of a cloud in memory, of some work.
-
-    It is a key of `COSTS`, and after commas keys of `MORE`.
-    """
+    """The `Costs` of a work: a key of `COSTS` and, after commas, keys of `MORE`."""
     base, *more = work.split(", ")
-    point, stored, cloud = COSTS[base]
-    for name in more:
-        least, files, memory = MORE[name]
-        point, stored, cloud = max(point, least), stored + files, max(cloud, CLOUD_POINT + memory)
-    return point, stored, cloud
-
-
-def whole_costs_of(work):
-    """Bytes for each point of a cloud that one process takes, and what it does; (0, "") if none."""
-    return max((WHOLE[name] for name in work.split(", ") if name in WHOLE), default=(0, ""))
+    costs = COSTS[base]
+    for other in (MORE[name] for name in more):
+        tile, stored, cloud = max(costs.tile, other.tile), costs.stored + other.stored, costs.cloud
+        costs = Costs(tile, stored, max(cloud, other.cloud), *max(costs[3:], other[3:]))
+    return costs
 
 
 def check_tile_size(tile_size):
@@ -209,7 +178,7 @@ def _memory_of_machine():
 
 def bytes_in_memory(catalog, n_features=0, *, work="normals"):
     """What a whole catalog takes in memory, about; `work` is as of `costs_of`."""
-    cloud_point = costs_of(work)[2]
+    cloud_point = costs_of(work).cloud
     points = sum(
         n * (size + cloud_point + FEATURE * n_features)
         for n, size in zip(catalog.counts, catalog.record_sizes, strict=True)
@@ -234,32 +203,26 @@ def plan_run(
 ):  # fmt: skip
     """Divide points so that all workers together stay within the memory.
 
-    `work` is as of `costs_of`, and `n_neighbors` the most that are asked for.
-
-    Raises
-    ------
-    ValueError
-        If one worker with the smallest tile would take more.
+    `work` is as of `costs_of`, and `n_neighbors` the most that are asked for. Raise if one worker
+    with the smallest tile would take more.
     """
-    point, stored, _ = costs_of(work)
-    whole_point, does = whole_costs_of(work)
-    more = 4 * max(0, n_neighbors - NEIGHBORS)
-    stored, bytes_a_point = stored + more, point + FEATURE * n_features + 2 * more
+    costs, more = costs_of(work), 4 * max(0, n_neighbors - NEIGHBORS)
+    stored, bytes_a_point = costs.stored + more, costs.tile + FEATURE * n_features + 2 * more
     own = PROCESS + PART * PART_POINT  # of the process that reads and writes
     least, why = PROCESS + LEAST_TILE * bytes_a_point, ""
-    if does:
+    if costs.whole:
         joins = work.startswith("regions")
         at_once = JOINED_POINT * min(n_points, JOINED_AT_ONCE) if joins else 0
-        own = max(own, PROCESS + whole_point * n_points + at_once)
+        own = max(own, PROCESS + costs.whole * n_points + at_once)
         if own > least:
-            why = f", because one process {does} all {n_points:,} points"
+            why = f", because one process {costs.does} all {n_points:,} points"
     if memory < own or memory < least:
         given = f"{memory / 1e6:.0f}MB" if memory >= 1e6 else f"{memory:g} bytes"
         raise ParameterError(
             f"$memory={given} is too little: at least {max(own, least) / 1e6:.0f}MB is needed{why}."
         )
     n_jobs = n_workers = _n_jobs(n_jobs)
-    if does:  # other processes stay, while one works on the whole
+    if costs.whole:  # other processes stay, while one works on the whole
         n_workers = max(1, min(n_workers, int((memory - own) // max(PROCESS, 1))))
     if n_workers > 1:  # processes of their own
         n_workers = max(1, min(n_workers, int((memory - PROCESS) // least)))
@@ -281,7 +244,7 @@ def plan_run(
     n_threads = max(1, n_jobs // n_workers) if shares else 1
     used = PROCESS * (n_workers + (n_workers > 1)) + n_workers * tile_size * bytes_a_point
     disk = n_points * (stored + 4 * n_features)
-    if does and n_workers > 1:
+    if costs.whole and n_workers > 1:
         own += PROCESS * n_workers
     return Plan(n_workers, n_threads, tile_size, n_tiles, max(own, used), disk)
 

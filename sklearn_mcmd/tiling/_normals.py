@@ -3,15 +3,19 @@
 import numpy as np
 from sklearn.base import clone
 
+from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.normals._orientation import Sides
 from sklearn_mcmd.normals._surface_planes import mends_planes
 from sklearn_mcmd.planes._base import BaseLocalPlanes
+from sklearn_mcmd.planes._orientation import count_upright
 from sklearn_mcmd.tiling._cell_columns import CellColumns
-from sklearn_mcmd.tiling._memory import MORE, most_neighbors, sized
+from sklearn_mcmd.tiling._memory import most_neighbors, sensed, sized
 from sklearn_mcmd.tiling._outputs import write_outputs
-from sklearn_mcmd.tiling._planes import OWN, PlaneJob, are_few, ends_of, find_planes, has_tree
+from sklearn_mcmd.tiling._planes import OWN, PlaneJob, ends_of, find_planes, has_tree
 from sklearn_mcmd.tiling._result_files import (
     NORMAL_COLUMNS,
+    Results,
+    has_scores,
     normal_columns,
     result_dtype,
     write_results,
@@ -20,12 +24,10 @@ from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
 from sklearn_mcmd.tiling._sensor_origins import check_one_origin, sensor_path, stored_origins
 from sklearn_mcmd.tiling._small_clouds import fit_together
 from sklearn_mcmd.tiling._stored_columns import whole_of
-from sklearn_mcmd.tiling._stored_index import find_places
 from sklearn_mcmd.tiling._sweeps import Sweeps
 
 __all__ = ["Normals", "check_normals", "without_sides"]
 
-WARM_UP = 1_500  # points that load or compile the code
 PLACES = 0.02  # the share of the time that finding them takes
 
 
@@ -57,21 +59,17 @@ class Normals(Verb):
 
     def __init__(self, estimator, sensor_origin):
         check_normals(estimator)
-        sensor = None
-        if sensor_origin is not None:
-            if getattr(estimator, "orientation", None) != "sensor":
-                raise ValueError('sensor_origin is given but orientation is not "sensor".')
-            sensor = sensor_path(estimator, sensor_origin)
-        super().__init__(clone(estimator).set_params(n_jobs=1), sensor=sensor)
+        super().__init__(clone(estimator).set_params(n_jobs=1))
+        self.sensor = sensor_path(estimator, sensor_origin)
+        if self.sensor is not None and getattr(estimator, "orientation", None) != "sensor":
+            raise ValueError('sensor_origin is given but orientation is not "sensor".')
 
-    def prepare(self):
+    def prepare(self, catalog):
         estimator = self.estimator
         if self.sensor is not None:  # any position will do
             estimator = clone(estimator).set_params(sensor_origin="origin")
-        self.names, _ = told_columns(warm_up(estimator, WARM_UP))
-        work = "tree" if has_tree(self.estimator) else "normals"
-        if self.sensor is not None and self.sensor.kind in MORE:
-            work = f"{work}, {self.sensor.kind}"
+        self.names, _ = normal_columns(warm_up(estimator, 1_500))
+        work = sensed("tree" if has_tree(self.estimator) else "normals", None, self.sensor)
         n_features = len(self.names) - len(NORMAL_COLUMNS)
         return sized(work, self.estimator), n_features, most_neighbors(self.estimator)
 
@@ -79,53 +77,38 @@ class Normals(Verb):
         folder, n_cells = run.folder, len(run.cells)
         columns = CellColumns(folder.results)
         last = "planes" if mends_planes(self.estimator) else "normals"
-        self.n_resumed = sum(columns.is_done(cell, last) for cell in range(n_cells))
-        if all(map(folder.is_done, range(n_cells))):
+        self.n_resumed = columns.n_done(n_cells, last)
+        if all(has_scores(folder.results, cell) for cell in range(n_cells)):
             return
-        ends = {"places": PLACES, **ends_of(PLACES, 1.0, self.estimator)}
-        sweeps = Sweeps(columns, run.plan.n_workers, ends)
-        job = PlaneJob(
-            folder.cells, folder.results, self.estimator, folder.constants, _write,
-            run.plan.n_threads,
-        )  # fmt: skip
-        sweeps("places", find_places, run.cells, job=job)
-        if are_few(whole_of(job), self.estimator):
-            return self._find_together(run, len(whole_of(job)))
-        find_planes(sweeps, run.cells, job)
-        whole_of(job).remove("near", "larger", *OWN)
-
-    def _find_together(self, run, n_places):
-        words, dtype = f" at {n_places:,} places", run.folder.constants.dtype
-        origins = stored_origins(run.folder.cells)
-        fitted, parts = fit_together(self.estimator, run.cells, dtype, words, origins=origins)
-        _, values = told_columns(fitted)
-        for cell, (rows, places) in enumerate(parts):
-            _write_values(run.folder.results, cell, rows, values[places])
+        sweeps = Sweeps(columns, run.plan.n_workers, ends_of(PLACES, 1.0, self.estimator))
+        job = PlaneJob.of(run, self.estimator, _write)
+        whole = find_planes(sweeps, run.cells, job)
+        if whole is not None:
+            return whole.remove("near", "larger", *OWN)
+        words, dtype = f" at {len(whole_of(job)):,} places", job.constants.dtype
+        origins = stored_origins(folder.cells)
+        fitted, put = fit_together(self.estimator, run.cells, dtype, words, origins=origins)
+        put(folder.results, normal_columns(fitted)[1], result_dtype(len(self.names)))
 
     def write(self, run):
-        removed, n_upright = write_outputs(run.catalog, run.targets, run.folder, self.names)
-        return {
-            "removed_fraction": removed, "n_upright": n_upright, "n_resumed": self.n_resumed,
-        }  # fmt: skip
+        results = Results(run.folder.results, len(run.cells), result_dtype(len(self.names)))
+        removed, n_upright = write_outputs(run, self, results)
+        return {"removed_fraction": removed / run.catalog.n_points, "n_upright": int(n_upright)}
 
+    def make(self, cloud, values, xyz):
+        columns = dict(zip(self.names, values.T.copy(), strict=True))
+        return with_results(cloud, columns), None
 
-def told_columns(fitted):
-    """Names of all results of a fitted estimator, and their values: float32 (n, n_columns)."""
-    names, columns = normal_columns(fitted)
-    if fitted.n_neighbors == "auto":
-        names, sizes = [*names, "n_neighbors"], fitted.n_neighbors_.astype(np.float32)
-        columns = np.column_stack([columns, sizes])
-    return names, columns
+    def measure(self, values):
+        removed = values[:, self.names.index("removed_fraction")].sum(dtype=np.float64)
+        return np.array([removed, count_upright(values)])
 
 
 def _write(cell, job, fitted):
     """Write the results of the points of a cell, from those of its places."""
     cells, columns = job.open()
-    values = told_columns(fitted)[1]
+    values = normal_columns(fitted)[1]
     if job.origins() is None:  # else they are of points, not of places
         values = values[columns.read(cell, "place_of")]
-    _write_values(job.columns, cell, cells.read(cell)["row"], values)
-
-
-def _write_values(folder, cell, rows, values):
-    write_results(folder, cell, rows, values, result_dtype(values.shape[1]))
+    rows, dtype = cells.read(cell)["row"], result_dtype(values.shape[1])
+    write_results(job.columns, cell, rows, values, dtype)

@@ -17,6 +17,7 @@ from sklearn_mcmd.normals._curvature import Curvatures, curvatures_of_each
 from sklearn_mcmd.normals._features import settle_features
 from sklearn_mcmd.normals._orientation import TREE_NEIGHBORS, Sides
 from sklearn_mcmd.normals._surface_planes import SurfacePlanes, Surfaces, mends_planes
+from sklearn_mcmd.planes._columns import joined_columns, split_columns
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._orientation import orient_toward, signs_along, spanning_forest
 from sklearn_mcmd.planes._record import Planes
@@ -27,10 +28,20 @@ from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._cloud_constants import Constants
 from sklearn_mcmd.tiling._sensor_origins import stored_origins
 from sklearn_mcmd.tiling._stored_columns import ALL, whole_of
-from sklearn_mcmd.tiling._stored_index import StoredIndex, find_larger, find_neighbors
+from sklearn_mcmd.tiling._stored_index import StoredIndex, find_larger, find_neighbors, find_places
 from sklearn_mcmd.tiling._warnings import warn_if_coarse
 
-__all__ = ["PlaneJob", "are_few", "ends_of", "find_planes", "has_tree", "tell_new"]
+__all__ = [
+    "FACES",
+    "NUMBER",
+    "OWN",
+    "PlaneJob",
+    "ends_of",
+    "find_planes",
+    "has_tree",
+    "tell_new",
+    "told_planes",
+]
 
 NUMBER, VECTOR = (np.float64, ()), (np.float64, (3,))
 # Fields of `Planes`, and of `Surfaces`, that are stored between the sweeps.
@@ -38,26 +49,24 @@ FIELDS = {
     **dict.fromkeys(("centroids", "normals", "eigenvalues"), VECTOR),
     **dict.fromkeys(("scale", "kept", "radius", "normal_error"), NUMBER),
 }
+FACES = {"centroids": VECTOR, "normals": VECTOR, "scale": NUMBER}
 OTHERS = {"forms": (np.int8, ()), "noise": NUMBER, "left": NUMBER}
 OWN = {f"own_{name}": kind for name, kind in {**FIELDS, **OTHERS}.items()}
-# Ends of the sweeps as shares of their time; with "auto", that of all that comes before.
-ENDS = {"neighbors": 0.2, "planes": 0.75, "bends": 0.85, "normals": 1.0}
-SIZED = {"neighbors": 0.15, "sizes": 0.45, "larger": 0.5}
-TREE = {"normals": 0.85, "forest": 0.9, "sides": 1.0}  # where a tree tells the sides of normals
+# Percents of the time of the sweeps; also with "auto", which needs more before planes are found,
+# and what a tree takes that tells the sides of normals.
+SHARES = {"places": 0, "neighbors": 20, "planes": 55, "bends": 10, "normals": 15}
+SIZED = {
+    **{"places": 0, "neighbors": 24, "sizes": 48, "larger": 8},
+    **{"planes": 55, "bends": 10, "normals": 15},
+}
+TREE = {"forest": 6, "sides": 12}
 
 
 class PlaneJob(NamedTuple):
     """What all sweeps over the cells of a cloud know.
 
-    cells, columns : Path
-        Folders of `Cells` and `CellColumns`.
-    estimator : RobustNormalEstimator
-    constants : Constants
-    tell : callable
-        Called as ``tell(cell, job, fitted)`` with an estimator that has what is public of the
-        places of a cell.
-    n_threads : int
-        Of each worker.
+    ``tell(cell, job, fitted)`` is called with an estimator that has what is public of the places
+    of a cell. `n_threads` are those of each worker.
     """
 
     cells: Path
@@ -66,6 +75,13 @@ class PlaneJob(NamedTuple):
     constants: Constants
     tell: object
     n_threads: int = 1
+
+    @classmethod
+    def of(cls, run, estimator, tell):
+        """The job on all points of a `Run`."""
+        folder = run.folder
+        known = folder.cells, folder.results, estimator, folder.constants
+        return cls(*known, tell, run.plan.n_threads)
 
     def open(self):
         """The cells, and the columns of their places."""
@@ -109,16 +125,12 @@ class PlaneJob(NamedTuple):
         return SurfacePlanes.of(self.estimator, model, members)
 
 
-def ends_of(begin, end, estimator):
+def ends_of(begin, last, estimator):
     """The ends of the sweeps of `find_planes`, between two shares of the time."""
-    first, last = 0.0, 1.0
-    if estimator.n_neighbors == "auto":
-        first = SIZED["larger"]
-    if has_tree(estimator):
-        last = TREE["normals"]
-    ends = {name: first + (last - first) * share for name, share in ENDS.items()}
-    ends |= (SIZED if first else {}) | (TREE if last < 1.0 else {})
-    return {name: begin + share * (end - begin) for name, share in ends.items()}
+    shares = SIZED if estimator.n_neighbors == "auto" else SHARES
+    shares = shares | TREE if has_tree(estimator) else shares
+    ends = np.cumsum(list(shares.values())) / sum(shares.values())
+    return dict(zip(shares, begin + ends * (last - begin), strict=True))
 
 
 def has_tree(estimator):
@@ -126,26 +138,22 @@ def has_tree(estimator):
     return isinstance(estimator.orientation, str) and estimator.orientation == "mst"
 
 
-def are_few(whole, estimator, k=0):
-    """Whether places are so few that other code finds their planes; `k` are asked besides."""
-    fixed = 0 if estimator.n_neighbors == "auto" else estimator.n_neighbors + 1
-    return len(whole) < max(COMPILE_FROM, fixed, k)
-
-
-def find_planes(sweeps, cells, job, k=0):
+def find_planes(sweeps, cells, job, k=0, least=0, **stored):
     """Find the planes of all places, and call ``job.tell`` for each cell with points.
 
-    Parameters
-    ----------
-    sweeps : Sweeps
-        With ends as by `ends_of`.
-    cells : Cells
-    job : PlaneJob
-    k : int, default=0
-        Neighbors that are asked for later, which are stored as the column near.
+    Returns the `StoredColumns`; None, and nothing is found, if there are so few places that other
+    code works on them than on tiles.
+
+    The column near stores k neighbors or more. Later steps need the `least` places. ``job.tell``
+    fills the columns `stored`, given as (dtype, shape of a row).
     """
-    whole, sweep = whole_of(job), partial(sweeps, cells=cells, job=job)
+    sweep = partial(sweeps, cells=cells, job=job)
+    sweep("places", find_places)
+    whole = whole_of(job)
+    if len(whole) < max(COMPILE_FROM, 0 if job.is_sized else job.estimator.n_neighbors + 1, least):
+        return None
     whole.join("points")
+    whole.make(**stored)
     asked = AROUND if job.is_sized else job.estimator.n_neighbors
     along = TREE_NEIGHBORS if has_tree(job.estimator) else 0
     whole.make(near=(np.int32, (max(asked, k, along),)))
@@ -159,13 +167,29 @@ def find_planes(sweeps, cells, job, k=0):
         sweep("planes", _fit_own)
         sweep("bends", _bend)
     if not has_tree(job.estimator):
-        return sweep("normals", _tell_cell)
+        sweep("normals", _tell_cell)
+        return whole
+    whole.make(normals=(job.constants.dtype, (3,)))
     sweep("normals", _tell_cell, job=job._replace(tell=_keep_normals))
-    whole.join("normals")
     sweep("forest", _find_forest)
     if not whole.columns.is_done(ALL, "tree"):
         _find_signs(whole, np.flatnonzero(cells.counts))
     sweep("sides", partial(_tell_cell, name="sides"))
+    return whole
+
+
+def told_planes(cell, job, fitted):
+    """What later stages know of the places of a cell, by the columns of a fitted estimator.
+
+    Returns the points, their `Columns`, and the fields of planes that are `FACES`.
+    """
+    whole, dtype = whole_of(job), np.dtype(job.constants.dtype)
+    points = np.array(whole.open("points")[whole.rows(cell)])
+    planes = fitted.plane_offset_[:, None], fitted.plane_scale_[:, None]
+    found = joined_columns(points.astype(dtype), fitted.normals_, fitted.eigenvalues_, *planes)
+    told = split_columns(found, 3)
+    planes = told.planes(np.arange(len(points)))
+    return points, told, {name: getattr(planes, name) for name in FACES}
 
 
 def tell_new(job, queries, n_jobs=None):
@@ -290,7 +314,7 @@ def _find_signs(whole, cells):
 
 
 def _keep_normals(cell, job, fitted):
-    job.open()[1].write(cell, normals=fitted.normals_)
+    whole_of(job).put(cell, normals=fitted.normals_)
 
 
 def _find_forest(cell, job):

@@ -181,10 +181,8 @@ def process_files(
                 f"{idle!r}."
             )
     options = {name: given[name][0] for name in verb.options}
-    report = run_by_tiles(
-        verb(estimator, **options), source, target, memory=memory, n_jobs=n_jobs,
-        tile_size=tile_size, as_folder=as_folder, restart=restart,
-    )  # fmt: skip
+    verb = verb(estimator, **options)
+    report = run_by_tiles(verb, source, target, memory, n_jobs, tile_size, as_folder, restart)
     if report.together:
         warn_caller(report.together)
     return report

@@ -4,88 +4,75 @@ The inputs are one cloud. If one was replaced and another not, nobody could judg
 run that ended while outputs were moved has only to move the others.
 """
 
-import hashlib
 import os
 import shutil
 from pathlib import Path
 
 from sklearn_mcmd.tiling._catalog import stamp_of
+from sklearn_mcmd.tiling._folder import key_of, read_json, write_json
 
-__all__ = ["Moves", "is_in_place", "places_of"]
-
-
-def is_in_place(catalog, targets):
-    """Whether an output replaces an input."""
-    inputs = set(map(os.path.realpath, catalog.paths))
-    return any(os.path.realpath(target) in inputs for target in targets)
+__all__ = ["move_outputs", "places_of", "resume_moves"]
 
 
 def places_of(catalog, targets, folder):
     """Where outputs are written: to their targets, or beside them if they replace inputs."""
-    if not is_in_place(catalog, targets):
+    inputs = set(map(os.path.realpath, catalog.paths))
+    if not any(os.path.realpath(target) in inputs for target in targets):
         return targets
     return [folder.staged(i, target) for i, target in enumerate(targets)]
 
 
-class Moves:
-    """What is left to do when all outputs are written.
+def move_outputs(verb, catalog, targets, folder, report):
+    """Move all outputs that wait; a report is kept for a run that has only to move them."""
+    places = places_of(catalog, targets, folder)
+    if places is targets:
+        return
+    moves = [
+        [str(place), os.path.realpath(target), list(stamp_of(place))]
+        for place, target in zip(places, targets, strict=True)
+    ]
+    # Files without points, which no run can read again, come last.
+    moves.sort(key=lambda move: -move[2][0])
+    inputs, key = [list(stamp) for stamp in catalog.stamps], _key(verb, catalog, targets)
+    told = {"key": key, "inputs": inputs, "moves": moves, "report": report}
+    write_json(folder.moves, told)  # a run that ends now has only to move them
+    _move(moves)
 
-    Parameters
-    ----------
-    folder : WorkFolder
-    catalog : Catalog
-    targets : list of Path
-    estimator : estimator
-    content : str
-        What tells apart outputs of one estimator.
-    version : str
+
+def resume_moves(verb, catalog, targets, folder):
+    """The report of an earlier run of which outputs were to be moved, now that they are.
+
+    None if there is none. False if there is another, and some inputs were replaced.
     """
-
-    def __init__(self, folder, catalog, targets, estimator, content, version):
-        self.folder, self.catalog, self.targets = folder, catalog, targets
-        self.key = _key(catalog, targets, estimator, content, version)
-
-    def finish(self, report):
-        """Move all outputs; a report is kept for a run that has only to move them."""
-        if not is_in_place(self.catalog, self.targets):
-            return
-        moves = []
-        for i, target in enumerate(self.targets):
-            place = self.folder.staged(i, target)
-            moves.append([str(place), os.path.realpath(target), list(stamp_of(place))])
-        # Files without points, which no run can read again, come last.
-        moves.sort(key=lambda move: -move[2][0])
-        inputs = [list(stamp) for stamp in self.catalog.stamps]
-        self.folder.finish_outputs(key=self.key, inputs=inputs, moves=moves, report=report)
-        _move(moves)
-
-    def resume(self):
-        """The report of an earlier run of which outputs were to be moved, now that they are.
-
-        None if there is none. False if there is another, and some inputs were replaced.
-        """
-        stored = self.folder.moves()
-        if not stored:
-            return None
-        if stored["key"] == self.key and self._fits(stored):
-            _move(stored["moves"])
-            return stored["report"]
-        if any(_is_there(target, stamp) for _, target, stamp in stored["moves"]):
-            return False
-        self.folder.forget_moves()
+    stored = read_json(folder.moves)
+    if not stored:
         return None
+    if stored["key"] == _key(verb, catalog, targets) and _fits(stored, catalog):
+        _move(stored["moves"])
+        return stored["report"]
+    if any(_is_there(target, stamp) for _, target, stamp in stored["moves"]):
+        return False
+    folder.moves.unlink(missing_ok=True)
+    return None
 
-    def _fits(self, stored):
-        """Whether inputs are as they were, or replaced, and all outputs are there."""
-        moved = {target: stamp for _, target, stamp in stored["moves"]}
-        paths = zip(self.catalog.paths, stored["inputs"], strict=True)
-        return all(
-            _is_there(path, stamp) or _is_there(path, moved.get(os.path.realpath(path)))
-            for path, stamp in paths
-        ) and all(
-            _is_there(place, stamp) or _is_there(target, stamp)
-            for place, target, stamp in stored["moves"]
-        )
+
+def _key(verb, catalog, targets):
+    """A hash of what outputs depend on, besides the inputs' stamps."""
+    paths = [os.path.realpath(path) for path in (*catalog.paths, *targets)]
+    return key_of(verb.estimator, paths, verb.content)
+
+
+def _fits(stored, catalog):
+    """Whether inputs are as they were, or replaced, and all outputs are there."""
+    moved = {target: stamp for _, target, stamp in stored["moves"]}
+    paths = zip(catalog.paths, stored["inputs"], strict=True)
+    return all(
+        _is_there(path, stamp) or _is_there(path, moved.get(os.path.realpath(path)))
+        for path, stamp in paths
+    ) and all(
+        _is_there(place, stamp) or _is_there(target, stamp)
+        for place, target, stamp in stored["moves"]
+    )
 
 
 def _move(moves):
@@ -99,11 +86,3 @@ def _move(moves):
 def _is_there(path, stamp):
     path = Path(path)
     return path.exists() and list(stamp_of(path)) == stamp
-
-
-def _key(catalog, targets, estimator, content, version):
-    """A hash of what outputs depend on, besides the inputs' stamps."""
-    paths = [os.path.realpath(path) for path in (*catalog.paths, *targets)]
-    params = sorted(estimator.get_params().items())
-    text = repr((version, type(estimator).__name__, params, paths, content))
-    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,16 +1,22 @@
-"""The results of tiles: what they are of normals, and their files."""
+"""The results of tiles: what they are of normals, their files, and all in the order of inputs."""
 
-import os
-import secrets
 from pathlib import Path
 
 import numpy as np
 
+from sklearn_mcmd.tiling._cell_columns import in_place_of
+
 __all__ = [
+    "LABELED",
     "NORMAL_COLUMNS",
     "N_TRANSFORMED",
+    "SCORED",
+    "VERDICTS",
+    "Results",
+    "has_scores",
     "normal_columns",
     "result_dtype",
+    "scores_in_parts",
     "tile_file",
     "write_results",
 ]
@@ -21,6 +27,66 @@ NORMAL_COLUMNS = (
 )
 # Columns of `transform` before the features: coordinates, normals, variation, eigenvalues, plane.
 N_TRANSFORMED = 12
+# Results that wait in memory to be written: of a tile, and bytes of all of them.
+WAITING, WAITING_BYTES = 2048, 50e6
+
+
+def result_dtype(n_columns, dtype=np.float32):
+    """The dtype of the file of a tile: the place of a point in the input, and its results."""
+    return np.dtype([("row", np.int64), ("values", dtype, (n_columns,))])
+
+
+# Scores; the same where heights have a say: scores of all points, or the depths of groups below the
+# ground if these are more; and these depths, NaN of points that are used but not judged.
+SCORED, VERDICTS = result_dtype(1, np.float64), result_dtype(2, np.float64)
+LABELED = result_dtype(1, np.int32)  # regions
+
+
+class Results:
+    """The results of all tiles in the order of the points, of which each is asked for once."""
+
+    def __init__(self, folder, n_tiles, dtype):
+        self.paths = [tile_file(folder, cell) for cell in range(n_tiles)]
+        self.dtype = dtype
+        self.waiting = [np.empty(0, self.dtype)] * n_tiles
+        self.read = [0] * n_tiles
+        self.n_read = int(np.clip(WAITING_BYTES / n_tiles / self.dtype.itemsize, 16, WAITING))
+
+    def take(self, first, n, expected=True):
+        """Results (n, n_columns) of the points from the row `first` on.
+
+        `expected` are the points that have results, a mask, True for all; False if that is unknown.
+        Others have NaN.
+        """
+        of_row = self.dtype["values"]
+        values, found = np.empty((n, of_row.shape[0]), of_row.base), 0
+        if expected is not True:
+            values[:] = np.nan
+        for tile in range(len(self.paths)):
+            for part in self._parts(tile, first + n):
+                values[part["row"] - first] = part["values"]
+                found += len(part)
+        wanted = n if expected is True else np.count_nonzero(expected)
+        if expected is not False and found != wanted:
+            # a fault of ours
+            raise RuntimeError(f"{wanted - found} of {wanted} points have no results")
+        return values
+
+    def _parts(self, tile, stop):
+        while True:
+            waiting = self.waiting[tile]
+            n = int(np.searchsorted(waiting["row"], stop))
+            yield waiting[:n]
+            self.waiting[tile] = waiting[n:]
+            if n < len(waiting):
+                return
+            offset = self.read[tile] * self.dtype.itemsize
+            self.waiting[tile] = np.fromfile(
+                self.paths[tile], self.dtype, self.n_read, offset=offset
+            )
+            self.read[tile] += len(self.waiting[tile])
+            if not len(self.waiting[tile]):
+                return
 
 
 def normal_columns(fitted):
@@ -30,12 +96,10 @@ def normal_columns(fitted):
     columns[:, :3], columns[:, 3] = fitted.normals_, fitted.surface_variation_
     columns[:, 4:7], columns[:, 7] = fitted.eigenvalues_, fitted.removed_fraction_
     columns[:, 8:] = fitted.features_
+    if fitted.n_neighbors == "auto":
+        names, sizes = [*names, "n_neighbors"], fitted.n_neighbors_.astype(np.float32)
+        columns = np.column_stack([columns, sizes])
     return names, columns
-
-
-def result_dtype(n_columns, dtype=np.float32):
-    """The dtype of the file of a tile: the place of a point in the input, and its results."""
-    return np.dtype([("row", np.int64), ("values", dtype, (n_columns,))])
 
 
 def tile_file(folder, cell):
@@ -43,12 +107,20 @@ def tile_file(folder, cell):
     return Path(folder) / f"{cell}.results"
 
 
+def has_scores(results, cell):
+    """Whether the scores of a tile are there."""
+    return tile_file(results, cell).exists()
+
+
+def scores_in_parts(results, n_cells, dtype=SCORED):
+    """The scores of all points, tile by tile."""
+    for cell in range(n_cells):
+        yield np.fromfile(tile_file(results, cell), dtype)["values"][:, 0]
+
+
 def write_results(folder, cell, rows, values, dtype):
-    """Write the results of a tile under a temporary name, which they leave when they are whole."""
+    """Write the results of a tile."""
     results = np.empty(len(rows), dtype)
     results["row"], results["values"] = rows, values.reshape(results["values"].shape)
-    path = tile_file(folder, cell)
-    temporary = path.with_name(f"{path.stem}.{secrets.token_hex(4)}.part")  # one on all machines
-    with open(temporary, "wb") as file:
-        file.write(results.data)  # unlike tofile, it says why it fails
-    os.replace(temporary, path)
+    with in_place_of(tile_file(folder, cell)) as temporary:
+        temporary.write_bytes(results.data)  # unlike tofile, it says why it fails

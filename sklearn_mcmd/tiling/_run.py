@@ -15,15 +15,16 @@ from sklearn.base import clone
 
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import one_clear_line
+from sklearn_mcmd.io._ground import check_ground
 from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.io._no_returns import NoReturns
 from sklearn_mcmd.runtime._interrupts import ignoring_interrupts
-from sklearn_mcmd.runtime._progress import progress_part
+from sklearn_mcmd.runtime._progress import progress_part, tell_share
 from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
 from sklearn_mcmd.tiling._cloud_constants import WholeCloud
 from sklearn_mcmd.tiling._folder import WorkFolder, key_of
-from sklearn_mcmd.tiling._heights import GroundWriter
+from sklearn_mcmd.tiling._heights import GROUND, GroundWriter
 from sklearn_mcmd.tiling._memory import (
     PART,
     Plan,
@@ -32,11 +33,11 @@ from sklearn_mcmd.tiling._memory import (
     plan_run,
     usual_memory,
 )
-from sklearn_mcmd.tiling._outputs import targets_of, tell
-from sklearn_mcmd.tiling._publish_outputs import Moves
-from sklearn_mcmd.tiling._sensor_origins import OriginWriter
+from sklearn_mcmd.tiling._outputs import targets_of
+from sklearn_mcmd.tiling._publish_outputs import move_outputs, resume_moves
+from sklearn_mcmd.tiling._sensor_origins import OriginWriter, SensorPath
+from sklearn_mcmd.tiling._sweeps import TilingError
 from sklearn_mcmd.tiling._warnings import warn_caller
-from sklearn_mcmd.tiling._workers import TilingError
 
 __all__ = ["Run", "RunReport", "Verb", "check_seed", "run_by_tiles", "warm_up"]
 
@@ -98,94 +99,61 @@ class RunReport(NamedTuple):
 
 
 class Run(NamedTuple):
-    """What a verb has to work with, once all points are in cells.
-
-    catalog : Catalog
-    targets : list of Path
-        The outputs.
-    folder : WorkFolder
-    cells : Cells
-    plan : Plan
-    memory : float
-        Bytes that the run may take.
-    """
+    """What a verb has to work with, once all points are in cells."""
 
     catalog: Catalog
     targets: list[Path]
     folder: WorkFolder
     cells: Cells
     plan: Plan
-    memory: float
+    memory: float  # bytes that the run may take
 
 
 class Verb(ABC):
     """What one verb does in a run; `run_by_tiles` does all else.
 
-    Parameters
-    ----------
-    estimator : estimator
-        It has the number of jobs of a tile.
-    content : str, default=""
-        What tells apart outputs of one estimator.
-    choice : Choice, default=None
-        The points that are used; None is all.
-    needs_ground : bool, default=False
-        Whether the points of the ground get cells of their own.
-    sensor : SensorPath, default=None
-        Where the sensor was for each point, if it had more than one position.
-
-    Attributes
-    ----------
-    options : tuple of str
-        Options of `process_files` that mean something to it.
+    The estimator has the number of jobs of a tile. `content` tells apart outputs of one estimator.
+    With a choice, some points are used.
     """
 
-    options: tuple[str, ...] = ()
+    options: tuple[str, ...] = ()  # those of `process_files` that mean something to it
+    needs_ground = False  # whether the points of the ground get cells of their own
+    sensor: SensorPath | None = None  # where it was for each point, if at more than one place
+    n_resumed = 0
 
-    def __init__(self, estimator, content="", choice=None, *, needs_ground=False, sensor=None):
+    def __init__(self, estimator, content="", choice=None):
         self.estimator, self.content, self.choice = estimator, content, choice
-        self.needs_ground, self.sensor = needs_ground, sensor
-
-    def look(self, catalog):  # noqa: B027 - most have nothing to say
-        """Warn of what is known of the inputs before the work."""
 
     @abstractmethod
-    def prepare(self):
+    def prepare(self, catalog):
         """Put compiled code on disk for all processes, and raise for parameters that are wrong.
 
-        Returns
-        -------
-        work : str
-            Of `plan_run`.
-        n_features, n_neighbors : int
+        Warn of what is known of the inputs. Returns the work, and the numbers of features and
+        neighbors that `plan_run` takes.
         """
 
     @abstractmethod
     def find(self, run):
-        """Write the results of all tiles that an earlier run has not done.
-
-        Parameters
-        ----------
-        run : Run
-        """
+        """Write the results of all tiles that an earlier run has not done."""
 
     @abstractmethod
     def write(self, run):
         """Write the outputs; returns a dict of all other fields of the `RunReport`."""
 
+    @abstractmethod
+    def make(self, cloud, values, xyz):
+        """What to write of a cloud in the form of its output, and which points to mark in it.
 
-def run_by_tiles(
-    verb, source, target, *, memory=None, n_jobs=None, tile_size=None, as_folder=None,
-    restart=False,
-):  # fmt: skip
-    """Run a verb, or go on where an earlier run has ended; returns its `RunReport`.
+        `values` are its results, and `xyz` its coordinates in the input.
+        """
 
-    Parameters
-    ----------
-    verb : Verb
-    source, target, memory, n_jobs, tile_size, as_folder, restart
-        As of `process_files`.
-    """
+    def measure(self, values):
+        """What is summed up of the results of points."""
+        return 0
+
+
+def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, as_folder, restart):
+    """Run a verb, or go on where an earlier run has ended; returns its `RunReport`."""
     begin = time.perf_counter()
     check_tile_size(tile_size)
     memory = usual_memory() if memory is None else parse_memory(memory)
@@ -193,10 +161,9 @@ def run_by_tiles(
     targets = targets_of(catalog, Path(target), as_folder)
     if not restart and (report := _finished_before(verb, catalog, target, targets)):
         return report
-    verb.look(catalog)
     if verb.sensor is not None:
         verb.sensor.check(catalog.n_points)
-    work, n_features, k = verb.prepare()
+    work, n_features, k = verb.prepare(catalog)
     plan = plan_run(
         catalog.n_points, memory, n_jobs, n_features, tile_size, work=work, n_neighbors=k
     )
@@ -210,16 +177,16 @@ def run_by_tiles(
         with progress_part(COMPUTED, 1.0, "writing"):
             found = verb.write(run)
         report = RunReport(
-            catalog.n_points, len(run.cells), plan.n_workers,
+            catalog.n_points, len(run.cells), plan.n_workers, verb.n_resumed,
             seconds=time.perf_counter() - begin, **found,
         )  # fmt: skip
-        _moves(verb, catalog, targets, folder).finish(report._asdict())
+        move_outputs(verb, catalog, targets, folder, report._asdict())
         with ignoring_interrupts():
             folder.remove()
     return report
 
 
-def warm_up(estimator, n_points):
+def warm_up(estimator, n_points=3_000):
     """An estimator fitted to so many points; compiled code is then on disk for all processes.
 
     Half of the points lie in a plane, and half in a volume.
@@ -243,7 +210,8 @@ def check_seed(estimator):
 def _scattered(verb, catalog, target, plan, restart):
     """The folder of a run, with all points in cells: of an earlier run, if that was the same."""
     used = verb.choice, verb.needs_ground, verb.sensor and verb.sensor.key
-    key = key_of(catalog, verb.estimator, plan.tile_size, CUT, _version(), used)
+    paths = [str(path.resolve()) for path in catalog.paths]
+    key = key_of(verb.estimator, paths, catalog.stamps, plan.tile_size, CUT, used)
     folder = WorkFolder(target, key)
     try:
         if restart:
@@ -267,7 +235,7 @@ def _finished_before(verb, catalog, target, targets):
         return None
     folder = WorkFolder(target, None)
     with _kept(folder):
-        report = _moves(verb, catalog, targets, folder).resume()
+        report = resume_moves(verb, catalog, targets, folder)
         if report:
             folder.remove()
     if report is False:
@@ -280,10 +248,6 @@ def _finished_before(verb, catalog, target, targets):
         return None
     report = RunReport(**report)
     return report._replace(n_resumed=report.n_tiles)
-
-
-def _moves(verb, catalog, targets, folder):
-    return Moves(folder, catalog, targets, verb.estimator, verb.content, _version())
 
 
 @contextmanager
@@ -313,11 +277,11 @@ def _check_disk(folder, wanted):
 def _scatter(verb, catalog, folder, capacity):
     """Read all points once: into cells, and for the constants of the whole cloud."""
     writer, whole, row = CellWriter(folder.cells, capacity, CUT), WholeCloud(), 0
-    choice, others = verb.choice, []  # other than the cells
+    choice, ground = verb.choice, None
     if verb.needs_ground:
-        others.append(GroundWriter(folder.cells, capacity, CUT))
-    if verb.sensor is not None:
-        others.append(OriginWriter(folder.cells, verb.sensor))
+        (folder.cells / GROUND).mkdir()
+        ground = GroundWriter(folder.cells / GROUND, capacity, CUT)
+    origins = None if verb.sensor is None else OriginWriter(folder.cells, verb.sensor)
     for path in catalog.paths:
         no_returns = NoReturns()
         for cloud in read_parts(path, PART):
@@ -329,10 +293,12 @@ def _scatter(verb, catalog, folder, capacity):
             if len(xyz):
                 writer.add(xyz, rows if chosen is None else rows[chosen])
                 whole.add(xyz)
-            for other in others:
-                other.add(cloud, path)
+            if ground is not None:
+                ground.add(cloud)
+            if origins is not None:
+                origins.add(cloud, path)
             row += len(cloud)
-            tell(row / catalog.n_points)
+            tell_share(row / catalog.n_points)
         if warning := no_returns.warning(path):
             warn_caller(warning)
     if not writer.n_points:
@@ -340,12 +306,10 @@ def _scatter(verb, catalog, folder, capacity):
             f"{catalog.paths[0]}: no points are judged: all are withheld or of other classes"
         )
     writer.close()
-    for other in others:
-        other.close(catalog.paths[0])
+    if ground is not None:
+        with one_clear_line(catalog.paths[0], "read"):
+            check_ground(ground.n_points)
+        ground.close()
+    if origins is not None:
+        origins.close(catalog.paths[0])
     folder.finish_cells(whole.constants())
-
-
-def _version():
-    from sklearn_mcmd import __version__
-
-    return __version__

@@ -7,34 +7,23 @@ from sklearn_mcmd.runtime._kernels import kernel
 __all__ = ["merge_nearest"]
 
 
-def merge_nearest(nearest, queries, asking, near, points, rows, cell):
-    """Take points of a cell that are nearer to some queries than what is known, in place.
+def merge_nearest(nearest, queries, asking, near, points, numbers):
+    """Take points that are nearer to some queries, `asking`, than what is known, in place.
 
-    Parameters
-    ----------
-    nearest : tuple of ndarray
-        Squares of distances (m, k), ascending, inf where nothing is known; coordinates (m, k, 3),
-        cells and rows (m, k).
-    queries : ndarray of shape (m, 3)
-    asking : ndarray of int of shape (n,)
-        Which of the queries are asked for.
-    near : ndarray of int of shape (n, width)
-        Their nearest points of the cell, the nearest first.
-    points : ndarray of shape (l, 3)
-    rows : ndarray of int of shape (l,)
-        Of the points, among the places of the cell.
-    cell : int
+    Known are the nearest of each: squares of distances (m, k), ascending, inf where there is none;
+    coordinates (m, k, 3); and numbers (m, k). The points (n, 3) have numbers, and `near` are rows
+    of those that are nearest to each who asks, the nearest first.
     """
     k = nearest[0].shape[1]
     # Python makes the arrays, since Numba takes long to compile what makes them.
-    merged = np.empty(k), np.empty((k, 3)), np.empty((2, k), np.int32)
-    _merge_nearest(*nearest, queries, asking, near, points, rows, cell, *merged)
+    merged = np.empty(k), np.empty((k, 3)), np.empty(k, nearest[2].dtype)
+    _merge_nearest(*nearest, queries, asking, near, points, numbers, *merged)
 
 
 @kernel(cache=True)
 def _merge_nearest(
-    squares, nearest, cells, numbers, queries, asking, near, points, rows, cell,
-    merged, merged_points, merged_places,
+    squares, nearest, known, queries, asking, near, points, numbers,
+    merged, merged_points, merged_numbers,
 ):  # fmt: skip
     k, width = squares.shape[1], near.shape[1]
     for a in range(len(asking)):
@@ -48,22 +37,20 @@ def _merge_nearest(
                     takes = _is_before(points[near[a, new]], nearest[i, old])
             if takes:
                 row = near[a, new]
-                merged[j], merged_places[0, j], merged_places[1, j] = square, cell, rows[row]
+                merged[j], merged_numbers[j] = square, numbers[row]
                 for axis in range(3):
                     merged_points[j, axis] = points[row, axis]
                 new += 1
                 if new < width:
                     square = _square(points, near[a, new], queries, i)
             else:
-                merged[j] = squares[i, old]
-                merged_places[0, j], merged_places[1, j] = cells[i, old], numbers[i, old]
+                merged[j], merged_numbers[j] = squares[i, old], known[i, old]
                 for axis in range(3):
                     merged_points[j, axis] = nearest[i, old, axis]
                 old += 1
         if new:
             for j in range(k):
-                squares[i, j] = merged[j]
-                cells[i, j], numbers[i, j] = merged_places[0, j], merged_places[1, j]
+                squares[i, j], known[i, j] = merged[j], merged_numbers[j]
                 for axis in range(3):
                     nearest[i, j, axis] = merged_points[j, axis]
 

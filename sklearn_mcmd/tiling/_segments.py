@@ -1,12 +1,12 @@
 """Regions of clouds larger than memory: planes and links by tiles, growth along links on disk."""
 
-from functools import partial
-
+import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd._errors import ParameterWarning
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.normals import RobustNormalEstimator
+from sklearn_mcmd.planes._resolution import least_scales
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.segmentation._graph import grow_regions, link_neighbors, seed_order
 from sklearn_mcmd.segmentation._region_sums import region_sizes
@@ -14,23 +14,31 @@ from sklearn_mcmd.segmentation._steps import finish_regions, rules_of
 from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._memory import bytes_to_join, most_neighbors, sized
 from sklearn_mcmd.tiling._normals import without_sides
-from sklearn_mcmd.tiling._outputs import LABELED, write_segmented_outputs
-from sklearn_mcmd.tiling._planes import OWN, PlaneJob, are_few, ends_of, find_planes
-from sklearn_mcmd.tiling._region_planes import STORED, tell_planes
-from sklearn_mcmd.tiling._result_files import write_results
+from sklearn_mcmd.tiling._outputs import write_outputs
+from sklearn_mcmd.tiling._planes import (
+    FACES,
+    NUMBER,
+    OWN,
+    PlaneJob,
+    ends_of,
+    find_planes,
+    told_planes,
+)
+from sklearn_mcmd.tiling._result_files import LABELED, Results, write_results
 from sklearn_mcmd.tiling._run import Verb, warm_up
 from sklearn_mcmd.tiling._small_clouds import fit_together
 from sklearn_mcmd.tiling._stored_columns import ALL, whole_of
-from sklearn_mcmd.tiling._stored_index import StoredIndex, find_places
+from sklearn_mcmd.tiling._stored_index import StoredIndex
 from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._warnings import warn_caller
 
 __all__ = ["Segments"]
 
-WARM_UP = 3_000  # points that load or compile the code
+STORED = {**FACES, "floor": NUMBER}
 LARGEST = 20  # regions whose points are counted in the report
-# The end of each sweep and step, as a share of the time.
-ENDS = {"places": 0.02, "normals": 0.72, "growth": 0.82, "steps": 1.0}
+PLACES = 0.02  # the end of the search for places, as a share of the time
+# The same of each other step.
+ENDS = {"normals": 0.72, "growth": 0.82, "steps": 1.0}
 
 
 class Segments(Verb):
@@ -42,29 +50,28 @@ class Segments(Verb):
         super().__init__(_checked(estimator), f"colors={colors}")
         self.colors = colors
 
-    def prepare(self):
-        warm_up(self.estimator, WARM_UP)
+    def prepare(self, catalog):
+        warm_up(self.estimator)
         normals = self.estimator.normal_estimator
         return sized("regions", normals), 0, most_neighbors(self.estimator, normals)
 
     def find(self, run):
-        folder, n_cells = run.folder, len(run.cells)
-        self.columns = CellColumns(folder.results)
-        self.n_resumed = sum(self.columns.is_done(cell, "normals") for cell in range(n_cells))
-        job = PlaneJob(
-            folder.cells, folder.results, self.estimator.normal_estimator, folder.constants,
-            tell_planes, run.plan.n_threads,
-        )  # fmt: skip
-        _segment(self.estimator, job, run.cells, run.plan.n_workers, run.memory)
+        self.columns = CellColumns(run.folder.results)
+        self.n_resumed = self.columns.n_done(len(run.cells), "normals")
+        if not self.columns.is_done(ALL, "regions"):
+            job = PlaneJob.of(run, self.estimator.normal_estimator, tell_planes)
+            sizes = [int(size) for size in _segment(self.estimator, job, run)]
+            self.columns.finish(
+                *(ALL, "regions"), n_regions=len(sizes), n_inside=sum(sizes),
+                largest=sizes[:LARGEST],
+            )  # fmt: skip
 
     def write(self, run):
-        make = partial(segmented, colors=self.colors)
-        write_segmented_outputs(run.catalog, run.targets, run.folder, make, self.content)
-        return {
-            "n_resumed": self.n_resumed,
-            "removed_fraction": 0.0,
-            **self.columns.report(ALL, "regions"),
-        }
+        write_outputs(run, self, Results(run.folder.results, len(run.cells), LABELED))
+        return {"removed_fraction": 0.0, **self.columns.report(ALL, "regions")}
+
+    def make(self, cloud, values, xyz):
+        return segmented(cloud, values[:, 0], self.colors), None
 
 
 def _checked(estimator):
@@ -91,28 +98,34 @@ def segmented(cloud, labels, colors=None):
     return with_results(cloud, region_columns(labels, paints))
 
 
-def _segment(growing, job, cells, n_workers, memory):
-    """Find the region of all points, and write them for each cell."""
-    columns = job.open()[1]
-    ends = {**ENDS, **ends_of(ENDS["places"], ENDS["normals"], job.estimator)}
-    sweeps = Sweeps(columns, n_workers, ends)
-    if columns.is_done(ALL, "regions"):
-        return
-    sweeps("places", find_places, cells, job=job)
-    whole, k = whole_of(job), growing.n_neighbors
-    if are_few(whole, job.estimator, k):
-        return _segment_together(growing, job, cells, len(whole))
+def _segment(growing, job, run):
+    """Write the region of all points of a run for each cell; returns the sizes of regions."""
+    (cells, columns), plan = job.open(), run.plan
+    ends = {**ENDS, **ends_of(PLACES, ENDS["normals"], job.estimator)}
+    sweeps, variation = Sweeps(columns, plan.n_workers, ends), (job.constants.dtype, ())
+    k = growing.n_neighbors
+    whole = find_planes(sweeps, cells, job, k, k, variation=variation, **STORED)
+    if whole is None:
+        words = f" at {len(whole_of(job)):,} places"
+        fitted, put = fit_together(growing, cells, job.constants.dtype, words)
+        put(columns.folder, fitted.labels_, LABELED)
+        return fitted.region_sizes_
     whole.join("counts")
-    whole.make(variation=(job.constants.dtype, ()), **STORED)
-    find_planes(sweeps, cells, job, k)
     whole.remove(*OWN)
     with whole.releasing():
-        labels = _find_regions(growing, cells, whole, n_workers * job.n_threads, memory)
+        labels = _find_regions(growing, cells, whole, plan.n_workers * plan.n_threads, run.memory)
     for cell in range(len(cells)):
         own, rows = labels[whole.rows(cell)], cells.read(cell)["row"]
         write_results(columns.folder, cell, rows, own[columns.read(cell, "place_of")], LABELED)
-    sizes = region_sizes(labels, int(labels.max(initial=-1)) + 1, whole.open("counts"))
-    _finish(columns, sizes)
+    return region_sizes(labels, int(labels.max(initial=-1)) + 1, whole.open("counts"))
+
+
+def tell_planes(cell, job, fitted):
+    """Fill the columns `STORED`, of which floor is the least scale, and variation."""
+    points, told, faces = told_planes(cell, job, fitted)
+    floor = least_scales(points, np.dtype(job.constants.dtype), job.constants.step)
+    faces["scale"] = np.maximum(faces["scale"], floor)
+    whole_of(job).put(cell, floor=floor, variation=told.surface_variation, **faces)
 
 
 def _find_regions(growing, cells, whole, n_threads, memory):
@@ -142,24 +155,3 @@ def _warn_if_much(labels, n_neighbors, memory):
                 f"regions may take {needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB"
             )
         )
-
-
-def _segment_together(growing, job, cells, n_places):
-    """Regions of a cloud of few places, which other code finds than that of tiles."""
-    words = f" at {n_places:,} places"
-    fitted, parts = fit_together(growing, cells, job.constants.dtype, words)
-    for cell, (rows, places) in enumerate(parts):
-        write_results(job.columns, cell, rows, fitted.labels_[places], LABELED)
-    _finish(job.open()[1], fitted.region_sizes_)
-
-
-def _finish(columns, sizes):
-    """Remember that the regions of all points are written, and what they are."""
-    sizes = [int(size) for size in sizes]
-    columns.finish(
-        ALL,
-        "regions",
-        n_regions=len(sizes),
-        n_inside=sum(sizes),
-        largest=sizes[:LARGEST],
-    )

@@ -3,6 +3,8 @@
 import numpy as np
 from sklearn.base import clone
 
+from sklearn_mcmd.tiling._result_files import write_results
+
 __all__ = ["fit_together"]
 
 # Points that may be fitted at once; only copies make a cloud of few places so large.
@@ -10,31 +12,12 @@ MOST_COPIES = 1_000_000
 
 
 def fit_together(estimator, cells, dtype, words, step=None, origins=None):
-    """An estimator fitted to all points of a cloud in the order of the inputs.
+    """An estimator fitted to all points of a cloud in the order of the inputs, and `put`.
 
-    Parameters
-    ----------
-    estimator : estimator
-    cells : Cells
-    dtype : dtype
-        In which points are fitted.
-    words : str
-        Where the points are, such as " at 600 places", for the error.
-    step : float, default=None
-        To which coordinates are rounded, if that of these points alone would be another.
-    origins : ndarray of shape (n, 3), default=None
-        Where the sensor was for each point of the inputs.
-
-    Returns
-    -------
-    fitted : estimator
-    parts : list of (ndarray of int of shape (m,), ndarray of int of shape (m,))
-        Of each cell, the rows of the inputs, and those among the points that are fitted.
-
-    Raises
-    ------
-    ValueError
-        If there are too many.
+    ``put(folder, values, dtype)`` writes values of these points as results. `words` tell where the
+    points are, such as " at 600 places", for the error. The `step` is that to which coordinates are
+    rounded, if that of these points alone would be another. `origins` are where the sensor was for
+    each point of the inputs.
     """
     n_points = int(cells.counts.sum())
     if n_points > MOST_COPIES:
@@ -47,7 +30,11 @@ def fit_together(estimator, cells, dtype, words, step=None, origins=None):
         fitted._step_of_cloud = step
     given = {} if origins is None else {"sensor_origin": origins[rows[order]]}
     fitted.fit(points[order].astype(dtype), **given)
-    places = np.empty_like(order)
+    places, ends = np.empty_like(order), np.cumsum([len(part) for part in records])[:-1]
     places[order] = np.arange(len(order))
-    ends = np.cumsum([len(part) for part in records])[:-1]
-    return fitted, list(zip(np.split(rows, ends), np.split(places, ends), strict=True))
+
+    def put(folder, values, dtype):
+        for cell, some in enumerate(np.split(places, ends)):
+            write_results(folder, cell, records[cell]["row"], values[some], dtype)
+
+    return fitted, put

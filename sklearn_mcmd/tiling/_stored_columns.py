@@ -23,20 +23,14 @@ class StoredColumns:
     """What sweeps have found of all places, as arrays that lie on disk.
 
     A place is known by its row: those of the first cell come first. Parts of an array come into
-    memory when they are asked for, and the system takes their memory when it needs it.
-
-    Parameters
-    ----------
-    columns : CellColumns
-    n_cells : int
-    sweep : str, default="planes"
-        The sweep that reported how many places each cell has.
+    memory when they are asked for, and the system takes their memory when it needs it. The columns
+    of cells have the reports of `find_places`, how many each cell has.
     """
 
-    def __init__(self, columns, n_cells, sweep="planes"):
+    def __init__(self, columns, n_cells):
         self.columns, self.n_cells = columns, n_cells
         sizes = [
-            columns.report(cell, sweep)["n_places"] if columns.is_done(cell, sweep) else 0
+            columns.report(cell, "places")["n_places"] if columns.is_done(cell, "places") else 0
             for cell in range(n_cells)
         ]
         self.starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
@@ -51,9 +45,13 @@ class StoredColumns:
 
     def join(self, *names):
         """Put columns of all cells into one file each; those of the cells are removed."""
+        cells = np.flatnonzero(np.diff(self.starts))
         for name in names:
             if not self.columns.is_done(ALL, name):
-                self._join(name)
+                first = self.columns.read(cells[0], name)
+                _made(self._path(name), first.dtype, (len(self), *first.shape[1:]))
+                for cell in cells:
+                    self.put(cell, **{name: self.columns.read(cell, name)})
                 self.columns.finish(ALL, name)
             self.columns.remove(self.n_cells, name)
 
@@ -166,30 +164,11 @@ class StoredColumns:
     def _path(self, name):
         return self.columns.folder / f"{ALL}.{name}.npy"
 
-    def _join(self, name):
-        some = np.flatnonzero(np.diff(self.starts))
-        first = self.columns.read(some[0], name, mmap=True)
-        header = {
-            "descr": np.lib.format.dtype_to_descr(first.dtype),
-            "fortran_order": False,
-            "shape": (len(self), *first.shape[1:]),
-        }
-        path = self._path(name)
-        temporary = path.with_name(f"{path.name}.{secrets.token_hex(4)}.part")
-        try:
-            with open(temporary, "wb") as file:
-                np.lib.format.write_array_header_1_0(file, header)
-                for cell in some:
-                    file.write(np.ascontiguousarray(self.columns.read(cell, name)).data)
-            os.replace(temporary, path)
-        finally:
-            temporary.unlink(missing_ok=True)
-
 
 def whole_of(job):
     """The columns of all places that the sweep over a job's cells has found."""
     cells, columns = job.open()
-    return StoredColumns(columns, len(cells), "places")
+    return StoredColumns(columns, len(cells))
 
 
 def _made(path, dtype, shape):

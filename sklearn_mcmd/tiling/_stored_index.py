@@ -1,51 +1,34 @@
 """Neighbors of all places of a cloud, on disk: an index and searches of what lies in cells."""
 
-from itertools import pairwise
-
 import numpy as np
 
-from sklearn_mcmd.planes._indexed_cloud import (
-    COMPILE_FROM,
-    distinct_rows,
-)
+from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM, distinct_rows
 from sklearn_mcmd.planes._linking import farthest_neighbors
-from sklearn_mcmd.planes._nearest import NearestPoints
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex, padded, within_radius
 from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.planes._self_search import SelfSearch
 from sklearn_mcmd.runtime._chunks import ORDER_FROM, each_slice, spatial_order
-from sklearn_mcmd.runtime._progress import progress_part
-from sklearn_mcmd.tiling._search import visit_far, visit_nearest
+from sklearn_mcmd.tiling._search import StoredNearest
 from sklearn_mcmd.tiling._stored_columns import whole_of
 
 __all__ = [
     "StoredIndex",
-    "StoredNearest",
     "chunks_of",
     "find_larger",
     "find_neighbors",
     "find_places",
-    "places_of_cell",
 ]
 
 STEP = 1.25  # ratio of numbers of neighbors that are searched at once
 CHUNK = 4096  # rows that are asked for at once
-TOLD_APART = 2**16  # queries whose cells are found at once
 
 
 class StoredIndex:
     """A `NeighborIndex` of all places, whose neighbors were searched for and stored.
 
-    Parameters
-    ----------
-    whole : StoredColumns
-        With the columns points and near. With sizes, also sizes, and what `find_larger` fills.
-    cells : Cells, default=None
-        Those of the columns, which searches other than of own neighbors need.
-    n_neighbors : int, default=None
-        By default as many as are stored; with sizes, the largest.
-    radius : float, default=None
-    sized : bool, default=False
+    It has as many neighbors as the column near, by default. If it is sized, their number is the
+    largest, and the columns have sizes and what `find_larger` fills. Only searches other than of
+    own neighbors need the cells.
     """
 
     chunk = CHUNK
@@ -102,87 +85,29 @@ class StoredIndex:
         def found(some, _, near):
             work(rows[some], Neighborhoods(near.astype(np.int32), np.full(len(near), k)))
 
-        self._everything().visit(self.points[rows], k, found, n_jobs)
+        self.among(None).visit(self.points[rows], k, found, n_jobs)
 
     def among(self, chosen):
-        """As of `NeighborIndex`."""
+        """As of `NeighborIndex`; of all places with None."""
         return StoredNearest(self._whole, self._cells, chosen)
 
     def query(self, queries, n_jobs=None):
         """As of `NeighborIndex`; it is fastest of all queries at once."""
-        everything, sizes = self._everything(), np.full(len(queries), self.n_neighbors)
+        sizes = np.full(len(queries), self.n_neighbors)
         if self.sizes is not None:
             sizes = self.sizes[self.nearest(queries, n_jobs)]
-        distances, near = everything.query(queries, int(sizes.max(initial=1)), n_jobs)
+        distances, near = self.among(None).query(queries, int(sizes.max(initial=1)), n_jobs)
         if self.radius is None:
             return Neighborhoods(padded(near, sizes), sizes)
         return within_radius(near, distances, sizes, self.radius, 3)
 
     def nearest(self, queries, n_jobs=None):
         """As of `NeighborIndex`."""
-        return self._everything().query(queries, 1, n_jobs)[1][:, 0]
+        return self.among(None).query(queries, 1, n_jobs)[1][:, 0]
 
     def empty(self, shape, dtype=np.float64):
         """As of `NeighborIndex`, on disk."""
         return self._whole.scratch(shape, dtype)
-
-    def _everything(self):
-        return self.among(np.ones(len(self.points), bool))
-
-
-class StoredNearest(NearestPoints):
-    """Some of all places, which answer as `NearestPoints` do; cells are read where they matter.
-
-    Parameters
-    ----------
-    whole : StoredColumns
-    cells : Cells
-    chosen : ndarray of bool of shape (n,)
-    """
-
-    def __init__(self, whole, cells, chosen):
-        self._whole, self._cells, self._chosen = whole, cells, chosen
-        self._points = whole.open("points")
-        sizes = [np.count_nonzero(chosen[whole.rows(cell)]) for cell in range(len(cells))]
-        self._starts = np.concatenate([[0], np.cumsum(sizes)])
-        self.n = int(self._starts[-1])
-
-    def visit(self, queries, k, work, n_jobs=None):
-        """As of `NearestPoints`; it is fastest if near queries come one after another."""
-
-        def ask(cell, rows):
-            known = None, None
-
-            def answer(some, distances, near, found):
-                nonlocal known
-                if known[0] is not found:
-                    cells, places = found.places
-                    known = found, np.append(self._starts[cells.astype(np.intp)] + places, self.n)
-                work(rows.start + some, distances, known[1][near])
-
-            visit_nearest(self._cells, self._load, cell, queries[rows], k, answer, n_jobs)
-
-        tasks = self._by_cell(queries)
-        for i, task in enumerate(tasks):  # one after the other, for less memory
-            with progress_part(i / len(tasks), (i + 1) / len(tasks)):
-                ask(*task)
-
-    def _load(self, cell):
-        rows = self._whole.rows(cell)
-        points = self._points[rows][self._chosen[rows]]
-        return points, np.arange(len(points))
-
-    def _by_cell(self, queries):
-        """Cells and slices of the queries that lie in them."""
-        cells, of = self._cells, np.zeros(len(queries), np.int32)
-        for first in range(0, len(queries), TOLD_APART):
-            part = queries[first : first + TOLD_APART]
-            low, high = part.min(axis=0), part.max(axis=0)
-            for cell in np.flatnonzero(((cells.low <= high) & (cells.high > low)).all(axis=1)):
-                inside = ((part >= cells.low[cell]) & (part < cells.high[cell])).all(axis=1)
-                of[first : first + TOLD_APART][inside] = cell
-        ends = np.concatenate([[0], np.flatnonzero(np.diff(of)) + 1, [len(of)]])
-        return [(int(of[a]), slice(a, b)) for a, b in pairwise(ends) if b > a]
 
 
 def find_places(cell, job):
@@ -192,14 +117,6 @@ def find_places(cell, job):
     """
     cells, columns = job.open()
     points = cells.read(cell)["xyz"]
-    rows, place_of = places_of_cell(points)
-    counts = np.bincount(place_of, minlength=len(rows)).astype(np.int32)
-    columns.write(cell, points=points[rows], counts=counts, place_of=place_of.astype(np.int32))
-    columns.finish(cell, "places", n_places=len(rows))
-
-
-def places_of_cell(points):
-    """Rows of the distinct points of a cell, near ones together, and the place of each point."""
     rows, place_of = distinct_rows(points)
     place_of = np.arange(len(points)) if place_of is None else place_of
     if len(rows) >= ORDER_FROM:
@@ -207,7 +124,9 @@ def places_of_cell(points):
         rows, new = rows[order], np.empty_like(order)
         new[order] = np.arange(len(order))
         place_of = new[place_of]
-    return rows, place_of
+    counts = np.bincount(place_of, minlength=len(rows)).astype(np.int32)
+    columns.write(cell, points=points[rows], counts=counts, place_of=place_of.astype(np.int32))
+    columns.finish(cell, "places", n_places=len(rows))
 
 
 def find_neighbors(cell, job):
@@ -215,14 +134,18 @@ def find_neighbors(cell, job):
     (cells, columns), whole = job.open(), whole_of(job)
     points, own, k = whole.open("points"), whole.rows(cell), whole.open("near").shape[1]
     queries, near = np.array(points[own]), np.empty((own.stop - own.start, k), np.int32)
-    keep = _keeping(whole, near)
+    search = StoredNearest(whole, cells)
+
+    def keep(rows, _, found):
+        near[rows] = found
+
     if len(queries) >= max(k, COMPILE_FROM):
         bounds = _search_own(queries, near, job.n_threads)
         inside = np.ones(len(near), bool)
-        inside[visit_far(cells, _loading(whole), cell, queries, bounds, near, keep)] = False
+        inside[search.visit_far(cell, queries, bounds, near, keep)] = False
         near[inside] += own.start
     else:
-        visit_nearest(cells, _loading(whole), cell, queries, k, keep)
+        search.visit_in(cell, queries, k, keep)
     whole.put(cell, near=near)
     columns.finish(cell, "neighbors")
 
@@ -237,40 +160,15 @@ def find_larger(cell, job):
     while k < sizes.max():
         before, k = k, min(int(STEP * k), int(sizes.max()))
         some = np.flatnonzero((sizes > before) & (sizes <= k))
-        near = np.empty((len(some), k), np.int32)
-        queries = points[own.start + some]
-        visit_nearest(cells, _loading(whole), cell, queries, k, _keeping(whole, near))
-        for part in chunks_of(slice(0, len(some))):
+
+        def keep(part, _, near, some=some, k=k):
             rows = some[part]
             inside = np.arange(k) < sizes[rows, None]
-            larger[(starts[rows, None] - first + np.arange(k))[inside]] = near[part][inside]
+            larger[(starts[rows, None] - first + np.arange(k))[inside]] = near[inside]
+
+        StoredNearest(whole, cells).visit_in(cell, points[own.start + some], k, keep)
     whole.write("larger", first, larger)
     columns.finish(cell, "larger")
-
-
-def _loading(whole):
-    """What loads the points of a cell, and their rows."""
-    points = whole.open("points")
-
-    def load(cell):
-        some = np.array(points[whole.rows(cell)])
-        return some, np.arange(len(some))
-
-    return load
-
-
-def _keeping(whole, near):
-    """What puts the rows of points that were found into `near`."""
-    known = None, None
-
-    def keep(rows, _, found_near, found):
-        nonlocal known
-        if known[0] is not found:  # they come one after the other
-            cells, places = found.places
-            known = found, whole.starts[cells.astype(np.intp)] + places
-        near[rows] = known[1][found_near]
-
-    return keep
 
 
 def _search_own(points, near, n_threads):

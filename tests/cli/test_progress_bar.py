@@ -11,8 +11,7 @@ import pytest
 
 from sklearn_mcmd.cli import _progress_bar
 from sklearn_mcmd.cli._progress_bar import _State, progress
-from sklearn_mcmd.runtime._progress import COMPILING, Told, progress_part
-from sklearn_mcmd.tiling._outputs import tell
+from sklearn_mcmd.runtime._progress import COMPILING, Told, progress_part, tell_share
 
 
 @pytest.fixture
@@ -81,7 +80,7 @@ def test_without_a_terminal_a_stage_that_goes_on_is_told_again(impatient, monkey
 
 def test_a_note_is_told_beside_the_stage(impatient, capsys):
     with progress("normals", quiet=False), progress_part(0.25, 0.5, "normals"):
-        tell(0.5, "12 points/s")
+        tell_share(0.5, "12 points/s")
         (line,) = lines(capsys)
     assert re.fullmatch(r"mcmd: normals: normals, 12 points/s, 38 % done, \d+ s", line)
 

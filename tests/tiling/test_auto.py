@@ -11,7 +11,7 @@ from sklearn_mcmd.datasets import make_airborne_scan, make_street
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.tiling import TilingError, _small_clouds, process_files
-from sklearn_mcmd.tiling._normals import told_columns
+from sklearn_mcmd.tiling._result_files import normal_columns
 from tiled import divide, is_killed, street
 
 ESTIMATOR = RobustNormalEstimator("auto", random_state=0)
@@ -52,7 +52,7 @@ def in_memory(source, target, estimator=ESTIMATOR):
     single = cloud.xyz.astype(np.float32)
     exact = np.array_equal(single, cloud.xyz)
     fitted = clone(estimator).fit(single if exact else cloud.xyz)
-    names, columns = told_columns(fitted)
+    names, columns = normal_columns(fitted)
     write_points(target, with_results(cloud, dict(zip(names, columns.T.copy(), strict=True))))
     return fitted.n_neighbors_
 

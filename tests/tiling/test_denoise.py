@@ -15,8 +15,7 @@ from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_point
 from sklearn_mcmd.io._classes import noise_classes
 from sklearn_mcmd.io._point_cloud import without_outliers
 from sklearn_mcmd.tiling import TilingError, _denoise, _small_clouds, process_files
-from sklearn_mcmd.tiling._cells import Cells
-from sklearn_mcmd.tiling._outputs import SCORED, Results
+from sklearn_mcmd.tiling._result_files import SCORED, Results
 from tiled import divide, is_killed, street
 
 DETECTOR = MCMDOutlierDetector(16, random_state=0)
@@ -75,14 +74,14 @@ def in_memory(cloud, detector):
 def by_tiles(monkeypatch, tmp_path):
     """Runs by tiles; returns all scores, and the report."""
     found = []
-    write = _denoise.write_denoised_outputs
+    write = _denoise.write_outputs
 
-    def keep_scores(catalog, targets, folder, *args):
-        results = Results(folder.results, len(Cells(folder.cells)), SCORED)
-        found.append(results.take(0, catalog.n_points)[:, 0])
-        return write(catalog, targets, folder, *args)
+    def keep_scores(run, *args):
+        results = Results(run.folder.results, len(run.cells), SCORED)
+        found.append(results.take(0, run.catalog.n_points)[:, 0])
+        return write(run, *args)
 
-    monkeypatch.setattr(_denoise, "write_denoised_outputs", keep_scores)
+    monkeypatch.setattr(_denoise, "write_outputs", keep_scores)
 
     def run(source, detector, **options):
         report = divide(source, tmp_path / "denoised.las", detector, **options)
@@ -291,7 +290,7 @@ def test_a_file_of_nothing_but_outliers_is_warned_of(tmp_path):
 RUN = """
 import os, signal, sys
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.tiling import _denoise, _outputs, process_files
+from sklearn_mcmd.tiling import _denoise, _result_files, process_files
 
 source, target, place = sys.argv[1:]
 
@@ -304,7 +303,7 @@ def twice(work, done=[]):
     return some
 
 if place == "writing":
-    _outputs.with_results = die
+    _result_files.Results.take = die
 else:
     setattr(_denoise, place, twice(getattr(_denoise, place)))
 detector = MCMDOutlierDetector(16, random_state=0)

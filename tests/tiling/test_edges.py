@@ -16,8 +16,7 @@ from sklearn_mcmd.edges._painting import edge_columns
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.tiling import TilingError, _edges, _small_clouds, process_files
-from sklearn_mcmd.tiling._cells import Cells
-from sklearn_mcmd.tiling._outputs import SCORED, Results
+from sklearn_mcmd.tiling._result_files import SCORED, Results
 from tiled import divide, is_killed, street
 
 DETECTOR = SharpFeatureDetector(12, random_state=0)
@@ -83,14 +82,14 @@ def in_memory(cloud, detector=DETECTOR):
 def by_tiles(monkeypatch, tmp_path):
     """Runs by tiles; returns all scores, and the report."""
     found = []
-    write = _edges.write_edge_outputs
+    write = _edges.write_outputs
 
-    def keep_scores(catalog, targets, folder, limit, *args):
-        results = Results(folder.results, len(Cells(folder.cells)), SCORED)
-        found.append((results.take(0, catalog.n_points)[:, 0], limit))
-        return write(catalog, targets, folder, limit, *args)
+    def keep_scores(run, verb, *args):
+        results = Results(run.folder.results, len(run.cells), SCORED)
+        found.append((results.take(0, run.catalog.n_points)[:, 0], verb.limit))
+        return write(run, verb, *args)
 
-    monkeypatch.setattr(_edges, "write_edge_outputs", keep_scores)
+    monkeypatch.setattr(_edges, "write_outputs", keep_scores)
 
     def run(source, detector=DETECTOR, **options):
         report = divide(source, tmp_path / "edges.las", detector, **options)
@@ -236,7 +235,7 @@ def test_files_of_a_folder_are_one_cloud_and_keep_their_colors(tmp_path):
 RUN = """
 import os, signal, sys
 from sklearn_mcmd import SharpFeatureDetector
-from sklearn_mcmd.tiling import _denoise, _edges, _outputs, _planes, process_files
+from sklearn_mcmd.tiling import _denoise, _edges, _planes, _result_files, process_files
 
 source, target, place = sys.argv[1:]
 
@@ -249,7 +248,7 @@ def twice(work, done=[]):
     return some
 
 if place == "writing":
-    _outputs.with_results = die
+    _result_files.Results.take = die
 elif place == "close_kept":
     _edges.close_kept = die
 else:

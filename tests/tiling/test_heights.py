@@ -14,7 +14,6 @@ from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_point
 from sklearn_mcmd.io._classes import Choice
 from sklearn_mcmd.io._ground import Ground
 from sklearn_mcmd.tiling import TilingError, _heights, _memory, process_files
-from sklearn_mcmd.tiling._cells import Cells
 from tiled import divide, is_killed
 
 DETECTOR = MCMDOutlierDetector(16, random_state=0)
@@ -99,8 +98,7 @@ def files(tmp_path):
         *[("lattice", ALL), ("far apart", ALL), ("little ground", ALL)],
     ],
 )
-def test_verdicts_are_those_of_memory_wherever_tiles_begin(scene, heights, tmp_path, monkeypatch):
-    monkeypatch.setattr(_heights, "SMALL", 50)  # less ground than a tile has points
+def test_verdicts_are_those_of_memory_wherever_tiles_begin(scene, heights, tmp_path):
     a, b, c = files(tmp_path)
     write_points(a, SCENES[scene]())
     points, classes = in_memory(a, b, **heights)
@@ -264,20 +262,25 @@ def test_groups_below_the_ground_that_take_more_than_the_memory_are_refused(tmp_
         process_files(a, c, DETECTOR, low_groups=True, memory="500MB", tile_size=900)
 
 
-def test_the_nearest_ground_is_that_of_all_whatever_is_taken_around(tmp_path, monkeypatch):
+def test_the_nearest_ground_is_that_of_all_whatever_cells_there_are(tmp_path):
     cloud = lattice()
     writer = _heights.GroundWriter(tmp_path, 300, 0.4)
     for rows in np.array_split(np.arange(len(cloud)), 7):
-        writer.add(cloud.subset(rows), None)
-    writer.close(tmp_path)
-    cells = Cells(tmp_path / _heights.GROUND)
+        writer.add(cloud.subset(rows))
+    cells = writer.close()
     is_ground = (cloud.attributes["classification"] == 2) & ~cloud.attributes["withheld"]
     assert cells.counts.sum() == is_ground.sum()
     queries = cloud.xyz[::5]
     expected = Ground(cloud.xyz[is_ground]).nearest(queries)
-    for width, small in ((4, 10**6), (0.01, 10**6), (4, 1)):
-        monkeypatch.setattr(_heights, "WIDTH", width)
-        monkeypatch.setattr(_heights, "SMALL", small)
-        for part in (slice(None), slice(100, 130), slice(3, 4)):
-            found = _heights._nearest_ground(cells, queries[part])
-            assert_array_equal(found, np.array(expected)[:, part])
+    for part in (slice(None), slice(100, 130), slice(3, 4)):
+        found = _heights._nearest_ground(cells, queries[part])
+        assert_array_equal(found, np.array(expected)[:, part])
+
+
+def test_cells_of_fewer_ground_points_than_corners_are_put_together(tmp_path):
+    xyz = np.random.default_rng(0).uniform(size=(40, 3)) * [9, 9, 1]
+    writer = _heights.GroundWriter(tmp_path, 2, 0.5)
+    writer.add(PointCloud(xyz, {"classification": np.full(40, 2, np.uint8)}))
+    queries = np.random.default_rng(1).uniform(-5, 15, (30, 3))
+    found = _heights._nearest_ground(writer.close(), queries)
+    assert_array_equal(found, Ground(xyz).nearest(queries))

@@ -6,9 +6,8 @@ from numpy.testing import assert_array_equal
 from sklearn_mcmd.planes._resolution import coordinate_step
 from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._cells import CellWriter
-from sklearn_mcmd.tiling._kept_points import close_kept, find_kept, kept_constants
-from sklearn_mcmd.tiling._outputs import SCORED
-from sklearn_mcmd.tiling._result_files import tile_file
+from sklearn_mcmd.tiling._edges import close_kept, find_kept, kept_constants
+from sklearn_mcmd.tiling._result_files import SCORED, tile_file
 
 
 def test_kept_points_lie_in_the_cells_of_all_and_have_constants_of_their_own(tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.tiling._quantiles import evenly_along_x, exceeded_by, median_of
+from sklearn_mcmd.tiling._quantiles import evenly_along_x, exceeded_by
 
 
 @pytest.mark.parametrize("share", [0.001, 0.03, 0.0725, 0.5])
@@ -26,20 +26,4 @@ def test_points_are_taken_evenly_in_the_order_of_their_coordinates(digits, step)
     xyz = np.unique(np.round(rng.normal(0, 3, (2_000, 3)), digits), axis=0)
     ordered = xyz.copy()
     rng.shuffle(xyz)
-    parts = np.array_split(xyz, 4)
-    found = [
-        parts[cell][rows] for cell, rows in evenly_along_x(parts.__getitem__, 4, len(xyz), step)
-    ]
-    found = np.vstack(found)
-    assert_array_equal(found[np.lexsort(found.T[::-1])], ordered[::step])
-
-
-@pytest.mark.parametrize("n", [1, 2, 77, 4_000])
-def test_the_median_is_that_of_numpy_for_numbers_of_either_sign(n):
-    rng = np.random.default_rng(n)
-    numbers = rng.normal(0, 1, n) * np.exp(rng.normal(0, 20, n))
-    numbers[rng.random(n) < 0.2] = 0.0
-    numbers[: n // 3] = np.round(numbers[: n // 3], 1)
-    for values in (numbers, np.abs(numbers), -np.abs(numbers)):
-        parts = np.array_split(values, 3)
-        assert median_of(lambda parts=parts: iter(parts)) == np.median(values)
+    assert_array_equal(xyz[evenly_along_x(xyz, step)], ordered[::step])

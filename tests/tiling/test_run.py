@@ -181,7 +181,7 @@ def test_an_output_may_replace_its_input(small_file, tmp_path):
 RUN = """
 import os, signal, sys
 from sklearn_mcmd import RobustNormalEstimator
-from sklearn_mcmd.tiling import _outputs, _planes, _run, process_files
+from sklearn_mcmd.tiling import _planes, _result_files, _run, process_files
 
 source, target, place = sys.argv[1:]
 work, done = _planes._fit_own, []
@@ -198,7 +198,7 @@ if place == "reading":
 elif place == "tiles":
     _planes._fit_own = two_tiles
 else:
-    _outputs.with_results = die
+    _result_files.Results.take = die
 process_files(source, target, RobustNormalEstimator(16, random_state=0), tile_size=1_500)
 """
 

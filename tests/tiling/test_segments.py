@@ -199,7 +199,7 @@ def test_colors_are_written_if_they_are_asked_for(colors, tmp_path):
 RUN = """
 import os, signal, sys
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
-from sklearn_mcmd.tiling import _outputs, _segments, process_files
+from sklearn_mcmd.tiling import _result_files, _segments, process_files
 
 source, target, place = sys.argv[1:]
 
@@ -212,7 +212,7 @@ def some(work, done=[]):
     return limited
 
 if place == "writing":
-    _outputs.Results.take = die
+    _result_files.Results.take = die
 elif place == "tell_planes":
     _segments.tell_planes = some(_segments.tell_planes)
 else:
@@ -229,7 +229,7 @@ process_files(source, target, growing, tile_size=1_500)
         ("tell_planes", 2),
         *(
             pytest.param(place, n, marks=pytest.mark.slow)
-            for place, n in (("finish_regions", 4), ("_finish", 4), ("writing", 4))
+            for place, n in (("finish_regions", 4), ("write_results", 4), ("writing", 4))
         ),
     ],
 )

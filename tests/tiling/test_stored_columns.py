@@ -28,7 +28,7 @@ def whole(index, tmp_path):
     for cell, size in enumerate(SIZES):
         rows = slice(starts[cell], starts[cell + 1])
         columns.write(cell, points=index.points[rows], near=near[rows], scale=np.zeros(size))
-        columns.finish(cell, "planes", n_places=size)
+        columns.finish(cell, "places", n_places=size)
     return StoredColumns(columns, len(SIZES))
 
 
