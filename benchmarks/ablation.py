@@ -115,8 +115,9 @@ def normal_scores(truth, normals):
 def faces_of(X):
     """Columns of the points that the detector of edges keeps; others have coordinates alone."""
     from sklearn_mcmd import SharpFeatureDetector
+    from sklearn_mcmd.edges._detector import steps_of
 
-    cleaner, normals = SharpFeatureDetector(random_state=0)._make_steps()
+    cleaner, normals = steps_of(SharpFeatureDetector(random_state=0))
     kept = cleaner.fit_predict(X) == 1
     columns = normals.fit_transform(X[kept])
     found = np.full((len(X), columns.shape[1]), np.nan)

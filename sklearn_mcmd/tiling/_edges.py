@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 from sklearn.base import clone
 
+from sklearn_mcmd.edges._detector import crease_width, steps_of
 from sklearn_mcmd.edges._limits import least_of_edge
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.tiling._cell_columns import CellColumns
@@ -82,7 +83,7 @@ def _checked_steps(estimator):
             f"normals={estimator.normals!r} cannot work by tiles, which hold coordinates only: "
             "take normals='estimate'."
         )
-    detector, normals = estimator._make_steps()
+    detector, normals = steps_of(estimator)
     if detector is not None:
         check_detector(detector)
     return detector, without_sides(normals)
@@ -141,7 +142,7 @@ class _Steps:
         if not all(map(self.folder.is_done, range(len(kept)))):
             with progress_part(ENDS["normals"], 1.0), whole.releasing():
                 find_distances(job, self.sweep.n_workers * self.n_threads)
-        return self.estimator._crease_width()
+        return crease_width(self.estimator)
 
     def _find_values(self, kept, job, planes):
         """Values of another criterion; returns the least of an edge, negative."""
