@@ -223,6 +223,7 @@ PARTS = {
     "growing": Part(
         tried=(
             Constant("segmentation._graph", "CUTOFF"),
+            Constant("planes._flatness", "N_ERRORS", np.inf),
             Constant("segmentation._graph", "USUAL", 0.0),
             Constant("segmentation._graph", "BENT", 0.0),
             Constant("segmentation._assign_points", "CUTOFF", np.inf),
@@ -258,7 +259,8 @@ PARTS = {
     "normals": Part(
         tried=(
             Constant("normals._surface_planes", "REMOVED", 1.0),
-            Constant("normals._surface_planes", "CHANCE", 0.0),
+            Constant("normals._surface_planes", "CHANCE"),
+            Constant("planes._flatness", "N_ERRORS", np.inf),
             Constant("normals._surface_planes", "BEST"),
             Constant("normals._surface_planes", "HALF_BALL", np.inf),
             Constant("normals._neighbor_planes", "EXPLAINED", np.inf),
