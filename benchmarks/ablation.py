@@ -115,8 +115,9 @@ def normal_scores(truth, normals):
 def faces_of(X):
     """Columns of the points that the detector of edges keeps; others have coordinates alone."""
     from sklearn_mcmd import SharpFeatureDetector
+    from sklearn_mcmd.edges._detector import steps_of
 
-    cleaner, normals = SharpFeatureDetector(random_state=0)._make_steps()
+    cleaner, normals = steps_of(SharpFeatureDetector(random_state=0))
     kept = cleaner.fit_predict(X) == 1
     columns = normals.fit_transform(X[kept])
     found = np.full((len(X), columns.shape[1]), np.nan)
@@ -222,6 +223,7 @@ PARTS = {
     "growing": Part(
         tried=(
             Constant("segmentation._graph", "CUTOFF"),
+            Constant("planes._flatness", "N_ERRORS", np.inf),
             Constant("segmentation._graph", "USUAL", 0.0),
             Constant("segmentation._graph", "BENT", 0.0),
             Constant("segmentation._assign_points", "CUTOFF", np.inf),
@@ -257,7 +259,8 @@ PARTS = {
     "normals": Part(
         tried=(
             Constant("normals._surface_planes", "REMOVED", 1.0),
-            Constant("normals._surface_planes", "CHANCE", 0.0),
+            Constant("normals._surface_planes", "CHANCE"),
+            Constant("planes._flatness", "N_ERRORS", np.inf),
             Constant("normals._surface_planes", "BEST"),
             Constant("normals._surface_planes", "HALF_BALL", np.inf),
             Constant("normals._neighbor_planes", "EXPLAINED", np.inf),

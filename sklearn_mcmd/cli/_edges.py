@@ -133,13 +133,14 @@ def _by_tiles(source, target, catalog, params, colors, memory, restart, report, 
 
 
 def _tile_contents(catalog, target, params, told):
+    from sklearn_mcmd.edges._detector import crease_width
     from sklearn_mcmd.report._edges import edges_contents
     from sklearn_mcmd.report._shown import Shown
     from sklearn_mcmd.tiling._outputs import targets_of
 
     detector, names = _detector(params), ("edge", "edge_score")
     shown = Shown.of_tiles(catalog, targets_of(catalog, target), told, names)
-    limit = detector._crease_width() if detector.criterion == "crease" else None
+    limit = crease_width(detector) if detector.criterion == "crease" else None
     return edges_contents(shown, detector.criterion, told.n_edges, limit, [])
 
 

@@ -9,7 +9,7 @@ surface. The verdict is pooled over the neighbors, as an edge is a line and not 
 
 import numpy as np
 
-from sklearn_mcmd.edges._faces import OFF, Faces, are_flat, give_faces, measure_spacing
+from sklearn_mcmd.edges._faces import OFF, Faces, are_faces, give_faces, measure_spacing
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.runtime._chunks import each_chunk, run
@@ -67,7 +67,7 @@ class CreaseModel:
             around = self._search_own() if around is None else around
         with progress_part(*MEASURING):
             self._in_chunks(around, self._measure_spacing)
-        self.flat = are_flat(self.planes)
+        self.flat = are_faces(self.planes)
         with progress_part(*GIVING):
             self.faces = self._give_planes(self.points, around)
         with progress_part(*MEETING):

@@ -25,7 +25,7 @@ from sklearn_mcmd.planes._columns import Columns, split_columns
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.runtime._tasks import fit_in_tasks, sub_fit
 
-__all__ = ["SharpFeatureDetector"]
+__all__ = ["SharpFeatureDetector", "crease_width", "steps_of"]
 
 # Number of spacings within which a point belongs to the edge.
 EDGE_WIDTH = 2.0
@@ -242,7 +242,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
         xyz = columns.coordinates
         self._n_dimensions = xyz.shape[1]
         self._check_parameters(xyz)
-        detector, normal_estimator = self._make_steps()
+        detector, normal_estimator = steps_of(self)
         self.inlier_mask_ = self._clean(xyz, detector)
         kept = self.inlier_mask_
         if self.normals == "estimate":
@@ -253,7 +253,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
             members = table[kept]
         if self.criterion == "crease":
             self._model = CreaseModel(self.n_neighbors, self.min_angle, self.n_jobs)
-            self.offset_ = self._crease_width()
+            self.offset_ = crease_width(self)
             self.scores_ = np.empty(len(xyz))
             with progress_part(0.8, 1.0, "creases"):
                 with progress_part(0.0, 0.9):
@@ -321,43 +321,6 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
             kept = np.asarray(detector.fit_predict(xyz)) == 1
         return kept if kept.sum() > xyz.shape[1] else np.ones(len(xyz), dtype=bool)
 
-    def _crease_width(self):
-        """Spacings from a crease within which a point belongs to the edge."""
-        return EDGE_WIDTH if self.threshold is None else float(self.threshold)
-
-    def _make_steps(self):
-        """The detector that cleans the cloud, None if nothing does, and the normal estimator."""
-        # Both get one seed, drawn once, because a RandomState would give them two.
-        seed = check_random_state(self.random_state).randint(np.iinfo(np.int32).max)
-        return self._make_outlier_detector(seed), self._make_normal_estimator(seed)
-
-    def _make_outlier_detector(self, seed):
-        detector = self.outlier_detector
-        if isinstance(detector, str) and detector == "passthrough":
-            return None
-        if self.normals == "precomputed" and self.criterion != "crease":
-            return None
-        if detector is None:
-            detector = MCMDOutlierDetector(
-                strictness="groups" if self.criterion == "crease" else "surfaces",
-                random_state=seed,
-                n_jobs=self.n_jobs,
-            )
-        return _seeded(detector, seed)
-
-    def _make_normal_estimator(self, seed):
-        if self.normal_estimator is not None:
-            return _seeded(self.normal_estimator, seed)
-        plain = self.criterion in ("eigenvalue", "surface_variation")
-        return RobustNormalEstimator(
-            self.n_neighbors,
-            method="pca" if plain else "mcmd_z",
-            tangents=False,  # beside an edge they turn from one face to the other
-            features="removed_fraction" if self.criterion == "removed_fraction" else None,
-            random_state=seed,
-            n_jobs=self.n_jobs,
-        )
-
     def _values(self, columns, members=None):
         """The value of the criterion at points, if it is not "crease".
 
@@ -387,6 +350,47 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
                 f"normal_estimator.transform, which has {names}: ask for it by features=[{name!r}]."
             )
         return names.index(name)
+
+
+def crease_width(detector):
+    """Spacings from a crease within which a point belongs to the edge."""
+    return EDGE_WIDTH if detector.threshold is None else float(detector.threshold)
+
+
+def steps_of(detector):
+    """The detector that cleans the cloud, None if nothing does, and the normal estimator."""
+    # Both get one seed, drawn once, because a RandomState would give them two.
+    seed = check_random_state(detector.random_state).randint(np.iinfo(np.int32).max)
+    return _cleaner(detector, seed), _normal_estimator(detector, seed)
+
+
+def _cleaner(edges, seed):
+    detector = edges.outlier_detector
+    if isinstance(detector, str) and detector == "passthrough":
+        return None
+    if edges.normals == "precomputed" and edges.criterion != "crease":
+        return None
+    if detector is None:
+        detector = MCMDOutlierDetector(
+            strictness="groups" if edges.criterion == "crease" else "surfaces",
+            random_state=seed,
+            n_jobs=edges.n_jobs,
+        )
+    return _seeded(detector, seed)
+
+
+def _normal_estimator(edges, seed):
+    if edges.normal_estimator is not None:
+        return _seeded(edges.normal_estimator, seed)
+    plain = edges.criterion in ("eigenvalue", "surface_variation")
+    return RobustNormalEstimator(
+        edges.n_neighbors,
+        method="pca" if plain else "mcmd_z",
+        tangents=False,  # beside an edge they turn from one face to the other
+        features="removed_fraction" if edges.criterion == "removed_fraction" else None,
+        random_state=seed,
+        n_jobs=edges.n_jobs,
+    )
 
 
 def _seeded(estimator, seed):

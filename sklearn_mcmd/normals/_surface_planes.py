@@ -9,13 +9,13 @@ the plane of a neighbor that explains it best. Planes noisier than is usual arou
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtri
 
 from sklearn_mcmd.normals._crease_test import are_folded, quadric_normals
 from sklearn_mcmd.normals._neighbor_planes import find_lenders
-from sklearn_mcmd.normals._quadrics import CHANCE, noise_quantiles
+from sklearn_mcmd.normals._quadrics import CHANCE
 from sklearn_mcmd.normals._smoothness import is_smooth, whole_planes
-from sklearn_mcmd.planes._around import extents, quantile_around
+from sklearn_mcmd.planes._around import extents
+from sklearn_mcmd.planes._flatness import most_noise_around
 from sklearn_mcmd.planes._plane import flat_normals, normal_errors
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import METHODS
@@ -30,9 +30,8 @@ ROUGH, FLAT, BENT = range(3)
 # A point asks its neighbors if a larger share of its own neighborhood was removed, or if its plane
 # is noisier than is usual around.
 REMOVED = 0.1
-# The usual noise around a point is told by the best tenth of its neighbors, whose deviations are
-# small by chance as well. Where a quadric leaves more than chance makes of it, a surface may be
-# folded: a curved one is as curved next to a point as at it.
+# Share of the neighbors that tell what noise is usual around a point: among two fifths of outliers
+# few neighborhoods are without any.
 BEST = 0.1
 # Half a ball deviates from its plane by this share of its width, both as standard deviations. What
 # bends more is no height over a plane, whatever a quadric makes of it.
@@ -212,8 +211,12 @@ class SurfacePlanes:
 
     def _bend(self, points, planes, forms, left, around, noise):
         """Settle the forms of neighborhoods by what is usual around, and give those that bend the
-        tangent planes of their quadrics, in place."""
-        creased = ~(left <= self._most(noise, around))
+        tangent planes of their quadrics, in place.
+
+        Where a quadric leaves more, a surface may be folded: a curved one is as curved next to a
+        point as at it.
+        """
+        creased = ~(left <= most_noise_around(noise, around, around.sizes, BEST))
         self._smooth(points, planes, forms, np.flatnonzero(~creased & (forms == ROUGH)), around)
         self._unfold(points, planes, forms, np.flatnonzero(creased & (forms != ROUGH)), around)
         rows = np.flatnonzero(forms == BENT)
@@ -258,7 +261,7 @@ class SurfacePlanes:
         lenders = np.full(len(rough), -1)
         queries = np.ascontiguousarray(points[rough], dtype=np.float64)
         own = planes.take(rough)
-        most = self._most(members.scale, around)
+        most = most_noise_around(members.scale, around, around.sizes, BEST)
         asking = np.flatnonzero((1 - own.kept > REMOVED) | (own.scale > most))
         best = find_lenders(
             self.model.index.points, queries[asking], around.take(asking), members, most[asking]
@@ -282,12 +285,6 @@ class SurfacePlanes:
         error = np.maximum(own.normal_error, lent.normal_error)
         lent = lent._replace(kept=own.kept, radius=own.radius, spacing=own.spacing)
         planes.put(rows, lent._replace(normal_error=error))
-
-    def _most(self, values, around):
-        """The largest deviation that is usual among the neighbors, with its standard error."""
-        usual = quantile_around(values, around, BEST)
-        usual /= noise_quantiles(BEST, around.sizes, self.model.index.points.shape[1])
-        return (1 + ndtri(1 - CHANCE) / np.sqrt(2 * around.sizes)) * usual
 
 
 def mends_planes(estimator):

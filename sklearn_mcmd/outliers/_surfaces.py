@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
+from sklearn_mcmd.planes._flatness import are_flat
 from sklearn_mcmd.planes._linking import LinkLimits, connected_planes
 from sklearn_mcmd.runtime._chunks import each_slice
 
@@ -58,8 +59,7 @@ def find_surfaces(index, planes, distances, least, limits, barred=None):
 
 def usable_planes(planes, distances, limits):
     """Which points may be part of a surface: bool (n,)."""
-    flat = (planes.scale > 0) & (planes.scale <= limits.flat * planes.radius)
-    return flat & (distances <= limits.explained)
+    return are_flat(planes, limits.flat) & (distances <= limits.explained)
 
 
 def link_limits(limits):

@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._around import quantile_around, ratio
+from sklearn_mcmd.planes._around import ratio
+from sklearn_mcmd.planes._flatness import most_noise_around
 from sklearn_mcmd.planes._linking import LinkLimits, row_linker
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 from sklearn_mcmd.runtime._chunks import each_slice
@@ -19,14 +20,14 @@ __all__ = [
     "seed_order",
 ]
 
-# A plane explains a point within so many of its standard deviations. It may be noisier than what is
-# usual around by so many standard errors ...
+# A plane explains a point within so many of its standard deviations.
 CUTOFF = 3.0
-# ... and by what curvature explains. Points of a disk of radius r on a cylinder whose normals
-# turn by an angle over r deviate from their plane by this share of angle * r (root mean square).
+# A plane may be noisier than is usual around by what curvature explains. Points of a disk of radius
+# r on a cylinder whose normals turn by an angle over r deviate from their plane by this share of
+# angle * r (root mean square).
 BENT = 1 / 8
-# What is usual around is this quantile of the neighbors' noise: next to an edge less than half
-# of them have planes of their own face.
+# Share of the neighbors that tell what noise is usual around. What fewer tell is small by chance,
+# and faces fall apart.
 USUAL = 0.25
 # The paper's rule A: neighbors within the median and so many standard deviations.
 N_DEVIATIONS = 2.0
@@ -84,8 +85,9 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
         if rules.max_distance is not None:
             limit[rows] = float(rules.max_distance)
         if rules.mutual:
-            quiet = _is_quiet(planes.scale, rows, around, radius[rows], index.n_neighbors, rules)
-            usable[rows] = quiet
+            bend = BENT * np.arccos(min(rules.min_cosine, 1.0)) * radius[rows]
+            most = most_noise_around(planes.scale, around, index.n_neighbors, USUAL, bend)
+            usable[rows] = planes.scale[rows] <= most
         elif rules.max_distance is None:
             own = _rule_a(index.points, planes.take(rows), around)
             limit[rows] = np.maximum(own, floor[rows])
@@ -136,15 +138,6 @@ def by_place(points, rows):
 def n_within_median(k):
     """Neighbors not farther than their median distance, of k with the point itself."""
     return k // 2
-
-
-def _is_quiet(scale, rows, around, radius, n_neighbors, rules):
-    """Whether planes are no noisier than is usual around, and than curvature makes them."""
-    usual = quantile_around(scale, around, USUAL)
-    bent = BENT * np.arccos(min(rules.min_cosine, 1.0)) * radius
-    # The standard error of a standard deviation that so many neighbors tell.
-    most = 1 + CUTOFF / np.sqrt(2 * n_neighbors)
-    return scale[rows] <= most * np.hypot(usual, bent)
 
 
 def _rule_a(points, planes, around):

@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 from sklearn.base import clone
 
+from sklearn_mcmd.edges._detector import crease_width, steps_of
 from sklearn_mcmd.edges._limits import least_of_edge
 from sklearn_mcmd.edges._painting import edge_columns
 from sklearn_mcmd.io._files import one_clear_line
@@ -59,7 +60,7 @@ class Edges(Verb):
                 f"normals={estimator.normals!r} cannot work by tiles, which hold coordinates only: "
                 "take normals='estimate'."
             )
-        self.detector, normals = estimator._make_steps()  # no detector if nothing is removed
+        self.detector, normals = steps_of(estimator)  # no detector if nothing is removed
         if self.detector is not None:
             check_detector(self.detector)
             self.detector.set_params(n_jobs=1)
@@ -98,7 +99,7 @@ class Edges(Verb):
                 n_threads = run.plan.n_workers * run.plan.n_threads
                 with progress_part(ENDS["normals"], 1.0), whole.releasing():
                     find_distances(job, run.cells, self.estimator, n_threads)
-            self.limit = self.estimator._crease_width()
+            self.limit = crease_width(self.estimator)
         else:
             known = {"all_cells": run.folder.cells, "criterion": self.estimator.criterion}
             sweep("edges", find_values, run.cells, is_done, job=job, **known)

@@ -130,12 +130,12 @@ def test_another_trajectory_begins_anew_and_the_same_goes_on(drive, tmp_path, mo
         raise MemoryError("enough")
 
     with monkeypatch.context() as patch:
-        patch.setattr("sklearn_mcmd.tiling._denoise.write_denoised_outputs", fail)
+        patch.setattr("sklearn_mcmd.tiling._denoise.write_outputs", fail)
         with pytest.raises(TilingError, match="enough"):
             process_files(path, target, DETECTOR, sensor_origin=trajectory, **options)
     moved = Trajectory(trajectory.times, trajectory.positions + np.array([0.0, 5.0, 0.0]))
     with monkeypatch.context() as patch:
-        patch.setattr("sklearn_mcmd.tiling._denoise.write_denoised_outputs", fail)
+        patch.setattr("sklearn_mcmd.tiling._denoise.write_outputs", fail)
         with pytest.raises(TilingError, match="enough"):
             process_files(path, target, DETECTOR, sensor_origin=moved, **options)
     report = process_files(path, target, DETECTOR, sensor_origin=moved, **options)

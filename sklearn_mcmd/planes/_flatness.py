@@ -1,0 +1,40 @@
+"""Is a plane flat for its noise? For what is usual around it, and for its own extent."""
+
+import numpy as np
+
+from sklearn_mcmd.planes._around import quantile_around
+
+__all__ = ["are_flat", "most_noise_around"]
+
+# Standard errors by which a plane may be noisier than is usual around.
+N_ERRORS = 3.0
+
+
+def most_noise_around(noise, around, sizes, quiet, bend=0.0):
+    """The largest standard deviation of planes (m,) that are as flat as those around them.
+
+    Parameters
+    ----------
+    noise : ndarray of shape (n,)
+        Standard deviations from planes, or from smooth surfaces.
+    around : Neighborhoods
+        Of m planes, as rows of `noise`.
+    sizes : int or ndarray of int of shape (m,)
+        Members that tell a standard deviation.
+    quiet : float
+        Share of the neighbors whose noise is usual at most. Next to an edge less than half of them
+        have planes of their own face; among many outliers fewer have planes without any.
+    bend : float or ndarray of shape (m,), default=0
+        What curvature adds to noise.
+    """
+    usual = np.hypot(quantile_around(noise, around, quiet), bend)
+    return (1 + N_ERRORS / np.sqrt(2 * sizes)) * usual
+
+
+def are_flat(planes, most):
+    """Whether the noise of planes is at most this share of the radius of their neighborhoods.
+
+    It tells planes of surfaces from those through foliage, which are as noisy as those around. A
+    filled ball has 0.45.
+    """
+    return (planes.scale > 0) & (planes.scale <= most * planes.radius)
