@@ -62,7 +62,7 @@ class HeightLimits(NamedTuple):
 class GroundWriter(CellWriter):
     """Scatters the points of the ground to cells in plan."""
 
-    def add(self, cloud, _):
+    def add(self, cloud):
         """Take the ground of a part of the cloud."""
         xyz = cloud.xyz[ground_in(cloud)]
         if len(xyz):

@@ -123,7 +123,7 @@ def _segment(growing, job, run):
 def tell_planes(cell, job, fitted):
     """Fill the columns `STORED`, of which floor is the least scale, and variation."""
     points, told, faces = told_planes(cell, job, fitted)
-    floor = least_scales(points, np.dtype(job.constants.dtype), job.constants.step)
+    floor = least_scales(points, np.finfo(job.constants.dtype).eps, job.constants.step)
     faces["scale"] = np.maximum(faces["scale"], floor)
     whole_of(job).put(cell, floor=floor, variation=told.surface_variation, **faces)
 
