@@ -62,6 +62,27 @@ def test_a_room_imports_only_rooms_below(room):
     assert imported <= ROOMS[room] | SHARED | {room, "__version__"}
 
 
+# What Python, NumPy and scikit-learn call by a leading underscore, and named tuples.
+NO_SECRETS = {"_asdict", "_fields", "_getframe", "_mmap", "_replace", "_validate_params"}
+
+
+@pytest.mark.parametrize("room", ["tiling", "cli", "report", "plotting"])
+def test_rooms_above_the_estimators_use_no_private_attribute_of_theirs(room):
+    used, own = {}, set()
+    for path in (ROOT / room).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                own.add(node.name)
+            elif isinstance(node, ast.ImportFrom | ast.Import):
+                own |= {alias.asname or alias.name for alias in node.names}
+            elif isinstance(node, ast.Attribute) and node.attr.startswith("_"):
+                if isinstance(node.value, ast.Name) and node.value.id in ("self", "cls"):
+                    own.add(node.attr)
+                elif not node.attr.startswith("__"):
+                    used[node.attr] = f"{path.name}:{node.lineno}"
+    assert {name: place for name, place in used.items() if name not in own | NO_SECRETS} == {}
+
+
 def test_every_file_belongs_to_a_room():
     rooms = {room_of(path) for path in ROOT.rglob("*.py")}
     assert rooms == {*ROOMS, *SHARED, "__init__", "__main__"}

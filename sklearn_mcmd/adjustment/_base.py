@@ -23,7 +23,7 @@ from sklearn_mcmd.adjustment._robust import WEIGHT_FUNCTIONS, m_estimate
 from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 from sklearn_mcmd.adjustment._tests import global_test_pvalue
 
-__all__ = ["PlaneDetector"]
+__all__ = ["PlaneDetector", "sigma0_is_rounding"]
 
 # From this tilt on vertical residuals are at least twice as long as sigma0, if the noise is equal
 # in all directions. A test that rejects a larger share is then taken for such a mistake.
@@ -230,3 +230,8 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         if self.contamination == "auto":
             return auto
         return float(np.percentile(scores[used], 100.0 * self.contamination))
+
+
+def sigma0_is_rounding(detector):
+    """Whether the standard deviation of a fitted detector is no more than rounding."""
+    return detector._sigma0_is_rounding

@@ -8,8 +8,9 @@ from numpy.typing import ArrayLike
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd.baselines._methods import METHOD_NAMES
-from sklearn_mcmd.planes._base import BasePlaneOutliers
+from sklearn_mcmd.planes._base import BasePlaneOutliers, comparator_model_of
 from sklearn_mcmd.planes._comparators import settle_comparator
+from sklearn_mcmd.planes._resolution import coordinate_step
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
 __all__ = ["PlaneOutlierDetector"]
@@ -157,8 +158,8 @@ class PlaneOutlierDetector(BasePlaneOutliers):
                 "the share of outliers, such as contamination=0.1."
             )
         xyz, index = self._index_cloud(X)
-        precision, step = np.finfo(xyz.dtype).eps, self._coordinate_step(xyz)
-        self._model = self._make_comparator_model(comparator, index, xyz.shape, precision, step)
+        precision, step = np.finfo(xyz.dtype).eps, coordinate_step(xyz)
+        self._model = comparator_model_of(self, comparator, index, xyz.shape, precision, step)
         if self.contamination == "auto":
             self.offset_ = -comparator.usual_cutoff(self.n_neighbors_, xyz.shape[1])
         else:

@@ -323,12 +323,12 @@ def _together(xyz, removed, detector):
 
 
 def _contents(cloud, detector, mark, found, n_all, together):
+    from sklearn_mcmd.outliers._kinds import plane_scales
     from sklearn_mcmd.report._denoise import Verdict, denoise_contents
     from sklearn_mcmd.report._shown import Shown
 
-    scales = None if detector._cloud.own_planes_only else detector._cloud.planes.scale
     shown = Shown.of_memory(
-        cloud, detector.n_neighbors_, scales, outlier=found.astype(np.uint8),
+        cloud, detector.n_neighbors_, plane_scales(detector), outlier=found.astype(np.uint8),
         outlier_score=(-detector.scores_).astype(np.float32),
     )  # fmt: skip
     n_others = n_all - len(cloud)

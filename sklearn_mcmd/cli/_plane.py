@@ -376,12 +376,13 @@ def _record(source, target, plot):
 
 def _summarize(source, target, sheets, detector, residuals, unit, seconds):
     import sklearn_mcmd.adjustment._report as rows_of
+    from sklearn_mcmd.adjustment._base import sigma0_is_rounding
 
     is_outlier = detector.labels_ == -1
     unit = f" {unit}" if unit else ""
     rms = [np.sqrt(np.mean(residuals[rows] ** 2)) for rows in (slice(None), ~is_outlier)]
     how = rows_of.sigma0_origin(detector)
-    if detector._sigma0_is_rounding:
+    if sigma0_is_rounding(detector):
         how += ": no noise to test against"
     _messages.print_summary(
         *(source, target, len(is_outlier), seconds),

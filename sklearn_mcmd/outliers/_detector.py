@@ -16,7 +16,7 @@ from sklearn_mcmd.planes._base import BasePlaneOutliers
 from sklearn_mcmd.runtime._progress import progress_part, told_to
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
-__all__ = ["EXACT_PLANE_SCORE", "MCMDOutlierDetector"]
+__all__ = ["EXACT_PLANE_SCORE", "MCMDOutlierDetector", "share_to_flag"]
 
 # Standard deviations off the surfaces, and own sizes away from everything real.
 CUTOFF = 3.0
@@ -324,7 +324,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
                 'give $n_neighbors and a strictness, such as "groups", or leave it None.'
             )
         xyz = self._fit_planes(X)
-        by_company = not one_plane and self.strictness != "surfaces" and self._share() is None
+        by_company = not one_plane and self.strictness != "surfaces" and share_to_flag(self) is None
         if by_company and xyz.shape[1] >= CROWDED:
             warnings.warn(
                 f"strictness={self.strictness!r} in {xyz.shape[1]}D finds few outliers: so many "
@@ -353,7 +353,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         self.plane_index_, self.on_surface_ = found.plane_index, found.on_surface
         self.scores_ = np.negative(found.scores, out=found.scores)
         self.offset_ = -cutoff
-        if (share := self._share()) is not None:
+        if (share := share_to_flag(self)) is not None:
             self.offset_ = float(np.percentile(self.scores_, 100 * share))
         return self
 
@@ -405,9 +405,10 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             return "planes", "outliers"
         return "cutoff by simulation", "planes", "outliers"
 
-    def _share(self) -> float | None:
-        """The share of points to flag, None if the cutoff tells."""
-        return None if isinstance(self.contamination, str) else self.contamination
-
     def _score(self, X):
         return self._cloud.score(X)
+
+
+def share_to_flag(detector: MCMDOutlierDetector) -> float | None:
+    """The share of points that a detector flags, None if the cutoff tells."""
+    return None if isinstance(detector.contamination, str) else detector.contamination

@@ -2,9 +2,16 @@
 
 import numpy as np
 
-__all__ = ["KINDS", "kinds_of_outliers"]
+__all__ = ["KINDS", "kinds_of_outliers", "plane_scales"]
 
 KINDS = ("isolated", "in groups", "off surfaces")
+
+
+def plane_scales(detector):
+    """Standard deviations of the planes of a fitted detector; None where each point is judged by
+    its own plane alone."""
+    cloud = detector._cloud
+    return None if cloud.own_planes_only else cloud.planes.scale
 
 
 def kinds_of_outliers(detector):

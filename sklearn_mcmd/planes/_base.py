@@ -19,7 +19,7 @@ from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._resolution import coarse_warning, coordinate_step
 from sklearn_mcmd.planes._rules import METHODS
 
-__all__ = ["BaseLocalPlanes", "BasePlaneOutliers"]
+__all__ = ["BaseLocalPlanes", "BasePlaneOutliers", "comparator_model_of", "model_of"]
 
 # Each further dimension doubles the trials of Eq. 13: 69 in 3D become 10 million in 20D.
 MAX_TRIALS = 10_000
@@ -46,10 +46,6 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         "n_jobs": [Integral, None],
     }
 
-    # Step to which the coordinates of a cloud are rounded. `tiling` sets it, where X is a part of
-    # the cloud; with None it is found from X.
-    _step_of_cloud: float | None = None
-
     def _stages(self):
         """Names of the stages of a fit, which callbacks are told; some may be left out."""
         return ()
@@ -64,47 +60,10 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         d = X.shape[1]
         n_support = n_support_points(self.support_fraction, self.n_neighbors_, d)
         self.n_support_ = int(n_support) if index.sizes is None else n_support
-        self._model = self._make_model(
-            index, X.shape, np.finfo(X.dtype).eps, self._coordinate_step(X), cutoff
+        self._model = model_of(
+            self, index, X.shape, np.finfo(X.dtype).eps, coordinate_step(X), cutoff
         )
         return X
-
-    def _make_model(self, index, shape, precision, step, cutoff=None):
-        """The planes of an index of points of this shape, by the parameters.
-
-        `precision` is the relative rounding error of the coordinates, `step` that of a lattice.
-        """
-        n, d = shape
-        comparator = self._settle_comparator()
-        if comparator is not None:  # a registered method judges the neighborhoods
-            return self._make_comparator_model(comparator, index, shape, precision, step)
-        self.n_trials_ = self._settle_n_trials(d)
-        rule = METHODS[self.method]
-        trials = draw_trials(
-            self.n_trials_ if rule.needs_consistent_set else 0,
-            index.n_neighbors or n,
-            self.random_state,
-            length=LONGEST_TRIAL if self.n_neighbors is None else None,
-        )
-        settings = PlaneSettings(
-            self.method,
-            precision=precision,
-            step=step,
-            support_fraction=self.support_fraction,
-            cutoff=rule.default_cutoff(d) if cutoff is None else float(cutoff),
-            reweight=self.reweight,
-        )
-        return LocalPlaneModel(index, trials, settings)
-
-    def _make_comparator_model(self, comparator, index, shape, precision, step):
-        """The same of a registered method, which judges the neighborhoods in place of a rule."""
-        n, d = shape
-        self.n_trials_, _ = comparator.table_shape(index.n_neighbors or n, d)
-        settings = PlaneSettings(self.method, precision, step, comparator=comparator)
-        return LocalPlaneModel(index, comparator.tables(self.random_state), settings)
-
-    def _coordinate_step(self, X):
-        return coordinate_step(X) if self._step_of_cloud is None else self._step_of_cloud
 
     def _settle_comparator(self):
         """The registered method that `method` and `method_params` name; None for a rule."""
@@ -192,3 +151,40 @@ class BasePlaneOutliers(OffsetOutlierMixin, BaseLocalPlanes):
         """
         check_is_fitted(self)
         return -self._score(self._check_queries(X))
+
+
+def model_of(estimator, index, shape, precision, step, cutoff=None):
+    """The planes of an index of points of this shape, by the parameters of an estimator.
+
+    `precision` is the relative rounding error of the coordinates, `step` that of a lattice. The
+    estimator is told how many trials there are.
+    """
+    n, d = shape
+    comparator = estimator._settle_comparator()
+    if comparator is not None:
+        return comparator_model_of(estimator, comparator, index, shape, precision, step)
+    estimator.n_trials_ = estimator._settle_n_trials(d)
+    rule = METHODS[estimator.method]
+    trials = draw_trials(
+        estimator.n_trials_ if rule.needs_consistent_set else 0,
+        index.n_neighbors or n,
+        estimator.random_state,
+        length=LONGEST_TRIAL if estimator.n_neighbors is None else None,
+    )
+    settings = PlaneSettings(
+        estimator.method,
+        precision=precision,
+        step=step,
+        support_fraction=estimator.support_fraction,
+        cutoff=rule.default_cutoff(d) if cutoff is None else float(cutoff),
+        reweight=estimator.reweight,
+    )
+    return LocalPlaneModel(index, trials, settings)
+
+
+def comparator_model_of(estimator, comparator, index, shape, precision, step):
+    """The same of a registered method, which judges the neighborhoods in place of a rule."""
+    n, d = shape
+    estimator.n_trials_, _ = comparator.table_shape(index.n_neighbors or n, d)
+    settings = PlaneSettings(estimator.method, precision, step, comparator=comparator)
+    return LocalPlaneModel(index, comparator.tables(estimator.random_state), settings)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
-from sklearn_mcmd.outliers._kinds import KINDS, kinds_of_outliers
+from sklearn_mcmd.outliers._kinds import KINDS, kinds_of_outliers, plane_scales
 from sklearn_mcmd.report._contents import Contents, Note, Section, percent, share
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._html import paragraph, table
@@ -86,7 +86,7 @@ def denoise_contents(shown, verdict, *, marked, together="", judged=()):
         cards.append((f"{on_surface:,}", f"on surfaces, {percent(on_surface, n_all)}"))
         cards.append((f"{cutoff:.3g}", "cutoff of the score"))
         notes += _surface_notes(detector, n_all)
-        if not detector._cloud.own_planes_only:
+        if plane_scales(detector) is not None:
             sections.append(Section("What they are", _kind_table(detector, found)))
     if found is not None:
         places = Places.of(xyz, found, near)
@@ -157,7 +157,7 @@ def _surface_notes(detector, n_all):
             )
         )
     n_on = int(np.count_nonzero(detector.on_surface_))
-    if n_on < 0.5 * n_all and not detector._cloud.own_planes_only:
+    if n_on < 0.5 * n_all and plane_scales(detector) is not None:
         notes.append(
             Note(
                 "Few points on surfaces.",

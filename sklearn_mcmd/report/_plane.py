@@ -92,6 +92,7 @@ def _maps(xyz, residuals, found, near, rms, unit):
 
 
 def _notes(detector, n, n_all, unit):
+    from sklearn_mcmd.adjustment._base import sigma0_is_rounding
     from sklearn_mcmd.adjustment._report import global_test_row
 
     notes = []
@@ -104,7 +105,7 @@ def _notes(detector, n, n_all, unit):
                 "Look at the map of residuals, and cut out one plane.",
             )
         )
-    if detector._sigma0_is_rounding:
+    if sigma0_is_rounding(detector):
         notes.append(
             Note(
                 "No noise to test against.",

@@ -12,7 +12,7 @@ from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.io._point_cloud import denoised_before, with_results, without_outliers
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff, sample_step
-from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
+from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, share_to_flag
 from sklearn_mcmd.outliers._volumes import lost_volumes, words_of
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part
@@ -184,7 +184,7 @@ def check_detector(estimator):
 def cutoff_of(estimator):
     """The cutoff, where the cloud has no part in it; compiled code is then on disk for all."""
     detector = clone(estimator)
-    if detector.cutoff is None and detector._share() is None:
+    if detector.cutoff is None and share_to_flag(detector) is None:
         detector.set_params(false_positive_rate=None)  # it takes long, and is found later
     return -warm_up(detector, WARM_UP).offset_
 
@@ -220,9 +220,9 @@ def judge_cells(job, cells, columns, n_workers, cutoff):
             _judge(job, cells, whole, n_workers * job.n_threads)
     if job.detector.false_positive_rate is not None:
         return columns.report(ALL, "cutoff")["cutoff"]
-    if job.detector._share() is not None:
+    if share_to_flag(job.detector) is not None:
         parts = partial(scores_in_parts, job.columns, n_cells)
-        return exceeded_by(parts, job.detector._share())
+        return exceeded_by(parts, share_to_flag(job.detector))
     return cutoff
 
 
@@ -260,9 +260,8 @@ def _origins(job, cells, whole, index):
 def _judge_together(job, cells, n_places):
     """Scores of a cloud of few places, which other code judges than tiles."""
     words = f" at {n_places:,} places"
-    dtype, step = job.constants.dtype, job.constants.step
     origins = stored_origins(job.cells)
-    detector, put = fit_together(job.detector, cells, dtype, words, step, origins)
+    detector, put = fit_together(job.detector, cells, job.constants.dtype, words, origins)
     put(job.columns, -detector.scores_, SCORED)
     return -detector.offset_
 

@@ -8,6 +8,7 @@ from sklearn.base import clone
 
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._model import JudgedCloud
+from sklearn_mcmd.planes._base import model_of
 from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._cloud_constants import Constants
@@ -55,7 +56,7 @@ class Job(NamedTuple):
         """The places of an index, as the detector judges them; `origins` are of `JudgedCloud`."""
         constants, detector = self.constants, clone(self.detector)
         precision = np.finfo(constants.dtype).eps
-        model = detector._make_model(index, index.points.shape, precision, constants.step)
+        model = model_of(detector, index, index.points.shape, precision, constants.step)
         return JudgedCloud(model, **self.settings, n_jobs=n_jobs, origins=origins)
 
     def stored_columns(self):

@@ -14,9 +14,10 @@ from sklearn.base import clone
 from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.normals._adaptive_k import AROUND, ScaleFinder
 from sklearn_mcmd.normals._curvature import Curvatures, curvatures_of_each
-from sklearn_mcmd.normals._features import settle_features
+from sklearn_mcmd.normals._fitted import fitted_of
 from sklearn_mcmd.normals._orientation import TREE_NEIGHBORS, Sides
 from sklearn_mcmd.normals._surface_planes import SurfacePlanes, Surfaces, mends_planes
+from sklearn_mcmd.planes._base import model_of
 from sklearn_mcmd.planes._columns import joined_columns, split_columns
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.planes._orientation import orient_toward, signs_along, spanning_forest
@@ -110,9 +111,10 @@ class PlaneJob(NamedTuple):
         """The `LocalPlaneModel` of all places."""
         index, constants = self.index(), self.constants
         precision = np.finfo(constants.dtype).eps
-        return clone(self.estimator)._make_model(
-            index, index.points.shape, precision, constants.step, self.estimator.cutoff
-        )
+        return model_of(
+            clone(self.estimator), index, index.points.shape, precision, constants.step,
+            self.estimator.cutoff,
+        )  # fmt: skip
 
     def surfaces(self, model):
         """The `SurfacePlanes` of a model; None where the estimator corrects no planes."""
@@ -336,10 +338,8 @@ def _told(job, model, planes, X, around, n_jobs, orient_by_all=None):
     `around` returns the neighborhoods of a slice of these. `orient_by_all` flips normals that point
     up, in place, where more than the points tells their sides: a tree, or positions of the sensor.
     """
-    fitted = clone(job.estimator)
-    fitted.n_features_in_, fitted._feature_names = 3, settle_features(fitted.features, 3)
     if job.origins() is None:
-        sides = Sides.settled(fitted.orientation, fitted.sensor_origin, X)
+        sides = Sides.settled(job.estimator.orientation, job.estimator.sensor_origin, X)
 
     def orient(normals):
         if job.origins() is not None or sides.tree:
@@ -357,9 +357,7 @@ def _told(job, model, planes, X, around, n_jobs, orient_by_all=None):
         each_slice(len(X), model.chunk(), task, n_jobs)
         return found
 
-    fitted._model, fitted.n_jobs = model, n_jobs
-    fitted._tell(planes, X, orient, curvatures)
-    return fitted
+    return fitted_of(job.estimator, model, planes, X, orient, curvatures, n_jobs)
 
 
 def _each_part(rows, model, work, n_threads):

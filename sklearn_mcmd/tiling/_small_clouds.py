@@ -11,12 +11,11 @@ __all__ = ["fit_together"]
 MOST_COPIES = 1_000_000
 
 
-def fit_together(estimator, cells, dtype, words, step=None, origins=None):
+def fit_together(estimator, cells, dtype, words, origins=None):
     """An estimator fitted to all points of a cloud in the order of the inputs, and `put`.
 
     ``put(folder, values, dtype)`` writes values of these points as results. `words` tell where the
-    points are, such as " at 600 places", for the error. The `step` is that to which coordinates are
-    rounded, if that of these points alone would be another. `origins` are where the sensor was for
+    points are, such as " at 600 places", for the error. `origins` are where the sensor was for
     each point of the inputs.
     """
     n_points = int(cells.counts.sum())
@@ -26,8 +25,6 @@ def fit_together(estimator, cells, dtype, words, step=None, origins=None):
     rows, points = (np.concatenate([part[name] for part in records]) for name in ("row", "xyz"))
     order = np.argsort(rows)
     fitted = clone(estimator)
-    if step is not None:
-        fitted._step_of_cloud = step
     given = {} if origins is None else {"sensor_origin": origins[rows[order]]}
     fitted.fit(points[order].astype(dtype), **given)
     places, ends = np.empty_like(order), np.cumsum([len(part) for part in records])[:-1]
