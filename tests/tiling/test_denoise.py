@@ -48,15 +48,14 @@ SCENES = {
     "copies": with_copies,
     "far apart": far_apart,
     "volume": lambda: RNG.uniform(0, 4, (1_500, 3)),
-    "lattice": lambda: np.unique(RNG.integers(0, 12, (2_000, 3)), axis=0) * 0.25,
-    "single precision": lambda: np.round(64 * street_with_tree(2_000)) / 64,
+    "lattice in single precision": lambda: np.unique(RNG.integers(0, 12, (2_000, 3)), axis=0) / 4,
     "sparse beside dense": lambda: np.vstack(
         [street_with_tree(1_200), street_with_tree(1_200, seed=1) / 30]
     ),
 }
 
 # These are tried as one tile, too. There only order, copies and precision count.
-ONE_TILE = {"street", "copies", "single precision"}
+ONE_TILE = {"copies", "lattice in single precision"}
 
 
 def written(folder, xyz):

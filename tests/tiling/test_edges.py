@@ -11,7 +11,7 @@ from sklearn.base import clone
 from sklearn.ensemble import IsolationForest
 
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, SharpFeatureDetector
-from sklearn_mcmd.datasets import make_box, make_crown_roof, make_street
+from sklearn_mcmd.datasets import make_box, make_street
 from sklearn_mcmd.edges._painting import edge_columns
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._point_cloud import with_results
@@ -53,18 +53,14 @@ def far_apart():
 
 
 SCENES = {
-    "street": lambda: street_of(2_000),
     "machined": machined,
-    "roof": lambda: make_crown_roof(outlier_share=0.2, random_state=0).data[:2_000],
     "copies": with_copies,
     "far apart": far_apart,
-    "lattice": lambda: np.unique(np.round(street_of(2_500), 1), axis=0),
-    "single precision": lambda: np.round(64 * street_of(1_800)) / 64,
-    "without surfaces": lambda: RNG.uniform(0, 5, (1_500, 3)),
+    "lattice in single precision": lambda: np.unique(np.round(8 * street_of(2_500)) / 8, axis=0),
 }
 
 # These are tried as one tile, too. There only order, copies and precision count.
-ONE_TILE = {"street", "copies", "single precision"}
+ONE_TILE = {"copies", "lattice in single precision"}
 
 
 def written(folder, xyz):

@@ -56,7 +56,7 @@ SCENES = {
     ),
 }
 LARGER_TILES = {"street", "copies", "far apart", "volume"}  # these are tried with them, too
-SLOW_SCENES = ("bus stop", "single precision", "sparse beside dense")
+SLOW_SCENES = ("bus stop", "airborne", "single precision", "sparse beside dense")
 SWITCHES = [
     {"normal_estimator__n_neighbors": "auto", "normal_estimator__orientation": "mst"},
     {"find_narrow_faces": False},
