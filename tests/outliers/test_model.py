@@ -112,7 +112,7 @@ def test_scores_equal_those_of_the_literal_oracle(oracle, compiled, monkeypatch)
 
 # Small clouds
 
-SMALL = {2: (10, 30, 51), 3: (5, 20, 50, 200)}  # sizes, by the number of dimensions
+SMALL = (5, 10, 20, 30, 50, 51, 200)
 CLEAN_RATE = 0.0027  # of a normal law beyond 3
 
 
@@ -124,8 +124,8 @@ def clean_plane(n, d, seed):
 
 
 @pytest.mark.filterwarnings("ignore:n_neighbors=50 is more than")
-@pytest.mark.parametrize("d", SMALL)
-def test_clean_planes_of_few_points_are_flagged_no_more_than_the_cutoff_says(d):
+@pytest.mark.parametrize("d", [2, 3])
+def test_clean_planes_of_few_points_are_flagged_no_more_than_the_cutoff_says(d, monkeypatch):
     """3 standard deviations leave out 0.27 %. What the strictest form keeps, the others keep.
 
     Points of one cloud share a plane, and where its scale is small several are flagged together:
@@ -134,8 +134,9 @@ def test_clean_planes_of_few_points_are_flagged_no_more_than_the_cutoff_says(d):
     One size is above 0.27 %: 30 to 40 points in 2D have 0.4 to 0.6 % (12,000 points), as the scale
     of few points has a heavier tail than its correction. All sizes together are not.
     """
+    monkeypatch.setattr("sklearn_mcmd.planes._local_planes.COMPILE_FROM", 0)  # in 3D it is quick
     shares = []
-    for n in SMALL[d]:
+    for n in SMALL:
         clouds = [clean_plane(n, d, seed) for seed in range(2_000 // n)]
         shares.append(np.mean([flagged(X, "surfaces") for X in clouds]))
     assert max(shares) <= CLEAN_RATE + 4 * np.sqrt(2 * CLEAN_RATE / 2_000)
