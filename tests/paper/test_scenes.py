@@ -31,7 +31,6 @@ from benchmarks.paper._sharp import edge_detector
 from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_box
 from sklearn_mcmd.metrics import segmentation_scores
-from sklearn_mcmd.planes import _local_planes
 from sklearn_mcmd.runtime._progress import listen_to_progress
 
 SLOW = {"RPCA", "uLSIF"}
@@ -42,13 +41,6 @@ def quickly(experiment, *args, **parameters):
     quick = {name: replace(SCENE_METHODS[name], method="pca", method_params=None) for name in SLOW}
     with patch.dict(SCENE_METHODS, quick):
         return experiment(*args, **parameters)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _compiled_code():
-    """Else some hundred points have their planes from NumPy, which takes ten times as long."""
-    with patch.object(_local_planes, "COMPILE_FROM", 0):
-        yield
 
 
 @pytest.fixture(scope="module")
