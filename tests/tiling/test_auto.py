@@ -175,6 +175,5 @@ def test_many_points_have_the_normals_of_memory(tmp_path):
     X = make_street(40_000, outlier_share=0.1, random_state=1).data
     write_points(a, PointCloud(np.round(X, 3)))
     in_memory(a, b)
-    for tile_size, cut, n_jobs in ((5_000, 0.5, 2), (30_000, 0.3, 1)):
-        divide(a, c, ESTIMATOR, tile_size=tile_size, cut=cut, n_jobs=n_jobs)
-        assert c.read_bytes() == b.read_bytes()
+    divide(a, c, ESTIMATOR, tile_size=5_000, n_jobs=2)
+    assert c.read_bytes() == b.read_bytes()

@@ -394,6 +394,5 @@ def test_many_points_have_the_scores_of_memory(scene, strictness, by_tiles, tmp_
     path, cloud = written(tmp_path, np.round(make[scene]().data, 3))
     detector = MCMDOutlierDetector(strictness=strictness, random_state=0)
     expected = -in_memory(cloud, detector).scores_
-    for tile_size, cut, n_jobs in ((5_000, 0.5, 2), (30_000, 0.3, 1)):
-        scores, _ = by_tiles(path, detector, tile_size=tile_size, cut=cut, n_jobs=n_jobs)
-        assert_array_equal(scores, expected)
+    scores, _ = by_tiles(path, detector, tile_size=5_000, n_jobs=2)
+    assert_array_equal(scores, expected)
