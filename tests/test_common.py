@@ -38,7 +38,7 @@ QUICK = RobustNormalEstimator(max_outlier_rate=0.2, random_state=0)
         ),
         RobustNormalEstimator(None, method="pca", orientation="mst"),
         RobustNormalEstimator(20, method="robpca", method_params={"n_trials": 30}, radius=1.5),
-        PlaneOutlierDetector(20, n_jobs=2),
+        PlaneOutlierDetector(20, method_params={"max_trials": 100}, n_jobs=2),
         PlaneOutlierDetector(None, method="qsp", contamination=0.1),
         RegionGrowing(normal_estimator=QUICK),
         RegionGrowing(
