@@ -32,13 +32,13 @@ QUICK = RobustNormalEstimator(max_outlier_rate=0.2, random_state=0)
         MCMDOutlierDetector(20, strictness="isolated", contamination=0.2, max_outlier_rate=0.2),
         MCMDOutlierDetector(20, strictness=None, noise_scale=0.5, max_outlier_rate=0.2),
         MCMDOutlierDetector(None, contamination=0.1, max_outlier_rate=0.05),
-        RobustNormalEstimator(20, features="all"),
+        RobustNormalEstimator(20, features="all", max_outlier_rate=0.2),
         RobustNormalEstimator(
             20, method="mcmd_md", reweight=False, radius=1.5, max_outlier_rate=0.1
         ),
         RobustNormalEstimator(None, method="pca", orientation="mst"),
         RobustNormalEstimator(20, method="robpca", method_params={"n_trials": 30}, radius=1.5),
-        PlaneOutlierDetector(20, n_jobs=2),
+        PlaneOutlierDetector(20, method_params={"max_trials": 100}, n_jobs=2),
         PlaneOutlierDetector(None, method="qsp", contamination=0.1),
         RegionGrowing(normal_estimator=QUICK),
         RegionGrowing(

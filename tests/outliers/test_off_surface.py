@@ -212,7 +212,7 @@ def test_a_new_point_is_measured_as_if_it_alone_were_added():
     rng = np.random.default_rng(0)
     rest = rng.uniform([0, 0, 3], [20, 20, 9], (60, 3))
     fitted = company(with_rest(rest), 400, least=70)
-    queries = rng.uniform([-30, -30, 5], [50, 50, 60], (40, 3))
+    queries = rng.uniform([-30, -30, 5], [50, 50, 60], (20, 3))
     for query in queries:
         added = company(with_rest(rest, query), 400, least=70)
         spacing = spacing_of(with_rest(rest, query), np.ones(461, dtype=int))[-1:]

@@ -102,7 +102,7 @@ def test_verdicts_are_those_of_memory_wherever_tiles_begin(scene, heights, tmp_p
     a, b, c = files(tmp_path)
     write_points(a, SCENES[scene]())
     points, classes = in_memory(a, b, **heights)
-    for tile_size, cut in ((500, 0.3), *[(10_000, 0.5)] * (scene == "site")):
+    for tile_size, cut in ((500, 0.3), *[(10_000, 0.5)] * (scene == "lattice")):
         report = divide(a, c, DETECTOR, mode="mark", tile_size=tile_size, cut=cut, **heights)
         assert c.read_bytes() == b.read_bytes()
         assert report.n_outliers == np.count_nonzero(classes)

@@ -68,7 +68,6 @@ def test_many_points_have_the_normals_of_memory(scene, tmp_path):
     write_points(source, PointCloud(np.round(SCENES[scene](), 3)))
     usual = RobustNormalEstimator(random_state=0)
     expected = in_memory(source, tmp_path / "expected.laz", usual).read_bytes()
-    for tile_size, cut, n_jobs in ((5_000, 0.5, 2), (30_000, 0.3, 1)):
-        target = tmp_path / "out.laz"
-        divide(source, target, usual, tile_size=tile_size, cut=cut, n_jobs=n_jobs)
-        assert target.read_bytes() == expected
+    target = tmp_path / "out.laz"
+    divide(source, target, usual, tile_size=5_000, n_jobs=2)
+    assert target.read_bytes() == expected
