@@ -100,7 +100,8 @@ class RayEvidence:
 def _isolation(isolation, spacing, alone, step):
     """The spacing of a single point counts as much in steps as in usual spacings, by how empty
     its place is. Points where the sensor is have no ray, and keep what coordinates say."""
-    both = np.sqrt(isolation * ratio(spacing, step))
+    with np.errstate(over="ignore"):
+        both = np.sqrt(isolation * ratio(spacing, step))
     return np.where(step > 0, alone * both, isolation)
 
 

@@ -73,7 +73,10 @@ class Denoise(Verb):
         for path in catalog.paths:
             if is_denoised(read_header(path)):
                 warn_caller(denoised_before(path))
-        self.cutoff = cutoff_of(self.estimator)
+        detector = self.estimator
+        if self.sensor is not None:  # any position will do
+            detector = clone(detector).set_params(sensor_origin="origin")
+        self.cutoff = cutoff_of(detector)
         work = "outliers" if self.limits is None else "heights"
         return sensed(work, self.estimator, self.sensor), 0, most_neighbors(self.estimator)
 

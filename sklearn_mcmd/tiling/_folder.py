@@ -103,6 +103,7 @@ class WorkFolder:
         self.results.mkdir()
 
     def _empty(self):
+        self._manifest.unlink(missing_ok=True)  # which else would tell of cells that are not there
         for file in self.path.glob(f"*{WRITTEN}"):
             path = Path(read_json(file).get("path", ""))
             if STAGED.fullmatch(path.name):
@@ -114,8 +115,9 @@ class WorkFolder:
                 file.unlink(missing_ok=True)
 
     def _is_ours(self):
-        """Of a run that ended before its manifest; or an empty folder."""
-        return {entry.name for entry in self.path.iterdir()} <= {"cells", "results", MOVES, LOCK}
+        """Of a run that ended before its manifest, or while it was removed; or an empty folder."""
+        ours = re.compile(rf"cells|results|{LOCK}|({MANIFEST}|{MOVES}|\d+{WRITTEN})(\..*)?")
+        return all(ours.fullmatch(entry.name) for entry in self.path.iterdir())
 
 
 def read_json(path):

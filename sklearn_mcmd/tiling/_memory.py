@@ -63,8 +63,9 @@ COSTS = {
 MORE = {
     "auto": Costs(1300, 370, 750, 80, "finds the numbers of neighbors of"),
     "rays": Costs(0, 250, 650, 200, "follows the rays to"),
-    "trajectory": Costs(0, 24, 500, 20, "keeps the times of"),
-    "angles": Costs(0, 24, 700, 250, "adjusts the flight lines of"),
+    "positions": Costs(0, 24, 500, 24, "holds positions for"),
+    "trajectory": Costs(0, 24, 500, 30, "keeps the times of"),
+    "angles": Costs(0, 24, 750, 300, "adjusts the flight lines of"),
 }
 # Bytes of a process with its compiled code, and for each value of a feature.
 PROCESS, FEATURE = 330e6, 24
@@ -124,7 +125,7 @@ def sensed(work, detector, sensor=None):
     """The name of some work with a detector, or None, and a `SensorPath`."""
     if detector is not None and not (sensor is None and detector.sensor_origin is None):
         work = f"{work}, rays"
-    return f"{work}, {sensor.kind}" if sensor is not None and sensor.kind in MORE else work
+    return work if sensor is None else f"{work}, {sensor.kind}"
 
 
 def costs_of(work):
@@ -213,9 +214,10 @@ def plan_run(
     if costs.whole:
         joins = work.startswith("regions")
         at_once = JOINED_POINT * min(n_points, JOINED_AT_ONCE) if joins else 0
-        own = max(own, PROCESS + costs.whole * n_points + at_once)
-        if own > least:
+        whole = PROCESS + costs.whole * n_points + at_once
+        if whole > max(own, least):
             why = f", because one process {costs.does} all {n_points:,} points"
+        own = max(own, whole)
     if memory < own or memory < least:
         given = f"{memory / 1e6:.0f}MB" if memory >= 1e6 else f"{memory:g} bytes"
         raise ParameterError(

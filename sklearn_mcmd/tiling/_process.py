@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterable
+from reprlib import repr as shorter
 from typing import Literal
 
 from numpy.typing import ArrayLike
@@ -177,7 +178,7 @@ def process_files(
     for name, (value, idle) in given.items():
         if name not in verb.options and repr(value) != repr(idle):
             raise ValueError(
-                f"{name}={value!r} has no meaning for {type(estimator).__name__}: leave it "
+                f"{name}={shorter(value)} has no meaning for {type(estimator).__name__}: leave it "
                 f"{idle!r}."
             )
     options = {name: given[name][0] for name in verb.options}

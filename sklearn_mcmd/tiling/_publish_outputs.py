@@ -59,7 +59,7 @@ def resume_moves(verb, catalog, targets, folder):
 def _key(verb, catalog, targets):
     """A hash of what outputs depend on, besides the inputs' stamps."""
     paths = [os.path.realpath(path) for path in (*catalog.paths, *targets)]
-    return key_of(verb.estimator, paths, verb.content)
+    return key_of(verb.estimator, paths, verb.content, verb.sensor and verb.sensor.key)
 
 
 def _fits(stored, catalog):

@@ -1,8 +1,10 @@
 """Where the sensor was for each point: found while the inputs are read, and kept on disk."""
 
 import hashlib
+import warnings
 
 import numpy as np
+from sklearn.utils.validation import check_array
 
 from sklearn_mcmd.io import PointCloud, sensor_origins
 from sklearn_mcmd.io._files import one_clear_line
@@ -14,6 +16,8 @@ from sklearn_mcmd.io._trajectory import (
     warn_if_far,
 )
 from sklearn_mcmd.tiling._memory import PART
+from sklearn_mcmd.tiling._stored_columns import made
+from sklearn_mcmd.tiling._warnings import warn_caller
 
 __all__ = ["OriginWriter", "SensorPath", "check_one_origin", "sensor_path", "stored_origins"]
 
@@ -45,19 +49,23 @@ class SensorPath:
                     "points of the inputs."
                 )
             self.kind, self.given, arrays = "angles", given, ()
-        elif isinstance(given, tuple):
+        elif isinstance(given, tuple) and len(given) == 2:
             self.kind, self.given = "trajectory", trajectory_of(*given)
             arrays = self.given
         else:
-            self.given = np.asarray(given, float)
+            self.given = check_array(
+                given, dtype=np.float64, ensure_2d=False, allow_nd=True, input_name="sensor_origin"
+            )
             if self.given.ndim != 2 or self.given.shape[1] != 3:
                 raise ValueError(
                     f"sensor_origin of all points must have shape (n, 3), got {self.given.shape}; "
                     "give one position to the estimator."
                 )
             self.kind, arrays = "positions", (self.given,)
-        content = [np.ascontiguousarray(values).tobytes() for values in arrays]
-        self.key = hashlib.sha256(b"".join([self.kind.encode(), *content])).hexdigest()
+        content = hashlib.sha256(self.kind.encode())
+        for values in arrays:
+            content.update(np.ascontiguousarray(values))
+        self.key = content.hexdigest()
 
     def check(self, n_points):
         """Raise if there are positions of another number of points."""
@@ -79,12 +87,15 @@ class OriginWriter:
     """
 
     def __init__(self, folder, path):
-        self.folder, self.path, self.parts = folder, path, []
+        self.folder, self.path, self.parts, self.n, self.sees = folder, path, [], 0, False
         self.low, self.high = np.full(3, np.inf), np.full(3, -np.inf)
 
     def add(self, cloud, path):
         """Take some of the points, those of an input that errors name."""
-        if self.path.kind == "trajectory":
+        rows, self.n = slice(self.n, self.n + len(cloud)), self.n + len(cloud)
+        if self.path.kind == "positions":
+            self.sees |= bool((self.path.given[rows] != cloud.xyz).any())
+        elif self.path.kind == "trajectory":
             with one_clear_line(path, "read"):
                 self.parts.append(times_of(cloud).copy())
             self.low = np.minimum(self.low, cloud.xyz.min(axis=0))
@@ -99,31 +110,38 @@ class OriginWriter:
 
     def close(self, path):
         """Write the positions of all; `path` is what errors name."""
-        if self.path.kind == "positions":
-            np.save(self.folder / ORIGINS, self.path.given)
-            return
-        with one_clear_line(path, "read"):
+        if self.path.kind == "positions" and not self.sees:
+            raise ValueError("sensor_origin is where all points are: there are no rays to them.")
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            with one_clear_line(path, "read"):
+                of_rows = self._positions()
+            stored = made(self.folder / ORIGINS, float, (self.n, 3))
+            for first in range(0, self.n, PART):
+                rows = slice(first, first + PART)
+                stored[rows] = of_rows(rows)
             if self.path.kind == "trajectory":
-                self._interpolate()
-            else:
-                np.save(self.folder / ORIGINS, sensor_origins(_joined(self.parts)))
+                warn_if_far(self.low, self.high, stored)
+        for warning in told:
+            warn_caller(warning.message)
 
-    def _interpolate(self):
+    def _positions(self):
+        """What gives the positions of a slice of all points."""
+        if self.path.kind == "positions":
+            return self.path.given.__getitem__
+        if self.path.kind == "angles":
+            return sensor_origins(_joined(self.parts)).__getitem__
         times, trajectory = np.concatenate(self.parts), self.path.given
         times -= settle_shift(times, trajectory)
-        stored = np.lib.format.open_memmap(self.folder / ORIGINS, "w+", float, (len(times), 3))
-        for first in range(0, len(times), PART):
-            rows = slice(first, first + PART)
-            stored[rows] = positions_of_times(times[rows], trajectory)
-        warn_if_far(self.low, self.high, stored)
+        return lambda rows: positions_of_times(times[rows], trajectory)
 
 
 def check_one_origin(estimator):
     """Raise if an estimator has a position for each point."""
     if np.ndim(getattr(estimator, "sensor_origin", None)) == 2:
         raise ValueError(
-            "sensor_origin of the estimator is one position by tiles: give positions of all points "
-            "to process_files."
+            "sensor_origin of an estimator is one position by tiles. For outliers and normals "
+            "process_files takes positions of all points."
         )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from sklearn_mcmd.io._files import PointFileError, one_clear_line
 from sklearn_mcmd.planes._record import Planes
 
-__all__ = ["ALL", "StoredColumns", "whole_of"]
+__all__ = ["ALL", "StoredColumns", "made", "whole_of"]
 
 SECONDS = 0.2  # after which what was read is freed
 MOST_PLACES = 2**31 - 1  # rows are numbers of 32 bits
@@ -49,7 +49,7 @@ class StoredColumns:
         for name in names:
             if not self.columns.is_done(ALL, name):
                 first = self.columns.read(cells[0], name)
-                _made(self._path(name), first.dtype, (len(self), *first.shape[1:]))
+                made(self._path(name), first.dtype, (len(self), *first.shape[1:]))
                 for cell in cells:
                     self.put(cell, **{name: self.columns.read(cell, name)})
                 self.columns.finish(ALL, name)
@@ -64,7 +64,7 @@ class StoredColumns:
             raise ValueError(f"{len(self):,} different points are more than {MOST_PLACES:,}")
         for name, (dtype, shape) in columns.items():
             if not self.columns.is_done(ALL, name):
-                _made(self._path(name), dtype, (len(self) if n_rows is None else n_rows, *shape))
+                made(self._path(name), dtype, (len(self) if n_rows is None else n_rows, *shape))
                 self.columns.finish(ALL, name)
 
     def put(self, cell, **arrays):
@@ -105,7 +105,7 @@ class StoredColumns:
         if 0 in np.atleast_1d(shape):
             return np.empty(shape, dtype)
         path = self._path(f"scratch.{secrets.token_hex(4)}")
-        self._open.append(_made(path, dtype, np.atleast_1d(shape)))
+        self._open.append(made(path, dtype, np.atleast_1d(shape)))
         with suppress(PermissionError):  # Windows, where it stays while it is mapped
             path.unlink()
         return np.asarray(self._open[-1])
@@ -171,7 +171,7 @@ def whole_of(job):
     return StoredColumns(columns, len(cells))
 
 
-def _made(path, dtype, shape):
+def made(path, dtype, shape):
     """An array in a file that is mapped into memory.
 
     Its disk is taken at once: where there is too little, this is an error. Writing to memory for

@@ -22,6 +22,8 @@ from sklearn_mcmd.tiling import (
     _sweeps,
     process_files,
 )
+from sklearn_mcmd.tiling._cloud_constants import Constants
+from sklearn_mcmd.tiling._folder import WorkFolder
 from sklearn_mcmd.tiling._result_files import normal_columns
 from tiled import ESTIMATOR, divide, in_memory, is_killed, street
 
@@ -430,6 +432,30 @@ def test_wave_packets_that_would_change_are_refused(tmp_path):
     with pytest.raises(TilingError, match="lazrs cannot compress these wave packets"):
         process_files(source, tmp_path / "out.laz", ESTIMATOR, tile_size=2_000)
     assert not (tmp_path / "out.laz").exists()
+
+
+def test_what_a_run_left_that_died_while_it_was_removed_is_in_no_ones_way(small_file, tmp_path):
+    """Killed amid the removal of cells, or between the writing and the renaming of a manifest."""
+    left = tmp_path / "out.las.tiles"
+    for name in ("manifest.json.0123abcd.part", "0.written"):
+        (left / "cells").mkdir(parents=True)
+        (left / name).write_text("{}")
+        process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+        assert not left.exists()
+
+
+def test_the_manifest_goes_before_the_cells_that_it_tells_of(tmp_path, monkeypatch):
+    folder = WorkFolder(tmp_path / "out.las", "key")
+    folder.clear()
+    folder.finish_cells(Constants("float64", 0.0))
+
+    def fail(*_, **__):
+        raise MemoryError
+
+    monkeypatch.setattr("shutil.rmtree", fail)
+    with pytest.raises(MemoryError):
+        folder.remove()
+    assert folder.constants is None
 
 
 def test_a_folder_of_others_is_not_removed(small_file, tmp_path):

@@ -1,5 +1,7 @@
 """A sensor with one position or many: scores and normals by tiles equal those in memory."""
 
+import shutil
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -150,6 +152,13 @@ def test_another_trajectory_begins_anew_and_the_same_goes_on(drive, tmp_path, mo
     ("estimator", "given", "message"),
     [
         (DETECTOR, "here", "'here' must be 'auto'"),
+        (DETECTOR, (0.0, 0.0, 10.0), r"shape \(n, 3\), got \(3,\); give one position"),
+        (DETECTOR, np.full((4_400, 3), np.nan), "sensor_origin contains NaN"),
+        (
+            clone(DETECTOR).set_params(strictness=None),
+            [[0, 0, 1.0]] * 4_400,
+            "has no meaning where",
+        ),
         (DETECTOR, np.zeros(3), r"shape \(n, 3\), got \(3,\)"),
         (DETECTOR, np.zeros((5, 3)), "has 5 positions, and the inputs have 4,400 points"),
         (DETECTOR, "auto", "no position of the sensor is known"),
@@ -166,6 +175,44 @@ def test_wrong_positions_are_refused_and_nothing_is_left(turn, tmp_path, estimat
     with pytest.raises(ValueError, match=message):
         process_files(turn, tmp_path / "b.las", estimator, sensor_origin=given)
     assert not list(tmp_path.iterdir())
+
+
+def test_positions_at_the_points_themselves_have_no_rays(turn, tmp_path):
+    with pytest.raises(ValueError, match="where all points are"):
+        process_files(turn, tmp_path / "b.las", NORMALS, sensor_origin=read_points(turn).xyz)
+    assert not list(tmp_path.iterdir())
+
+
+def test_outputs_that_wait_for_their_inputs_are_of_one_sensor(drive, tmp_path, monkeypatch):
+    """A run ended between the moves of two outputs; another sensor may not move the others."""
+    (tmp_path / "in").mkdir()
+    cloud = read_points(drive[0])
+    for name, rows in {"a": slice(0, 2_000), "b": slice(2_000, None)}.items():
+        write_points(tmp_path / f"in/{name}.las", cloud.subset(rows))
+
+    def once(moves):
+        first = moves.pop(0)
+        shutil.move(first[0], first[1])
+        raise MemoryError("enough")
+
+    options = {"tile_size": 900, "sensor_origin": drive[1]}
+    with monkeypatch.context() as patch:
+        patch.setattr("sklearn_mcmd.tiling._publish_outputs._move", once)
+        with pytest.raises(TilingError, match="enough"):
+            process_files(tmp_path / "in", tmp_path / "in", NORMALS, **options)
+    moved = Trajectory(drive[1].times, drive[1].positions + np.array([0.0, 50.0, 0.0]))
+    with pytest.raises(TilingError, match="replaced some of its inputs"):
+        process_files(tmp_path / "in", tmp_path / "in", NORMALS, tile_size=900, sensor_origin=moved)
+    report = process_files(tmp_path / "in", tmp_path / "in", NORMALS, **options)
+    assert report.n_resumed == report.n_tiles
+
+
+def test_warnings_of_a_trajectory_are_at_the_callers_line(drive, tmp_path):
+    path, (times, positions) = drive
+    ahead = Trajectory(times + 1e9, positions)
+    with pytest.warns(UserWarning, match="begin elsewhere") as told:
+        process_files(path, tmp_path / "b.las", DETECTOR, tile_size=900, sensor_origin=ahead)
+    assert {warning.filename for warning in told} == {__file__}
 
 
 def test_the_plan_says_what_rays_to_all_points_take():
