@@ -16,6 +16,7 @@ __all__ = ["SLACK", "StoredNearest", "asking", "by_distance", "near_box"]
 SLACK = 1.0 + 1e-12
 # Distances that are kept at once, what bounds the memory.
 AT_ONCE = 1_000_000
+FAR_AT_ONCE = 8 * AT_ONCE  # neighbors that are known before other cells are seen
 
 
 class StoredNearest(NearestPoints):
@@ -47,7 +48,18 @@ class StoredNearest(NearestPoints):
 
     def visit_in(self, cell, queries, k, work, n_jobs=None):
         """As `visit`, of queries most of which lie in one cell."""
-        (points, numbers), inside = self._load(cell), self._to_border(cell, queries)
+        points, numbers = self._load(cell)
+        search, size = NearestPoints(points), max(1, FAR_AT_ONCE // k)
+        for first in range(0, len(queries), size):
+            some = slice(first, first + size)
+
+            def tell(rows, *found, first=first):
+                work(first + rows, *found)
+
+            self._visit_some(cell, search, numbers, queries[some], k, tell, n_jobs)
+
+    def _visit_some(self, cell, search, numbers, queries, k, work, n_jobs):
+        inside = self._to_border(cell, queries)
         left, lock = [(np.empty(0, np.intp), np.empty((0, k), np.int32), np.empty(0))], Lock()
 
         def answer(rows, distances, near):
@@ -58,7 +70,7 @@ class StoredNearest(NearestPoints):
             with lock:
                 left.append((rows[~is_near], known, bounds))
 
-        NearestPoints(points).visit(queries, k, answer, n_jobs)
+        search.visit(queries, k, answer, n_jobs)
         far, known, bounds = map(np.concatenate, zip(*left, strict=True))
         self.visit_far(
             cell, queries[far], bounds, known, lambda rows, *found: work(far[rows], *found)
