@@ -95,10 +95,7 @@ class PlaneJob(NamedTuple):
 
     def origins(self):
         """Where the sensor was for each point of the inputs, if it matters; else None."""
-        told = (
-            isinstance(self.estimator.orientation, str) and self.estimator.orientation == "sensor"
-        )
-        return stored_origins(self.cells) if told else None
+        return stored_origins(self.cells) if _asks(self.estimator, "sensor") else None
 
     def index(self):
         """The `StoredIndex` of the estimator's neighborhoods."""
@@ -137,7 +134,11 @@ def ends_of(begin, last, estimator):
 
 def has_tree(estimator):
     """Whether a tree of all places tells the sides of normals."""
-    return isinstance(estimator.orientation, str) and estimator.orientation == "mst"
+    return _asks(estimator, "mst")
+
+
+def _asks(estimator, orientation):
+    return isinstance(estimator.orientation, str) and estimator.orientation == orientation
 
 
 def find_planes(sweeps, cells, job, k=0, least=0, **stored):

@@ -8,6 +8,7 @@ from sklearn.utils.validation import check_array
 
 from sklearn_mcmd.io import PointCloud, sensor_origins
 from sklearn_mcmd.io._files import one_clear_line
+from sklearn_mcmd.io._point_cloud import joined
 from sklearn_mcmd.io._trajectory import (
     positions_of_times,
     settle_shift,
@@ -83,34 +84,34 @@ class OriginWriter:
     ----------
     folder : Path
         Of the `Cells` of the points.
-    path : SensorPath
+    sensor : SensorPath
     """
 
-    def __init__(self, folder, path):
-        self.folder, self.path, self.parts, self.n, self.sees = folder, path, [], 0, False
+    def __init__(self, folder, sensor):
+        self.folder, self.sensor, self.parts, self.n, self.sees = folder, sensor, [], 0, False
         self.low, self.high = np.full(3, np.inf), np.full(3, -np.inf)
 
     def add(self, cloud, path):
         """Take some of the points, those of an input that errors name."""
         rows, self.n = slice(self.n, self.n + len(cloud)), self.n + len(cloud)
-        if self.path.kind == "positions":
-            self.sees |= bool((self.path.given[rows] != cloud.xyz).any())
-        elif self.path.kind == "trajectory":
+        if self.sensor.kind == "positions":
+            self.sees |= bool((self.sensor.given[rows] != cloud.xyz).any())
+        elif self.sensor.kind == "trajectory":
             with one_clear_line(path, "read"):
                 self.parts.append(times_of(cloud).copy())
             self.low = np.minimum(self.low, cloud.xyz.min(axis=0))
             self.high = np.maximum(self.high, cloud.xyz.max(axis=0))
-        elif self.path.kind == "angles":
+        elif self.sensor.kind == "angles":
             known = {
                 name: np.array(cloud.attributes[name])
                 for name in OF_LINES
                 if name in cloud.attributes
             }
-            self.parts.append(PointCloud(cloud.xyz, known, {"las_header": True}))
+            self.parts.append(PointCloud(cloud.xyz, known))
 
     def close(self, path):
         """Write the positions of all; `path` is what errors name."""
-        if self.path.kind == "positions" and not self.sees:
+        if self.sensor.kind == "positions" and not self.sees:
             raise ValueError("sensor_origin is where all points are: there are no rays to them.")
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
@@ -120,18 +121,20 @@ class OriginWriter:
             for first in range(0, self.n, PART):
                 rows = slice(first, first + PART)
                 stored[rows] = of_rows(rows)
-            if self.path.kind == "trajectory":
+            if self.sensor.kind == "trajectory":
                 warn_if_far(self.low, self.high, stored)
         for warning in told:
             warn_caller(warning.message)
 
     def _positions(self):
         """What gives the positions of a slice of all points."""
-        if self.path.kind == "positions":
-            return self.path.given.__getitem__
-        if self.path.kind == "angles":
-            return sensor_origins(_joined(self.parts)).__getitem__
-        times, trajectory = np.concatenate(self.parts), self.path.given
+        if self.sensor.kind == "positions":
+            return self.sensor.given.__getitem__
+        if self.sensor.kind == "angles":
+            cloud = joined(self.parts)
+            cloud.metadata["las_header"] = True  # so that its scan angles are asked
+            return sensor_origins(cloud).__getitem__
+        times, trajectory = np.concatenate(self.parts), self.sensor.given
         times -= settle_shift(times, trajectory)
         return lambda rows: positions_of_times(times[rows], trajectory)
 
@@ -157,11 +160,3 @@ def stored_origins(folder):
     none beside the cells of a folder."""
     path = folder / ORIGINS
     return np.load(path, mmap_mode="r") if path.exists() else None
-
-
-def _joined(clouds):
-    names = set.intersection(*(set(cloud.attributes) for cloud in clouds))
-    attributes = {
-        name: np.concatenate([cloud.attributes[name] for cloud in clouds]) for name in names
-    }
-    return PointCloud(np.vstack([cloud.xyz for cloud in clouds]), attributes, clouds[0].metadata)

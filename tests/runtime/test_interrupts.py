@@ -90,6 +90,12 @@ def outcome_of(moment, *args, **variables):
     return done.returncode, done.stdout, done.stderr
 
 
+def printed_by(code):
+    """What a program prints, and what it says of errors."""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    return done.stdout, done.stderr
+
+
 @pytest.mark.parametrize("name", ["sklearn_mcmd._extras", "typer", "numpy", "sklearn"])
 def test_ctrl_c_ends_in_one_line_while_modules_are_imported(name, room_file, tmp_path):
     moment = IMPORTING.format(name=name)
@@ -159,8 +165,7 @@ def test_a_verb_within_another_one_does_not_end_its_interrupts():
         "signal.raise_signal(signal.SIGINT)\n"
         "print('done')\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ("interrupted\ndone\n", "")
+    assert printed_by(code) == ("interrupted\ndone\n", "")
 
 
 def test_ctrl_c_that_a_library_turns_into_another_error_is_still_an_interruption():
@@ -179,8 +184,7 @@ def test_ctrl_c_that_a_library_turns_into_another_error_is_still_an_interruption
         "except typer.Exit as end:\n"
         "    print(end.exit_code)\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ("130\n", "mcmd: interrupted\n")
+    assert printed_by(code) == ("130\n", "mcmd: interrupted\n")
 
 
 def test_ctrl_c_that_a_callback_forgets_comes_again():
@@ -200,8 +204,7 @@ def test_ctrl_c_that_a_callback_forgets_comes_again():
         "except KeyboardInterrupt:\n"
         "    print('came again', time.monotonic() - begin < 500)\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ("came again True\n", "")
+    assert printed_by(code) == ("came again True\n", "")
 
 
 def test_a_process_that_ignores_ctrl_c_goes_on_ignoring_it():
