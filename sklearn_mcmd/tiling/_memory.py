@@ -62,10 +62,10 @@ COSTS = {
 # Numbers of neighbors are found, rays are followed, and there is a position for each point.
 MORE = {
     "auto": Costs(1300, 370, 750, 80, "finds the numbers of neighbors of"),
-    "rays": Costs(0, 250, 650, 200, "follows the rays to"),
-    "positions": Costs(0, 24, 500, 24, "holds positions for"),
-    "trajectory": Costs(0, 24, 500, 30, "keeps the times of"),
-    "angles": Costs(0, 24, 750, 300, "adjusts the flight lines of"),
+    "rays": Costs(0, 280, 650, 200, "follows the rays to"),
+    "positions": Costs(0, 50, 500, 24, "holds positions for"),
+    "trajectory": Costs(0, 50, 500, 30, "keeps the times of"),
+    "angles": Costs(0, 50, 750, 300, "adjusts the flight lines of"),
 }
 # Bytes of a process with its compiled code, and for each value of a feature.
 PROCESS, FEATURE = 330e6, 24
