@@ -9,6 +9,7 @@ from scipy.stats import rankdata
 from sklearn.metrics import average_precision_score
 
 N_SNOW_TURNS = 2  # of six that are alike
+FROM_ORIGIN = ("fast_gicp_velodyne", "kinect_tables", "pcl_office1", "snow_")  # begin like this
 LAS_NOISE = 7
 LAS_CLASSES = {
     1: "other",
@@ -34,12 +35,16 @@ class RealCloud(NamedTuple):
     points : float64 (n, 3)
     classes : str (n,), the publishers' classes, or None
     noise : bool (n,), points that the publishers call noise, or None
+    from_origin : whether all points were taken from the origin
+    intensity : float64 (n,), in the publishers' unit, or None
     """
 
     name: str
     points: np.ndarray
     classes: np.ndarray | None
     noise: np.ndarray | None
+    from_origin: bool = False
+    intensity: np.ndarray | None = None
 
 
 def load_clouds(data, names=None, limit=None, seed=0):
@@ -89,6 +94,7 @@ def read_cloud(name, path):
     """The cloud of a file, with its classes and noise under common names."""
     with np.load(path) as arrays:
         points = arrays["xyz"].astype(np.float64)
+        intensity = arrays["intensity"].astype(np.float64) if "intensity" in arrays else None
         classes = noise = None
         if "classification" in arrays:
             codes = arrays["classification"]
@@ -103,7 +109,7 @@ def read_cloud(name, path):
             classes = np.full(len(points), "surface")
     if noise is not None and not noise.any():
         noise = None
-    return RealCloud(name, points, classes, noise)
+    return RealCloud(name, points, classes, noise, name.startswith(FROM_ORIGIN), intensity)
 
 
 def cropped(cloud, limit, seed):
@@ -113,8 +119,9 @@ def cropped(cloud, limit, seed):
     center = np.random.default_rng(seed).choice(cloud.points)
     squares = np.square(cloud.points - center).sum(axis=1)
     rows = np.sort(np.argpartition(squares, limit - 1)[:limit])
-    classes, noise = (None if a is None else a[rows] for a in (cloud.classes, cloud.noise))
-    return RealCloud(cloud.name, cloud.points[rows], classes, noise)
+    return cloud._replace(
+        **{k: v[rows] for k, v in cloud._asdict().items() if isinstance(v, np.ndarray)}
+    )
 
 
 class Spacing:

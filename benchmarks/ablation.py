@@ -340,7 +340,6 @@ PARTS = {
             Limit("outliers._model", "OffSurfaceLimits", "reach", off=0.0),
             Limit("outliers._model", "OffSurfaceLimits", "rest_weight", off=0.0, most=1.0),
             Limit("outliers._model", "OffSurfaceLimits", "flat", off=0.0),
-            Limit("outliers._model", "OffSurfaceLimits", "bridge", off=0.0),
         ),
         scenes=lambda options: chain(streets(options), contaminated(options)),
         prepare=planes_of,

@@ -11,8 +11,10 @@ default elsewhere. "time" is the processor time as a ratio to that of "SOR 20".
 
 SOR is statistical outlier removal: a point goes whose mean distance to its k nearest others is
 more than 2 standard deviations above the mean of all. Radius outlier removal takes points with
-fewer than 5 others within 3 times the cloud's median spacing. A new setting of the detector is one
-line in `METHODS`. Classes and kinds of outliers not in the tables are in the CSV file.
+fewer than 5 others within 3 times the cloud's median spacing. ``_real_methods.py`` has the others
+and their sources; what needs the sensor's position runs on clouds that were taken from their
+origin. A new setting of the detector is one line in its `METHODS`. Classes and kinds of outliers
+not in the tables are in the CSV file.
 """
 
 import argparse
@@ -25,10 +27,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from _real_clouds import N_SPACING, evaluate, inject, load_clouds
-from scipy.spatial import cKDTree
+from _real_clouds import RealCloud, evaluate, inject, load_clouds
+from _real_methods import METHODS, judgment
 
-N_JOBS = 2
 YARDSTICK = "SOR 20"
 
 
@@ -44,114 +45,39 @@ class Row(NamedTuple):
     value: float
 
 
-def detector(**parameters):
-    """A setting of the detector as a method."""
-
-    def method(points, share):
-        from sklearn_mcmd import MCMDOutlierDetector
-
-        own = MCMDOutlierDetector(random_state=0, n_jobs=N_JOBS, **parameters)
-        return own.fit_predict(points), -own.scores_
-
-    return method
-
-
-def judged(outlyingness, cutoff, share=None):
-    """Labels by a cutoff, or as many as the share says, and the outlyingness."""
-    if share is not None:
-        cutoff = np.quantile(outlyingness, 1 - share)
-    return np.where(outlyingness > cutoff, -1, 1), outlyingness
-
-
-def neighbor_distances(points, n_neighbors):
-    """Distances to the nearest other points, in rising order."""
-    distances, _ = cKDTree(points).query(points, n_neighbors + 1, workers=N_JOBS)
-    return distances[:, 1:]
-
-
-def sor(n_neighbors):
-    """Statistical outlier removal."""
-
-    def method(points, share):
-        distance = neighbor_distances(points, n_neighbors).mean(axis=1)
-        return judged(distance, distance.mean() + 2 * distance.std())
-
-    return method
-
-
-def radius_removal(points, share):
-    distances = neighbor_distances(points, N_SPACING)
-    return judged(distances[:, 4], 3 * np.median(distances.mean(axis=1)))
-
-
-def mean_distance(points, share):
-    if share is None:
-        return None  # it has no cutoff of its own
-    return judged(neighbor_distances(points, 20).mean(axis=1), None, share)
-
-
-def lof(points, share):
-    from sklearn.neighbors import LocalOutlierFactor
-
-    peer = LocalOutlierFactor(20, n_jobs=N_JOBS).fit(points)
-    return judged(-peer.negative_outlier_factor_, -peer.offset_, share)
-
-
-def isolation_forest(points, share):
-    from sklearn.ensemble import IsolationForest
-
-    peer = IsolationForest(random_state=0, n_jobs=N_JOBS).fit(points)
-    return judged(-peer.score_samples(points), -peer.offset_, share)
-
-
-# (points, share of outliers or None) -> labels and outlyingness, or None if it needs the share.
-METHODS = {
-    "default": detector(),
-    "isolated": detector(strictness="isolated"),
-    "surfaces": detector(strictness="surfaces"),
-    "SOR 8": sor(8),
-    "SOR 20": sor(20),
-    "SOR 50": sor(50),
-    "radius": radius_removal,
-    "LOF, told": lof,
-    "mean distance, told": mean_distance,
-    "IsolationForest, told": isolation_forest,
-}
-
-
 def parts_of(cloud, seed):
-    """Name, points, kind and classes of both parts of a cloud."""
+    """Name, cloud and kind of its points, of both parts; outliers put in have no intensity."""
     real = np.ones(len(cloud.points), dtype=bool) if cloud.noise is None else ~cloud.noise
-    yield "clean", cloud.points, np.where(real, "real", "noise"), cloud.classes
+    yield "clean", cloud, np.where(real, "real", "noise")
     points, kind = inject(cloud.points[real], np.random.default_rng(seed))
     classes = cloud.classes
     if classes is not None:
         classes = np.concatenate([classes[real], kind[kind != "real"]])
-    yield "injected", points, kind, classes
+    yield "injected", cloud._replace(points=points, classes=classes, intensity=None), kind
 
 
-def timed(method, points, share):
+def timed(name, cloud, share):
     start = time.process_time()
-    result = method(points, share)
+    result = judgment(name, cloud, share)
     return result, time.process_time() - start
 
 
 def measured(cloud, methods, seed):
     """Rows of a cloud."""
-    for part, points, kind, classes in parts_of(cloud, seed):
+    for part, part_cloud, kind in parts_of(cloud, seed):
         outliers = kind != "real"
         share = outliers.mean() if outliers.any() else None
-        _, yardstick = timed(METHODS[YARDSTICK], points, share)
+        _, yardstick = timed(YARDSTICK, part_cloud, share)
         for name in methods:
-            result, seconds = timed(METHODS[name], points, share)
+            result, seconds = timed(name, part_cloud, share)
             if result is None:
                 continue
             labels, outlyingness = result
-            found = evaluate(labels, outlyingness, kind, classes)
+            found = evaluate(labels, outlyingness, kind, part_cloud.classes)
             found["seconds", "all"] = seconds
             found["time", "all"] = seconds / yardstick
             for (measure, subset), value in found.items():
-                yield Row(cloud.name, part, name, len(points), measure, subset, value)
+                yield Row(cloud.name, part, name, len(kind), measure, subset, value)
 
 
 TABLES = [
@@ -224,9 +150,10 @@ def main():
     options = parser.parse_args()
     if options.limit is not None and options.limit < 1_000:
         parser.error(f"--limit is {options.limit}; take at least 1,000 points")
-    warm_up = np.random.default_rng(0).random((2_000, 3))
+    places = np.random.default_rng(0).random((2_000, 3))
+    warm_up = RealCloud("warm-up", places, None, None, True, places[:, 0])
     for name in options.methods:
-        METHODS[name](warm_up, 0.1)  # compiles, and imports, outside of what is timed
+        judgment(name, warm_up, 0.1)  # compiles, and imports, outside of what is timed
     rows = []
     for cloud in load_clouds(options.data, options.clouds, options.limit, options.seed):
         print(f"{cloud.name}, {len(cloud.points):,} points", file=sys.stderr, flush=True)

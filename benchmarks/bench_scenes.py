@@ -18,7 +18,8 @@ from pathlib import Path
 
 import numpy as np
 from _real_clouds import evaluate, load_clouds
-from bench_real import METHODS, write
+from _real_methods import FROM_ORIGIN, METHODS
+from bench_real import write
 from scipy.spatial import cKDTree
 
 from sklearn_mcmd import datasets
@@ -112,7 +113,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", default="../shared/data", help="folder of real clouds")
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=SCENES)
-    parser.add_argument("--methods", nargs="+", choices=METHODS, default=["default", "SOR 20"])
+    free = [name for name in METHODS if name not in FROM_ORIGIN]
+    parser.add_argument("--methods", nargs="+", choices=free, default=["default", "SOR 20"])
     parser.add_argument("--samples", type=int, help="points; by default those of each scene")
     parser.add_argument("--seeds", nargs="+", type=int, default=[0])
     parser.add_argument("--table", help="Markdown file, instead of printing")

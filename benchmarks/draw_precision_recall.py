@@ -19,7 +19,7 @@ matplotlib.use("agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from _real_clouds import inject, load_clouds
-from bench_real import METHODS
+from _real_methods import METHODS
 from PIL import Image
 from scipy.stats import rankdata
 from sklearn.metrics import (
