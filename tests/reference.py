@@ -8,8 +8,10 @@ the paper is what it leaves open: ties go to the first member and the first tria
 import numpy as np
 from scipy.stats import truncnorm
 
+from reference_rays import LiteralRays
 from sklearn_mcmd.planes._record import Neighborhoods
 
+UNIQUE = "return_index", "return_inverse", "return_counts"
 VARIANCE_LEFT = truncnorm(-2.5, 2.5).var()  # of a normal law that is cut at 2.5
 
 
@@ -130,13 +132,15 @@ def reweighted_plane(points, trials, h):
     return center, axes[:, 0], scale, kept.mean()
 
 
-def judged(X, k, trials, h, noise=None):
-    """Scores of the detector's default, by strictness, and which points are on a surface.
+def judged(X, k, trials, h, noise=None, sensor=None):
+    """Scores of the detector's default, by strictness; which points are on a surface; and company:
+    isolation, separation and labels of groups, 0, 0 and -1 on surfaces.
 
-    `noise` is `noise_scale`. All distances, no tree; every constant stands where it is used. For
-    clouds with more than k distinct points and without a step or a perfect plane.
+    `noise` is `noise_scale`, `sensor` one position or one for each point. All distances, no tree;
+    every constant stands where it is used. For clouds with more than k distinct points and without
+    a step or a perfect plane.
     """
-    points, place, counts = np.unique(X, axis=0, return_inverse=True, return_counts=True)
+    points, first, place, counts = np.unique(X, axis=0, **dict.fromkeys(UNIQUE, True))
     n = len(points)
     gaps = np.array([np.linalg.norm(points - point, axis=1) for point in points])
     near = np.argsort(gaps, axis=1, kind="stable")[:, :k]
@@ -151,17 +155,27 @@ def judged(X, k, trials, h, noise=None):
     scale = [scale for _, _, scale, _ in planes]
     sd = [noise or one for one in scale]
     usable = [scale[i] <= 0.15 * radius[i] and off(i, i, sd[i]) <= 3 for i in range(n)]
-
-    def explain_each_other(i, j):
-        near_each_other = j in near[i, :16] and i in near[j, :16]
-        both = off(i, j, scale[j]) <= 3 and off(j, i, scale[i]) <= 3
-        cosine = abs(planes[i][1] @ planes[j][1])
-        return usable[i] and usable[j] and near_each_other and both and cosine >= cos_25
-
+    usable = np.array(usable)
     cos_25 = np.cos(np.radians(25))
-    surface = parts(n, [(i, j) for i in range(n) for j in near[i] if explain_each_other(i, j)])
-    size = [surface.count(label) for label in surface]
-    explains = [usable[i] and size[i] >= min(k, n / 5) for i in range(n)]
+
+    def large_parts(usable, least):
+        def explain_each_other(i, j):
+            near_each_other = j in near[i, :16] and i in near[j, :16]
+            both = off(i, j, scale[j]) <= 3 and off(j, i, scale[i]) <= 3
+            cosine = abs(planes[i][1] @ planes[j][1])
+            return usable[i] and usable[j] and near_each_other and both and cosine >= cos_25
+
+        part = parts(n, [(i, j) for i in range(n) for j in near[i] if explain_each_other(i, j)])
+        return [usable[i] and part.count(part[i]) >= least for i in range(n)]
+
+    # Planes that contain the rays are no surfaces.
+    scatter, beam_spacing, sheet = np.zeros(n), np.zeros(n), np.zeros(n, bool)
+    if sensor is not None:
+        rays = LiteralRays(points, np.broadcast_to(sensor, X.shape)[first])
+        scatter, beam_spacing = rays.of_planes(planes, sd, near)
+        sheet = (scatter > 3) & (not rays.far_away())
+    explains = large_parts(usable & ~sheet, min(k, n / 5))
+    sheet = large_parts(usable & sheet, 0.5 * min(k, n / 5))
     distance, owner = np.full(n, np.inf), np.arange(n)
     for i in range(n):
         for j in [i] if explains[i] else near[i]:
@@ -179,17 +193,17 @@ def judged(X, k, trials, h, noise=None):
         return np.mean([*found, *missing][:8])
 
     extent = np.linalg.norm(points.max(axis=0) - points.min(axis=0))
-    to_others = [mean_of_8(i, near[i, :9], 0) for i in range(n)]
+    to_others = [max(mean_of_8(i, near[i, :9], 0), beam_spacing[i]) for i in range(n)]
     reference = explained or range(n)
-    usual, isolation, separation = {}, np.zeros(n), np.zeros(n)
+    usual, among_all, isolation, separation = {}, {}, np.zeros(n), np.zeros(n)
     for i in rest:
         around = sorted(reference, key=lambda j: gaps[i, j])[:128]
         usual[i] = sorted(to_others[j] for j in around)[
             int((0.75 if explained else 0.5) * len(around))
         ]
-        among_all = mean_of_8(i, near[i, :9], counts[i] - 1)
+        among_all[i] = mean_of_8(i, near[i, :9], counts[i] - 1)
         among_rest = mean_of_8(i, rest, counts[i] - 1, [extent] * 8)
-        isolation[i] = among_rest ** (2 / 3) * among_all ** (1 / 3) / usual[i]
+        isolation[i] = among_rest ** (2 / 3) * among_all[i] ** (1 / 3) / usual[i]
 
     # Groups of the rest, and how far the small ones stand off from what is real.
     links = []
@@ -205,29 +219,46 @@ def judged(X, k, trials, h, noise=None):
         most = np.inf if explained else max(measured.values(), default=0)
         return group, members, [g for g in members if measured[g] < min(thing, most)]
 
-    # Flat groups within three lengths of the longer one are pieces of one.
+    # Flat groups that are nearer to each other than to anything real are pieces of one.
     group, members, small = small_groups(links)
-    length = np.zeros(n)
+    real = explained + [i for i in rest if group[i] not in small]
+    to_real = np.zeros(n)
     for label in small:
         some = members[label]
         spare = len(some) - X.shape[1]
         if spare > 0:
             thick, *_, long = np.sqrt(np.maximum(plane(points[some])[1], 0))
             if 3 * thick * np.sqrt(len(some) / spare) * (1 + 1 / np.sqrt(2 * spare)) <= long:
-                length[some] = np.sqrt(12) * long
-    for i in np.flatnonzero(length):
+                to_real[some] = gaps[np.ix_(some, real)].min()
+    for i in np.flatnonzero(to_real):
         others = sorted(rest, key=lambda j: gaps[i, j])[: int(np.ceil(thing))]
         links += [
-            (i, j) for j in others if length[j] and gaps[i, j] <= 3 * max(length[i], length[j])
+            (i, j) for j in others if to_real[j] and gaps[i, j] <= max(to_real[i], to_real[j])
         ]
     group, members, small = small_groups(links)
     real = explained + [i for i in rest if group[i] not in small]
-    for label in small:
-        some = members[label]
+    for label, some in members.items():
         own_size = np.mean([usual[i] for i in some])
         if len(some) > 1:
             own_size = max(own_size, np.sqrt(plane(points[some])[1][-1]))
-        separation[some] = min(gaps[i, j] for i in some for j in real) / own_size
+        if label in small:
+            separation[some] = gaps[np.ix_(some, real)].min() / own_size
+        elif explained and len(some) >= thing:  # n times as many must stand off n times as far
+            own_size *= counts[some].sum() / thing
+            if gaps[np.ix_(some, explained)].min() / own_size > 3:
+                strange = [i for i in real if i not in some]
+                separation[some] = gaps[np.ix_(some, strange)].min() / own_size
+
+    # Where beams went.
+    if sensor is not None:
+        isolation = rays.isolation(rest, isolation, among_all, gaps, explained)
+        separation = rays.separation(members.values(), separation, explained)
+    for i in rest:
+        reach = [j for j in near[i] if np.linalg.norm(points[i] - planes[j][0]) <= radius[j]]
+        sheets = [j for j in reach if sheet[j] and off(i, j, sd[j]) <= 3]
+        if sheets:
+            best = min(sheets, key=lambda j: off(i, j, sd[j]))
+            isolation[i] = max(isolation[i], scatter[best])
 
     # One score: the best excuse counts.
     scores = {}
@@ -240,7 +271,8 @@ def judged(X, k, trials, h, noise=None):
                 j = min(explained, key=lambda j: gaps[i, j])
                 score[i] = max(gaps[i, j] / sd[owner[j]], apart[i])
         scores[strictness] = np.array(score)[place]
-    return scores, np.isin(place, explained)
+    group = np.where(np.isin(range(n), rest), group, -1)
+    return scores, np.isin(place, explained), (isolation[place], separation[place], group[place])
 
 
 class GivenNeighbors:

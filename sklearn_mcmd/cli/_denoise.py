@@ -117,8 +117,9 @@ def denoise(
     above: _point_selection.Above = None,
     below: _point_selection.Below = None,
     low_groups: _point_selection.LowGroups = False,
-    sensor: _sensor.SensorOrigin = None,
+    sensor: _sensor.SensorOrView = None,
     trajectory: _sensor.TrajectoryFile = None,
+    intensity: _sensor.Intensity = False,
     max_outlier_rate: _options.MaxOutlierRate = 0.5,
     random_state: _options.RandomState = 0,
     n_jobs: _options.NJobs = -1,
@@ -157,6 +158,8 @@ def denoise(
         }
     )
     _sensor.check_one_position(sensor, trajectory)
+    recognize = sensor is None and trajectory is None and strictness is not Strictness.paper
+    sensor = None if sensor == _sensor.NONE else sensor
     params = {
         "n_neighbors": n_neighbors,
         "method": str(method),
@@ -176,6 +179,8 @@ def denoise(
         work = "heights" if low_groups or above is not None or below is not None else "outliers"
         work = _sensor.work_of_options(work, sensor, trajectory, rays=True)
         catalog = large_catalog(source, memory, 0, scheduler is not None, columns, work=work)
+        if intensity and catalog is not None:
+            raise ValueError(f"{source}: tiles take no --intensity; a file within --memory does")
         if dry_run:
             rays = "rays" in work  # positions are not read here
             estimator = _detector(params | {"sensor_origin": "origin" if rays else None})
@@ -185,7 +190,7 @@ def denoise(
         if catalog is not None:
             return _by_tiles(
                 *(source, target, catalog, params, choice, heights, mode, memory, restart),
-                *(report, quiet, seconds, sensor, trajectory),
+                *(report, quiet, seconds, sensor, trajectory, recognize),
             )
         with progress("denoise", quiet):
             mark = mode is Mode.mark
@@ -200,11 +205,14 @@ def denoise(
                 target, *_denoised(cloud, nothing.astype(np.uint8), nothing, mark), whole=mark
             )
             some = cloud if points.used.all() else cloud.subset(points.used)
-            origins = _sensor.sensor_of_options(source, cloud, sensor, trajectory)
+            origins, seen_as = _sensor.sensor_of_options(source, cloud, sensor, trajectory), ""
             if np.ndim(origins) == 2:
                 origins = origins[points.used]
+            light = _sensor.intensity_of(source, cloud)[points.used] if intensity else None
             with _files.working(source):
-                detector = _find_outliers(_files.coordinates(some), origins, **params)
+                if recognize:
+                    origins, seen_as = _sensor.stated_or_seen(cloud, points.used)
+                detector = _find_outliers(_files.coordinates(some), origins, light, **params)
             classes, score, under = _verdict(cloud, points, detector, low_groups)
             is_outlier = classes != 0
             _warn_if_without_scale(_n_without_scale(score[is_outlier]), len(cloud))
@@ -223,16 +231,17 @@ def denoise(
                 {} if points.judged.all() else {"judged": _messages.count_and_share(points.judged)}
             )
             found = {"marked" if mark else "removed": _messages.count_and_share(is_outlier)}
+            judged |= _sensor_row(seen_as)
             _messages.print_summary(source, target, len(cloud), seconds(), **judged, **found)
 
 
 def _by_tiles(
     source, target, catalog, params, choice, heights, mode, memory, restart, report, quiet, seconds,
-    sensor, trajectory,
+    sensor, trajectory, recognize,
 ):  # fmt: skip
     from sklearn_mcmd.tiling import process_files
 
-    position = sensor if isinstance(sensor, tuple) else None
+    position = sensor if isinstance(sensor, tuple) else _sensor.AUTO if recognize else None
     with progress("denoise", quiet):
         told = process_files(
             catalog, target, _detector(params | {"sensor_origin": position}), mode=str(mode),
@@ -252,8 +261,14 @@ def _by_tiles(
             *(source, target, told.n_points, seconds()),
             **(judged if told.n_judged < told.n_points else {}),
             tiles=f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
+            **_sensor_row(told.seen_as),
             **{"marked" if mode is Mode.mark else "removed": found},
         )
+
+
+def _sensor_row(words):
+    """What tells where the sensor stood, unless an option does, for the summary."""
+    return {"sensor": words} if words else {}
 
 
 def _tile_contents(catalog, target, params, told, mark):
@@ -286,9 +301,9 @@ def _detector(params):
     return MCMDOutlierDetector(**params)
 
 
-def _find_outliers(xyz, sensor_origin=None, **params):
+def _find_outliers(xyz, sensor_origin=None, intensity=None, **params):
     """The fitted detector."""
-    return _detector(params).fit(xyz, sensor_origin=sensor_origin)
+    return _detector(params).fit(xyz, sensor_origin=sensor_origin, intensity=intensity)
 
 
 def _verdict(cloud, points, detector, low_groups):

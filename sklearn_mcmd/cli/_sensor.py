@@ -1,4 +1,4 @@
-"""Where the sensor stood, as options tell: a position, what the file says, or a trajectory."""
+"""What options tell of the sensor: where it stood, by itself, file or trajectory; and intensity."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,15 +7,20 @@ import numpy as np
 import typer
 
 __all__ = [
+    "Intensity",
+    "SensorOrView",
     "SensorOrigin",
     "TrajectoryFile",
     "check_one_position",
+    "intensity_of",
     "path_of_options",
     "sensor_of_options",
+    "stated_or_seen",
     "work_of_options",
 ]
 
-AUTO = "auto"
+AUTO, NONE = "auto", "none"
+NAMES = "intensity", "reflectance", "reflectivity"
 
 
 def _position(text):
@@ -27,8 +32,12 @@ def _position(text):
     except ValueError:
         position = ()
     if len(position) != 3 or not np.isfinite(position).all():
-        raise typer.BadParameter(f"{text} is not {AUTO} or a position, such as 0,0,0")
+        raise typer.BadParameter(f"{text} is no word for it, and no position, such as 0,0,0")
     return position
+
+
+def _position_or_none(text):
+    return NONE if text == NONE else _position(text)
 
 
 SensorOrigin = Annotated[
@@ -42,6 +51,18 @@ SensorOrigin = Annotated[
         show_default="not known",
     ),
 ]
+SensorOrView = Annotated[
+    tuple | None,
+    typer.Option(
+        "--sensor",
+        parser=_position_or_none,
+        metavar="X,Y,Z|auto|none",
+        help="Where the sensor stood, in the coordinates of the file. auto: as the file says, by "
+        "E57's poses, PCD's VIEWPOINT, or LAS's scan angles; mcmd info shows it. none: not known.",
+        show_default="E57's poses or PCD's VIEWPOINT, else the origin if the cloud shows that it "
+        "was taken from there",
+    ),
+]
 TrajectoryFile = Annotated[
     Path | None,
     typer.Option(
@@ -50,6 +71,11 @@ TrajectoryFile = Annotated[
         help="Where a moving sensor was: CSV with the columns time (or gps_time), x, y, z. Points "
         "need times as well.",
     ),
+]
+
+Intensity = Annotated[
+    bool,
+    typer.Option("--intensity", help="Take the file's intensity as evidence, too.", hidden=True),
 ]
 
 
@@ -97,3 +123,30 @@ def sensor_of_options(source, cloud, sensor=None, trajectory=None):
             if positions is not None and len(positions) == 1:
                 return positions[0]
         return sensor_origins(cloud, path)
+
+
+def intensity_of(source, cloud):
+    """The intensity of each point, as files name it; of four columns without names the last."""
+    given = {name.lower().removeprefix("scalar_"): a for name, a in cloud.attributes.items()}
+    for name in given if list(given) == ["column_4"] else NAMES:
+        values = given.get(name)
+        if np.ndim(values) == 1 and (values != values[:1]).any():  # LAS has 0 where there is none
+            return values
+    raise ValueError(f"{source}: --intensity: the file has none, or the same at all points")
+
+
+def stated_or_seen(cloud, used):
+    """Positions for the used points that the file states, or the origin if these were taken from
+    there, else None; and in words, what tells.
+
+    Scan angles, which take long and tell of aircraft, are left to those who ask for them.
+    """
+    from sklearn_mcmd.io._sensor import stated_positions
+    from sklearn_mcmd.outliers._view import view_from_origin
+
+    if "las_header" not in cloud.metadata:
+        positions, words = stated_positions(cloud)
+        if positions is not None:
+            return (positions[0] if len(positions) == 1 else positions[used]), words
+    words = view_from_origin(lambda: [cloud.xyz[used]])
+    return (np.zeros(3) if words else None), words

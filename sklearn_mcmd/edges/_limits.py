@@ -20,11 +20,10 @@ def column_of_criterion(criterion):
     return "eigenvalue_0" if criterion == "eigenvalue" else criterion
 
 
-def least_of_edge(parts, threshold, n_std, median=None):
+def least_of_edge(parts, threshold, n_std):
     """The limit that a threshold means; it depends on neither the parts nor their order.
 
-    ``parts()`` iterates over arrays, the values of a cloud; ``median(parts)`` is what such a
-    callable returns, by default with all values put together.
+    ``parts()`` iterates over arrays, the values of a cloud.
     """
     if isinstance(threshold, Real):
         return float(threshold)
@@ -33,9 +32,8 @@ def least_of_edge(parts, threshold, n_std, median=None):
         mean = _sum(parts()) / n
         variance = _sum(np.square(values - mean) for values in parts()) / (n - 1)
         return mean + (PAPER_STD if n_std is None else n_std) * sqrt(variance)
-    median = _median if median is None else median
-    usual = median(parts)
-    deviation = median(lambda: (np.abs(values - usual) for values in parts()))
+    usual = _median(parts())
+    deviation = _median(np.abs(values - usual) for values in parts())
     return float(usual + (ROBUST_STD if n_std is None else n_std) * MAD_TO_SD * deviation)
 
 
@@ -45,4 +43,4 @@ def _sum(parts):
 
 
 def _median(parts):
-    return np.median(np.concatenate(list(parts())))
+    return np.median(np.concatenate(list(parts)))

@@ -11,7 +11,9 @@ from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd._validation import FittedScoresMixin, check_sensor_origin
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff
+from sklearn_mcmd.outliers._intensity import ranks_of_intensity
 from sklearn_mcmd.outliers._model import JudgedCloud
+from sklearn_mcmd.outliers._view import origin_if_seen
 from sklearn_mcmd.planes._base import BasePlaneOutliers
 from sklearn_mcmd.runtime._progress import progress_part, told_to
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
@@ -49,8 +51,9 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
        its neighbors, in usual spacings of the surfaces around.
     3. **Does its group stand off?** Points of the rest near each other form groups. A small group
        stands off by its gap to everything real, in sizes of its own. Its size is the standard
-       deviation along its longest axis. Flat groups near each other are one: pieces of a thing
-       between whose parts no scan line fell.
+       deviation along its longest axis. Groups of n times as many points as a thing must stand
+       off n times as far. Small flat groups that are nearer to each other than to anything real
+       are one: pieces of a thing between whose parts no scan line fell.
 
     The score is the least of the answers that excuses the point, so 3 means: three standard
     deviations off the surfaces, and three of its own sizes away from anything that is real.
@@ -123,12 +126,14 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         for it. None measures each plane by the noise of its own neighborhood. That also
         holds where noise grows with the range, and on curved surfaces.
 
-    sensor_origin : array-like of shape (n_features,), "origin" or None, default=None
+    sensor_origin : array-like of shape (n_features,), "origin", "auto" or None, default=None
         Where the sensor stood, in units of X. "origin" is the origin of the coordinates, where
-        a turn of a spinning scanner or a depth image has it. `fit` takes a position for each
-        point. With it, company is measured in the distance between beams at the range of a
-        point. What beams pass on their way to the background is empty space, and surfaces that
-        contain the rays are mixed pixels. See :ref:`sensor`. None goes by coordinates alone.
+        a turn of a spinning scanner or a depth image has it. "auto" takes the origin if the cloud
+        shows that it was taken from there, see :ref:`recognized`, and else None. `fit` takes a
+        position for each point. With it, company is measured in the distance between beams at
+        the range of a point. What beams pass on their way to the background is empty space, and
+        surfaces that contain the rays are mixed pixels. See :ref:`sensor`. None goes by
+        coordinates alone.
 
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of trials that all neighborhoods use.
@@ -149,9 +154,22 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         Whether a surface explains each fitted point, at 3 standard deviations. The others are
         the rest, which is judged by its company.
 
+    isolation_, separation_ : ndarray of shape (n_samples,) or None
+        How far each fitted point is from others, in usual spacings, and its group from all that is
+        real, in its sizes; with `sensor_origin`, as rays tell. The separation is 0 on surfaces and
+        of things. None where each point is judged by one plane alone.
+
+    group_index_ : ndarray of int of shape (n_samples,) or None
+        Its group, from 0 on in the order of their first points, or -1 on surfaces. A point alone
+        is a group. None where `isolation_` is.
+
     plane_index_ : ndarray of int of shape (n_samples,)
         The row whose plane measured each fitted point: the point's own row, or that of the
         neighbor on a surface that lent its plane.
+
+    sensor_origin_ : ndarray of shape (n_features,) or None
+        The one position of the sensor that was used, given or recognized; None where none was
+        known, or one for each point.
 
     n_neighbors_ : int
         Size of a neighborhood: `n_neighbors`, or the number of samples if that is smaller.
@@ -189,9 +207,10 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
     ``fit(X).predict(X)``.
 
     A surface has at least as many points as a neighborhood, and a group of twice as many is a
-    thing, however far it stands off, if it is dense enough: points whose spacing is more than
-    three times the usual one of the surfaces around are isolated, each by itself. In clouds of
-    fewer than ``10 * n_neighbors`` points a fifth of the cloud will do. Where there is no surface
+    thing, if it stands off by no more than three of its sizes, and n times that with n times as
+    many points. It must be dense enough: points whose spacing is more than three times the usual
+    one of the surfaces around are isolated, each by itself. In clouds of fewer than ``10 *
+    n_neighbors`` points a fifth of the cloud will do. Where there is no surface
     at all, or the cloud is no larger than one neighborhood, ``strictness="surfaces"`` judges by
     company, as "groups" does.
 
@@ -235,7 +254,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         "method": [StrOptions({"mcmd_z", "mcmd_md"})],
         "strictness": [StrOptions({"isolated", "groups", "surfaces"}), None],
         "noise_scale": [Interval(Real, 0, None, closed="neither"), None],
-        "sensor_origin": ["array-like", StrOptions({"origin"}), None],
+        "sensor_origin": ["array-like", StrOptions({"origin", "auto"}), None],
         "false_positive_rate": [Interval(Real, 0, 0.5, closed="neither"), None],
         "contamination": [Interval(Real, 0, 0.5, closed="right"), StrOptions({"auto"}), None],
     }
@@ -254,7 +273,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         contamination: float | Literal["auto"] | None = None,
         reweight: bool = True,
         noise_scale: float | None = None,
-        sensor_origin: ArrayLike | Literal["origin"] | None = None,
+        sensor_origin: ArrayLike | Literal["origin", "auto"] | None = None,
         random_state: int | np.random.RandomState | None = None,
         n_jobs: int | None = None,
     ) -> None:
@@ -279,7 +298,8 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         self,
         X: ArrayLike,
         y: object = None,
-        sensor_origin: ArrayLike | Literal["origin"] | None = None,
+        sensor_origin: ArrayLike | Literal["origin", "auto"] | None = None,
+        intensity: ArrayLike | None = None,
     ) -> Self:
         """Judge the points of a cloud, and keep what new points are scored against.
 
@@ -289,9 +309,11 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             Coordinates, float64 or float32, in any unit; at least two features and
             ``n_features + 1`` points.
         y : Ignored
-        sensor_origin : array-like of shape (n_features,) or (n_samples, n_features), or "origin"
+        sensor_origin : "origin", "auto", or array-like, (n_features,) or (n_samples, n_features)
             Where the sensor stood, for each point where it moved; in place of the parameter. A
             pipeline passes it on after ``set_fit_request(sensor_origin=True)``.
+        intensity : array-like of shape (n_samples,)
+            How much light came back, in any unit, see :ref:`intensity`. It passes as positions do.
 
         Returns
         -------
@@ -303,7 +325,8 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             If X has NaN, infinite or too few values, or `n_neighbors` is too small; if more
             than one of `cutoff`, `false_positive_rate` and `contamination` is given, or the
             rate is out of reach; if `sensor_origin` has another shape, NaN, or is where all
-            points are, or there is no strictness to use it.
+            points are, or there is no strictness to use it; if `intensity` has another shape or
+            NaN, or no strictness.
         """
         given = {
             name: getattr(self, name)
@@ -318,11 +341,14 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         if sensor_origin is None:
             sensor_origin = self.sensor_origin
         one_plane = self.strictness is None or self.n_neighbors is None
-        if sensor_origin is not None and one_plane:
+        auto = isinstance(sensor_origin, str) and sensor_origin == "auto"
+        if sensor_origin is not None and one_plane and not auto:
             raise ParameterError(
                 "$sensor_origin has no meaning where each point is judged by one plane alone: "
                 'give $n_neighbors and a strictness, such as "groups", or leave it None.'
             )
+        if intensity is not None and one_plane:
+            raise ParameterError("$intensity needs $n_neighbors and a strictness; leave it None.")
         xyz = self._fit_planes(X)
         by_company = not one_plane and self.strictness != "surfaces" and share_to_flag(self) is None
         if by_company and xyz.shape[1] >= CROWDED:
@@ -332,9 +358,14 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
                 "from planes alone tell.",
                 stacklevel=4,
             )
+        if auto:
+            sensor_origin = None if one_plane else origin_if_seen(xyz)
         origins = check_sensor_origin(sensor_origin, xyz)
+        one = origins is not None and np.asarray(sensor_origin).shape != xyz.shape
+        self.sensor_origin_ = origins[0].copy() if one else None
         if origins is not None:
             origins = origins[self._model.index.rows]
+        ranks = ranks_of_intensity(intensity, self._model.index, len(xyz))
         settings = {
             "strictness": self.strictness,
             "noise_scale": self.noise_scale,
@@ -347,10 +378,11 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             begin = 0.4  # for the display of progress
             with progress_part(0.0, begin, "cutoff by simulation"), told_to(None):
                 cutoff = calibrated_cutoff(self._model, settings, self.false_positive_rate)
-        self._cloud = JudgedCloud(self._model, origins=origins, **settings)
+        self._cloud = JudgedCloud(self._model, origins=origins, intensity=ranks, **settings)
         with progress_part(begin, 1.0):
             found = self._cloud.fit(xyz.astype(np.float64, copy=False))
-        self.plane_index_, self.on_surface_ = found.plane_index, found.on_surface
+        self.plane_index_, self.on_surface_, *company = found[1:]
+        self.isolation_, self.separation_, self.group_index_ = company
         self.scores_ = np.negative(found.scores, out=found.scores)
         self.offset_ = -cutoff
         if (share := share_to_flag(self)) is not None:
@@ -361,7 +393,8 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         self,
         X: ArrayLike,
         y: object = None,
-        sensor_origin: ArrayLike | Literal["origin"] | None = None,
+        sensor_origin: ArrayLike | Literal["origin", "auto"] | None = None,
+        intensity: ArrayLike | None = None,
     ) -> NDArray[np.int64]:
         """Label the points of a cloud by itself.
 
@@ -369,8 +402,9 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         ----------
         X : array-like of shape (n_samples, n_features)
         y : Ignored
-        sensor_origin : array-like or "origin"
-            As in `fit`.
+        sensor_origin : array-like, "origin" or "auto"
+        intensity : array-like of shape (n_samples,)
+            Both as in `fit`.
 
         Returns
         -------
@@ -378,7 +412,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             1 for inliers (points that are real) and -1 for outliers. They equal
             ``fit(X).predict(X)``, but points are judged only once.
         """
-        fitted = self.fit(X, sensor_origin=sensor_origin)
+        fitted = self.fit(X, sensor_origin=sensor_origin, intensity=intensity)
         return np.where(fitted.scores_ >= fitted.offset_, 1, -1)
 
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:

@@ -1,17 +1,14 @@
-"""Groups of points: how flat and long they are, and how far they stand off from what is real."""
+"""Groups of points: which are flat, and how far they stand off from what is real."""
 
 import numpy as np
 
 from sklearn_mcmd.planes._around import ratio
 
-__all__ = ["are_pieces", "lengths_of_pieces", "separation_of_groups"]
-
-# Length of an evenly filled line, in its standard deviations.
-LENGTH = np.sqrt(12.0)
+__all__ = ["are_flat_groups", "are_pieces", "gaps_of_groups", "separation_of_groups"]
 
 
-def lengths_of_pieces(points, group, limits):
-    """Length of each group that is flat, 0 of the others.
+def are_flat_groups(points, group, flat):
+    """Which groups are flat: bool, one of each.
 
     Sums are taken as by `separation_of_groups`. The deviation off the plane has as many degrees of
     freedom as there are points beyond those that a plane needs, and counts with its standard error:
@@ -21,20 +18,26 @@ def lengths_of_pieces(points, group, limits):
     sizes = np.bincount(group)
     spare = sizes - points.shape[1]
     deviations = _deviations(points[order], group[order], sizes, spare > 0)
-    longest = deviations[:, -1]
     spare = np.maximum(spare, 1)
     off = deviations[:, 0] * np.sqrt(sizes / spare) * (1 + 1 / np.sqrt(2 * spare))
-    return np.where(limits.flat * off <= longest, LENGTH * longest, 0.0)
+    return (deviations[:, -1] > 0) & (flat * off <= deviations[:, -1])
 
 
-def are_pieces(length, length_there, distances, bridge):
+def are_pieces(gaps, gaps_there, distances):
     """Whether points of flat groups belong to one thing with those that they are near to.
 
-    `length` (m,) is of the group of each point, `length_there` (m, w) of that of each neighbor, 0
-    if it is no piece, and `distances` (m, w) are how far away that is.
+    They do if at least one of both groups is as near to the other as to anything real. `gaps` (m,)
+    are the distances to that of the group of each point, `gaps_there` (m, w) of that of each
+    neighbor, 0 if it is no piece, and `distances` (m, w) are how far away that is.
     """
-    near = distances <= bridge * np.maximum(length[:, None], length_there)
-    return near & (length_there > 0)
+    return (distances <= np.maximum(gaps[:, None], gaps_there)) & (gaps_there > 0)
+
+
+def gaps_of_groups(group, gaps):
+    """The least of the gaps of the points of each group."""
+    least = np.full(group.max(initial=-1) + 1, np.inf)
+    np.minimum.at(least, group, gaps)
+    return least
 
 
 def separation_of_groups(points, group, usual, gaps):
@@ -47,11 +50,9 @@ def separation_of_groups(points, group, usual, gaps):
     order = np.lexsort(points.T[::-1])
     points, group, usual = points[order], group[order], usual[order]
     sizes = np.bincount(group)
-    gap = np.full(len(sizes), np.inf)
-    np.minimum.at(gap, group, gaps[order])
     size = np.bincount(group, usual) / sizes
     size = np.maximum(size, _deviations(points, group, sizes, sizes > 1)[:, -1])
-    return ratio(gap, size)
+    return ratio(gaps_of_groups(group, gaps[order]), size)
 
 
 def _deviations(points, group, sizes, asked):

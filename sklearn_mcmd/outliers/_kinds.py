@@ -2,7 +2,7 @@
 
 import numpy as np
 
-__all__ = ["KINDS", "kinds_of_outliers", "plane_scales"]
+__all__ = ["KINDS", "kinds_of_outliers", "plane_scales", "reasons_of"]
 
 KINDS = ("isolated", "in groups", "off surfaces")
 
@@ -21,13 +21,34 @@ def kinds_of_outliers(detector):
     groups are not, but their group stands off by more than the cutoff. The others lie on no
     surface, and ``strictness="surfaces"`` flags them for that alone, as does the paper's form.
     """
-    cloud, is_outlier = detector._cloud, detector.scores_ < detector.offset_
-    kinds = np.where(is_outlier, np.int8(2), np.int8(-1))
-    if cloud.own_planes_only:
-        return kinds
-    index, off_surface = cloud.model.index, cloud.off_surface
-    of_places = np.full(len(index.points), 2, np.int8)
-    cutoff = -detector.offset_
-    of_places[off_surface.rows[off_surface.separation > cutoff]] = 1
-    of_places[off_surface.rows[off_surface.isolation > cutoff]] = 0
-    return np.where(is_outlier, of_places[index.places], kinds)
+    is_outlier, cutoff = detector.scores_ < detector.offset_, -detector.offset_
+    if detector.isolation_ is None:
+        return np.where(is_outlier, np.int8(2), np.int8(-1))
+    apart = detector.isolation_ > cutoff, detector.separation_ > cutoff
+    return np.select([~is_outlier, *apart], [np.int8(-1), np.int8(0), np.int8(1)], np.int8(2))
+
+
+def reasons_of(detector, rows):
+    """Why each of these rows is an outlier, in words with numbers: a list of str."""
+    cloud, groups, kinds = detector._cloud, detector.group_index_, kinds_of_outliers(detector)
+    at = np.searchsorted(cloud.off_surface.rows, cloud.model.index.places)
+    sizes, far = np.bincount(groups + 1), detector.separation_ > -detector.offset_
+    reasons = []
+    for row in rows:
+        kind, n, score = kinds[row], sizes[groups[row] + 1], -detector.scores_[row]
+        away = (detector.separation_ if kind == 1 else detector.isolation_)[row]
+        who = f"group of {n:,}" if kind == 1 else f"one of {n:,} together"
+        who = who if n > 1 and groups[row] >= 0 else "single point"
+        if kind == 2 or score < away:
+            away, unit = score, "standard deviations off a surface"
+        elif kind == 1 and n > 1:
+            unit = "of its sizes away"
+        else:
+            unit = f"usual spacings from {'anything' if far[row] else 'its neighbors'}"
+        words = f"{who}, {float(f'{away:.2g}'):,g} {unit}"
+        if kind == 2 and groups[row] >= 0:
+            words = "off every surface"
+        elif kind == 0 and cloud.rays is not None and cloud.rays.by_sheet[at[row]]:
+            words = "on a sheet of rays"
+        reasons.append(words)
+    return reasons

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sklearn_mcmd.outliers._intensity import darkness
 from sklearn_mcmd.outliers._isolation import chosen_rows, mean_distance
 from sklearn_mcmd.outliers._off_surface import OffSurface, OffSurfaceLimits, Places
 from sklearn_mcmd.outliers._ray_evidence import RayEvidence
@@ -38,11 +39,16 @@ class Judgement(NamedTuple):
     plane_index : ndarray of int of shape (n,)
         The row whose plane explains the point best, its own if none does.
     on_surface : ndarray of bool of shape (n,)
+    isolation, separation, group_index : ndarray of shape (n,) or None
+        As the detector has them.
     """
 
     scores: np.ndarray
     plane_index: np.ndarray
     on_surface: np.ndarray
+    isolation: np.ndarray | None = None
+    separation: np.ndarray | None = None
+    group_index: np.ndarray | None = None
 
 
 class JudgedCloud:
@@ -58,9 +64,11 @@ class JudgedCloud:
     n_jobs : int or None
     origins : ndarray of float64 of shape (n, d), default=None
         Where the sensor stood when it measured each point of the model's index.
+    intensity : ndarray of float64 of shape (n,), default=None
+        Of these points, as ranks from 0 to 1; see `ranks_of_intensity`.
     """
 
-    def __init__(self, model, *, strictness, noise_scale, n_jobs, origins=None):
+    def __init__(self, model, *, strictness, noise_scale, n_jobs, origins=None, intensity=None):
         self.model = model
         self.own_planes_only = strictness is None or model.index.n_neighbors is None
         self.strictness = strictness
@@ -72,6 +80,7 @@ class JudgedCloud:
         self.surface_limits = SurfaceLimits()
         self.off_surface_limits = OffSurfaceLimits()
         self.origins = origins
+        self.intensity = intensity
         self.rays = None
 
     def fit(self, X):
@@ -85,7 +94,18 @@ class JudgedCloud:
         owners = self.judge(_measurements(index, len(X)), len(X))
         first = index.places
         owners = owners[first]
-        return Judgement(self.point_scores[first], index.rows[owners], self.explained[first])
+        found = self.point_scores[first], index.rows[owners], self.explained[first]
+        return Judgement(*found, *self._company(first))
+
+    def _company(self, places):
+        """Isolation, separation and group of the points at these places."""
+        off, at = self.off_surface, np.full(len(self.explained), -1)  # where the others' value is
+        at[off.rows] = np.arange(len(off.rows))
+        at = at[places]
+        group, rest = np.append(off.groups, -1)[at], at >= 0
+        _, first, own = np.unique(group[rest], return_index=True, return_inverse=True)
+        group[rest] = np.argsort(np.argsort(first))[own]
+        return np.append(off.isolation, 0.0)[at], np.append(off.separation, 0.0)[at], group
 
     def judge(self, counts, n_points, measured=None):
         """Find `point_scores`, those of all points of the index; returns the rows that explain.
@@ -110,6 +130,9 @@ class JudgedCloud:
         if self.rays is not None:
             apart = self.rays.judge(off_surface, places.spacing, self.explained, self.to_planes)
             off_surface.isolation, off_surface.separation = apart
+        if self.intensity is not None:
+            off_surface.isolation *= darkness(self.intensity[rest])
+            apart = off_surface.isolation, off_surface.separation
         distances[rest] = self._joined(distances[rest], *apart, off_surface.points)
         self.point_scores = distances
         return owners

@@ -6,7 +6,12 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from sklearn_mcmd.outliers._groups import are_pieces, lengths_of_pieces, separation_of_groups
+from sklearn_mcmd.outliers._groups import (
+    are_flat_groups,
+    are_pieces,
+    gaps_of_groups,
+    separation_of_groups,
+)
 from sklearn_mcmd.outliers._isolation import (
     chosen_rows,
     isolation_of,
@@ -27,6 +32,8 @@ __all__ = ["OffSurface", "OffSurfaceLimits", "Places"]
 HALF = 0.5
 # Each off-surface point is linked to at most so many others, as those of surfaces are.
 LINKED = SurfaceLimits().n_links
+# Larger groups stand off by more sizes than this, or count as things.
+STANDS_OFF = SurfaceLimits().explained
 
 
 class OffSurfaceLimits(NamedTuple):
@@ -46,8 +53,6 @@ class OffSurfaceLimits(NamedTuple):
     flat : float
         A group is flat if its standard deviation along its longest axis is so many times the one
         off its plane.
-    bridge : float
-        Flat groups are pieces of one thing if they are within so many lengths of the longer one.
     """
 
     n_near: int = 8
@@ -56,7 +61,6 @@ class OffSurfaceLimits(NamedTuple):
     reach: float = 2.5
     rest_weight: float = 2 / 3
     flat: float = 3.0
-    bridge: float = 3.0
 
 
 class Places(NamedTuple):
@@ -97,13 +101,17 @@ class OffSurface:
     its longest axis.
 
     Scanners measure the skins of things, and where their lines are far apart, a thing lies in
-    pieces, which are flat. So flat groups near each other are one group. Ghosts fill space.
+    pieces, which are flat. So flat groups that are nearer to each other than to anything real are
+    one group. Ghosts fill space.
+
+    The more points a group has, the less likely are all of them errors: n times as many as a thing
+    needs must stand off n times as far.
 
     Parameters
     ----------
     places : Places
     least : float
-        A group of this many measurements is a thing, however far it stands off.
+        A group of this many measurements is a thing, unless it stands off very far.
     limits : OffSurfaceLimits
     n_jobs : int or None
 
@@ -134,18 +142,15 @@ class OffSurface:
         self.isolation = self._isolated(among_rest, places.spacing, self.usual)
         groups = connected(linked)[0]
         del linked
-        small = self._small(groups, least, explained)
-        self.groups = groups = self._joined(groups, small, least, n_jobs)
+        self._find_real(index, groups, least, explained)
+        groups = self._joined(groups, least, n_jobs)
         self.others.release()
-        small = self._small(groups, least, explained)
-        # What is real: the points on surfaces, and those of large groups.
-        self.real = [self.reference] if explained.any() else []
-        large = np.zeros(len(explained), bool)
-        large[rest[~small[groups]]] = True
-        if large.any():
-            self.real.append(index.among(large))
+        self.groups = groups
+        sizes = self._find_real(index, groups, least, explained)
         with progress_part(0.7, 1.0):
-            self.separation = self._separated(groups, small, n_jobs)
+            self.separation = self._separated(groups, n_jobs)
+            if explained.any():
+                self._separate_large(index, groups, least, sizes, n_jobs)
         for real in self.real:
             real.release()
 
@@ -195,36 +200,52 @@ class OffSurface:
         self.others.visit(self.points, n_links + 1, measure, n_jobs)
         return among_rest, linked
 
-    def _small(self, groups, least, explained):
-        """Which groups are too small for a thing."""
+    def _find_real(self, index, groups, least, explained):
+        """Find which groups are too `small` for a thing, and what is `real`: the points on
+        surfaces, and those of the other groups. Returns the sizes of groups."""
         sizes = np.bincount(groups, self.counts)
-        small = sizes < least
-        return small if explained.any() else small & (sizes < sizes.max(initial=0))
+        self.small = sizes < least
+        self.real = [self.reference]
+        if not explained.any():
+            self.small &= sizes < sizes.max(initial=0)
+            self.real = []
+        if not self.small[groups].all():
+            self.real.append(self._points_of(index, ~self.small[groups]))
+        return sizes
 
-    def _joined(self, groups, small, least, n_jobs):
+    def _points_of(self, index, wanted):
+        """Search of those off-surface points that are wanted, bool (m,)."""
+        chosen = np.zeros(len(index.points), bool)
+        chosen[self.rows[wanted]] = True
+        return index.among(chosen)
+
+    def _joined(self, groups, least, n_jobs):
         """The groups, where those that are pieces of one thing are one."""
-        rows = np.flatnonzero(small[groups])
-        _, group = np.unique(groups[rows], return_inverse=True)
-        length = np.zeros(len(groups))
-        length[rows] = lengths_of_pieces(self.points[rows], group, self.limits)[group]
-        rows = np.flatnonzero(length)
+        rows = np.flatnonzero(self.small[groups])
         if len(rows) == 0:
             return groups
-        length_there, group_there = np.append(length, 0.0), np.append(groups, -1)
-        pairs = []
+        _, group = np.unique(groups[rows], return_inverse=True)
+        gaps = gaps_of_groups(group, self._gaps(self.points[rows], n_jobs))
+        for real in self.real[1:]:
+            real.release()
+        gaps[~are_flat_groups(self.points[rows], group, self.limits.flat)] = 0.0
+        gap = np.zeros(len(groups) + 1)  # that of a missing point, the last, stays 0
+        gap[rows] = gaps[group]
+        rows = rows[gap[rows] > 0]
+        if len(rows) == 0:
+            return groups
+        group_there, pairs = np.append(groups, -1), []
 
         def link(some, distances, near):
             own = rows[some]
-            i, j = np.nonzero(
-                are_pieces(length[own], length_there[near], distances, self.limits.bridge)
-            )
+            i, j = np.nonzero(are_pieces(gap[own], gap[near], distances))
             pair = np.stack([groups[own[i]], group_there[near[i, j]]])
             pairs.append(np.unique(pair, axis=1))
 
         # A small group has fewer points, so one of another is among them.
         self.others.visit(self.points[rows], int(np.ceil(least)), link, n_jobs)
         one, other = np.hstack(pairs)
-        shape = len(small), len(small)
+        shape = len(self.small), len(self.small)
         graph = coo_array((np.ones(len(one), np.int8), (one, other)), shape=shape)
         return connected_components(graph, directed=False)[1][groups]
 
@@ -248,14 +269,52 @@ class OffSurface:
             np.minimum(gaps, real.query(queries, 1, n_jobs)[0][:, 0], out=gaps)
         return gaps
 
-    def _separated(self, groups, small, n_jobs):
+    def _separated(self, groups, n_jobs):
         """Gap of each point's group over the size of the group, 0 if that is large."""
-        rows = np.flatnonzero(small[groups])
         separation = np.zeros(len(groups))
-        if len(rows) == 0:
-            return separation
-        _, group = np.unique(groups[rows], return_inverse=True)
-        points = self.points[rows]
-        gaps = self._gaps(points, n_jobs)
-        separation[rows] = separation_of_groups(points, group, self.usual[rows], gaps)[group]
+        rows = np.flatnonzero(self.small[groups])
+        if len(rows):
+            separation[rows] = self._separation(groups[rows], rows, self._gaps, n_jobs)
         return separation
+
+    def _separate_large(self, index, groups, least, sizes, n_jobs):
+        """The same of large groups, over how many times as large they are as the least thing, if
+        they stand off from all else. What is large by copies alone is real."""
+
+        def to_surfaces(queries, n_jobs):
+            return self.reference.query(queries, 1, n_jobs)[0][:, 0]
+
+        # One point of each group, and the least size that it may have, tell which may stand off.
+        one = np.empty(len(self.small), np.intp)
+        one[groups[::-1]] = np.arange(len(groups))[::-1]
+        usual = np.bincount(groups, self.usual) / np.bincount(groups)
+        weight, large = least / sizes, np.bincount(groups) >= least
+        gaps = to_surfaces(self.points[one[large]], n_jobs)
+        large[large] = ratio(gaps, usual[large]) * weight[large] > (1 - 1e-9) * STANDS_OFF
+        rows = np.flatnonzero(large[groups])
+        apart = self._separation(groups[rows], rows, to_surfaces, n_jobs) * weight[groups[rows]]
+        rows = rows[apart > STANDS_OFF]
+        if len(rows) == 0:
+            return
+        _, number = np.unique(groups[rows], return_inverse=True)
+        code = np.where(self.small[groups], -1, 0)  # of each point; 0 of those that are real
+        code[rows] = number + 1
+        gaps = to_surfaces(self.points[rows], n_jobs)
+        # The numbers of two groups differ in one bit at least, so some search is of the other.
+        for bit in range(int(code.max()).bit_length()):
+            for value in (0, 1):
+                others = (code >= 0) & (code >> bit & 1 != value)
+                asked = np.flatnonzero(code[rows] >> bit & 1 == value)
+                if others.any() and len(asked):
+                    search = self._points_of(index, others)
+                    near = search.query(self.points[rows[asked]], 1, n_jobs)[0][:, 0]
+                    gaps[asked] = np.minimum(gaps[asked], near)
+        apart = self._separation(groups[rows], rows, lambda *_: gaps, n_jobs)
+        self.separation[rows] = apart * weight[groups[rows]]
+
+    def _separation(self, groups, rows, gaps_of, n_jobs):
+        """Of each of these points the separation of its group, none of which is left out."""
+        _, group = np.unique(groups, return_inverse=True)
+        points = self.points[rows]
+        gaps = gaps_of(points, n_jobs)
+        return separation_of_groups(points, group, self.usual[rows], gaps)[group]

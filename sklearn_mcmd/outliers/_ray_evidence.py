@@ -3,10 +3,14 @@
 import numpy as np
 
 from sklearn_mcmd.outliers._rays import DIFFERS, Emptiness, RayLimits, Rays, one_far_position
-from sklearn_mcmd.outliers._surfaces import find_surfaces
+from sklearn_mcmd.outliers._surfaces import SurfaceLimits, find_surfaces
 from sklearn_mcmd.planes._around import ratio
 
 __all__ = ["RayEvidence"]
+
+# Off-surface points around that a point shares what beams say with, as many as it is linked to.
+AROUND = SurfaceLimits().n_links
+TINY = 1e-100  # so that logarithms are finite
 
 
 class RayEvidence:
@@ -32,10 +36,12 @@ class RayEvidence:
         Points whose planes contain the rays to them, which are part of no surface.
     beam_spacing : ndarray of shape (n,)
         Mean distance of each point to those of the beams next to it, on its plane.
+    by_sheet : ndarray of bool of shape (m,)
+        Off-surface points which a sheet of rays isolates, found by `judge`.
     """
 
     def __init__(self, index, origins, planes, limits, n_jobs):
-        self.index, self.limits = index, limits
+        self.index, self.limits, self.n_jobs = index, limits, n_jobs
         self.rays = Rays(index.points, origins, RayLimits(), n_jobs, index.empty)
         self.scatter, self.beam_spacing = self.rays.measure(index, planes, limits.explained)
         self.on_sheet = self.scatter > DIFFERS
@@ -64,9 +70,17 @@ class RayEvidence:
         """
         rest, rays, index = off_surface.rows, self.rays, self.index
         groups, step = off_surface.groups, rays.steps(rest)
-        isolation = _isolation(
-            off_surface.isolation, spacing, rays.next_to(rest, explained).alone(), step
-        )
+        self.others, self.empty = off_surface.others, rays.next_to(rest, explained)
+        self.apart = _in_steps(off_surface.isolation, spacing, step)
+        isolation = np.empty(len(rest))
+
+        def judge(rows, _, near):
+            own = self.empty.take(rows)
+            isolation[rows] = self._isolation(own, self.apart[rows], near[:, 1:])
+
+        self.others.visit(off_surface.points, AROUND + 1, judge, self.n_jobs)
+        self.others.release()
+        isolation = np.where(step > 0, isolation, off_surface.isolation)
         on_sheet = self._on_sheets(
             index.points[rest], lambda r: index.query_own(rest[r]), to_planes
         )
@@ -75,6 +89,7 @@ class RayEvidence:
         together = np.ones(len(rest))
         together[rows] = around.pooled(groups[rows], index.points[rest[rows]]).together()
         rays.release()
+        self.by_sheet = on_sheet > isolation
         return np.maximum(isolation, on_sheet), _separation(off_surface.separation, together, step)
 
     def judge_new(self, queries, around, apart, spacing, explained, to_planes):
@@ -84,12 +99,24 @@ class RayEvidence:
         which rays have judged.
         """
         isolation, separation, joined = apart
-        witnesses = self.rays.new_witnesses(queries, around.indices[:, 0])
-        empty = Emptiness.of(witnesses, explained)
-        isolation = _isolation(isolation, spacing, empty.alone(), witnesses.step)
-        alone = _separation(separation, empty.together(), witnesses.step)
+        witnesses, strange = self.rays.new_witnesses(queries, around.indices[:, 0])
+        empty, beside = Emptiness.of(witnesses, explained), Emptiness.of(strange, explained)
+        in_steps = _in_steps(isolation, spacing, witnesses.step)
+        near = self.others.query(queries, AROUND, self.n_jobs)[1]
+        judged = self._isolation(empty, in_steps, near)
+        isolation = np.where(witnesses.step > 0, judged, isolation)
+        alone = _separation(separation, beside.together(), witnesses.step)
         on_sheet = self._on_sheets(queries, around.take, to_planes)
         return np.maximum(isolation, on_sheet), np.where(joined, separation, alone)
+
+    def _isolation(self, empty, apart, near):
+        """Isolation of points by what beams say of each, of the off-surface points around it
+        (rows of `near`), and by how far apart all of these are: errors in quantity are near each
+        other, and each of them is in empty space."""
+        around = empty.with_nearest(self.empty, near)
+        logs = np.log(np.append(self.apart, 1.0)[near]).sum(axis=1) + np.log(apart)
+        around_apart = np.exp(logs / (1 + np.count_nonzero(near < len(self.apart), axis=1)))
+        return np.minimum(empty.alone(), around.alone()) * np.sqrt(apart * around_apart)
 
     def _on_sheets(self, queries, neighbors_of, to_planes):
         """How much ranges scatter on the sheet of rays that explains a point; 0 if none does."""
@@ -97,12 +124,12 @@ class RayEvidence:
         return np.where(off <= self.limits.explained, self.scatter[owners], 0.0)
 
 
-def _isolation(isolation, spacing, alone, step):
-    """The spacing of a single point counts as much in steps as in usual spacings, by how empty
-    its place is. Points where the sensor is have no ray, and keep what coordinates say."""
+def _in_steps(isolation, spacing, step):
+    """The spacing of a point counts as much in steps as in usual spacings. Points where the sensor
+    is have no ray, and what coordinates say."""
     with np.errstate(over="ignore"):
-        both = np.sqrt(isolation * ratio(spacing, step))
-    return np.where(step > 0, alone * both, isolation)
+        both = np.sqrt(isolation * np.where(step > 0, ratio(spacing, step), isolation))
+    return np.clip(both, TINY, 1 / TINY)
 
 
 def _separation(separation, together, step):

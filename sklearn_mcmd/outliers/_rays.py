@@ -97,13 +97,26 @@ class Emptiness(NamedTuple):
         return cls(*(part.sum(axis=1) for part in (passing, ending, hidden, witnesses.asked)))
 
     def alone(self):
-        """Evidence from 0 to 1 that a single point is nothing real.
+        """Evidence from 0 to 1 that a place is empty: the share of beams that pass.
 
-        Beams that pass say so. So do those that end before it on surfaces, if nearly all do:
-        nothing there can be seen. A mixed pixel lies next to an outline, where half of the beams
-        end before it and half pass. So what ends before it does not speak for a point.
+        Of those that could tell: a beam that ends before the place has not seen it. If all end
+        before, nothing speaks against what coordinates say.
         """
-        return self._evidence(self.passing)
+        near = np.maximum(self.asked - self.passing - self.ending, 0.0)
+        heard = self.passing + near
+        return np.where(heard > 0, ratio(self.passing, heard), 1.0)
+
+    def take(self, rows):
+        return Emptiness(*(part[rows] for part in self))
+
+    def with_nearest(self, others, near):
+        """The beams of each place (m,) and of the nearest places to it, rows (m, k) of others."""
+        return Emptiness(
+            *(
+                own + np.append(part, 0.0)[near].sum(axis=1)
+                for own, part in zip(self, others, strict=True)
+            )
+        )
 
     def pooled(self, groups, points):
         """The beams of all points of a group, for each of these; `groups` counts from 0 on.
@@ -114,14 +127,13 @@ class Emptiness(NamedTuple):
         return Emptiness(*(np.bincount(groups[order], part[order])[groups] for part in self))
 
     def together(self):
-        """The same of a group, from the beams around all of it.
+        """Evidence from 0 to 1 that a group is nothing real, from the beams around all of it.
 
         Here beams that end before it speak for the group: behind what they met, it may go on.
+        Only if nearly all of them end on surfaces, nothing there can be seen, and it is an error.
         """
-        return self._evidence(self.passing - self.ending)
-
-    def _evidence(self, empty):
-        evidence = np.maximum(ratio(empty, self.asked), 2 * ratio(self.hidden, self.asked) - 1)
+        empty = ratio(self.passing - self.ending, self.asked)
+        evidence = np.maximum(empty, 2 * ratio(self.hidden, self.asked) - 1)
         return np.clip(evidence, 0.0, 1.0)
 
 
@@ -247,13 +259,15 @@ class Rays:
         return sums
 
     def new_witnesses(self, queries, nearest):
-        """`Witnesses` of new points, each measured from where the point of row `nearest` was."""
+        """`Witnesses` of new points, each measured from where the point of row `nearest` was: as
+        `next_to` asks them, and as `around` does, each point being a group."""
         origins = self.origins[nearest]
         ranges, directions = _polar(queries, origins)
         ranks = np.arange(1, self.n_beams + 1)
         angles, near = self.cloud.tree.query(self._places(directions, origins), k=ranks)
         step = self._steps(angles.mean(axis=1), ranges)
-        return self._next(self.rows[near], angles, ranges, step)
+        witnesses = self._next(self.rows[near], angles, ranges, step)
+        return witnesses, witnesses._replace(silent=angles > self.limits.usual * self.usual_angle)
 
     def steps(self, rows):
         """Steps at some of the points; 0 of points where the sensor is."""

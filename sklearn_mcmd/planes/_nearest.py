@@ -52,8 +52,9 @@ class NearestPoints:
         return SelfSearch(self.points, overwrite=self._among is not None)
 
     def release(self):
-        """Free the search; it is made again when many ask."""
+        """Free what searches; it is made again when someone asks."""
         self.__dict__.pop("search", None)
+        self.__dict__.pop("tree", None)
 
     def query(self, queries, k, n_jobs=None):
         """The k nearest points to each query.

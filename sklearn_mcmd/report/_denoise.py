@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
-from sklearn_mcmd.outliers._kinds import KINDS, kinds_of_outliers, plane_scales
+from sklearn_mcmd.outliers._kinds import KINDS, kinds_of_outliers, plane_scales, reasons_of
 from sklearn_mcmd.report._contents import Contents, Note, Section, percent, share
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._html import paragraph, table
@@ -20,6 +20,7 @@ __all__ = ["Verdict", "denoise_contents", "shown_of_tiles"]
 # planes withstand.
 MANY = 0.25
 CLEAR, GROSS = 10, 100  # scores, as the detector's documentation names them
+WORST = 10  # outliers, or groups of them, whose reasons are told
 LEAST_SCORE = 0.01  # where the axis of scores begins: smaller ones are on a plane
 WORDS = {
     "isolated": "single points and pairs, far from everything else",
@@ -87,7 +88,8 @@ def denoise_contents(shown, verdict, *, marked, together="", judged=()):
         cards.append((f"{cutoff:.3g}", "cutoff of the score"))
         notes += _surface_notes(detector, n_all)
         if plane_scales(detector) is not None:
-            sections.append(Section("What they are", _kind_table(detector, found)))
+            drawn = _kind_table(detector, found) + _worst_table(detector, xyz, found)
+            sections.append(Section("What they are", drawn))
     if found is not None:
         places = Places.of(xyz, found, near)
         drawn = place_sections(places, xyz, found, near, "outliers")
@@ -183,3 +185,18 @@ def _kind_table(detector, found):
         words = "groups far below the ground"
         rows.append(("in low groups", f"{n_large:,}", percent(n_large, n), words))
     return table(("kind", "points", "share", ""), rows, numbers=(1, 2))
+
+
+def _worst_table(detector, xyz, found):
+    """The worst outliers and why they are, of each group its worst."""
+    rows = np.flatnonzero(found & (detector.scores_ < detector.offset_))
+    rows = rows[np.argsort(detector.scores_[rows], kind="stable")]
+    alone = -1 - np.arange(len(xyz))  # points on surfaces have no group
+    groups = np.where(detector.on_surface_, alone, detector.group_index_)[rows]
+    rows = rows[np.sort(np.unique(groups, return_index=True)[1])[:WORST]]
+    told = [
+        (*(f"{value:.9g}" for value in xyz[row]), f"{-detector.scores_[row]:.3g}", reason)
+        for row, reason in zip(rows, reasons_of(detector, rows), strict=True)
+    ]
+    drawn = table(("x", "y", "z", "score", "why"), told, numbers=range(4))
+    return f"<h3>The worst</h3>{drawn}" if told else ""

@@ -31,7 +31,12 @@ from sklearn_mcmd.tiling._result_files import (
     write_results,
 )
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
-from sklearn_mcmd.tiling._sensor_origins import check_one_origin, sensor_path, stored_origins
+from sklearn_mcmd.tiling._sensor_origins import (
+    check_one_origin,
+    recognized,
+    sensor_path,
+    stored_origins,
+)
 from sklearn_mcmd.tiling._small_clouds import fit_together
 from sklearn_mcmd.tiling._stored_columns import ALL, whole_of
 from sklearn_mcmd.tiling._stored_index import StoredIndex, find_neighbors, find_places
@@ -73,12 +78,13 @@ class Denoise(Verb):
         for path in catalog.paths:
             if is_denoised(read_header(path)):
                 warn_caller(denoised_before(path))
-        detector = self.estimator
+        self.detector, self.seen_as = recognized(self.estimator, catalog, self.choice)
+        detector = self.detector
         if self.sensor is not None:  # any position will do
             detector = clone(detector).set_params(sensor_origin="origin")
         self.cutoff = cutoff_of(detector)
         work = "outliers" if self.limits is None else "heights"
-        return sensed(work, self.estimator, self.sensor), 0, most_neighbors(self.estimator)
+        return sensed(work, self.detector, self.sensor), 0, most_neighbors(self.estimator)
 
     def find(self, run):
         self.n_used = self.n_judged = int(run.cells.counts.sum())
@@ -97,7 +103,7 @@ class Denoise(Verb):
         columns = CellColumns(run.folder.results)
         self.n_resumed = columns.n_done(len(run.cells), "planes")
         job = Job(
-            *(run.folder.cells, run.folder.results, self.estimator, run.folder.constants),
+            *(run.folder.cells, run.folder.results, self.detector, run.folder.constants),
             self.n_used, run.plan.n_threads,
         )  # fmt: skip
         self.cutoff = judge_cells(job, run.cells, columns, run.plan.n_workers, self.cutoff)
@@ -116,6 +122,7 @@ class Denoise(Verb):
             "removed_fraction": n_outliers / run.catalog.n_points,
             "n_judged": self.n_judged,
             "n_used": self.n_used,
+            "seen_as": self.seen_as,
         }
 
     def make(self, cloud, values, xyz):

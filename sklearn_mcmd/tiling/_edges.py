@@ -36,6 +36,7 @@ from sklearn_mcmd.tiling._result_files import (
     tile_file,
 )
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
+from sklearn_mcmd.tiling._sensor_origins import recognized
 from sklearn_mcmd.tiling._small_clouds import fit_together
 from sklearn_mcmd.tiling._stored_columns import whole_of
 from sklearn_mcmd.tiling._sweeps import Sweeps
@@ -69,6 +70,8 @@ class Edges(Verb):
 
     def prepare(self, catalog):
         warm_up(self.estimator)
+        if self.detector is not None:
+            self.detector, _ = recognized(self.detector, catalog)
         most = most_neighbors(self.estimator, self.detector, self.normals)
         return sensed(sized("edges", self.normals), self.detector), 0, most
 

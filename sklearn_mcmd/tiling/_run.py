@@ -78,6 +78,9 @@ class RunReport(NamedTuple):
         Where hundreds of outliers lie together, in words; "" if nowhere.
     n_upright : int
         Normals of upright faces.
+    seen_as : str
+        Of a cloud that was recognized as taken from the origin: "a turn about the origin" or "a
+        view from the origin".
     """
 
     n_points: int
@@ -96,6 +99,7 @@ class RunReport(NamedTuple):
     n_used: int = 0
     together: str = ""
     n_upright: int = 0
+    seen_as: str = ""
 
 
 class Run(NamedTuple):

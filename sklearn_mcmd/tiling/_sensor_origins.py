@@ -4,10 +4,12 @@ import hashlib
 import warnings
 
 import numpy as np
+from sklearn.base import clone
 from sklearn.utils.validation import check_array
 
 from sklearn_mcmd.io import PointCloud, sensor_origins
 from sklearn_mcmd.io._files import one_clear_line
+from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.io._point_cloud import joined
 from sklearn_mcmd.io._trajectory import (
     positions_of_times,
@@ -16,11 +18,19 @@ from sklearn_mcmd.io._trajectory import (
     trajectory_of,
     warn_if_far,
 )
+from sklearn_mcmd.outliers._view import view_from_origin
 from sklearn_mcmd.tiling._memory import PART
 from sklearn_mcmd.tiling._stored_columns import made
 from sklearn_mcmd.tiling._warnings import warn_caller
 
-__all__ = ["OriginWriter", "SensorPath", "check_one_origin", "sensor_path", "stored_origins"]
+__all__ = [
+    "OriginWriter",
+    "SensorPath",
+    "check_one_origin",
+    "recognized",
+    "sensor_path",
+    "stored_origins",
+]
 
 ORIGINS = "origins.npy"
 # Attributes that scan angles need.
@@ -146,6 +156,23 @@ def check_one_origin(estimator):
             "sensor_origin of an estimator is one position by tiles. For outliers and normals "
             "process_files takes positions of all points."
         )
+
+
+def recognized(detector, catalog, choice=None):
+    """A detector whose "auto" the points of a catalog have settled, and in words what they are."""
+    auto = isinstance(detector.sensor_origin, str) and detector.sensor_origin == "auto"
+    if not auto:
+        return detector, ""
+
+    def parts():
+        for path in catalog.paths:
+            for cloud in read_parts(path, PART):
+                with one_clear_line(path, "read"):
+                    chosen = None if choice is None else choice.of(cloud)
+                yield cloud.xyz if chosen is None else cloud.xyz[chosen]
+
+    told = "" if detector.strictness is None else view_from_origin(parts)
+    return clone(detector).set_params(sensor_origin="origin" if told else None), told
 
 
 def sensor_path(estimator, given):

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from commands import run
+from commands import error_line, run
 from scenes import scanned
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.io import read_points, write_points
+from sklearn_mcmd.cli import _denoise
+from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._classes import noise_classes
 
 
@@ -200,13 +201,31 @@ def test_the_position_of_the_sensor_reaches_the_detector(turn, tmp_path):
     assert (plain != expected).any()
 
 
+def test_a_turn_is_recognized_unless_that_is_refused(turn, tmp_path, small_machine):
+    write_points(tmp_path / "in.las", np.round(turn[1], 3))
+    tiles = ("--memory", "2MB", "--n-jobs", 1)
+    clouds, told = {}, "sensor   a turn about the origin"
+    for name, options in {
+        "told": ("--sensor", "0,0,0"),
+        "seen": (),
+        "tiles": tiles,
+        "not": ("--sensor", "none"),
+        "paper": ("--strictness", "paper"),
+    }.items():
+        result = run("denoise", tmp_path / "in.las", tmp_path / f"{name}.las", *options)
+        assert result.exit_code == 0, result.output
+        assert (told in result.output) == (name in ("seen", "tiles"))
+        clouds[name] = (tmp_path / f"{name}.las").read_bytes()
+    assert clouds["told"] == clouds["seen"] == clouds["tiles"] != clouds["not"]
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         (("--sensor", "auto"), "no position of the sensor is known"),
         (("--sensor", "0,0,0", "--strictness", "paper"), "--sensor has no meaning"),
         (("--trajectory", "missing.csv"), "missing.csv"),
-        (("--sensor", "1,2"), "1,2 is not auto or a position"),
+        (("--sensor", "1,2"), "1,2 is no word for it, and no position"),
     ],
 )
 def test_a_position_that_cannot_be_used_is_refused(turn, tmp_path, options, message):
@@ -234,3 +253,50 @@ def test_tiles_take_a_position(turn, tmp_path, small_machine):
     assert result.exit_code == 0, result.output
     assert "tiles" in result.output
     assert a.read_bytes() == b.read_bytes()
+
+
+# ---- intensity ------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def asked_for(monkeypatch):
+    """What the detector is given beside coordinates."""
+    given, find = [], _denoise._find_outliers
+
+    def find_outliers(xyz, origins, intensity, **params):
+        given.append(intensity)
+        return find(xyz, origins, intensity, **params)
+
+    monkeypatch.setattr(_denoise, "_find_outliers", find_outliers)
+    return given
+
+
+def test_the_intensity_of_the_points_that_are_used_reaches_the_detector(
+    room, room_file, tmp_path, asked_for
+):
+    classes = np.repeat([1, 2], [900, 30]).astype(np.uint8)
+    attributes = {**room.attributes, "classification": classes}
+    write_points(tmp_path / "in.laz", PointCloud(room.xyz, attributes))
+    for options in ((), ("--intensity",), ("--intensity", "--only-class", 1)):
+        result = run("denoise", tmp_path / "in.laz", tmp_path / "out.laz", *options)
+        assert result.exit_code == 0, result.output
+    none, every, some = asked_for
+    assert none is None
+    np.testing.assert_array_equal(every, room.attributes["intensity"])
+    np.testing.assert_array_equal(some, room.attributes["intensity"][:900])
+
+
+def test_intensity_that_is_not_there_or_has_no_use_is_refused(turn, room_file, tmp_path):
+    line = error_line(run("denoise", turn[0], tmp_path / "out.npy", "--intensity"))
+    assert "turn.npy: --intensity: the file has none" in line
+    options = ("--intensity", "--strictness", "paper")
+    line = error_line(run("denoise", room_file, tmp_path / "out.npy", *options))
+    assert "--intensity needs --n-neighbors and a strictness" in line
+    assert not (tmp_path / "out.npy").exists()
+
+
+@pytest.mark.parametrize("options", [(), ("--dry-run",)])
+def test_tiles_take_no_intensity(source, tmp_path, small_machine, options):
+    options = ("--intensity", "--memory", "2MB", *options)
+    line = error_line(run("denoise", source, tmp_path / "out.laz", *options))
+    assert "street.laz: tiles take no --intensity" in line

@@ -80,6 +80,19 @@ def test_counts_are_those_of_the_output(room_file, tmp_path):
     assert "they are marked" in words
 
 
+def test_the_worst_groups_and_points_are_named_once_with_the_reason(tmp_path):
+    rng = np.random.default_rng(0)
+    plane = rng.uniform(0, 6, (1200, 3)) * [1, 1, 0] + rng.normal(0, 0.005, (1200, 3))
+    single = np.column_stack([np.arange(0.5, 6, 0.5), np.full(11, 3), np.arange(11) / 3 + 5])
+    cloud = np.vstack([plane, single, rng.normal([3, 0, 9], 0.05, (20, 3))])
+    np.save(tmp_path / "a.npy", cloud)
+    for options in ((), ("--strictness", "paper")):
+        run("denoise", tmp_path / "a.npy", tmp_path / "o.npy", *options, "--report", tmp_path / "r")
+        words = words_of(tmp_path / "r" / "index.html")
+        assert words.count("usual spacings from anything") == (0 if options else 9)
+        assert words.count("group of 20, ") == (0 if options else 1)
+
+
 def test_parameters_are_all_there_and_defaults_are_marked(room_file, tmp_path):
     options = ("--cutoff", 4, "--strictness", "isolated", "--report", tmp_path / "r")
     assert run("denoise", room_file, tmp_path / "out.laz", *options).exit_code == 0

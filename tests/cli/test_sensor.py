@@ -5,8 +5,14 @@ import pytest
 import typer
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.cli._sensor import _position, check_one_position, sensor_of_options
-from sklearn_mcmd.io import PointCloud, PointFileError
+from sklearn_mcmd.cli._sensor import (
+    _position,
+    check_one_position,
+    intensity_of,
+    sensor_of_options,
+    stated_or_seen,
+)
+from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 
 TIMED = PointCloud(np.eye(3), {"time": np.array([0.0, 1, 2])})
 VIEWED = PointCloud(np.eye(3), {}, {"pcd_viewpoint": (1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0)})
@@ -19,7 +25,9 @@ def test_a_position_is_three_numbers_or_auto():
 
 @pytest.mark.parametrize("text", ["", "1,2", "1,2,3,4", "1,2,x", "0,0,nan", "origin"])
 def test_other_positions_are_wrong_usage(text):
-    with pytest.raises(typer.BadParameter, match="is not auto or a position, such as 0,0,0"):
+    with pytest.raises(
+        typer.BadParameter, match="is no word for it, and no position, such as 0,0,0"
+    ):
         _position(text)
 
 
@@ -43,3 +51,45 @@ def test_errors_name_the_file_of_the_points(tmp_path):
     (tmp_path / "path.csv").write_text("time,x,y,z\n0,0,0,5\n2,4,0,5\n")
     with pytest.raises(PointFileError, match=r"a\.pcd: points have no times"):
         sensor_of_options("a.pcd", VIEWED, trajectory=tmp_path / "path.csv")
+
+
+@pytest.mark.parametrize(
+    ("extension", "extra"),
+    [("laz", "laspy"), ("pcd", "pypcd4"), ("ply", "plyfile"), ("e57", "pye57"), ("csv", None),
+     ("npz", None)],
+)  # fmt: skip
+def test_formats_keep_intensity(extension, extra, tmp_path):
+    if extra:
+        pytest.importorskip(extra)
+    path, light = tmp_path / f"a.{extension}", np.array([3, 250, 17], np.uint16)
+    write_points(path, PointCloud(np.eye(3), {"intensity": light}))
+    assert_array_equal(intensity_of(path, read_points(path)), light)
+
+
+def test_intensity_goes_by_the_names_that_files_have_for_it(tmp_path):
+    for name in ("Intensity", "scalar_Intensity", "reflectance", "column_4"):
+        assert_array_equal(intensity_of("a", PointCloud(np.eye(3), {name: [1, 2, 4]})), [1, 2, 4])
+    np.save(tmp_path / "kitti.npy", np.column_stack([np.eye(3), [0.1, 0.2, 0.4]]))
+    table = read_points(tmp_path / "kitti.npy")
+    assert_array_equal(intensity_of("kitti.npy", table), [0.1, 0.2, 0.4])
+
+
+@pytest.mark.parametrize(
+    "attributes",
+    [
+        {},
+        {"time": [1, 2, 3]},
+        {"column_4": [1, 2, 3], "column_5": [1, 2, 3]},
+        {"intensity": [0] * 3},
+    ],
+)
+def test_a_file_without_intensity_is_named(attributes):
+    with pytest.raises(ValueError, match=r"a\.las: --intensity: the file has none, or the same"):
+        intensity_of("a.las", PointCloud(np.eye(3), attributes))
+
+
+def test_what_a_file_states_comes_before_what_its_points_show():
+    position, words = stated_or_seen(VIEWED, np.ones(len(VIEWED), bool))
+    assert_array_equal(position, [1, 2, 3])
+    assert words == "PCD's VIEWPOINT"
+    assert stated_or_seen(TIMED, np.ones(len(TIMED), bool)) == (None, "")

@@ -143,6 +143,15 @@ def test_results_do_not_depend_on_the_order_of_rows(n):
     shuffled = MCMDOutlierDetector(random_state=0).fit(X[order])
     assert_allclose(shuffled.scores_, expected.scores_[order], rtol=1e-9)
     assert_array_equal(order[shuffled.plane_index_], expected.plane_index_[order])
+    assert_array_equal(shuffled.isolation_, expected.isolation_[order])
+    assert_array_equal(shuffled.separation_, expected.separation_[order])
+    group, numbers = shuffled.group_index_, expected.group_index_[order]
+    assert_array_equal(group == -1, expected.on_surface_[order])
+    pairs = np.unique([group, numbers], axis=1)  # numbers differ, groups do not
+    assert pairs.shape[1] == len(np.unique(group)) == len(np.unique(numbers))
+    _, first = np.unique(group[group >= 0], return_index=True)
+    assert (np.diff(first) > 0).all()
+    assert (np.diff(np.unique(group)) == 1).all()
 
 
 @pytest.mark.parametrize("reweight", [True, False])

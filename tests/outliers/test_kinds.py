@@ -1,10 +1,12 @@
 """Kinds of outliers, of clouds whose outliers are known."""
 
+import re
+
 import numpy as np
 import pytest
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.outliers._kinds import KINDS, kinds_of_outliers
+from sklearn_mcmd.outliers._kinds import KINDS, kinds_of_outliers, reasons_of
 
 
 def cloud():
@@ -39,3 +41,34 @@ def test_copies_share_a_kind():
     xyz = cloud()
     kinds = kinds_of_outliers(MCMDOutlierDetector(random_state=0).fit(np.vstack([xyz, xyz])))
     assert (kinds[: len(xyz)] == kinds[len(xyz) :]).all()
+
+
+def test_reasons_name_a_point_a_group_and_what_lies_off_every_surface():
+    detector = MCMDOutlierDetector(random_state=0).fit(cloud())
+    single, ghost = reasons_of(detector, [4002, 4010])
+    away = re.fullmatch(r"single point, ([\d.]+) usual spacings from anything", single)[1]
+    assert float(away) == pytest.approx(detector.isolation_[4002], rel=0.05)
+    away = re.fullmatch(r"group of 20, ([\d.]+) of its sizes away", ghost)[1]
+    assert float(away) == pytest.approx(detector.separation_[4010], rel=0.05)
+
+
+def test_reasons_tell_what_excuses_a_point_best():
+    """A point just off the plane is as alone there as another: the distance excuses it."""
+    xyz = np.vstack([cloud(), [[5, 5, 0.05], [1, 1, 4]]])
+    detector = MCMDOutlierDetector(random_state=0).fit(xyz)
+    near, copy = reasons_of(detector, [4024, 4025])
+    assert re.fullmatch(r"single point, [345]\.?\d? standard deviations off a surface", near)
+    assert re.fullmatch(r"one of 2 together, \d+ usual spacings from anything", copy)
+    share = detector.set_params(contamination=0.3).fit(xyz)
+    on_surface = np.flatnonzero(share.on_surface_ & (share.scores_ < share.offset_))[:1]
+    assert reasons_of(share, on_surface)[0].endswith(" standard deviations off a surface")
+
+
+def test_leaves_that_go_with_strictness_surfaces_lie_off_every_surface():
+    rng = np.random.default_rng(0)
+    crown = rng.normal([5, 5, 1], 0.3, (400, 3))
+    detector = MCMDOutlierDetector(strictness="surfaces", random_state=0)
+    detector.fit(np.vstack([cloud()[:4000], crown]))
+    assert reasons_of(detector, [np.argmin(np.linalg.norm(crown - [5, 5, 1], axis=1)) + 4000]) == [
+        "off every surface"
+    ]

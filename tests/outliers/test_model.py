@@ -91,15 +91,17 @@ def oracle(request):
     kind, noise_scale = request.param
     X = oracle_cloud(kind)
     n_trials = detector(**FORM, noise_scale=noise_scale).fit(X).n_trials_
-    expected, on_surface = judged(X, 30, draw_trials(n_trials, 30, random_state=0), 15, noise_scale)
+    expected, on_surface, company = judged(
+        X, 30, draw_trials(n_trials, 30, random_state=0), 15, noise_scale
+    )
     n_rest = {"no surface": len(X), "one point off": 1}.get(kind)
     assert n_rest in (None, np.sum(~on_surface))
-    return X, noise_scale, expected, on_surface
+    return X, noise_scale, expected, on_surface, company
 
 
 @pytest.mark.parametrize("compiled", [False, True])
 def test_scores_equal_those_of_the_literal_oracle(oracle, compiled, monkeypatch):
-    X, noise_scale, expected, on_surface = oracle
+    X, noise_scale, expected, on_surface, (isolation, separation, group) = oracle
     if compiled:
         if X.shape[1] != 3:
             pytest.skip("compiled code is for 3D")
@@ -108,6 +110,12 @@ def test_scores_equal_those_of_the_literal_oracle(oracle, compiled, monkeypatch)
         found = detector(strictness, **FORM, noise_scale=noise_scale).fit(X)
         assert_array_equal(found.on_surface_, on_surface)
         assert_allclose(-found.scores_, expected[strictness], rtol=1e-9)
+        assert_allclose(found.isolation_, isolation, rtol=1e-9)
+        assert_allclose(found.separation_, separation, rtol=1e-9)
+        numbers = {-1: -1}  # of groups, as they come
+        for label in group:
+            numbers.setdefault(label, len(numbers) - 1)
+        assert_array_equal(found.group_index_, [numbers[label] for label in group])
 
 
 # Small clouds
@@ -169,9 +177,10 @@ def test_a_surface_has_the_points_of_a_neighborhood_or_a_fifth_of_a_small_cloud(
 
 @pytest.mark.parametrize(("n", "least"), [(400, 40), (150, 30)])
 def test_a_thing_has_the_points_of_two_neighborhoods_or_a_fifth_of_a_small_cloud(n, least):
-    rng = np.random.default_rng(0)
-    for n_ball in (least - 1, least):
-        X = np.vstack([wall(n - n_ball, rng), ball(n_ball, [1, 9, 1], 0.3, rng)])
+    """Twice as many must stand off twice as far."""
+    for n_ball in (least - 1, 2 * least):
+        rng = np.random.default_rng(0)
+        X = np.vstack([wall(n - n_ball, rng), ball(n_ball, [1, 1.5, 1], 0.3, rng)])
         assert (flagged(X, n_neighbors=20)[-n_ball:] == (n_ball < least)).all()
 
 

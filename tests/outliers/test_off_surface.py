@@ -45,8 +45,9 @@ def company(points, n_explained, least=100, counts=None, n_jobs=None):
     isolation, separation = np.zeros(len(points)), np.zeros(len(points))
     isolation[found.rows], separation[found.rows] = found.isolation, found.separation
     return SimpleNamespace(
-        isolation=isolation, separation=separation, measure=found.measure, usual=found.usual
-    )
+        isolation=isolation, separation=separation, measure=found.measure, usual=found.usual,
+        groups=found.groups,
+    )  # fmt: skip
 
 
 def lattice(n=20):
@@ -120,11 +121,31 @@ def test_clumps_are_linked_where_16_neighbors_reach_from_one_to_the_other():
         assert (found.separation[400:] == 0).all() == one_group
 
 
-def test_a_large_group_is_real_however_far_it_stands_off_and_others_lean_on_it():
+def test_n_times_as_many_points_as_a_thing_must_stand_off_n_times_as_far():
     line = [[10, 10, 50 + 0.5 * i] for i in range(30)]
-    X = with_rest(*line, [10, 12, 50])  # 2 beside the line: within reach
-    assert (company(X, 400, least=32).separation[400:] > 0).all()
-    assert_array_equal(company(X, 400, least=31).separation[400:], 0)
+    size = 50 / (0.5 * np.std(range(30)))
+    for least, weight in ((31, 1), (30, 1), (15, 1 / 2), (9, 3 / 10)):
+        found = company(with_rest(*line), 400, least=least)
+        assert_allclose(found.separation[400:], size * weight)
+    assert size * 7 / 30 < 3
+    assert_array_equal(company(with_rest(*line), 400, least=7).separation[400:], 0)
+
+
+def test_other_things_are_real_for_a_large_group():
+    """Each of these is nearer to the next than to the surface, by any pair of their numbers."""
+    lines = [[[10 + 0.5 * i, 10, 60 + 20 * k] for i in range(12)] for k in range(5)]
+    found = company(with_rest(*lines), 400, least=12)
+    assert_allclose(found.separation[400:], 20 / (0.5 * np.std(range(12))))
+
+
+def test_what_is_large_by_copies_alone_is_real():
+    counts = np.repeat([1, 200], [400, 1])
+    found = company(with_rest([10, 10, 50]), 400, counts=counts)
+    assert_array_equal(found.separation[400:], 0)
+
+
+def test_a_large_group_is_real_for_others():
+    line = [[10, 10, 50 + 0.5 * i] for i in range(30)]
     X = with_rest(*line, [10, 14, 50])
     assert_allclose(company(X, 400, least=30).separation[-1], 4 / LATTICE)
 
@@ -135,21 +156,27 @@ def line_at(x, y, z, n=12):
 
 
 @pytest.mark.parametrize("n", [12, 24])
-@pytest.mark.parametrize(("lengths", "one_thing"), [(2.99, True), (3.01, False)])
-def test_flat_groups_within_three_lengths_of_the_longer_one_are_one(n, lengths, one_thing):
-    gap = lengths * 0.5 * np.sqrt(n**2 - 1)
-    X = with_rest(line_at(5, 5, 30), line_at(5, 5, 30 + gap, n))
+@pytest.mark.parametrize(("gap", "one_thing"), [(29, True), (31, False)])
+def test_flat_groups_nearer_to_each_other_than_to_anything_real_are_one(n, gap, one_thing):
+    """Beside each other, one 30 above the surface, the other beyond its border."""
+    X = with_rest(line_at(5, 5, 30), line_at(5 - gap, 5, 30, n)[::-1])
+    X[412:, 0] -= X[412:, 0].max() - (5 - gap)
     found = company(X, 400)
     assert (found.isolation[400:] < 3).all()
+    to_real = np.linalg.norm(X[412:, None] - X[:400], axis=2).min()
+    one_thing |= gap <= to_real
     group = X[400:] if one_thing else X[400:412]
     size = np.sqrt(np.linalg.eigvalsh(np.cov(group.T, bias=True))[-1])
     assert_allclose(found.separation[400:412], 30 / size)
 
 
 def test_pieces_of_enough_points_are_a_thing():
-    X = with_rest(*(line_at(5, 5, 30 + 4 * i) for i in range(3)))
-    assert (company(X, 400, least=37).separation[400:] > 3).all()
+    X = with_rest(*(line_at(5, 5, 5 + 4 * i) for i in range(3)))
+    for least, real in ((37, False), (36, True)):
+        alone = company(np.vstack([X, [[5, 5, 17]]]), 400, least=least).separation[-1]
+        assert (alone < 17 / LATTICE) == (real or alone < 4 / LATTICE + 1e-9)
     assert_array_equal(company(X, 400, least=36).separation[400:], 0)
+    assert (company(X, 400, least=37).separation[400:] > 1).all()
 
 
 @pytest.mark.parametrize("n", [3, 4])
@@ -199,9 +226,11 @@ def test_groups_are_those_of_near_points_walked_by_brute_force():
     nearest = np.argsort(np.argsort(gaps, axis=1), axis=1) <= 16
     reach = 2.5 * np.minimum(found.usual[:, None], found.usual)
     _, groups = connected_components(csr_array(nearest & (gaps <= reach)), directed=False)
-    large = np.bincount(groups)[groups] >= 10
-    assert_array_equal(found.separation[400:] == 0, large)
-    assert 0 < large.sum() < len(rest)
+    pairs = np.unique(np.stack([groups, found.groups]), axis=1)
+    assert len(pairs[0]) == groups.max() + 1 > 20  # no group is divided
+    flat = np.bincount(pairs[1])[pairs[1]] > 1  # pieces are joined, where a plane needs fewer
+    assert (np.bincount(groups)[pairs[0][flat]] > 3).all()
+    assert flat.mean() < 0.5
 
 
 # New points

@@ -12,6 +12,7 @@ from sklearn.preprocessing import FunctionTransformer
 
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_lidar_turn, make_street
+from sklearn_mcmd.outliers._kinds import reasons_of
 from sklearn_mcmd.outliers._rays import RayLimits, Rays, one_far_position
 
 HEIGHT = 2.0  # of the sensor above the ground of the simulated room
@@ -86,6 +87,15 @@ def test_sheets_of_mixed_pixels_are_found_and_the_rest_of_the_street_stays(stree
     assert known[~mixed].mean() < 0.008
     foliage = street.surface == street.surface_names.index("foliage")
     assert known[foliage].mean() < 0.04  # leaves next to the sheets; .015 at 100,000 points
+
+
+def test_sheets_are_told_as_the_reason(street):
+    found = detector(sensor_origin=street.sensor_origins[0]).fit(street.data)
+    mixed = np.flatnonzero((street.target == -1) & (found.scores_ < -3))[::10]
+    assert np.mean([reason == "on a sheet of rays" for reason in reasons_of(found, mixed)]) > 0.9
+    turn = np.vstack([room(), [[3.0, 1.0, 0.5]]])
+    (reason,) = reasons_of(detector(sensor_origin="origin").fit(turn), [len(turn) - 1])
+    assert reason.startswith("single point")
 
 
 def test_sheets_go_at_every_strictness(street):
@@ -269,7 +279,7 @@ def test_beams_around_a_group_are_those_of_others():
     rays = Rays(X, np.zeros_like(X), RayLimits(), None)
     groups = np.zeros(len(ball), int)
     on_wall = np.arange(len(X)) < len(wall)
-    assert np.median(rays.next_to(rows, on_wall).alone()) < 0.5
+    assert np.median(rays.next_to(rows, on_wall).alone()) < 0.7
     assert_allclose(
         rays.around(rows, groups, on_wall).pooled(groups, ball).together(), 1, atol=0.01
     )

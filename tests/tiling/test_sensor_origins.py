@@ -62,6 +62,19 @@ def test_scores_with_one_position_are_those_of_memory(turn, tmp_path, origin, pa
         assert_array_equal(found, -expected.astype(np.float32))
 
 
+@pytest.mark.parametrize("strictness", ["groups", None])
+def test_a_turn_is_recognized_as_in_memory(tmp_path, strictness):
+    path, xyz = tmp_path / "a.las", make_lidar_turn(4_000, random_state=0).data
+    write_points(path, PointCloud(np.round(xyz, 3)))
+    detector = clone(DETECTOR).set_params(sensor_origin="auto", strictness=strictness)
+    fitted = clone(detector).fit(read_points(path).xyz)
+    assert (fitted.sensor_origin_ is None) == (strictness is None)
+    told = process_files(path, tmp_path / "b.las", detector, mode="mark", tile_size=900)
+    assert told.seen_as == ("" if strictness is None else "a turn about the origin")
+    found = read_points(tmp_path / "b.las").attributes["outlier_score"]
+    assert_array_equal(found, -fitted.scores_.astype(np.float32))
+
+
 def test_scores_along_a_trajectory_are_those_of_memory(drive, tmp_path):
     path, trajectory = drive
     cloud = read_points(path)

@@ -1,0 +1,30 @@
+"""How much light came back from each point, against all others: in any unit and on any scale."""
+
+import numpy as np
+from sklearn.utils import check_array
+
+__all__ = ["darkness", "ranks_of_intensity"]
+
+
+def ranks_of_intensity(intensity, index, n):
+    """The share of the points of an index that returned less than each, and half of the equal.
+
+    None if `intensity` (n,) is None or the same everywhere. Copies have the largest of theirs: as
+    ranks it needs no scale, and it doubts least, since one bright return tells a solid place.
+    """
+    if intensity is None:
+        return None
+    given = check_array(intensity, dtype=np.float64, ensure_2d=False, input_name="intensity")
+    if given.shape != (n,):
+        raise ValueError(f"intensity must have the shape ({n},) of the points; got {given.shape}.")
+    largest = given[index.rows]
+    np.maximum.at(largest, index.places, given)
+    values, place, counts = np.unique(largest, return_inverse=True, return_counts=True)
+    ranks = (np.cumsum(counts) - counts / 2) / len(largest)
+    return ranks[place] if len(values) > 1 else None
+
+
+def darkness(ranks):
+    """By how much less light than from most points makes a doubt larger: from 0 of the brightest
+    of all to 1.4 of the darkest, 1 in the middle."""
+    return np.sqrt(2 * (1 - ranks))

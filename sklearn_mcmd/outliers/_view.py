@@ -1,0 +1,156 @@
+"""Whether a cloud was taken from the origin of its coordinates: what directions to points tell.
+
+A scanner or a camera sends its beams at even steps of angle, so its points are at uneven distances
+from each other in space, and at even ones as seen from where it stood. From beside it, points that
+it saw before a background slide over others, and the steps next to outlines are no longer even.
+"""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sklearn_mcmd.outliers._rays import DIFFERS, RayLimits, one_far_position
+
+__all__ = ["origin_if_seen", "view_from_origin"]
+
+# Seen from where the sensor stood, gaps are uneven by .01 to .44 of what they are in space, with a
+# fifth of outliers as well. See docs/sensor.rst for other clouds.
+EVEN = 0.5
+# Directions nearer than this share of the usual gap are one beam, with several echoes. Positions
+# beside the origin are this share of the usual range away.
+ASIDE = 0.05
+# Beams around one, in either direction from it.
+AROUND = 2 * RayLimits().n_beams
+# Points of larger clouds are asked in so many windows of directions; their number only takes time.
+SAMPLE, N_WINDOWS = 100_000, 64
+
+
+def origin_if_seen(points):
+    """ "origin" if points (n, d) were taken from there, else None."""
+    points = points.astype(np.float64, copy=False)
+    return "origin" if points.shape[1] == 3 and view_from_origin(lambda: [points]) else None
+
+
+def view_from_origin(parts):
+    """In words, what a cloud is that was taken from the origin; "" if nothing says so.
+
+    It does not depend on the order of points, or on how they are divided.
+
+    Parameters
+    ----------
+    parts : callable
+        Gives the points, as an iterable of arrays (m, 3) of float64.
+    """
+    (here,) = _views(parts, np.zeros((1, 3)))
+    if here is None or here.uneven() >= EVEN * here.uneven_in_space():
+        return ""
+    mean, error = here.uneven_beside_others()
+    aside = ASIDE * here.usual_range * np.vstack([np.eye(3), -np.eye(3)])
+    for there in _views(parts, aside):
+        if there is None:
+            return ""
+        its_mean, its_error = there.uneven_beside_others()
+        if its_mean - mean <= DIFFERS * max(error, its_error):
+            return ""
+    one_side = np.linalg.norm(here.directions.mean(axis=0)) > 0.5
+    return "a view from the origin" if one_side else "a turn about the origin"
+
+
+class _View:
+    """Distinct points, as they are seen from the origin of their coordinates.
+
+    Parameters
+    ----------
+    points : ndarray of float64 of shape (n, 3)
+    asked : ndarray of bool of shape (n,)
+        Of which the gap to the next direction counts. The others are neighbors of these.
+    """
+
+    def __init__(self, points, asked):
+        ranges, self.directions = _polar(points)
+        self.points, self.asked, self.usual_range = points, asked, np.median(ranges)
+        tree = cKDTree(self.directions)
+        distances, rows = tree.query(self.directions, k=AROUND + 1)
+        one_beam = ASIDE * np.median(distances[:, 1])
+        beams = asked & (distances[:, 1] > one_beam)
+        self.gaps = distances[beams, 1]
+        self.usual = np.maximum(np.median(distances[:, 1][rows[beams]], axis=1), one_beam)
+
+    def uneven(self):
+        return _uneven(self.gaps)[0]
+
+    def uneven_in_space(self):
+        gaps = cKDTree(self.points).query(self.points, k=2)[0][self.asked, 1]
+        return _uneven(gaps)[0]
+
+    def uneven_beside_others(self):
+        """As against the beams around each, and the standard error."""
+        return _uneven(self.gaps, self.usual)
+
+
+class _Sample:
+    """Points in windows of directions from a position, the same whatever their order.
+
+    All windows are narrowed alike until they have no more than `SAMPLE` points together.
+    """
+
+    def __init__(self, position, windows):
+        self.position, self.windows, self.width = position, windows, 2.0
+        self.points, self.apart = np.empty((0, 3)), np.empty(0)
+
+    def add(self, xyz):
+        self.points = np.concatenate([self.points, xyz])
+        self.apart = np.concatenate([self.apart, self._apart(xyz)])
+        self._keep()
+        while len(self.points) > SAMPLE:
+            self.width /= np.sqrt(2)
+            self._keep()
+
+    def view(self):
+        """The `_View`, in which the inner half of each window is asked; None of too few points."""
+        points = np.unique(self.points, axis=0)
+        asked = self._apart(points) < self.width / np.sqrt(2)
+        if len(points) <= AROUND or not asked.any():
+            return None
+        return _View(points - self.position, asked)
+
+    def _apart(self, xyz):
+        """How far directions are from the middle of the nearest window."""
+        ranges, directions = _polar(xyz - self.position)
+        return np.where(ranges > 0, self.windows.query(directions)[0], np.inf)
+
+    def _keep(self):
+        near = self.apart < self.width
+        self.points, self.apart = self.points[near], self.apart[near]
+
+
+def _views(parts, positions):
+    """The same points as seen from each of some positions: `_View`, None if all are far away."""
+    turns = np.arange(N_WINDOWS) * np.pi * (3 - np.sqrt(5))
+    height = (2 * np.arange(N_WINDOWS) + 1) / N_WINDOWS - 1
+    flat = np.sqrt(1 - height**2)
+    windows = cKDTree(np.column_stack([flat * np.cos(turns), flat * np.sin(turns), height]))
+    samples = [_Sample(position, windows) for position in positions]
+    bounds = []
+    for xyz in parts():
+        if len(xyz):
+            bounds += [xyz.min(axis=0), xyz.max(axis=0)]
+        for sample in samples:
+            sample.add(xyz)
+    if not bounds or one_far_position(np.array(bounds), np.zeros((1, 3))):
+        return [None] * len(samples)
+    return [sample.view() for sample in samples]
+
+
+def _polar(points):
+    """Ranges and directions, element by element, so that no other point has a say."""
+    ranges = np.sqrt(points[:, 0] ** 2 + points[:, 1] ** 2 + points[:, 2] ** 2)
+    return ranges, points / np.where(ranges > 0, ranges, 1.0)[:, None]
+
+
+def _uneven(gaps, usual=None):
+    """The mean of (log2 of a gap over the usual one)^2, each at most 1, and its standard error."""
+    if len(gaps) == 0:  # most points are in one direction
+        return 1.0, 0.0
+    usual = np.median(gaps) if usual is None else usual
+    each = np.minimum(np.log2(gaps / usual) ** 2, 1.0)
+    return each.mean(), each.std() / np.sqrt(len(each))

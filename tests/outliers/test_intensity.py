@@ -1,0 +1,99 @@
+"""How much light came back: ranks, what is refused, and how it reaches the judged cloud."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.stats import rankdata
+from sklearn import config_context
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import FunctionTransformer
+
+from sklearn_mcmd import MCMDOutlierDetector
+from sklearn_mcmd.outliers._intensity import ranks_of_intensity
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+
+X = np.random.default_rng(0).random((80, 3))
+LIGHT = np.random.default_rng(1).integers(-20, 20, 80)  # with ties
+
+
+def detector(**parameters):
+    return MCMDOutlierDetector(20, max_outlier_rate=0.2, random_state=0, **parameters)
+
+
+def kept(fitted):
+    """What the judged cloud has, in the order of coordinates; None if it has none."""
+    ranks = fitted._cloud.intensity
+    return None if ranks is None else ranks[np.lexsort(fitted._cloud.model.index.points.T)]
+
+
+def test_ranks_are_those_of_the_points_of_the_index():
+    index = NeighborIndex(X, 20)
+    expected = (rankdata(LIGHT) - 0.5) / 80
+    assert_array_equal(ranks_of_intensity(LIGHT, index, 80), expected[index.rows])
+
+
+@pytest.mark.parametrize("scale", [lambda v: 1e-9 * v, lambda v: np.exp(v) + 7, np.float32])
+def test_neither_unit_nor_scale_matters(scale):
+    expected = kept(detector().fit(X, intensity=LIGHT))
+    assert_array_equal(kept(detector().fit(X, intensity=scale(LIGHT))), expected)
+
+
+def test_copies_have_the_largest_in_any_order_of_rows():
+    rng = np.random.default_rng(2)
+    copies, light = np.vstack([X, X[:30]]), np.r_[LIGHT, rng.integers(-20, 20, 30)]
+    largest = np.r_[np.maximum(LIGHT[:30], light[80:]), LIGHT[30:]]
+    expected = kept(detector().fit(X, intensity=largest))
+    for order in (np.arange(110), rng.permutation(110)):
+        found = kept(detector().fit(copies[order], intensity=light[order]))
+        assert_array_equal(found, expected)
+
+
+def test_what_is_the_same_everywhere_says_nothing():
+    assert kept(detector().fit(X)) is None
+    assert kept(detector().fit(X, intensity=np.full(80, 7))) is None
+
+
+@pytest.mark.parametrize(
+    ("intensity", "message"),
+    [
+        (LIGHT[:79], r"intensity must have the shape \(80,\) of the points; got \(79,\)"),
+        (LIGHT[:, None], r"intensity must have .* got \(80, 1\)"),
+        (np.where(LIGHT > 0, np.nan, 1.0), "intensity contains NaN"),
+        (np.where(LIGHT > 0, np.inf, 1.0), "intensity contains infinity"),
+        (["bright"] * 80, "could not convert string to float"),
+    ],
+)
+def test_errors_name_the_parameter(intensity, message):
+    for call in (detector().fit, detector().fit_predict):
+        with pytest.raises(ValueError, match=message):
+            call(X, intensity=intensity)
+
+
+@pytest.mark.parametrize("parameters", [{"strictness": None}, {"n_neighbors": None}])
+def test_one_plane_has_no_use_for_it(parameters):
+    with pytest.raises(ValueError, match="intensity needs n_neighbors and a strictness"):
+        detector().set_params(**parameters).fit(X, intensity=LIGHT)
+
+
+def test_it_passes_through_a_pipeline():
+    with config_context(enable_metadata_routing=True):
+        asking = detector().set_fit_request(intensity=True)
+        pipeline = make_pipeline(FunctionTransformer(), asking).fit(X, intensity=LIGHT)
+    assert_array_equal(kept(pipeline[-1]), kept(detector().fit(X, intensity=LIGHT)))
+
+
+def test_doubts_grow_in_the_dark_and_surfaces_stay():
+    """Of two clouds of flakes before a wall, the darker one is the more isolated."""
+    rng = np.random.default_rng(0)
+    wall = rng.uniform(0, 4, (3000, 3)) * [1, 0, 1] + rng.normal(0, 0.003, (3000, 3))
+    cloud = np.vstack([wall, rng.uniform([0, -2, 0], [4, -0.5, 4], (200, 3))])
+    light = np.r_[rng.uniform(5, 20, 3000), np.zeros(100), np.full(100, 30.0)]
+    plain, known = detector().fit(cloud), detector().fit(cloud, intensity=light)
+    rest = ~plain.on_surface_
+    assert_array_equal(known.scores_[~rest], plain.scores_[~rest])
+    brighter = 1 - (rankdata(light) - 0.5) / len(light)
+    expected = plain.isolation_ * np.sqrt(2 * brighter)
+    assert_allclose(known.isolation_, expected)
+    assert (known.isolation_[3000:3100] > plain.isolation_[3000:3100]).all()
+    assert (known.isolation_[3100:] < 0.4 * plain.isolation_[3100:]).all()
+    assert_array_equal(known.separation_, plain.separation_)

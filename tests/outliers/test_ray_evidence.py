@@ -1,0 +1,93 @@
+"""What rays tell equals what the literal oracle says, on small clouds."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from reference import judged
+from sklearn_mcmd import MCMDOutlierDetector
+from sklearn_mcmd.planes._consistent_set import draw_trials
+
+FORM = {"n_neighbors": 30, "max_outlier_rate": 0.2, "random_state": 0}
+
+
+def beams(n, rng, azimuth=(-0.9, 0.9), elevation=(-0.5, 0.35)):
+    azimuth, elevation = rng.uniform(*azimuth, n), rng.uniform(*elevation, n)
+    level = np.cos(azimuth), np.sin(azimuth)
+    return np.column_stack([*np.cos(elevation) * level, np.sin(elevation)])
+
+
+def clump(n, center, spread, rng):
+    return center + spread * rng.normal(size=(n, 3))
+
+
+def snowed_room(rng):
+    """Walls and ground of a room, flakes, a ghost, second returns, one point at the sensor, one
+    beside all, and a few behind walls, which no beam beside them could see."""
+    rays = beams(300, rng)
+    wall = 5 / np.abs(rays[:, :2]).max(axis=1)
+    ranges = np.minimum(wall, 1.5 / np.maximum(-rays[:, 2], 1e-9)) + rng.normal(0, 0.01, 300)
+    ranges[:40] *= rng.uniform(0.2, 0.8, 40)
+    ranges[290:] *= 1.7
+    X = ranges[:, None] * rays
+    ghost = clump(12, [2.5, 0.5, 0.3], 0.03, rng)
+    return np.vstack([X, X[50:90:10] / 2, X[30:36], ghost, [[0, 0, 0], [0, 4, 1]]]), np.zeros(3)
+
+
+def ball_before_a_wall(rng):
+    """Seen while moving: a ball and a ghost in front of a wall, and one behind it."""
+    y, z = rng.uniform(-2, 2, (2, 240))
+    wall = np.column_stack([np.full(240, 6.0), y, z]) + rng.normal(0, 0.01, (240, 3))
+    parts = ((60, [4, 0.3, 0.2], 0.25), (12, [9, -0.8, 0.3], 0.04), (12, [3, 0.8, -0.5], 0.04))
+    X = np.vstack([wall, *(clump(*part, rng) for part in parts)])
+    return X, 0.4 * rng.normal(size=X.shape)
+
+
+AXIS = np.array([np.cos(0.185), np.sin(0.185), 0])  # of the sheet
+
+
+def sheet_at_an_edge(rng):
+    """Mixed pixels between a wall and the one behind it, and four flakes."""
+    rays = np.vstack([
+        beams(60, rng, (0.18, 0.19), (-0.4, 0.4)), beams(230, rng, (-0.5, 0.5), (-0.4, 0.4))
+    ])  # fmt: skip
+    ranges = np.where(rays[:, 1] > np.tan(0.185) * rays[:, 0], 4, 7) / rays[:, 0]
+    ranges[:60] = rng.uniform(4.2, 6.8, 60)
+    ranges[60:64] = 2.0, 2.5, 3.0, 5.0
+    return ranges[:, None] * rays + rng.normal(0, 0.002, rays.shape), -4 * AXIS
+
+
+def sheet_far_away(rng):
+    """The same seen from so far that no sheet can be told."""
+    return sheet_at_an_edge(rng)[0], -200 * AXIS
+
+
+@pytest.mark.parametrize(
+    "cloud", [snowed_room, ball_before_a_wall, sheet_at_an_edge, sheet_far_away]
+)
+def test_what_rays_tell_equals_the_literal_oracle(cloud):
+    X, sensor = cloud(np.random.default_rng(0))
+    found = MCMDOutlierDetector(**FORM).fit(X, sensor_origin=sensor)
+    trials = draw_trials(found.n_trials_, 30, random_state=0)
+    scores, on_surface, company = judged(X, 30, trials, 15, sensor=sensor)
+    assert_array_equal(found.on_surface_, on_surface)
+    assert_allclose(found.isolation_, company[0], rtol=1e-9)
+    assert_allclose(found.separation_, company[1], rtol=1e-9)
+    assert_allclose(-found.scores_, scores["groups"], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("cloud", "new"),
+    [
+        (snowed_room, [[1.8, -0.9, 0], [1.7, 1, 0.25], [4.5, -0.4, 0.5], [4.5, 2.66, 1.4]]),
+        (sheet_at_an_edge, [5.7 * AXIS, 5.9 * AXIS + [0, 0, 0.5], [9, 1, 1], [9, -1, 0.5]]),
+    ],
+)
+def test_a_new_point_has_about_the_score_that_it_would_have_in_the_cloud(cloud, new):
+    """In free space, before a wall, on a sheet and behind all. By coordinates it has half to
+    4 times the score, and next to none on the sheet; with it in the cloud planes vary a little."""
+    X, sensor = cloud(np.random.default_rng(0))
+    found = MCMDOutlierDetector(**FORM).fit(X, sensor_origin=sensor).score_samples(new)
+    for point, score in zip(new, found, strict=True):
+        more = MCMDOutlierDetector(**FORM).fit(np.vstack([X, point]), sensor_origin=sensor)
+        assert_allclose(score, more.scores_[-1], rtol=0.15)

@@ -1,0 +1,108 @@
+"""What rays tell, literally and slowly: the part of the oracle `judged` that knows a sensor."""
+
+import numpy as np
+
+
+class LiteralRays:
+    """The rays to n distinct points from where the sensor was, `origins` (n, d), for each.
+
+    All angles, no tree, one beam at a time; every constant stands where it is used.
+    """
+
+    def __init__(self, points, origins):
+        n, self.points, self.origins = len(points), points, origins
+        rays = points - origins
+        self.range = np.linalg.norm(rays, axis=1)
+        self.direction = np.array([r / (np.linalg.norm(r) or 1) for r in rays])
+        seen = self.range > 0
+        places = np.hstack([self.direction, origins / np.median(self.range[seen])])
+        self.angle = np.array([np.linalg.norm(places - place, axis=1) for place in places])
+        # Of points in one direction, the farthest tells where the beam ends.
+        hides = (self.angle == 0) & (self.range[:, None] < self.range)
+        ends = np.flatnonzero(~hides.any(axis=1))
+        self.others = [
+            sorted((j for j in ends if self.angle[i, j] > 0), key=lambda j: self.angle[i, j])
+            for i in range(n)
+        ]
+        self.mean_angle = [
+            np.mean([self.angle[i, j] for j in self.others[i][:8]]) for i in range(n)
+        ]
+        self.usual_angle = np.median(np.array(self.mean_angle)[seen])
+        self.step = np.minimum(self.mean_angle, 2 * self.usual_angle) * self.range
+
+    def of_planes(self, planes, sd, near):
+        """How much ranges scatter beside a plane, in steps, and how far beams are on it."""
+        n = len(self.points)
+        left, alone, spacing = np.zeros(n), np.full(n, np.inf), np.zeros(n)
+        for i in range(n):
+            center, normal = planes[i][:2]
+            away = {j: np.linalg.norm(self.points[j] - self.points[i]) for j in self.others[i][:8]}
+            met = [j for j in away if abs((self.points[j] - center) @ normal) <= 3 * sd[i]]
+            tilt = [0, *((self.direction[j] - self.direction[i]) @ normal for j in met)]
+            farther = np.array([0, *(self.range[j] - self.range[i] for j in met)])
+            line = np.column_stack([np.ones(len(tilt)), tilt])
+            farther = farther - line @ np.linalg.lstsq(line, farther)[0]
+            spacing[i] = np.mean([away[j] for j in met]) if met else 0
+            if self.step[i] > 0:
+                left[i] = np.sqrt(np.mean(farther**2)) / self.step[i]
+                alone[i] = min(away.values()) / self.step[i]
+        scatter = [
+            min(np.median(left[near[i, :9]]), np.median(alone[near[i, :9]]) / 1.25 * 3)
+            for i in range(n)
+        ]
+        return np.array(scatter), spacing
+
+    def far_away(self):
+        """Whether one position is farther from the cloud than that is large."""
+        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        outside = self.origins[0] - np.clip(self.origins[0], low, high)
+        one = (self.origins == self.origins[0]).all()
+        return one and np.linalg.norm(outside) > np.linalg.norm(high - low)
+
+    def told(self, i, beams, silent, explained):
+        """Beams that pass a place, that end before, that do so on a surface; and all of them."""
+        passing = ending = hidden = 0
+        for j, share in zip(beams, silent, strict=True):
+            farther = self.range[j] - self.range[i]
+            farther = np.clip(farther / (3 * self.step[i]), -1, 1) if self.step[i] else 1
+            passing += share + (1 - share) * max(farther, 0)
+            ending += (1 - share) * max(-farther, 0)
+            hidden += (1 - share) * max(-farther, 0) * (j in explained)
+        return np.array([passing, ending, hidden, len(beams)])
+
+    def isolation(self, rest, isolation, among_all, gaps, explained):
+        """Of the points `rest` by beams next to each, and those next to 16 points around."""
+        told, apart = {}, {}
+        for i in rest:
+            silent = 1 - min(1, self.usual_angle / self.mean_angle[i]) ** 2
+            beams = self.others[i][:8]
+            told[i] = self.told(i, beams, [silent] * len(beams), explained)
+            in_steps = among_all[i] / self.step[i] if self.step[i] else isolation[i]
+            apart[i] = np.sqrt(isolation[i] * in_steps)
+
+        def empty(told):
+            passing, ending, _, asked = told
+            return passing / (asked - ending) if asked - ending > 1e-12 else 1
+
+        found = np.zeros(len(isolation))
+        for i in rest:
+            around = sorted(rest, key=lambda j: gaps[i, j])[:17]  # itself, too
+            together = np.exp(np.mean([np.log(apart[j]) for j in around]))
+            share = min(empty(told[i]), empty(sum(told[j] for j in around)))
+            found[i] = share * np.sqrt(apart[i] * together) if self.step[i] else isolation[i]
+        return found
+
+    def separation(self, groups, separation, explained):
+        """Of the points of groups, by the beams around the whole of each."""
+        found = separation.copy()
+        for some in groups:
+            told = np.zeros(4)
+            for i in some:
+                strange = [j for j in self.others[i][:64] if j not in some][:8]
+                silent = [float(self.angle[i, j] > 2 * self.usual_angle) for j in strange]
+                told += self.told(i, strange, silent, explained)
+            passing, ending, hidden, asked = told
+            shares = (passing - ending) / (asked or 1), 2 * hidden / (asked or 1) - 1
+            for i in some:
+                found[i] *= min(max(*shares, 0), 1) if self.step[i] else 1
+        return found
