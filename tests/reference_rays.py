@@ -60,15 +60,16 @@ class LiteralRays:
         return one and np.linalg.norm(outside) > np.linalg.norm(high - low)
 
     def told(self, i, beams, silent, explained):
-        """Beams that pass a place, that end before, that do so on a surface; and all of them."""
-        passing = ending = hidden = 0
+        """Beams that pass a place, end before, do so on a surface, and end near on none; all."""
+        passing = ending = hidden = near = 0
         for j, share in zip(beams, silent, strict=True):
             farther = self.range[j] - self.range[i]
             farther = np.clip(farther / (3 * self.step[i]), -1, 1) if self.step[i] else 1
             passing += share + (1 - share) * max(farther, 0)
             ending += (1 - share) * max(-farther, 0)
             hidden += (1 - share) * max(-farther, 0) * (j in explained)
-        return np.array([passing, ending, hidden, len(beams)])
+            near += (1 - share) * (1 - abs(farther)) * (j not in explained)
+        return np.array([passing, ending, hidden, near, len(beams)])
 
     def isolation(self, rest, isolation, among_all, gaps, explained):
         """Of the points `rest` by beams next to each, and those next to 16 points around."""
@@ -81,8 +82,8 @@ class LiteralRays:
             apart[i] = np.sqrt(isolation[i] * in_steps)
 
         def empty(told):
-            passing, ending, _, asked = told
-            return passing / (asked - ending) if asked - ending > 1e-12 else 1
+            passing, _, _, near, _ = told
+            return passing / (passing + near) if passing + near > 0 else 1
 
         found = np.zeros(len(isolation))
         for i in rest:
@@ -90,18 +91,18 @@ class LiteralRays:
             together = np.exp(np.mean([np.log(apart[j]) for j in around]))
             share = min(empty(told[i]), empty(sum(told[j] for j in around)))
             found[i] = share * np.sqrt(apart[i] * together) if self.step[i] else isolation[i]
-        return found
+        return np.minimum(found, isolation) if self.far_away() else found
 
     def separation(self, groups, separation, explained):
         """Of the points of groups, by the beams around the whole of each."""
         found = separation.copy()
         for some in groups:
-            told = np.zeros(4)
+            told = np.zeros(5)
             for i in some:
                 strange = [j for j in self.others[i][:64] if j not in some][:8]
                 silent = [float(self.angle[i, j] > 2 * self.usual_angle) for j in strange]
                 told += self.told(i, strange, silent, explained)
-            passing, ending, hidden, asked = told
+            passing, ending, hidden, _, asked = told
             shares = (passing - ending) / (asked or 1), 2 * hidden / (asked or 1) - 1
             for i in some:
                 found[i] *= min(max(*shares, 0), 1) if self.step[i] else 1

@@ -45,7 +45,8 @@ class RayEvidence:
         self.rays = Rays(index.points, origins, RayLimits(), n_jobs, index.empty)
         self.scatter, self.beam_spacing = self.rays.measure(index, planes, limits.explained)
         self.on_sheet = self.scatter > DIFFERS
-        if one_far_position(index.points, origins):
+        self.approximate = one_far_position(index.points, origins)
+        if self.approximate:
             self.on_sheet[:] = False
 
     def settle_sheets(self, planes, distances, least):
@@ -76,11 +77,12 @@ class RayEvidence:
 
         def judge(rows, _, near):
             own = self.empty.take(rows)
-            isolation[rows] = self._isolation(own, self.apart[rows], near[:, 1:])
+            isolation[rows] = self._isolation(
+                off_surface.isolation[rows], own, self.apart[rows], near[:, 1:], step[rows]
+            )
 
         self.others.visit(off_surface.points, AROUND + 1, judge, self.n_jobs)
         self.others.release()
-        isolation = np.where(step > 0, isolation, off_surface.isolation)
         on_sheet = self._on_sheets(
             index.points[rest], lambda r: index.query_own(rest[r]), to_planes
         )
@@ -103,20 +105,23 @@ class RayEvidence:
         empty, beside = Emptiness.of(witnesses, explained), Emptiness.of(strange, explained)
         in_steps = _in_steps(isolation, spacing, witnesses.step)
         near = self.others.query(queries, AROUND, self.n_jobs)[1]
-        judged = self._isolation(empty, in_steps, near)
-        isolation = np.where(witnesses.step > 0, judged, isolation)
+        isolation = self._isolation(isolation, empty, in_steps, near, witnesses.step)
         alone = _separation(separation, beside.together(), witnesses.step)
         on_sheet = self._on_sheets(queries, around.take, to_planes)
         return np.maximum(isolation, on_sheet), np.where(joined, separation, alone)
 
-    def _isolation(self, empty, apart, near):
+    def _isolation(self, isolation, empty, apart, near, step):
         """Isolation of points by what beams say of each, of the off-surface points around it
         (rows of `near`), and by how far apart all of these are: errors in quantity are near each
-        other, and each of them is in empty space."""
+        other, and each of them is in empty space. Points where the sensor is have no ray, and what
+        coordinates say; an approximate position excuses points, and condemns none."""
         around = empty.with_nearest(self.empty, near)
         logs = np.log(np.append(self.apart, 1.0)[near]).sum(axis=1) + np.log(apart)
         around_apart = np.exp(logs / (1 + np.count_nonzero(near < len(self.apart), axis=1)))
-        return np.minimum(empty.alone(), around.alone()) * np.sqrt(apart * around_apart)
+        told = np.minimum(empty.alone(), around.alone()) * np.sqrt(apart * around_apart)
+        if self.approximate:
+            told = np.minimum(told, isolation)
+        return np.where(step > 0, told, isolation)
 
     def _on_sheets(self, queries, neighbors_of, to_planes):
         """How much ranges scatter on the sheet of rays that explains a point; 0 if none does."""

@@ -77,6 +77,8 @@ class Emptiness(NamedTuple):
         Beams that end before the point.
     hidden : ndarray
         Those of them that end on a surface.
+    near : ndarray
+        Beams that end near the point, on no surface.
     asked : ndarray
         All.
     """
@@ -84,6 +86,7 @@ class Emptiness(NamedTuple):
     passing: np.ndarray
     ending: np.ndarray
     hidden: np.ndarray
+    near: np.ndarray
     asked: np.ndarray
 
     @classmethod
@@ -93,17 +96,20 @@ class Emptiness(NamedTuple):
         heard = witnesses.asked - silent
         passing = silent + heard * np.maximum(witnesses.farther, 0.0)
         ending = heard * np.maximum(-witnesses.farther, 0.0)
-        hidden = np.where(on_surface[witnesses.rows], ending, 0.0)
-        return cls(*(part.sum(axis=1) for part in (passing, ending, hidden, witnesses.asked)))
+        met = on_surface[witnesses.rows]
+        hidden = np.where(met, ending, 0.0)
+        near = np.where(met, 0.0, heard * (1 - np.abs(witnesses.farther)))
+        sums = passing, ending, hidden, near, witnesses.asked
+        return cls(*(part.sum(axis=1) for part in sums))
 
     def alone(self):
         """Evidence from 0 to 1 that a place is empty: the share of beams that pass.
 
-        Of those that could tell: a beam that ends before the place has not seen it. If all end
-        before, nothing speaks against what coordinates say.
+        Of those that could tell: a beam that ends before the place has not seen it, and one that
+        ends near it on a surface tells of the surface, not of what is beside it. If no other is
+        left, nothing speaks against what coordinates say.
         """
-        near = np.maximum(self.asked - self.passing - self.ending, 0.0)
-        heard = self.passing + near
+        heard = self.passing + self.near
         return np.where(heard > 0, ratio(self.passing, heard), 1.0)
 
     def take(self, rows):
@@ -249,7 +255,7 @@ class Rays:
 
     def _sums(self, m, ask, on_surface):
         """The `Emptiness` of m points, of which ``ask(part)`` gives the `Witnesses` of a slice."""
-        sums = Emptiness(*np.empty((4, m)))
+        sums = Emptiness(*np.empty((len(Emptiness._fields), m)))
 
         def add(part):
             for field, values in zip(sums, Emptiness.of(ask(part), on_surface), strict=True):

@@ -240,6 +240,28 @@ def test_one_position_far_from_the_cloud_tells_no_sheets():
     assert not one_far_position(X, np.vstack([X[1:], X[:1]]) + 500)
 
 
+def test_one_position_far_from_the_cloud_isolates_no_point():
+    """It is not exact, so it may excuse what is sparse, as twigs are, and condemns nothing."""
+    rng = np.random.default_rng(0)
+    ground = rng.uniform([0, 0, 0], [20, 20, 0.02], (4000, 3))
+    twigs = rng.uniform([0, 0, 1], [20, 20, 4], (200, 3))
+    X = np.vstack([ground, twigs])
+    alone = detector().fit(X).isolation_
+    with_position = detector(sensor_origin=[10, 10, 500]).fit(X).isolation_
+    assert (with_position <= alone).all()
+    assert (with_position < 0.9 * alone)[-200:].any()
+
+
+def test_a_point_beside_a_wall_is_not_excused_by_the_beams_that_meet_the_wall():
+    """Single points off a wall, 20 standard deviations of its noise and 2 of its spacings."""
+    y, z = (g.ravel() for g in np.meshgrid(np.linspace(-1, 1, 41), np.linspace(-1, 1, 41)))
+    rng = np.random.default_rng(0)
+    wall = np.column_stack([5 + rng.normal(0, 0.005, y.size), y, z])
+    errors = np.column_stack([np.full(9, 4.9), *(0.5 * g.ravel() for g in np.mgrid[-1:2, -1:2])])
+    fitted = detector(sensor_origin="origin").fit(np.vstack([wall, errors]))
+    assert (fitted.isolation_[-9:] > 3).all()
+
+
 def test_the_range_to_a_plane_follows_its_tilt():
     """Without noise the ranges of a wall scatter by nothing, however much it is grazed."""
     X = room(n_steps=600, noise=0.0)
@@ -251,7 +273,8 @@ def test_the_range_to_a_plane_follows_its_tilt():
 
 
 def test_witnesses_pass_or_end_before():
-    """A point halfway to a wall is passed by all beams; one behind it is hidden."""
+    """A point halfway to a wall is passed by all beams; one behind it is hidden. Beams that end
+    near a place leave it to coordinates if they end on a surface, and else it is not empty."""
     y, z = (g.ravel() for g in np.meshgrid(np.linspace(-1, 1, 21), np.linspace(-1, 1, 21)))
     wall = np.column_stack([np.full(y.size, 5.0), y, z])
     X = np.vstack([wall, [[2.5, 0.01, 0.02], [9.0, 0.3, 0.3]]])
@@ -263,7 +286,9 @@ def test_witnesses_pass_or_end_before():
         empty.passing, [8, 0, 0], atol=0.1
     )  # of the third, next to the flake, 8 end on it
     assert_allclose(empty.hidden, [0, 8, 0], atol=0.1)
-    assert_allclose(empty.alone(), [1, 1, 0], atol=0.1)
+    assert_allclose(empty.alone(), 1)
+    on_none = rays.next_to(rows, np.zeros(len(X), bool))
+    assert_allclose(on_none.alone(), [1, 1, 0], atol=0.1)
     assert_array_equal(others.asked, 8)
     assert_allclose(others.together(), [1, 1, 0], atol=0.1)
 
