@@ -14,7 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_lidar_turn, make_street
+from sklearn_mcmd.datasets import (
+    make_airborne_scan,
+    make_depth_frame,
+    make_lidar_turn,
+    make_mobile_scan,
+    make_street,
+)
 
 FORMS = ({}, {"strictness": "isolated"}, None)  # None: with the position
 
@@ -33,11 +39,16 @@ def real_clouds(data):
             yield name, X, None, "origin" if name.startswith("fast") else above
 
 
-def simulated_turns():
-    """Turns in snow, whose flakes also are where beams meet nothing else."""
+def simulated_scans():
+    """Turns in snow, whose flakes also are where beams meet nothing else; scans with errors."""
     for snowfall in (1.0, 2.0):
         turn = make_lidar_turn(snow=snowfall, outlier_share=0, random_state=0)
         yield f"make_lidar_turn, {snowfall:g} mm/h", turn.data, turn.target == -1, "origin"
+    for make in (make_mobile_scan, make_airborne_scan, make_depth_frame):
+        for seed in (0, 1):
+            scan = make(outlier_share=0.1, random_state=seed)
+            name = f"{make.__name__}, seed {seed}"
+            yield name, scan.data, scan.target == -1, scan.sensor_origins
 
 
 def simulated_streets():
@@ -53,9 +64,10 @@ def judged(X, position):
     """Which points each form flags, and the ratio of times."""
     flagged, seconds = [], []
     for form in FORMS:
-        parameters = {"sensor_origin": position} if form is None else form
+        known = position if form is None else None
         start = time.process_time()
-        flagged.append(MCMDOutlierDetector(random_state=0, **parameters).fit_predict(X) == -1)
+        detector = MCMDOutlierDetector(random_state=0, **(form or {}))
+        flagged.append(detector.fit_predict(X, sensor_origin=known) == -1)
         seconds.append(time.process_time() - start)
     return flagged, seconds[2] / seconds[0]
 
@@ -80,7 +92,7 @@ def main():
     options = parser.parse_args()
     judged(np.random.default_rng(0).random((3000, 3)), [0.5, 0.5, 9.0])  # compiles
     print("cloud: F1 / real points flagged, by coordinates, isolated, with the position; time")
-    for name, X, outlier, position in chain(real_clouds(Path(options.data)), simulated_turns()):
+    for name, X, outlier, position in chain(real_clouds(Path(options.data)), simulated_scans()):
         real = np.ones(len(X), dtype=bool) if outlier is None else ~outlier
         forms, ratio = judged(X, position)
         cells = [f"{100 * flagged[real].mean():.2f}" for flagged in forms]

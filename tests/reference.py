@@ -169,10 +169,10 @@ def judged(X, k, trials, h, noise=None, sensor=None):
         return [usable[i] and part.count(part[i]) >= least for i in range(n)]
 
     # Planes that contain the rays are no surfaces.
-    scatter, beam_spacing, sheet = np.zeros(n), np.zeros(n), np.zeros(n, bool)
+    scatter, sheet = np.zeros(n), np.zeros(n, bool)
     if sensor is not None:
         rays = LiteralRays(points, np.broadcast_to(sensor, X.shape)[first])
-        scatter, beam_spacing = rays.of_planes(planes, sd, near)
+        scatter = rays.of_planes(planes, sd, near)
         sheet = (scatter > 3) & (not rays.far_away())
     explains = large_parts(usable & ~sheet, min(k, n / 5))
     sheet = large_parts(usable & sheet, 0.5 * min(k, n / 5))
@@ -193,7 +193,7 @@ def judged(X, k, trials, h, noise=None, sensor=None):
         return np.mean([*found, *missing][:8])
 
     extent = np.linalg.norm(points.max(axis=0) - points.min(axis=0))
-    to_others = [max(mean_of_8(i, near[i, :9], 0), beam_spacing[i]) for i in range(n)]
+    to_others = [mean_of_8(i, near[i, :9], 0) for i in range(n)]
     reference = explained or range(n)
     usual, among_all, isolation, separation = {}, {}, np.zeros(n), np.zeros(n)
     for i in rest:

@@ -31,9 +31,9 @@ class LiteralRays:
         self.step = np.minimum(self.mean_angle, 2 * self.usual_angle) * self.range
 
     def of_planes(self, planes, sd, near):
-        """How much ranges scatter beside a plane, in steps, and how far beams are on it."""
+        """How much ranges scatter beside a plane, in steps."""
         n = len(self.points)
-        left, alone, spacing = np.zeros(n), np.full(n, np.inf), np.zeros(n)
+        left, alone = np.zeros(n), np.full(n, np.inf)
         for i in range(n):
             center, normal = planes[i][:2]
             away = {j: np.linalg.norm(self.points[j] - self.points[i]) for j in self.others[i][:8]}
@@ -42,7 +42,6 @@ class LiteralRays:
             farther = np.array([0, *(self.range[j] - self.range[i] for j in met)])
             line = np.column_stack([np.ones(len(tilt)), tilt])
             farther = farther - line @ np.linalg.lstsq(line, farther)[0]
-            spacing[i] = np.mean([away[j] for j in met]) if met else 0
             if self.step[i] > 0:
                 left[i] = np.sqrt(np.mean(farther**2)) / self.step[i]
                 alone[i] = min(away.values()) / self.step[i]
@@ -50,7 +49,7 @@ class LiteralRays:
             min(np.median(left[near[i, :9]]), np.median(alone[near[i, :9]]) / 1.25 * 3)
             for i in range(n)
         ]
-        return np.array(scatter), spacing
+        return np.array(scatter)
 
     def far_away(self):
         """Whether one position is farther from the cloud than that is large."""
@@ -62,22 +61,22 @@ class LiteralRays:
     def told(self, i, beams, silent, explained):
         """Beams that pass a place, end before, do so on a surface, and end near on none; all."""
         passing = ending = hidden = near = 0
-        for j, share in zip(beams, silent, strict=True):
+        for j, no_echo in zip(beams, silent, strict=True):
             farther = self.range[j] - self.range[i]
             farther = np.clip(farther / (3 * self.step[i]), -1, 1) if self.step[i] else 1
-            passing += share + (1 - share) * max(farther, 0)
-            ending += (1 - share) * max(-farther, 0)
-            hidden += (1 - share) * max(-farther, 0) * (j in explained)
-            near += (1 - share) * (1 - abs(farther)) * (j not in explained)
+            farther = 1 if no_echo else farther
+            passing += max(farther, 0)
+            ending += max(-farther, 0)
+            hidden += max(-farther, 0) * (j in explained)
+            near += (1 - abs(farther)) * (j not in explained)
         return np.array([passing, ending, hidden, near, len(beams)])
 
     def isolation(self, rest, isolation, among_all, gaps, explained):
         """Of the points `rest` by beams next to each, and those next to 16 points around."""
         told, apart = {}, {}
         for i in rest:
-            silent = 1 - min(1, self.usual_angle / self.mean_angle[i]) ** 2
             beams = self.others[i][:8]
-            told[i] = self.told(i, beams, [silent] * len(beams), explained)
+            told[i] = self.told(i, beams, [False] * len(beams), explained)
             in_steps = among_all[i] / self.step[i] if self.step[i] else isolation[i]
             apart[i] = np.sqrt(isolation[i] * in_steps)
 
@@ -100,7 +99,7 @@ class LiteralRays:
             told = np.zeros(5)
             for i in some:
                 strange = [j for j in self.others[i][:64] if j not in some][:8]
-                silent = [float(self.angle[i, j] > 2 * self.usual_angle) for j in strange]
+                silent = [self.angle[i, j] > 2 * self.usual_angle for j in strange]
                 told += self.told(i, strange, silent, explained)
             passing, ending, hidden, _, asked = told
             shares = (passing - ending) / (asked or 1), 2 * hidden / (asked or 1) - 1

@@ -119,7 +119,7 @@ class JudgedCloud:
             planes, *spacings = self.measure_planes() if measured is None else measured()
         with progress_part(begin, 1.0, "outliers"):
             with progress_part(0.0, 0.4):
-                owners, distances, spacings[1] = self._find_surfaces(planes, spacings[1])
+                owners, distances = self._find_surfaces(planes)
             _, least = least_of(index.n_neighbors, len(index.points), n_points)
             places = Places.of(index, counts, self.explained, *spacings)
             del planes, spacings
@@ -209,11 +209,8 @@ class JudgedCloud:
         n_near = self.off_surface_limits.n_near
         return both_spacings(self.model.index.points, self.counts, points, near, n_near)
 
-    def _find_surfaces(self, planes, spacing):
-        """What explains points: its rows, and how far from it they are; and the usual spacings.
-
-        These are the `spacing`, or what beams make of the surfaces around if that is larger.
-        """
+    def _find_surfaces(self, planes):
+        """What explains points: its rows, and how far from it they are."""
         index = self.model.index
         points, n, k = index.points, len(index.points), index.n_neighbors
         limits, chunk = self.surface_limits, self.model.chunk()
@@ -228,7 +225,7 @@ class JudgedCloud:
         (least, _), barred = least_of(k, n, n), None
         if self.origins is not None:
             self.rays = RayEvidence(index, self.origins, self.planes, limits, self.n_jobs)
-            spacing, barred = np.maximum(spacing, self.rays.beam_spacing), self.rays.on_sheet
+            barred = self.rays.on_sheet
         with progress_part(0.0, 0.6):
             self.explaining = find_surfaces(index, planes, distances, least, limits, barred)
         if self.rays is not None:
@@ -244,7 +241,7 @@ class JudgedCloud:
         self.explained_scale = None
         if self.strictness == "surfaces":
             self.explained_scale = self.planes.scale[owners[self.explained]]
-        return owners, distances, spacing
+        return owners, distances
 
     def to_planes(self, queries, neighbors_of, wanted, precision=0.0):
         """The nearest of the planes that are wanted among each query's neighbors: its row, and the

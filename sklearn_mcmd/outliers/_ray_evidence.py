@@ -34,8 +34,6 @@ class RayEvidence:
         How much the ranges of beams differ from a plane, in steps; see `Rays.measure`.
     on_sheet : ndarray of bool of shape (n,)
         Points whose planes contain the rays to them, which are part of no surface.
-    beam_spacing : ndarray of shape (n,)
-        Mean distance of each point to those of the beams next to it, on its plane.
     by_sheet : ndarray of bool of shape (m,)
         Off-surface points which a sheet of rays isolates, found by `judge`.
     """
@@ -43,7 +41,7 @@ class RayEvidence:
     def __init__(self, index, origins, planes, limits, n_jobs):
         self.index, self.limits, self.n_jobs = index, limits, n_jobs
         self.rays = Rays(index.points, origins, RayLimits(), n_jobs, index.empty)
-        self.scatter, self.beam_spacing = self.rays.measure(index, planes, limits.explained)
+        self.scatter = self.rays.measure(index, planes, limits.explained)
         self.on_sheet = self.scatter > DIFFERS
         self.approximate = one_far_position(index.points, origins)
         if self.approximate:
@@ -55,7 +53,6 @@ class RayEvidence:
         self.on_sheet = find_surfaces(
             self.index, planes, distances, least, self.limits, ~self.on_sheet
         )
-        self.beam_spacing = None
 
     def judge(self, off_surface, spacing, explained, to_planes):
         """Isolation and separation of all points that no surface explains.

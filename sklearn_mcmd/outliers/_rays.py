@@ -52,18 +52,15 @@ class Witnesses(NamedTuple):
         Of the points that the beams met.
     asked : ndarray of bool of shape (m, k)
         Which of them are asked.
-    silent : ndarray of shape (m, k)
-        Share of the beams there that got no echo.
     farther : ndarray of shape (m, k)
         1 where the beam passes the point and goes on, -1 where it ends before, and between the
-        two where it ends nearby.
+        two where it ends nearby. 1 of beams without an echo, too.
     step : ndarray of shape (m,)
         0 of points where the sensor is.
     """
 
     rows: np.ndarray
     asked: np.ndarray
-    silent: np.ndarray
     farther: np.ndarray
     step: np.ndarray
 
@@ -72,7 +69,7 @@ class Emptiness(NamedTuple):
     """What the beams next to points say about their places: sums over the beams, of shape (m,).
 
     passing : ndarray
-        Beams that go on behind the point, and those without an echo. The place is empty.
+        Beams that go on behind the point, or have no echo. The place is empty.
     ending : ndarray
         Beams that end before the point.
     hidden : ndarray
@@ -92,14 +89,12 @@ class Emptiness(NamedTuple):
     @classmethod
     def of(cls, witnesses, on_surface):
         """From `Witnesses`, and which points of the cloud a surface explains."""
-        silent = np.where(witnesses.asked, witnesses.silent, 0.0)
-        heard = witnesses.asked - silent
-        passing = silent + heard * np.maximum(witnesses.farther, 0.0)
-        ending = heard * np.maximum(-witnesses.farther, 0.0)
-        met = on_surface[witnesses.rows]
+        rows, asked, farther, _ = witnesses
+        passing, ending = asked * np.maximum(farther, 0.0), asked * np.maximum(-farther, 0.0)
+        met = on_surface[rows]
         hidden = np.where(met, ending, 0.0)
-        near = np.where(met, 0.0, heard * (1 - np.abs(witnesses.farther)))
-        sums = passing, ending, hidden, near, witnesses.asked
+        near = np.where(met, 0.0, asked * (1 - np.abs(farther)))
+        sums = passing, ending, hidden, near, asked
         return cls(*(part.sum(axis=1) for part in sums))
 
     def alone(self):
@@ -179,8 +174,7 @@ class Rays:
         self.unit = None if (origins == origins[0]).all() else np.median(self.ranges[seen])
         self._index(self._places(self.directions, origins))
         self.n_beams = k = min(limits.n_beams, len(self.cloud.points) - 1)
-        self._beams, self._angles = empty((n, k), np.int32), empty((n, k), float)
-        means = empty(n, float)
+        self._beams, means = empty((n, k), np.int32), empty(n, float)
         self._search(k, empty, means)
         self.usual_angle = float(np.median(means[seen]))
         self._step = self._steps(means, self.ranges)
@@ -194,19 +188,19 @@ class Rays:
         self._place_of[order] = self.cloud.places
 
     def _search(self, k, empty, means):
-        """Find the k beams next to each ray, and their angles; their means are filled, too."""
+        """Find the k beams next to each ray; the means of their angles are filled, too."""
         cloud, n_places = self.cloud, len(self.cloud.points)
-        beams, angles = empty((n_places, k), np.int32), empty((n_places, k), float)
+        beams, of_places = empty((n_places, k), np.int32), empty(n_places, float)
 
         def search(rows):
             found = cloud.neighbors(rows, k + 1, 0)[:, 1:]
             beams[rows] = self.rows[found]
-            angles[rows] = distances_between(cloud.points[found], cloud.points[rows])
+            angles = distances_between(cloud.points[found], cloud.points[rows])
+            of_places[rows] = angles.mean(axis=1)
 
         def spread(rows):
             places = self._place_of[rows]
-            self._beams[rows], self._angles[rows] = beams[places], angles[places]
-            means[rows] = self._angles[rows].mean(axis=1)
+            self._beams[rows], means[rows] = beams[places], of_places[places]
 
         each_slice(n_places, CHUNK, search, self.n_jobs)
         each_slice(len(means), CHUNK, spread, self.n_jobs)
@@ -219,15 +213,14 @@ class Rays:
 
     def release(self):
         """Forget what only the points themselves ask for."""
-        self._beams = self._angles = self._step = self._place_of = None
+        self._beams = self._step = self._place_of = None
 
     def next_to(self, rows, on_surface):
         """The `Emptiness` of the places of some of the points."""
 
         def ask(part):
             own = rows[part]
-            beams, angles, ranges = self._beams[own], self._angles[own], self.ranges[own]
-            return self._next(beams, angles, ranges, self._step[own])
+            return self._witnesses(self._beams[own], self.ranges[own], self._step[own])
 
         return self._sums(len(rows), ask, on_surface)
 
@@ -248,8 +241,8 @@ class Rays:
             angles, beams = angles[:, 1:], self.rows[found[:, 1:]]
             strange = group[beams] != group[own][:, None]
             strange &= np.cumsum(strange, axis=1) <= k
-            silent = angles > self.limits.usual * self.usual_angle
-            return self._asked(beams, strange, silent, ranges[part], self._step[own])
+            witnesses = self._witnesses(beams, ranges[part], self._step[own], angles)
+            return witnesses._replace(asked=strange)
 
         return self._sums(len(rows), ask, on_surface)
 
@@ -272,8 +265,11 @@ class Rays:
         ranks = np.arange(1, self.n_beams + 1)
         angles, near = self.cloud.tree.query(self._places(directions, origins), k=ranks)
         step = self._steps(angles.mean(axis=1), ranges)
-        witnesses = self._next(self.rows[near], angles, ranges, step)
-        return witnesses, witnesses._replace(silent=angles > self.limits.usual * self.usual_angle)
+        beams = self.rows[near]
+        return (
+            self._witnesses(beams, ranges, step),
+            self._witnesses(beams, ranges, step, angles),
+        )
 
     def steps(self, rows):
         """Steps at some of the points; 0 of points where the sensor is."""
@@ -282,16 +278,13 @@ class Rays:
     def _steps(self, mean_angles, ranges):
         return np.minimum(mean_angles, self.limits.usual * self.usual_angle) * ranges
 
-    def _next(self, beams, angles, ranges, step):
-        """The `Witnesses` next to rays. Where they are sparser than usual, beams are missing."""
-        missing = 1 - np.minimum(ratio(self.usual_angle, angles.mean(axis=1)), 1.0) ** 2
-        silent = np.broadcast_to(missing[:, None], beams.shape)
-        return self._asked(beams, np.ones(beams.shape, dtype=bool), silent, ranges, step)
-
-    def _asked(self, beams, asked, silent, ranges, step):
+    def _witnesses(self, beams, ranges, step, angles=0.0):
+        """What these beams tell, all of which are asked. Where the angles to the next ones are
+        unusual, nearer beams had no echo."""
         farther = self.ranges[beams] - ranges[:, None]
         farther = np.clip(ratio(farther, DIFFERS * step[:, None]), -1.0, 1.0)
-        return Witnesses(beams, asked, silent, farther, step)
+        farther = np.where(angles > self.limits.usual * self.usual_angle, 1.0, farther)
+        return Witnesses(beams, np.ones(beams.shape, bool), farther, step)
 
     def measure(self, index, planes, explained):
         """How planes look from the sensor.
@@ -303,15 +296,13 @@ class Rays:
 
         Returns, of each point, what the tilt of the plane leaves of the ranges of the beams that
         meet it, in steps: the median of the points nearby, less where most have a beam's point at
-        hand; and the mean distance to the beams' points on the plane, 0 where there is none.
+        hand.
         """
         n, limits = len(self.points), self.limits
-        scatter, alone, spacing, agreed = (index.empty(n) for _ in range(4))
+        scatter, alone, agreed = (index.empty(n) for _ in range(3))
 
         def look(rows):
-            scatter[rows], alone[rows], spacing[rows] = self._look(
-                rows, planes.take(rows), explained
-            )
+            scatter[rows], alone[rows] = self._look(rows, planes.take(rows), explained)
 
         each_slice(n, CHUNK, look, self.n_jobs)
 
@@ -321,7 +312,7 @@ class Rays:
             agreed[rows] = np.minimum(np.median(scatter[near], axis=1), beams_apart)
 
         each_slice(n, index.chunk, agree, self.n_jobs)
-        return agreed, spacing
+        return agreed
 
     def _look(self, rows, planes, explained):
         beams, step = self._beams[rows], self._step[rows]
@@ -332,12 +323,7 @@ class Rays:
         tilt = self.directions[beams] - self.directions[rows][:, None]
         tilt = np.einsum("mkd,md->mk", tilt, planes.normals)
         farther = self.ranges[beams] - self.ranges[rows][:, None]
-        spacing = ratio(np.where(met, away, 0.0).sum(axis=1), np.count_nonzero(met, axis=1))
-        return (
-            ratio(_left_by_line(tilt, farther, met), step),
-            ratio(away.min(axis=1), step),
-            spacing,
-        )
+        return ratio(_left_by_line(tilt, farther, met), step), ratio(away.min(axis=1), step)
 
 
 def one_far_position(points, origins):

@@ -62,7 +62,7 @@ COSTS = {
 # Numbers of neighbors are found, rays are followed, and there is a position for each point.
 MORE = {
     "auto": Costs(1300, 370, 750, 80, "finds the numbers of neighbors of"),
-    "rays": Costs(0, 280, 650, 200, "follows the rays to"),
+    "rays": Costs(0, 155, 650, 200, "follows the rays to"),
     "positions": Costs(0, 50, 500, 24, "holds positions for"),
     "trajectory": Costs(0, 50, 500, 30, "keeps the times of"),
     "angles": Costs(0, 50, 750, 300, "adjusts the flight lines of"),
