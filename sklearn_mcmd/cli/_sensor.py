@@ -23,21 +23,22 @@ AUTO, NONE = "auto", "none"
 NAMES = "intensity", "reflectance", "reflectivity"
 
 
-def _position(text):
-    """auto, or three coordinates."""
-    if text == AUTO:
-        return AUTO
+def _position(text, words=(AUTO,)):
+    """One of these words, or three coordinates."""
+    if text in words:
+        return text
     try:
         position = tuple(float(part) for part in text.split(","))
     except ValueError:
         position = ()
     if len(position) != 3 or not np.isfinite(position).all():
-        raise typer.BadParameter(f"{text} is no word for it, and no position, such as 0,0,0")
+        choices = ", ".join(words)
+        raise typer.BadParameter(f"{text} is neither {choices} nor a position, such as 0,0,0")
     return position
 
 
 def _position_or_none(text):
-    return NONE if text == NONE else _position(text)
+    return _position(text, (AUTO, NONE))
 
 
 SensorOrigin = Annotated[

@@ -130,7 +130,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         Where the sensor stood, in units of X. "origin" is the origin of the coordinates, where
         a turn of a spinning scanner or a depth image has it. "auto" takes the origin if the cloud
         shows that it was taken from there, see :ref:`recognized`, and else None. `fit` takes a
-        position for each point. With it, company is measured in the distance between beams at
+        position for each point. With it, company also counts in the distance between beams at
         the range of a point. What beams pass on their way to the background is empty space, and
         surfaces that contain the rays are mixed pixels. See :ref:`sensor`. None goes by
         coordinates alone.

@@ -225,7 +225,7 @@ def test_a_turn_is_recognized_unless_that_is_refused(turn, tmp_path, small_machi
         (("--sensor", "auto"), "no position of the sensor is known"),
         (("--sensor", "0,0,0", "--strictness", "paper"), "--sensor has no meaning"),
         (("--trajectory", "missing.csv"), "missing.csv"),
-        (("--sensor", "1,2"), "1,2 is no word for it, and no position"),
+        (("--sensor", "1,2"), "1,2 is neither auto, none nor a position"),
     ],
 )
 def test_a_position_that_cannot_be_used_is_refused(turn, tmp_path, options, message):
