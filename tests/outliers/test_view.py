@@ -41,6 +41,17 @@ def cylinder():
     return np.column_stack([np.cos(turns), np.sin(turns), height])
 
 
+def rough_globe():
+    """A body around the origin whose points lie on meridians, at even steps of angle."""
+    turns, down = np.meshgrid(
+        np.linspace(0, 2 * np.pi, 120, endpoint=False), np.linspace(0.1, 3, 60)
+    )
+    turns, down = turns.ravel(), down.ravel()
+    level = np.cos(turns) * np.sin(down), np.sin(turns) * np.sin(down)
+    rough = np.random.default_rng(0).uniform(1, 1.3, (turns.size, 1))
+    return np.column_stack([*level, np.cos(down)]) * rough
+
+
 @pytest.fixture(scope="module")
 def turn():
     return make_lidar_turn(8_000, random_state=0).data
@@ -82,6 +93,7 @@ NEVER = {
     "cylinder": cylinder,
     "sphere": sphere,
     "ellipsoid": lambda: sphere() * [1, 1.5, 2],
+    "globe": rough_globe,
     "volume": lambda: np.random.default_rng(0).uniform(-1, 1, (4_000, 3)),
     "normal": lambda: np.random.default_rng(0).normal(size=(300, 3)),
     "copies": lambda: np.ones((50, 3)),
