@@ -4,7 +4,7 @@ import numpy as np
 
 from sklearn_mcmd.runtime._kernels import kernel
 
-__all__ = ["find_lenders"]
+__all__ = ["cost_of_plane", "find_lenders", "height_over", "localize"]
 
 
 def find_lenders(points, queries, around, planes, most, limits, lenders):
@@ -19,37 +19,50 @@ def _find_lenders(points, queries, around, planes, most, limits, arrays, lenders
     patch, heights = arrays[:d], arrays[d]
     for i in range(len(queries)):
         size = around.sizes[i]
-        n = _localize(points, queries[i], around.indices[i], size, limits.patch, patch)
+        n = localize(points, queries[i], around.indices[i], size, limits.patch, patch)
         lenders[i] = -1
         least_cost, best_first = np.inf, False
         for j in range(size):
             row = around.indices[i, j]
-            if not planes.scale[row] > 0.0:
-                continue
-            height = reach = 0.0
-            for axis in range(d):
-                gap = queries[i, axis] - planes.centroids[row, axis]
-                height += gap * planes.normals[row, axis]
-                reach += gap * gap
-            if not np.sqrt(reach) <= planes.radius[row]:
-                continue
+            height = height_over(planes, row, queries[i])
             variance = planes.scale[row] * planes.scale[row]
             distance = height * height / variance
             first = (
                 variance <= most[i] * most[i] and distance <= limits.explained * limits.explained
             )
-            if best_first and not first:
+            if not distance < np.inf or (best_first and not first):
                 continue
-            _others(patch, n, planes.normals[row], height, heights)
-            cost = np.log(variance) - 2.0 * np.log(planes.kept[row])
-            cost += 0.5 * (distance + _weighted(heights, n, variance, limits.explained))
+            cost = cost_of_plane(planes, row, height, limits, patch, n, heights)
             if cost < np.inf and ((first and not best_first) or cost < least_cost):
                 lenders[i] = row
                 least_cost, best_first = cost, first
 
 
-@kernel
-def _localize(points, query, row, size, share, patch):
+@kernel(inline="always")
+def height_over(planes, row, query):
+    """Height of a query above the plane of a row; inf where that is none, or does not reach it."""
+    height = reach = 0.0
+    for axis in range(len(query)):
+        gap = query[axis] - planes.centroids[row, axis]
+        height += gap * planes.normals[row, axis]
+        reach += gap * gap
+    reached = planes.scale[row] > 0.0 and np.sqrt(reach) <= planes.radius[row]
+    return height if reached else np.inf
+
+
+@kernel(inline="always")
+def cost_of_plane(planes, row, height, limits, patch, n, heights):
+    """Minus twice the logarithm of how likely the plane of a row is that of a patch, whose query
+    is at this height above it."""
+    variance = planes.scale[row] * planes.scale[row]
+    _others(patch, n, planes.normals[row], height, heights)
+    cost = np.log(variance) - 2.0 * np.log(planes.kept[row])
+    distances = height * height / variance + _weighted(heights, n, variance, limits.explained)
+    return cost + 0.5 * distances
+
+
+@kernel(inline="always")
+def localize(points, query, row, size, share, patch):
     """Fill the coordinates of the patch from the query, and return its number of points."""
     same = True
     for axis in range(len(query)):
@@ -62,7 +75,7 @@ def _localize(points, query, row, size, share, patch):
     return n
 
 
-@kernel
+@kernel(inline="always")
 def _others(patch, n, normal, height, heights):
     """Fill the heights of the patch above a plane."""
     for j in range(n):
@@ -72,10 +85,10 @@ def _others(patch, n, normal, height, heights):
             heights[j] += normal[axis] * patch[axis, j]
 
 
-@kernel
+@kernel(inline="always")
 def _weighted(heights, n, variance, explained):
     """Weighted mean of squared distances in standard deviations, each limited."""
-    total = 0.0
+    total, most = 0.0, explained * explained * variance
     for j in range(n):
-        total += (n - j) * min(heights[j] * heights[j] / variance, explained * explained)
-    return total / max(0.5 * n * (n + 1), 1.0)
+        total += (n - j) * min(heights[j] * heights[j], most)
+    return total / (max(0.5 * n * (n + 1), 1.0) * variance)

@@ -12,6 +12,7 @@ import numpy as np
 
 from sklearn_mcmd.normals._crease_test import are_folded, quadric_normals
 from sklearn_mcmd.normals._neighbor_planes import find_lenders
+from sklearn_mcmd.normals._plane_doubt import doubted_errors
 from sklearn_mcmd.normals._quadrics import CHANCE
 from sklearn_mcmd.normals._smoothness import is_smooth, whole_planes
 from sklearn_mcmd.planes._around import extents
@@ -94,20 +95,24 @@ class SurfacePlanes:
         index, members = self.model.index, self.members
         m, lenders = len(index.points), np.full(len(index.points), -1, dtype=np.int32)
 
-        def ask(rows):
-            lenders[rows] = self.lenders(rows)
+        errors = np.empty(m)
+
+        def settle(rows):
+            lenders[rows], planes = self.settled(rows)
+            errors[rows] = planes.normal_error
 
         with progress_part(0.0, 0.8, "normals"):
             each_slice(m, self.model.chunk(), self.fit_own, n_jobs)
         with progress_part(0.8, 1.0, "normals next to edges"):
             with progress_part(0.0, 0.5):
                 each_slice(m, self.model.chunk(), self.bend, n_jobs)
-            if self.lends:
-                with progress_part(0.5, 1.0):
-                    each_slice(m, self.model.chunk(), ask, n_jobs)
+            with progress_part(0.5, 1.0):
+                each_slice(m, self.model.chunk(), settle, n_jobs)
         self.borrowing = np.flatnonzero(lenders >= 0)
         self.before = members.planes.take(self.borrowing)
+        self.errors = members.planes.normal_error.copy()
         self.lend(members.planes, self.borrowing, members.planes, lenders[self.borrowing])
+        members.planes.normal_error[:] = errors
         places, rows = index.places, index.rows
         self.planes = _moved(members.planes, places)
         self.members = members._replace(planes=None)
@@ -129,15 +134,13 @@ class SurfacePlanes:
         self._bend(index.points[rows], own, forms[rows], left[rows], around, noise)
         left[rows] = np.where(forms[rows] == BENT, left[rows], own.scale)
 
-    def lenders(self, rows):
-        """Whose planes some rows are to take, once all are bent; -1 of those that keep theirs."""
-        index, (planes, forms, _, left) = self.model.index, self.members
-        own, lenders = planes.take(rows), np.full(rows.stop - rows.start, -1)
-        rough = _rough(own, forms[rows])
-        around = index.query_own(rows.start + rough)
-        lent = planes._replace(scale=left)
-        lenders[rough] = self._lenders(index.points[rows], own, rough, around, lent)
-        return lenders
+    def settled(self, rows):
+        """Whose planes some rows take, once all are bent, -1 of those that keep theirs; and the
+        planes that they have in the end."""
+        index, members = self.model.index, self.members
+        planes = members.planes.take(np.arange(rows.start, rows.stop))  # a copy
+        found = index.points[rows], planes, members.forms[rows], index.query_own(rows)
+        return self._settle(*found, members.planes), planes
 
     def evaluate(self, queries, n_jobs):
         """Planes of any queries (m, d) of a cloud that was fitted."""
@@ -156,18 +159,29 @@ class SurfacePlanes:
         own, members = Planes.empty(*points.shape), self.members
         forms, _, left = self._own(points, own, around)
         self._bend(points, own, forms, left, around, members.noise)
-        if self.lends:
-            rough, lent = _rough(own, forms), all_planes._replace(scale=members.left)
-            lenders = self._lenders(points, own, rough, around.take(rough), lent)
-            borrowing = lenders >= 0
-            self.lend(own, rough[borrowing], all_planes, lenders[borrowing])
+        self._settle(points, own, forms, around, all_planes)
         return own
+
+    def _settle(self, points, planes, forms, around, all_planes):
+        """Lend planes where these are needed, and let errors of normals have the doubt which plane
+        is right, in place. Returns the lenders (m,), -1 where a point keeps its plane."""
+        lenders, members = np.full(len(points), -1), all_planes._replace(scale=self.members.left)
+        if self.lends:
+            rough = _rough(planes, forms)
+            lenders[rough] = self._lenders(points, planes, rough, around.take(rough), members)
+            borrowing = np.flatnonzero(lenders >= 0)
+            self.lend(planes, borrowing, all_planes, lenders[borrowing])
+        queries = np.ascontiguousarray(points, dtype=np.float64)
+        planes.normal_error[:] = doubted_errors(
+            self.model.index.points, queries, around, planes, members, forms == BENT
+        )
+        return lenders
 
     def _members(self):
         """The planes of the index's points before any was lent."""
         planes = self.planes.take(self.model.index.rows)
         planes.put(self.borrowing, self.before)
-        return planes
+        return planes._replace(normal_error=self.errors)
 
     def _robust(self, points, around):
         precision = np.finfo(points.dtype).eps

@@ -273,12 +273,7 @@ def _tell_cell(cell, job, name="normals"):
         if surfaces is None:
             found, _ = model.evaluate_neighborhoods(index.points[rows], index.query_own(rows))
             return planes.put(part, found)
-        members = surfaces.members.planes
-        planes.put(part, members.take(rows))
-        if surfaces.lends:
-            lenders = surfaces.lenders(rows)
-            borrowing = np.flatnonzero(lenders >= 0)
-            surfaces.lend(planes, part.start + borrowing, members, lenders[borrowing])
+        planes.put(part, surfaces.settled(rows)[1])
 
     _each_part(own, model, find, job.n_threads)
     X, (cells, columns) = index.points[own].astype(job.constants.dtype), job.open()

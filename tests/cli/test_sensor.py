@@ -25,9 +25,7 @@ def test_a_position_is_three_numbers_or_auto():
 
 @pytest.mark.parametrize("text", ["", "1,2", "1,2,3,4", "1,2,x", "0,0,nan", "origin"])
 def test_other_positions_are_wrong_usage(text):
-    with pytest.raises(
-        typer.BadParameter, match="is neither auto nor a position, such as 0,0,0"
-    ):
+    with pytest.raises(typer.BadParameter, match="is neither auto nor a position, such as 0,0,0"):
         _position(text)
 
 
