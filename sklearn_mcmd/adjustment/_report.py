@@ -98,7 +98,8 @@ def text_report(
         f"point of the plane    {point_row(detector, suffix)}",
     ]
     if detector.surface == "vertical":
-        lines.append(f"slopes                {_with_error(detector.coef_, _slope_error(detector))}")
+        errors = np.sqrt(np.diag(detector.precision().slopes_covariance)[:-1])
+        lines.append(f"slopes                {_with_error(detector.coef_, errors.max())}")
     lines += [
         f"tilt from horizontal  {tilt(detector)}",
     ]
@@ -200,21 +201,13 @@ def sign_of_residuals(detector):
 
 def normal_row(detector):
     """The normal and the standard error of its direction, in radians."""
-    error = _slope_error(detector)
-    if detector.surface == "vertical":
-        error *= abs(detector.normal_[-1])
-    return _with_error(detector.normal_, error)
+    return _with_error(detector.normal_, np.radians(detector.precision().ellipse[0]))
 
 
 def point_row(detector, suffix):
     """The center of the points that pass, and the standard error of the plane there."""
     plane = detector._plane
     return _with_error(plane.center, detector._scale / np.sqrt(plane.sum_weights)) + suffix
-
-
-def _slope_error(detector):
-    """Largest standard error of the plane's slope, in any direction along it."""
-    return detector._scale * np.linalg.norm(detector._plane.axes, 2)
 
 
 def _with_error(values, error):
@@ -282,8 +275,8 @@ def share(part, total):
 
 def tilt(detector):
     """Angle between the plane and the horizontal plane, in words."""
-    degrees = np.rad2deg(np.arccos(min(abs(detector.normal_[-1]), 1.0)))
-    digits = min(_digits(np.rad2deg(_slope_error(detector))), 6)
+    degrees = detector.precision().tilt
+    digits = min(_digits(detector.precision().ellipse[0]), 6)
     return f"{degrees:.{digits}f} degrees"
 
 
