@@ -92,7 +92,7 @@ def flatness(detector: PlaneDetector, X: ArrayLike, tolerance: float) -> PlaneFl
         uncertainty = factor * scale / length * np.sqrt(1 / weights + spread)
     exceeded = distances - uncertainty > half
     verdict = "kept" if np.all(distances + uncertainty <= half) else "undecided"
-    passed = X[detector.labels_ == 1]
+    passed = X[detector.labels_ == max(detector.labels_)]  # all, if none passes
     zone = np.ptp(adjust_plane(passed, surface="orthogonal").evaluate(passed)[0])
     return PlaneFlatness(
         float(tolerance), len(X), int(np.count_nonzero(distances > half)),

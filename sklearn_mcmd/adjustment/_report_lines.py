@@ -34,15 +34,18 @@ def with_heading(title, rows):
 
 def precision_rows(detector, X, unit):
     """Standard errors a posteriori, and how much they change a priori."""
-    precision = detector.precision()
+    is_exact = detector._scale == detector._rounding_of(detector._plane.direction)
+    variance = "prior" if is_exact else "posterior"
+    precision = detector.precision(variance)
     center = quantile(0.95, precision.dof) * precision.offset_error
-    plane, point = detector.band(X[detector.support_])
+    plane, point = detector.band(X[detector.support_], variance=variance)
     prior = "there are none a priori, because sigma0 is estimated"
-    if detector.sigma0 != "auto" and precision.scale > 0:
+    if detector.sigma0 != "auto":
         prior = f"a priori {detector.sigma0_ / precision.scale:.3g} times as large"
+    posterior = f"with {precision.dof:g} degrees of freedom; {prior}"
     distance_error = float(np.sqrt(precision.covariance[-1, -1]))
     rows = {
-        "a posteriori": f"with {precision.dof:g} degrees of freedom; {prior}",
+        "a posteriori": "the points have no noise; these are a priori" if is_exact else posterior,
         "normal": f"ellipse {' x '.join(f'{error:.2g}' for error in precision.ellipse)}, cone "
         f"{precision.cone:.2g} degrees; 95 %: {precision.confidence_factor():.2f} ellipses",
         "tilt": _plus_minus(precision.tilt, precision.tilt_error, " degrees"),

@@ -152,6 +152,13 @@ def test_the_b_method_gives_the_global_test_the_level_of_the_same_bias():
     assert FuzzyPlaneDetector(0.05).fit(X).global_test_level_ == 0.05
 
 
+def test_without_worst_points_there_are_no_pairs():
+    X = cloud()
+    told = BaardaPlaneDetector(sigma0=SIGMA).fit(X).reliability(X, n_worst=0)
+    assert told.pairs.shape == (0, 2)
+    assert told.identifiable_bias.shape == (0,)
+
+
 def test_what_cannot_be_is_refused():
     X = cloud()
     detector = BaardaPlaneDetector(sigma0=SIGMA).fit(X)

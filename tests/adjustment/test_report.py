@@ -171,6 +171,15 @@ def test_where_there_is_no_reliability_the_report_does_without(detector):
     assert "Reliability" not in text
 
 
+def test_exact_points_have_the_standard_errors_of_a_given_sigma0():
+    x, y = np.random.default_rng(0).integers(0, 50, (2, 40)).astype(float)
+    X = np.column_stack([x, y, 2 * x + 3 * y + 1])
+    detector = BaardaPlaneDetector(sigma0=0.01).fit(X)
+    text = text_report(detector, X)
+    assert "a posteriori          the points have no noise; these are a priori" in text
+    assert f"cone {detector.precision('prior').cone:.2g} degrees" in text
+
+
 def test_flatness_and_comparison_are_told_if_given():
     X = plane_with_outliers(200, 10, 12.0)
     detector, other = (BaardaPlaneDetector().fit(X + np.array([0, 0, dz])) for dz in (0, 3))
