@@ -79,6 +79,13 @@ def reliability_of(plane, X, weights, support, redundancy, statistics, test, lev
     derivatives, steepest = parameter_derivatives(plane), tilt_direction(plane.normal)
     turns = np.degrees(derivatives[:-1].T)
     tilts = turns @ steepest
+    tested = np.where(controlled, statistics, -np.inf)
+    n_worst = min(n_worst, np.count_nonzero(controlled))
+    worst = np.argpartition(-tested, n_worst - 1)[:n_worst] if n_worst else np.array([], dtype=int)
+    worst = worst[np.lexsort([worst, -tested[worst]])]
+    own, share = plane.design(plane.whiten(X[worst])[0]), np.zeros(len(X))
+    share[inside] = p[inside] / redundancy[inside]
+    partners, most, columns = np.full(n_worst, -1), np.zeros(n_worst), np.arange(n_worst)
     for rows in row_chunks(len(X)):
         U, residuals = plane.whiten(X[rows])
         gross[rows] *= residuals / np.where(inside[rows], redundancy[rows], 1.0)
@@ -88,17 +95,21 @@ def reliability_of(plane, X, weights, support, redundancy, statistics, test, lev
         normal[rows] = weighted[rows] * np.sqrt(np.einsum("ij,ij->i", turn, turn))
         offset[rows] = weighted[rows] * abs(design[0, 0] * derivatives[-1, 0])
         tilt[rows] = weighted[rows] * np.abs(design @ tilts)
+        # Of each worst point, the point inside whose statistic is correlated most with its own.
+        squares = np.square(own @ design.T) * share[rows]
+        mine = (worst >= rows.start) & (worst < rows.start + len(U))
+        squares[mine, worst[mine] - rows.start] = 0.0
+        found = squares.argmax(axis=1)
+        better = squares[columns, found] > most
+        most[better], partners[better] = squares[columns, found][better], found[better] + rows.start
     if np.isnan(tilts).any():  # a horizontal plane tilts into any direction
         tilt[:] = normal
     ratio = np.where(support & (p > 0), np.inf, 0.0)
     np.divide(1 - redundancy, redundancy, out=ratio, where=inside)
     for effect in (normal, offset, tilt):
         effect[np.isinf(ratio)] = np.inf
-    tested = np.where(controlled, statistics, -np.inf)
-    n_worst = min(n_worst, np.count_nonzero(controlled))
-    worst = np.argpartition(-tested, n_worst - 1)[:n_worst] if n_worst else np.array([], dtype=int)
-    worst = worst[np.lexsort([worst, -tested[worst]])]
-    partners, correlation = _closest_tests(plane, X, p, inside, redundancy, worst)
+    others = plane.design(plane.whiten(X[partners])[0])
+    correlation = _correlation(own, others, p, redundancy, ~inside[worst], worst, partners)
     critical = critical_value("w", level, 1)
     told_apart = [identifiable_bias(rho, critical, power) for rho in correlation]
     return PlaneReliability(
@@ -109,30 +120,14 @@ def reliability_of(plane, X, weights, support, redundancy, statistics, test, lev
     )  # fmt: skip
 
 
-def _closest_tests(plane, X, p, inside, redundancy, rows):
-    """The point inside whose statistic is correlated most with that of each row, and this
-    correlation, ``-h_ij`` times the roots of the weights over those of the redundancy numbers.
+def _correlation(own, others, p, redundancy, joins, rows, partners):
+    """Correlations of statistics, ``-h_ij sqrt(p_i p_j / (r_i r_j))``; 0 without a partner.
 
-    A row outside joins: its cofactors shrink by ``1 + p_i h_ii``, and other redundancies grow by
-    ``p_i p_j h_ij^2`` times that. This does not change which point is correlated most.
+    A row that joins the support shrinks its cofactors by ``1 + p_i h_ii``, and adds ``p_i p_j
+    h_ij^2`` over this to other redundancy numbers. Which point is correlated most stays the same.
     """
-    own = plane.design(plane.whiten(X[rows])[0])
-    partners, best, columns = np.full(len(rows), -1), np.zeros(len(rows)), np.arange(len(rows))
-    share = np.zeros(len(X))
-    share[inside] = p[inside] / redundancy[inside]
-    for part in row_chunks(len(X)):
-        size = own @ plane.design(plane.whiten(X[part])[0]).T
-        size *= size
-        size *= share[part]
-        mine = (rows >= part.start) & (rows < part.start + size.shape[1])
-        size[mine, rows[mine] - part.start] = 0.0
-        found = size.argmax(axis=1)
-        better = size[columns, found] > best
-        best[better], partners[better] = size[columns, found][better], found[better] + part.start
-    others = plane.design(plane.whiten(X[partners])[0])
-    products = np.einsum("ij,ij->i", own, others)
-    weight = p[rows] * p[partners]
-    shrink = np.where(inside[rows], 1, 1 / (1 + p[rows] * np.einsum("ij,ij->i", own, own)))
-    grown = redundancy[partners] + np.where(inside[rows], 0, weight * products**2 * shrink)
+    products, weight = np.einsum("ij,ij->i", own, others), p[rows] * p[partners]
+    shrink = np.where(joins, 1 / (1 + p[rows] * np.einsum("ij,ij->i", own, own)), 1.0)
+    grown = redundancy[partners] + joins * weight * products**2 * shrink
     correlation = -products * shrink * np.sqrt(weight / (grown * redundancy[rows]))
-    return partners, np.clip(np.where(partners < 0, 0.0, correlation), -1.0, 1.0)
+    return np.clip(np.where(partners < 0, 0.0, correlation), -1.0, 1.0)
