@@ -128,7 +128,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         """
         X = self._check_query(X)
         if not 0 < level < 1:
-            raise ParameterError(f"$level={level!r} is no probability: take one such as 0.95.")
+            raise ValueError(f"level={level!r} is no probability: take one such as 0.95.")
         scale, dof = self._scale_by(variance)
         spread, factor = self._plane.evaluate(X)[2], scale * quantile(level, dof)
         return factor * np.sqrt(spread), factor * np.sqrt(1 + spread)
@@ -158,9 +158,9 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         """
         X = check_points(self, X)
         if self.loss != "squared_error":
-            raise ParameterError(
-                f"$loss={self.loss!r} has no minimal detectable biases, which are those of least "
-                "squares: take $loss='squared_error'."
+            raise ValueError(
+                f"loss={self.loss!r} has no minimal detectable biases, which are those of least "
+                "squares: take loss='squared_error'."
             )
         scale = self.sigma0_ if self.test_ == "w" else self._scale
         return reliability_of(
@@ -177,10 +177,10 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         if variance == "posterior":
             return self._scale, self.dof_
         if variance != "prior":
-            raise ParameterError(f"$variance={variance!r} is unknown: take 'posterior' or 'prior'.")
+            raise ValueError(f"variance={variance!r} is unknown: take 'posterior' or 'prior'.")
         if self.sigma0 == "auto" and self.test_ != "w":
             raise ParameterError(
-                "$variance='prior' needs a known $sigma0, but it was estimated: take 'posterior'."
+                "variance='prior' needs a known $sigma0, but it was estimated: take 'posterior'."
             )
         return self.sigma0_, np.inf
 

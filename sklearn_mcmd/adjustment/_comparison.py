@@ -7,7 +7,6 @@ import numpy as np
 from scipy.special import chdtrc, fdtrc
 from sklearn.utils.validation import check_is_fitted
 
-from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd._sklearn import Interval, validate_params
 from sklearn_mcmd.adjustment._base import PlaneDetector
 from sklearn_mcmd.adjustment._power import POWER, noncentrality
@@ -104,7 +103,7 @@ def compare_planes(
     for detector in (a, b):
         check_is_fitted(detector)
     if a.n_features_in_ != b.n_features_in_:
-        raise ParameterError(
+        raise ValueError(
             f"The planes are of {a.n_features_in_} and {b.n_features_in_} columns: compare planes "
             "of points with as many columns."
         )

@@ -6,7 +6,6 @@ from typing import Literal, NamedTuple
 import numpy as np
 from sklearn.utils import check_random_state
 
-from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
 from sklearn_mcmd.adjustment._power import POWER, SHARE, noncentrality
 from sklearn_mcmd.adjustment._start import CUT, SUCCESS_PROBABILITY, SUPPORT_FRACTION
@@ -128,7 +127,7 @@ def plan_plane(
     """
     sides = np.asarray(extent, dtype=float)
     if sides.shape != (2,) or not np.all((sides > 0) & (sides < np.inf)):
-        raise ParameterError(f"$extent={extent!r} is no rectangle: give two sides above 0.")
+        raise ValueError(f"extent={extent!r} is no rectangle: give two sides above 0.")
     root = np.sqrt(noncentrality(local_level(alpha, n_points, correction), power))
     levels = [local_level(alpha, n, correction) for n in range(n_points + 2)]
     limits = np.array([critical_value("w", level, 1) for level in levels])

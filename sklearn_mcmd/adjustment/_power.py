@@ -91,7 +91,7 @@ def coupled_level(level: float, dof: float, power: float = POWER) -> float:
     0.001 0.260
     """
     if not dof >= 1:
-        raise ParameterError(f"$dof={dof!r}: a global test needs a degree of freedom or more.")
+        raise ValueError(f"dof={dof!r}: a global test needs a degree of freedom or more.")
     return float(chdtrc(dof, chndtrix(1 - power, dof, noncentrality(level, power))))
 
 
