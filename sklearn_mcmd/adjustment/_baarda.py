@@ -153,6 +153,8 @@ class BaardaPlaneDetector(PlaneDetector):
     See Also
     --------
     FuzzyPlaneDetector : One adjustment and a limit between the two groups, no iteration.
+    sklearn_mcmd.adjustment.compare_planes : Has the plane moved since?
+    sklearn_mcmd.adjustment.plan_plane : Which errors will be found, before the measurement.
     sklearn.linear_model.RANSACRegressor : For shares of outliers beyond all tests.
     sklearn.covariance.EllipticEnvelope : Outliers of a cloud without a dependent column.
 
@@ -200,6 +202,9 @@ class BaardaPlaneDetector(PlaneDetector):
     40 of 40 outliers, 0 of 460 good points
     >>> print(detector.coef_.round(2), f"{detector.variance_factor_**0.5:.4f}")
     [ 0.1 -0.2] 0.0103
+    >>> precision = detector.precision()
+    >>> print(f"tilt {precision.tilt:.3f} ± {precision.tilt_error:.3f} degrees")
+    tilt 12.622 ± 0.009 degrees
     """
 
     _parameter_constraints: ClassVar[dict] = {

@@ -93,8 +93,8 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         Parameters
         ----------
         variance : {"posterior", "prior"}, default="posterior"
-            The scale: that of the support, from `variance_factor_` with `dof_` degrees of freedom,
-            or the known `sigma0`. If `sigma0` was estimated, "prior" raises a ValueError.
+            The scale: that of the residuals of the plane, with `dof_` degrees of freedom, or the
+            known `sigma0`. If `sigma0` was estimated, "prior" raises a ValueError.
 
         Returns
         -------
