@@ -1,16 +1,33 @@
 """Geodetic tests of planes: data snooping and fuzzy memberships (the second paper)."""
 
 from sklearn_mcmd.adjustment._baarda import BaardaPlaneDetector
+from sklearn_mcmd.adjustment._comparison import Difference, PlaneComparison, compare_planes
 from sklearn_mcmd.adjustment._figure import plot_report
+from sklearn_mcmd.adjustment._flatness import PlaneFlatness, flatness
 from sklearn_mcmd.adjustment._fuzzy import FuzzyPlaneDetector
+from sklearn_mcmd.adjustment._planning import PlanePlan, plan_plane
+from sklearn_mcmd.adjustment._power import coupled_level, noncentrality
+from sklearn_mcmd.adjustment._precision import PlanePrecision
+from sklearn_mcmd.adjustment._reliability import PlaneReliability
 from sklearn_mcmd.adjustment._report import text_report
 from sklearn_mcmd.adjustment._tests import critical_value, local_level
 
 __all__ = [
     "BaardaPlaneDetector",
+    "Difference",
     "FuzzyPlaneDetector",
+    "PlaneComparison",
+    "PlaneFlatness",
+    "PlanePlan",
+    "PlanePrecision",
+    "PlaneReliability",
+    "compare_planes",
+    "coupled_level",
     "critical_value",
+    "flatness",
     "local_level",
+    "noncentrality",
+    "plan_plane",
     "plot_report",
     "text_report",
 ]

@@ -52,7 +52,8 @@ class BaardaPlaneDetector(PlaneDetector):
     Parameters
     ----------
     alpha : float in (0, 1), default=0.05
-        Level of the test of the whole cloud, or of each point with ``correction="none"``.
+        Level of the test of the whole cloud, or of each point with ``correction="none"``
+        or "b-method".
     test : {"w", "tau", "t"}, default="w"
         "w" compares with a known `sigma0` (Baarda); with ``sigma0="auto"`` it is replaced by tau.
         "tau" compares with the scale estimated from all residuals (Pope), "t" with the scale
@@ -67,8 +68,9 @@ class BaardaPlaneDetector(PlaneDetector):
         estimate is not known. Points far from a robust plane (Huber's, or that of `robust_start`)
         are left out first; see Notes. With a `loss` other than "squared_error" it is a robust
         scale, which is taken as known.
-    correction : {"sidak", "bonferroni", "none"}, default="sidak"
-        Local level: ``1 - (1 - alpha)^(1/n)`` (Eq. 1), ``alpha / n`` or alpha itself.
+    correction : {"sidak", "bonferroni", "b-method", "none"}, default="sidak"
+        Local level: ``1 - (1 - alpha)^(1/n)`` (Eq. 1), ``alpha / n`` or alpha itself. With
+        "b-method" the level of the global test follows from it (`global_test_level_`).
     elimination : {"single", "all"}, default="single"
         "single" removes the worst point of each round, "all" every rejected point. "all"
         reproduces the paper's tables. It removes many good points with the outliers; they come
@@ -132,6 +134,9 @@ class BaardaPlaneDetector(PlaneDetector):
         points before the first test. Near 0: sigma0 is too small or outliers are left; near 1:
         sigma0 is too large. nan with ``sigma0="auto"``: an estimate from the same points would
         be tested against itself.
+    global_test_level_ : float
+        Level of the global test: alpha, or with ``correction="b-method"`` that of
+        `coupled_level`, with which it finds what the test of one point finds.
     dof_, rank_ : int
         Degrees of freedom f and number of estimable parameters u.
     n_iter_ : int
@@ -148,6 +153,8 @@ class BaardaPlaneDetector(PlaneDetector):
     See Also
     --------
     FuzzyPlaneDetector : One adjustment and a limit between the two groups, no iteration.
+    sklearn_mcmd.adjustment.compare_planes : Has the plane moved since?
+    sklearn_mcmd.adjustment.plan_plane : Which errors will be found, before the measurement.
     sklearn.linear_model.RANSACRegressor : For shares of outliers beyond all tests.
     sklearn.covariance.EllipticEnvelope : Outliers of a cloud without a dependent column.
 
@@ -195,6 +202,9 @@ class BaardaPlaneDetector(PlaneDetector):
     40 of 40 outliers, 0 of 460 good points
     >>> print(detector.coef_.round(2), f"{detector.variance_factor_**0.5:.4f}")
     [ 0.1 -0.2] 0.0103
+    >>> precision = detector.precision()
+    >>> print(f"tilt {precision.tilt:.3f} ± {precision.tilt_error:.3f} degrees")
+    tilt 12.622 ± 0.009 degrees
     """
 
     _parameter_constraints: ClassVar[dict] = {
@@ -211,7 +221,7 @@ class BaardaPlaneDetector(PlaneDetector):
         *,
         test: Literal["w", "tau", "t"] = "w",
         sigma0: float | Literal["auto"] = 1.0,
-        correction: Literal["sidak", "bonferroni", "none"] = "sidak",
+        correction: Literal["sidak", "bonferroni", "b-method", "none"] = "sidak",
         elimination: Literal["single", "all"] = "single",
         max_iter: int | None = None,
         contamination: float | Literal["auto"] = "auto",
@@ -314,8 +324,7 @@ class BaardaPlaneDetector(PlaneDetector):
         self.support_, self.elimination_step_ = state.support, state.step
         self.n_iter_ = max(state.n_rounds, 1)
         n_retained = state.plane.n_observations
-        level = local_level(self.alpha, n_retained, self.correction)
-        self.critical_value_ = critical_value(self.test_, level, self.dof_)
+        self.critical_value_ = critical_value(self.test_, self._level_of_one(), self.dof_)
         scores = self._test_training(X, weights, state)
         limit = self._limit_of_joining(n_retained, self.dof_)
         self.offset_ = self._choose_offset(scores, used, -limit)

@@ -2,14 +2,14 @@
 
 import warnings
 from numbers import Real
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_array, check_is_fitted, validate_data
 
-from sklearn_mcmd._errors import warn
+from sklearn_mcmd._errors import ParameterError, warn
 from sklearn_mcmd._sklearn import CallbackSupportMixin, DocLinkMixin, Interval, StrOptions
 from sklearn_mcmd._validation import OffsetOutlierMixin
 from sklearn_mcmd.adjustment._determinacy import (
@@ -19,11 +19,14 @@ from sklearn_mcmd.adjustment._determinacy import (
     normal_pvalue,
 )
 from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._power import POWER, coupled_level
+from sklearn_mcmd.adjustment._precision import PlanePrecision, precision_of, quantile
+from sklearn_mcmd.adjustment._reliability import PlaneReliability, reliability_of
 from sklearn_mcmd.adjustment._robust import WEIGHT_FUNCTIONS, m_estimate
 from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
-from sklearn_mcmd.adjustment._tests import global_test_pvalue
+from sklearn_mcmd.adjustment._tests import CORRECTIONS, global_test_pvalue, local_level
 
-__all__ = ["PlaneDetector", "sigma0_is_rounding"]
+__all__ = ["PlaneDetector", "check_points", "sigma0_is_rounding"]
 
 # From this tilt on vertical residuals are at least twice as long as sigma0, if the noise is equal
 # in all directions. A test that rejects a larger share is then taken for such a mistake.
@@ -40,7 +43,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         "alpha": [Interval(Real, 0, 1, closed="neither")],
         "test": [StrOptions({"w", "tau", "t"})],
         "sigma0": [Interval(Real, 0, None, closed="neither"), StrOptions({"auto"})],
-        "correction": [StrOptions({"none", "sidak", "bonferroni"})],
+        "correction": [StrOptions(CORRECTIONS)],
         "loss": [StrOptions({"squared_error", *WEIGHT_FUNCTIONS})],
         "contamination": [StrOptions({"auto"}), Interval(Real, 0, 0.5, closed="right")],
         "surface": [StrOptions({"vertical", "orthogonal"})],
@@ -84,6 +87,103 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         """
         return self._plane.evaluate(self._check_query(X))[0]
 
+    def precision(self, variance: Literal["posterior", "prior"] = "posterior") -> PlanePrecision:
+        """Covariance and standard errors of normal, distance, slopes, tilt and its direction.
+
+        Parameters
+        ----------
+        variance : {"posterior", "prior"}, default="posterior"
+            The scale: that of the residuals of the plane, with `dof_` degrees of freedom, or the
+            known `sigma0`. If `sigma0` was estimated, "prior" raises a ValueError.
+
+        Returns
+        -------
+        PlanePrecision
+        """
+        check_is_fitted(self)
+        return precision_of(self._plane, *self._scale_by(variance))
+
+    def band(
+        self,
+        X: ArrayLike,
+        level: float = 0.95,
+        variance: Literal["posterior", "prior"] = "posterior",
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Half widths of the confidence band of the plane and the prediction band of a point.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Places. A coordinate along the residuals does not matter.
+        level : float in (0, 1), default=0.95
+            Probability that the plane, or a new point of weight 1, is inside at one place. If it is
+            no probability, a ValueError is raised.
+        variance : {"posterior", "prior"}, default="posterior"
+            See `precision`.
+
+        Returns
+        -------
+        of_plane, of_point : ndarray of shape (n_samples,)
+            Around the adjusted plane, along the last axis or the normal, in units of X.
+        """
+        X = self._check_query(X)
+        if not 0 < level < 1:
+            raise ValueError(f"level={level!r} is no probability: take one such as 0.95.")
+        scale, dof = self._scale_by(variance)
+        spread, factor = self._plane.evaluate(X)[2], scale * quantile(level, dof)
+        return factor * np.sqrt(spread), factor * np.sqrt(1 + spread)
+
+    def reliability(
+        self, X: ArrayLike, power: float = POWER, *, n_worst: int = 10
+    ) -> PlaneReliability:
+        """Errors that the tests can find, errors that they found, and what the others do.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            The training points.
+        power : float in (0, 1), default=0.8
+            Probability of detection, above the level of one point.
+        n_worst : int, default=10
+            Number of points of the largest statistics whose tests are compared with others.
+
+        Returns
+        -------
+        PlaneReliability
+
+        Raises
+        ------
+        ValueError
+            If X are others, the power is below the level, or `loss` is not "squared_error".
+        """
+        X = check_points(self, X)
+        if self.loss != "squared_error":
+            raise ValueError(
+                f"loss={self.loss!r} has no minimal detectable biases, which are those of least "
+                "squares: take loss='squared_error'."
+            )
+        scale = self.sigma0_ if self.test_ == "w" else self._scale
+        return reliability_of(
+            self._plane, X, self._weights, self.support_, self.redundancy_, self.test_statistic_,
+            (self.test_, scale), self._level_of_one(), power, n_worst,
+        )  # fmt: skip
+
+    def _level_of_one(self):
+        """Level of the last tests of single points."""
+        return local_level(self.alpha, self._plane.n_observations, self.correction)
+
+    def _scale_by(self, variance):
+        """Standard deviation of unit weight and its degrees of freedom."""
+        if variance == "posterior":
+            return self._scale, self.dof_
+        if variance != "prior":
+            raise ValueError(f"variance={variance!r} is unknown: take 'posterior' or 'prior'.")
+        if self.sigma0 == "auto" and self.test_ != "w":
+            raise ParameterError(
+                "variance='prior' needs a known $sigma0, but it was estimated: take 'posterior'."
+            )
+        return self.sigma0_, np.inf
+
     def _check_training(
         self, X: ArrayLike, weights: ArrayLike | None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.bool_]]:
@@ -94,6 +194,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         counted = points if used.all() else points[used]
         check_distinct(counted, len(points))
         self._rounding_errors = rounding_errors(counted)
+        self._weights = p
         return points, p, used
 
     def _check_weights(self, X, weights):
@@ -190,6 +291,9 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
             self._set_sigma0(np.sqrt(plane.variance_factor), plane)
         self.global_test_pvalue_initial_ = self._global_test(initial)
         self.global_test_pvalue_ = self._global_test(plane)
+        self.global_test_level_ = self.alpha
+        if self.correction == "b-method" and self.alpha < POWER:
+            self.global_test_level_ = coupled_level(self.alpha, max(plane.dof, 1))
         if plane.surface == "orthogonal" and normal_pvalue(plane) > self.alpha:
             warnings.warn(
                 f"{AS_THICK_AS_WIDE}, which determines no normal: normal_ points anywhere across "
@@ -230,6 +334,17 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         if self.contamination == "auto":
             return auto
         return float(np.percentile(scores[used], 100.0 * self.contamination))
+
+
+def check_points(detector: PlaneDetector, X: ArrayLike) -> NDArray[np.float64]:
+    check_is_fitted(detector)
+    points = check_array(X, dtype=np.float64)
+    if points.shape != (len(detector.labels_), detector.n_features_in_):
+        raise ValueError(
+            f"X has shape {points.shape}, but the detector was fitted to "
+            f"{(len(detector.labels_), detector.n_features_in_)}; pass the training points."
+        )
+    return points
 
 
 def sigma0_is_rounding(detector):

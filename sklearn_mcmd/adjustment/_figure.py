@@ -9,9 +9,8 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtri, stdtrit
 
 from sklearn_mcmd._extras import import_extra
-from sklearn_mcmd.adjustment._base import PlaneDetector
+from sklearn_mcmd.adjustment._base import PlaneDetector, check_points
 from sklearn_mcmd.adjustment._report import (
-    check_points,
     describe,
     normal_row,
     share,

@@ -24,7 +24,6 @@ from sklearn_mcmd.adjustment._memberships import (
 )
 from sklearn_mcmd.adjustment._tests import (
     critical_value,
-    local_level,
     standardized_residuals,
     statistic,
     t_to_tau,
@@ -54,8 +53,8 @@ class FuzzyPlaneDetector(PlaneDetector):
         Standard deviation of an observation of weight 1, in the units of the dependent
         column, which `MCMDOutlierDetector` calls `noise_scale`. **Set it**, or take "auto";
         see `BaardaPlaneDetector`.
-    correction : {"none", "sidak", "bonferroni"}, default="none"
-        Local level; the paper uses alpha itself.
+    correction : {"none", "sidak", "bonferroni", "b-method"}, default="none"
+        Local level; the paper uses alpha itself. See `BaardaPlaneDetector`.
     width : float > 0, default=1.0
         Distance beyond the critical value, over the root of the redundancy number, at which
         a residual is half abnormal: the "alpha" of Eq. 11. The paper's tables need 1 to 1.5
@@ -112,6 +111,8 @@ class FuzzyPlaneDetector(PlaneDetector):
     global_test_pvalue_, global_test_pvalue_initial_ : float
         Probability of a larger v'Pv / sigma0^2 in clean data, without the outliers and of all
         points. nan with ``sigma0="auto"``, which fits the same points.
+    global_test_level_ : float
+        Its level; see `BaardaPlaneDetector`.
     dof_, rank_ : int
         Degrees of freedom f and number of estimable parameters u of the tested plane.
     robust_weights_ : ndarray of shape (n_samples,)
@@ -180,7 +181,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         *,
         test: Literal["w", "tau", "t"] = "w",
         sigma0: float | Literal["auto"] = 1.0,
-        correction: Literal["sidak", "bonferroni", "none"] = "none",
+        correction: Literal["none", "sidak", "bonferroni", "b-method"] = "none",
         width: float = 1.0,
         weighting: Literal["ratio", "cut"] = "ratio",
         contamination: float | Literal["auto"] = "auto",
@@ -238,8 +239,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         self._set_sigma0(sigma, first)
         self._set_plane(X, plane, plane)
         self.support_ = used
-        level = local_level(self.alpha, plane.n_observations, self.correction)
-        self.critical_value_ = critical_value(self.test, level, self.dof_)
+        self.critical_value_ = critical_value(self.test, self._level_of_one(), self.dof_)
 
         residuals, cofactors, spread = plane.evaluate(X)
         if robust_weights is not None:

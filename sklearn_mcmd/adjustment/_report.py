@@ -1,14 +1,21 @@
 """A report of a fitted plane test for a surveyor's files, as text."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from sklearn.utils.validation import check_array, check_is_fitted
+from numpy.typing import ArrayLike
 
-from sklearn_mcmd.adjustment._base import PlaneDetector
-from sklearn_mcmd.adjustment._tests import local_level
+from sklearn_mcmd.adjustment._base import PlaneDetector, check_points
+from sklearn_mcmd.adjustment._comparison import PlaneComparison
+from sklearn_mcmd.adjustment._flatness import PlaneFlatness
+from sklearn_mcmd.adjustment._report_lines import (
+    comparison_rows,
+    flatness_rows,
+    precision_rows,
+    reliability_rows,
+    usual_reliability,
+    with_heading,
+)
 
 __all__ = [
-    "check_points",
     "describe",
     "global_test_row",
     "normal_row",
@@ -30,8 +37,10 @@ def text_report(
     title: str = "Plane test",
     unit: str = "",
     n_worst: int = 10,
+    comparison: PlaneComparison | None = None,
+    flatness: PlaneFlatness | None = None,
 ) -> str:
-    """Plane, quality figures and the worst points of a fitted detector, as text.
+    """Plane, precision, reliability and the worst points of a fitted detector, as text.
 
     Parameters
     ----------
@@ -44,6 +53,10 @@ def text_report(
         Unit of X, for example "m"; only printed.
     n_worst : int, default=10
         Number of points to list, those with the largest test statistics.
+    comparison : PlaneComparison, default=None
+        With another plane, by `compare_planes`.
+    flatness : PlaneFlatness, default=None
+        Of these points, by :func:`flatness`.
 
     Returns
     -------
@@ -69,9 +82,7 @@ def text_report(
     X = check_points(detector, X)
     residuals = detector.residuals(X)
     outliers = detector.labels_ == -1
-    level = local_level(
-        detector.alpha, int(np.count_nonzero(detector.support_)), detector.correction
-    )
+    reliability = usual_reliability(detector, X, n_worst)
     suffix, squared = (f" {unit}", f" {unit}^2") if unit else ("", "")
     digits = _decimals(residuals[~outliers])
     lines = [
@@ -87,15 +98,20 @@ def text_report(
         f"point of the plane    {point_row(detector, suffix)}",
     ]
     if detector.surface == "vertical":
-        lines.append(f"slopes                {_with_error(detector.coef_, _slope_error(detector))}")
+        errors = np.sqrt(np.diag(detector.precision().slopes_covariance)[:-1])
+        lines.append(f"slopes                {_with_error(detector.coef_, errors.max())}")
     lines += [
         f"tilt from horizontal  {tilt(detector)}",
+    ]
+    if not detector._sigma0_is_rounding:
+        lines += with_heading("Standard errors", precision_rows(detector, X, suffix))
+    lines += [
         "",
         "Tests",
         "-----",
         f"test                  {_test_row(detector)}, {detector.correction} correction, "
         f"alpha = {detector.alpha:g}",
-        f"level of one point    {level:.3g}",
+        f"level of one point    {detector._level_of_one():.3g}",
         f"critical value        {detector.critical_value_:.4f}",
         f"sigma0                {detector.sigma0_:.6g}{suffix} ({sigma0_origin(detector)})",
         f"degrees of freedom    {detector.dof_}",
@@ -106,6 +122,18 @@ def text_report(
         f"global test           {global_test_row(detector)}",
         *_details(detector),
         *_notes(detector, suffix),
+    ]
+    if reliability is not None:
+        lines += with_heading("Reliability", reliability_rows(reliability, suffix))
+        lines += [
+            "In the list below an effect is the angle in degrees by which an MDB turns the normal,",
+            "and a gross error what the point is wrong by if no other is.",
+        ]
+    if flatness is not None:
+        lines += with_heading("Flatness", flatness_rows(flatness, suffix))
+    if comparison is not None:
+        lines += with_heading("Against the other plane", comparison_rows(comparison, suffix))
+    lines += [
         "",
         f"Residuals{suffix and f' ({unit})'}",
         "---------",
@@ -116,26 +144,25 @@ def text_report(
         _residual_row("outliers", residuals[outliers], digits),
         "",
         f"{min(n_worst, len(X))} largest test statistics",
-        f"{'row':>8}{'residual':>14}{'redundancy':>12}{'statistic':>12}  verdict   coordinates",
+        f"{'row':>8}{'residual':>14}{'redundancy':>12}{'statistic':>12}"
+        + (f"{'MDB':>12}{'gross error':>14}{'deviation':>12}{'effect':>12}" if reliability else "")
+        + "  verdict   coordinates",
     ]
     for i in np.argsort(-detector.test_statistic_, kind="stable")[:n_worst]:
         verdict = "outlier" if outliers[i] else "inlier"
+        judged = ""
+        if reliability is not None:
+            judged = (
+                f"{reliability.minimal_bias[i]:>12.{digits}f}"
+                f"{reliability.gross_error[i]:>14.{digits}f}"
+                f"{reliability.gross_error_deviation[i]:>12.{digits}f}"
+                f"{reliability.effect_on_normal[i]:>12.2g}"
+            )
         lines.append(
             f"{i:>8}{residuals[i]:>14.{digits}f}{detector.redundancy_[i]:>12.6f}"
-            f"{detector.test_statistic_[i]:>12.4g}  {verdict:<10}{_row(X[i])}"
+            f"{detector.test_statistic_[i]:>12.4g}{judged}  {verdict:<10}{_row(X[i])}"
         )
     return "\n".join(lines) + "\n"
-
-
-def check_points(detector: PlaneDetector, X: ArrayLike) -> NDArray[np.float64]:
-    check_is_fitted(detector)
-    points = check_array(X, dtype=np.float64)
-    if points.shape != (len(detector.labels_), detector.n_features_in_):
-        raise ValueError(
-            f"X has shape {points.shape}, but the detector was fitted to "
-            f"{(len(detector.labels_), detector.n_features_in_)}; pass the training points."
-        )
-    return points
 
 
 def describe(detector):
@@ -161,7 +188,8 @@ def global_test_row(detector):
     if detector.sigma0 == "auto":
         return "none: sigma0 is estimated from these points, so it fits them at any noise"
     before, after = detector.global_test_pvalue_initial_, detector.global_test_pvalue_
-    verdict = "; rejected" if after < detector.alpha else ""
+    level = detector.global_test_level_
+    verdict = f"; rejected at the level {level:.3g}" if after < level else ""
     return f"p = {before:.2g} with all points, {after:.2g} without outliers{verdict}"
 
 
@@ -173,21 +201,13 @@ def sign_of_residuals(detector):
 
 def normal_row(detector):
     """The normal and the standard error of its direction, in radians."""
-    error = _slope_error(detector)
-    if detector.surface == "vertical":
-        error *= abs(detector.normal_[-1])
-    return _with_error(detector.normal_, error)
+    return _with_error(detector.normal_, np.radians(detector.precision().ellipse[0]))
 
 
 def point_row(detector, suffix):
     """The center of the points that pass, and the standard error of the plane there."""
     plane = detector._plane
     return _with_error(plane.center, detector._scale / np.sqrt(plane.sum_weights)) + suffix
-
-
-def _slope_error(detector):
-    """Largest standard error of the plane's slope, in any direction along it."""
-    return detector._scale * np.linalg.norm(detector._plane.axes, 2)
 
 
 def _with_error(values, error):
@@ -255,8 +275,8 @@ def share(part, total):
 
 def tilt(detector):
     """Angle between the plane and the horizontal plane, in words."""
-    degrees = np.rad2deg(np.arccos(min(abs(detector.normal_[-1]), 1.0)))
-    digits = min(_digits(np.rad2deg(_slope_error(detector))), 6)
+    degrees = detector.precision().tilt
+    digits = min(_digits(detector.precision().ellipse[0]), 6)
     return f"{degrees:.{digits}f} degrees"
 
 

@@ -9,6 +9,8 @@ from scipy.special import betaln, chdtrc, log_ndtr, logsumexp, ndtri, stdtrit
 from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
 
 __all__ = [
+    "CORRECTIONS",
+    "UNCONTROLLED",
     "chance_outside",
     "critical_value",
     "first_of_largest",
@@ -23,18 +25,21 @@ __all__ = [
 
 # An observation with a smaller redundancy number is uncontrolled: its residual is only rounding.
 UNCONTROLLED = 1e-10
+CORRECTIONS = {"sidak", "bonferroni", "b-method", "none"}
 
 
 @validate_params(
     {
         "alpha": [Interval(Real, 0, 1, closed="neither")],
         "n": [Interval(Integral, 0, None, closed="left")],
-        "correction": [StrOptions({"sidak", "bonferroni", "none"})],
+        "correction": [StrOptions(CORRECTIONS)],
     },
     prefer_skip_nested_validation=True,
 )
 def local_level(
-    alpha: float, n: int, correction: Literal["sidak", "bonferroni", "none"] = "sidak"
+    alpha: float,
+    n: int,
+    correction: Literal["sidak", "bonferroni", "b-method", "none"] = "sidak",
 ) -> float:
     """Level of one of n tests that gives all together the level alpha (Eq. 1).
 
@@ -44,8 +49,10 @@ def local_level(
         Probability of rejecting any observation in clean data.
     n : int
         Number of tests.
-    correction : {"sidak", "bonferroni", "none"}, default="sidak"
-        ``1 - (1 - alpha)^(1/n)`` (Eq. 1), its bound ``alpha / n``, or alpha for each test.
+    correction : {"sidak", "bonferroni", "b-method", "none"}, default="sidak"
+        ``1 - (1 - alpha)^(1/n)`` (Eq. 1), its bound ``alpha / n``, or alpha for each test. In the
+        B-method alpha is Baarda's alpha_0, from which that of the global test follows: see
+        `coupled_level`.
 
     Returns
     -------
@@ -58,7 +65,7 @@ def local_level(
     0.0002564 0.0002500
     """
     n = max(n, 1)
-    if correction == "none":
+    if correction in ("none", "b-method"):
         return alpha
     if correction == "bonferroni":
         return alpha / n

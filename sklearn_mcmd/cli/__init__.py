@@ -12,6 +12,7 @@ from sklearn_mcmd.cli._demo import demo, info
 from sklearn_mcmd.cli._denoise import denoise
 from sklearn_mcmd.cli._edges import edges
 from sklearn_mcmd.cli._normals import normals
+from sklearn_mcmd.cli._plan import plan
 from sklearn_mcmd.cli._plane import plane
 from sklearn_mcmd.cli._segment import segment
 from sklearn_mcmd.cli._view import view
@@ -52,7 +53,7 @@ def _root(
 
 
 # Options that few need are not in the help of a verb; `mcmd config` has them all.
-for verb in (denoise, normals, edges, segment, plane, view):
+for verb in (denoise, normals, edges, segment, plane, plan, view):
     app.command(epilog=f"All options and their defaults: mcmd config {verb.__name__}.")(verb)
 for other in (config, info, demo):
     app.command()(other)

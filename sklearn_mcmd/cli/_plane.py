@@ -20,6 +20,7 @@ from sklearn_mcmd.io._point_cloud import with_results
 __all__ = ["plane"]
 
 FIGURE_EXTENSIONS = (".png", ".pdf", ".svg")
+METERS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
 # Number of points that suffices to find the step of their coordinates.
 MAX_LOOKED_AT = 20_000
 
@@ -38,6 +39,7 @@ class Test(StrEnum):
 class Correction(StrEnum):
     sidak = "sidak"
     bonferroni = "bonferroni"
+    b_method = "b-method"
     none = "none"
 
 
@@ -93,7 +95,8 @@ def plane(
         Correction | None,
         typer.Option(
             help="How the level of one point follows from alpha. none: it is alpha, and that share "
-            "of the good points is flagged.",
+            "of the good points is flagged. b-method: so too, and the level of the global test "
+            "follows from it.",
             show_default="sidak, for fuzzy none",
         ),
     ] = None,
@@ -121,6 +124,23 @@ def plane(
             show_default="robust-start",
         ),
     ] = None,
+    against: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="B",
+            help="Another point file, in the same coordinates. Its plane is tested likewise, and "
+            "compared: same, moved, tilted? With the smallest difference that would be seen.",
+        ),
+    ] = None,
+    tolerance: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WIDTH",
+            help="Width of the zone that shall hold the points: a number in units of the file, or "
+            "such as 5mm with --unit. The report says how many are outside, and whether that is "
+            "more than noise.",
+        ),
+    ] = None,
     text: Annotated[
         Path | None,
         typer.Option(
@@ -135,7 +155,7 @@ def plane(
         ),
     ] = None,
     unit: Annotated[
-        str, typer.Option(help="Unit of the file, such as m. It is only printed.")
+        str, typer.Option(help="Unit of the file, such as m, for the report and --tolerance.")
     ] = "",
     random_state: _options.RandomState = 0,
     report: ReportFolder = None,
@@ -160,6 +180,7 @@ def plane(
     )
     if method is Method.baarda:
         params["random_state"] = random_state
+    width = None if tolerance is None else _width(tolerance, unit)
     sheets = _choose_sheets(source, target, text, plot)
     with _messages.clear_exits(allow_coarse=allow_coarse):
         from sklearn_mcmd.io import PointCloud
@@ -185,13 +206,16 @@ def plane(
             with _files.working(source, "plane"):
                 _files.warn_if_coarse(cloud)
                 detector, residuals = _test_plane(cloud.xyz, method, params)
-            words = _write_all(source, target, catalog, sheets, cloud, detector, residuals, unit)
+            more = _further(detector, cloud, width, against, method, params, columns)
+            words = _write_all(
+                source, target, catalog, sheets, cloud, detector, residuals, unit, more
+            )
             write_report_of(
                 report, source, target, seconds,
                 lambda: _contents(cloud, detector, residuals, words, unit),
             )  # fmt: skip
         if not quiet:
-            _summarize(source, target, sheets, detector, residuals, unit, seconds())
+            _summarize(source, target, sheets, detector, residuals, unit, more, seconds())
 
 
 def _detector_params(method, alpha, test, sigma0, correction, elimination, surface, robust_start):
@@ -209,6 +233,22 @@ def _detector_params(method, alpha, test, sigma0, correction, elimination, surfa
             "--method fuzzy is of one least-squares plane.", param_hint="--robust-start"
         )
     return params
+
+
+def _width(tolerance, unit):
+    """The tolerance in units of the file, from a number or one with a unit."""
+    number = tolerance.rstrip("abcdefghijklmnopqrstuvwxyz ")
+    own = tolerance[len(number) :].strip()
+    factor = 1.0
+    if own:
+        if unit not in METERS or own not in METERS:
+            raise typer.BadParameter(
+                f"{tolerance} is no number. With a unit, it needs --unit; both are one of "
+                f"{', '.join(METERS)}",
+                param_hint="--tolerance",
+            )
+        factor = METERS[own] / METERS[unit]
+    return factor * _options.number_or()(number)
 
 
 def _choose_sheets(source, target, text, plot):
@@ -257,14 +297,29 @@ def _test_plane(xyz, method, params):
         warnings.filterwarnings("ignore", message=AS_THICK_AS_WIDE)
         fitted = detector(**params).fit(xyz)
     _check_width(fitted, xyz)
-    if fitted.global_test_pvalue_ < fitted.alpha:
+    if fitted.global_test_pvalue_ < fitted.global_test_level_:
         warnings.warn(
-            f"the global test rejects this plane (p = {fitted.global_test_pvalue_:.2g}): its "
-            f"points scatter more than --sigma0 {fitted.sigma0:g} says, or their surface is no "
-            "plane",
+            f"the global test rejects this plane (p = {fitted.global_test_pvalue_:.2g}, level "
+            f"{fitted.global_test_level_:.2g}): its points scatter more than --sigma0 "
+            f"{fitted.sigma0:g} says, or their surface is no plane",
             stacklevel=2,
         )
     return fitted, fitted.residuals(xyz)
+
+
+def _further(detector, cloud, width, against, method, params, columns):
+    """Results that are asked for: flatness, and the comparison with the plane of another file."""
+    from sklearn_mcmd.adjustment import compare_planes, flatness
+
+    further = {}
+    if width is not None:
+        further["flatness"] = flatness(detector, cloud.xyz, width)
+    if against is not None:
+        other = _files.read_all(against, columns)
+        with _files.working(against, "the other plane"):
+            fitted, _ = _test_plane(other.xyz, method, params)
+        further["comparison"] = compare_planes(detector, fitted)
+    return further
 
 
 def _check_width(detector, xyz):
@@ -293,7 +348,7 @@ def _tested(cloud, is_outlier, statistic, residuals):
     return with_results(cloud, results), is_outlier
 
 
-def _write_all(source, target, catalog, sheets, cloud, detector, residuals, unit):
+def _write_all(source, target, catalog, sheets, cloud, detector, residuals, unit, more):
     """Write the points and both sheets; no file is replaced before all are on the disk.
 
     Returns the text.
@@ -307,7 +362,7 @@ def _write_all(source, target, catalog, sheets, cloud, detector, residuals, unit
     title = f"Plane test of {source.name}"
     with ExitStack() as stack:
         temporary = stack.enter_context(replacing(text_file))
-        text = text_report(detector, cloud.xyz, title=title, unit=unit)
+        text = text_report(detector, cloud.xyz, title=title, unit=unit, **more)
         with _files.naming(text_file):
             temporary.write_text(text + _record(source, target, plot), encoding="utf-8")
         if plot is not None:
@@ -374,7 +429,7 @@ def _record(source, target, plot):
     return "\n".join(["", "Record", "------", *lines]) + "\n"
 
 
-def _summarize(source, target, sheets, detector, residuals, unit, seconds):
+def _summarize(source, target, sheets, detector, residuals, unit, more, seconds):
     import sklearn_mcmd.adjustment._report as rows_of
     from sklearn_mcmd.adjustment._base import sigma0_is_rounding
 
@@ -384,6 +439,12 @@ def _summarize(source, target, sheets, detector, residuals, unit, seconds):
     how = rows_of.sigma0_origin(detector)
     if sigma0_is_rounding(detector):
         how += ": no noise to test against"
+    told = {}
+    if "flatness" in more:
+        told["tolerance"] = rows_of.flatness_rows(more["flatness"], unit)["verdict"]
+    if "comparison" in more:
+        both = rows_of.comparison_rows(more["comparison"], unit)
+        told |= {"against": both["verdict"], "tilt": both["tilt"], "offset": both["offset"]}
     _messages.print_summary(
         *(source, target, len(is_outlier), seconds),
         outliers=_messages.count_and_share(is_outlier),
@@ -393,5 +454,6 @@ def _summarize(source, target, sheets, detector, residuals, unit, seconds):
         f"{rows_of.sign_of_residuals(detector)}",
         sigma0=f"{detector.sigma0_:.4g}{unit} ({how})",
         **{"global test": rows_of.global_test_row(detector)},
+        **told,
         report=", ".join(str(path) for path in sheets if path is not None),
     )

@@ -4,11 +4,12 @@ import warnings
 
 import numpy as np
 
+from sklearn_mcmd.adjustment._report_lines import usual_reliability
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.report._contents import Contents, Note, Section, percent, share
 from sklearn_mcmd.report._facts import Facts
 from sklearn_mcmd.report._histogram import histogram
-from sklearn_mcmd.report._html import chips, pre
+from sklearn_mcmd.report._html import chips, paragraph, pre
 from sklearn_mcmd.report._maps import maps
 from sklearn_mcmd.report._notes import CHECKS_OF_ALL, cloud_notes
 
@@ -17,6 +18,7 @@ __all__ = ["plane_contents"]
 NEIGHBORS = 50  # whose radius tells what spacing there is; the test itself has no neighborhoods
 # Share of outliers from which on "one plane" is doubtful: the robust start takes a half.
 MANY = 0.25
+LEAST, LARGEST = "#440154", "#fde725"  # the ends of the palette of numbers
 RED, BLUE = "#b2182b", "#2166ac"  # the ends of the palette of residuals
 
 
@@ -30,7 +32,7 @@ def plane_contents(cloud, detector, residuals, text, unit):
     facts = Facts.of(cloud.xyz, NEIGHBORS, np.array([detector.sigma0_]))
     unit = f" {unit}" if unit else ""
     rms = float(np.sqrt(np.mean(residuals[~found] ** 2))) if n < n_all else np.nan
-    tilt = float(np.degrees(np.arccos(min(abs(detector.normal_[-1]), 1.0))))
+    precision, reliability = detector.precision(), usual_reliability(detector, cloud.xyz)
     results = {"residual": residuals, "test_statistic": detector.test_statistic_}
     results = {name: values.astype(np.float32) for name, values in results.items()}
     return Contents(
@@ -39,7 +41,7 @@ def plane_contents(cloud, detector, residuals, text, unit):
         cards=[
             (f"{n:,}", f"outliers, {percent(n, n_all)}"),
             (f"{rms:.3g}{unit}", "rms without outliers"),
-            (f"{tilt:.2f}°", "tilt from the horizontal"),
+            (f"{precision.tilt:.2f}°", f"tilt from the horizontal, ± {precision.tilt_error:.1g}°"),
             (f"{detector.sigma0_:.3g}{unit}", f"sigma0 ({_origin(detector)})"),
         ],
         notes=_notes(detector, n, n_all, unit) + cloud_notes(facts, local=False),
@@ -56,6 +58,7 @@ def plane_contents(cloud, detector, residuals, text, unit):
                     least=0.01,
                 ),
             ),
+            *_found_biases(cloud.xyz, reliability, facts.near, unit),
             Section("All figures", pre(text)),
         ],
         cloud_rows=facts.rows(cloud),
@@ -91,6 +94,32 @@ def _maps(xyz, residuals, found, near, rms, unit):
     return chips(ends) + maps(draw, xyz, near, views=views)
 
 
+def _found_biases(xyz, reliability, near, unit):
+    """The map of minimal detectable biases, if there are any."""
+    from sklearn_mcmd.plotting import plot_cloud
+    from sklearn_mcmd.plotting._residual_display import along_normal
+
+    if reliability is None or not np.isfinite(reliability.minimal_bias).any():
+        return []
+    bias = reliability.minimal_bias
+    low, high = np.quantile(bias[np.isfinite(bias)], [0.01, 0.99])
+    bias = np.clip(bias, low, high)
+
+    def draw(rows, view, ax, max_points):
+        rows = rows[:: len(rows) // max_points + 1]
+        plot_cloud(xyz[rows], color=bias[rows], view=view, ax=ax)
+
+    ratio = np.sqrt(reliability.noncentrality)
+    ends = [(LEAST, f"{low:.5g}{unit}"), (LARGEST, f"{high:.5g}{unit} or more")]
+    words = (
+        f"Minimal detectable bias (MDB): an error of this size is found with a probability of "
+        f"{reliability.power:g}. It is {ratio:.2f} standard deviations over the root of the "
+        "redundancy number, so the map shows the redundancy as well."
+    )
+    figures = maps(draw, xyz, near, ends, [(along_normal(xyz[near]), "Along the normal")])
+    return [Section("Which errors are found", paragraph(words) + figures)]
+
+
 def _notes(detector, n, n_all, unit):
     from sklearn_mcmd.adjustment._base import sigma0_is_rounding
     from sklearn_mcmd.adjustment._report import global_test_row
@@ -114,7 +143,7 @@ def _notes(detector, n, n_all, unit):
                 "Give --sigma0, the standard deviation of the scanner.",
             )
         )
-    elif detector.global_test_pvalue_ < detector.alpha:
+    elif detector.global_test_pvalue_ < detector.global_test_level_:
         notes.append(
             Note(
                 "The plane and sigma0 do not fit.",

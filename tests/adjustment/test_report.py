@@ -7,6 +7,8 @@ from adjustment_clouds import plane_with_outliers
 from sklearn_mcmd.adjustment import (
     BaardaPlaneDetector,
     FuzzyPlaneDetector,
+    compare_planes,
+    flatness,
     plot_report,
     text_report,
 )
@@ -142,3 +144,48 @@ def test_the_report_tells_the_global_test_or_why_there_is_none(detector):
     assert words in text_report(given, X)
     text = text_report(detector(sigma0="auto").fit(X), X)
     assert "global test           none: sigma0 is estimated from these points" in text
+
+
+def test_standard_errors_and_reliability_are_those_of_the_detector():
+    X = plane_with_outliers(200, 10, 12.0)
+    detector = BaardaPlaneDetector().fit(X)
+    text = text_report(detector, X, unit="m")
+    precision, told = detector.precision(), detector.reliability(X)
+    assert f"cone {precision.cone:.2g} degrees" in text
+    assert f"noncentrality {told.noncentrality:.2f}" in text
+    assert f"{told.minimal_bias.min():.4g} to {told.minimal_bias.max():.4g} m (MDB)" in text
+    worst = int(np.argmax(detector.test_statistic_))
+    row = next(line for line in text.splitlines() if line.split()[:1] == [str(worst)])
+    assert float(row.split()[4]) == pytest.approx(told.minimal_bias[worst], rel=1e-2)
+    assert float(row.split()[5]) == pytest.approx(told.gross_error[worst], rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    "detector",
+    [BaardaPlaneDetector(loss="huber"), BaardaPlaneDetector(0.9, correction="none")],
+)
+def test_where_there_is_no_reliability_the_report_does_without(detector):
+    X = plane_with_outliers(200, 10, 12.0)
+    text = text_report(detector.fit(X), X)
+    assert "Standard errors" in text
+    assert "Reliability" not in text
+
+
+def test_exact_points_have_the_standard_errors_of_a_given_sigma0():
+    x, y = np.random.default_rng(0).integers(0, 50, (2, 40)).astype(float)
+    X = np.column_stack([x, y, 2 * x + 3 * y + 1])
+    detector = BaardaPlaneDetector(sigma0=0.01).fit(X)
+    text = text_report(detector, X)
+    assert "a posteriori          the points have no noise; these are a priori" in text
+    assert f"cone {detector.precision('prior').cone:.2g} degrees" in text
+
+
+def test_flatness_and_comparison_are_told_if_given():
+    X = plane_with_outliers(200, 10, 12.0)
+    detector, other = (BaardaPlaneDetector().fit(X + np.array([0, 0, dz])) for dz in (0, 3))
+    text = text_report(
+        detector, X, flatness=flatness(detector, X, 5.0), comparison=compare_planes(detector, other)
+    )
+    assert "\ntolerance             5 between two parallel planes\n" in text
+    assert "\nverdict               exceeded" in text
+    assert "\nverdict               moved\n" in text

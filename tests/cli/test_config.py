@@ -49,7 +49,7 @@ def test_settings_of_a_file_count_as_if_they_were_typed(settings, cloud_file):
 def test_the_defaults_that_are_printed_are_a_file_that_changes_nothing(settings, cloud_file):
     printed = run("config").stdout
     tables = tomllib.loads(printed)
-    assert {"denoise", "normals", "segment", "edges", "plane", "view"} == set(tables)
+    assert {"denoise", "normals", "segment", "edges", "plane", "plan", "view"} == set(tables)
     assert tomllib.loads(run("config", "denoise").stdout) == {"denoise": tables["denoise"]}
     found = outliers(cloud_file, "--mode", "mark", "--config", settings(printed))
     np.testing.assert_array_equal(found, outliers(cloud_file, "--mode", "mark"))

@@ -363,3 +363,73 @@ def test_the_files_of_a_folder_are_tested_as_one_plane(wall, wall_file, tmp_path
     assert "become a folder" in error_line(run("plane", folder, tmp_path / "out.csv"))
     line = error_line(run("plane", folder, tmp_path / "each", "--no-clobber"))
     assert "a.las: is there already" in line
+
+
+def moved(path, wall, shift):
+    cloud = PointCloud(np.round(wall.xyz + shift * np.array([0.6, -0.8, 0.0]), 4))
+    write_points(path, cloud)
+    return path
+
+
+def test_another_wall_is_compared(wall, wall_file, tmp_path):
+    other = moved(tmp_path / "later.laz", wall, 0.02)
+    result = run("plane", wall_file, tmp_path / "out.laz", "--against", other, "--unit", "m")
+    assert result.exit_code == 0, result.output
+    assert re.search(r"against +moved\n", result.stdout)
+    offset = re.search(r"offset +(\S+) ± (\S+) m along the normal, significant", result.stdout)
+    assert abs(abs(float(offset[1])) - 0.02) < 0.001  # both have the same noise
+    text = (tmp_path / "out_report.txt").read_text(encoding="utf-8")
+    assert "Against the other plane" in text
+
+
+def test_a_wall_at_its_own_place_is_the_same(wall_file, tmp_path):
+    result = run("plane", wall_file, tmp_path / "out.laz", "--against", wall_file)
+    assert re.search(r"against +same\n", result.stdout)
+
+
+@pytest.mark.parametrize(
+    ("width", "unit"), [("0.05", "m"), ("50mm", "m"), ("5 cm", "m"), ("50", "mm")]
+)
+def test_a_tolerance_has_the_unit_of_the_file_or_its_own(width, unit, wall_file, tmp_path):
+    result = run(
+        *("plane", wall_file, tmp_path / "out.laz", "--sigma0", 0.004),
+        *("--tolerance", width, "--unit", unit),
+    )
+    assert result.exit_code == 0, result.output
+    assert ("exceeded" in result.stdout) == (unit == "m")  # 60 points bulge by 32 to 120 mm
+    shown = 50 if unit == "mm" else 0.05
+    text = (tmp_path / "out_report.txt").read_text(encoding="utf-8")
+    assert f"tolerance             {shown:g} {unit} between" in text
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--tolerance", "5mm"), "5mm is no number"),
+        (("--tolerance", "5km", "--unit", "m"), "5km is no number"),
+        (("--tolerance", "0"), "0 is not a number above 0"),
+        (("--tolerance", "nan"), "nan is no number"),
+    ],
+)
+def test_widths_that_cannot_be_are_refused_before_the_work(options, words, wall_file, tmp_path):
+    result = run("plane", wall_file, tmp_path / "out.laz", *options)
+    assert result.exit_code == 2
+    assert words in " ".join(result.stderr.split())
+    assert files_in(tmp_path) == ["wall.laz"]
+
+
+def test_another_file_that_is_missing_is_told_and_nothing_is_written(wall_file, tmp_path):
+    result = run("plane", wall_file, tmp_path / "out.laz", "--against", tmp_path / "nix.laz")
+    assert result.exit_code == 1
+    assert "nix.laz: no such file" in error_line(result)
+    assert files_in(tmp_path) == ["wall.laz"]
+
+
+def test_the_b_method_takes_alpha_for_each_point(wall_file, tmp_path):
+    result = run(
+        *("plane", wall_file, tmp_path / "out.laz", "--sigma0", 0.004),
+        *("--correction", "b-method", "--alpha", 0.001),
+    )
+    assert result.exit_code == 0, result.output
+    text = (tmp_path / "out_report.txt").read_text(encoding="utf-8")
+    assert "level of one point    0.001" in text

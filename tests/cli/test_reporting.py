@@ -65,6 +65,7 @@ def test_the_report_of_a_plane_has_the_figures_of_its_text(tmp_path):
     assert result.exit_code == 0, result.output
     words = words_of(folder / "index.html")
     assert "60 of 600 points (10.0 %) do not belong to the plane" in words
+    assert "Minimal detectable bias (MDB)" in words
     text = (tmp_path / "o_report.txt").read_text()
     for line in ("critical value", "variance factor", "level of one point"):
         value = re.search(rf"{line} +(.*)", text)[1]

@@ -1,0 +1,118 @@
+"""Power of tests: noncentralities, coupled levels, and biases that can be told apart."""
+
+from functools import cache
+from numbers import Real
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.special import chdtrc, chdtri, chndtrinc, chndtrix, fdtri, ncfdtr, ndtr, stdtrit
+
+from sklearn_mcmd._errors import ParameterError
+from sklearn_mcmd._sklearn import Interval, validate_params
+
+__all__ = ["POWER", "coupled_level", "identifiable_bias", "noncentrality"]
+
+POWER = 0.8  # Baarda's; the usual one of reliability
+SHARE, COUNT = [Interval(Real, 0, 1, closed="neither")], [Interval(Real, 1, None, closed="both")]
+# Standard deviations beyond which the normal density counts as 0, nodes of its integrals, and the
+# largest bias that is tried.
+REACH, N_NODES, LARGEST_BIAS = 9.0, 200, 1e6
+_rule = cache(np.polynomial.legendre.leggauss)
+
+
+@validate_params(
+    {"level": SHARE, "power": SHARE, "dof": COUNT, "dof_scale": COUNT},
+    prefer_skip_nested_validation=True,
+)
+def noncentrality(
+    level: float, power: float = POWER, dof: float = 1, dof_scale: float = np.inf
+) -> float:
+    """Noncentrality that a test detects with a given power (lambda_0, Baarda 1968).
+
+    Parameters
+    ----------
+    level : float in (0, 1)
+        Level of the test.
+    power : float in (0, 1), default=0.8
+        Probability of detection. A ValueError is raised if it is no larger than the level.
+    dof : float >= 1, default=1
+        Dimension of the test: 1 for one point, f for the global test.
+    dof_scale : float >= 1, default=inf
+        Degrees of freedom of the scale: infinite for a known one, f - 1 for tau and t.
+
+    Returns
+    -------
+    float
+        Of chi-squared, or of F where the scale is estimated.
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.adjustment import noncentrality
+    >>> print(f"{noncentrality(0.001, 0.8):.2f} {noncentrality(0.001, 0.8, dof_scale=10):.2f}")
+    17.07 32.10
+    """
+    if power <= level:
+        raise ParameterError(
+            f"$power={power!r} is not above the level {level:.3g} of the test, which it has "
+            "without any bias: ask for more power, such as 0.8."
+        )
+    if np.isinf(dof_scale):
+        return float(chndtrinc(chdtri(dof, level), dof, 1 - power))
+    # Two-sided t keeps levels that are too small for 1 - level.
+    limit = stdtrit(dof_scale, level / 2) ** 2 if dof == 1 else fdtri(dof, dof_scale, 1 - level)
+    most = 1.0
+    while ncfdtr(dof, dof_scale, most, limit) > 1 - power:
+        most *= 2
+    return float(brentq(lambda nc: ncfdtr(dof, dof_scale, nc, limit) - 1 + power, 0, most))
+
+
+def coupled_level(level: float, dof: float, power: float = POWER) -> float:
+    """Level of the global test that finds what the test of one point finds (B-method, Baarda 1968).
+
+    Both have one noncentrality and one power. The level grows with the degrees of freedom.
+
+    Parameters
+    ----------
+    level : float in (0, 1)
+        Level of the test of one point (Baarda's alpha_0).
+    dof : float >= 1
+        Degrees of freedom f of the global test.
+    power : float in (0, 1), default=0.8
+        Larger than the level; otherwise a ValueError is raised.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.adjustment import coupled_level
+    >>> print(f"{coupled_level(0.001, 1):.3f} {coupled_level(0.001, 50):.3f}")
+    0.001 0.260
+    """
+    if not dof >= 1:
+        raise ValueError(f"dof={dof!r}: a global test needs a degree of freedom or more.")
+    return float(chdtrc(dof, chndtrix(1 - power, dof, noncentrality(level, power))))
+
+
+def identifiable_bias(correlation, critical, power):
+    """Least bias, in standard deviations, of one of two correlated w that is rejected and larger
+    than the other with the probability `power`; infinite if both always agree.
+
+    Given ``w_1 = w`` the other is normal with mean ``rho w`` and variance ``1 - rho^2``, whatever
+    the bias is. So one integral over w remains.
+    """
+    rho = min(abs(correlation), 1.0)
+    narrow, wide = np.sqrt((1 - rho) / (1 + rho)), np.sqrt((1 + rho) / max(1 - rho, 1e-300))
+    nodes, areas = _rule(N_NODES)
+
+    def lacking(bias):
+        total = -power
+        for mean in (bias, -bias):
+            half = max(REACH - max(critical - mean, -REACH), 0.0) / 2
+            u = REACH + half * (nodes - 1)
+            larger = ndtr((u + mean) * narrow) - ndtr(-(u + mean) * wide)
+            total += half * float(areas @ (np.exp(-(u**2) / 2) * larger)) / np.sqrt(2 * np.pi)
+        return total
+
+    return np.inf if lacking(LARGEST_BIAS) < 0 else float(brentq(lacking, 0.0, LARGEST_BIAS))

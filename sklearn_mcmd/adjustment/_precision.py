@@ -1,0 +1,115 @@
+"""Precision of an adjusted plane: covariance, standard errors, confidence bands."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri, fdtri, ndtri, stdtrit
+
+__all__ = ["PlanePrecision", "parameter_derivatives", "precision_of", "quantile", "tilt_direction"]
+
+
+@dataclass(frozen=True, eq=False)
+class PlanePrecision:
+    """Covariance and standard errors of a plane, as of ``detector.precision()``.
+
+    They are propagated to first order from one scale (JCGM 100, 5.1.2). Angles are in degrees,
+    lengths in units of X. There are k = rank - 1 tilts, two in space.
+
+    Attributes
+    ----------
+    scale, dof : float
+        Standard deviation of unit weight and its degrees of freedom, which are ``inf`` a priori.
+    covariance : ndarray of shape (n_features + 1, n_features + 1)
+        Of ``normal_`` and ``distance_``; singular, because the normal keeps its length.
+    slopes_covariance : ndarray of shape (n_features, n_features)
+        Of ``coef_`` and ``intercept_``; not finite for an upright plane.
+    offset_error : float
+        Of the plane across itself, at the center of its points. The error of ``distance_`` holds
+        the tilts times the distance of the origin as well.
+    cone : float
+        Root mean square angle between the normal and its true value.
+    ellipse, ellipse_axes : ndarray of shape (k,) and (n_features, k)
+        Semi-axes of the standard error ellipse of the normal, descending, and their directions.
+    tilt, tilt_error, azimuth, azimuth_error : float
+        Angle to the horizontal; direction of fall, clockwise from the y axis (nan unless in space,
+        with an infinite error if horizontal); and their standard errors.
+    """
+
+    scale: float
+    dof: float
+    covariance: NDArray[np.float64]
+    slopes_covariance: NDArray[np.float64]
+    offset_error: float
+    cone: float
+    ellipse: NDArray[np.float64]
+    ellipse_axes: NDArray[np.float64]
+    tilt: float
+    tilt_error: float
+    azimuth: float
+    azimuth_error: float
+
+    def confidence_factor(self, level: float = 0.95) -> float:
+        """``sqrt(k F)``, from the standard ellipse to the one of a confidence level; 2.45 a priori
+        in space."""
+        return quantile(level, self.dof, len(self.ellipse))
+
+
+def quantile(level, dof, k=1):
+    """``sqrt(k F)``, the radius of a region of k parameters; for k = 1 the two-sided t."""
+    if np.isinf(dof):
+        return float(np.sqrt(chdtri(k, 1 - level)) if k > 1 else -ndtri((1 - level) / 2))
+    if k > 1:
+        return float(np.sqrt(k * fdtri(k, dof, level)))
+    return float(-stdtrit(dof, (1 - level) / 2))
+
+
+def parameter_derivatives(plane):
+    """Derivatives of unit normal (rows 0 to d - 1) and distance by whitened parameters, whose
+    cofactor matrix is the identity.
+
+    With the rows g of `PlaneAdjustment.design`, parameters t raise the plane by ``g't`` along its
+    residuals. Its direction becomes ``direction - axes t``, and is then scaled to length 1.
+    """
+    normal, length = plane.normal, np.linalg.norm(plane.direction)
+    sign = np.sign(plane.direction @ normal)
+    derivatives = np.zeros((len(normal) + 1, plane.rank))
+    across = plane.axes - np.outer(normal, normal @ plane.axes)
+    derivatives[:-1, 1:] = -sign / length * across
+    derivatives[-1] = plane.center @ derivatives[:-1]
+    derivatives[-1, 0] = sign / (length * np.sqrt(plane.sum_weights))
+    return derivatives if plane.kernel is None else derivatives @ np.linalg.cholesky(plane.kernel)
+
+
+def tilt_direction(normal):
+    """Unit vector into which the normal turns if the tilt grows; nan for a horizontal plane."""
+    with np.errstate(invalid="ignore"):
+        uphill = normal[:-1] / np.linalg.norm(normal[:-1])
+    upright = np.sign(normal[-1]) or 1.0
+    return np.append(uphill * abs(normal[-1]), -upright * np.linalg.norm(normal[:-1]))
+
+
+def precision_of(plane, scale, dof):
+    """The `PlanePrecision` of a `PlaneAdjustment`."""
+    normal, k = plane.normal, plane.rank - 1
+    roots = scale * parameter_derivatives(plane)
+    axes, errors, _ = np.linalg.svd(roots[:-1], full_matrices=False)
+    sine, azimuth, azimuth_error = float(np.linalg.norm(normal[:-1])), np.nan, np.nan
+    tilt_error = np.linalg.norm(tilt_direction(normal) @ roots[:-1]) if sine else errors[0]
+    if len(normal) == 3:
+        azimuth = np.degrees(np.arctan2(*normal[:2])) % 360
+        level = np.array([normal[1], -normal[0], 0.0])
+        azimuth_error = np.degrees(np.linalg.norm(level @ roots[:-1]) / sine**2) if sine else np.inf
+    # Of z = x @ coef + intercept, with coef = -normal[:-1] / normal[-1].
+    with np.errstate(divide="ignore", invalid="ignore"):
+        values = np.append(-normal[:-1], plane.center @ normal) / normal[-1]
+        slopes = np.vstack([-roots[:-2], roots[-1:]]) - np.outer(values, roots[-2])
+        slopes_covariance = slopes / normal[-1] @ slopes.T / normal[-1]
+    at_center = plane.kernel[0, 0] if plane.kernel is not None else 1.0
+    offset = scale * np.sqrt(at_center / plane.sum_weights) / np.linalg.norm(plane.direction)
+    return PlanePrecision(
+        float(scale), float(dof), roots @ roots.T, slopes_covariance, float(offset),
+        float(np.degrees(np.linalg.norm(errors))), np.degrees(errors[:k]), axes[:, :k],
+        float(np.degrees(np.arctan2(sine, abs(normal[-1])))), float(np.degrees(tilt_error)),
+        float(azimuth), float(azimuth_error),
+    )  # fmt: skip

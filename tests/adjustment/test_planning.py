@@ -1,0 +1,103 @@
+"""Simulated snooping decides as the detector does, and its rates are what theory says."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, critical_value, local_level, plan_plane
+from sklearn_mcmd.adjustment._planning_numba import snoop_planes
+from sklearn_mcmd.adjustment._start import CUT
+from sklearn_mcmd.adjustment._tests import UNCONTROLLED
+
+
+def simulated(n, k, bias, m, seed=0):
+    rng = np.random.default_rng(seed)
+    X = np.concatenate([rng.uniform(-1, 1, (m, n, 2)), rng.normal(size=(m, n, 1))], axis=2)
+    X[:, :k, 2] += bias
+    return X
+
+
+def snooped(X, n_trials=0, alpha=0.05):
+    m, n, _ = X.shape
+    limits = [critical_value("w", local_level(alpha, i), 1) for i in range(n + 2)]
+    corners = np.random.default_rng(1).integers(n, size=(m, n_trials, 3))
+    sizes, found = np.empty(n), np.empty((m, n), dtype=bool)
+    snoop_planes(
+        X, corners, np.array(limits), CUT, UNCONTROLLED, sizes, sizes.view(np.int64),
+        np.empty(n, dtype=bool), found,
+    )  # fmt: skip
+    return found
+
+
+@pytest.mark.parametrize(("n", "k", "bias"), [(6, 1, 4), (30, 1, 4), (60, 12, 6), (40, 18, 12)])
+def test_verdicts_are_those_of_the_detector(n, k, bias):
+    X = simulated(n, k, bias, 60)
+    expected = [BaardaPlaneDetector().fit(one).labels_ == -1 for one in X]
+    np.testing.assert_array_equal(snooped(X), expected)
+
+
+def test_with_a_robust_start_they_are_nearly_always():
+    # Both starts are random; they lead to one plane unless two halves are equally coplanar.
+    X = simulated(60, 21, 10, 60)
+    expected = [
+        BaardaPlaneDetector(robust_start=True, random_state=0).fit(one).labels_ == -1 for one in X
+    ]
+    same = (snooped(X, n_trials=69) == expected).all(axis=1)
+    assert np.mean(same) >= 0.95
+    assert np.mean(expected, axis=(0))[:21].mean() > 0.99
+
+
+def test_outcomes_are_all_that_can_happen_and_the_level_is_kept():
+    plan = plan_plane(50, n_repetitions=4000, random_state=0)
+    outcomes = [plan.correct, plan.missed, plan.wrongly_excluded, plan.over_excluded]
+    assert sum(value for value, _ in outcomes) == pytest.approx(1)
+    # Sidak's level is that of independent tests; correlations make it a little smaller.
+    assert plan.false_alarm[0] == pytest.approx(0.05, abs=4 * plan.false_alarm[1] + 0.003)
+
+
+def test_an_error_of_the_smallest_bias_is_found_with_the_power():
+    plan = plan_plane(50, n_repetitions=4000, power=0.7, random_state=0)
+    assert plan.found[0] == pytest.approx(0.7, abs=4 * plan.found[1])
+    # A little more than by the formula of one test, since other points are tested as well.
+    assert 0.98 * plan.minimal_bias < plan.bias[0] < 1.1 * plan.minimal_bias
+    given = plan_plane(50, n_repetitions=4000, bias=plan.bias[0], random_state=0)
+    assert given.found == pytest.approx(plan.found, abs=1e-3)
+    assert given.bias == (plan.bias[0], 0.0)
+
+
+def test_one_detected_outlier_agrees_with_the_normal_distribution():
+    # With 10,000 points the redundancy is 1, and one round decides.
+    n = 10_000
+    plan = plan_plane(n, bias=5.0, n_repetitions=300, alpha=0.05, random_state=0)
+    limit = critical_value("w", local_level(0.05, n), 1)
+    assert plan.found[0] == pytest.approx(stats.norm.sf(limit - 5), abs=4 * plan.found[1])
+
+
+def test_lengths_scale_and_the_robust_start_survives_what_least_squares_does_not():
+    options = {"outlier_rate": 0.45, "bias": 0.4, "sigma0": 0.04, "n_repetitions": 500}
+    plans = [plan_plane(60, robust_start=x, random_state=0, **options) for x in (False, True)]
+    assert plans[0].n_outliers == 27
+    assert plans[1].found[0] > 0.99 > plans[0].found[0]
+    assert plans[0] == plan_plane(60, random_state=0, **options)
+    assert plans[0].offset_error == pytest.approx(0.04 / np.sqrt(60))
+
+
+def test_where_no_bias_is_found_so_often_it_is_infinite():
+    # Six points, three of them off: no test can tell which half is right.
+    plan = plan_plane(6, outlier_rate=0.499, n_repetitions=200, random_state=0)
+    assert plan.bias == (np.inf, np.inf)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"n_points": 4}, "'n_points' parameter"),
+        ({"extent": (1, -1)}, r"extent=\(1, -1\) is no rectangle"),
+        ({"extent": 4}, "extent=4 is no rectangle"),
+        ({"power": 1e-6}, "power=1e-06 is not above"),
+        ({"outlier_rate": 0.5}, "'outlier_rate' parameter"),
+    ],
+)
+def test_what_cannot_be_is_refused(options, words):
+    with pytest.raises(ValueError, match=words):
+        plan_plane(**options)

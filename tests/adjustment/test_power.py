@@ -1,0 +1,61 @@
+"""Noncentralities and coupled levels against SciPy's distributions and simulations."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from sklearn_mcmd.adjustment import coupled_level, noncentrality
+from sklearn_mcmd.adjustment._power import identifiable_bias
+
+
+def test_baardas_own_noncentrality_is_17():
+    assert noncentrality(0.001, 0.8) == pytest.approx(17.075, abs=5e-4)
+
+
+@pytest.mark.parametrize(("level", "power"), [(0.05, 0.8), (1e-7, 0.8), (0.001, 0.99), (0.2, 0.3)])
+@pytest.mark.parametrize("dof", [1, 2, 100, 1e6])
+def test_a_test_of_this_noncentrality_has_the_power(level, power, dof):
+    limit = stats.chi2.isf(level, dof)
+    assert stats.ncx2.sf(limit, dof, noncentrality(level, power, dof)) == pytest.approx(power)
+
+
+@pytest.mark.parametrize("dof", [1, 2])
+@pytest.mark.parametrize("dof_scale", [1, 6, 96, 10_000])
+def test_so_has_a_test_with_an_estimated_scale(dof, dof_scale):
+    nc = noncentrality(0.001, 0.8, dof, dof_scale)
+    limit = stats.f.isf(0.001, dof, dof_scale)
+    # ncf loses digits where few degrees of freedom make the limit large.
+    assert stats.ncf.sf(limit, dof, dof_scale, nc) == pytest.approx(0.8, abs=1e-4)
+
+
+def test_many_degrees_of_freedom_make_the_scale_known():
+    assert noncentrality(0.001, dof_scale=1e6) == pytest.approx(noncentrality(0.001), rel=1e-4)
+
+
+def test_global_and_local_test_of_coupled_levels_find_the_same_bias():
+    level = coupled_level(0.001, 50, 0.9)
+    assert noncentrality(level, 0.9, 50) == pytest.approx(noncentrality(0.001, 0.9))
+    assert coupled_level(0.001, 1) == pytest.approx(0.001)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.3, -0.9])
+def test_a_bias_is_identified_as_often_as_in_simulations(rho):
+    bias = identifiable_bias(rho, 3.29, 0.8)
+    w = np.random.default_rng(0).multivariate_normal(
+        [bias, rho * bias], [[1, rho], [rho, 1]], 200_000
+    )
+    w = np.abs(w)
+    found = (w[:, 0] > 3.29) & (w[:, 0] > w[:, 1])
+    assert np.mean(found) == pytest.approx(0.8, abs=4 * np.sqrt(0.16 / 200_000))
+
+
+def test_uncorrelated_errors_are_told_apart_if_found_and_equal_ones_never():
+    assert identifiable_bias(0.0, 3.29, 0.8) >= np.sqrt(noncentrality(0.001, 0.8)) - 0.01
+    assert identifiable_bias(1.0, 3.29, 0.8) == np.inf
+
+
+def test_a_power_below_the_level_is_refused():
+    with pytest.raises(ValueError, match=r"power=0.01 is not above the level 0.05"):
+        noncentrality(0.05, 0.01)
+    with pytest.raises(ValueError, match="dof=0"):
+        coupled_level(0.001, 0)

@@ -1,0 +1,208 @@
+"""Standard errors and bands of planes against exact fractions, simulations and statsmodels."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
+from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._precision import precision_of, quantile
+
+OFFSET = np.array([362_000.0, 5_157_000.0, 100.0])
+
+
+def cloud(n=40, noise=0.01, seed=0, normal=(-0.3, 0.2, 1.0)):
+    rng = np.random.default_rng(seed)
+    X = np.column_stack([rng.uniform(0, 5, (n, 2)), rng.normal(0, noise, n)])
+    X[:, 2] -= X[:, :2] @ np.array(normal[:2]) / normal[2]
+    return X
+
+
+def solve(A, B):
+    """Gauss and Jordan of fractions."""
+    rows = [[*a, *b] for a, b in zip(A, B, strict=True)]
+    for i in range(len(rows)):
+        pivot = next(k for k in range(i, len(rows)) if rows[k][i] != 0)
+        rows[i], rows[pivot] = rows[pivot], rows[i]
+        rows[i] = [value / rows[i][i] for value in rows[i]]
+        for k in range(len(rows)):
+            if k != i:
+                rows[k] = [a - rows[k][i] * b for a, b in zip(rows[k], rows[i], strict=True)]
+    return [row[len(A) :] for row in rows]
+
+
+def product(A, B):
+    columns = list(zip(*B, strict=True))
+    return [[sum(a * b for a, b in zip(x, y, strict=True)) for y in columns] for x in A]
+
+
+def transposed(A):
+    return [list(row) for row in zip(*A, strict=True)]
+
+
+def exact_covariances(X):
+    """Of (slopes, intercept) and of (normal, distance) of z = ax + by + c, without any rounding."""
+    points = [[Fraction(float(value)) for value in row] for row in X]
+    A, z = [[x, y, Fraction(1)] for x, y, _ in points], [[row[2]] for row in points]
+    N = product(transposed(A), A)
+    unit = [[Fraction(int(i == k)) for i in range(3)] for k in range(3)]
+    Q, h = solve(N, unit), solve(N, product(transposed(A), z))
+    a, b, c = (row[0] for row in h)
+    v = [row[2] - a * row[0] - b * row[1] - c for row in points]
+    s2 = sum(x * x for x in v) / (len(X) - 3)
+    length2 = a * a + b * b + 1
+    # normal = (-a, -b, 1) / L and distance = c / L; each derivative times L is rational.
+    J = [
+        [-1 + a * a / length2, a * b / length2, Fraction(0)],
+        [a * b / length2, -1 + b * b / length2, Fraction(0)],
+        [-a / length2, -b / length2, Fraction(0)],
+        [-c * a / length2, -c * b / length2, Fraction(1)],
+    ]
+    of_normal = product(product(J, Q), transposed(J))
+    as_floats = np.array([[float(s2 * x) for x in row] for row in Q])
+    return as_floats, np.array([[float(s2 * x / length2) for x in row] for row in of_normal])
+
+
+# Rounding of 5e6 to float64 is 1e-9, a 1e-7th of the noise; products of covariances add a few.
+@pytest.mark.parametrize(("offset", "rtol"), [(0.0, 1e-12), (1.0, 1e-7)])
+@pytest.mark.parametrize("sigma0", [0.01, "auto"])
+def test_covariances_are_those_of_exact_fractions_also_far_from_the_origin(offset, rtol, sigma0):
+    X = cloud() + offset * OFFSET
+    precision = BaardaPlaneDetector(1e-9, sigma0=sigma0).fit(X).precision()
+    slopes, normal = exact_covariances(X)
+    for ours, truth in ((precision.slopes_covariance, slopes), (precision.covariance, normal)):
+        scale = np.sqrt(np.outer(np.diag(truth), np.diag(truth)))
+        np.testing.assert_allclose(ours / scale, truth / scale, atol=rtol)
+
+
+def simulated_planes(surface, n, n_planes, normal, noise=0.01, seed=0):
+    """True normal and distance, and the precisions and estimates of simulated planes."""
+    rng = np.random.default_rng(seed)
+    truth = np.array(normal) / np.linalg.norm(normal)
+    basis = np.linalg.svd(truth[None])[2][1:]
+    for _ in range(n_planes):
+        X = rng.uniform(0, 5, (n, 2)) @ basis + [3.0, 1.0, 2.0]
+        if surface == "vertical":
+            X[:, 2] += rng.normal(0, noise, n)
+        else:
+            X += rng.normal(0, noise, (n, 3))
+        yield truth, float(truth @ [3.0, 1.0, 2.0]), adjust_plane(X, surface=surface)
+
+
+@pytest.mark.parametrize(
+    ("surface", "normal"),
+    [("vertical", (-0.3, 0.2, 1)), ("orthogonal", (-0.3, 0.2, 1)), ("orthogonal", (1, 2, 0.01))],
+)
+@pytest.mark.parametrize(
+    "n_planes", [3_000, pytest.param(100_000, marks=pytest.mark.slow)], ids=["3k", "100k"]
+)
+def test_errors_over_standard_errors_of_simulated_planes_have_variance_one(
+    surface, normal, n_planes
+):
+    ratios = []
+    for truth, distance, plane in simulated_planes(surface, 30, n_planes, normal):
+        precision = precision_of(plane, 0.01, np.inf)
+        side = np.sign(plane.normal @ truth)
+        error = np.append(
+            side * plane.normal - truth, side * plane.center @ plane.normal - distance
+        )
+        tilt = np.degrees(np.arctan2(np.hypot(*truth[:2]), abs(truth[2])))
+        azimuth = np.degrees(np.arctan2(*(side * truth[:2]))) % 360
+        turned = (precision.azimuth - azimuth + 180) % 360 - 180
+        ratios.append(
+            [
+                *(error / np.sqrt(np.diag(precision.covariance))),
+                (precision.tilt - tilt) / precision.tilt_error,
+                turned / precision.azimuth_error,
+            ]
+        )
+    # A variance of n draws is known to sqrt(2 / n); four of these, and 1 % for the higher orders
+    # that standard errors leave out (noise over width, squared).
+    variance = np.mean(np.square(ratios), axis=0)
+    np.testing.assert_allclose(variance, 1, atol=4 * np.sqrt(2 / n_planes) + 0.01)
+
+
+@pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
+@pytest.mark.parametrize("variance", ["posterior", "prior"])
+def test_ellipses_of_95_percent_hold_95_percent_of_the_normals_of_ten_points(surface, variance):
+    inside = []
+    for truth, _, plane in simulated_planes(surface, 10, 4_000, (-0.3, 0.2, 1)):
+        scale, dof = (0.01, np.inf) if variance == "prior" else (plane.variance_factor**0.5, 7)
+        precision = precision_of(plane, scale, dof)
+        error = np.degrees(precision.ellipse_axes.T @ (plane.normal - truth))
+        radius = np.linalg.norm(error / precision.ellipse)
+        inside.append(radius <= precision.confidence_factor(0.95))
+    assert 0.94 < np.mean(inside) < 0.96  # 0.95 is known to 0.0034
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_statsmodels_has_the_same_covariance_and_bands(weighted):
+    linear_model = pytest.importorskip("statsmodels.regression.linear_model")
+    X = cloud()
+    weights = np.random.default_rng(1).uniform(0.5, 2, len(X)) if weighted else np.ones(len(X))
+    detector = BaardaPlaneDetector(1e-9, sigma0=0.01).fit(X, weights=weights)
+    model = linear_model.WLS(X[:, 2], np.column_stack([X[:, :2], np.ones(len(X))]), weights=weights)
+    fitted = model.fit()
+    np.testing.assert_allclose(
+        detector.precision().slopes_covariance, fitted.cov_params(), rtol=1e-9
+    )
+    places = cloud(5, seed=3)
+    told = fitted.get_prediction(np.column_stack([places[:, :2], np.ones(5)]))
+    of_plane, of_point = detector.band(places, 0.9)
+    for ours, obs in ((of_plane, False), (of_point, True)):
+        low, high = told.conf_int(obs=obs, alpha=0.1).T
+        np.testing.assert_allclose(ours, (high - low) / 2, rtol=1e-9)
+
+
+def test_a_robust_loss_widens_the_covariance_as_its_kernel_says():
+    X = cloud(200)
+    robust = BaardaPlaneDetector(sigma0=0.01, loss="huber").fit(X)
+    plane = robust._plane
+    G = plane.design(plane.whiten(X)[0])
+    expected = (G @ plane.kernel * G).sum(axis=1)
+    ours = robust.band(X, variance="prior")[0] / quantile(0.95, np.inf) / 0.01
+    np.testing.assert_allclose(ours**2, expected, rtol=1e-12)
+    at_center = robust.band(plane.center[None], variance="prior")[0] / quantile(0.95, np.inf)
+    length = np.linalg.norm(plane.direction)
+    assert robust.precision("prior").offset_error == pytest.approx(float(at_center[0]) / length)
+
+
+def test_errors_of_the_normal_do_not_depend_on_how_a_wall_stands():
+    X, turn = cloud(), np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
+    detector = BaardaPlaneDetector(1e-9, sigma0=0.01, surface="orthogonal")
+    first, second = (detector.fit(points).precision() for points in (X, X @ turn))
+    np.testing.assert_allclose(first.ellipse, second.ellipse, rtol=1e-9)
+    assert first.cone == pytest.approx(np.hypot(*first.ellipse))
+
+
+def test_a_horizontal_plane_falls_nowhere_and_may_tilt_to_its_worst_side():
+    grid = np.stack(np.meshgrid([0.0, 1, 2], [0.0, 1, 2, 3]), -1).reshape(-1, 2)
+    X = np.column_stack([grid, np.zeros(12)])
+    precision = BaardaPlaneDetector(sigma0=0.01).fit(X).precision("prior")
+    assert precision.tilt == 0
+    assert np.isinf(precision.azimuth_error)
+    assert precision.tilt_error == precision.ellipse[0]
+
+
+def test_lines_in_two_dimensions_have_one_angle():
+    precision = BaardaPlaneDetector(sigma0=0.01).fit(cloud()[:, [0, 2]]).precision()
+    assert precision.ellipse.shape == (1,)
+    assert precision.cone == pytest.approx(precision.tilt_error)
+    assert np.isnan(precision.azimuth)
+
+
+@pytest.mark.parametrize("detector", [BaardaPlaneDetector, FuzzyPlaneDetector])
+def test_standard_errors_a_priori_scale_with_sigma0(detector):
+    fitted = [detector(sigma0=s).fit(cloud()).precision("prior").cone for s in (0.01, 0.02)]
+    assert fitted[1] == pytest.approx(2 * fitted[0])
+
+
+def test_what_cannot_be_is_refused():
+    detector = BaardaPlaneDetector(sigma0="auto").fit(cloud())
+    with pytest.raises(ValueError, match="variance='prior' needs a known sigma0"):
+        detector.precision("prior")
+    with pytest.raises(ValueError, match="variance='sure' is unknown"):
+        detector.precision("sure")
+    with pytest.raises(ValueError, match="level=95 is no probability"):
+        detector.band(cloud(), 95)

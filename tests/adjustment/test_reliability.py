@@ -1,0 +1,170 @@
+"""Internal and external reliability against dense matrices, refits and simulations."""
+
+import numpy as np
+import pytest
+
+from adjustment_clouds import plane_with_outliers
+from reference_adjustment import redundancy_matrix
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector, noncentrality
+from sklearn_mcmd.adjustment._plane import adjust_plane
+
+SIGMA = 0.01
+
+
+def cloud(n=30, seed=0):
+    rng = np.random.default_rng(seed)
+    X = np.column_stack([rng.uniform(0, 5, (n, 2)), rng.normal(0, SIGMA, n)])
+    X[:, 2] += X[:, :2] @ [0.3, -0.2]
+    return X
+
+
+@pytest.fixture(scope="module")
+def weights():
+    return np.random.default_rng(1).uniform(0.3, 3, 30)
+
+
+@pytest.mark.parametrize("test", ["w", "tau", "t"])
+@pytest.mark.parametrize("n", [8, 30, 200])
+def test_a_bias_of_the_detectable_size_is_detected_with_the_power(n, test):
+    X = cloud(n)
+    detector = BaardaPlaneDetector(test=test, sigma0=SIGMA, correction="none", alpha=0.001).fit(X)
+    power = 0.8
+    reliability = detector.reliability(X, power)
+    R = redundancy_matrix(X)
+    rng = np.random.default_rng(2)
+    noise, at = rng.normal(0, SIGMA, (60_000, n)), rng.integers(n, size=60_000)
+    scale = SIGMA if test == "w" else detector.variance_factor_**0.5
+    # Of the true deviation, which the detector estimates by its own scale for tau and t.
+    noise[np.arange(len(at)), at] += reliability.minimal_bias[at] * SIGMA / scale
+    v = noise @ R
+    w = v[np.arange(len(at)), at] / np.sqrt(np.diag(R)[at])
+    if test == "w":
+        statistic = np.abs(w) / SIGMA
+    else:
+        tau = np.abs(w) / np.sqrt((v**2).sum(axis=1) / (n - 3))
+        f = n - 3
+        statistic = tau if test == "tau" else tau * np.sqrt((f - 1) / (f - tau**2))
+    found = np.mean(statistic > detector.critical_value_)
+    assert found == pytest.approx(power, abs=0.01)  # six standard errors of 60,000 draws
+
+
+def test_biases_and_their_ratio_to_noise_are_the_formulas(weights):
+    X = cloud()
+    detector = BaardaPlaneDetector(sigma0=SIGMA).fit(X, weights=weights)
+    told = detector.reliability(X)
+    r = np.diag(redundancy_matrix(X, weights))
+    nc = noncentrality(told.level, told.power)
+    assert told.noncentrality == nc
+    np.testing.assert_allclose(told.minimal_bias, SIGMA * np.sqrt(nc / (weights * r)))
+    np.testing.assert_allclose(told.bias_to_noise, np.sqrt(nc * (1 - r) / r))
+    np.testing.assert_allclose(told.gross_error_deviation, SIGMA / np.sqrt(weights * r))
+    np.testing.assert_allclose(told.gross_error, detector.residuals(X) / r)
+
+
+@pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
+def test_effects_are_what_a_refit_with_the_bias_changes(surface, weights):
+    X = cloud()
+    detector = BaardaPlaneDetector(sigma0=SIGMA, surface=surface).fit(X, weights=weights)
+    told, plane = detector.reliability(X), detector._plane
+    along = np.array([0, 0, 1.0]) if surface == "vertical" else plane.normal
+    for i in (0, 7, 20):
+        share = 1e-3  # of the bias: effects are of first order
+        moved = X.copy()
+        moved[i] += share * told.minimal_bias[i] * along
+        other = adjust_plane(moved, weights, surface=surface)
+        turn = np.degrees(np.linalg.norm(other.normal - plane.normal)) / share
+        tilts = [np.degrees(np.arccos(each.normal[2])) for each in (plane, other)]
+        offset = (other.center - plane.center) @ other.normal / share
+        # The orthogonal plane of noisy points differs by noise over width; measured 1e-4.
+        assert told.effect_on_normal[i] == pytest.approx(turn, rel=2e-3)
+        assert told.effect_on_tilt[i] == pytest.approx(abs(tilts[1] - tilts[0]) / share, rel=5e-3)
+        assert told.effect_on_offset[i] == pytest.approx(abs(offset), rel=2e-3)
+
+
+def test_the_gross_error_of_a_rejected_point_is_that_of_a_mean_shift():
+    linear_model = pytest.importorskip("statsmodels.regression.linear_model")
+    X = cloud()
+    X[4, 2] += 0.1
+    detector = BaardaPlaneDetector(sigma0=SIGMA).fit(X)
+    assert np.flatnonzero(~detector.support_).tolist() == [4]
+    told = detector.reliability(X)
+    shift = (np.arange(30) == 4).astype(float)
+    fitted = linear_model.OLS(X[:, 2], np.column_stack([X[:, :2], np.ones(30), shift])).fit()
+    assert told.gross_error[4] == pytest.approx(fitted.params[3])
+    deviation = fitted.bse[3] * SIGMA / np.sqrt(fitted.scale)
+    assert told.gross_error_deviation[4] == pytest.approx(deviation)
+    assert told.effect_on_normal[4] == 0
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_correlations_are_those_of_the_dense_matrix_of_all_points(weighted, weights):
+    X = cloud()
+    X[4, 2] += 0.2
+    p = weights if weighted else np.ones(30)
+    detector = BaardaPlaneDetector(sigma0=SIGMA).fit(X, weights=p)
+    told = detector.reliability(X, n_worst=5)
+    assert told.pairs[0, 0] == 4
+    # The point that was rejected is tested as if it joined the others: with all points.
+    for row, ((i, j), rho) in enumerate(zip(told.pairs, told.correlation, strict=True)):
+        used = detector.support_ | (np.arange(30) == i)
+        R = redundancy_matrix(X[used], p[used])
+        Q = R / p[used]  # cofactors of residuals
+        correlation = Q / np.sqrt(np.outer(np.diag(Q), np.diag(Q)))
+        rows = np.flatnonzero(used)
+        a, b = np.searchsorted(rows, [i, j])
+        assert correlation[a, b] == pytest.approx(rho)
+        others = np.delete(correlation[a], a)
+        assert np.abs(others).max() == pytest.approx(abs(rho))
+        assert told.identifiable_bias[row] >= told.minimal_bias[i]
+
+
+def test_four_points_find_errors_and_cannot_say_whose():
+    X = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.001]])
+    told = BaardaPlaneDetector(sigma0=SIGMA).fit(X).reliability(X)
+    np.testing.assert_allclose(np.abs(told.correlation), 1)
+    assert np.isinf(told.identifiable_bias).all()
+    assert np.isfinite(told.minimal_bias).all()
+
+
+def test_a_point_that_nothing_controls_hides_any_error():
+    X = np.array([[0.0, 0], [0, 0.01], [0, -0.01], [1, 0.5]])
+    told = BaardaPlaneDetector(sigma0=SIGMA).fit(X).reliability(X)
+    assert told.minimal_bias[3] == told.effect_on_normal[3] == np.inf
+    assert np.isnan(told.gross_error[3])
+    assert np.isfinite(told.minimal_bias[:3]).all()
+
+
+def test_points_of_weight_zero_have_no_effect():
+    X, p = cloud(), np.ones(30)
+    p[0] = 0
+    told = BaardaPlaneDetector(sigma0=SIGMA).fit(X, weights=p).reliability(X)
+    rest = BaardaPlaneDetector(sigma0=SIGMA).fit(X[1:]).reliability(X[1:])
+    np.testing.assert_allclose(told.minimal_bias[1:], rest.minimal_bias)
+    assert told.effect_on_normal[0] == 0
+    assert told.minimal_bias[0] == np.inf
+
+
+def test_the_b_method_gives_the_global_test_the_level_of_the_same_bias():
+    X = plane_with_outliers(100, 3, 12.0)
+    detector = BaardaPlaneDetector(0.001, correction="b-method").fit(X)
+    assert detector.critical_value_ == pytest.approx(3.2905, abs=1e-4)
+    assert detector.global_test_level_ == detector.reliability(X).coupled_level
+    assert FuzzyPlaneDetector(0.05).fit(X).global_test_level_ == 0.05
+
+
+def test_without_worst_points_there_are_no_pairs():
+    X = cloud()
+    told = BaardaPlaneDetector(sigma0=SIGMA).fit(X).reliability(X, n_worst=0)
+    assert told.pairs.shape == (0, 2)
+    assert told.identifiable_bias.shape == (0,)
+
+
+def test_what_cannot_be_is_refused():
+    X = cloud()
+    detector = BaardaPlaneDetector(sigma0=SIGMA).fit(X)
+    with pytest.raises(ValueError, match="pass the training points"):
+        detector.reliability(X[1:])
+    with pytest.raises(ValueError, match="is not above the level"):
+        detector.reliability(X, 1e-9)
+    with pytest.raises(ValueError, match="loss='huber' has no minimal detectable biases"):
+        BaardaPlaneDetector(sigma0=SIGMA, loss="huber").fit(X).reliability(X)
