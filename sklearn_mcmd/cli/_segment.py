@@ -53,6 +53,13 @@ def segment(
             "faces a few points wide beside larger ones, such as kerbs."
         ),
     ] = True,
+    divide_at_creases: Annotated[
+        bool,
+        typer.Option(
+            help="Whether to divide regions that two planes with a crease explain better than one "
+            "smooth surface, such as the faces of a flat roof in noise."
+        ),
+    ] = True,
     join_coplanar: Annotated[
         bool,
         typer.Option(
@@ -126,6 +133,7 @@ def segment(
         "max_gap": max_gap,
         "min_region_size": min_region_size,
         "find_narrow_faces": find_narrow_faces,
+        "divide_at_creases": divide_at_creases,
         "join_coplanar": join_coplanar,
         "join_curved": join_curved,
         "assign_unlabeled": assign_unlabeled,

@@ -1,0 +1,320 @@
+"""Cells, patches and votes of ``_creases``, compiled."""
+
+from heapq import heapify, heappop, heappush
+from typing import NamedTuple
+
+import numpy as np
+
+from sklearn_mcmd.planes._moments_numba import eigh_3d
+from sklearn_mcmd.runtime._kernels import kernel
+from sklearn_mcmd.segmentation._cylinder_numba import _across, _add, _dot, _solve
+
+__all__ = ["gather_cells", "join_cells", "sum_cells", "vote"]
+
+N_PLANE = 3  # parameters of a plane
+
+
+class CellSums(NamedTuple):
+    """Points, sums of weights, weighted means and scatter (m, 6) about them, in units of noise."""
+
+    sizes: np.ndarray
+    weights: np.ndarray
+    means: np.ndarray
+    scatters: np.ndarray
+
+
+def sum_cells(points, noise, unit, members, starts):
+    """The `CellSums` of cells; lengths are in units, weights the inverse squares of noise."""
+    m = len(starts) - 1
+    sums = CellSums(np.empty(m), np.empty(m), np.empty((m, 3)), np.zeros((m, 6)))
+    _sum_cells(points, noise, unit, members, starts, sums)
+    return sums
+
+
+@kernel(cache=True)
+def gather_cells(order, near, labels):
+    """Cells of the nearest points of the same region that no cell has, around points in order.
+
+    Returns the members, cell after cell; where each cell starts; and the cell of each point.
+    """
+    cell = np.full(len(labels), -1, np.int32)
+    members, starts = np.empty(len(order), np.int32), np.zeros(len(order) + 1, np.int64)
+    n_cells = n_members = 0
+    for i in order:
+        if cell[i] >= 0:
+            continue
+        for a in range(near.shape[1]):
+            j = near[i, a]
+            if cell[j] < 0 and labels[j] == labels[i]:
+                cell[j] = n_cells
+                members[n_members] = j
+                n_members += 1
+        if cell[i] < 0:  # with equally distant ones a point may not be among its neighbors
+            cell[i] = n_cells
+            members[n_members] = i
+            n_members += 1
+        n_cells += 1
+        starts[n_cells] = n_members
+    return members, starts[: n_cells + 1].copy(), cell
+
+
+@kernel(cache=True)
+def _sum_cells(points, noise, unit, members, starts, sums):
+    for c in range(len(starts) - 1):
+        origin, own = members[starts[c]], members[starts[c] : starts[c + 1]]
+        total = 0.0
+        mean = np.zeros(3)
+        for i in own:
+            weight = 1.0 / (noise[i] * noise[i])
+            total += weight
+            for axis in range(3):
+                mean[axis] += weight * (points[i, axis] - points[origin, axis]) / unit
+        mean /= total
+        for i in own:
+            weight = 1.0 / (noise[i] * noise[i])
+            x = (points[i, 0] - points[origin, 0]) / unit - mean[0]
+            y = (points[i, 1] - points[origin, 1]) / unit - mean[1]
+            z = (points[i, 2] - points[origin, 2]) / unit - mean[2]
+            for place, product in enumerate((x * x, x * y, x * z, y * y, y * z, z * z)):
+                sums.scatters[c, place] += weight * product
+        sums.sizes[c], sums.weights[c] = len(own), total
+        for axis in range(3):
+            sums.means[c, axis] = (points[origin, axis] - points[members[0], axis]) / unit + mean[
+                axis
+            ]
+
+
+@kernel(cache=True)
+def join_cells(sizes, weights, means, scatters, edges):
+    """Join cells to patches, the most alike first: the first cell of each one's patch.
+
+    The sums become those of the patches, at their first cells. Two are alike by the growth of the
+    weighted sum of squares about planes, when one plane takes the place of two. It is divided by
+    the variance factor of the two if that is above 1, and must be below the BIC's charge for the
+    numbers of a plane.
+    """
+    m = len(sizes)
+    left, turn, root = np.empty(m), np.zeros(m, np.int64), np.arange(m)
+    for c in range(m):
+        left[c] = _least(_scatter(scatters, c))
+    heap = [(np.inf, np.int64(0), np.int64(0), np.int64(0)) for _ in range(0)]
+    for e in range(len(edges)):
+        a, b = edges[e]
+        loss, charge = _loss(a, b, sizes, weights, means, scatters, left)
+        if loss <= charge:
+            heap.append((loss, a, b, np.int64(0)))
+    heapify(heap)
+    while len(heap) > 0:
+        _, a, b, stamp = heappop(heap)
+        a, b = _root(root, a), _root(root, b)
+        a, b = min(a, b), max(a, b)
+        if a == b:
+            continue
+        if turn[a] + turn[b] != stamp:  # one has grown since
+            loss, charge = _loss(a, b, sizes, weights, means, scatters, left)
+            if loss <= charge:
+                heappush(heap, (loss, a, b, turn[a] + turn[b]))
+            continue
+        total, moved = _pooled(a, b, weights, means, scatters)
+        share = weights[b] / total
+        for axis in range(3):
+            means[a, axis] += share * (means[b, axis] - means[a, axis])
+        for place in range(6):
+            scatters[a, place] = moved[place]
+        weights[a] = total
+        sizes[a] += sizes[b]
+        left[a] = _least(moved)
+        root[b] = a
+        turn[a] += turn[b] + 1
+    for c in range(m):
+        root[c] = _root(root, c)
+    return root
+
+
+@kernel
+def _loss(a, b, sizes, weights, means, scatters, left):
+    """What is lost if one plane explains two patches, and the BIC's charge for a plane."""
+    apart, n = left[a] + left[b], sizes[a] + sizes[b]
+    _, pooled = _pooled(a, b, weights, means, scatters)
+    factor = max(1.0, apart / max(n - 2 * N_PLANE, 1.0))
+    return (_least(pooled) - apart) / factor, N_PLANE * np.log(n)
+
+
+@kernel
+def _pooled(a, b, weights, means, scatters):
+    """Weight and scatter of two patches together."""
+    total = weights[a] + weights[b]
+    factor = weights[a] * weights[b] / total
+    x, y = means[b, 0] - means[a, 0], means[b, 1] - means[a, 1]
+    z = means[b, 2] - means[a, 2]
+    one, other = _scatter(scatters, a), _scatter(scatters, b)
+    return total, (
+        one[0] + other[0] + factor * x * x,
+        one[1] + other[1] + factor * x * y,
+        one[2] + other[2] + factor * x * z,
+        one[3] + other[3] + factor * y * y,
+        one[4] + other[4] + factor * y * z,
+        one[5] + other[5] + factor * z * z,
+    )
+
+
+@kernel
+def _scatter(scatters, c):
+    s = scatters[c]
+    return s[0], s[1], s[2], s[3], s[4], s[5]
+
+
+@kernel
+def _least(scatter):
+    """Sum of squares about the plane."""
+    return eigh_3d(scatter)[0][0]
+
+
+@kernel
+def _root(root, c):
+    while root[c] != c:
+        root[c] = root[root[c]]
+        c = root[c]
+    return c
+
+
+@kernel(cache=True)
+def vote(points, weights, cells, first, normals, limits):
+    """Is a border no crease? Half the difference of BIC, above 0 for one smooth surface.
+
+    One surface is a quadric over the mean of both planes, with six numbers. The other model are two
+    planes that meet in their line of intersection, six as well. The line tells the sides, since
+    sides as labels tell them are sorted by the noise. If they are told by labels all the same, for
+    a step, the rest must be smaller by `most_noise`. The second region costs the numbers of a
+    plane. Points of one cell whose deviations have the same sign count as fewer.
+
+    Parameters
+    ----------
+    points : float64 (n, 3), near the origin
+    weights : float64 (n,), inverse standard deviations
+    cells : int (n,), ascending on each side
+    first : bool (n,), the side as labels tell it
+    normals : float64 (2, 3), of the two patches
+    limits : VoteLimits
+    """
+    n = len(points)
+    local = _over_mean_plane(points, normals)
+    equations = np.empty((6, 7))
+    _fit_quadric(local, weights, limits.ridge, equations)
+    smooth, smooth_left = np.empty(n), 0.0
+    for i in range(n):
+        x, y = local[i, 0], local[i, 1]
+        c = equations[:, 6]
+        height = c[0] + c[1] * x + c[2] * y + c[3] * x * x + c[4] * x * y + c[5] * y * y
+        smooth[i] = (local[i, 2] - height) * weights[i]
+        smooth_left += smooth[i] * smooth[i]
+    side, planes = first.copy(), np.empty((2, 3, 4))
+    heights, crease = np.empty((2, n)), np.empty(n)
+    creased_left, sign = np.inf, 0.0
+    step_left = 0.0
+    for step in range(limits.n_steps + 1):
+        n_first = np.count_nonzero(side)
+        if min(n_first, n - n_first) <= N_PLANE:
+            if step == 0:
+                return limits.ridge  # too few to tell
+            break
+        for which in range(2):
+            _fit_plane(local, weights, side, which == 0, limits.ridge, planes[which])
+            c = planes[which, :, 3]
+            for i in range(n):
+                heights[which, i] = c[0] + c[1] * local[i, 0] + c[2] * local[i, 1]
+        if step == 0:  # is it a ridge or a valley?
+            n_below = 0
+            for i in range(n):
+                own, other = (0, 1) if side[i] else (1, 0)
+                n_below += heights[own, i] < heights[other, i]
+                step_left += np.square((local[i, 2] - heights[own, i]) * weights[i])
+            sign = 1.0 if 2 * n_below > n else -1.0
+        left, n_changed = 0.0, 0
+        for i in range(n):
+            gap = sign * (heights[0, i] - heights[1, i])
+            height = heights[0, i] if gap < 0 else heights[1, i]
+            left += np.square((local[i, 2] - height) * weights[i])
+        if step > 0 and left < creased_left:
+            creased_left = left
+            for i in range(n):
+                gap = sign * (heights[0, i] - heights[1, i])
+                height = heights[0, i] if gap < 0 else heights[1, i]
+                crease[i] = (local[i, 2] - height) * weights[i]
+        for i in range(n):
+            is_first = sign * (heights[0, i] - heights[1, i]) < 0
+            n_changed += is_first != side[i]
+            side[i] = is_first
+        if step > 0 and n_changed == 0:
+            break
+    other_left = min(creased_left, limits.most_noise**2 * step_left)
+    rest = smooth if smooth_left <= other_left or creased_left == np.inf else crease
+    size = max(n / _design_effect(rest, cells), 2.0)
+    least = limits.ridge * n
+    gain = np.log(other_left + least) - np.log(smooth_left + least)
+    return 0.5 * (size * gain + N_PLANE * np.log(size))
+
+
+@kernel
+def _design_effect(rest, cells):
+    """By what factor the sums of cells vary more than those of independent deviations do."""
+    squares = total = sums = 0.0
+    for i in range(len(rest)):
+        if i > 0 and cells[i] != cells[i - 1]:
+            sums += total * total
+            total = 0.0
+        total += rest[i]
+        squares += rest[i] * rest[i]
+    sums += total * total
+    return max(sums / squares, 1.0) if squares > 0.0 else 1.0
+
+
+@kernel
+def _over_mean_plane(points, normals):
+    """Coordinates (n, 3) in and over the mean of two planes; those in it are near 1."""
+    a = (normals[0, 0], normals[0, 1], normals[0, 2])
+    b = (normals[1, 0], normals[1, 1], normals[1, 2])
+    sign = 1.0 if _dot(a, b) >= 0.0 else -1.0
+    up = (a[0] + sign * b[0], a[1] + sign * b[1], a[2] + sign * b[2])
+    length = np.sqrt(_dot(up, up))
+    up = (up[0] / length, up[1] / length, up[2] / length)
+    u, v = _across(up)
+    local, mean = np.empty_like(points), np.zeros(3)
+    for i in range(len(points)):
+        point = (points[i, 0], points[i, 1], points[i, 2])
+        local[i, 0], local[i, 1], local[i, 2] = _dot(point, u), _dot(point, v), _dot(point, up)
+        for axis in range(3):
+            mean[axis] += local[i, axis] / len(points)
+    square = 0.0
+    for i in range(len(points)):
+        for axis in range(3):
+            local[i, axis] -= mean[axis]
+        square += (local[i, 0] * local[i, 0] + local[i, 1] * local[i, 1]) / len(points)
+    scale = np.sqrt(square) if square > 0.0 else 1.0
+    for i in range(len(points)):
+        local[i, 0] /= scale
+        local[i, 1] /= scale
+    return local
+
+
+@kernel
+def _fit_quadric(local, weights, ridge, equations):
+    equations[:] = 0.0
+    total = 0.0
+    for i in range(len(local)):
+        w, x, y = weights[i], local[i, 0], local[i, 1]
+        _add(equations, (w, w * x, w * y, w * x * x, w * x * y, w * y * y), w * local[i, 2])
+        total += w * w
+    _solve(equations, ridge * total)
+
+
+@kernel
+def _fit_plane(local, weights, side, wanted, ridge, equations):
+    equations[:] = 0.0
+    total = 0.0
+    for i in range(len(local)):
+        if side[i] == wanted:
+            w = weights[i]
+            _add(equations, (w, w * local[i, 0], w * local[i, 1]), w * local[i, 2])
+            total += w * w
+    _solve(equations, ridge * total)
