@@ -5,13 +5,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sklearn_mcmd.planes._linking_numba import _root
 from sklearn_mcmd.planes._moments_numba import eigh_3d
 from sklearn_mcmd.runtime._kernels import kernel
-from sklearn_mcmd.segmentation._cylinder_numba import _across, _add, _dot, _solve
+from sklearn_mcmd.segmentation._cylinder_numba import _across, _add, _dot, _moved, _scaled, _solve
 
 __all__ = ["gather_cells", "join_cells", "sum_cells", "vote"]
 
 N_PLANE = 3  # parameters of a plane
+NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class CellSums(NamedTuple):
@@ -79,9 +81,8 @@ def _sum_cells(points, noise, unit, members, starts, sums):
                 sums.scatters[c, place] += weight * product
         sums.sizes[c], sums.weights[c] = len(own), total
         for axis in range(3):
-            sums.means[c, axis] = (points[origin, axis] - points[members[0], axis]) / unit + mean[
-                axis
-            ]
+            mean[axis] += (points[origin, axis] - points[members[0], axis]) / unit
+        sums.means[c] = mean
 
 
 @kernel(cache=True)
@@ -96,7 +97,7 @@ def join_cells(sizes, weights, means, scatters, edges):
     m = len(sizes)
     left, turn, root = np.empty(m), np.zeros(m, np.int64), np.arange(m)
     for c in range(m):
-        left[c] = _least(_scatter(scatters, c))
+        left[c] = eigh_3d(_scatter(scatters, c, NOTHING))[0][0]
     heap = [(np.inf, np.int64(0), np.int64(0), np.int64(0)) for _ in range(0)]
     for e in range(len(edges)):
         a, b = edges[e]
@@ -123,7 +124,7 @@ def join_cells(sizes, weights, means, scatters, edges):
             scatters[a, place] = moved[place]
         weights[a] = total
         sizes[a] += sizes[b]
-        left[a] = _least(moved)
+        left[a] = eigh_3d(moved)[0][0]
         root[b] = a
         turn[a] += turn[b] + 1
     for c in range(m):
@@ -137,45 +138,24 @@ def _loss(a, b, sizes, weights, means, scatters, left):
     apart, n = left[a] + left[b], sizes[a] + sizes[b]
     _, pooled = _pooled(a, b, weights, means, scatters)
     factor = max(1.0, apart / max(n - 2 * N_PLANE, 1.0))
-    return (_least(pooled) - apart) / factor, N_PLANE * np.log(n)
+    return (eigh_3d(pooled)[0][0] - apart) / factor, N_PLANE * np.log(n)
 
 
 @kernel
 def _pooled(a, b, weights, means, scatters):
     """Weight and scatter of two patches together."""
     total = weights[a] + weights[b]
-    factor = weights[a] * weights[b] / total
-    x, y = means[b, 0] - means[a, 0], means[b, 1] - means[a, 1]
-    z = means[b, 2] - means[a, 2]
-    one, other = _scatter(scatters, a), _scatter(scatters, b)
-    return total, (
-        one[0] + other[0] + factor * x * x,
-        one[1] + other[1] + factor * x * y,
-        one[2] + other[2] + factor * x * z,
-        one[3] + other[3] + factor * y * y,
-        one[4] + other[4] + factor * y * z,
-        one[5] + other[5] + factor * z * z,
-    )
+    f = weights[a] * weights[b] / total
+    x, y, z = means[b, 0] - means[a, 0], means[b, 1] - means[a, 1], means[b, 2] - means[a, 2]
+    apart = (f * x * x, f * x * y, f * x * z, f * y * y, f * y * z, f * z * z)
+    return total, _scatter(scatters, b, _scatter(scatters, a, apart))
 
 
 @kernel
-def _scatter(scatters, c):
+def _scatter(scatters, c, more):
     s = scatters[c]
-    return s[0], s[1], s[2], s[3], s[4], s[5]
-
-
-@kernel
-def _least(scatter):
-    """Sum of squares about the plane."""
-    return eigh_3d(scatter)[0][0]
-
-
-@kernel
-def _root(root, c):
-    while root[c] != c:
-        root[c] = root[root[c]]
-        c = root[c]
-    return c
+    return (s[0] + more[0], s[1] + more[1], s[2] + more[2], s[3] + more[3], s[4] + more[4],
+            s[5] + more[5])  # fmt: skip
 
 
 @kernel(cache=True)
@@ -197,61 +177,35 @@ def vote(points, weights, cells, first, normals, limits):
     normals : float64 (2, 3), of the two patches
     limits : VoteLimits
     """
-    n = len(points)
     local = _over_mean_plane(points, normals)
-    equations = np.empty((6, 7))
-    _fit_quadric(local, weights, limits.ridge, equations)
-    smooth, smooth_left = np.empty(n), 0.0
-    for i in range(n):
-        x, y = local[i, 0], local[i, 1]
-        c = equations[:, 6]
-        height = c[0] + c[1] * x + c[2] * y + c[3] * x * x + c[4] * x * y + c[5] * y * y
-        smooth[i] = (local[i, 2] - height) * weights[i]
-        smooth_left += smooth[i] * smooth[i]
-    side, planes = first.copy(), np.empty((2, 3, 4))
-    heights, crease = np.empty((2, n)), np.empty(n)
-    creased_left, sign = np.inf, 0.0
-    step_left = 0.0
-    for step in range(limits.n_steps + 1):
+    z = local[:, 2]
+    smooth = (z - _fitted(local, weights, first | ~first, 6, limits.ridge)) * weights
+    side, left, crease, sign = first, np.inf, smooth, 0.0
+    step = smooth
+    for turn in range(limits.n_steps + 1):
         n_first = np.count_nonzero(side)
-        if min(n_first, n - n_first) <= N_PLANE:
-            if step == 0:
-                return limits.ridge  # too few to tell
+        if min(n_first, len(side) - n_first) <= N_PLANE:
             break
-        for which in range(2):
-            _fit_plane(local, weights, side, which == 0, limits.ridge, planes[which])
-            c = planes[which, :, 3]
-            for i in range(n):
-                heights[which, i] = c[0] + c[1] * local[i, 0] + c[2] * local[i, 1]
-        if step == 0:  # is it a ridge or a valley?
-            n_below = 0
-            for i in range(n):
-                own, other = (0, 1) if side[i] else (1, 0)
-                n_below += heights[own, i] < heights[other, i]
-                step_left += np.square((local[i, 2] - heights[own, i]) * weights[i])
-            sign = 1.0 if 2 * n_below > n else -1.0
-        left, n_changed = 0.0, 0
-        for i in range(n):
-            gap = sign * (heights[0, i] - heights[1, i])
-            height = heights[0, i] if gap < 0 else heights[1, i]
-            left += np.square((local[i, 2] - height) * weights[i])
-        if step > 0 and left < creased_left:
-            creased_left = left
-            for i in range(n):
-                gap = sign * (heights[0, i] - heights[1, i])
-                height = heights[0, i] if gap < 0 else heights[1, i]
-                crease[i] = (local[i, 2] - height) * weights[i]
-        for i in range(n):
-            is_first = sign * (heights[0, i] - heights[1, i]) < 0
-            n_changed += is_first != side[i]
-            side[i] = is_first
-        if step > 0 and n_changed == 0:
+        one = _fitted(local, weights, side, N_PLANE, limits.ridge)
+        other = _fitted(local, weights, ~side, N_PLANE, limits.ridge)
+        if turn == 0:  # is it a ridge or a valley?
+            step = (z - np.where(side, one, other)) * weights
+            below = np.count_nonzero(side == (one < other))
+            sign = 1.0 if 2 * below > len(side) else -1.0
+        found = sign * (one - other) < 0
+        rest = (z - np.where(found, one, other)) * weights
+        if turn > 0 and (rest * rest).sum() < left:
+            left, crease = (rest * rest).sum(), rest
+        if turn > 0 and (found == side).all():
             break
-    other_left = min(creased_left, limits.most_noise**2 * step_left)
-    rest = smooth if smooth_left <= other_left or creased_left == np.inf else crease
-    size = max(n / _design_effect(rest, cells), 2.0)
-    least = limits.ridge * n
-    gain = np.log(other_left + least) - np.log(smooth_left + least)
+        side = found
+    if sign == 0.0:
+        return limits.ridge  # too few to tell
+    smooth_left = (smooth * smooth).sum()
+    left = min(left, limits.most_noise**2 * (step * step).sum())
+    size = len(z) / _design_effect(smooth if smooth_left <= left else crease, cells)
+    least, size = limits.ridge * len(z), max(size, 2.0)
+    gain = np.log(left + least) - np.log(smooth_left + least)
     return 0.5 * (size * gain + N_PLANE * np.log(size))
 
 
@@ -274,47 +228,37 @@ def _over_mean_plane(points, normals):
     """Coordinates (n, 3) in and over the mean of two planes; those in it are near 1."""
     a = (normals[0, 0], normals[0, 1], normals[0, 2])
     b = (normals[1, 0], normals[1, 1], normals[1, 2])
-    sign = 1.0 if _dot(a, b) >= 0.0 else -1.0
-    up = (a[0] + sign * b[0], a[1] + sign * b[1], a[2] + sign * b[2])
-    length = np.sqrt(_dot(up, up))
-    up = (up[0] / length, up[1] / length, up[2] / length)
+    up = _moved(a, 1.0 if _dot(a, b) >= 0.0 else -1.0, b, 0.0, b)
+    up = _scaled(up, 1.0 / np.sqrt(_dot(up, up)))
     u, v = _across(up)
-    local, mean = np.empty_like(points), np.zeros(3)
+    local = np.empty_like(points)
     for i in range(len(points)):
         point = (points[i, 0], points[i, 1], points[i, 2])
         local[i, 0], local[i, 1], local[i, 2] = _dot(point, u), _dot(point, v), _dot(point, up)
-        for axis in range(3):
-            mean[axis] += local[i, axis] / len(points)
-    square = 0.0
-    for i in range(len(points)):
-        for axis in range(3):
-            local[i, axis] -= mean[axis]
-        square += (local[i, 0] * local[i, 0] + local[i, 1] * local[i, 1]) / len(points)
-    scale = np.sqrt(square) if square > 0.0 else 1.0
-    for i in range(len(points)):
-        local[i, 0] /= scale
-        local[i, 1] /= scale
+    for axis in range(3):
+        local[:, axis] -= local[:, axis].sum() / len(points)
+    square = (local[:, 0] ** 2 + local[:, 1] ** 2).sum() / len(points)
+    if square > 0.0:
+        local[:, :2] /= np.sqrt(square)
     return local
 
 
 @kernel
-def _fit_quadric(local, weights, ridge, equations):
-    equations[:] = 0.0
-    total = 0.0
+def _fitted(local, weights, members, order, ridge):
+    """Heights (n,) of the plane, or with order 6 of the quadric, that fits the members best."""
+    equations, heights, total = np.zeros((order, order + 1)), np.zeros(len(local)), 0.0
     for i in range(len(local)):
-        w, x, y = weights[i], local[i, 0], local[i, 1]
-        _add(equations, (w, w * x, w * y, w * x * x, w * x * y, w * y * y), w * local[i, 2])
-        total += w * w
+        if members[i]:
+            _add(equations, _terms(local[i, 0], local[i, 1], weights[i]), weights[i] * local[i, 2])
+            total += weights[i] * weights[i]
     _solve(equations, ridge * total)
+    for i in range(len(local)):
+        terms = _terms(local[i, 0], local[i, 1], 1.0)
+        for j in range(order):
+            heights[i] += equations[j, order] * terms[j]
+    return heights
 
 
 @kernel
-def _fit_plane(local, weights, side, wanted, ridge, equations):
-    equations[:] = 0.0
-    total = 0.0
-    for i in range(len(local)):
-        if side[i] == wanted:
-            w = weights[i]
-            _add(equations, (w, w * local[i, 0], w * local[i, 1]), w * local[i, 2])
-            total += w * w
-    _solve(equations, ridge * total)
+def _terms(x, y, w):
+    return (w, w * x, w * y, w * x * x, w * x * y, w * y * y)

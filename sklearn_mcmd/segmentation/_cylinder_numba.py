@@ -122,11 +122,12 @@ def _linearize(points, point, axis, u, v, radius, least, equations):
 
 @kernel
 def _add(equations, row, right):
-    """Add one equation to the lower triangle of the normal equations."""
-    for i in range(len(row)):
+    """Add one equation, the first terms of a row, to the lower triangle of the normal ones."""
+    n = len(equations)
+    for i in range(n):
         for j in range(i + 1):
             equations[i, j] += row[i] * row[j]
-        equations[i, len(row)] += row[i] * right
+        equations[i, n] += row[i] * right
 
 
 @kernel

@@ -24,6 +24,7 @@ from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.runtime._tasks import fit_in_tasks, sub_fit
 from sklearn_mcmd.segmentation._graph import grow_regions, link_neighbors, seed_order
 from sklearn_mcmd.segmentation._merge_coplanar import region_planes
+from sklearn_mcmd.segmentation._region_table import region_table
 from sklearn_mcmd.segmentation._steps import finish_regions, rules_of
 
 __all__ = ["RegionGrowing"]
@@ -135,6 +136,16 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
     region_errors_ : ndarray of shape (`n_regions_`,)
         Root mean square distance of a region's points to its plane, in units of X: the noise
         where the region is flat, more where it is curved.
+
+    regions_ : ndarray of shape (`n_regions_`,) or None
+        In three dimensions a structured array, which :class:`pandas.DataFrame` takes but for its
+        vectors: `kind` ("plane", "cylinder" or "curved"), `points`, `area` and `outline` (WKT) of
+        the convex hull in the plane of best fit, `centroid`, `normal`, `dip` (0 is level) and
+        `dip_direction` (clockwise from y, the way down) in degrees, `rms` about the plane or
+        cylinder, standard errors of the plane's height at the centroid (`height_error`) and of
+        its normal (`normal_error`, degrees), and of cylinders `axis_point`, `axis` and `radius`,
+        else not a number. A plane's distances are its noise or what a flat region shows; a
+        cylinder leaves the neighborhoods' noise, and 1.5 times less than a plane.
 
     normal_estimator_ : RobustNormalEstimator
         The fitted estimator of normals; absent with ``normals="precomputed"``.
@@ -307,13 +318,15 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
             labels = finish_regions(labels, index, planes, floor, copies, self, self.n_jobs)
         self.n_regions_ = int(labels.max(initial=-1)) + 1
         weights = copies if len(points) < len(xyz) else None
-        sizes, centroids, _, values, axes = region_planes(
-            points, labels, self.n_regions_, weights, self.n_jobs
-        )
+        moments = region_planes(points, labels, self.n_regions_, weights, self.n_jobs)
+        sizes, centroids, _, values, axes = moments
         self.region_sizes_ = sizes.astype(np.int64)
         self.region_centroids_ = centroids
         self.region_normals_ = point_up(axes[..., 0].copy())
         self.region_errors_ = np.sqrt(values[:, 0])
+        self.regions_ = None
+        if points.shape[1] == 3:
+            self.regions_ = region_table(points, labels, planes, moments)
         self.labels_ = labels[owners].astype(np.int64)
         return self
 

@@ -14,7 +14,7 @@ from sklearn_mcmd.segmentation._region_sums import (
     relabeled,
 )
 
-__all__ = ["MOST_NOISE", "join_coplanar", "region_planes"]
+__all__ = ["MOST_NOISE", "join_coplanar", "own_noise", "region_planes"]
 
 # Largest ratio of two root mean squares that count as equal. A region is flat if the distances from
 # its plane are at most this many times the noise of its neighborhoods. Another region lies in that
@@ -62,7 +62,7 @@ def join_coplanar(points, labels, around, n_jobs=None):
     noise = np.column_stack(
         [
             median_by_region(around.scale, labels, n_regions),
-            _own_noise(found.covariances, median_by_region(around.radius, labels, n_regions)),
+            own_noise(found.covariances, median_by_region(around.radius, labels, n_regions)),
         ]
     )
     whole = np.append(np.arange(n_regions), -1)  # the joined region to which each region belongs
@@ -82,7 +82,7 @@ def join_coplanar(points, labels, around, n_jobs=None):
     return relabeled(labels, whole)
 
 
-def _own_noise(covariances, radius):
+def own_noise(covariances, radius):
     """Root mean square distances of flat regions from their planes; 0 for those that are not.
 
     `CUTOFF` times that distance is within a neighborhood's radius where a region is flat.
