@@ -12,12 +12,15 @@ from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.segmentation._cylinder import N_STEPS, RIDGE
 from sklearn_mcmd.segmentation._graph import BENT, HEIGHT_BITS, USUAL, n_within_median
 from sklearn_mcmd.segmentation._merge_coplanar import MOST_NOISE
+from sklearn_mcmd.segmentation._region_sums import region_moments, sums_by_region
 
 __all__ = ["VoteLimits", "divide_at_creases"]
 
 # A smooth surface, a quadric over a plane, has six numbers, and so have two planes. A strip has no
 # vote if its points are fewer than twice the numbers of both models.
 LEAST_POINTS = 2 * (6 + 6)
+# Places of the six different numbers of a symmetric matrix in its nine, and the reverse.
+UPPER, WHOLE = [0, 1, 2, 4, 5, 8], [0, 1, 2, 1, 3, 4, 2, 4, 5]
 # Borders that are voted on in one task.
 CHUNK = 64
 # Rows whose neighbors are looked at at once; it limits the memory.
@@ -55,12 +58,10 @@ class _Cells(NamedTuple):
 def divide_at_creases(labels, index, planes, min_cosine, n_jobs=None):
     """Divide regions where two planes that meet in a crease explain them better than one surface.
 
-    Where points are few or noisy for the angle of a crease, single neighborhoods do not show it,
-    and growth crosses it. Regions have more points. Each is divided into cells of neighbors. Cells
-    are joined to patches, the most alike first, while one plane explains two as well as two planes
-    do: by the Bayesian information criterion (BIC), with the noise of the points, or that of the
-    patches if it is larger. Then each border of two patches votes; see `vote`. Votes are added over
-    all borders of two groups of patches, and groups are joined, the highest vote first, while it is
+    Each region is divided into cells of neighbors. Cells are joined to patches, the most alike
+    first, while one plane explains two as well as two planes do, by the Bayesian information
+    criterion (BIC). Then each border of two patches votes; see `vote`. Votes are added over all
+    borders of two groups of patches, and groups are joined, the highest vote first, while it is
     positive. So a bent surface stays one, and a few wrong borders make no bridge.
 
     Noise is what is usual around, and what the bend adds that growth allows, as in
@@ -76,17 +77,20 @@ def divide_at_creases(labels, index, planes, min_cosine, n_jobs=None):
     flatness = np.rint(np.ldexp(ratio(planes.scale, noise * unit), HEIGHT_BITS))
     order = np.lexsort((*index.points.T, flatness))
     cells = _Cells(*_compiled("gather_cells")(order[labels[order] >= 0], near, labels))
-    sums = _compiled("sum_cells")(index.points, noise, unit, cells.members, cells.starts)
     edges = _edges(cells, near, labels)
-    patch = _compiled("join_cells")(*sums, edges)  # changes the sums to those of patches
+    found = region_moments(index.points, cells.of, len(cells.starts) - 1, n_jobs=n_jobs)
+    squares = sums_by_region(np.square(noise), cells.of, len(found.sizes), n_jobs=n_jobs)
+    weights = np.square(found.sizes) / squares  # by the mean variance of a cell
+    means = (found.centroids - found.centroids[0]) / unit
+    scatters = found.covariances.reshape(-1, 9)[:, UPPER] * (weights / unit**2)[:, None]
+    patch = _compiled("join_cells")(found.sizes, weights, means, scatters, edges)
     first, patch = np.unique(patch, return_inverse=True)
     if len(first) == len(np.unique(labels[labels >= 0])):
         return labels
-    normals = np.linalg.eigh(_matrices(sums.scatters[first]))[1][..., 0]
+    normals = np.linalg.eigh(scatters[first][:, WHOLE].reshape(-1, 3, 3))[1][..., 0]
     borders = patch[edges]
     borders = np.unique(np.sort(borders[borders[:, 0] != borders[:, 1]], axis=1), axis=0)
-    strips = _Strips(index.points, noise, unit, cells, patch, normals)
-    votes = strips.votes(borders, n_jobs)
+    votes = _votes(index.points, noise, unit, cells, patch, normals, borders, n_jobs)
     group = np.unique(_joined(len(first), borders, votes), return_inverse=True)[1]
     return np.append(group[patch], -1)[cells.of].astype(labels.dtype)
 
@@ -120,50 +124,35 @@ def _edges(cells, near, labels):
     return np.column_stack([keys // n, keys % n])
 
 
-def _matrices(scatters):
-    """Symmetric matrices (m, 3, 3) of their six numbers."""
-    return scatters[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
-
-
-class _Strips:
+def _votes(points, noise, unit, cells, patch, normals, borders, n_jobs):
     """Votes of borders, by the points of both patches that are near to them.
 
     A strip reaches on both sides as far as the smaller patch, so that both weigh alike.
     """
+    centers = points[cells.members[cells.starts[:-1]]]
+    order = np.argsort(patch, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(patch[order])) + 1)
+    trees = {name: cKDTree(centers[groups[name]]) for name in np.unique(borders).tolist()}
+    votes, vote = np.empty(len(borders)), _compiled("vote")
+    limits = VoteLimits(N_STEPS, RIDGE, MOST_NOISE)
 
-    def __init__(self, points, noise, unit, cells, patch, normals):
-        self.points, self.noise, self.unit = points, noise, unit
-        self.cells, self.normals = cells, normals
-        self.centers = points[cells.members[cells.starts[:-1]]]
-        order = np.argsort(patch, kind="stable")
-        self.groups = np.split(order, np.flatnonzero(np.diff(patch[order])) + 1)
-        self.trees = {}
+    def task(start):
+        for i in range(start, min(start + CHUNK, len(borders))):
+            sides = sorted(borders[i].tolist(), key=lambda name: len(groups[name]))
+            small, large = (groups[name] for name in sides)
+            reach = trees[sides[1]].query(centers[small])[0].max()
+            near = trees[sides[1]].query_ball_point(centers[small], reach)
+            large = large[np.unique(np.concatenate(near).astype(np.intp))]
+            rows, cell = cells.rows(np.concatenate([small, large]))
+            if len(rows) < LEAST_POINTS:
+                votes[i] = RIDGE  # too few to tell
+                continue
+            local = (points[rows] - centers[small[0]]) / unit
+            first = np.isin(cell, small)
+            votes[i] = vote(local, 1.0 / noise[rows], cell, first, normals[sides], limits)
 
-    def votes(self, borders, n_jobs):
-        votes, vote = np.empty(len(borders)), _compiled("vote")
-        for name in np.unique(borders).tolist():
-            self.trees[name] = cKDTree(self.centers[self.groups[name]])
-        limits = VoteLimits(N_STEPS, RIDGE, MOST_NOISE)
-
-        def task(start):
-            for i in range(start, min(start + CHUNK, len(borders))):
-                sides = sorted(borders[i].tolist(), key=lambda name: len(self.groups[name]))
-                small, large = (self.groups[name] for name in sides)
-                gaps, _ = self.trees[sides[1]].query(self.centers[small])
-                near = self.trees[sides[1]].query_ball_point(self.centers[small], gaps.max())
-                large = large[np.unique(np.concatenate(near).astype(np.intp))]
-                rows, cell = self.cells.rows(np.concatenate([small, large]))
-                if len(rows) < LEAST_POINTS:
-                    votes[i] = RIDGE  # too few to tell
-                    continue
-                local = (self.points[rows] - self.centers[small[0]]) / self.unit
-                first = np.arange(len(rows)) < np.count_nonzero(np.isin(cell, small))
-                votes[i] = vote(
-                    local, 1.0 / self.noise[rows], cell, first, self.normals[sides], limits
-                )
-
-        run([(start,) for start in range(0, len(borders), CHUNK)], task, n_jobs)
-        return votes
+    run([(start,) for start in range(0, len(borders), CHUNK)], task, n_jobs)
+    return votes
 
 
 def _joined(n, borders, votes):

@@ -1,7 +1,6 @@
 """Cells, patches and votes of ``_creases``, compiled."""
 
 from heapq import heapify, heappop, heappush
-from typing import NamedTuple
 
 import numpy as np
 
@@ -10,27 +9,10 @@ from sklearn_mcmd.planes._moments_numba import eigh_3d
 from sklearn_mcmd.runtime._kernels import kernel
 from sklearn_mcmd.segmentation._cylinder_numba import _across, _add, _dot, _moved, _scaled, _solve
 
-__all__ = ["gather_cells", "join_cells", "sum_cells", "vote"]
+__all__ = ["gather_cells", "join_cells", "vote"]
 
 N_PLANE = 3  # parameters of a plane
 NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-class CellSums(NamedTuple):
-    """Points, sums of weights, weighted means and scatter (m, 6) about them, in units of noise."""
-
-    sizes: np.ndarray
-    weights: np.ndarray
-    means: np.ndarray
-    scatters: np.ndarray
-
-
-def sum_cells(points, noise, unit, members, starts):
-    """The `CellSums` of cells; lengths are in units, weights the inverse squares of noise."""
-    m = len(starts) - 1
-    sums = CellSums(np.empty(m), np.empty(m), np.empty((m, 3)), np.zeros((m, 6)))
-    _sum_cells(points, noise, unit, members, starts, sums)
-    return sums
 
 
 @kernel(cache=True)
@@ -51,54 +33,24 @@ def gather_cells(order, near, labels):
                 cell[j] = n_cells
                 members[n_members] = j
                 n_members += 1
-        if cell[i] < 0:  # with equally distant ones a point may not be among its neighbors
-            cell[i] = n_cells
-            members[n_members] = i
-            n_members += 1
         n_cells += 1
         starts[n_cells] = n_members
     return members, starts[: n_cells + 1].copy(), cell
 
 
 @kernel(cache=True)
-def _sum_cells(points, noise, unit, members, starts, sums):
-    for c in range(len(starts) - 1):
-        origin, own = members[starts[c]], members[starts[c] : starts[c + 1]]
-        total = 0.0
-        mean = np.zeros(3)
-        for i in own:
-            weight = 1.0 / (noise[i] * noise[i])
-            total += weight
-            for axis in range(3):
-                mean[axis] += weight * (points[i, axis] - points[origin, axis]) / unit
-        mean /= total
-        for i in own:
-            weight = 1.0 / (noise[i] * noise[i])
-            x = (points[i, 0] - points[origin, 0]) / unit - mean[0]
-            y = (points[i, 1] - points[origin, 1]) / unit - mean[1]
-            z = (points[i, 2] - points[origin, 2]) / unit - mean[2]
-            for place, product in enumerate((x * x, x * y, x * z, y * y, y * z, z * z)):
-                sums.scatters[c, place] += weight * product
-        sums.sizes[c], sums.weights[c] = len(own), total
-        for axis in range(3):
-            mean[axis] += (points[origin, axis] - points[members[0], axis]) / unit
-        sums.means[c] = mean
-
-
-@kernel(cache=True)
 def join_cells(sizes, weights, means, scatters, edges):
     """Join cells to patches, the most alike first: the first cell of each one's patch.
 
-    The sums become those of the patches, at their first cells. Two are alike by the growth of the
-    weighted sum of squares about planes, when one plane takes the place of two. It is divided by
-    the variance factor of the two if that is above 1, and must be below the BIC's charge for the
-    numbers of a plane.
+    Points, weights, means and scatter (m, 6), in units of noise, become those of the patches. The
+    loss is the growth of the sum of squares about planes, when one takes the place of two, over the
+    variance factor of the two if that is above 1. The BIC charges the numbers of a plane.
     """
     m = len(sizes)
     left, turn, root = np.empty(m), np.zeros(m, np.int64), np.arange(m)
     for c in range(m):
         left[c] = eigh_3d(_scatter(scatters, c, NOTHING))[0][0]
-    heap = [(np.inf, np.int64(0), np.int64(0), np.int64(0)) for _ in range(0)]
+    heap = [(0.0, 0, 0, 0) for _ in range(0)]
     for e in range(len(edges)):
         a, b = edges[e]
         loss, charge = _loss(a, b, sizes, weights, means, scatters, left)
@@ -168,14 +120,8 @@ def vote(points, weights, cells, first, normals, limits):
     a step, the rest must be smaller by `most_noise`. The second region costs the numbers of a
     plane. Points of one cell whose deviations have the same sign count as fewer.
 
-    Parameters
-    ----------
-    points : float64 (n, 3), near the origin
-    weights : float64 (n,), inverse standard deviations
-    cells : int (n,), ascending on each side
-    first : bool (n,), the side as labels tell it
-    normals : float64 (2, 3), of the two patches
-    limits : VoteLimits
+    Points (n, 3) are near the origin, weights (n,) inverse standard deviations, cells ascend on
+    each side, `first` (n,) are the points of one side by labels, normals (2, 3) of both patches.
     """
     local = _over_mean_plane(points, normals)
     z = local[:, 2]

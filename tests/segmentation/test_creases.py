@@ -8,7 +8,7 @@ from sklearn.metrics import adjusted_rand_score
 from sklearn_mcmd import RegionGrowing
 from sklearn_mcmd.datasets import make_crown_roof
 from sklearn_mcmd.segmentation._creases import VoteLimits, _joined
-from sklearn_mcmd.segmentation._creases_numba import gather_cells, join_cells, sum_cells, vote
+from sklearn_mcmd.segmentation._creases_numba import gather_cells, join_cells, vote
 
 LIMITS = VoteLimits(8, 1e-12, 1.5)
 
@@ -79,27 +79,27 @@ def test_cells_hold_each_point_once_and_no_points_of_two_regions():
     assert len(members) == len(order)
 
 
-def test_sums_of_cells_and_patches_are_weighted_moments():
+def test_patches_of_a_roof_are_its_faces_and_have_their_weighted_moments():
     X, side = roof(600, 60, 0.1)
-    X += [1e5, 2e5, 0]
-    noise = np.random.default_rng(0).uniform(0.005, 0.02, 600)
-    members = np.argsort(np.where(side, 1, 0) * 100 + np.floor(8 * X[:, 1])).astype(np.int32)
-    starts = np.arange(0, 601, 20)
-    sums = sum_cells(X, noise, 1.0, members, starts)
+    noise = np.random.default_rng(0).uniform(0.005, 0.02, 30)
+    cells = X[np.argsort(side * 100 + np.floor(8 * X[:, 1]))].reshape(30, 20, 3)
+    weights, means = 20 / noise**2, cells.mean(axis=1)
+    gaps = (cells - means[:, None]) / noise[:, None, None]
+    scatters = np.einsum("nki,nkj->nij", gaps, gaps)[:, *np.triu_indices(3)]
+    sums = np.full(30, 20.0), weights.copy(), means.copy(), scatters
     # All cells of a side hang together in a row, and the last of one with the first of the other.
-    edges = np.column_stack([np.arange(29), np.arange(1, 30)])
-    patch = join_cells(*sums, edges)
-    n_right = side.sum()
+    patch = join_cells(*sums, np.column_stack([np.arange(29), np.arange(1, 30)]))
     assert len(np.unique(patch)) in (2, 3)  # a cell may lie across the ridge
-    assert abs(np.bincount(patch).max() * 20 - max(n_right, 600 - n_right)) <= 20
+    assert abs(np.bincount(patch).max() * 20 - max(side.sum(), 600 - side.sum())) <= 20
     for root in np.unique(patch):
-        rows = members[np.repeat(patch == root, 20)]
-        local, weight = X[rows] - X[members[0]], noise[rows] ** -2
-        mean = weight @ local / weight.sum()
-        scatter = (weight * (local - mean).T) @ (local - mean)
-        assert_allclose(sums.weights[root], weight.sum())
-        assert_allclose(sums.means[root], mean, atol=1e-9)
-        assert_allclose(sums.scatters[root], scatter[np.triu_indices(3)], rtol=1e-6, atol=1e-4)
+        rows = patch == root
+        points, weight = cells[rows].reshape(-1, 3), np.repeat(weights[rows] / 20, 20)
+        mean = weight @ points / weight.sum()
+        scatter = (weight * (points - mean).T) @ (points - mean)
+        assert_allclose(sums[0][root], 20 * rows.sum())
+        assert_allclose(sums[1][root], weight.sum())
+        assert_allclose(sums[2][root], mean, atol=1e-12)
+        assert_allclose(sums[3][root], scatter[np.triu_indices(3)], rtol=1e-9, atol=1e-6)
 
 
 def vote_by_numpy(points, weights, cells, first):
