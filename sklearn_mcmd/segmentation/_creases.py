@@ -12,7 +12,7 @@ from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.segmentation._cylinder import N_STEPS, RIDGE
 from sklearn_mcmd.segmentation._graph import BENT, HEIGHT_BITS, USUAL, n_within_median
 from sklearn_mcmd.segmentation._merge_coplanar import MOST_NOISE
-from sklearn_mcmd.segmentation._region_sums import region_moments, sums_by_region
+from sklearn_mcmd.segmentation._region_sums import median_by_region, region_moments
 
 __all__ = ["VoteLimits", "divide_at_creases"]
 
@@ -72,15 +72,14 @@ def divide_at_creases(labels, index, planes, min_cosine, n_jobs=None):
     unit = float(np.exp2(np.frexp(noise.max(initial=0.0))[1]))  # no square leaves the numbers
     if not (labels >= 0).any() or not noise.min() > 0:
         return labels
-    noise /= unit
+    noise[:] = np.maximum(noise / unit, RIDGE)
     # The flattest begin. Their order depends on no rounding error, and on no order of rows.
-    flatness = np.rint(np.ldexp(ratio(planes.scale, noise * unit), HEIGHT_BITS))
+    flatness = np.rint(np.ldexp(ratio(planes.scale / unit, noise), HEIGHT_BITS))
     order = np.lexsort((*index.points.T, flatness))
     cells = _Cells(*_compiled("gather_cells")(order[labels[order] >= 0], near, labels))
     edges = _edges(cells, near, labels)
     found = region_moments(index.points, cells.of, len(cells.starts) - 1, n_jobs=n_jobs)
-    squares = sums_by_region(np.square(noise), cells.of, len(found.sizes), n_jobs=n_jobs)
-    weights = np.square(found.sizes) / squares  # by the mean variance of a cell
+    weights = found.sizes / np.square(median_by_region(noise, cells.of, len(found.sizes)))
     means = (found.centroids - found.centroids[0]) / unit
     scatters = found.covariances.reshape(-1, 9)[:, UPPER] * (weights / unit**2)[:, None]
     patch = _compiled("join_cells")(found.sizes, weights, means, scatters, edges)
