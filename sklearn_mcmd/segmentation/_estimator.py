@@ -138,14 +138,14 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         where the region is flat, more where it is curved.
 
     regions_ : ndarray of shape (`n_regions_`,) or None
-        In three dimensions a structured array, which :class:`pandas.DataFrame` takes but for its
-        vectors: `kind` ("plane", "cylinder" or "curved"), `points`, `area` and `outline` (WKT) of
-        the convex hull in the plane of best fit, `centroid`, `normal`, `dip` (0 is level) and
-        `dip_direction` (clockwise from y, the way down) in degrees, `rms` about the plane or
-        cylinder, standard errors of the plane's height at the centroid (`height_error`) and of
-        its normal (`normal_error`, degrees), and of cylinders `axis_point`, `axis` and `radius`,
-        else not a number. A plane's distances are its noise or what a flat region shows; a
-        cylinder leaves the neighborhoods' noise, and 1.5 times less than a plane.
+        In three dimensions a structured array of `kind` ("plane", "cylinder" or "curved"),
+        `points`, `area` and `outline` (WKT) of the convex hull in the plane of best fit,
+        `centroid`, `normal`, `dip` (0 is level) and `dip_direction` (clockwise from y, the way
+        down) in degrees, `rms` about the plane or cylinder, standard errors of the plane's height
+        at the centroid (`height_error`) and of its normal (`normal_error`, degrees), and of
+        cylinders `axis_point`, `axis` and `radius`, else not a number. A plane's distances are
+        its noise or what a flat region shows; a cylinder leaves the neighborhoods' noise, and 1.5
+        times less than a plane.
 
     normal_estimator_ : RobustNormalEstimator
         The fitted estimator of normals; absent with ``normals="precomputed"``.
