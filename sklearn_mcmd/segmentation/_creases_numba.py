@@ -198,10 +198,12 @@ def _fitted(local, weights, members, order, ridge):
             _add(equations, _terms(local[i, 0], local[i, 1], weights[i]), weights[i] * local[i, 2])
             total += weights[i] * weights[i]
     _solve(equations, ridge * total)
+    c = equations[:, order]
     for i in range(len(local)):
-        terms = _terms(local[i, 0], local[i, 1], 1.0)
-        for j in range(order):
-            heights[i] += equations[j, order] * terms[j]
+        x, y = local[i, 0], local[i, 1]
+        heights[i] = c[0] + c[1] * x + c[2] * y
+        if order > N_PLANE:
+            heights[i] += c[3] * x * x + c[4] * x * y + c[5] * y * y
     return heights
 
 
