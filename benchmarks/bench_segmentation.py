@@ -13,6 +13,8 @@ time is linear.
     python benchmarks/bench_segmentation.py scenes
     python benchmarks/bench_segmentation.py speed --sizes 10000 100000 1000000 --threads 2
     python benchmarks/bench_segmentation.py clouds ../shared/data/*/cloud.npz
+    python benchmarks/bench_segmentation.py roofs --noises 0.1 0.2 0.33
+    python benchmarks/bench_segmentation.py labelled --data ../shared/data
 """
 
 import argparse
@@ -32,16 +34,19 @@ import numpy as np
 PAPER = {
     "mutual": False,
     "find_narrow_faces": False,
+    "divide_at_creases": False,
     "join_coplanar": False,
     "join_curved": False,
     "assign_unlabeled": False,
 }
+WHOLE = {"divide_at_creases": False}
 FORMS = {
     "paper's rules": PAPER,
     "and mutual": {**PAPER, "mutual": True},
-    "and rest assigned": {"find_narrow_faces": False, "join_coplanar": False, "join_curved": False},
-    "and coplanar joined": {"find_narrow_faces": False, "join_curved": False},
-    "and curved joined": {"find_narrow_faces": False},
+    "and rest assigned": {**PAPER, "mutual": True, "assign_unlabeled": True},
+    "and coplanar joined": {"find_narrow_faces": False, **WHOLE, "join_curved": False},
+    "and curved joined": {"find_narrow_faces": False, **WHOLE},
+    "and narrow faces": WHOLE,
     "default": {},
 }
 DENOISERS = {
@@ -181,6 +186,80 @@ def run_scenes(options):
             print_row(key, np.mean(rows, axis=0))
 
 
+def run_roofs(options):
+    """Rand index, or of barrels the share of the largest region, by crease and points."""
+    from _roofs import KINDS, make_roof
+
+    from sklearn_mcmd import RegionGrowing
+
+    rows = [(n, noise) for n in options.sizes for noise in options.noises]
+    for kind in KINDS:
+        means = []
+        print(f"\n{kind}, creases of {', '.join(f'{crease:g}' for crease in options.creases)}")
+        for n, noise in rows:
+            row = []
+            for crease in options.creases:
+                scores = []
+                for seed in range(options.seeds):
+                    X, surface = make_roof(kind, n, crease, noise, seed)
+                    growing = RegionGrowing(random_state=0, divide_at_creases=not options.whole)
+                    labels = growing.fit_predict(X)
+                    if kind == "barrel":
+                        scores.append(np.bincount(labels[labels >= 0]).max() / n)
+                    else:
+                        scores.append(adjusted_rand(surface, labels))
+                row.append(np.mean(scores))
+            means.append(row)
+            print(f"{n:9,}{noise:7.2f}  " + "".join(f"{value:7.2f}" for value in row), flush=True)
+        print(f"{'mean':18}{np.mean(means):7.3f}", flush=True)
+
+
+def adjusted_rand(surface, labels):
+    from sklearn.metrics import adjusted_rand_score
+
+    return adjusted_rand_score(surface, labels)
+
+
+def run_labelled(options):
+    """Rand index of crown roofs and of real clouds, IoU of the tables; and the regions."""
+    from _ablation_clouds import labelled
+
+    from sklearn_mcmd import RegionGrowing
+    from sklearn_mcmd.datasets import make_crown_roof
+
+    clouds = [
+        (f"crown roof {n:,} {seed}", make_crown_roof(n, random_state=seed))
+        for n in (3_000, 20_000, 50_000)
+        for seed in range(options.seeds)
+    ]
+    clouds = [(name, roof.data, roof.surface) for name, roof in clouds]
+    clouds += [(key, X, surface) for _, key, X, surface in labelled(options)]
+    for table in sorted(Path(options.data).glob("kinect_tables/*.npz")):
+        with np.load(table) as frame:
+            X, surface = frame["xyz"].astype(np.float64), np.where(frame["label"] == 1, 1, -1)
+            clouds += [(f"{table.stem}, all {len(X):,}", X, surface)]
+    path = Path(options.data) / "cad_cube_pointfilter" / "cloud.npz"
+    if path.is_file():
+        with np.load(path) as cube:
+            noisy = cube["xyz_noisy"].astype(np.float64)
+            clouds += [("noisy cube, each 5th", noisy[::5], cube["patch"][::5])]
+            clouds += [("noisy cube", noisy, cube["patch"])]
+    for name, X, surface in clouds:
+        row = []
+        for divide in (False, True):
+            labels = RegionGrowing(random_state=0, divide_at_creases=divide).fit_predict(X)
+            known = surface >= 0
+            if known.any() and len(np.unique(surface[known])) == 1:  # a table
+                largest = labels == np.bincount(labels[known & (labels >= 0)]).argmax()
+                score = (largest & known).sum() / (largest | known).sum()
+            else:
+                score = adjusted_rand(surface[known], labels[known])
+            row += [score, labels.max() + 1]
+        print(
+            f"{name:40}whole {row[0]:6.3f}{row[1]:5}  divided {row[2]:6.3f}{row[3]:5}", flush=True
+        )
+
+
 def run_clouds(options):
     from sklearn_mcmd import RegionGrowing
 
@@ -281,14 +360,23 @@ def main():
     clouds = tasks.add_parser("clouds", parents=[common])
     clouds.add_argument("files", nargs="+")
     clouds.add_argument("--angle", type=float, default=15.0)
+    roofs = tasks.add_parser("roofs")
+    roofs.add_argument("--sizes", type=int, nargs="+", default=[200, 1000, 5000, 20_000])
+    roofs.add_argument("--creases", type=float, nargs="+", default=[5, 10, 15, 20, 35, 50])
+    roofs.add_argument("--noises", type=float, nargs="+", default=[0.1, 0.33])
+    roofs.add_argument("--seeds", type=int, default=3)
+    roofs.add_argument("--whole", action="store_true", help="divide nothing")
+    marked = tasks.add_parser("labelled")
+    marked.add_argument("--data", default="../shared/data", help="folder of real clouds")
+    marked.add_argument("--seeds", type=int, default=2)
     speed = tasks.add_parser("speed", parents=[common])
     speed.add_argument("--sizes", type=int, nargs="+", default=[10_000, 100_000, 1_000_000])
     speed.add_argument("--rounds", type=int, default=3)
     speed.add_argument("--measure", help=argparse.SUPPRESS)
     options = parser.parse_args()
-    {"scores": run_scores, "scenes": run_scenes, "clouds": run_clouds, "speed": run_speed}[
-        options.task
-    ](options)
+    tasks = {"scores": run_scores, "scenes": run_scenes, "clouds": run_clouds, "speed": run_speed}
+    tasks |= {"roofs": run_roofs, "labelled": run_labelled}
+    tasks[options.task](options)
 
 
 if __name__ == "__main__":

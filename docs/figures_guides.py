@@ -269,6 +269,7 @@ def segments_principle():
     alone = {
         "mutual": False,
         "find_narrow_faces": False,
+        "divide_at_creases": False,
         "join_coplanar": False,
         "join_curved": False,
         "assign_unlabeled": False,
@@ -323,7 +324,7 @@ def segments_angle():
 
 def segments_street():
     alone = {"mutual": False, "find_narrow_faces": False, "join_coplanar": False}
-    alone |= {"join_curved": False, "assign_unlabeled": False}
+    alone |= {"divide_at_creases": False, "join_curved": False, "assign_unlabeled": False}
     fig, axes = plt.subplots(1, 2, figsize=(12, 4.6), layout="constrained")
     for ax, model, name in (
         (

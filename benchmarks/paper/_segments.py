@@ -22,6 +22,7 @@ SLOW_POINTS = 34_000  # points of a scene for RPCA and uLSIF, which take minutes
 GROWTH_ALONE = {
     "mutual": False,
     "find_narrow_faces": False,
+    "divide_at_creases": False,
     "join_coplanar": False,
     "join_curved": False,
     "assign_unlabeled": False,
@@ -172,7 +173,8 @@ def _notes():
         "by eye); ours is the rule of segmentation_scores, 80 % overlap.",
         "Regions grow by the paper's three criteria alone; their automatic thresholds are in a "
         "reference that was not at hand. 'default' and 'PCA, default growth' also have this "
-        "package's further steps (RegionGrowing's mutual, find_narrow_faces, join_coplanar, "
+        "package's further steps (RegionGrowing's mutual, find_narrow_faces, "
+        "divide_at_creases, join_coplanar, "
         "join_curved, assign_unlabeled).",
         "RPCA and uLSIF take milliseconds for each point. They are run on one scene of at most "
         f"{SLOW_POINTS:,} points, whose points are farther apart and whose neighborhoods are "

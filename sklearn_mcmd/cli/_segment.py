@@ -1,5 +1,7 @@
 """``mcmd segment``."""
 
+from contextlib import ExitStack
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -9,8 +11,10 @@ from sklearn_mcmd.cli import _files, _messages, _options
 from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
 from sklearn_mcmd.cli._progress_bar import progress
+from sklearn_mcmd.cli._region_files import check_regions_file, write_regions
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.cli._scheduler import Scheduler, engine
+from sklearn_mcmd.io._files import replacing
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 
 __all__ = ["segment"]
@@ -53,6 +57,13 @@ def segment(
             "faces a few points wide beside larger ones, such as kerbs."
         ),
     ] = True,
+    divide_at_creases: Annotated[
+        bool,
+        typer.Option(
+            help="Whether to divide regions that two planes with a crease explain better than one "
+            "smooth surface, such as the faces of a flat roof in noise."
+        ),
+    ] = True,
     join_coplanar: Annotated[
         bool,
         typer.Option(
@@ -78,6 +89,14 @@ def segment(
         bool | None,
         _options.colors_option(
             "Whether to write colors: one for each region, gray for points of none."
+        ),
+    ] = None,
+    regions: Annotated[
+        Path | None,
+        typer.Option(
+            help="Also write a table of the regions, .csv or .geojson: kind, plane or cylinder, "
+            "outline, area, dip, standard errors. Of clouds in memory.",
+            show_default=False,
         ),
     ] = None,
     n_neighbors: _options.NNeighbors = 50,
@@ -126,6 +145,7 @@ def segment(
         "max_gap": max_gap,
         "min_region_size": min_region_size,
         "find_narrow_faces": find_narrow_faces,
+        "divide_at_creases": divide_at_creases,
         "join_coplanar": join_coplanar,
         "join_curved": join_curved,
         "assign_unlabeled": assign_unlabeled,
@@ -134,11 +154,13 @@ def segment(
     with _messages.clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = _messages.stopwatch()
         catalog = large_catalog(source, memory, 0, scheduler is not None, columns, work="regions")
+        check_regions_file(regions, catalog, source, target)
         if dry_run:
             growing = _growing(normals, params)
             print_plan(source, target, catalog, growing, memory, work="regions")
             return
-        _files.refuse_existing(no_clobber, target, report=report, catalog=catalog)
+        outputs = [target] if regions is None else [target, regions]
+        _files.refuse_existing(no_clobber, *outputs, report=report, catalog=catalog)
         if catalog is not None:
             growing = _growing(normals, params)
             return _by_tiles(
@@ -149,9 +171,17 @@ def segment(
             if colors is None:
                 colors = not has_colors(cloud)
             _files.rehearse(target, _segmented(cloud, np.zeros(len(cloud), np.int64), colors))
+            if regions is not None:
+                with _files.standing_in(regions):
+                    pass
             with _files.working(source):
                 fitted = _growing(normals, params).fit(_files.coordinates(cloud))
-            _files.write(target, _segmented(cloud, fitted.labels_, colors))
+            with ExitStack() as stack:  # no file is replaced before both are on the disk
+                if regions is not None:
+                    temporary = stack.enter_context(replacing(regions))
+                    with _files.naming(regions):
+                        write_regions(temporary, fitted.regions_)
+                _files.write(target, _segmented(cloud, fitted.labels_, colors))
             write_report_of(report, source, target, seconds, lambda: _contents(cloud, fitted))
         if not quiet:
             _messages.print_summary(

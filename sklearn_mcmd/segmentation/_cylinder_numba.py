@@ -122,31 +122,33 @@ def _linearize(points, point, axis, u, v, radius, least, equations):
 
 @kernel
 def _add(equations, row, right):
-    """Add one equation to the lower triangle of the normal equations."""
-    for i in range(N):
+    """Add one equation, the first terms of a row, to the lower triangle of the normal ones."""
+    n = len(equations)
+    for i in range(n):
         for j in range(i + 1):
             equations[i, j] += row[i] * row[j]
-        equations[i, N] += row[i] * right
+        equations[i, n] += row[i] * right
 
 
 @kernel
 def _solve(equations, ridge):
     """Solve the normal equations by Cholesky's method, into the last column."""
-    for i in range(N):
+    n = len(equations)
+    for i in range(n):
         equations[i, i] += ridge
         for j in range(i):
             value = equations[i, j]
             for m in range(j):
                 value -= equations[i, m] * equations[j, m]
             equations[i, j] = value / equations[j, j]
-        pivot, value = equations[i, i], equations[i, N]
+        pivot, value = equations[i, i], equations[i, n]
         for m in range(i):
             pivot -= equations[i, m] * equations[i, m]
-            value -= equations[i, m] * equations[m, N]
+            value -= equations[i, m] * equations[m, n]
         equations[i, i] = np.sqrt(pivot)
-        equations[i, N] = value / equations[i, i]
-    for i in range(N - 1, -1, -1):
-        value = equations[i, N]
-        for m in range(i + 1, N):
-            value -= equations[m, i] * equations[m, N]
-        equations[i, N] = value / equations[i, i]
+        equations[i, n] = value / equations[i, i]
+    for i in range(n - 1, -1, -1):
+        value = equations[i, n]
+        for m in range(i + 1, n):
+            value -= equations[m, i] * equations[m, n]
+        equations[i, n] = value / equations[i, i]

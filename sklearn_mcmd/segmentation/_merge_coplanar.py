@@ -6,6 +6,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from sklearn_mcmd.runtime._chunks import run
+from sklearn_mcmd.segmentation._graph import CUTOFF
 from sklearn_mcmd.segmentation._region_sums import (
     median_by_region,
     parts_of,
@@ -13,7 +14,7 @@ from sklearn_mcmd.segmentation._region_sums import (
     relabeled,
 )
 
-__all__ = ["MOST_NOISE", "join_coplanar", "region_planes"]
+__all__ = ["MOST_NOISE", "join_coplanar", "own_noise", "region_planes"]
 
 # Largest ratio of two root mean squares that count as equal. A region is flat if the distances from
 # its plane are at most this many times the noise of its neighborhoods. Another region lies in that
@@ -44,7 +45,7 @@ def region_planes(points, labels, n_regions, weights=None, n_jobs=None):
     return *found[:3], np.maximum(eigenvalues, 0.0), axes
 
 
-def join_coplanar(points, labels, noise, n_jobs=None):
+def join_coplanar(points, labels, around, n_jobs=None):
     """Give one label to regions that are parts of one plane: new labels, by their first parts.
 
     A shadow, or a few bad normals, cut a wall into parts. A smaller region lies in the plane of a
@@ -58,26 +59,40 @@ def join_coplanar(points, labels, noise, n_jobs=None):
         return labels
     found = region_moments(points, labels, n_regions, n_jobs=n_jobs)
     planes, boxes = found[:3], (found.low, found.high)
-    scale = median_by_region(noise, labels, n_regions)
+    noise = np.column_stack(
+        [
+            median_by_region(around.scale, labels, n_regions),
+            own_noise(found.covariances, median_by_region(around.radius, labels, n_regions)),
+        ]
+    )
     whole = np.append(np.arange(n_regions), -1)  # the joined region to which each region belongs
     while True:  # each round joins at least two parts
-        pairs, most = _pairs_in_a_plane(*planes, scale, n_jobs)
+        pairs, most = _pairs_in_a_plane(*planes, noise, n_jobs)
         if len(pairs) > 0:
             parts = _parts(points, labels, whole, pairs, most, boxes)
             pairs = pairs[_near(parts, pairs, most, n_jobs)]
         if len(pairs) == 0:
             break
-        graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(scale), len(scale)))
+        graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(noise), len(noise)))
         # Parts are numbered by their first region, which keeps the order of regions.
         _, part = connected_components(graph, directed=False)
-        planes, scale = _pool(*planes, scale, part)
+        planes, noise = _pool(*planes, noise, part)
         boxes = _joined_boxes(*boxes, part)
         whole = np.append(part, -1)[whole]
     return relabeled(labels, whole)
 
 
-def _pool(sizes, centroids, covariances, scale, part):
-    """Sizes, centroids, covariances and scales of joined regions, from those of their parts."""
+def own_noise(covariances, radius):
+    """Root mean square distances of flat regions from their planes; 0 for those that are not.
+
+    `CUTOFF` times that distance is within a neighborhood's radius where a region is flat.
+    """
+    own = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, 0], 0.0))
+    return np.where(CUTOFF * own <= radius, own, 0.0)
+
+
+def _pool(sizes, centroids, covariances, noise, part):
+    """Sizes, centroids, covariances and noise of joined regions, from those of their parts."""
     n_parts = int(part.max()) + 1
     share = _grouping(part, n_parts, sizes)
     total = np.bincount(part, sizes, n_parts)
@@ -90,23 +105,23 @@ def _pool(sizes, centroids, covariances, scale, part):
     d = centroids.shape[1]
     pooled = (share @ moments.reshape(-1, d * d)) / total[:, None]
     planes = total, centroids[first] + mean, pooled.reshape(-1, d, d)
-    return planes, (share @ scale) / total
+    return planes, (share @ noise) / total[:, None]
 
 
-def _pairs_in_a_plane(sizes, centroids, covariances, scale, n_jobs=None):
+def _pairs_in_a_plane(sizes, centroids, covariances, noise, n_jobs=None):
     """Pairs (smaller, larger) of regions that may be joined, and the gap that each allows."""
     eigenvalues, axes = np.linalg.eigh(covariances)
     eigenvalues, normals = np.maximum(eigenvalues, 0.0), axes[..., 0]
     # Points spread evenly over a length have its root 12th as standard deviation.
     length = np.sqrt(12 * eigenvalues[:, -1])
     rounding = ROUNDING * eigenvalues[:, -1]
-    flat = eigenvalues[:, 0] <= (MOST_NOISE * scale) ** 2 + rounding
+    flat = eigenvalues[:, 0] <= (MOST_NOISE * noise.max(axis=1)) ** 2 + rounding
     flat &= sizes > centroids.shape[1]
     # Regions that are not flat are in no pair; a cloud of noise has very many of them.
     flat = np.flatnonzero(flat)
     rank = np.argsort(np.argsort(sizes[flat], kind="stable"), kind="stable")
     centroids, covariances, normals = centroids[flat], covariances[flat], normals[flat]
-    scale, rounding, reach = scale[flat], rounding[flat], length[flat]
+    (scale, own), rounding, reach = noise[flat].T, rounding[flat], length[flat]
     parts = [slice(start, start + CHUNK) for start in range(0, len(flat), CHUNK)]
     found = [np.empty((0, 2), dtype=int)] * (len(parts) + 1)
 
@@ -115,7 +130,10 @@ def _pairs_in_a_plane(sizes, centroids, covariances, scale, n_jobs=None):
         normal = normals[rows]
         heights = np.einsum("rsd,rd->rs", apart, normal)
         tilted = np.einsum("sde,rd,re->rs", covariances, normal, normal, optimize=True)
-        limit = (MOST_NOISE * np.minimum(scale[None], scale[rows][:, None])) ** 2
+        thin = np.where(own[rows] > 0, own[rows], -np.inf)[:, None]
+        thin = np.where(own > 0, np.maximum(own, thin), 0.0) * (thin > 0)
+        limit = np.maximum(np.minimum(scale, scale[rows][:, None]), thin)
+        limit = (MOST_NOISE * limit) ** 2
         limit += np.maximum(rounding[None], rounding[rows][:, None])
         candidate = heights**2 + tilted <= limit
         candidate &= rank[None] < rank[rows][:, None]

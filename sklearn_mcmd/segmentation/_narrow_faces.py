@@ -172,7 +172,7 @@ class RestFaces:
         links = np.where(far, -1, links)
         links = np.take_along_axis(links, np.argsort(far, axis=1, kind="stable"), axis=1)
         face = grow_regions(links, np.argsort(found.scale, kind="stable"))
-        face = join_coplanar(index.points, face, found.scale)
+        face = join_coplanar(index.points, face, found._replace(radius=planes.radius[rows]))
         large = np.bincount(face) > self.k
         number = np.where(large, np.cumsum(large) - 1, -1)
         inside = large[face]

@@ -4,6 +4,7 @@ import numpy as np
 
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.segmentation._assign_points import Claims
+from sklearn_mcmd.segmentation._creases import divide_at_creases
 from sklearn_mcmd.segmentation._cylinder_parts import CylinderParts
 from sklearn_mcmd.segmentation._graph import GrowthRules
 from sklearn_mcmd.segmentation._merge_coplanar import join_coplanar
@@ -25,7 +26,7 @@ def finish_regions(labels, index, planes, floor, copies, growing, n_jobs=None):
     The planes are of ``index.points``; what tells of their faces may be changed. `floor` is as by
     `least_scales`, `copies` (n,) are the points at each place, and `growing` has the parameters.
     """
-    rules = rules_of(growing)
+    rules, in_space = rules_of(growing), index.points.shape[1] == 3
     labels = _renumber(labels, copies, growing.min_region_size)
     if growing.find_narrow_faces:
         with progress_part(0.0, 0.45, "narrow faces"):
@@ -33,11 +34,14 @@ def finish_regions(labels, index, planes, floor, copies, growing, n_jobs=None):
             labels = _renumber(labels, copies, growing.min_region_size)
     claims = Claims(index, planes, rules, n_jobs)
     with progress_part(0.45, 0.65, "joining regions"):
+        if growing.divide_at_creases and in_space:
+            labels = divide_at_creases(labels, index, planes, rules.min_cosine, n_jobs)
+            labels = _renumber(labels, copies, growing.min_region_size)
         if growing.assign_unlabeled:
             labels = _renumber(claims.absorb_fragments(labels), copies)
         if growing.join_coplanar:
-            labels = join_coplanar(index.points, labels, planes.scale, n_jobs)
-    curved = growing.join_curved and index.points.shape[1] == 3
+            labels = join_coplanar(index.points, labels, planes, n_jobs)
+    curved = growing.join_curved and in_space
     cylinders = CylinderParts(index, planes, floor, growing.max_gap, n_jobs)
     with progress_part(0.65, 1.0, "cylinders and the rest"):
         if growing.assign_unlabeled:

@@ -55,3 +55,11 @@ def test_a_dry_run_shows_the_plan_and_writes_nothing(small_machine, source, tmp_
 def test_too_little_memory_is_said_in_words_of_the_option(source, tmp_path):
     line = error_line(run("segment", source, tmp_path / "b.laz", "--memory", "10MB"))
     assert "--memory 10MB is too little" in line
+
+
+def test_a_table_of_regions_is_for_clouds_in_memory(small_machine, source, tmp_path):
+    options = ("--memory", "2MB", *ONE, "--regions", tmp_path / "r.csv")
+    result = run("segment", source, tmp_path / "b.laz", *options)
+    assert result.exit_code != 0
+    assert "for clouds in memory" in " ".join(result.output.split())
+    assert files_in(tmp_path) == ["street.laz"]

@@ -1,5 +1,8 @@
 """mcmd segment: the estimator's labels as an attribute, regions as colors."""
 
+import csv
+import json
+
 import numpy as np
 import pytest
 
@@ -77,7 +80,7 @@ def test_options_of_segment_reach_the_estimators(room, room_file, tmp_path):
     result = run(
         *("segment", room_file, tmp_path / "out.npy", "--max-angle", 7, "--max-distance", 0.003),
         *("--max-gap", 0.4, "--min-region-size", 30, "--no-join-coplanar", "--no-join-curved"),
-        *("--no-find-narrow-faces", "--no-assign-unlabeled"),
+        *("--no-find-narrow-faces", "--no-assign-unlabeled", "--no-divide-at-creases"),
         *("--n-neighbors", 20, "--growth-neighbors", 16, "--max-outlier-rate", 0.3),
         *("--random-state", 4, "--n-jobs", 1),
     )
@@ -89,6 +92,7 @@ def test_options_of_segment_reach_the_estimators(room, room_file, tmp_path):
         max_gap=0.4,
         min_region_size=30,
         find_narrow_faces=False,
+        divide_at_creases=False,
         join_coplanar=False,
         join_curved=False,
         assign_unlabeled=False,
@@ -137,3 +141,50 @@ def test_too_few_points_fail_in_one_line(tmp_path):
     assert result.exit_code == 1
     assert "3 point(s) is too few for planes" in result.stderr
     assert len(result.stderr.splitlines()) == 1
+
+
+def test_a_table_of_regions_is_csv_and_geojson_in_the_coordinates_of_the_file(room, tmp_path):
+    room.xyz[:] += [4e5, 5e6, 100.0]
+    write_points(tmp_path / "in.laz", room)
+    for name in ("regions.csv", "regions.geojson"):
+        result = run(
+            "segment", tmp_path / "in.laz", tmp_path / "out.laz", "--regions", tmp_path / name
+        )
+        assert result.exit_code == 0, result.output
+    with open(tmp_path / "regions.csv", newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    labels = read_points(tmp_path / "out.laz").attributes["region"]
+    assert [int(row["points"]) for row in rows] == np.bincount(labels[labels >= 0]).tolist()
+    assert {row["kind"] for row in rows} == {"plane"}
+    assert rows[0]["radius"] == ""
+    assert float(rows[0]["dip"]) < 1
+    assert 89 < float(rows[1]["dip"]) <= 90
+    found = json.loads((tmp_path / "regions.geojson").read_text(encoding="utf-8"))
+    assert found["type"] == "FeatureCollection"
+    for row, feature in zip(rows, found["features"], strict=True):
+        assert feature["properties"]["points"] == int(row["points"])
+        assert feature["properties"]["radius"] is None
+        ring = np.array(feature["geometry"]["coordinates"][0])
+        np.testing.assert_array_equal(ring[0], ring[-1])
+        low, high = room.xyz.min(axis=0) - 0.02, room.xyz.max(axis=0) + 0.02
+        assert ((low < ring) & (ring < high)).all()
+    np.testing.assert_allclose(found["features"][0]["properties"]["area"], 4, rtol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [("r.shp", "ends in .csv"), ("out.csv", "is IN"), ("no/r.csv", "does not exist")],
+)
+def test_tables_that_cannot_be_written_are_refused_first(table, words, room_file, tmp_path):
+    out = tmp_path / "out.csv"
+    result = run("segment", room_file, out, "--regions", tmp_path / table)
+    assert result.exit_code != 0
+    assert words in " ".join(result.output.split())
+    assert not out.exists()
+
+
+def test_an_existing_table_is_kept_if_asked(room_file, tmp_path):
+    (tmp_path / "r.csv").write_text("mine")
+    options = ("--regions", tmp_path / "r.csv", "--no-clobber")
+    assert run("segment", room_file, tmp_path / "out.csv", *options).exit_code != 0
+    assert (tmp_path / "r.csv").read_text() == "mine"

@@ -147,6 +147,7 @@ def test_table_6_is_what_the_estimators_give(segmented):
         max_angle=5,
         mutual=False,
         find_narrow_faces=False,
+        divide_at_creases=False,
         join_coplanar=False,
         join_curved=False,
         assign_unlabeled=False,

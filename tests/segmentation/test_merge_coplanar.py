@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from sklearn.metrics import adjusted_rand_score
 
 from sklearn_mcmd import RegionGrowing
+from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.segmentation._merge_coplanar import join_coplanar
 
 
@@ -22,6 +23,11 @@ def walls(rng, *boxes, noise=0.003, density=3000):
     return X + rng.normal(0, noise, X.shape), np.repeat(
         np.arange(len(parts)), list(map(len, parts))
     )
+
+
+def planes_of(noise, radius=0.0):
+    """Planes of which only the noise, and the radius of neighborhoods, are known."""
+    return Planes.unknown(len(noise), 3)._replace(scale=noise, radius=np.full(len(noise), radius))
 
 
 @pytest.mark.parametrize(
@@ -59,7 +65,7 @@ def test_parts_of_a_plane_without_noise_are_joined_in_any_attitude(seed):
     X[:, 0] += 0.3 * part
     X = X @ Rotation.random(random_state=seed).as_matrix().T + [3, 7, 1]
     rounding = 8 * np.finfo(np.float64).eps * np.abs(X).max(axis=1)
-    assert len(np.unique(join_coplanar(X, part, rounding))) == 1
+    assert len(np.unique(join_coplanar(X, part, planes_of(rounding)))) == 1
 
 
 def test_regions_that_are_not_flat_are_compared_with_none():
@@ -68,8 +74,20 @@ def test_regions_that_are_not_flat_are_compared_with_none():
     labels = np.arange(21_000) % 4200
     points[labels < 200, 2] = 10.0 + labels[labels < 200]
     tracemalloc.start()
-    joined = join_coplanar(points, labels, np.full(21_000, 1e-6))
+    joined = join_coplanar(points, labels, planes_of(np.full(21_000, 1e-6)))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert len(np.unique(joined)) == 4200
     assert peak < 15e6
+
+
+def test_parts_whose_neighborhoods_hide_the_noise_are_joined_by_the_noise_that_they_show():
+    # A depth camera rounds depths to steps: neighborhoods on one step are flat, parts are not.
+    rng = np.random.default_rng(0)
+    X = rng.uniform(0, 1, (6000, 3)) * [2, 1, 0]
+    X[:, 2] = np.round(rng.normal(0, 0.003, 6000) / 0.004) * 0.004
+    part, quiet = (X[:, 0] > 1.0).astype(int), np.full(6000, 1e-5)
+    assert len(np.unique(join_coplanar(X, part, planes_of(quiet)))) == 2
+    assert len(np.unique(join_coplanar(X, part, planes_of(quiet, radius=0.04)))) == 1
+    X[part == 1, 2] += 0.01  # three times the noise
+    assert len(np.unique(join_coplanar(X, part, planes_of(quiet, radius=0.04)))) == 2

@@ -8,6 +8,7 @@ from sklearn_mcmd import RegionGrowing
 
 LITERAL = {
     "find_narrow_faces": False,
+    "divide_at_creases": False,
     "join_coplanar": False,
     "join_curved": False,
     "assign_unlabeled": False,

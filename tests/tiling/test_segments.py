@@ -40,7 +40,15 @@ def far_apart():
     return np.vstack([X, RNG.uniform(-1e5, 1e5, (15, 3))])
 
 
+def blunt_gable():
+    X = np.random.default_rng(0).uniform(-1, 1, (2_800, 3))
+    X[:, 2] *= 0.01
+    X[:, 2] -= 0.18 * np.abs(X[:, 0])
+    return X
+
+
 SCENES = {
+    "blunt gable": blunt_gable,
     "street": lambda: street_with_tree(2_800),
     "bus stop": lambda: make_bus_stop(3_000, random_state=0).data,
     "crown roof": lambda: make_crown_roof(2_800, random_state=0).data,
@@ -60,6 +68,7 @@ SLOW_SCENES = ("bus stop", "airborne", "single precision", "sparse beside dense"
 SWITCHES = [
     {"normal_estimator__n_neighbors": "auto", "normal_estimator__orientation": "mst"},
     {"find_narrow_faces": False},
+    {"divide_at_creases": False},
     {"join_coplanar": False},
     {"join_curved": False},
     {"assign_unlabeled": False},
@@ -111,7 +120,7 @@ def test_labels_are_those_of_memory_wherever_tiles_begin(scene, tmp_path):
 
 @pytest.mark.parametrize(
     "params",
-    some_slow(SWITCHES, SWITCHES[7:]),
+    some_slow(SWITCHES, SWITCHES[8:]),
     ids=lambda params: "-".join(f"{name}={value}" for name, value in params.items()),
 )
 def test_labels_are_those_of_memory_for_all_parameters(params, tmp_path):

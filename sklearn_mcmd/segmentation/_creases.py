@@ -1,0 +1,184 @@
+"""Regions that are several surfaces: what growth led across a crease is divided there."""
+
+from heapq import heapify, heappop, heappush
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sklearn_mcmd.planes._around import quantile_around, ratio
+from sklearn_mcmd.runtime._chunks import each_slice, run
+from sklearn_mcmd.runtime._compiling import compiled_function
+from sklearn_mcmd.segmentation._cylinder import N_STEPS, RIDGE
+from sklearn_mcmd.segmentation._graph import BENT, HEIGHT_BITS, USUAL, n_within_median
+from sklearn_mcmd.segmentation._merge_coplanar import MOST_NOISE
+from sklearn_mcmd.segmentation._region_sums import median_by_region, region_moments
+
+__all__ = ["VoteLimits", "divide_at_creases"]
+
+# A smooth surface, a quadric over a plane, has six numbers, and so have two planes. A strip has no
+# vote if its points are fewer than twice the numbers of both models.
+LEAST_POINTS = 2 * (6 + 6)
+# Places of the six different numbers of a symmetric matrix in its nine, and the reverse.
+UPPER, WHOLE = [0, 1, 2, 4, 5, 8], [0, 1, 2, 1, 3, 4, 2, 4, 5]
+# Borders that are voted on in one task.
+CHUNK = 64
+# Rows whose neighbors are looked at at once; it limits the memory.
+ROWS = 2**18
+
+
+class VoteLimits(NamedTuple):
+    """Limits of a vote. They reach the kernel as arguments: it would freeze imported constants."""
+
+    n_steps: int
+    ridge: float
+    most_noise: float
+
+
+class _Cells(NamedTuple):
+    """Small neighborhoods that divide the regions, in the order in which they were begun.
+
+    members : ndarray of int32, rows of the points, cell after cell
+    starts : ndarray of int of shape (n_cells + 1,), where each begins
+    of : ndarray of int32 of shape (n,), cell of each point, -1 for none
+    """
+
+    members: np.ndarray
+    starts: np.ndarray
+    of: np.ndarray
+
+    def rows(self, cells):
+        """Rows of the points of some cells, and the cell of each."""
+        sizes = self.starts[cells + 1] - self.starts[cells]
+        before = np.cumsum(sizes) - sizes
+        places = np.arange(sizes.sum()) + np.repeat(self.starts[cells] - before, sizes)
+        return self.members[places], np.repeat(cells, sizes)
+
+
+def divide_at_creases(labels, index, planes, min_cosine, n_jobs=None):
+    """Divide regions where two planes that meet in a crease explain them better than one surface.
+
+    Each region is divided into cells of neighbors. Cells are joined to patches, the most alike
+    first, while one plane explains two as well as two planes do, by the Bayesian information
+    criterion (BIC). Then each border of two patches votes; see `vote`. Votes are added over all
+    borders of two groups of patches, and groups are joined, the highest vote first, while it is
+    positive. So a bent surface stays one, and a few wrong borders make no bridge.
+
+    Noise is what is usual around, and what the bend adds that growth allows, as in
+    `link_neighbors`. Labels are from 0 on, -1 for none; the new ones have no order. In three
+    dimensions.
+    """
+    noise, near = _noise_and_neighbors(index, planes, min_cosine, n_jobs)
+    unit = float(np.exp2(np.frexp(noise.max(initial=0.0))[1]))  # no square leaves the numbers
+    if not (labels >= 0).any() or not noise.min() > 0:
+        return labels
+    noise[:] = np.maximum(noise / unit, RIDGE)
+    # The flattest begin. Their order depends on no rounding error, and on no order of rows.
+    flatness = np.rint(np.ldexp(ratio(planes.scale / unit, noise), HEIGHT_BITS))
+    order = np.lexsort((*index.points.T, flatness))
+    cells = _Cells(*_compiled("gather_cells")(order[labels[order] >= 0], near, labels))
+    edges = _edges(cells, near, labels)
+    found = region_moments(index.points, cells.of, len(cells.starts) - 1, n_jobs=n_jobs)
+    weights = found.sizes / np.square(median_by_region(noise, cells.of, len(found.sizes)))
+    means = (found.centroids - found.centroids[0]) / unit
+    scatters = found.covariances.reshape(-1, 9)[:, UPPER] * (weights / unit**2)[:, None]
+    patch = _compiled("join_cells")(found.sizes, weights, means, scatters, edges)
+    first, patch = np.unique(patch, return_inverse=True)
+    if len(first) == len(np.unique(labels[labels >= 0])):
+        return labels
+    normals = np.linalg.eigh(scatters[first][:, WHOLE].reshape(-1, 3, 3))[1][..., 0]
+    borders = patch[edges]
+    borders = np.unique(np.sort(borders[borders[:, 0] != borders[:, 1]], axis=1), axis=0)
+    votes = _votes(index.points, noise, unit, cells, patch, normals, borders, n_jobs)
+    group = np.unique(_joined(len(first), borders, votes), return_inverse=True)[1]
+    return np.append(group[patch], -1)[cells.of].astype(labels.dtype)
+
+
+def _noise_and_neighbors(index, planes, min_cosine, n_jobs):
+    """Standard deviation (n,) that is usual around each point, and the nearer half (n, k)."""
+    n, k = len(index.points), n_within_median(index.n_neighbors) + 1
+    noise, near = index.empty(n), index.empty((n, k), np.int32)
+    bend = BENT * np.arccos(min(min_cosine, 1.0))
+
+    def measure(rows):
+        around = index.query_own(rows, k)
+        near[rows] = around.indices
+        usual = quantile_around(planes.scale, around, USUAL)
+        noise[rows] = np.hypot(usual, bend * planes.radius[rows])
+
+    each_slice(n, index.chunk, measure, n_jobs)
+    return noise, near
+
+
+def _edges(cells, near, labels):
+    """Pairs (m, 2) of cells of one region of which a point of one has a neighbor in the other."""
+    pairs, n = [np.empty(0, np.int64)], len(cells.starts) - 1
+    for start in range(0, len(near), ROWS):
+        part = slice(start, start + ROWS)
+        own, other = cells.of[part, None].astype(np.int64), cells.of[near[part]]
+        beside = (labels[near[part]] == labels[part, None]) & (other != own) & (own >= 0)
+        keys = np.minimum(own, other) * n + np.maximum(own, other)
+        pairs.append(np.unique(keys[beside]))
+    keys = np.unique(np.concatenate(pairs))
+    return np.column_stack([keys // n, keys % n])
+
+
+def _votes(points, noise, unit, cells, patch, normals, borders, n_jobs):
+    """Votes of borders, by the points of both patches that are near to them.
+
+    A strip reaches on both sides as far as the smaller patch, so that both weigh alike.
+    """
+    centers = points[cells.members[cells.starts[:-1]]]
+    order = np.argsort(patch, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(patch[order])) + 1)
+    trees = {name: cKDTree(centers[groups[name]]) for name in np.unique(borders).tolist()}
+    votes, vote = np.empty(len(borders)), _compiled("vote")
+    limits = VoteLimits(N_STEPS, RIDGE, MOST_NOISE)
+
+    def task(start):
+        for i in range(start, min(start + CHUNK, len(borders))):
+            sides = sorted(borders[i].tolist(), key=lambda name: len(groups[name]))
+            small, large = (groups[name] for name in sides)
+            reach = trees[sides[1]].query(centers[small])[0].max()
+            near = trees[sides[1]].query_ball_point(centers[small], reach)
+            large = large[np.unique(np.concatenate(near).astype(np.intp))]
+            rows, cell = cells.rows(np.concatenate([small, large]))
+            if len(rows) < LEAST_POINTS:
+                votes[i] = RIDGE  # too few to tell
+                continue
+            local = (points[rows] - centers[small[0]]) / unit
+            first = np.isin(cell, small)
+            votes[i] = vote(local, 1.0 / noise[rows], cell, first, normals[sides], limits)
+
+    run([(start,) for start in range(0, len(borders), CHUNK)], task, n_jobs)
+    return votes
+
+
+def _joined(n, borders, votes):
+    """The group (n,) of each patch, named by its first; the highest sum of votes joins first."""
+    around, group = [{} for _ in range(n)], np.arange(n)
+    heap = []
+    for (a, b), value in zip(borders.tolist(), votes.tolist(), strict=True):
+        around[a][b] = around[b][a] = value
+        heap.append((-value, a, b))
+    heapify(heap)
+    while heap:
+        value, a, b = heappop(heap)
+        if value >= 0:
+            break
+        if around[a].get(b) != -value:  # one of them was joined, or has more borders by now
+            continue
+        group[b] = a
+        del around[a][b], around[b][a]
+        for c, more in around[b].items():
+            del around[c][b]
+            around[a][c] = around[c][a] = total = around[a].get(c, 0.0) + more
+            heappush(heap, (-total, min(a, c), max(a, c)))
+        around[b] = {}
+    for b in range(n):  # a group's name is smaller than those that joined it
+        group[b] = group[group[b]]
+    return group
+
+
+def _compiled(name):
+    return compiled_function("segmentation._creases_numba", name)

@@ -1,0 +1,179 @@
+"""Which regions are divided at creases; and cells, patches and votes against literal forms."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from sklearn.metrics import adjusted_rand_score
+
+from sklearn_mcmd import RegionGrowing
+from sklearn_mcmd.datasets import make_crown_roof
+from sklearn_mcmd.segmentation._creases import VoteLimits, _joined
+from sklearn_mcmd.segmentation._creases_numba import gather_cells, join_cells, vote
+
+LIMITS = VoteLimits(8, 1e-12, 1.5)
+
+
+def roof(n, crease, noise, seed=0):
+    """A gable of 2 by 2 whose planes' normals differ by an angle; noise in spacings."""
+    rng = np.random.default_rng(seed)
+    x, y = rng.uniform(-1, 1, n), rng.uniform(0, 2, n)
+    z = -np.tan(np.radians(crease / 2)) * np.abs(x) + rng.normal(0, noise * 2 / np.sqrt(n), n)
+    return np.column_stack([x, y, z]), x > 0
+
+
+def barrel(n, noise, seed=0, turn=50.0):
+    """A vault of 2 by 2 that turns by an angle from one side to the other; noise in spacings."""
+    rng = np.random.default_rng(seed)
+    x, y = rng.uniform(-1, 1, n), rng.uniform(0, 2, n)
+    z = np.sqrt(1 / np.sin(np.radians(turn / 2)) ** 2 - x * x)
+    return np.column_stack([x, y, z + rng.normal(0, noise * 2 / np.sqrt(n), n)])
+
+
+@pytest.mark.parametrize(
+    ("n", "crease", "noise"), [(400, 35, 0.2), (1000, 20, 0.2), (5000, 10, 0.2), (20_000, 35, 0.3)]
+)
+def test_blunt_creases_divide_a_roof_that_growth_alone_leaves_whole(n, crease, noise):
+    X, side = roof(n, crease, noise)
+    whole = RegionGrowing(random_state=0, divide_at_creases=False).fit_predict(X)
+    assert adjusted_rand_score(side, whole) < 0.1
+    # Cells at the ridge have points of both sides: 15 of 400 are some .1.
+    assert adjusted_rand_score(side, RegionGrowing(random_state=0).fit_predict(X)) > 0.75
+
+
+@pytest.mark.parametrize("n", [400, 3000, 20_000])
+@pytest.mark.parametrize("noise", [0.1, 0.3])
+def test_vaults_stay_whole(n, noise):
+    assert RegionGrowing(random_state=0).fit(barrel(n, noise)).n_regions_ == 1
+
+
+def test_faces_that_are_bent_themselves_part_where_the_noise_hides_the_creases():
+    scene = make_crown_roof(30_000, random_state=0)
+    labels = RegionGrowing(random_state=0).fit_predict(scene.data)
+    assert adjusted_rand_score(scene.surface, labels) > 0.95
+
+
+def test_results_depend_on_no_order_of_rows_place_or_unit():
+    X, _ = roof(1000, 25, 0.2)
+    labels = RegionGrowing(random_state=0).fit_predict(X)
+    order = np.random.default_rng(1).permutation(len(X))
+    assert labels.max() == 1
+    for moved in (X[order], X[order] + [4e5, 5e6, 300.0], 1e-3 * X[order]):
+        assert_array_equal(RegionGrowing(random_state=0).fit_predict(moved), labels[order])
+
+
+def test_cells_hold_each_point_once_and_no_points_of_two_regions():
+    rng = np.random.default_rng(0)
+    points, labels = rng.uniform(size=(200, 3)), rng.integers(-1, 2, 200).astype(np.int32)
+    gaps = np.linalg.norm(points[:, None] - points, axis=2)
+    near = np.argsort(gaps, axis=1)[:, :7].astype(np.int32)
+    order = rng.permutation(np.flatnonzero(labels >= 0))
+    members, starts, cell = gather_cells(order, near, labels)
+    expected, n_cells = np.full(200, -1), 0
+    for i in order:
+        if expected[i] < 0:
+            free = [j for j in near[i] if expected[j] < 0 and labels[j] == labels[i]]
+            expected[free] = n_cells
+            n_cells += 1
+    assert_array_equal(cell, expected)
+    assert_array_equal(cell[members], np.repeat(np.arange(n_cells), np.diff(starts)))
+    assert len(members) == len(order)
+
+
+def test_patches_of_a_roof_are_its_faces_and_have_their_weighted_moments():
+    X, side = roof(600, 60, 0.1)
+    noise = np.random.default_rng(0).uniform(0.005, 0.02, 30)
+    cells = X[np.argsort(side * 100 + np.floor(8 * X[:, 1]))].reshape(30, 20, 3)
+    weights, means = 20 / noise**2, cells.mean(axis=1)
+    gaps = (cells - means[:, None]) / noise[:, None, None]
+    scatters = np.einsum("nki,nkj->nij", gaps, gaps)[:, *np.triu_indices(3)]
+    sums = np.full(30, 20.0), weights.copy(), means.copy(), scatters
+    # All cells of a side hang together in a row, and the last of one with the first of the other.
+    patch = join_cells(*sums, np.column_stack([np.arange(29), np.arange(1, 30)]))
+    assert len(np.unique(patch)) in (2, 3)  # a cell may lie across the ridge
+    assert abs(np.bincount(patch).max() * 20 - max(side.sum(), 600 - side.sum())) <= 20
+    for root in np.unique(patch):
+        rows = patch == root
+        points, weight = cells[rows].reshape(-1, 3), np.repeat(weights[rows] / 20, 20)
+        mean = weight @ points / weight.sum()
+        scatter = (weight * (points - mean).T) @ (points - mean)
+        assert_allclose(sums[0][root], 20 * rows.sum())
+        assert_allclose(sums[1][root], weight.sum())
+        assert_allclose(sums[2][root], mean, atol=1e-12)
+        assert_allclose(sums[3][root], scatter[np.triu_indices(3)], rtol=1e-9, atol=1e-6)
+
+
+def vote_by_numpy(points, weights, cells, first):
+    """A vote over the plane z = 0, by general least squares."""
+    x, y, z = points.T
+    plane, rows = np.stack([np.ones_like(x), x, y]).T, np.arange(len(x))
+
+    def fitted(terms, some):
+        solution = np.linalg.lstsq(terms[some] * weights[some, None], (z * weights)[some])[0]
+        return terms @ solution
+
+    smooth = (z - fitted(np.column_stack([plane, x * x, x * y, y * y]), rows)) * weights
+    one, other = fitted(plane, first), fitted(plane, ~first)
+    step = np.square((z - np.where(first, one, other)) * weights).sum()
+    choose = np.minimum if (np.where(first, one < other, other < one)).mean() > 0.5 else np.maximum
+    side, left, rest = choose(one, other) == one, np.inf, smooth
+    for _ in range(LIMITS.n_steps):
+        if min(side.sum(), (~side).sum()) <= 3:
+            break
+        one, other = fitted(plane, side), fitted(plane, ~side)
+        crease = (z - choose(one, other)) * weights
+        if crease @ crease < left:
+            left, rest = crease @ crease, crease
+        side = choose(one, other) == one
+    best = min(left, LIMITS.most_noise**2 * step)
+    rest = smooth if smooth @ smooth <= best else rest
+    effect = max(np.square(np.bincount(cells, rest)).sum() / (rest @ rest), 1.0)
+    n = len(x) / effect
+    return (n * np.log(best / (smooth @ smooth)) + 3 * np.log(n)) / 2
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("make", ["gable", "barrel", "step", "plane"])
+def test_votes_are_those_of_general_least_squares(make, seed):
+    X, first = roof(300, 25 if make == "gable" else 0, 0.2, seed)
+    if make == "barrel":
+        X = barrel(300, 0.2, seed)
+        first = X[:, 0] > 0
+    X[:, 2] += (make == "step") * 0.3 * first
+    order = np.lexsort((np.floor(4 * X[:, 1]), np.floor(4 * X[:, 0])))
+    X, first = X[order] - X.mean(axis=0), X[order, 0] > 0
+    cells, weights = np.arange(300) // 15, np.random.default_rng(seed).uniform(20, 60, 300)
+    normals = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+    found = vote(X, weights, cells, first, normals, LIMITS)
+    # The ridge of the normal equations is a millionth of a millionth.
+    assert_allclose(found, vote_by_numpy(X, weights, cells, first), rtol=1e-6)
+    assert (found > 0) == (make in ("barrel", "plane"))
+
+
+def test_deviations_that_cells_share_count_as_fewer():
+    X, first = roof(300, 12, 0.2)
+    order = np.lexsort((np.floor(4 * X[:, 1]), np.floor(4 * X[:, 0])))
+    X, first = X[order], first[order]
+    cells, weights, normals = np.arange(300) // 15, np.full(300, 40.0), np.eye(3)[[2, 2]]
+    alone = vote(X, weights, cells, first, normals, LIMITS)
+    X[:, 2] += 0.02 * np.repeat(np.random.default_rng(0).normal(size=20), 15)
+    assert alone < 0
+    assert vote(X, weights, cells, first, normals, LIMITS) > alone / 4
+
+
+def test_groups_are_joined_by_the_highest_sum_of_votes():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        borders = np.array([(a, b) for b in range(12) for a in range(b) if rng.uniform() < 0.4])
+        votes = rng.normal(size=len(borders))
+        group = np.arange(12)
+        while True:  # the literal form: all sums anew for each
+            sums = {}
+            for (a, b), value in zip(group[borders], votes, strict=True):
+                if a != b:
+                    key = min(a, b), max(a, b)
+                    sums[key] = sums.get(key, 0.0) + value
+            best = max(sums, key=sums.get, default=None)
+            if best is None or sums[best] <= 0:
+                break
+            group[group == best[1]] = best[0]
+        assert_array_equal(_joined(12, borders, votes), group)

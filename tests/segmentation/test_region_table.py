@@ -1,0 +1,116 @@
+"""The table of regions against hand-computed truth and SciPy's convex hull."""
+
+import re
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+from sklearn_mcmd import RegionGrowing
+
+SHIFT = np.array([4e5, 5e6, 200.0])
+NOISE = 0.004
+
+
+def slope(dip, direction, n=3000, seed=0):
+    """Points of a rectangle of 3 (level) by 2 that dips toward an azimuth from y, clockwise."""
+    rng = np.random.default_rng(seed)
+    local = rng.uniform(-0.5, 0.5, (n, 3)) * [3, 2, 0] + rng.normal(0, NOISE, (n, 3)) * [0, 0, 1]
+    pose = Rotation.from_euler("z", -direction, degrees=True) * Rotation.from_euler(
+        "x", -dip, degrees=True
+    )
+    return pose.apply(local) + SHIFT
+
+
+def only_region(X):
+    """The row of a cloud's one region, and its points: the tails of the noise are in none."""
+    growing = RegionGrowing(random_state=0).fit(X)
+    assert len(growing.regions_) == 1
+    own = X[growing.labels_ == 0]
+    assert growing.regions_["points"][0] == len(own) > 0.99 * len(X)
+    return growing.regions_[0], own
+
+
+@pytest.mark.parametrize(("dip", "direction"), [(30, 90), (45, 200), (10, 330), (80, 15)])
+def test_planes_have_their_dip_direction_and_errors(dip, direction):
+    own, _ = only_region(slope(dip, direction))
+    assert own["kind"] == "plane"
+    azimuth, tilt = np.radians([direction, dip])
+    normal = [np.sin(tilt) * np.sin(azimuth), np.sin(tilt) * np.cos(azimuth), np.cos(tilt)]
+    # Least squares of 3000 points: four of their standard errors.
+    height, turn = NOISE / np.sqrt(3000), np.degrees(NOISE / np.sqrt(3000) / (2 / np.sqrt(12)))
+    assert_allclose(own["normal"], normal, atol=4 * np.radians(turn))
+    assert_allclose(own["dip"], dip, atol=4 * turn)
+    assert_allclose(own["dip_direction"], direction, atol=4 * turn / np.sin(tilt))
+    assert_allclose(own["rms"], NOISE, rtol=0.05)
+    assert_allclose([own["height_error"], own["normal_error"]], [height, turn], rtol=0.05)
+    assert np.isnan([own["radius"], *own["axis"], *own["axis_point"]]).all()
+
+
+def test_outlines_are_convex_hulls_in_the_plane():
+    own, X = only_region(slope(25, 120))
+    gaps = X - X.mean(axis=0)
+    plane = np.linalg.svd(gaps, full_matrices=False)[2][:2]
+    hull = ConvexHull(gaps @ plane.T)
+    assert_allclose(own["area"], hull.volume, rtol=1e-7)  # northings of millions
+    text = re.fullmatch(r"POLYGON Z \(\((.*)\)\)", own["outline"])[1]
+    ring = np.array([corner.split() for corner in text.split(", ")], dtype=float)
+    assert_allclose(ring[0], ring[-1])
+    expected = X.mean(axis=0) + hull.points[hull.vertices] @ plane
+    assert len(ring) == len(expected) + 1
+    gaps = np.linalg.norm(ring[:-1, None] - expected, axis=2)
+    assert gaps.min(axis=1).max() < 1e-4  # twelve digits of northings of millions
+    # Seen from above it runs counterclockwise, as GeoJSON wants.
+    x, y = (ring - ring[0])[:, :2].T
+    assert (x[:-1] * y[1:] - x[1:] * y[:-1]).sum() > 0
+
+
+def test_a_post_is_a_cylinder_of_its_radius():
+    rng = np.random.default_rng(0)
+    angle, along = rng.uniform(0, 2 * np.pi, 3000), rng.uniform(0, 2, 3000)
+    post = np.column_stack([0.2 * np.cos(angle), 0.2 * np.sin(angle), along])
+    pose = Rotation.from_euler("x", 20, degrees=True)
+    own, _ = only_region(pose.apply(post) + SHIFT + rng.normal(0, NOISE, post.shape))
+    assert own["kind"] == "cylinder"
+    assert_allclose(own["radius"], 0.2, atol=0.001)
+    assert_allclose(own["rms"], NOISE, rtol=0.1)
+    axis = pose.apply([0, 0, 1])
+    assert_allclose(own["axis"], axis, atol=0.002)
+    assert_allclose(np.cross(own["axis_point"] - SHIFT, axis), 0, atol=0.002)
+    assert_allclose((own["axis_point"] - own["centroid"]) @ axis, 0, atol=1e-3)
+
+
+def test_a_ball_is_curved_and_no_cylinder():
+    ball = np.random.default_rng(0).normal(size=(4000, 3))
+    own, _ = only_region(ball / np.linalg.norm(ball, axis=1, keepdims=True))
+    assert own["kind"] == "curved"
+    assert np.isnan(own["radius"])
+
+
+def test_the_table_depends_on_no_order_and_agrees_with_the_attributes():
+    X = np.vstack([slope(30, 90), slope(0, 0, seed=1) + np.array([0, 4, 0])])
+    X = np.vstack([X, X[:50]])  # copies count
+    order = np.random.default_rng(2).permutation(len(X))
+    one, other = (RegionGrowing(random_state=0).fit(points) for points in (X, X[order]))
+    assert one.regions_.tolist()[0][-1] == other.regions_.tolist()[0][-1]
+    for name in ("kind", "points", "area", "normal", "rms", "dip"):
+        np.testing.assert_array_equal(one.regions_[name], other.regions_[name])
+    np.testing.assert_array_equal(
+        one.regions_["points"], np.bincount(one.labels_[one.labels_ >= 0])
+    )
+    np.testing.assert_array_equal(one.regions_["normal"], one.region_normals_)
+
+
+def test_there_is_a_table_without_regions_and_none_in_a_plane():
+    rng = np.random.default_rng(0)
+    few = RegionGrowing(min_region_size=1000, random_state=0).fit(rng.uniform(size=(200, 3)))
+    assert len(few.regions_) == few.n_regions_ == 0
+    assert RegionGrowing(random_state=0).fit(rng.uniform(size=(200, 2))).regions_ is None
+
+
+def test_points_of_a_line_have_an_empty_outline():
+    line = np.outer(np.arange(200.0), [1, 2, 3])
+    regions = RegionGrowing(random_state=0).fit(line).regions_
+    assert (regions["area"] < 1e-6).all()
