@@ -26,7 +26,7 @@ for name in sys.argv[1:]:
 MOST = {
     "MCMDOutlierDetector": 70,
     "RobustNormalEstimator": 22,
-    "RegionGrowing": 4,
+    "RegionGrowing": 32,
     "SharpFeatureDetector": 12,
 }
 

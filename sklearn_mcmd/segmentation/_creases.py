@@ -21,8 +21,8 @@ __all__ = ["VoteLimits", "divide_at_creases"]
 LEAST_POINTS = 2 * (6 + 6)
 # Places of the six different numbers of a symmetric matrix in its nine, and the reverse.
 UPPER, WHOLE = [0, 1, 2, 4, 5, 8], [0, 1, 2, 1, 3, 4, 2, 4, 5]
-# Borders that are voted on in one task.
-CHUNK = 64
+# Borders that are voted on in one task, and pairs of cells from which on trees are faster.
+CHUNK, FEW = 64, 2**16
 # Rows whose neighbors are looked at at once; it limits the memory.
 ROWS = 2**18
 
@@ -131,27 +131,49 @@ def _votes(points, noise, unit, cells, patch, normals, borders, n_jobs):
     centers = points[cells.members[cells.starts[:-1]]]
     order = np.argsort(patch, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(patch[order])) + 1)
-    trees = {name: cKDTree(centers[groups[name]]) for name in np.unique(borders).tolist()}
-    votes, vote = np.empty(len(borders)), _compiled("vote")
+    votes, vote, tree = np.empty(len(borders)), _compiled("vote"), _trees(centers, groups)
     limits = VoteLimits(N_STEPS, RIDGE, MOST_NOISE)
 
     def task(start):
         for i in range(start, min(start + CHUNK, len(borders))):
             sides = sorted(borders[i].tolist(), key=lambda name: len(groups[name]))
             small, large = (groups[name] for name in sides)
-            reach = trees[sides[1]].query(centers[small])[0].max()
-            near = trees[sides[1]].query_ball_point(centers[small], reach)
-            large = large[np.unique(np.concatenate(near).astype(np.intp))]
+            if len(small) * len(large) <= FEW:
+                large = large[_compiled("strip_of")(centers[small], centers[large])]
+            else:
+                large = large[_strip(tree(sides[0]), tree(sides[1]))]
             rows, cell = cells.rows(np.concatenate([small, large]))
             if len(rows) < LEAST_POINTS:
                 votes[i] = RIDGE  # too few to tell
                 continue
             local = (points[rows] - centers[small[0]]) / unit
-            first = np.isin(cell, small)
+            n_first = (cells.starts[small + 1] - cells.starts[small]).sum()
+            first = np.arange(len(rows)) < n_first
             votes[i] = vote(local, 1.0 / noise[rows], cell, first, normals[sides], limits)
 
     run([(start,) for start in range(0, len(borders), CHUNK)], task, n_jobs)
     return votes
+
+
+def _trees(centers, groups):
+    """A function that gives the tree of the centers of a group."""
+    known = {}
+
+    def tree(name):
+        if name not in known:
+            known[name] = cKDTree(centers[groups[name]])
+        return known[name]
+
+    return tree
+
+
+def _strip(small, large):
+    """Rows of the large of two trees, ascending: `strip_of` many points."""
+    reach = large.query(small.data)[0].max()
+    middle = (small.mins + small.maxes) / 2
+    around = (np.linalg.norm(small.maxes - middle) + reach) * (1 + 1e-9)
+    rows = np.sort(large.query_ball_point(middle, around))
+    return rows[small.query(large.data[rows])[0] <= reach]
 
 
 def _joined(n, borders, votes):

@@ -9,7 +9,7 @@ from sklearn_mcmd.planes._moments_numba import eigh_3d
 from sklearn_mcmd.runtime._kernels import kernel
 from sklearn_mcmd.segmentation._cylinder_numba import _across, _add, _dot, _moved, _scaled, _solve
 
-__all__ = ["gather_cells", "join_cells", "vote"]
+__all__ = ["gather_cells", "join_cells", "strip_of", "vote"]
 
 N_PLANE = 3  # parameters of a plane
 NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -108,6 +108,26 @@ def _scatter(scatters, c, more):
     s = scatters[c]
     return (s[0] + more[0], s[1] + more[1], s[2] + more[2], s[3] + more[3], s[4] + more[4],
             s[5] + more[5])  # fmt: skip
+
+
+@kernel(cache=True)
+def strip_of(small, large):
+    """Which points of a large patch (m, 3) are as near to some point of a small one as the one of
+    these that is farthest from the large patch is to it."""
+    reach, nearest = 0.0, np.full(len(large), np.inf)
+    for i in range(len(small)):
+        least = np.inf
+        for j in range(len(large)):
+            x, y, z = (
+                small[i, 0] - large[j, 0],
+                small[i, 1] - large[j, 1],
+                small[i, 2] - large[j, 2],
+            )
+            square = x * x + y * y + z * z
+            least = min(least, square)
+            nearest[j] = min(nearest[j], square)
+        reach = max(reach, least)
+    return nearest <= reach
 
 
 @kernel(cache=True)

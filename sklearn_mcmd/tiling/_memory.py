@@ -56,7 +56,7 @@ COSTS = {
     "heights": Costs(450, 460, 450, 35, "judges"),
     "edges": Costs(750, 480, 1100, 35, "judges"),
     "tree": Costs(650, 480, 850, 200, "holds the tree of"),
-    "regions": Costs(650, 470, 720, 60, "joins the regions of"),
+    "regions": Costs(650, 550, 720, 100, "joins the regions of"),
 }
 # What more a work takes: a tile and a cloud in memory, at least; what is stored; and one process.
 # Numbers of neighbors are found, rays are followed, and there is a position for each point.

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial import cKDTree
 from sklearn.metrics import adjusted_rand_score
 
 from sklearn_mcmd import RegionGrowing
 from sklearn_mcmd.datasets import make_crown_roof
-from sklearn_mcmd.segmentation._creases import VoteLimits, _joined
-from sklearn_mcmd.segmentation._creases_numba import gather_cells, join_cells, vote
+from sklearn_mcmd.segmentation._creases import VoteLimits, _joined, _strip
+from sklearn_mcmd.segmentation._creases_numba import gather_cells, join_cells, strip_of, vote
 
 LIMITS = VoteLimits(8, 1e-12, 1.5)
 
@@ -177,3 +178,16 @@ def test_groups_are_joined_by_the_highest_sum_of_votes():
                 break
             group[group == best[1]] = best[0]
         assert_array_equal(_joined(12, borders, votes), group)
+
+
+def test_a_strip_is_as_wide_as_the_small_patch_by_pairs_and_by_trees():
+    """Brute force over all distances tells which points of the large patch are near enough."""
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        small, large = rng.random((rng.integers(1, 30), 3)), rng.random((rng.integers(30, 90), 3))
+        large[:, 0] += 0.8
+        gaps = np.linalg.norm(small[:, None] - large, axis=2)
+        near = gaps.min(axis=0) <= gaps.min(axis=1).max()
+        assert near.sum() > 0
+        assert_array_equal(strip_of(small, large), near)
+        assert_array_equal(_strip(cKDTree(small), cKDTree(large)), np.flatnonzero(near))
