@@ -160,8 +160,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Standard error of each normal, in degrees: root mean square of its tilt from the plane's own
         noise, spread and number of points; on a surface that bends, of the slope of the quadric at
         the point; and the doubt which plane around is the right one, where planes are mended (see
-        :ref:`errors_of_normals`). The true normal is within 1.73 times that with 95 % confidence
-        (in 3D; 1.96 times in 2D). 90 where nothing determines the normal.
+        :ref:`errors of normals <errors_of_normals>`). The true normal is within 1.73 times that
+        with 95 % confidence (in 3D; 1.96 times in 2D). 90 where nothing determines the normal.
 
     plane_offset_ : ndarray of shape (n_samples,)
         Signed distance of each point's plane from the point, along its normal, in units of X.
