@@ -109,7 +109,7 @@ def check_sensor_origin(sensor_origin, X):
         if sensor_origin != "origin":
             raise ValueError(
                 f"sensor_origin={sensor_origin!r} must be 'origin', a position or one for each "
-                "point."
+                "point; outlier detectors also take 'auto'."
             )
         position = np.zeros(d)
     else:

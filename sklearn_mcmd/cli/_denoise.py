@@ -178,6 +178,7 @@ def denoise(
         heights = {"above": above, "below": below, "low_groups": low_groups}
         work = "heights" if low_groups or above is not None or below is not None else "outliers"
         work = _sensor.work_of_options(work, sensor, trajectory, rays=True)
+        work = _sensor.work_if_seen(work, source) if recognize else work
         catalog = large_catalog(source, memory, 0, scheduler is not None, columns, work=work)
         if intensity and catalog is not None:
             raise ValueError(f"{source}: tiles take no --intensity; a file within --memory does")

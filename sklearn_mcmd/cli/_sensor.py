@@ -16,6 +16,7 @@ __all__ = [
     "path_of_options",
     "sensor_of_options",
     "stated_or_seen",
+    "work_if_seen",
     "work_of_options",
 ]
 
@@ -93,6 +94,23 @@ def work_of_options(work, sensor, trajectory, *, rays):
     if trajectory is not None:
         return f"{work}, trajectory"
     return f"{work}, angles" if sensor == AUTO else work
+
+
+def work_if_seen(work, source):
+    """The same work with rays if a LAS may be recognized, which is known when it is read: unless
+    its bounds tell that the origin is far away."""
+    from sklearn_mcmd.io import PointFileError
+    from sklearn_mcmd.io._las import read_header
+    from sklearn_mcmd.outliers._rays import one_far_position
+
+    if "rays" in work or not source.is_file() or source.suffix.lower() not in (".las", ".laz"):
+        return work
+    try:
+        header = read_header(source)
+    except PointFileError:  # the reading tells
+        return work
+    bounds = np.array([header.mins, header.maxs])
+    return work if one_far_position(bounds, np.zeros((1, 3))) else f"{work}, rays"
 
 
 def path_of_options(sensor, trajectory):

@@ -52,8 +52,8 @@ def height_over(planes, row, query):
 
 @kernel(inline="always")
 def cost_of_plane(planes, row, height, limits, patch, n, heights):
-    """Minus twice the logarithm of how likely the plane of a row is that of a patch, whose query
-    is at this height above it."""
+    """Minus the logarithm of how likely the plane of a row is that of a patch, whose query is at
+    this height above it."""
     variance = planes.scale[row] * planes.scale[row]
     _others(patch, n, planes.normals[row], height, heights)
     cost = np.log(variance) - 2.0 * np.log(planes.kept[row])

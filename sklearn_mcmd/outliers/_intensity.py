@@ -14,9 +14,10 @@ def ranks_of_intensity(intensity, index, n):
     """
     if intensity is None:
         return None
+    if np.shape(intensity) != (n,):
+        shape = np.shape(intensity)
+        raise ValueError(f"intensity must have the shape ({n},) of the points; got {shape}.")
     given = check_array(intensity, dtype=np.float64, ensure_2d=False, input_name="intensity")
-    if given.shape != (n,):
-        raise ValueError(f"intensity must have the shape ({n},) of the points; got {given.shape}.")
     largest = given[index.rows]
     np.maximum.at(largest, index.places, given)
     values, place, counts = np.unique(largest, return_inverse=True, return_counts=True)

@@ -127,12 +127,13 @@ class JudgedCloud:
                 self.off_surface = OffSurface(places, least, self.off_surface_limits, self.n_jobs)
         rest, off_surface = self.off_surface.rows, self.off_surface
         apart = off_surface.isolation, off_surface.separation
+        doubt = self._doubt(rest)
         if self.rays is not None:
-            apart = self.rays.judge(off_surface, places.spacing, self.explained, self.to_planes)
+            known = places.spacing, self.explained, self.to_planes
+            apart = self.rays.judge(off_surface, *known, doubt)
             off_surface.isolation, off_surface.separation = apart
-        if self.intensity is not None:
-            off_surface.isolation *= darkness(self.intensity[rest])
-            apart = off_surface.isolation, off_surface.separation
+        elif self.intensity is not None:
+            off_surface.isolation *= doubt
         distances[rest] = self._joined(distances[rest], *apart, off_surface.points)
         self.point_scores = distances
         return owners
@@ -173,11 +174,18 @@ class JudgedCloud:
             isolation[rest], separation[rest], joined[rest] = self.off_surface.measure(
                 queries[rest], spacing[rest]
             )
+        doubt = self._doubt(around.indices[:, 0])
         if self.rays is not None:
             isolation, separation = self.rays.judge_new(
-                queries, around, apart, spacing, self.explained, self.to_planes
+                queries, around, apart, spacing, self.explained, self.to_planes, doubt
             )
+        else:
+            isolation = isolation * doubt
         return self._joined(distances, isolation, separation, queries)
+
+    def _doubt(self, rows):
+        """By how much what came back from these points makes their isolation larger."""
+        return 1.0 if self.intensity is None else darkness(self.intensity[rows])
 
     def paper_scores(self, planes, distances):
         """Scores by the own plane, from the robust distances of a model."""

@@ -162,7 +162,7 @@ class OffSurface:
         - isolation: spacing among off-surface points and among all points, over the usual one;
           what has others near has about 1;
         - separation: gap between the query, with the small group that it belongs to, and what is
-          real, over their size; 0 for what belongs to a large group;
+          real, over their size; 0 for what belongs to a thing;
         - joined: whether it belongs to a group of the cloud, whose separation it has.
         """
         usual = self._usual(queries, n_jobs)

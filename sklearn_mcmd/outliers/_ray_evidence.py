@@ -54,7 +54,7 @@ class RayEvidence:
             self.index, planes, distances, least, self.limits, ~self.on_sheet
         )
 
-    def judge(self, off_surface, spacing, explained, to_planes):
+    def judge(self, off_surface, spacing, explained, to_planes, doubt=1.0):
         """Isolation and separation of all points that no surface explains.
 
         Parameters
@@ -65,6 +65,8 @@ class RayEvidence:
         explained : ndarray of bool of shape (n,)
         to_planes : callable
             As `JudgedCloud.to_planes`.
+        doubt : float or ndarray of shape (m,)
+            Factor on how isolated points are, which does not touch sheets of rays.
         """
         rest, rays, index = off_surface.rows, self.rays, self.index
         groups, step = off_surface.groups, rays.steps(rest)
@@ -80,6 +82,7 @@ class RayEvidence:
 
         self.others.visit(off_surface.points, AROUND + 1, judge, self.n_jobs)
         self.others.release()
+        isolation *= doubt
         on_sheet = self._on_sheets(
             index.points[rest], lambda r: index.query_own(rest[r]), to_planes
         )
@@ -91,7 +94,7 @@ class RayEvidence:
         self.by_sheet = on_sheet > isolation
         return np.maximum(isolation, on_sheet), _separation(off_surface.separation, together, step)
 
-    def judge_new(self, queries, around, apart, spacing, explained, to_planes):
+    def judge_new(self, queries, around, apart, spacing, explained, to_planes, doubt=1.0):
         """The same of new points (m, d) and their neighborhoods, each for itself.
 
         `apart` are its isolation, its separation, and whether it belongs to a group of the cloud,
@@ -102,7 +105,7 @@ class RayEvidence:
         empty, beside = Emptiness.of(witnesses, explained), Emptiness.of(strange, explained)
         in_steps = _in_steps(isolation, spacing, witnesses.step)
         near = self.others.query(queries, AROUND, self.n_jobs)[1]
-        isolation = self._isolation(isolation, empty, in_steps, near, witnesses.step)
+        isolation = doubt * self._isolation(isolation, empty, in_steps, near, witnesses.step)
         alone = _separation(separation, beside.together(), witnesses.step)
         on_sheet = self._on_sheets(queries, around.take, to_planes)
         return np.maximum(isolation, on_sheet), np.where(joined, separation, alone)

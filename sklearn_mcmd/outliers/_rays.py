@@ -54,7 +54,7 @@ class Witnesses(NamedTuple):
         Which of them are asked.
     farther : ndarray of shape (m, k)
         1 where the beam passes the point and goes on, -1 where it ends before, and between the
-        two where it ends nearby. 1 of beams without an echo, too.
+        two where it ends nearby. Around groups 1 of beams without an echo, too.
     step : ndarray of shape (m,)
         0 of points where the sensor is.
     """
@@ -69,7 +69,7 @@ class Emptiness(NamedTuple):
     """What the beams next to points say about their places: sums over the beams, of shape (m,).
 
     passing : ndarray
-        Beams that go on behind the point, or have no echo. The place is empty.
+        Beams that go on behind the point, or around groups have no echo. The place is empty.
     ending : ndarray
         Beams that end before the point.
     hidden : ndarray
@@ -323,7 +323,8 @@ class Rays:
         tilt = self.directions[beams] - self.directions[rows][:, None]
         tilt = np.einsum("mkd,md->mk", tilt, planes.normals)
         farther = self.ranges[beams] - self.ranges[rows][:, None]
-        return ratio(_left_by_line(tilt, farther, met), step), ratio(away.min(axis=1), step)
+        left = np.where(step > 0, _left_by_line(tilt, farther, met), 0.0)
+        return ratio(left, step), ratio(away.min(axis=1), step)
 
 
 def one_far_position(points, origins):

@@ -3,7 +3,9 @@
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._orientation import point_up
+from sklearn_mcmd.planes._plane import RANK_TOLERANCE
 from sklearn_mcmd.segmentation._cylinder import N_PARAMETERS, fit_cylinder
 from sklearn_mcmd.segmentation._cylinder_parts import LEAST_SIZE
 from sklearn_mcmd.segmentation._graph import by_place
@@ -34,8 +36,11 @@ def region_table(points, labels, around, moments):
     table["dip_direction"] = np.degrees(np.arctan2(normals[:, 0], normals[:, 1])) % 360.0
     noise = np.sqrt(values[:, 0] * sizes / np.maximum(sizes - 3, 1))
     table["height_error"] = noise / np.sqrt(sizes)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        table["normal_error"] = np.degrees(np.arctan(table["height_error"] / np.sqrt(values[:, 1])))
+    # Anderson's, as of `normal_errors`, along the narrower axis; 90 where that is none.
+    gap = values[:, 1] - values[:, 0]
+    gap = np.where(gap > RANK_TOLERANCE * values[:, 2], gap, 0.0)
+    tilt = ratio(np.sqrt(values[:, 1]) * table["height_error"], gap)
+    table["normal_error"] = np.where(gap > 0, np.minimum(np.degrees(tilt), 90.0), 90.0)
     for name in ("axis_point", "axis", "radius"):
         table[name] = np.nan
     if len(sizes) == 0:

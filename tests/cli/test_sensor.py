@@ -11,6 +11,7 @@ from sklearn_mcmd.cli._sensor import (
     intensity_of,
     sensor_of_options,
     stated_or_seen,
+    work_if_seen,
 )
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 
@@ -91,3 +92,14 @@ def test_what_a_file_states_comes_before_what_its_points_show():
     assert_array_equal(position, [1, 2, 3])
     assert words == "PCD's VIEWPOINT"
     assert stated_or_seen(TIMED, np.ones(len(TIMED), bool)) == (None, "")
+
+
+def test_a_file_that_may_be_recognized_is_planned_with_rays(tmp_path):
+    """Its bounds hold the origin, or are near it; those of national coordinates do not."""
+    X = np.random.default_rng(0).random((50, 3))
+    for name, shift, work in (("near.las", 0, "outliers, rays"), ("far.las", 5e5, "outliers")):
+        write_points(tmp_path / name, PointCloud(X + shift))
+        assert work_if_seen("outliers", tmp_path / name) == work
+    assert work_if_seen("outliers", tmp_path) == "outliers"
+    (tmp_path / "bad.las").write_bytes(b"LASF")
+    assert work_if_seen("outliers", tmp_path / "bad.las") == "outliers"

@@ -8,6 +8,7 @@ from sklearn import config_context
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 
+from outliers.test_ray_evidence import FORM, sheet_at_an_edge
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.outliers._intensity import ranks_of_intensity
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
@@ -97,3 +98,26 @@ def test_doubts_grow_in_the_dark_and_surfaces_stay():
     assert (known.isolation_[3000:3100] > plain.isolation_[3000:3100]).all()
     assert (known.isolation_[3100:] < 0.4 * plain.isolation_[3100:]).all()
     assert_array_equal(known.separation_, plain.separation_)
+
+
+def test_bright_mixed_pixels_stay_on_their_sheets():
+    """However much light came back, a sheet of rays is an error, with the score of its scatter."""
+    cloud, sensor = sheet_at_an_edge(np.random.default_rng(0))
+    light = np.r_[np.linspace(8, 9, 60), np.linspace(0, 1, len(cloud) - 60)]
+    plain = MCMDOutlierDetector(**FORM).fit(cloud, sensor_origin=sensor)
+    lit = MCMDOutlierDetector(**FORM).fit(cloud, sensor_origin=sensor, intensity=light)
+    sheets = plain._cloud.off_surface.rows[plain._cloud.rays.by_sheet]
+    assert len(sheets) > 30
+    assert_array_equal(lit._cloud.point_scores[sheets], plain._cloud.point_scores[sheets])
+
+
+@pytest.mark.parametrize("position", [None, "origin"])
+def test_new_points_have_the_light_of_the_nearest_fitted_one(position):
+    rng = np.random.default_rng(0)
+    wall = np.column_stack([rng.uniform(-1, 1, (900, 2)), 5 + rng.normal(0, 0.005, 900)])
+    cloud = np.vstack([wall, rng.uniform([-1, -1, 2], [1, 1, 4], (40, 3))])
+    light = np.r_[rng.random(900), np.tile([0.01, 2.0], 20)]
+    form = MCMDOutlierDetector(30, random_state=0)
+    fitted = form.fit(cloud, sensor_origin=position, intensity=light)
+    moved = fitted.score_samples(cloud[900:] + 1e-9)
+    assert_allclose(moved, fitted.scores_[900:], rtol=0.3)
