@@ -38,9 +38,9 @@ def region_table(points, labels, around, moments):
     table["height_error"] = noise / np.sqrt(sizes)
     # Anderson's, as of `normal_errors`, along the narrower axis; 90 where that is none.
     gap = values[:, 1] - values[:, 0]
-    gap = np.where(gap > RANK_TOLERANCE * values[:, 2], gap, 0.0)
-    tilt = ratio(np.sqrt(values[:, 1]) * table["height_error"], gap)
-    table["normal_error"] = np.where(gap > 0, np.minimum(np.degrees(tilt), 90.0), 90.0)
+    known = gap > RANK_TOLERANCE * values[:, 2]
+    tilt = ratio(np.sqrt(values[:, 1]) * table["height_error"], np.where(known, gap, np.inf))
+    table["normal_error"] = np.where(known, np.degrees(np.minimum(tilt, np.pi / 2)), 90.0)
     for name in ("axis_point", "axis", "radius"):
         table[name] = np.nan
     if len(sizes) == 0:
