@@ -1,5 +1,6 @@
 """Regions that are several surfaces: what growth led across a crease is divided there."""
 
+from functools import cache
 from heapq import heapify, heappop, heappush
 from typing import NamedTuple
 
@@ -131,7 +132,8 @@ def _votes(points, noise, unit, cells, patch, normals, borders, n_jobs):
     centers = points[cells.members[cells.starts[:-1]]]
     order = np.argsort(patch, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(patch[order])) + 1)
-    votes, vote, tree = np.empty(len(borders)), _compiled("vote"), _trees(centers, groups)
+    tree = cache(lambda name: cKDTree(centers[groups[name]]))
+    votes, vote = np.empty(len(borders)), _compiled("vote")
     limits = VoteLimits(N_STEPS, RIDGE, MOST_NOISE)
 
     def task(start):
@@ -153,18 +155,6 @@ def _votes(points, noise, unit, cells, patch, normals, borders, n_jobs):
 
     run([(start,) for start in range(0, len(borders), CHUNK)], task, n_jobs)
     return votes
-
-
-def _trees(centers, groups):
-    """A function that gives the tree of the centers of a group."""
-    known = {}
-
-    def tree(name):
-        if name not in known:
-            known[name] = cKDTree(centers[groups[name]])
-        return known[name]
-
-    return tree
 
 
 def _strip(small, large):
