@@ -66,6 +66,20 @@ class Limit:
 
 
 @dataclass(frozen=True)
+class Radii:
+    """The radii of rounded edges: all times a factor, without every second one, or none."""
+
+    def variants(self, factors):
+        home = importlib.import_module("sklearn_mcmd.edges._creases")
+        changes = {f"x {factor:g}": tuple(factor * r for r in home.RADII) for factor in factors}
+        for label, value in {**changes, "every 2nd": home.RADII[::2], "off": ()}.items():
+            yield label, lambda value=value: replaced(home, "RADII", value), {}
+
+    def __str__(self):
+        return "_creases.RADII"
+
+
+@dataclass(frozen=True)
 class Parameter:
     """A parameter of the estimator, with the values to try."""
 

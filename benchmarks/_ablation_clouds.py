@@ -69,24 +69,18 @@ def machined_edges(options):
 
     for path in sorted(Path(options.data).glob("cad_*/cloud.npz")):
         for share in (0.0, 0.2):
-            for name, X, *truth in clouds(Namespace(clouds=[path], most=15_000), share):
+            for name, X, *truth in clouds(Namespace(clouds=[path], most=15_000, roofs=[]), share):
                 yield name.removeprefix("cad_"), f"{name}_{share}", X, truth
 
 
-def roof_edges(options):
-    """Roofs whose planes are told by hand: the edge of a plane is where another begins."""
-    from scipy.spatial import cKDTree
+def ridges(options):
+    """Roofs whose planes are told by hand, and simulated ones."""
+    from bench_edges import clouds
 
-    for path in sorted(Path(options.data).glob("roof_planes/*.npz")):
-        with np.load(path) as arrays:
-            X, plane = arrays["xyz"], arrays["plane"]
-        distance = np.full(len(X), np.nan)
-        for number in range(1, plane.max() + 1):
-            others = cKDTree(X[(plane > 0) & (plane != number)])
-            distance[plane == number] = others.query(X[plane == number])[0]
-        # Points of another plane are half a spacing beyond the edge.
-        spacing = spacing_of(X)
-        yield "roofs", path.stem, X, (distance - 0.5 * spacing, spacing)
+    paths = sorted(Path(options.data).glob("roof_planes/*.npz"))
+    for name, X, *truth in clouds(Namespace(clouds=paths, most=15_000, roofs=[30.0, 45.0]), 0.0):
+        kind = "roofs" if name.startswith("roof_") else "simulated roofs"
+        yield kind, f"{name}_{len(X)}", X, truth
 
 
 def shapes(options):

@@ -31,7 +31,7 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
-from _ablation_changes import FACTORS, Constant, Limit, Parameter
+from _ablation_changes import FACTORS, Constant, Limit, Parameter, Radii
 from _ablation_clouds import (
     below_ground,
     contaminated,
@@ -39,7 +39,7 @@ from _ablation_clouds import (
     labelled,
     machined_edges,
     machined_parts,
-    roof_edges,
+    ridges,
     seen,
     shapes,
     simulated,
@@ -315,7 +315,8 @@ PARTS = {
             Constant("edges._faces", "FLATNESS", np.inf),
             Constant("edges._creases", "OFF", np.inf),
             Constant("edges._creases", "FAR"),
-            Constant("edges._creases", "THIRD_FACE", 0.0),
+            Constant("edges._creases", "EVENING_STEPS", 0),
+            Radii(),
             Constant("edges._creases", "SMOOTH_STEPS", 1),
             Constant("edges._creases", "HUBER", np.inf),
             Constant("edges._detector", "EDGE_WIDTH"),
@@ -323,7 +324,7 @@ PARTS = {
             Parameter("min_angle", (10, 16, 25, 40)),
         ),
         scenes=lambda options: chain(
-            simulated(options, edge_distances, 0.1), machined_edges(options), roof_edges(options)
+            simulated(options, edge_distances, 0.1), machined_edges(options), ridges(options)
         ),
         prepare=faces_of,
         run=edge_scores_of,

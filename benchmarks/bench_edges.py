@@ -1,7 +1,8 @@
 """Which points belong to edges? Our forms and the paper's are compared with the truth.
 
 The clouds are the box, the crown roof and the street, whose edges are known, or clouds with the
-true distance to the edge (`edge_dist` in an npz file). A point belongs to an edge if its true
+true distance to the edge (`edge_dist` in an npz file), or with the plane of each point (`plane`),
+or simulated roofs, without outliers. A point belongs to an edge if its true
 distance is at most two spacings. Precision, recall, F1, area under the ROC curve and average
 precision are in percent of the regular points. "P all" is the precision if outliers labelled as
 edges count as errors too. All forms have their default parameters.
@@ -9,13 +10,16 @@ edges count as errors too. All forms have their default parameters.
     python benchmarks/bench_edges.py
     python benchmarks/bench_edges.py --street 100000 --shares 0 0.1 0.2 --forms crease
     python benchmarks/bench_edges.py --clouds ../shared/data/cad_*/cloud.npz --most 30000
+    python benchmarks/bench_edges.py --shares 0 --forms crease --roofs 30 45
 """
 
 import argparse
 import time
+from itertools import product
 from pathlib import Path
 
 import numpy as np
+from _roofs import roof_edges
 from sklearn.metrics import average_precision_score, roc_auc_score
 
 HEAD = ["P", "R", "F1", "AUC", "AP", "P all", "seconds"]
@@ -63,6 +67,18 @@ def spacing_of(X):
     return np.median(distances[:, -1]) * np.sqrt(np.pi / 8)
 
 
+def from_planes(arrays):
+    """Distances to the edge, which is half a spacing before the next point of another plane."""
+    from scipy.spatial import cKDTree
+
+    X, plane = arrays["xyz"], arrays["plane"]
+    distance = np.full(len(X), np.nan)
+    for number in range(1, plane.max() + 1):
+        others = cKDTree(X[(plane > 0) & (plane != number)])
+        distance[plane == number] = others.query(X[plane == number])[0]
+    return distance - 0.5 * spacing_of(X)
+
+
 def clouds(options, share):
     """Name, points, distance to the edge (NaN: outlier) and spacing."""
     from sklearn_mcmd.datasets import make_box, make_crown_roof, make_street
@@ -70,7 +86,8 @@ def clouds(options, share):
     for path in options.clouds:
         rng = np.random.default_rng(0)
         with np.load(path) as arrays:
-            X, distance = arrays["xyz"].astype(np.float64), arrays["edge_dist"]
+            X = arrays["xyz"].astype(np.float64)
+            distance = arrays["edge_dist"] if "edge_dist" in arrays else from_planes(arrays)
         if len(X) > options.most:
             rows = rng.permutation(len(X))[: options.most]
             X, distance = X[rows], distance[rows]
@@ -78,8 +95,13 @@ def clouds(options, share):
         n = round(len(X) * share / (1 - share))
         displaced = X[rng.permutation(len(X))[:n]] + rng.normal(0, 5 * spacing, (n, 3))
         points = np.vstack([X, displaced])
-        yield Path(path).parent.name, points, np.r_[distance, np.full(n, np.nan)], spacing
-    if options.clouds:
+        name = Path(path).parent.name if Path(path).stem == "cloud" else Path(path).stem
+        yield name, points, np.r_[distance, np.full(n, np.nan)], spacing
+    for kind, n, crease, noise in product(
+        ("gable", "hip", "mansard"), (500, 2_000, 8_000), options.roofs, (0.1, 0.3)
+    ):
+        yield f"{kind}, {crease:g} degrees, noise {noise}", *roof_edges(kind, n, crease, noise)
+    if options.clouds or options.roofs:
         return
     for make in (make_box, make_crown_roof):
         cloud = make(outlier_share=share, random_state=0)
@@ -104,6 +126,9 @@ def main():
     parser.add_argument("--shares", type=float, nargs="+", default=[0.0, 0.1, 0.2])
     parser.add_argument("--street", type=int, default=20_000, help="points of the street")
     parser.add_argument("--clouds", nargs="+", default=[], help="npz files, instead of scenes")
+    parser.add_argument(
+        "--roofs", type=float, nargs="+", default=[], help="angles of roofs, instead of scenes"
+    )
     parser.add_argument("--most", type=int, default=30_000, help="points of a cloud at most")
     parser.add_argument("--forms", nargs="+", default=[""], help="parts of the forms' names")
     parser.add_argument(
@@ -114,6 +139,7 @@ def main():
     parser.add_argument("--n-neighbors", type=int, default=40)
     parser.add_argument("--threads", type=int, default=2)
     options = parser.parse_args()
+    rows = {}
     for share in options.shares:
         for name, X, distance, spacing in clouds(options, share):
             print(f"\n{name}, {len(X):,} points, {100 * share:g} % outliers")
@@ -126,6 +152,11 @@ def main():
                 seconds = time.perf_counter() - start
                 row = [*figures(distance, spacing, scores, scores < detector.offset_), seconds]
                 print(f"{form:20}" + "".join(f"{v:9.1f}" for v in row), flush=True)
+                rows.setdefault((name.partition(",")[0], form), []).append(row)
+    for (kind, form), found in rows.items():
+        if options.roofs:
+            row = "".join(f"{v:9.1f}" for v in np.mean(found, axis=0))
+            print(f"{form}, mean of {kind}:{row}")
 
 
 if __name__ == "__main__":

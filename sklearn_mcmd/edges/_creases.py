@@ -3,8 +3,9 @@
 Near an edge the neighborhood of a point holds two faces. The point is given the plane that
 explains it best, its own or a neighbor's, and so are its neighbors; where two of these planes
 meet is the edge, known to a fraction of the spacing of the points. Whether there is an edge is
-decided between two models of the neighborhood: faces that meet in creases, or one smooth
-surface. The verdict is pooled over the neighbors, as an edge is a line and not a point.
+decided between models of the neighborhood, by the Bayesian information criterion (BIC): faces that
+meet in creases, or one surface without a crease. The verdict is pooled over the neighbors, as an
+edge is a line and not a point.
 """
 
 import numpy as np
@@ -22,14 +23,16 @@ FAR = 10.0
 
 # Entries of the largest array a task holds.
 CHUNK = 1_500_000
-# A third face is seen where it takes this share off the squared residuals.
-THIRD_FACE = 0.8
 # Shares of the time of the steps, for the display of progress.
 SEARCHING, MEASURING, GIVING, MEETING, JUDGING = (
     (0.0, 0.1), (0.1, 0.15), (0.15, 0.3), (0.3, 0.9), (0.9, 1.0),
 )  # fmt: skip
+# Passes in which the spacing becomes the mean of those around.
+EVENING_STEPS = 2
 # Fits of a smooth surface, and the standard deviations beyond which points count less in it.
 SMOOTH_STEPS, HUBER = 3, 1.5
+# Radii of rounded edges, in spacings: what is rounded by less is sharp.
+RADII = (1.0, 1.5, 2.0, 3.0, 4.0)
 # Largest logarithm of a likelihood ratio: less than its inverse is rounding.
 CERTAIN = -np.log(np.finfo(float).eps)
 
@@ -66,7 +69,7 @@ class CreaseModel:
         with progress_part(*SEARCHING):
             around = self._search_own() if around is None else around
         with progress_part(*MEASURING):
-            self._in_chunks(around, self._measure_spacing)
+            self._measure_spacing(around)
         self.flat = are_faces(self.planes)
         with progress_part(*GIVING):
             self.faces = self._give_planes(self.points, around)
@@ -129,11 +132,22 @@ class CreaseModel:
 
         run([(part,) for part in parts], task, self.n_jobs, told=True)
 
-    def _measure_spacing(self, part, around):
-        planes = self.planes
-        planes.spacing[part], planes.radius[part], planes.scale[part] = measure_spacing(
-            self.points, self.points[part], around, planes.scale[part]
-        )
+    def _measure_spacing(self, around):
+        planes, even = self.planes, self.index.empty(len(self.points))
+
+        def measure(part, around):
+            found = measure_spacing(self.points, self.points[part], around)
+            planes.spacing[part], planes.radius[part] = found
+
+        def smooth(part, around):
+            even[part] = planes.spacing[around.indices].mean(axis=1)
+
+        works = [measure, *[smooth] * EVENING_STEPS]
+        for step, work in enumerate(works):
+            with progress_part(step / len(works), (step + 1) / len(works)):
+                self._in_chunks(around, work)
+            if step:
+                planes.spacing[:] = even
 
     def _give_planes(self, queries, around):
         """Of the planes of its neighbors, the one that explains each query best."""
@@ -173,9 +187,9 @@ class CreaseModel:
 def meet_faces(queries, own, around, points, faces, cosine):
     """Distance to the nearest crease in spacings, inf if none, and the evidence for it.
 
-    The evidence is the logarithm of the likelihood of the best smooth surface over that of the best
-    two or three faces: negative where there is an edge. `own` are the faces of the queries;
-    `around`, their neighborhoods, has rows of `points` and of their `faces`.
+    The evidence is half the BIC of the best two or three faces less that of the best surface
+    without a crease: negative where there is an edge. `own` are the faces of the queries; `around`,
+    their neighborhoods, has rows of `points` and of their `faces`.
     """
     distance, evidence = np.full(len(queries), np.inf), np.full(len(queries), np.nan)
     indices = around.indices
@@ -195,31 +209,42 @@ def meet_faces(queries, own, around, points, faces, cosine):
 
 def _faces_or_smooth(queries, own, neighbors, normals, levels, cosines, other, cosine):
     """Distance and evidence of queries (m, d) with other faces among their neighbors (m, k, d)."""
-    k = neighbors.shape[1]
+    k, d = neighbors.shape[1:]
     # Heights (m, k, k) of each neighbor above the plane given to each other one.
     heights = np.matmul(neighbors, normals.swapaxes(1, 2)) - levels[:, None]
-    surface = np.einsum("mkd,md->mk", neighbors, own.normals) - own.levels[:, None]
+    first = np.einsum("mkd,md->mk", neighbors, own.normals) - own.levels[:, None]
     above = np.einsum("md,mkd->mk", queries, normals) - levels
     limit = OFF * own.scale[:, None]
     each = np.arange(len(queries))
 
-    second, squares, surface = _join(surface, heights, other, limit)
+    second, squares, surface = _join(first, heights, other, limit)
     distance = _to_line(above[each, second], cosines[each, second])
     between = np.abs(np.einsum("md,mkd->mk", normals[each, second], normals))
     third_faces = other & (between < cosine)
     third, fewer, corner = _join(surface, heights, third_faces, limit)
-    meets = fewer < THIRD_FACE * squares
+    meets = fewer < k ** (-d / k) * squares  # by BIC: a plane has d numbers
     to_third = _to_line(above[each, third], cosines[each, third])
     distance = np.where(meets, np.minimum(distance, to_third), distance)
     surface = np.where(meets[:, None], corner, surface)
 
-    least = np.finfo(float).tiny  # of exact faces
-    sharp = np.mean(np.clip(surface, -limit, limit) ** 2, axis=1) + least
+    def cost(residuals, n_numbers):
+        """Half the BIC, of the numbers of a model that are fitted or chosen here."""
+        least = np.finfo(float).tiny  # of exact faces
+        squares = np.mean(np.clip(residuals, -limit, limit) ** 2, axis=1) + least
+        return 0.5 * (k * np.log(squares) + n_numbers * np.log(k))
+
+    sharp = cost(surface, d + d * meets)
     smooth = _smooth_residuals(neighbors, own.scale)
     if smooth is None:
         return distance / own.spacing, np.full(len(queries), -1.0)
-    smooth = np.mean(np.minimum(smooth, limit) ** 2, axis=1) + least
-    return distance / own.spacing, 0.5 * k * np.log(sharp / smooth)
+    best = cost(smooth, d + d * (d - 1) // 2)
+    best = np.minimum(best, cost(_arc_residuals(neighbors, normals, own.scale), 3))
+    beside = heights[each, :, second], normals[each, second]
+    beyond = heights[each, :, third], normals[each, third]
+    for one, two, there in ((first, own.normals), beside, True), (beside, beyond, meets):
+        for residuals in _rounded(*one, *two, own.spacing[:, None]):
+            best = np.where(there, np.minimum(best, cost(residuals, d + 1)), best)
+    return distance / own.spacing, sharp - best
 
 
 def pool_evidence(around, points, evidence):
@@ -297,13 +322,9 @@ def _smooth_residuals(neighbors, scale):
     heights, plane = local[..., 0], local[..., 1:]
     squares = [local[..., a] * local[..., b] for a, b in pairs]
     terms = np.stack([np.ones_like(heights), *np.moveaxis(plane, -1, 0), *squares], axis=-1)
-    weights = np.ones_like(heights)
-    # A few points off the surface must not bend it: Huber's weights.
+    residuals = np.zeros_like(heights)
     for _ in range(SMOOTH_STEPS):
-        weighted = terms * weights[..., None]
-        normal = np.matmul(weighted.swapaxes(1, 2), terms) + 1e-9 * np.eye(n_coefficients)
-        right = np.einsum("mka,mk->ma", weighted, heights)
-        solution = np.linalg.solve(normal, right[..., None])[..., 0]
+        solution = _solve(terms, heights, residuals / scale[:, None])
         residuals = heights - np.einsum("mka,ma->mk", terms, solution)
         slope = np.repeat(solution[:, None, 1:d], k, axis=1)
         for (a, b), curvature in zip(pairs, solution[:, d:].T, strict=True):
@@ -311,10 +332,51 @@ def _smooth_residuals(neighbors, scale):
             slope[..., b - 1] += curvature[:, None] * local[..., a]
         residuals = np.abs(residuals) / np.sqrt(1.0 + np.einsum("mka,mka->mk", slope, slope))
         residuals *= size[:, None]
-        with np.errstate(divide="ignore"):
-            weights = np.minimum(1.0, HUBER * scale[:, None] / residuals)
-    # Two planes have as many coefficients: nothing to allow for.
     return residuals
+
+
+def _arc_residuals(neighbors, normals, scale):
+    """Residuals (m, k) to a cylinder whose axis the normals tell: a circle of three numbers."""
+    across = np.linalg.eigh(np.matmul(normals.swapaxes(1, 2), normals))[1][:, :, -2:]
+    flat = np.matmul(neighbors - neighbors.mean(axis=1, keepdims=True), across)
+    square = np.einsum("mkd,mkd->mk", flat, flat)
+    size = np.maximum(np.sqrt(square.mean(axis=1)), np.finfo(float).tiny)[:, None]
+    flat /= size[..., None]
+    terms = np.concatenate([2.0 * flat, np.ones_like(flat[..., :1])], axis=2)
+    residuals = np.zeros_like(square)
+    solution = _solve(terms, square / size**2, residuals)
+    squares = solution[:, 2] + np.square(solution[:, :2]).sum(axis=1)
+    solution[:, 2] = np.sqrt(np.maximum(squares, 0.0))
+    for _ in range(SMOOTH_STEPS + 1):  # the first of them measures only
+        solution += _solve(terms, residuals, residuals * size / scale[:, None])
+        gaps = flat - solution[:, None, :2]
+        away = np.maximum(np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps)), np.finfo(float).eps)
+        residuals = away - solution[:, 2:]
+        terms[..., :2] = gaps / away[..., None]
+    return residuals * size
+
+
+def _rounded(one, first, two, second, spacing):
+    """Residuals (m, k), by heights and normals, to two faces that an arc joins in each way."""
+    cosine = np.einsum("md,md->m", first, second)[:, None]
+    sine2 = np.maximum(1.0 - cosine**2, np.finfo(float).eps)
+    for up, side in (1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0):
+        for radius in RADII:
+            # From the axis, which is a radius below both planes.
+            a, b, c = up * one + radius * spacing, up * side * two + radius * spacing, side * cosine
+            away = np.sqrt(np.maximum(a * a + b * b - 2.0 * a * b * c, 0.0) / sine2)
+            yield np.where((a > b * c) & (b > a * c), away, np.maximum(a, b)) - radius * spacing
+
+
+def _solve(terms, values, deviations):
+    """Coefficients (m, a) of terms (m, k, a), by least squares that deviations weigh."""
+    # A few points off the surface must not bend it: Huber's weights.
+    with np.errstate(divide="ignore"):
+        weights = np.minimum(1.0, HUBER / np.abs(deviations))
+    weighted = terms * weights[..., None]
+    normal = np.matmul(weighted.swapaxes(1, 2), terms) + 1e-9 * np.eye(terms.shape[2])
+    right = np.einsum("mka,mk->ma", weighted, values)
+    return np.linalg.solve(normal, right[..., None])[..., 0]
 
 
 def _roundness(neighbors):

@@ -65,13 +65,11 @@ class Faces(NamedTuple):
             values[rows] = some
 
 
-def measure_spacing(points, queries, around, scale):
-    """Spacing of the points around each query, how far they reach, and its plane's noise: no plane
-    is known better."""
+def measure_spacing(points, queries, around):
+    """Spacing of the points around each query, and how far they reach."""
     gaps = points[around.indices] - queries[:, None]
     distances = np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
-    spacing = _spacing(distances, points.shape[1])
-    return spacing, distances.max(axis=1), np.maximum(scale, LEAST_NOISE * spacing)
+    return _spacing(distances, points.shape[1]), distances.max(axis=1)
 
 
 def are_faces(planes):
@@ -86,7 +84,7 @@ def give_faces(queries, around, planes, flat, usable):
     The rows of `around` are those of the planes, which have radius and spacing of
     `measure_spacing`, and of `flat`. `usable` is True for all; an array, so that it is made once.
     """
-    spacing = np.median(planes.spacing[around.indices], axis=1)
+    spacing = planes.spacing[around.indices].mean(axis=1)
     least = np.maximum(LEAST_NOISE * spacing, np.finfo(float).tiny)
     owners = _likeliest(queries, around, planes, usable, least)
     far = np.flatnonzero(owners < 0)

@@ -447,6 +447,4 @@ def test_planes_are_those_of_the_columns():
     levels = planes.centroids + model.origin - model.index.points
     assert_allclose(planes.normals, own[:, 3:6], rtol=1e-12)
     assert_allclose(np.einsum("nd,nd->n", levels, planes.normals), own[:, 10], atol=1e-8)
-    # No plane is known better than a twentieth of the spacing, .002.
-    assert_allclose(planes.scale, np.maximum(own[:, 11], 0.05 * planes.spacing), rtol=1e-12)
-    assert (planes.scale == own[:, 11]).mean() > 0.9
+    assert_array_equal(planes.scale, own[:, 11])
