@@ -3,9 +3,8 @@
 Near an edge the neighborhood of a point holds two faces. The point is given the plane that
 explains it best, its own or a neighbor's, and so are its neighbors; where two of these planes
 meet is the edge, known to a fraction of the spacing of the points. Whether there is an edge is
-decided between models of the neighborhood, by the Bayesian information criterion (BIC): faces that
-meet in creases, or one surface without a crease. The verdict is pooled over the neighbors, as an
-edge is a line and not a point.
+decided by the Bayesian information criterion (BIC): faces that meet in creases, or a surface
+without any. The verdict is pooled over the neighbors, as an edge is a line and not a point.
 """
 
 import numpy as np
@@ -136,8 +135,8 @@ class CreaseModel:
         planes, even = self.planes, self.index.empty(len(self.points))
 
         def measure(part, around):
-            found = measure_spacing(self.points, self.points[part], around)
-            planes.spacing[part], planes.radius[part] = found
+            found = measure_spacing(self.points, self.points[part], around, planes.scale[part])
+            planes.spacing[part], planes.radius[part], planes.scale[part] = found
 
         def smooth(part, around):
             even[part] = planes.spacing[around.indices].mean(axis=1)
@@ -239,8 +238,7 @@ def _faces_or_smooth(queries, own, neighbors, normals, levels, cosines, other, c
         return distance / own.spacing, np.full(len(queries), -1.0)
     best = cost(smooth, d + d * (d - 1) // 2)
     best = np.minimum(best, cost(_arc_residuals(neighbors, normals, own.scale), 3))
-    beside = heights[each, :, second], normals[each, second]
-    beyond = heights[each, :, third], normals[each, third]
+    beside, beyond = ((heights[each, :, f], normals[each, f]) for f in (second, third))
     for one, two, there in ((first, own.normals), beside, True), (beside, beyond, meets):
         for residuals in _rounded(*one, *two, own.spacing[:, None]):
             best = np.where(there, np.minimum(best, cost(residuals, d + 1)), best)

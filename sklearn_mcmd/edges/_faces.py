@@ -65,11 +65,13 @@ class Faces(NamedTuple):
             values[rows] = some
 
 
-def measure_spacing(points, queries, around):
-    """Spacing of the points around each query, and how far they reach."""
+def measure_spacing(points, queries, around, scale):
+    """Spacing of the points around each query, how far they reach, and its plane's noise: no plane
+    is known better."""
     gaps = points[around.indices] - queries[:, None]
     distances = np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
-    return _spacing(distances, points.shape[1]), distances.max(axis=1)
+    spacing = _spacing(distances, points.shape[1])
+    return spacing, distances.max(axis=1), np.maximum(scale, LEAST_NOISE * spacing)
 
 
 def are_faces(planes):

@@ -11,14 +11,7 @@ from sklearn.pipeline import make_pipeline
 
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, SharpFeatureDetector
 from sklearn_mcmd.datasets import make_box, make_crown_roof, make_street
-from sklearn_mcmd.edges._creases import (
-    FAR,
-    CreaseModel,
-    _join,
-    _median,
-    _smooth_residuals,
-)
-from sklearn_mcmd.edges._faces import _spacing
+from sklearn_mcmd.edges._creases import FAR, CreaseModel
 from sklearn_mcmd.planes._columns import split_columns
 
 CRITERIA = ["crease", "eigenvalue", "surface_variation", "removed_fraction"]
@@ -384,59 +377,6 @@ def test_copies_of_one_point_and_of_a_line_have_no_edges():
 # --- The parts --------------------------------------------------------------------------------
 
 
-def test_the_spacing_of_a_grid_is_its_step():
-    x, y = np.meshgrid(np.arange(20.0), np.arange(20.0))
-    grid = np.column_stack([x.ravel(), y.ravel(), np.zeros(400)])
-    distances = np.sort(np.linalg.norm(grid - [10, 10, 0], axis=1))[None]
-    # The 8 nearest of a square grid lie within the root of 2: pi * 2 / 8 = .785 of a cell.
-    assert_allclose(_spacing(distances, 3), np.sqrt(2 * np.pi / 8))
-    assert_allclose(_spacing(np.arange(9.0)[None] // 2 + np.arange(9.0)[None] % 2, 2), 1.0)
-
-
-def test_medians_of_rows_leave_out_what_is_missing():
-    rng = np.random.default_rng(0)
-    values = rng.normal(size=(50, 7))
-    values[rng.random((50, 7)) < 0.4] = np.nan
-    values[0] = np.nan
-    expected = [np.median(row[~np.isnan(row)]) if not np.isnan(row).all() else np.nan
-                for row in values]  # fmt: skip
-    assert_allclose(_median(values), expected)
-
-
-@pytest.mark.parametrize(("side", "choose"), [(1, np.maximum), (-1, np.maximum),
-                                              (1, np.minimum), (-1, np.minimum)])  # fmt: skip
-def test_each_of_the_four_creases_of_two_planes_is_told(side, choose):
-    rng = np.random.default_rng(0)
-    xy = rng.uniform(-1, 1, (30, 2))
-    first, second = xy[:, 0], xy[:, 1]
-    # Points of the joined surface have heights (first, second) with choose(...) = 0.
-    level = choose(first, side * second)
-    first, second = first - level, second - side * level
-    heights = np.stack([np.full(30, 5.0), second], axis=1)[None]
-    heights = np.concatenate([heights, np.full((1, 30, 28), 9.0)], axis=2)
-    best, squares, joined = _join(first[None], heights, np.ones((1, 30), bool), np.array([[3.0]]))
-    assert best[0] == 1
-    assert_allclose(squares, 0, atol=1e-20)
-    assert_allclose(joined, 0, atol=1e-12)
-
-
-def test_a_surface_of_second_order_leaves_no_residuals_and_a_crease_does():
-    rng = np.random.default_rng(0)
-    u, v = rng.uniform(-1, 1, (2, 60))
-    curved = np.column_stack([u, v, 0.3 * u * u - 0.2 * u * v + 0.1 * v])
-    folded = np.column_stack([u, v, np.abs(u)])
-    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    both = np.stack([curved, folded]) @ rotation
-    residuals = _smooth_residuals(both, np.full(2, 0.01))
-    # Not exact for the curved one: the axes of the fit are tilted, so third orders remain.
-    assert np.sqrt(np.mean(residuals[0] ** 2)) < 0.02
-    assert np.sqrt(np.mean(residuals[1] ** 2)) > 0.05
-
-
-def test_too_few_neighbors_for_a_curved_surface_are_told():
-    assert _smooth_residuals(np.zeros((1, 7, 3)), np.ones(1)) is None
-
-
 def test_planes_are_those_of_the_columns():
     rng = np.random.default_rng(0)
     floor = np.column_stack([*rng.uniform(0, 1, (2, 800)), rng.normal(0, 0.003, 800)])
@@ -447,4 +387,7 @@ def test_planes_are_those_of_the_columns():
     levels = planes.centroids + model.origin - model.index.points
     assert_allclose(planes.normals, own[:, 3:6], rtol=1e-12)
     assert_allclose(np.einsum("nd,nd->n", levels, planes.normals), own[:, 10], atol=1e-8)
-    assert_array_equal(planes.scale, own[:, 11])
+    # No plane is known better than a twentieth of the spacing, .002.
+    assert (planes.scale >= own[:, 11]).all()
+    assert (planes.scale > 0.05 * planes.spacing.min() / 2).all()
+    assert (planes.scale == own[:, 11]).mean() > 0.9
