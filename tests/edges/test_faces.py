@@ -78,11 +78,11 @@ def test_heights_are_counted_from_planes_off_the_origin():
     assert_allclose((faces.levels[0], faces.height[0]), (7, 0.5))
 
 
-@pytest.mark.parametrize("height", [0.9 * OFF, 1.1 * OFF])
+@pytest.mark.parametrize("height", [0.9 * OFF, 1.1 * OFF, -1.1 * OFF])
 def test_points_more_than_three_deviations_off_are_on_no_face(height):
     faces = given([[0, 0, 0.2 * height]], planes_of([FLOOR], [0], 0.2))
     assert faces.flat[0]
-    assert faces.on_face[0] == (height < OFF)
+    assert faces.on_face[0] == (abs(height) < OFF)
 
 
 def test_points_on_foliage_are_on_no_face():
