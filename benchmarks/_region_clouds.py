@@ -142,7 +142,7 @@ def agreement(surface, labels):
 
 
 def purity(X, labels, tolerance):
-    """Share of the points of regions that lie on the one plane that most of their region lies on."""
+    """Share of the points of regions that lie on the plane that most of their region lies on."""
     tolerance = np.broadcast_to(tolerance, len(X))
     rng, found = np.random.default_rng(0), labels >= 0
     rows = np.split(np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels + 1))[:-1])

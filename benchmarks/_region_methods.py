@@ -1,4 +1,4 @@
-"""Regions by our default, by other settings of ours, and by peers, for `bench_segmentation.py peers`.
+"""Regions by our default, by our other settings, and by peers: `bench_segmentation.py peers`.
 
 A method takes a `Case`, works inside its clock, and returns a label for each point, -1 for none.
 Where a library asks for a distance, it is told what nobody tells us: three standard deviations of
@@ -236,7 +236,7 @@ PEERS = {
     "Open3D RANSAC, d/2": Method(
         open3d_planes(0.5),
         "open3d",
-        "``segment_plane``, 1,000 trials, one plane after another; d/2",
+        "``segment_plane``, 1,000 trials, plane after plane; d/2",
     ),
     "Open3D RANSAC, d": Method(open3d_planes(1), "open3d", "the same, d"),
     "CGAL growing, 10": Method(

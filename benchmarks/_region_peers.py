@@ -1,4 +1,4 @@
-"""Measures the methods of `_region_methods.py` on the clouds of `_region_clouds.py`, and shows them.
+"""Measures methods of `_region_methods.py` on clouds of `_region_clouds.py`, and shows them.
 
 A method runs in a process of its own on one processor, and goes from cloud to cloud. If it fails or
 takes too long at one, a new process goes on with the next. Each measurement is stored at once.
@@ -110,7 +110,7 @@ def show(stored, path):
 
 
 def tables(stored):
-    """Name -> rows. Each cloud has a row, which is the mean over its parts; each method a column."""
+    """Name -> rows. A cloud has a row, the mean over its parts; a method has a column."""
     rows = {}
     for method in METHODS:
         for name, figures in stored.get(method, {}).get("clouds", {}).items():
@@ -152,9 +152,9 @@ def points(by_method):
 
 
 def agreement(parts):
-    return (
-        why_none(parts) or f"{round(statistics.mean(part['score'] for part in parts), 2) + 0.0:.2f}"
-    )
+    if absent := why_none(parts):
+        return absent
+    return f"{round(statistics.mean(part['score'] for part in parts), 2) + 0.0:.2f}"  # not -0.00
 
 
 def seconds(parts):
@@ -168,8 +168,8 @@ def cover(parts):
     figures = parts[0]
     if figures["purity"] is None:
         return "no region"
-    pure = " to ".join(f"{100 * figures[name]:.0f}" for name in ("purity", "purity_of_twice"))
-    return f"{pure} %; {figures['for_80'] or 'never'}"
+    shares = [f"{100 * figures[name]:.0f}" for name in ("purity", "purity_of_twice")]
+    return f"{' to '.join(dict.fromkeys(shares))} %; {figures['for_80'] or 'never'}"
 
 
 def why_none(parts):
