@@ -9,6 +9,7 @@ takes too long at one, a new process goes on with the next. Each measurement is 
 import csv
 import json
 import os
+import re
 import signal
 import statistics
 import subprocess
@@ -94,7 +95,8 @@ def measure(method, cloud, most=None):
 
 def save(path, stored):
     part = path.with_suffix(".part")
-    part.write_text(json.dumps(stored, indent=1) + "\n")
+    text = json.dumps(stored, indent=1) + "\n"
+    part.write_text(re.sub(r"\n {4}|\n {3}(?=})", " ", text))  # one measurement a line
     os.replace(part, path)
 
 
