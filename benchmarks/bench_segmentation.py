@@ -15,6 +15,11 @@ time is linear.
     python benchmarks/bench_segmentation.py clouds ../shared/data/*/cloud.npz
     python benchmarks/bench_segmentation.py roofs --noises 0.1 0.2 0.33
     python benchmarks/bench_segmentation.py labelled --data ../shared/data
+    python benchmarks/bench_segmentation.py peers --data ../shared/data
+
+The last compares with other libraries (`pip install cgal open3d`; `apt-get install g++ pkg-config
+libpcl-dev` for PCL) and with other settings, and writes the tables that the docs show. What is not
+installed keeps its stored results. `--methods sklearn_mcmd` measures our default alone anew.
 """
 
 import argparse
@@ -260,6 +265,12 @@ def run_labelled(options):
         )
 
 
+def run_peers(options):
+    from _region_peers import run
+
+    run(options)
+
+
 def run_clouds(options):
     from sklearn_mcmd import RegionGrowing
 
@@ -369,13 +380,22 @@ def main():
     marked = tasks.add_parser("labelled")
     marked.add_argument("--data", default="../shared/data", help="folder of real clouds")
     marked.add_argument("--seeds", type=int, default=2)
+    peers = tasks.add_parser("peers")
+    from _region_methods import METHODS
+
+    peers.add_argument("--data", default="../shared/data", help="folder of real clouds")
+    peers.add_argument("--methods", nargs="*", default=list(METHODS), choices=METHODS)
+    peers.add_argument("--clouds", nargs="+", help="those that begin with one of these")
+    peers.add_argument("--limit", type=float, default=180.0, help="seconds for a cloud")
+    peers.add_argument("--resume", action="store_true", help="measure only what is not stored")
+    peers.add_argument("--output", default="docs/benchmarks/segmentation.json")
     speed = tasks.add_parser("speed", parents=[common])
     speed.add_argument("--sizes", type=int, nargs="+", default=[10_000, 100_000, 1_000_000])
     speed.add_argument("--rounds", type=int, default=3)
     speed.add_argument("--measure", help=argparse.SUPPRESS)
     options = parser.parse_args()
     tasks = {"scores": run_scores, "scenes": run_scenes, "clouds": run_clouds, "speed": run_speed}
-    tasks |= {"roofs": run_roofs, "labelled": run_labelled}
+    tasks |= {"roofs": run_roofs, "labelled": run_labelled, "peers": run_peers}
     tasks[options.task](options)
 
 

@@ -21,6 +21,7 @@ PAGE = "the page tells"
 # What is stored, the folders of sklearn_mcmd that it measures, and the command that renews it.
 RESULTS = (
     ("docs/benchmarks/peers.json", STAGES, "python benchmarks/bench_peers.py"),
+    ("docs/benchmarks/segmentation.json", STAGES, "python benchmarks/bench_segmentation.py peers"),
     ("docs/images/choosing_*", STAGES, "python docs/figures_choosing.py"),
     ("docs/images/demo.png", f"{NORMALS} outliers", "mcmd demo"),
     ("docs/images/failure_*", STAGES, "python docs/figures_failure.py"),

@@ -1,0 +1,274 @@
+"""Regions by our default, by our other settings, and by peers: `bench_segmentation.py peers`.
+
+A method takes a `Case`, works inside its clock, and returns a label for each point, -1 for none.
+Where a library asks for a distance, it is told what nobody tells us: three standard deviations of
+the cloud's noise, but half a spacing at least.
+"""
+
+import functools
+import importlib.metadata
+import resource
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+__all__ = ["METHODS", "OURS", "PEERS", "SETTINGS", "Case", "Clock", "version_of"]
+
+OURS = "sklearn_mcmd"
+PCL = "pcl_segmentation"
+LEAST = 50  # points of a plane: of PCL's tutorial and of CGAL's example
+MOST_PLANES = 200
+
+
+class Clock:
+    """Processor seconds of what runs inside it, child processes included."""
+
+    seconds = 0.0
+
+    def __enter__(self):
+        self.seconds -= processor_seconds()
+
+    def __exit__(self, *_):
+        self.seconds += processor_seconds()
+
+
+def processor_seconds():
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime
+
+
+class Case(NamedTuple):
+    """Points about their center, their spacing, and the distance that peers are told."""
+
+    X: np.ndarray
+    spacing: float
+    distance: float
+    clock: Clock
+
+
+class Method(NamedTuple):
+    run: Callable[[Case], np.ndarray]
+    package: str  # the module, or pkg-config's name of the library
+    setting: str
+
+
+def version_of(method):
+    """Package and version, or None if it is not installed."""
+    package = METHODS[method].package
+    if package == PCL:
+        tools = shutil.which("g++") and shutil.which("pkg-config")
+        command = ["pkg-config", "--modversion", PCL]
+        answer = subprocess.run(command, capture_output=True, text=True) if tools else None
+        return f"PCL {answer.stdout.strip()}" if answer and not answer.returncode else None
+    if not find_spec(package):
+        return None
+    name = {OURS: "sklearn-mcmd", "CGAL": "cgal"}.get(package, package)
+    return f"{name} {importlib.metadata.version(name)}"
+
+
+def ours(size=None, **parameters):
+    """`size` is of the normals' neighborhoods."""
+
+    def run(case):
+        from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
+
+        normals = size and RobustNormalEstimator(size, random_state=0)
+        growing = RegionGrowing(normal_estimator=normals, random_state=0, **parameters)
+        with case.clock:
+            return growing.fit_predict(case.X)
+
+    return run
+
+
+def open3d_cloud(X):
+    import open3d
+
+    open3d.utility.random.seed(0)
+    return open3d, open3d.geometry.PointCloud(open3d.utility.Vector3dVector(X))
+
+
+def open3d_patches(case):
+    """A point is of the box that it lies in; of several, of the one whose plane is nearest."""
+    open3d, cloud = open3d_cloud(case.X)
+    neighbors = open3d.geometry.KDTreeSearchParamKNN(30)
+    with case.clock:
+        cloud.estimate_normals(neighbors)
+        boxes = cloud.detect_planar_patches(search_param=neighbors)
+    labels, nearest = np.full(len(case.X), -1), np.full(len(case.X), np.inf)
+    for i, box in enumerate(boxes):
+        inside = np.asarray(box.get_point_indices_within_bounding_box(cloud.points), dtype=int)
+        distances = np.abs((case.X[inside] - box.center) @ box.R[:, 2])
+        nearer = distances < nearest[inside]
+        labels[inside[nearer]], nearest[inside[nearer]] = i, distances[nearer]
+    return labels
+
+
+def open3d_planes(factor):
+    """One plane after another is taken out, until one has fewer points than `LEAST`."""
+
+    def run(case):
+        _, cloud = open3d_cloud(case.X)
+        labels, rows = np.full(len(case.X), -1), np.arange(len(case.X))
+        for i in range(MOST_PLANES):
+            if len(rows) < LEAST:
+                break
+            with case.clock:
+                _, inside = cloud.segment_plane(factor * case.distance, 3, 1000)
+                rest = cloud.select_by_index(inside, invert=True)
+            if len(inside) < LEAST:
+                break
+            labels[rows[inside]] = i
+            rows, cloud = np.delete(rows, inside), rest
+        return labels
+
+    return run
+
+
+def cgal_points(case):
+    """CGAL's points with normals, the flattest first, as its manual advises; and their rows."""
+    from CGAL.CGAL_Kernel import Point_3
+    from CGAL.CGAL_Point_set_3 import Point_set_3
+    from CGAL.CGAL_Point_set_processing_3 import pca_estimate_normals
+
+    with case.clock:
+        order = np.argsort(plane_deviations(case.X, 12))
+    points = Point_set_3()
+    points.add_normal_map()
+    for point in case.X[order].tolist():
+        points.insert(Point_3(*point))
+    with case.clock:
+        pca_estimate_normals(points, 24)
+    return points, order
+
+
+def plane_deviations(X, k):
+    """Standard deviation of the k nearest points from their plane."""
+    deviations, tree = np.empty(len(X)), cKDTree(X)
+    for start in range(0, len(X), 10_000):
+        rows = slice(start, start + 10_000)
+        near = X[tree.query(X[rows], k)[1]]
+        near -= near.mean(axis=1, keepdims=True)
+        deviations[rows] = np.linalg.eigvalsh(near.transpose(0, 2, 1) @ near)[:, 0]
+    return np.sqrt(np.maximum(deviations, 0) / k)
+
+
+def cgal_labels(labels, order):
+    unordered = np.empty(len(order), dtype=int)
+    # Not `points.indices()`: RANSAC shuffles them.
+    unordered[order] = [labels.get(row) for row in range(len(order))]
+    return unordered
+
+
+def cgal_growing(angle):
+    """With four times the distance: of once, twice and four times, it was best on most clouds."""
+
+    def run(case):
+        from CGAL.CGAL_Shape_detection import region_growing
+
+        points, order = cgal_points(case)
+        labels = points.add_int_map("region")
+        with case.clock:
+            cosine = float(np.cos(np.radians(angle)))
+            region_growing(points, labels, LEAST, 4 * case.distance, -1.0, cosine, 12)
+        return cgal_labels(labels, order)
+
+    return run
+
+
+def cgal_ransac(factor=None):
+    """Told no distance, its defaults are 1 % of the points and of the box's diagonal."""
+
+    def run(case):
+        from CGAL.CGAL_Shape_detection import efficient_RANSAC
+
+        points, order = cgal_points(case)
+        labels = points.add_int_map("shape")
+        percent = 0.01 * float(np.linalg.norm(np.ptp(case.X, axis=0)))
+        settings = (len(case.X) // 100, percent, percent)
+        if factor:
+            settings = (LEAST, factor * case.distance, 2 * case.spacing)
+        with case.clock:
+            efficient_RANSAC(points, labels, *settings, 0.9, 0.05)
+        return cgal_labels(labels, order)
+
+    return run
+
+
+@functools.cache
+def pcl_program():
+    """The folder, which is removed when Python ends, and the program in it."""
+    folder = tempfile.TemporaryDirectory()
+    source = Path(__file__).parent / "peers_cpp" / "pcl_growing.cpp"
+    command = ["pkg-config", "--cflags", "--libs", PCL, "pcl_features"]
+    flags = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    program = Path(folder.name) / "pcl_growing"
+    subprocess.run(["g++", "-O2", "-w", "-o", program, source, *flags], check=True)
+    return folder, program
+
+
+def pcl_growing(degrees, curvature):
+    def run(case):
+        _, program = pcl_program()
+        with tempfile.TemporaryDirectory() as folder:
+            points, labels = Path(folder) / "points", Path(folder) / "labels"
+            case.X.astype(np.float32).tofile(points)
+            numbers = (50, 30, degrees, curvature, LEAST)
+            with case.clock:
+                subprocess.run([program, points, labels, *map(str, numbers)], check=True)
+            return np.fromfile(labels, dtype=np.int32).astype(int)
+
+    return run
+
+
+PEERS = {
+    OURS: Method(ours(), OURS, "told nothing"),
+    "Open3D patches": Method(
+        open3d_patches, "open3d", "``detect_planar_patches``, defaults; normals of 30 neighbors"
+    ),
+    "Open3D RANSAC, d/2": Method(
+        open3d_planes(0.5),
+        "open3d",
+        "``segment_plane``, 1,000 trials, plane after plane; d/2",
+    ),
+    "Open3D RANSAC, d": Method(open3d_planes(1), "open3d", "the same, d"),
+    "CGAL growing, 10": Method(
+        cgal_growing(10), "CGAL", "``region_growing``, 12 neighbors, 4 d, 10 degrees"
+    ),
+    "CGAL growing, 20": Method(cgal_growing(20), "CGAL", "the same, 20 degrees, its example's"),
+    "CGAL RANSAC": Method(cgal_ransac(), "CGAL", "``Efficient_RANSAC``, defaults"),
+    "CGAL RANSAC, d/2": Method(
+        cgal_ransac(0.5), "CGAL", "the same, d/2, ``cluster_epsilon`` of 2 spacings"
+    ),
+    "CGAL RANSAC, d": Method(cgal_ransac(1), "CGAL", "the same, d"),
+    "PCL growing, 3": Method(
+        pcl_growing(3, 1.0), PCL, "``RegionGrowing``, 3 degrees, curvature 1, as in its tutorial"
+    ),
+    "PCL growing, 30": Method(
+        pcl_growing(30, 0.05), PCL, "the same, 30 degrees, curvature .05, its defaults"
+    ),
+}
+SETTINGS = {
+    setting: Method(run, OURS, setting)
+    for setting, run in {
+        "max_angle=5": ours(max_angle=5),
+        "max_angle=10": ours(max_angle=10),
+        "normals of 20": ours(20),
+        "normals of 30": ours(30),
+        "normals of 100": ours(100),
+        "normals auto": ours("auto"),
+        "n_neighbors=15": ours(n_neighbors=15),
+        "find_narrow_faces=False": ours(find_narrow_faces=False),
+        "divide_at_creases=False": ours(divide_at_creases=False),
+        "join_curved=False": ours(join_curved=False),
+        "mutual=False": ours(mutual=False),
+    }.items()
+}
+METHODS = PEERS | SETTINGS

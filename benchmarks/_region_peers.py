@@ -1,0 +1,184 @@
+"""Measures methods of `_region_methods.py` on clouds of `_region_clouds.py`, and shows them.
+
+A method runs in a process of its own on one processor, and goes from cloud to cloud. If it fails or
+takes too long at one, a new process goes on with the next. Each measurement is stored at once.
+
+    python benchmarks/_region_peers.py METHOD DATA LIMIT CLOUD ...    # the child
+"""
+
+import csv
+import json
+import os
+import re
+import signal
+import statistics
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from _ablation_clouds import spacing_of
+from _region_clouds import loaders, scores
+from _region_methods import METHODS, OURS, PEERS, SETTINGS, Case, Clock, version_of
+
+__all__ = ["run", "tables"]
+
+N_WARM = 2000  # points on which a process compiles and loads what it needs, before the clock
+
+
+def run(options):
+    """Measure the methods that are asked for and installed, keep the others' stored results."""
+    path = Path(options.output)
+    stored = json.loads(path.read_text()) if path.is_file() else {}
+    clouds = [
+        name
+        for name in loaders(options.data)
+        if not options.clouds or any(name.startswith(begin) for begin in options.clouds)
+    ]
+    for method in options.methods:
+        package = version_of(method)
+        if package is None:
+            print(f"{method}: {METHODS[method].package} is not installed", flush=True)
+            continue
+        old = stored.get(method, {})
+        kept = old.get("clouds", {}) if options.resume or options.clouds else {}
+        stored[method] = {"package": package, "clouds": kept}
+        todo = [name for name in clouds if not (options.resume and name in kept)]
+        for name, figures in measured(method, options.data, options.limit, todo):
+            kept[name] = figures
+            save(path, stored)
+            print(f"{method:26}{name:30}{json.dumps(figures)}", flush=True)
+    show(stored, path)
+
+
+def measured(method, data, limit, clouds):
+    """Yield each cloud and the figures of the method on it, or why it has none."""
+    names = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    environment = {**os.environ, **dict.fromkeys(names, "1")}
+    while clouds:
+        command = [sys.executable, __file__, method, str(data), str(limit), *clouds]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as child:
+            for line in child.stdout:
+                if line.startswith("{"):
+                    yield clouds[0], json.loads(line)
+                    clouds = clouds[1:]
+        if clouds:
+            late = child.returncode == -signal.SIGALRM
+            yield clouds[0], {"failed": f"over {limit:g} s" if late else "failed"}
+            clouds = clouds[1:]
+
+
+def child(method, data, limit, *clouds):
+    processor = os.getpid() % len(os.sched_getaffinity(0))
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[processor : processor + 1])
+    load = loaders(data)
+    measure(method, load["crown roof 3,000"]()._replace(surface=None), N_WARM)
+    for name in clouds:
+        cloud = load[name]()
+        signal.setitimer(signal.ITIMER_REAL, float(limit))  # its signal ends the process
+        labels, seconds = measure(method, cloud)
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        figures = {"points": len(labels), "seconds": round(seconds, 4), **scores(cloud, labels)}
+        print(json.dumps(figures), flush=True)
+
+
+def measure(method, cloud, most=None):
+    """Labels, numbered from 0 on, and processor seconds."""
+    X = np.ascontiguousarray(cloud.X[:most] - cloud.X.mean(axis=0))
+    spacing, clock = spacing_of(X), Clock()
+    distance = max(3 * float(np.median(cloud.noise)), spacing / 2)
+    labels = METHODS[method].run(Case(X, spacing, distance, clock))
+    found = labels >= 0
+    labels[found] = np.unique(labels[found], return_inverse=True)[1]
+    return labels, clock.seconds
+
+
+def save(path, stored):
+    part = path.with_suffix(".part")
+    text = json.dumps(stored, indent=1) + "\n"
+    part.write_text(re.sub(r"\n {4}|\n {3}(?=})", " ", text))  # one measurement a line
+    os.replace(part, path)
+
+
+def show(stored, path):
+    """Print the tables and write them beside the file."""
+    for name, rows in tables(stored).items():
+        print(f"\n{name}")
+        widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+        for row in rows:
+            print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)))
+        with open(path.with_name(f"{path.stem}_{name}.csv"), "w", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows(rows)
+
+
+def tables(stored):
+    """Name -> rows. A cloud has a row, the mean over its parts; a method has a column."""
+    rows = {}
+    for method in METHODS:
+        for name, figures in stored.get(method, {}).get("clouds", {}).items():
+            rows.setdefault(name.partition("/")[0], {}).setdefault(method, []).append(figures)
+    labeled = [row for row, by in rows.items() if not has(by, "purity")]
+    others = [row for row in rows if row not in labeled]
+
+    def table(names, methods, cell):
+        return [["cloud", "points", *methods]] + [
+            [name, points(rows[name]), *(cell(rows[name].get(method)) for method in methods)]
+            for name in names
+        ]
+
+    def covers(methods):
+        return [["method", *others]] + [
+            [method, *(cover(rows[name].get(method)) for name in others)] for method in methods
+        ]
+
+    ours = [OURS, *SETTINGS]
+    packages = {name: stored.get(name, {}).get("package", "not installed") for name in PEERS}
+    return {
+        "methods": [["method", "setting", "package"]]
+        + [[name, method.setting, packages[name]] for name, method in PEERS.items()],
+        "scores": table(labeled, PEERS, agreement),
+        "purity": covers(PEERS),
+        "seconds": table(rows, PEERS, seconds),
+        "settings": table(labeled, ours, agreement),
+        "settings_purity": covers(ours),
+    }
+
+
+def has(by_method, measure):
+    return any(measure in part for parts in by_method.values() for part in parts)
+
+
+def points(by_method):
+    sizes = [part["points"] for parts in by_method.values() for part in parts if "points" in part]
+    return f"{max(sizes):,}" if sizes else ""
+
+
+def agreement(parts):
+    if absent := why_none(parts):
+        return absent
+    return f"{round(statistics.mean(part['score'] for part in parts), 2) + 0.0:.2f}"  # not -0.00
+
+
+def seconds(parts):
+    return why_none(parts) or f"{statistics.mean(part['seconds'] for part in parts):.2g}"
+
+
+def cover(parts):
+    """Purity in percent, at once and twice the distance, and the regions for 80 % of the points."""
+    if absent := why_none(parts):
+        return absent
+    figures = parts[0]
+    if figures["purity"] is None:
+        return "no region"
+    shares = [f"{100 * figures[name]:.0f}" for name in ("purity", "purity_of_twice")]
+    return f"{' to '.join(dict.fromkeys(shares))} %; {figures['for_80'] or 'never'}"
+
+
+def why_none(parts):
+    if not parts:
+        return "not run"
+    return next((part["failed"] for part in parts if "failed" in part), None)
+
+
+if __name__ == "__main__":
+    child(*sys.argv[1:])
