@@ -11,9 +11,7 @@ MAX_ROUNDS = 20  # of concentration and of reweighting, as of `robust_start`
 
 
 @kernel(cache=True)
-def snoop_planes(
-    points, corners, half, limits, cut, least_redundancy, sizes, keys, member, found
-):
+def snoop_planes(points, corners, half, limits, cut, least_redundancy, sizes, keys, member, found):
     """Verdicts of `BaardaPlaneDetector` with known sigma0, one plane at a time.
 
     Parameters

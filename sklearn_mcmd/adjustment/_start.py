@@ -30,7 +30,7 @@ MAX_POINTS = 20_000
 MAX_TRIALS = 2_000
 
 
-def robust_start(X, weights, used, *, rank, surface, sigma0, random_state):
+def robust_start(X, weights, used, rank, surface, sigma0, random_state):
     """The plane of the most coplanar half of the points, and its scale.
 
     `used` are the points of positive weight, `rank` is that of the plane of all points; without

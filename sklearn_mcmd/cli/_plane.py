@@ -419,6 +419,7 @@ def _record(source, target, plot):
     from datetime import datetime
 
     from sklearn_mcmd import __version__
+    from sklearn_mcmd.adjustment._report_lines import with_heading
 
     rows = {
         "input": source,
@@ -427,20 +428,15 @@ def _record(source, target, plot):
         "program": f"sklearn-mcmd {__version__}, mcmd plane",
         "date": datetime.now().astimezone().isoformat(sep=" ", timespec="seconds"),
     }
-    lines = [f"{name:<22}{value}" for name, value in rows.items()]
-    return "\n".join(["", "Record", "------", *lines]) + "\n"
+    return "\n".join(with_heading("Record", rows)) + "\n"
 
 
 def _summarize(source, target, sheets, detector, residuals, unit, more, seconds):
     import sklearn_mcmd.adjustment._report as rows_of
-    from sklearn_mcmd.adjustment._base import sigma0_is_rounding
 
     is_outlier = detector.labels_ == -1
     unit = f" {unit}" if unit else ""
     rms = [np.sqrt(np.mean(residuals[rows] ** 2)) for rows in (slice(None), ~is_outlier)]
-    how = rows_of.sigma0_origin(detector)
-    if sigma0_is_rounding(detector):
-        how += ": no noise to test against"
     told = {}
     if "flatness" in more:
         told["tolerance"] = rows_of.flatness_rows(more["flatness"], unit)["verdict"]
@@ -454,7 +450,7 @@ def _summarize(source, target, sheets, detector, residuals, unit, more, seconds)
         point=f"{rows_of.point_row(detector, unit)}, on the plane",
         residuals=f"rms {rms[0]:.4g}{unit}, without outliers {rms[1]:.4g}{unit}; "
         f"{rows_of.sign_of_residuals(detector)}",
-        sigma0=f"{detector.sigma0_:.4g}{unit} ({how})",
+        sigma0=f"{detector.sigma0_:.4g}{unit} ({rows_of.sigma0_origin(detector)})",
         **{"global test": rows_of.global_test_row(detector)},
         **told,
         **(
