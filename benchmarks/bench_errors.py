@@ -191,9 +191,11 @@ def borrowing(options):
 
 
 def real(options, limit=N_MOST):
-    """Names and points of the real clouds, without what the publishers call noise."""
+    """Names and points of the real clouds, without what the publishers call noise, and without
+    points at the origin, which are rays without a return."""
     for cloud in load_clouds(options.data, limit=limit):
         X = cloud.points if cloud.noise is None else cloud.points[~cloud.noise]
+        X = X[X.any(axis=1)]
         if len(X) >= 5_000:
             yield cloud.name, X
 
