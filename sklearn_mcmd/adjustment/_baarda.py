@@ -289,8 +289,8 @@ class BaardaPlaneDetector(PlaneDetector):
         if is_robust:
             self._leave_out(X, weights, used, start, sigma, state)
         if self.loss == "squared_error" and self.elimination == "single":
-            how = self.surface, self._limit, state, self.max_iter
-            state = eliminate_one_by_one(X, weights, *how)
+            limits = self._limit, state, self.max_iter
+            state = eliminate_one_by_one(X, weights, self.surface, *limits)
         else:
             single, adjust = self.elimination == "single", lambda p: self._adjust(X, p)
             state = eliminate(X, weights, adjust, self._limit, state, single, self.max_iter)
