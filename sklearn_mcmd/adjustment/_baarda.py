@@ -65,8 +65,7 @@ class BaardaPlaneDetector(PlaneDetector):
         `MCMDOutlierDetector` calls `noise_scale`: give a scanner's deviation to either.
         **Set it**. In a cloud in meters the default of 1 m finds no outlier among residuals of
         millimeters. "auto" estimates it from the points that pass, and tests by tau, because an
-        estimate is not known. Points far from a robust plane (Huber's, or that of `robust_start`)
-        are left out first; see Notes. With a `loss` other than "squared_error" it is a robust
+        estimate is not known; see Notes. With a `loss` other than "squared_error" it is a robust
         scale, which is taken as known.
     correction : {"sidak", "bonferroni", "b-method", "none"}, default="sidak"
         Local level: ``1 - (1 - alpha)^(1/n)`` (Eq. 1), ``alpha / n`` or alpha itself. With
@@ -115,14 +114,10 @@ class BaardaPlaneDetector(PlaneDetector):
         Redundancy number r_i there, and ``1 - r_i``. Those of the support sum to `dof_`.
     critical_value_ : float
         Of the last round.
-    coef_ : ndarray of shape (n_features - 1,)
-        Slopes; of minimum norm where a column depends on two or more others.
-    intercept_ : float
-        Constant term.
-    normal_ : ndarray of shape (n_features,)
-        Unit normal of the plane.
-    distance_ : float
-        ``normal_ @ x`` of its points.
+    coef_, intercept_ : ndarray of shape (n_features - 1,) and float
+        Slopes, of minimum norm where a column depends on two or more others; constant term.
+    normal_, distance_ : ndarray of shape (n_features,) and float
+        Unit normal of the plane, and ``normal_ @ x`` of its points.
     sigma0_ : float
         `sigma0`, or its estimate from the support; no less than what float64 may add to a
         residual at these coordinates (some 1e-14 at 10, 1e-9 at 5e6), which is all the noise
@@ -145,10 +140,8 @@ class BaardaPlaneDetector(PlaneDetector):
         W of the last M-estimate; only with `loss` other than "squared_error".
     offset_ : float
         Limit of the scores: minus the critical value for a new point.
-    n_features_in_ : int
-        Number of columns seen in `fit`.
-    feature_names_in_ : ndarray of str of shape (`n_features_in_`,)
-        Their names, if they had any.
+    n_features_in_, feature_names_in_ : int and ndarray of str of shape (`n_features_in_`,)
+        Number of columns seen in `fit`, and their names, if they had any.
 
     See Also
     --------
@@ -167,18 +160,14 @@ class BaardaPlaneDetector(PlaneDetector):
     Weights are precisions, not repetitions. Two observations have two residuals and two tests.
     One observation of double weight has one.
 
-    A removed point costs no pass over the cloud. Sums are down-dated, only the candidates for the
-    next removal are computed again, and a bound covers all others. So n points with k removals
-    cost about ``n + k (512 + n / 256)``.
+    n points with k removals cost about ``n + k (512 + n / 256)``: sums are down-dated.
 
     tau and t of all points find outliers only up to a share of ``1 / (1 + c^2)`` (7 % at
     c = 3.66), no matter how large they are. Set sigma0, or take "auto" or `robust_start`: then
     points far from a robust plane are left out first. With an estimated sigma0 they come back,
-    the nearest first, until it is too far from the plane of those inside, measured by their
-    deviation. It is if it is beyond 3, and of n clean points any i, as many as are outside, lie as
-    far off with a probability below ``alpha / i^3``. This counts all C(n, i) choices, because
-    points that were chosen for lying on a plane are nearer to it than their noise. For i = 1 it is
-    the t test. So the level holds from 8 points on.
+    the nearest first, until one is beyond 3 deviations of those inside, and of n clean points any
+    i, as many as are outside, lie as far off with a probability below ``alpha / i^3``. For i = 1
+    it is the t test. So the level holds from 8 points on.
 
     References
     ----------
@@ -289,15 +278,8 @@ class BaardaPlaneDetector(PlaneDetector):
         self.test_ = "tau" if self.test == "w" and estimated else self.test
         start = None
         if self.robust_start:
-            start, sigma = robust_start(
-                X,
-                weights,
-                used,
-                rank=initial.rank,
-                surface=self.surface,
-                sigma0=self._known_sigma(),
-                random_state=self.random_state,
-            )
+            how = self.surface, self._known_sigma(), self.random_state
+            start, sigma = robust_start(X, weights, used, initial.rank, *how)
             if start is None:
                 self._warn_of_start()
         is_robust = start is not None or self.test_ != self.test
@@ -307,19 +289,11 @@ class BaardaPlaneDetector(PlaneDetector):
         if is_robust:
             self._leave_out(X, weights, used, start, sigma, state)
         if self.loss == "squared_error" and self.elimination == "single":
-            state = eliminate_one_by_one(
-                X, weights, self.surface, self._limit, state, max_rounds=self.max_iter
-            )
+            limits = self._limit, state, self.max_iter
+            state = eliminate_one_by_one(X, weights, self.surface, *limits)
         else:
-            state = eliminate(
-                X,
-                weights,
-                lambda retained: self._adjust(X, retained),
-                self._limit,
-                state,
-                single=self.elimination == "single",
-                max_rounds=self.max_iter,
-            )
+            single, adjust = self.elimination == "single", lambda p: self._adjust(X, p)
+            state = eliminate(X, weights, adjust, self._limit, state, single, self.max_iter)
         self._set_plane(X, state.plane, initial)
         self.support_, self.elimination_step_ = state.support, state.step
         self.n_iter_ = max(state.n_rounds, 1)

@@ -56,12 +56,8 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
 
         Parameters
         ----------
-        X : array-like of shape (n_samples, n_features)
-            Points; the last column depends on the others.
-        y : Ignored
-        weights : array-like of shape (n_samples,), default=None
-            Precisions, not repetitions; see `fit`. The labels depend on them too, and `predict`
-            does not know them.
+        X, y, weights
+            As of `fit`. The labels depend on the weights too, and `predict` does not know them.
 
         Returns
         -------

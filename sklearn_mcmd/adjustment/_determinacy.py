@@ -18,9 +18,9 @@ def check_distinct(X, n_samples):
     A plane in d dimensions goes through any d points: a test needs one more.
     """
     d = X.shape[1]
-    n_distinct = _count_distinct(X[:N_FIRST], d + 1)
+    n_distinct = len(np.unique(X[:N_FIRST], axis=0))
     if n_distinct <= d < len(X):
-        n_distinct = _count_distinct(X, d + 1)
+        n_distinct = len(np.unique(X, axis=0))
     if n_distinct > d:
         return
     if len(X) <= d:
@@ -82,12 +82,3 @@ def normal_pvalue(plane, rounding=0.0):
     ratio = min(thick / narrow, 1.0)
     d = len(plane.direction)
     return float((2 * ratio / (1 + ratio**2)) ** max(plane.n_observations - d, 1))
-
-
-def _count_distinct(X, enough):
-    """Number of distinct rows, counted up to `enough`."""
-    n_distinct = 0
-    while len(X) and n_distinct < enough:
-        n_distinct += 1
-        X = X[np.any(X[:1] != X, axis=1)]
-    return n_distinct

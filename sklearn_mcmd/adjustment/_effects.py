@@ -1,14 +1,23 @@
 """The largest elements of the redundancy matrix, without forming it (Eqs 13, 14, 17)."""
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
-from sklearn_mcmd.adjustment._hull import hull_vertices
 from sklearn_mcmd.adjustment._plane import CHUNK
 
-__all__ = ["bounding_points", "effects_of", "largest_effects", "largest_effects_of_others"]
+__all__ = [
+    "bounding_points",
+    "effects_of",
+    "hull_vertices",
+    "largest_effects",
+    "largest_effects_of_others",
+]
+
+# In more dimensions a hull has too many vertices to save time; then all points are taken.
+MAX_DIMENSIONS = 5
 
 
-def bounding_points(plane, X, cofactors, members, alone):
+def bounding_points(plane, X, members, alone):
     """Rows that hold the largest effect on each member, even if one row is left out.
 
     Points with a leverage over 1/2 act most on themselves, which does not count. They are
@@ -18,8 +27,33 @@ def bounding_points(plane, X, cofactors, members, alone):
     if len(apart):
         members = np.setdiff1d(members, apart, assume_unique=True)
     if len(members):
-        members = hull_vertices(plane, X, cofactors, members)
+        members = hull_vertices(plane, X, members)
     return np.concatenate([members, apart])
+
+
+def hull_vertices(plane, X, members):
+    """Members at which every affine function of the regressors reaches its largest size.
+
+    Members and result are rows of X, ascending: the vertices of the members' convex hull, or all
+    members where a hull saves no time.
+    """
+    if plane.rank == 1:
+        return members[:1]
+    if len(members) <= 32 or plane.rank > MAX_DIMENSIONS + 1:
+        return members
+    U = plane.whiten(X[members])[0]
+    U -= U.mean(axis=0)
+    # For any affine rank: along the axes that the members span.
+    _, spread, axes = np.linalg.svd(np.linalg.qr(U, mode="r"))
+    U = U @ axes[spread > 1e-13 * max(spread[0], np.finfo(float).tiny)].T
+    if U.shape[1] == 0:
+        return members[:1]
+    if U.shape[1] == 1:
+        return members[np.unique([U[:, 0].argmin(), U[:, 0].argmax()])]
+    try:
+        return members[np.sort(ConvexHull(U).vertices)]
+    except QhullError:  # flat except for rounding
+        return members
 
 
 def effects_of(plane, X, rows, vertices, weights, alone):

@@ -15,35 +15,20 @@ __all__ = ["Elimination", "eliminate", "eliminate_one_by_one", "own_redundancy"]
 class Elimination:
     """State of data snooping.
 
-    Attributes
-    ----------
-    step : ndarray of intp of shape (n,)
-        Round in which a point was removed, 0 for those never removed.
-    support : ndarray of bool of shape (n,)
-        Points the last plane was adjusted to.
-    n_rounds : int
-        Rounds that removed points.
-    plane : PlaneAdjustment
-        Plane of the support.
-    robust_weights : ndarray of shape (n,) or None
-        W of the last M-estimate.
-    ran_out_of_rounds : bool
-        Whether the limit of rounds was reached with rejected points left.
-    ran_out_of_points : bool
-        Whether removing the rejected points would have left too few for a plane with
-        redundancy, or points on a line. They are marked in `step`; the plane before is kept.
+    It ran out of points if removing the rejected ones would have left too few for a plane with
+    redundancy, or points on a line. They are marked in `step`; the plane before is kept.
     """
 
-    step: np.ndarray
-    support: np.ndarray
-    n_rounds: int
-    plane: PlaneAdjustment | None = None
-    robust_weights: np.ndarray | None = None
-    ran_out_of_rounds: bool = False
+    step: np.ndarray  # round in which a point was removed, 0 for those never removed
+    support: np.ndarray  # points the last plane was adjusted to
+    n_rounds: int  # that removed points
+    plane: PlaneAdjustment | None = None  # of the support
+    robust_weights: np.ndarray | None = None  # W of the last M-estimate
+    ran_out_of_rounds: bool = False  # with rejected points left
     ran_out_of_points: bool = False
 
 
-def eliminate(X, weights, adjust, limit, state, *, single, max_rounds=None):
+def eliminate(X, weights, adjust, limit, state, single, max_rounds=None):
     """Remove every rejected point, or the worst one, and adjust again (section 1.1).
 
     ``adjust(retained)`` gives a plane and robust weights, None for least squares;
@@ -69,10 +54,8 @@ def eliminate(X, weights, adjust, limit, state, *, single, max_rounds=None):
         if n_rejected and single:
             rejected[:], n_rejected = False, 1
             rejected[first_of_largest(standardized)] = True
-        if not n_rejected:
-            return state
-        if state.n_rounds == max_rounds:
-            state.ran_out_of_rounds = True
+        if not n_rejected or state.n_rounds == max_rounds:
+            state.ran_out_of_rounds = n_rejected > 0
             return state
         state.n_rounds += 1
         state.step[rejected] = state.n_rounds
@@ -82,7 +65,7 @@ def eliminate(X, weights, adjust, limit, state, *, single, max_rounds=None):
         before, state.support = state.support, state.support & ~rejected
 
 
-def eliminate_one_by_one(X, weights, surface, limit, state, *, max_rounds=None):
+def eliminate_one_by_one(X, weights, surface, limit, state, max_rounds=None):
     """Same as `eliminate` with ``single=True`` for least squares, by down-dating."""
     plane = DowndatedPlane(X, weights, state.support, surface)
     while True:

@@ -147,22 +147,9 @@ def _view(detector, X):
     if X.shape[1] == 3 and detector.surface == "orthogonal" and abs(normal[2]) < np.sqrt(0.5):
         right = np.array([-normal[1], normal[0], 0.0]) / np.hypot(*normal[:2])
         along = (X - detector._plane.center) @ right
-        height, offset = _without_offset(X[:, 2])
-        return np.column_stack([along, height]), ["along the level line", f"z{offset}"]
+        return np.column_stack([along, X[:, 2]]), ["along the level line", "z"]
     names = ["x", "y"] if X.shape[1] <= 3 else [f"column {i}" for i in range(X.shape[1] - 1)]
-    columns = [_without_offset(column) for column in X[:, :-1].T]
-    view = np.column_stack([values for values, _ in columns])
-    return view, [name + offset for name, (_, offset) in zip(names, columns, strict=False)]
-
-
-def _without_offset(values):
-    """Values that fit on an axis, and the offset subtracted from them, for the axis name."""
-    low, high = values.min(), values.max()
-    if max(abs(low), abs(high)) < 1000 * (high - low) or low == high:
-        return values, ""
-    step = 10.0 ** np.ceil(np.log10(high - low))
-    offset = np.floor(low / step) * step
-    return values - offset, f" {'-' if offset > 0 else '+'} {abs(offset):.10g}"
+    return X[:, :-1], names
 
 
 def _draw_histogram(axes, residuals, outliers, suffix):
@@ -193,20 +180,23 @@ def _draw_histogram(axes, residuals, outliers, suffix):
     axes.legend(loc="best")
 
 
-def _draw_memberships(axes, detector):
-    """m_M and the verdict by test statistic."""
-    outliers = detector.labels_ == -1
+def _scatter_both(axes, x, y, outliers, kind=""):
+    """Inliers and outliers."""
     for mask, color, name in ((~outliers, BLUE, "inlier"), (outliers, RED, "outlier")):
         rows = _thinned(np.flatnonzero(mask))
         if len(rows):
-            axes.scatter(
-                detector.test_statistic_[rows], detector.membership_residual_[rows],
-                s=8, c=color, label=f"m$_M$, {name}", rasterized=True,
-            )  # fmt: skip
+            axes.scatter(x[rows], y[rows], s=7, c=color, label=f"{kind}{name}", rasterized=True)
+
+
+def _draw_memberships(axes, detector):
+    """m_M and the verdict by test statistic."""
+    outliers = detector.labels_ == -1
+    statistic, residual = detector.test_statistic_, detector.membership_residual_
+    _scatter_both(axes, statistic, residual, outliers, "m$_M$, ")
     rows = _thinned(np.arange(len(outliers)))
     axes.scatter(
-        detector.test_statistic_[rows], detector.membership_[rows],
-        s=3, c=GRAY, label="m$_H$", zorder=0, rasterized=True,
+        statistic[rows], detector.membership_[rows], s=3, c=GRAY, label="m$_H$", zorder=0,
+        rasterized=True,
     )  # fmt: skip
     axes.axvline(detector.critical_value_, color="k", linestyle="--", label="critical value")
     axes.set(title="Memberships", xlabel=f"test statistic {detector.test}", ylabel="membership")
@@ -218,10 +208,7 @@ def _draw_statistics(axes, detector, outliers):
     order = np.argsort(detector.test_statistic_, kind="stable")
     statistic = detector.test_statistic_[order]
     rank = np.arange(1, len(order) + 1)
-    for mask, color, name in ((~outliers, BLUE, "inlier"), (outliers, RED, "outlier")):
-        rows = _thinned(np.flatnonzero(mask[order]))
-        if len(rows):
-            axes.scatter(rank[rows], statistic[rows], s=6, c=color, label=name, rasterized=True)
+    _scatter_both(axes, rank, statistic, outliers[order])
     n = np.count_nonzero(~outliers)
     if n:
         ranks = np.unique(np.linspace(1, n, 500).astype(int))

@@ -92,14 +92,8 @@ class FuzzyPlaneDetector(PlaneDetector):
         Redundancy numbers r_ii, which sum to `dof_`, and ``1 - r_ii``.
     critical_value_ : float
         ``N_{1 - alpha/2}``, or that of tau or t.
-    coef_ : ndarray of shape (n_features - 1,)
-        Slopes; of minimum norm where a column depends on two or more others.
-    intercept_ : float
-        Constant term.
-    normal_ : ndarray of shape (n_features,)
-        Unit normal of the plane.
-    distance_ : float
-        ``normal_ @ x`` of its points.
+    coef_, intercept_, normal_, distance_, global_test_level_, dof_, rank_
+        As of `BaardaPlaneDetector`, of the tested plane.
     support_ : ndarray of bool of shape (n_samples,)
         Points of positive weight: all of them make the plane.
     sigma0_ : float
@@ -111,18 +105,12 @@ class FuzzyPlaneDetector(PlaneDetector):
     global_test_pvalue_, global_test_pvalue_initial_ : float
         Probability of a larger v'Pv / sigma0^2 in clean data, without the outliers and of all
         points. nan with ``sigma0="auto"``, which fits the same points.
-    global_test_level_ : float
-        Its level; see `BaardaPlaneDetector`.
-    dof_, rank_ : int
-        Degrees of freedom f and number of estimable parameters u of the tested plane.
     robust_weights_ : ndarray of shape (n_samples,)
         W of the M-estimate; only with `loss` other than "squared_error".
     offset_ : float
         Limit of the scores.
-    n_features_in_ : int
-        Number of columns seen in `fit`.
-    feature_names_in_ : ndarray of str of shape (`n_features_in_`,)
-        Their names, if they had any.
+    n_features_in_, feature_names_in_ : int and ndarray of str of shape (`n_features_in_`,)
+        Number of columns seen in `fit`, and their names, if they had any.
 
     See Also
     --------
@@ -222,14 +210,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         ------
         ValueError
             If the points of positive weight leave no redundancy or do not determine a plane;
-            see `BaardaPlaneDetector.fit`.
-
-        Warns
-        -----
-        UserWarning
-            If vertical residuals reject points of a steep plane, if the points of an
-            orthogonal surface are as thick as they are wide, or if `sigma0` is less than the
-            rounding of float64.
+            see `BaardaPlaneDetector.fit`, which says as well what is warned of.
         """
         X, weights, used = self._check_training(X, weights)
         plane, robust_weights = self._adjust(X, weights)
@@ -344,7 +325,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         alone = leverage > 0.5  # at most 2u points: leverages sum to u
 
         normal = used & ~abnormal
-        vertices = bounding_points(plane, X, cofactors, np.flatnonzero(normal), alone)
+        vertices = bounding_points(plane, X, np.flatnonzero(normal), alone)
         self._vertices = X[vertices]
         self._largest_leverage = float(cofactors.max(where=used, initial=0.0))
         sought = np.flatnonzero(used if weights is not None else used & (abnormal | alone))
@@ -355,7 +336,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         largest = diagonal.max(where=used, initial=0.0)
         if weights is not None or n < 2 * plane.rank:
             everyone = np.flatnonzero(used)
-            vertices = bounding_points(plane, X, cofactors, everyone, alone)
+            vertices = bounding_points(plane, X, everyone, alone)
             between = effects_of(plane, X, everyone, vertices, weights, alone)
             largest = max(largest, between.max())
         self._largest_effect = float(largest) or 1.0

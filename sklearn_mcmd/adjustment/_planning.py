@@ -8,7 +8,7 @@ from sklearn.utils import check_random_state
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
 from sklearn_mcmd.adjustment._power import POWER, SHARE, noncentrality
-from sklearn_mcmd.adjustment._start import CUT, SUCCESS_PROBABILITY, SUPPORT_FRACTION
+from sklearn_mcmd.adjustment._start import CUT, SUCCESS_PROBABILITY, SUPPORT_FRACTION, half_of
 from sklearn_mcmd.adjustment._tests import CORRECTIONS, UNCONTROLLED, critical_value, local_level
 from sklearn_mcmd.planes._consistent_set import n_trials_needed
 from sklearn_mcmd.runtime._compiling import compiled_function
@@ -164,8 +164,9 @@ def _outcomes(n, k, bias, limits, robust_start, seed, n_repetitions):
         corners = rng.randint(n, size=(m, needed if robust_start else 0, 3), dtype=np.int64)
         found = np.empty((m, n), dtype=np.bool_)
         compiled_function("adjustment._planning_numba", "snoop_planes")(
-            points, corners, limits, CUT, UNCONTROLLED, sizes, sizes.view(np.int64), member, found
-        )
+            points, corners, half_of(n, 3), limits, CUT, UNCONTROLLED, sizes, sizes.view(np.int64),
+            member, found,
+        )  # fmt: skip
         counts.append([found[:, :k].sum(axis=1), found[:, k:].sum(axis=1)])
     n_found, n_false = np.concatenate(counts, axis=1)
     full, clean = n_found == k, n_false == 0

@@ -11,13 +11,14 @@ MAX_ROUNDS = 20  # of concentration and of reweighting, as of `robust_start`
 
 
 @kernel(cache=True)
-def snoop_planes(points, corners, limits, cut, least_redundancy, sizes, keys, member, found):
+def snoop_planes(points, corners, half, limits, cut, least_redundancy, sizes, keys, member, found):
     """Verdicts of `BaardaPlaneDetector` with known sigma0, one plane at a time.
 
     Parameters
     ----------
     points : float64 (m, n, 3)
     corners : int64 (m, n_trials, 3), minimal subsets of the robust start; none: no such start
+    half : number of points that this start's plane fits
     limits : float64 (n + 2,), critical value of w by the number of retained points
     cut : deviations within which points belong to the start's plane
     least_redundancy : of a controlled point
@@ -30,7 +31,7 @@ def snoop_planes(points, corners, limits, cut, least_redundancy, sizes, keys, me
         X = points[i]
         member[:] = True
         if corners.shape[1] > 0:
-            _start(X, corners[i], limits[n], cut, sizes, keys, member)
+            _start(X, corners[i], half, limits[n], cut, sizes, keys, member)
         plane, worst = _fit(X, member), 0
         while worst >= 0 and plane[0] > 4:
             worst, largest = -1, limits[int(plane[0])]
@@ -76,10 +77,9 @@ def _evaluate(plane, point):
 
 
 @kernel
-def _start(X, corners, limit, cut, sizes, keys, member):
+def _start(X, corners, half, limit, cut, sizes, keys, member):
     """Leave out what is outside of the plane of the most coplanar half (`robust_start`)."""
     n, best = len(X), np.inf
-    half = max((n + 1) // 2, 4)
     for t in range(len(corners)):
         a, b, c = corners[t]
         ux, uy, uz = X[b, 0] - X[a, 0], X[b, 1] - X[a, 1], X[b, 2] - X[a, 2]

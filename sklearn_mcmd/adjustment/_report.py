@@ -11,6 +11,7 @@ from sklearn_mcmd.adjustment._report_lines import (
     flatness_rows,
     precision_rows,
     reliability_rows,
+    rows_of,
     usual_reliability,
     with_heading,
 )
@@ -80,88 +81,68 @@ def text_report(
     ...
     """
     X = check_points(detector, X)
-    residuals = detector.residuals(X)
-    outliers = detector.labels_ == -1
+    residuals, outliers = detector.residuals(X), detector.labels_ == -1
     reliability = usual_reliability(detector, X, n_worst)
     suffix, squared = (f" {unit}", f" {unit}^2") if unit else ("", "")
     digits = _decimals(residuals[~outliers])
-    lines = [
-        title,
-        "=" * len(title),
-        f"method                {describe(detector)}",
-        f"points                {len(X)}",
-        f"outliers              {share(outliers.sum(), len(X))}",
-        "",
-        "Plane",
-        "-----",
-        f"normal                {normal_row(detector)}",
-        f"point of the plane    {point_row(detector, suffix)}",
-    ]
+    plane = {"normal": normal_row(detector), "point of the plane": point_row(detector, suffix)}
     if detector.surface == "vertical":
         errors = np.sqrt(np.diag(detector.precision().slopes_covariance)[:-1])
-        lines.append(f"slopes                {_with_error(detector.coef_, errors.max())}")
-    lines += [
-        f"tilt from horizontal  {tilt(detector)}",
-    ]
-    if not detector._sigma0_is_rounding:
-        lines += with_heading("Standard errors", precision_rows(detector, X, suffix))
-    lines += [
-        "",
-        "Tests",
-        "-----",
-        f"test                  {_test_row(detector)}, {detector.correction} correction, "
+        plane["slopes"] = _with_error(detector.coef_, errors.max())
+    tests = {
+        "test": f"{_test_row(detector)}, {detector.correction} correction, "
         f"alpha = {detector.alpha:g}",
-        f"level of one point    {detector._level_of_one():.3g}",
-        f"critical value        {detector.critical_value_:.4f}",
-        f"sigma0                {detector.sigma0_:.6g}{suffix} ({sigma0_origin(detector)})",
-        f"degrees of freedom    {detector.dof_}",
-        f"variance factor       {detector.variance_factor_initial_:.6g}{squared} with all points, "
+        "level of one point": f"{detector._level_of_one():.3g}",
+        "critical value": f"{detector.critical_value_:.4f}",
+        "sigma0": f"{detector.sigma0_:.6g}{suffix} ({sigma0_origin(detector)})",
+        "degrees of freedom": detector.dof_,
+        "variance factor": f"{detector.variance_factor_initial_:.6g}{squared} with all points, "
         f"{detector.variance_factor_:.6g}{squared} without outliers",
-        f"deviation             {np.sqrt(detector.variance_factor_):.6g}{suffix} of one "
-        "observation, without outliers",
-        f"global test           {global_test_row(detector)}",
-        *_details(detector),
-        *_notes(detector, suffix),
-    ]
+        "deviation": f"{np.sqrt(detector.variance_factor_):.6g}{suffix} of one observation, "
+        "without outliers",
+        "global test": global_test_row(detector),
+        **_details(detector),
+    }
+    parts = {"Plane": plane | {"tilt from horizontal": tilt(detector)}}
+    if not detector._sigma0_is_rounding:
+        parts["Standard errors"] = precision_rows(detector, X, suffix)
+    parts["Tests"] = tests
     if reliability is not None:
-        lines += with_heading("Reliability", reliability_rows(reliability, suffix))
-        lines += [
-            "In the list below an effect is the angle in degrees by which an MDB turns the normal,",
-            "and a gross error what the point is wrong by if no other is.",
-        ]
+        parts["Reliability"] = reliability_rows(reliability, suffix)
     if flatness is not None:
-        lines += with_heading("Flatness", flatness_rows(flatness, suffix))
+        parts["Flatness"] = flatness_rows(flatness, suffix)
     if comparison is not None:
-        lines += with_heading("Against the other plane", comparison_rows(comparison, suffix))
-    lines += [
-        "",
-        f"Residuals{suffix and f' ({unit})'}",
-        "---------",
+        parts["Against the other plane"] = comparison_rows(comparison, suffix)
+    first = {
+        "method": describe(detector),
+        "points": len(X),
+        "outliers": share(outliers.sum(), len(X)),
+    }
+    kinds = {"all": residuals, "inliers": residuals[~outliers], "outliers": residuals[outliers]}
+    columns = f"{'row':>8}{'residual':>14}{'redundancy':>12}{'statistic':>12}"
+    if reliability is not None:
+        columns += f"{'MDB':>12}{'gross error':>14}{'deviation':>12}{'effect':>12}"
+    lines = [
+        *(title, "=" * len(title), *rows_of(first)),
+        *(line for part in parts.items() for line in with_heading(*part)),
+        *with_heading(f"Residuals{suffix and f' ({unit})'}", {}),
         f"A residual is {sign_of_residuals(detector)}.",
         f"{'':<12}{'points':>10}{'mean':>14}{'rms':>14}{'least':>14}{'largest':>14}",
-        _residual_row("all", residuals, digits),
-        _residual_row("inliers", residuals[~outliers], digits),
-        _residual_row("outliers", residuals[outliers], digits),
-        "",
-        f"{min(n_worst, len(X))} largest test statistics",
-        f"{'row':>8}{'residual':>14}{'redundancy':>12}{'statistic':>12}"
-        + (f"{'MDB':>12}{'gross error':>14}{'deviation':>12}{'effect':>12}" if reliability else "")
-        + "  verdict   coordinates",
+        *(_residual_row(name, values, digits) for name, values in kinds.items()),
+        *("", f"{min(n_worst, len(X))} largest test statistics"),
+        f"{columns}  verdict   coordinates",
     ]
     for i in np.argsort(-detector.test_statistic_, kind="stable")[:n_worst]:
-        verdict = "outlier" if outliers[i] else "inlier"
-        judged = ""
+        line = f"{i:>8}{residuals[i]:>14.{digits}f}{detector.redundancy_[i]:>12.6f}"
+        line += f"{detector.test_statistic_[i]:>12.4g}"
         if reliability is not None:
-            judged = (
+            line += (
                 f"{reliability.minimal_bias[i]:>12.{digits}f}"
                 f"{reliability.gross_error[i]:>14.{digits}f}"
                 f"{reliability.gross_error_deviation[i]:>12.{digits}f}"
                 f"{reliability.effect_on_normal[i]:>12.2g}"
             )
-        lines.append(
-            f"{i:>8}{residuals[i]:>14.{digits}f}{detector.redundancy_[i]:>12.6f}"
-            f"{detector.test_statistic_[i]:>12.4g}{judged}  {verdict:<10}{_row(X[i])}"
-        )
+        lines.append(f"{line}  {'outlier' if outliers[i] else 'inlier':<10}{_row(X[i])}")
     return "\n".join(lines) + "\n"
 
 
@@ -179,7 +160,7 @@ def describe(detector):
 def sigma0_origin(detector):
     """The origin of sigma0, in words."""
     if detector._sigma0_is_rounding:
-        return "float64's rounding"
+        return "float64's rounding: no noise to test against"
     return "estimated" if detector.sigma0 == "auto" else "given"
 
 
@@ -226,33 +207,15 @@ def _test_row(detector):
     return detector.test_ + replaced
 
 
-def _notes(detector, suffix):
-    """Lines that say that there is no noise to test against, if so."""
-    if not detector._sigma0_is_rounding:
-        return []
-    if detector.sigma0 == "auto":
-        reason = "Half of the points or more lie on the plane to the rounding of float64,"
-    else:
-        reason = f"sigma0 = {detector.sigma0:g}{suffix} is less than the rounding of float64,"
-    # tau and t use their own scale.
-    meaning = ["what is farther from the plane is an outlier."] if detector.test == "w" else []
-    return [
-        "",
-        f"Note: {reason}",
-        f"{detector.sigma0_:.2g}{suffix} at these coordinates. They hold no noise to test against:",
-        *(meaning or [f"sigma0 is that rounding. Test {detector.test} does not use it."]),
-    ]
-
-
 def _details(detector):
     if hasattr(detector, "elimination_step_"):
         removed = np.count_nonzero(detector.elimination_step_)
         back = np.count_nonzero((detector.elimination_step_ > 0) & (detector.labels_ == 1))
         rounds = "1 round" if detector.n_iter_ == 1 else f"{detector.n_iter_} rounds"
-        return [f"removed               {removed} in {rounds}, {back} came back"]
+        return {"removed": f"{removed} in {rounds}, {back} came back"}
     if np.isnan(detector.defuzzification_limit_):
-        return ["limit                 none: no residual is abnormal"]
-    return [f"limit                 1 - C_H = {detector.defuzzification_complement_:.6g}"]
+        return {"limit": "none: no residual is abnormal"}
+    return {"limit": f"1 - C_H = {detector.defuzzification_complement_:.6g}"}
 
 
 def _decimals(residuals):

@@ -11,6 +11,7 @@ __all__ = [
     "plan_rows",
     "precision_rows",
     "reliability_rows",
+    "rows_of",
     "usual_reliability",
     "with_heading",
 ]
@@ -29,7 +30,12 @@ OUTCOMES = {
 
 def with_heading(title, rows):
     """Lines of a part of the report: a title, and names beside values."""
-    return ["", title, "-" * len(title), *(f"{name:<22}{value}" for name, value in rows.items())]
+    return ["", title, "-" * len(title), *rows_of(rows)]
+
+
+def rows_of(rows):
+    """Lines of names beside values."""
+    return [f"{name:<22}{value}" for name, value in rows.items()]
 
 
 def precision_rows(detector, X, unit):
@@ -81,7 +87,8 @@ def reliability_rows(reliability, unit):
         "B-method": f"a global test of level {reliability.coupled_level:.3g} finds the same bias",
         "detectable bias": f"{bias.min():.4g} to {bias.max():.4g}{unit} (MDB)",
         "effect of such a bias": f"normal {normal:.2g} degrees, tilt {tilt:.2g} degrees, center "
-        f"{offset:.2g}{unit} at most",
+        f"{offset:.2g}{unit} at most; below, in degrees of the normal",
+        "gross error": "below: what a point is wrong by, if no other is",
         "bias to noise": f"{reliability.bias_to_noise.max():.3g} at most",
     }
     if len(reliability.pairs):

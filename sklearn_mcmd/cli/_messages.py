@@ -128,8 +128,9 @@ def print_table(title, **rows):
 
 
 def print_summary(source, target, n_points, seconds, **rows):
-    """The summary of a verb: files, number of points, its own rows, and seconds."""
-    print_table(f"{source} -> {target}", points=f"{n_points:,}", **rows, seconds=f"{seconds:.1f}")
+    """The summary of a verb: files, the target if there is one, points, own rows, and seconds."""
+    title = source if target is None else f"{source} -> {target}"
+    print_table(title, points=f"{n_points:,}", **rows, seconds=f"{seconds:.1f}")
 
 
 def count_and_share(mask):

@@ -25,37 +25,28 @@ METERS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
 MAX_LOOKED_AT = 20_000
 
 
-class Method(StrEnum):
-    baarda = "baarda"
-    fuzzy = "fuzzy"
-
-
-class Test(StrEnum):
-    w = "w"
-    tau = "tau"
-    t = "t"
-
-
-class Correction(StrEnum):
-    sidak = "sidak"
-    bonferroni = "bonferroni"
-    b_method = "b-method"
-    none = "none"
-
-
-class Elimination(StrEnum):
-    single = "single"
-    all = "all"
-
-
-class Surface(StrEnum):
-    orthogonal = "orthogonal"
-    vertical = "vertical"
+Method = StrEnum("Method", ["baarda", "fuzzy"])
+Test = StrEnum("Test", ["w", "tau", "t"])
+Correction = StrEnum(
+    "Correction",
+    {"sidak": "sidak", "bonferroni": "bonferroni", "b_method": "b-method", "none": "none"},
+)
+Elimination = StrEnum("Elimination", ["single", "all"])
+Surface = StrEnum("Surface", ["orthogonal", "vertical"])
+OutFiles = Annotated[
+    Path | None,
+    typer.Argument(
+        metavar="OUT",
+        help="Point file to write, of any format, or a folder for several files; may be IN. With "
+        "--against or --tolerance it may be left out: then the summary is all that is told.",
+        show_default=False,
+    ),
+]
 
 
 def plane(
     source: _options.InFiles,
-    target: _options.OutFiles,
+    target: OutFiles = None,
     method: Annotated[
         Method,
         typer.Option(
@@ -181,41 +172,70 @@ def plane(
     if method is Method.baarda:
         params["random_state"] = random_state
     width = None if tolerance is None else _width(tolerance, unit)
-    sheets = _choose_sheets(source, target, text, plot)
+    more_to_tell = against is not None or width is not None
+    if target is None and (not more_to_tell or text or plot or report):
+        raise typer.BadParameter(
+            "is missing. It can be left out with --against or --tolerance, if there are no --text, "
+            "--plot and --report.",
+            param_hint="OUT",
+        )
+    sheets = () if target is None else _choose_sheets(source, target, text, plot)
     with _messages.clear_exits(allow_coarse=allow_coarse):
-        from sklearn_mcmd.io import PointCloud
-
         seconds = _messages.stopwatch()
         with progress("plane", quiet):
             catalog = large_catalog(source, 0, 0, columns=columns) if is_several(source) else None
-            _files.refuse_existing(no_clobber, target, *sheets, report=report, catalog=catalog)
-            if catalog is None:
-                with _files.standing_in(target):
-                    pass
-            else:
-                _targets(catalog, target)
-            sheets = _rehearse_sheets(sheets, plot)
-            if catalog is None:
-                cloud = _files.read(source, target, "results of a test", columns=columns)
-                none = _files.blank(cloud)
-                _files.rehearse(target, *_tested(cloud, none > 0, none, none))
-            else:
-                cloud = PointCloud(
-                    np.concatenate([_files.read(path).xyz for path in catalog.paths])
-                )
+            if target is not None:
+                _files.refuse_existing(no_clobber, target, *sheets, report=report, catalog=catalog)
+                sheets = _rehearse(target, catalog, sheets, plot)
+            cloud = _read(source, target, catalog, columns)
             with _files.working(source, "plane"):
                 _files.warn_if_coarse(cloud)
                 detector, residuals = _test_plane(cloud.xyz, method, params)
             more = _further(detector, cloud, width, against, method, params, columns)
-            words = _write_all(
-                source, target, catalog, sheets, cloud, detector, residuals, unit, more
-            )
-            write_report_of(
-                report, source, target, seconds,
-                lambda: _contents(cloud, detector, residuals, words, unit),
-            )  # fmt: skip
+            if target is not None:
+                words = _write_all(
+                    source, target, catalog, sheets, cloud, detector, residuals, unit, more
+                )
+                write_report_of(
+                    report, source, target, seconds,
+                    lambda: _contents(cloud, detector, residuals, words, unit),
+                )  # fmt: skip
         if not quiet:
             _summarize(source, target, sheets, detector, residuals, unit, more, seconds())
+
+
+def _rehearse(target, catalog, sheets, plot_wanted):
+    """The paths of text and figure after a trial; None for a figure that cannot be drawn."""
+    if catalog is not None:
+        _targets(catalog, target)
+    text, plot = sheets
+    for path in (text,) if catalog is not None else (target, text):
+        with _files.standing_in(path):
+            pass
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError as err:
+        message = f"the figure needs matplotlib: {how_to_install('matplotlib', 'plot')}"
+        if plot_wanted is not None:
+            raise ImportError(message) from err
+        warnings.warn(f"{message}; the text alone is written", stacklevel=2)
+        return text, None
+    with _files.standing_in(plot):
+        pass
+    return text, plot
+
+
+def _read(source, target=None, catalog=None, columns=None):
+    """The points to test; of several files, or if none is written, the coordinates alone."""
+    from sklearn_mcmd.io import PointCloud
+
+    if catalog is None and target is not None:
+        cloud = _files.read(source, target, "results of a test", columns=columns)
+        none = _files.blank(cloud)
+        _files.rehearse(target, *_tested(cloud, none > 0, none, none))
+        return cloud
+    clouds = (_files.read(path, columns=columns) for path in _files.files_of(source))
+    return PointCloud(np.concatenate([cloud.xyz for cloud in clouds]))
 
 
 def _detector_params(method, alpha, test, sigma0, correction, elimination, surface, robust_start):
@@ -268,24 +288,6 @@ def _choose_sheets(source, target, text, plot):
     return text, plot
 
 
-def _rehearse_sheets(sheets, plot_wanted):
-    """The paths of text and figure after a trial; None for a figure that cannot be drawn."""
-    text, plot = sheets
-    with _files.standing_in(text):
-        pass
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError as err:
-        message = f"the figure needs matplotlib: {how_to_install('matplotlib', 'plot')}"
-        if plot_wanted is not None:
-            raise ImportError(message) from err
-        warnings.warn(f"{message}; the text alone is written", stacklevel=2)
-        return text, None
-    with _files.standing_in(plot):
-        pass
-    return text, plot
-
-
 def _test_plane(xyz, method, params):
     """The fitted detector and the residuals of all points."""
     from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
@@ -315,7 +317,7 @@ def _further(detector, cloud, width, against, method, params, columns):
     if width is not None:
         further["flatness"] = flatness(detector, cloud.xyz, width)
     if against is not None:
-        other = _files.read_all(against, columns)
+        other = _read(against, columns=columns)
         with _files.working(against, "the other plane"):
             fitted, _ = _test_plane(other.xyz, method, params)
         further["comparison"] = compare_planes(detector, fitted)
@@ -417,6 +419,7 @@ def _record(source, target, plot):
     from datetime import datetime
 
     from sklearn_mcmd import __version__
+    from sklearn_mcmd.adjustment._report_lines import with_heading
 
     rows = {
         "input": source,
@@ -425,20 +428,15 @@ def _record(source, target, plot):
         "program": f"sklearn-mcmd {__version__}, mcmd plane",
         "date": datetime.now().astimezone().isoformat(sep=" ", timespec="seconds"),
     }
-    lines = [f"{name:<22}{value}" for name, value in rows.items()]
-    return "\n".join(["", "Record", "------", *lines]) + "\n"
+    return "\n".join(with_heading("Record", rows)) + "\n"
 
 
 def _summarize(source, target, sheets, detector, residuals, unit, more, seconds):
     import sklearn_mcmd.adjustment._report as rows_of
-    from sklearn_mcmd.adjustment._base import sigma0_is_rounding
 
     is_outlier = detector.labels_ == -1
     unit = f" {unit}" if unit else ""
     rms = [np.sqrt(np.mean(residuals[rows] ** 2)) for rows in (slice(None), ~is_outlier)]
-    how = rows_of.sigma0_origin(detector)
-    if sigma0_is_rounding(detector):
-        how += ": no noise to test against"
     told = {}
     if "flatness" in more:
         told["tolerance"] = rows_of.flatness_rows(more["flatness"], unit)["verdict"]
@@ -452,8 +450,12 @@ def _summarize(source, target, sheets, detector, residuals, unit, more, seconds)
         point=f"{rows_of.point_row(detector, unit)}, on the plane",
         residuals=f"rms {rms[0]:.4g}{unit}, without outliers {rms[1]:.4g}{unit}; "
         f"{rows_of.sign_of_residuals(detector)}",
-        sigma0=f"{detector.sigma0_:.4g}{unit} ({how})",
+        sigma0=f"{detector.sigma0_:.4g}{unit} ({rows_of.sigma0_origin(detector)})",
         **{"global test": rows_of.global_test_row(detector)},
         **told,
-        report=", ".join(str(path) for path in sheets if path is not None),
+        **(
+            {"report": ", ".join(str(path) for path in sheets if path is not None)}
+            if sheets
+            else {}
+        ),
     )

@@ -12,6 +12,8 @@ The shape index is that of J. J. Koenderink, A. J. van Doorn, "Surface shape and
 Image and Vision Computing 10 (1992) 557-564.
 """
 
+from operator import attrgetter
+
 import numpy as np
 from scipy.special import entr
 
@@ -66,36 +68,6 @@ def roughness(planes, points):
     return np.abs(np.einsum("ij,ij->i", points - planes.centroids, planes.normals))
 
 
-def normal_error(planes, points):
-    """Root mean square tilt of the normal, in degrees."""
-    return planes.normal_error
-
-
-def removed_fraction(planes, points):
-    """Share of the neighborhood that was removed."""
-    return 1.0 - planes.kept
-
-
-def mean_curvature(curvatures):
-    """Mean of the principal curvatures, in 1 / units of X."""
-    return (curvatures.max_curvature + curvatures.min_curvature) / 2
-
-
-def gaussian_curvature(curvatures):
-    """Product of the principal curvatures."""
-    return curvatures.max_curvature * curvatures.min_curvature
-
-
-def max_curvature(curvatures):
-    """The larger principal curvature."""
-    return curvatures.max_curvature
-
-
-def min_curvature(curvatures):
-    """The smaller principal curvature."""
-    return curvatures.min_curvature
-
-
 def shape_index(curvatures):
     """-1 in a cup, -0.5 in a rut, 0 on a saddle and on a plane, 0.5 on a ridge, 1 on a cap."""
     total = curvatures.max_curvature + curvatures.min_curvature
@@ -103,61 +75,32 @@ def shape_index(curvatures):
     return 0.0 - 2 / np.pi * np.arctan2(total, difference)
 
 
-def mean_curvature_error(curvatures):
-    """Standard error of the mean curvature."""
-    return curvatures.mean_error
-
-
-def max_curvature_error(curvatures):
-    """Standard error of the larger principal curvature."""
-    return curvatures.max_error
-
-
-def min_curvature_error(curvatures):
-    """Standard error of the smaller principal curvature."""
-    return curvatures.min_error
-
-
-def max_curvature_direction(curvatures):
-    """Unit vector in which the surface has its larger curvature, a column a coordinate."""
-    return curvatures.max_direction
-
-
-def min_curvature_direction(curvatures):
-    """Unit vector in which the surface has its smaller curvature, a column a coordinate."""
-    return curvatures.min_direction
-
-
 def _by_name(*functions):
     return {function.__name__: function for function in functions}
 
 
 # Functions of Planes and their points (m, d).
-OF_PLANES = _by_name(
-    linearity,
-    planarity,
-    sphericity,
-    omnivariance,
-    anisotropy,
-    eigenentropy,
-    verticality,
-    roughness,
-    normal_error,
-    removed_fraction,
-)
+OF_PLANES = {
+    **_by_name(
+        *(linearity, planarity, sphericity, omnivariance, anisotropy, eigenentropy),
+        *(verticality, roughness),
+    ),
+    "normal_error": lambda planes, points: planes.normal_error,
+    "removed_fraction": lambda planes, points: 1.0 - planes.kept,
+}
 # Functions of Curvatures.
-OF_CURVATURES = _by_name(
-    mean_curvature,
-    gaussian_curvature,
-    max_curvature,
-    min_curvature,
-    shape_index,
-    mean_curvature_error,
-    max_curvature_error,
-    min_curvature_error,
-    max_curvature_direction,
-    min_curvature_direction,
-)
+OF_CURVATURES = {
+    "mean_curvature": lambda found: (found.max_curvature + found.min_curvature) / 2,
+    "gaussian_curvature": lambda found: found.max_curvature * found.min_curvature,
+    "max_curvature": attrgetter("max_curvature"),
+    "min_curvature": attrgetter("min_curvature"),
+    "shape_index": shape_index,
+    "mean_curvature_error": attrgetter("mean_error"),
+    "max_curvature_error": attrgetter("max_error"),
+    "min_curvature_error": attrgetter("min_error"),
+    "max_curvature_direction": attrgetter("max_direction"),
+    "min_curvature_direction": attrgetter("min_direction"),
+}
 # In the order of "all".
 FEATURES = (*OF_PLANES, *OF_CURVATURES)
 VECTORS = ("max_curvature_direction", "min_curvature_direction")

@@ -15,14 +15,12 @@ __all__ = ["doubted_errors"]
 
 
 def doubted_errors(points, queries, around, planes, members, bends):
-    """Standard errors of normals in degrees, with the doubt which plane is the right one.
+    """Standard errors of normals (m,) in degrees, with the doubt which plane is the right one.
 
     It is the error of a mixture, within and between its planes: ``E^2 + sum of w_j max(0, a_j^2 -
-    2 (E^2 + E_j^2))``. The planes j are those of the nearest third of the neighborhood. Their
-    weights w_j are their probabilities, by the costs of `find_lenders`. a_j is the angle between
-    the normal and that of plane j, of which ``E^2 + E_j^2`` is noise on average, and twice that is
-    within chance. Normals of a curved surface turn: where it bends, what is linear in the place is
-    left out of the angles, as far as the places determine it.
+    2 (E^2 + E_j^2))``. The planes j are those of the nearest third of the neighborhood, w_j their
+    probabilities by the costs of `find_lenders`, and a_j their angles to the normal. Where the
+    surface bends, what is linear in the place is left out of these.
 
     Parameters
     ----------
@@ -36,10 +34,6 @@ def doubted_errors(points, queries, around, planes, members, bends):
         Of the points, before any is lent. Their scale is noise: of those that bend, what the
         quadric leaves.
     bends : ndarray of bool of shape (m,)
-
-    Returns
-    -------
-    errors : ndarray of shape (m,)
     """
     errors, width = np.empty(len(queries)), around.indices.shape[1]
     find = compiled_function("normals._plane_doubt_numba", "doubted_errors")

@@ -283,9 +283,7 @@ class SurfacePlanes:
         asking, best = asking[best >= 0], best[best >= 0]
         cosine = np.einsum("md,md->m", own.normals[asking], members.normals[best])
         angle = np.degrees(np.arccos(np.minimum(np.abs(cosine), 1.0)))
-        # What leans by less, as two normals of one surface do that err alike, is the least noisy of
-        # many planes by chance, and no better.
-        leans = angle > np.sqrt(-2 * np.log(CHANCE)) * members.normal_error[best]
+        leans = _leans(angle, own.normal_error[asking], members.normal_error[best])
         lenders[asking[leans]] = best[leans]
         return lenders
 
@@ -299,6 +297,12 @@ class SurfacePlanes:
         error = np.maximum(own.normal_error, lent.normal_error)
         lent = lent._replace(kept=own.kept, radius=own.radius, spacing=own.spacing)
         planes.put(rows, lent._replace(normal_error=error))
+
+
+def _leans(angle, own_error, lent_error):
+    """Whether normals differ by more than those of one surface do. A plane that leans by less is
+    the least noisy of many by chance, and no better."""
+    return angle > np.sqrt(-2 * np.log(CHANCE)) * lent_error
 
 
 def mends_planes(estimator):

@@ -4,6 +4,8 @@ import warnings
 
 import numpy as np
 
+from sklearn_mcmd.adjustment._base import sigma0_is_rounding
+from sklearn_mcmd.adjustment._report import global_test_row, sigma0_origin
 from sklearn_mcmd.adjustment._report_lines import usual_reliability
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.report._contents import Contents, Note, Section, percent, share
@@ -42,7 +44,7 @@ def plane_contents(cloud, detector, residuals, text, unit):
             (f"{n:,}", f"outliers, {percent(n, n_all)}"),
             (f"{rms:.3g}{unit}", "rms without outliers"),
             (f"{precision.tilt:.2f}°", f"tilt from the horizontal, ± {precision.tilt_error:.1g}°"),
-            (f"{detector.sigma0_:.3g}{unit}", f"sigma0 ({_origin(detector)})"),
+            (f"{detector.sigma0_:.3g}{unit}", f"sigma0 ({sigma0_origin(detector)})"),
         ],
         notes=_notes(detector, n, n_all, unit) + cloud_notes(facts, local=False),
         checks=f"many outliers, a rejected plane, {CHECKS_OF_ALL}",
@@ -65,12 +67,6 @@ def plane_contents(cloud, detector, residuals, text, unit):
         output=f"{n_all:,} points, with residual, test_statistic and marks of outliers",
         shown=with_results(cloud, {"outlier": found.astype(np.uint8), **results}),
     )
-
-
-def _origin(detector):
-    from sklearn_mcmd.adjustment._report import sigma0_origin
-
-    return sigma0_origin(detector)
 
 
 def _maps(xyz, residuals, found, near, rms, unit):
@@ -121,9 +117,6 @@ def _found_biases(xyz, reliability, near, unit):
 
 
 def _notes(detector, n, n_all, unit):
-    from sklearn_mcmd.adjustment._base import sigma0_is_rounding
-    from sklearn_mcmd.adjustment._report import global_test_row
-
     notes = []
     if n > MANY * n_all:
         notes.append(

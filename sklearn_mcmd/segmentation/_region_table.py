@@ -14,6 +14,7 @@ from sklearn_mcmd.segmentation._region_sums import median_by_region, rows_of
 
 __all__ = ["region_table"]
 
+N_PLANE = 3  # parameters of a plane
 FIELDS = [
     ("kind", "U8"), ("points", np.int64), ("area", float), ("centroid", float, 3),
     ("normal", float, 3), ("dip", float), ("dip_direction", float), ("rms", float),
@@ -34,8 +35,9 @@ def region_table(points, labels, around, moments):
     table["normal"] = normals = point_up(axes[..., 0].copy())
     table["dip"] = np.degrees(np.arccos(np.clip(normals[:, 2], 0.0, 1.0)))
     table["dip_direction"] = np.degrees(np.arctan2(normals[:, 0], normals[:, 1])) % 360.0
-    noise = np.sqrt(values[:, 0] * sizes / np.maximum(sizes - 3, 1))
-    table["height_error"] = noise / np.sqrt(sizes)
+    distinct = np.bincount(labels[labels >= 0], minlength=len(sizes))  # copies tell nothing more
+    noise = np.sqrt(values[:, 0] * distinct / np.maximum(distinct - N_PLANE, 1))
+    table["height_error"] = noise / np.sqrt(np.maximum(distinct, 1))
     # Anderson's, as of `normal_errors`, along the narrower axis; 90 where that is none.
     gap = values[:, 1] - values[:, 0]
     known = gap > RANK_TOLERANCE * values[:, 2]
@@ -53,7 +55,11 @@ def region_table(points, labels, around, moments):
     groups = np.split(rows, np.flatnonzero(np.diff(labels[rows])) + 1)
     for region, (own, group) in enumerate(zip(table, groups, strict=True)):
         own["kind"] = "plane" if flat[region] else "curved"
-        own["area"], own["outline"] = _outline(points[group], own["centroid"], own["normal"])
+        places, heights = _above_plane(points[group], own["centroid"], own["normal"])
+        own["area"], own["outline"] = _outline(places, own["centroid"], own["normal"])
+        effect = np.sqrt(_design_effect(places, heights, own["area"]))
+        own["height_error"] *= effect
+        own["normal_error"] = min(effect * own["normal_error"], 90.0)
         if len(group) >= LEAST_SIZE:
             total, cylinder = fit_cylinder(points[group], around.normals[group])
             left = np.sqrt(total / (len(group) - N_PARAMETERS))
@@ -67,17 +73,44 @@ def region_table(points, labels, around, moments):
     return table
 
 
-def _outline(points, centroid, normal):
-    """Area and convex outline, as WKT, of points that are projected on their plane."""
+def _frame(normal):
+    """Two unit vectors (2, 3) of a plane."""
     u = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
     u /= np.linalg.norm(u)
-    frame = np.stack([u, np.cross(normal, u)])
-    flat = (points - centroid) @ frame.T
+    return np.stack([u, np.cross(normal, u)])
+
+
+def _above_plane(points, centroid, normal):
+    """Coordinates (n, 2) in a plane, and heights above it."""
+    local = points - centroid
+    return local @ _frame(normal).T, local @ normal
+
+
+def _design_effect(places, heights, area):
+    """By what factor heights that are alike nearby make errors squared larger.
+
+    It is the variance of the sums of cells over that of independent heights. As of batch means,
+    there are about as many cells as points in each. The plane takes three of their sums.
+    """
+    side, squares = np.sqrt(area / np.sqrt(len(places))), heights @ heights
+    if not (side > 0 and squares > 0):
+        return 1.0
+    cells = np.floor(places / side).astype(np.int64)
+    cells -= cells.min(axis=0)
+    cells = np.unique(cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1], return_inverse=True)[1]
+    sums = np.bincount(cells, heights)
+    if len(sums) <= N_PLANE:
+        return 1.0
+    return max(1.0, sums @ sums / squares * len(sums) / (len(sums) - N_PLANE))
+
+
+def _outline(places, centroid, normal):
+    """Area and convex outline, as WKT, of points (n, 2) in their plane."""
     try:
-        hull = ConvexHull(flat)
+        hull = ConvexHull(places)
     except (QhullError, ValueError):  # points of a line, or too few
         return 0.0, "POLYGON Z EMPTY"
-    corners = centroid + flat[hull.vertices] @ frame
+    corners = centroid + places[hull.vertices] @ _frame(normal)
     corners = np.roll(corners, -np.lexsort(corners.T)[0], axis=0)
     ring = ", ".join(
         " ".join(f"{value:.12g}" for value in corner) for corner in [*corners, corners[0]]

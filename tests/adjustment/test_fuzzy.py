@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import reference_adjustment as reference
 from adjustment_clouds import plane_with_outliers, random_case
-from sklearn_mcmd.adjustment import FuzzyPlaneDetector, _effects, _hull
+from sklearn_mcmd.adjustment import FuzzyPlaneDetector, _effects
 
 
 @pytest.mark.filterwarnings("ignore:The points that pass are as thick as they are wide")
@@ -64,7 +64,7 @@ def test_many_regressors_go_without_a_hull_and_agree():
     rng = np.random.default_rng(1)
     X = rng.normal(size=(120, 9))
     X[:10, -1] += 8
-    assert X.shape[1] - 1 > _hull.MAX_DIMENSIONS
+    assert X.shape[1] - 1 > _effects.MAX_DIMENSIONS
     expected = reference.fuzzy(X, alpha=0.05, width=1.0)
     assert_array_equal(FuzzyPlaneDetector().fit(X).labels_, expected["labels"])
 

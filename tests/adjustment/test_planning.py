@@ -6,7 +6,7 @@ from scipy import stats
 
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, critical_value, local_level, plan_plane
 from sklearn_mcmd.adjustment._planning_numba import snoop_planes
-from sklearn_mcmd.adjustment._start import CUT
+from sklearn_mcmd.adjustment._start import CUT, half_of
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED
 
 
@@ -23,8 +23,8 @@ def snooped(X, n_trials=0, alpha=0.05):
     corners = np.random.default_rng(1).integers(n, size=(m, n_trials, 3))
     sizes, found = np.empty(n), np.empty((m, n), dtype=bool)
     snoop_planes(
-        X, corners, np.array(limits), CUT, UNCONTROLLED, sizes, sizes.view(np.int64),
-        np.empty(n, dtype=bool), found,
+        X, corners, half_of(n, 3), np.array(limits), CUT, UNCONTROLLED, sizes,
+        sizes.view(np.int64), np.empty(n, dtype=bool), found,
     )  # fmt: skip
     return found
 

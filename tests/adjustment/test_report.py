@@ -85,7 +85,7 @@ def test_the_report_of_an_exact_plane_says_that_there_is_no_noise(offset, tmp_pa
     X = exact_plane(offset)
     detector = BaardaPlaneDetector(sigma0="auto").fit(X)
     text = text_report(detector, X, unit="m")
-    assert f"{detector.sigma0_:.6g} m (float64's rounding)" in text
+    assert f"{detector.sigma0_:.6g} m (float64's rounding: " in text
     assert "no noise to test against" in text
     pytest.importorskip("matplotlib")
     plot_report(detector, X).savefig(tmp_path / "report.png")

@@ -382,6 +382,25 @@ def test_another_wall_is_compared(wall, wall_file, tmp_path):
     assert "Against the other plane" in text
 
 
+def test_a_comparison_needs_no_output(wall, wall_file, tmp_path):
+    other = moved(tmp_path / "later.laz", wall, 0.02)
+    result = run("plane", wall_file, "--against", other)
+    assert result.exit_code == 0, result.output
+    assert result.stdout.startswith(f"{wall_file}\n")
+    assert re.search(r"against +moved\n", result.stdout)
+    assert "report" not in result.stdout
+    assert run("plane", wall_file, "--tolerance", 0.5).exit_code == 0
+    assert files_in(tmp_path) == ["later.laz", "wall.laz"]
+
+
+@pytest.mark.parametrize("options", [(), ("--tolerance", 1, "--text", "a.txt")])
+def test_without_an_output_nothing_can_be_written(options, wall_file, tmp_path):
+    result = run("plane", wall_file, *options)
+    assert result.exit_code == 2
+    assert "is missing. It can be left out with --against" in " ".join(result.stderr.split())
+    assert files_in(tmp_path) == ["wall.laz"]
+
+
 def test_a_wall_at_its_own_place_is_the_same(wall_file, tmp_path):
     result = run("plane", wall_file, tmp_path / "out.laz", "--against", wall_file)
     assert re.search(r"against +same\n", result.stdout)

@@ -51,6 +51,19 @@ def test_planes_have_their_dip_direction_and_errors(dip, direction):
     assert np.isnan([own["radius"], *own["axis"], *own["axis_point"]]).all()
 
 
+def test_copies_tell_nothing_and_alike_heights_little_about_the_plane():
+    X = slope(30, 90)
+    own, _ = only_region(X)
+    twice, _ = only_region(np.repeat(X, 2, axis=0))
+    errors = ["height_error", "normal_error"]
+    assert_allclose(list(twice[errors]), list(own[errors]), rtol=0.05)
+    # Waves as high as the noise, of which 3000 points tell no more than their 12 crests.
+    plane = X - SHIFT
+    X[:, 2] += 2 * NOISE * np.sin(2 * np.pi * plane[:, 0]) * np.sin(2 * np.pi * plane[:, 1])
+    wavy, _ = only_region(X)
+    assert wavy["height_error"] > 1.5 * wavy["rms"] / np.sqrt(len(X))
+
+
 def test_outlines_are_convex_hulls_in_the_plane():
     own, X = only_region(slope(25, 120))
     gaps = X - X.mean(axis=0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sklearn_mcmd.adjustment._hull import hull_vertices
+from sklearn_mcmd.adjustment._effects import hull_vertices
 from sklearn_mcmd.adjustment._plane import adjust_plane
 
 
@@ -26,9 +26,8 @@ def test_no_member_reaches_farther_than_the_vertices(q):
         rng = np.random.default_rng(1)
         X = np.column_stack([A, rng.normal(size=len(A))])
         plane = adjust_plane(X)
-        cofactors = plane.evaluate(X)[1]
         members = np.flatnonzero(rng.uniform(size=len(A)) < 0.7)
-        vertices = hull_vertices(plane, X, cofactors, members)
+        vertices = hull_vertices(plane, X, members)
         assert np.isin(vertices, members).all()
         G = plane.design(plane.whiten(X)[0])
         directions = G[rng.integers(0, len(A), 50)]
@@ -40,7 +39,7 @@ def test_uniform_points_have_few_vertices():
     rng = np.random.default_rng(2)
     X = rng.uniform(size=(100_000, 3))
     plane = adjust_plane(X)
-    vertices = hull_vertices(plane, X, plane.evaluate(X)[1], np.arange(len(X)))
+    vertices = hull_vertices(plane, X, np.arange(len(X)))
     assert len(vertices) < 80
 
 
@@ -49,7 +48,7 @@ def test_members_on_a_line_have_two_vertices():
     X = rng.uniform(size=(500, 3))
     X[:200, 1] = 2 * X[:200, 0]
     plane = adjust_plane(X)
-    vertices = hull_vertices(plane, X, plane.evaluate(X)[1], np.arange(200))
+    vertices = hull_vertices(plane, X, np.arange(200))
     assert len(vertices) == 2
 
 
@@ -57,4 +56,4 @@ def test_members_of_one_location_have_one_vertex():
     X = np.random.default_rng(4).uniform(size=(500, 3))
     X[:100, :2] = 0.3
     plane = adjust_plane(X)
-    assert len(hull_vertices(plane, X, plane.evaluate(X)[1], np.arange(100))) == 1
+    assert len(hull_vertices(plane, X, np.arange(100))) == 1
