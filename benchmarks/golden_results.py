@@ -98,7 +98,7 @@ def options(X):
     for params in (
         {"n_neighbors": "auto"},
         {"orientation": "mst", "features": "all"},
-        {"neighbor_planes": False, "radius": 0.1 * np.ptp(X)},
+        {"neighbor_planes": False, "radius": float(0.1 * np.ptp(X))},
         {"method": "pca"},
     ):
         normals = RobustNormalEstimator(**{"random_state": 0, "n_jobs": 2, **params})
