@@ -32,7 +32,9 @@ def test_what_comes_back_answers_as_before(name):
     new = X[::7] + 0.001
     for method in ("predict", "transform", "score_samples"):
         if hasattr(estimator, method):
-            np.testing.assert_array_equal(getattr(back, method)(new), getattr(estimator, method)(new))
+            np.testing.assert_array_equal(
+                getattr(back, method)(new), getattr(estimator, method)(new)
+            )
 
 
 def test_regions_go_without_their_table():
