@@ -40,6 +40,7 @@ RESULTS = (
     ("docs/normals.rst", NORMALS, PAGE),
     ("docs/normals_benchmark.rst", NORMALS, PAGE),
     ("docs/outliers.rst", OUTLIERS, PAGE),
+    ("docs/promises.rst", STAGES, PAGE),
     ("docs/reliability.rst", "adjustment", PAGE),
     ("docs/reproduction.rst", f"{STAGES} baselines", PAGE),
     ("docs/segmentation.rst", f"{NORMALS} outliers segmentation", PAGE),

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from sklearn_mcmd.outliers import MCMDOutlierDetector
     from sklearn_mcmd.segmentation import RegionGrowing
 
-__version__ = "0.1.0.dev0"
+__version__ = "0.1.0"
 
 __all__ = [
     "BaardaPlaneDetector",

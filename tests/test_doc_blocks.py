@@ -152,6 +152,14 @@ def test_functions_and_tests_that_the_papers_page_names_exist():
     assert len(names) > 80
 
 
+def test_the_tests_that_hold_the_promises_exist():
+    rows = PAGES["promises"].read_text("utf-8").split("   * - **")[1:]
+    named = [re.findall(r"``([\w/]+\.py)::(\w+)``", row) for row in rows]
+    assert all(named)
+    for path, test in (pair for row in named for pair in row):
+        assert f"def {test}(" in (ROOT / "tests" / path).read_text("utf-8"), f"{path}::{test}"
+
+
 @pytest.mark.parametrize("name", PAGES)
 def test_pictures_have_words_for_those_who_do_not_see_them(name):
     text = PAGES[name].read_text("utf-8")

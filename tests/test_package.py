@@ -1,6 +1,7 @@
-"""What tools read beside the code: the marker of type hints and the citation."""
+"""What tools read beside the code: the marker of type hints, metadata and workflows."""
 
 import inspect
+import json
 import re
 import tomllib
 from importlib import import_module
@@ -10,6 +11,8 @@ from pathlib import Path
 import pytest
 
 import sklearn_mcmd
+
+yaml = pytest.importorskip("yaml")  # dask has it
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -38,7 +41,61 @@ def public_functions(module):
                 yield function
 
 
-def test_the_citation_and_the_package_name_the_same_repository():
-    urls = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["urls"]
-    cited = re.search(r"^repository-code: (\S+)$", (ROOT / "CITATION.cff").read_text(), re.M)
-    assert cited[1] == urls["Source"]
+def told_by(name):
+    """Version, license, author and repository, None where a file does not tell."""
+    text = (ROOT / name).read_text()
+    if name == "pyproject.toml":
+        told = tomllib.loads(text)["project"]
+        authors = [author["name"] for author in told["authors"]]
+        return sklearn_mcmd.__version__, told["license"], *authors, told["urls"]["Source"]
+    if name == "codemeta.json":
+        told = json.loads(text)
+        authors = [author["name"] for author in told["author"]]
+        license_ = told["license"].removeprefix("https://spdx.org/licenses/")
+        return told["version"], license_, *authors, told["codeRepository"]
+    if name == ".zenodo.json":  # Zenodo knows version and repository by itself
+        told = json.loads(text)
+        return None, told["license"], *(creator["name"] for creator in told["creators"]), None
+    told = yaml.safe_load(text)
+    if name == "CITATION.cff":
+        authors = [author["name"] for author in told["authors"]]
+        return told["version"], told["license"], *authors, told["repository-code"]
+    about = told["about"]
+    return told["context"]["version"], about["license"], None, about["repository"]
+
+
+@pytest.mark.parametrize(
+    "name", ["CITATION.cff", "codemeta.json", ".zenodo.json", "recipe/recipe.yaml"]
+)
+def test_all_files_tell_the_same_of_the_package(name):
+    for told, meant in zip(told_by(name), told_by("pyproject.toml"), strict=True):
+        assert told in (meant, None)
+
+
+def test_the_release_has_one_date_and_one_section_of_the_changelog():
+    changelog = (ROOT / "CHANGELOG.md").read_text()
+    version, date = re.search(r"^## (\S+), (\S+)$", changelog, re.M).groups()
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert (version, date) == (cited["version"], str(cited["date-released"]))
+    assert date == json.loads((ROOT / "codemeta.json").read_text())["datePublished"]
+    assert len(re.findall(rf"^## {re.escape(version)}\b", changelog, re.M)) == 1
+
+
+def test_the_recipe_needs_what_the_package_needs():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    recipe = yaml.safe_load((ROOT / "recipe" / "recipe.yaml").read_text())
+    run = {need.replace(" ", "") for need in recipe["requirements"]["run"]}
+    extras = project["optional-dependencies"]
+    needed = project["dependencies"] + extras["cli"] + extras["las"]
+    assert {need.replace("[lazrs]", "") for need in needed} <= run
+    assert recipe["build"]["python"]["entry_points"] == [
+        f"{name} = {call}" for name, call in project["scripts"].items()
+    ]
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / ".github" / "workflows").glob("*.yml")))
+def test_workflows_pin_actions_by_hash_and_begin_with_no_permission(path):
+    text = path.read_text()
+    used = re.findall(r"uses: (.*)", text)
+    assert all(re.fullmatch(r"[\w./-]+@[0-9a-f]{40} # v[\d.]+", action) for action in used)
+    assert yaml.safe_load(text)["permissions"] == {}

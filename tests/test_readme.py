@@ -4,6 +4,7 @@ import re
 import shlex
 import shutil
 import subprocess
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -59,11 +60,31 @@ def test_a_command_of_several_lines_is_extracted_word_for_word(tmp_path):
     assert extract("a", str(readme)).stdout == "one \\\n  && two\n"
 
 
+def local_file(address):
+    """The file of the checkout that an address of the repository or of the pages shows."""
+    urls = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["urls"]
+    raw = urls["Source"].replace("//github.com", "//raw.githubusercontent.com")
+    for site in (f"{urls['Source']}/blob/main/", f"{raw}/main/"):
+        if address.startswith(site):
+            return ROOT / address.removeprefix(site)
+    if address.startswith(site := f"{urls['Documentation']}/"):
+        return (ROOT / "docs" / address.removeprefix(site)).with_suffix(".rst")
+    return None
+
+
+def test_links_work_on_an_index_page_too_and_lead_to_files_of_the_checkout():
+    links = re.findall(r"\]\(([^)]+)\)", (ROOT / "README.md").read_text())
+    assert all(link.startswith("https://") for link in links)
+    ours = [file for file in map(local_file, links) if file is not None]
+    assert [file for file in ours if not file.is_file()] == []
+    assert len(ours) > 20
+
+
 def test_pictures_that_readme_shows_are_there_and_small():
-    paths = re.findall(r"!\[[^\]]*\]\(([^)]+)\)", (ROOT / "README.md").read_text())
-    assert paths
-    for path in paths:
-        assert (ROOT / path).stat().st_size <= 400_000
+    links = re.findall(r"!\[[^\]]*\]\(([^)]+)\)", (ROOT / "README.md").read_text())
+    assert links
+    for link in links:
+        assert local_file(link).stat().st_size <= 400_000
 
 
 def test_the_lines_of_python_print_what_stands_under_them(capsys):

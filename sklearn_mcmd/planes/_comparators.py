@@ -4,7 +4,7 @@ from dataclasses import fields
 
 __all__ = ["comparator_names", "register_comparator", "settle_comparator"]
 
-_COMPARATORS = {}
+_COMPARATORS: dict[str, type] = {}
 
 
 def register_comparator(name, kind):

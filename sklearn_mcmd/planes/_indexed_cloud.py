@@ -146,7 +146,8 @@ class IndexedCloud:
         return self.tree.query(queries, k=k)[1].reshape(len(queries), k).astype(np.int32)
 
 
-_known, _lock = WeakValueDictionary(), Lock()
+_known: WeakValueDictionary = WeakValueDictionary()
+_lock = Lock()
 
 
 def distinct_rows(X):

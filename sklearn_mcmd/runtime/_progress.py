@@ -29,7 +29,7 @@ COMPILING = "compiling for this computer (once; then kept on disk)"
 PATIENCE = 1.0  # seconds of compiling that pass without a word where nobody listens
 
 _span = ContextVar("sklearn_mcmd_progress", default=None)
-_listeners = []  # those in force; any thread may compile and tell them
+_listeners: list = []  # those in force; any thread may compile and tell them
 
 
 class Told(NamedTuple):
