@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import OutlierMixin
 from sklearn.utils import check_array
+from sklearn.utils.validation import validate_data
 
 from sklearn_mcmd._errors import ParameterError
 
@@ -13,11 +14,12 @@ __all__ = [
     "check_extent",
     "check_sensor_origin",
     "check_sizes",
+    "validate_points",
 ]
 
-# Float64 holds the squares of coordinates up to LARGEST, and of differences down to SMALLEST. All
-# finite float32 coordinates are smaller than LARGEST.
-LARGEST, SMALLEST = 1e100, 1e-100
+# Float64 holds the fourth powers (of areas, squared) of coordinates up to LARGEST, and of
+# differences down to SMALLEST. All finite float32 coordinates are smaller than LARGEST.
+LARGEST, SMALLEST = 1e70, 1e-70
 
 
 class OffsetOutlierMixin(OutlierMixin):
@@ -72,6 +74,21 @@ class FittedScoresMixin(OffsetOutlierMixin):
         return np.where(self.fit(X).scores_ >= self.offset_, 1, -1)
 
 
+def validate_points(estimator, X, *, dtype=(np.float64, np.float32), **params):
+    """`validate_data` of points, which names the first row that is not finite."""
+    try:
+        return validate_data(estimator, X, dtype=dtype, **params)
+    except ValueError:
+        points = validate_data(estimator, X, dtype=dtype, ensure_all_finite=False, **params)
+    row = np.flatnonzero(~np.isfinite(points).all(axis=1))[0]
+    kind = "NaN" if np.isnan(points[row]).any() else "infinity"
+    raise ParameterError(
+        f"$X has {kind} in $row: {points[row].tolist()}. Remove points without a measured position "
+        "first.",
+        row=row,
+    )
+
+
 def check_sizes(n, d, n_neighbors):
     """Raise if there are too few points or neighbors for planes in d dimensions."""
     needed = f"is too few for planes in {d}D: at least {d + 1} are needed."
@@ -97,6 +114,13 @@ def check_extent(X):
     if 0 < extent < SMALLEST:
         raise ParameterError(
             f"$X spans no more than {extent:g}; at least {SMALLEST:g} is needed. Scale it up."
+        )
+    near = X[np.abs(X[:, 0]) < SMALLEST]
+    near = near[(np.abs(near) < SMALLEST).all(axis=1)]
+    if (near != near[:1]).any():
+        raise ParameterError(
+            f"$X has {len(near)} points within {SMALLEST:g} of the origin that are not equal, though "
+            "squares of their differences vanish. Set their coordinates to 0."
         )
 
 

@@ -7,11 +7,11 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
-from sklearn.utils.validation import check_array, check_is_fitted, validate_data
+from sklearn.utils.validation import check_array, check_is_fitted
 
 from sklearn_mcmd._errors import ParameterError, warn
 from sklearn_mcmd._sklearn import CallbackSupportMixin, DocLinkMixin, Interval, StrOptions
-from sklearn_mcmd._validation import OffsetOutlierMixin
+from sklearn_mcmd._validation import OffsetOutlierMixin, validate_points
 from sklearn_mcmd.adjustment._determinacy import (
     AS_THICK_AS_WIDE,
     check_distinct,
@@ -184,7 +184,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         self, X: ArrayLike, weights: ArrayLike | None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.bool_]]:
         """Validated points, weights (None where all are 1) and which of them count."""
-        points = validate_data(self, X, dtype=np.float64, ensure_min_features=2)
+        points = validate_points(self, X, dtype=np.float64, ensure_min_features=2)
         p = self._check_weights(points, weights)
         used = np.ones(len(points), dtype=np.bool_) if p is None else p > 0
         counted = points if used.all() else points[used]
@@ -214,7 +214,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
 
     def _check_query(self, X: ArrayLike) -> NDArray[np.float64]:
         check_is_fitted(self)
-        return validate_data(self, X, dtype=np.float64, reset=False)
+        return validate_points(self, X, dtype=np.float64, reset=False)
 
     def _known_sigma(self):
         """sigma0 if the user knows it and the test uses it, else None."""

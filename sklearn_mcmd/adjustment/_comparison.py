@@ -47,7 +47,7 @@ class PlaneComparison(NamedTuple):
         Planes that are not tilted are parallel. "same" means that no difference is significant, not
         that there is none: see the smallest ones.
     tilt : Difference
-        Angle between the normals.
+        Angle between the normals; error and smallest are those of small angles.
     offset : Difference
         How far the second lies above the first along its normal, midway between both centers.
     """
@@ -125,6 +125,8 @@ def compare_planes(
         dofs.append(dof)
     levels = dofs, local_level(alpha, 2), power
     tilt = _difference(values, [c[:-1, :-1] for c in covariances], *levels, np.degrees(1.0))
+    angle = np.arctan2(np.linalg.norm(values), abs(a.normal_ @ b.normal_))  # values are its sine
+    tilt = tilt._replace(value=float(np.degrees(angle)))
     moved = _difference([offset], [c[-1:, -1:] for c in covariances], *levels, np.sign(offset))
     found = [word for word, one in (("tilted", tilt), ("moved", moved)) if one.significant]
     return PlaneComparison(" and ".join(found) or "same", tilt, moved)

@@ -13,7 +13,7 @@ from sklearn_mcmd._sklearn import Interval, validate_params
 __all__ = ["POWER", "coupled_level", "identifiable_bias", "noncentrality"]
 
 POWER = 0.8  # Baarda's; the usual one of reliability
-SHARE, COUNT = [Interval(Real, 0, 1, closed="neither")], [Interval(Real, 1, None, closed="both")]
+SHARE, COUNT = [Interval(Real, 0, 1, closed="neither")], [Interval(Real, 1, None, closed="left")]
 # Standard deviations beyond which the normal density counts as 0, nodes of its integrals, and the
 # largest bias that is tried.
 REACH, N_NODES, LARGEST_BIAS = 9.0, 200, 1e6
@@ -21,7 +21,12 @@ _rule = cache(np.polynomial.legendre.leggauss)
 
 
 @validate_params(
-    {"level": SHARE, "power": SHARE, "dof": COUNT, "dof_scale": COUNT},
+    {
+        "level": SHARE,
+        "power": SHARE,
+        "dof": COUNT,
+        "dof_scale": [Interval(Real, 1, None, closed="both")],
+    },
     prefer_skip_nested_validation=True,
 )
 def noncentrality(

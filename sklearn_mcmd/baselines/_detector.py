@@ -167,4 +167,4 @@ class PlaneOutlierDetector(BasePlaneOutliers):
         return self
 
     def _score(self, X):
-        return self._model.evaluate(X, n_jobs=self.n_jobs)[1]
+        return np.minimum(self._model.evaluate(X, n_jobs=self.n_jobs)[1], np.finfo(float).max)

@@ -25,6 +25,7 @@ __all__ = [
 # Up to this size all rows are shuffled at once; above it, one row after another.
 SHUFFLE_AT_ONCE = 1024
 LARGEST_SEED = 2**31 - 1
+LEAST_SCALE = 1e-150  # of copies of the origin; its square is a number
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,8 @@ class NeighborhoodFit:
 
     def score(self, queries: NDArray[np.float64]) -> NDArray[np.float64]:
         """Abnormality (B, m) of queries (B, m, d) to each of the neighborhoods."""
-        return self.model.score(queries - self.origin[:, None])
+        with np.errstate(over="ignore"):  # off copies of the origin, which have no scale
+            return self.model.score(queries - self.origin[:, None])
 
 
 class Group(NamedTuple):
@@ -182,7 +184,7 @@ class Method(ABC):
         local[~inside] = 0.0
         extent = np.abs(local).max(axis=(1, 2), initial=0.0)
         floor = np.maximum(rounding * (np.abs(origin).max(axis=1) + extent), least_scale)
-        floor = np.maximum(floor, np.finfo(float).tiny)
+        floor = np.maximum(floor, LEAST_SCALE)
         scores = np.zeros((n_sets, n))
         inliers, support = np.zeros((2, n_sets, n), dtype=bool)
         cutoff, scale = np.full(n_sets, np.nan), np.zeros(n_sets)

@@ -61,8 +61,8 @@ class CreaseModel:
         `around` are their `Neighborhoods`, where they are known.
         """
         self.index, self.planes = index, planes
-        # Of heights, which are differences of coordinates that may be large.
-        self.origin = 0.5 * (index.points.min(axis=0) + index.points.max(axis=0))
+        # Of heights, which are differences of coordinates that may be large. One point may be far.
+        self.origin = np.array([np.median(coordinate) for coordinate in index.points.T])
         self.points = np.subtract(index.points, self.origin, out=index.empty(index.points.shape))
         planes.centroids[:] -= self.origin
         with progress_part(*SEARCHING):

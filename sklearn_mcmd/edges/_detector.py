@@ -6,7 +6,7 @@ from typing import ClassVar, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, clone
-from sklearn.utils.validation import check_is_fitted, check_random_state, validate_data
+from sklearn.utils.validation import check_is_fitted, check_random_state
 
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd._sklearn import (
@@ -16,7 +16,12 @@ from sklearn_mcmd._sklearn import (
     StrOptions,
     fit_context,
 )
-from sklearn_mcmd._validation import FittedScoresMixin, check_extent, check_sizes
+from sklearn_mcmd._validation import (
+    FittedScoresMixin,
+    check_extent,
+    check_sizes,
+    validate_points,
+)
 from sklearn_mcmd.edges._creases import FAR, CreaseModel
 from sklearn_mcmd.edges._limits import column_of_criterion, least_of_edge
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
@@ -231,7 +236,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
             If X has NaN, infinite or too few values or columns, `n_neighbors` is too small, or
             `threshold` or `normals` does not fit `criterion`.
         """
-        table = validate_data(self, X, dtype=[np.float64, np.float32], ensure_min_features=2)
+        table = validate_points(self, X, ensure_min_features=2)
         if self.normals == "precomputed" and self.criterion == "removed_fraction":
             raise ValueError(
                 "normals='precomputed' does not tell criterion='removed_fraction': take "
@@ -283,7 +288,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
             neighborhoods. For the other criteria it is minus the value.
         """
         check_is_fitted(self)
-        X = validate_data(self, X, dtype=[np.float64, np.float32], reset=False)
+        X = validate_points(self, X, reset=False)
         columns = self._columns(X)
         if self.criterion == "crease":
             return self._model.distance(columns.coordinates.astype(np.float64))

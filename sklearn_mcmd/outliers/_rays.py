@@ -345,7 +345,8 @@ def _polar(points, origins):
     """Ranges and directions; points where the sensor is have none."""
     rays = points - origins
     ranges = np.sqrt(np.einsum("nd,nd->n", rays, rays))
-    return ranges, ratio(rays, ranges[:, None])
+    # Squares of the least coordinates vanish, and such points are where the sensor is, too.
+    return ranges, ratio(rays, np.where(ranges > 0, ranges, np.inf)[:, None])
 
 
 def distances_between(points, queries):

@@ -152,5 +152,6 @@ def _uneven(gaps, usual=None):
     if len(gaps) == 0:  # most points are in one direction
         return 1.0, 0.0
     usual = np.median(gaps) if usual is None else usual
-    each = np.minimum(np.log2(gaps / usual) ** 2, 1.0)
+    with np.errstate(divide="ignore"):  # beams around are in one direction
+        each = np.minimum(np.log2(gaps / usual) ** 2, 1.0)
     return each.mean(), each.std() / np.sqrt(len(each))

@@ -7,6 +7,7 @@ from sklearn_mcmd.runtime._compiling import compiled_function
 __all__ = ["extents", "quantile_around", "ratio"]
 
 MODULE = "planes._around_numba"
+LARGEST = 1e300  # of a quotient: the mean of two is finite, as is a small multiple
 
 
 def quantile_around(values, neighborhoods, q):
@@ -25,7 +26,7 @@ def extents(points, queries, neighborhoods):
 
 
 def ratio(numerator, denominator):
-    """Quotients, limited to finite numbers; 0 / 0 is 0."""
+    """Quotients, limited to `LARGEST`; 0 / 0 is 0."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         quotient = numerator / denominator
-    return np.nan_to_num(quotient, nan=0.0, posinf=np.finfo(float).max)
+    return np.nan_to_num(quotient, nan=0.0, posinf=LARGEST, neginf=-LARGEST)

@@ -7,11 +7,16 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.utils.validation import check_is_fitted
 
 from sklearn_mcmd._errors import warn
 from sklearn_mcmd._sklearn import CallbackSupportMixin, DocLinkMixin, Interval, StrOptions
-from sklearn_mcmd._validation import OffsetOutlierMixin, check_extent, check_sizes
+from sklearn_mcmd._validation import (
+    OffsetOutlierMixin,
+    check_extent,
+    check_sizes,
+    validate_points,
+)
 from sklearn_mcmd.planes._comparators import settle_comparator
 from sklearn_mcmd.planes._consistent_set import draw_trials, n_support_points, n_trials_needed
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel, PlaneSettings
@@ -90,7 +95,7 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
 
     def _index_cloud(self, X, radius=None):
         """Validate X and return it with the index of its neighborhoods."""
-        X = validate_data(self, X, dtype=[np.float64, np.float32], ensure_min_features=2)
+        X = validate_points(self, X, ensure_min_features=2)
         n, d = X.shape
         fixed = self.n_neighbors if isinstance(self.n_neighbors, Integral) else None
         check_sizes(n, d, fixed)
@@ -115,7 +120,7 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
 
     def _check_queries(self, X):
         """Validate points to evaluate: of the fitted dimension, their squares finite."""
-        X = validate_data(self, X, dtype=[np.float64, np.float32], reset=False)
+        X = validate_points(self, X, reset=False)
         check_extent(X)
         return X
 

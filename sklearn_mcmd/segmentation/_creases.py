@@ -71,7 +71,7 @@ def divide_at_creases(labels, index, planes, min_cosine, n_jobs=None):
     """
     noise, near = _noise_and_neighbors(index, planes, min_cosine, n_jobs)
     unit = float(np.exp2(np.frexp(noise.max(initial=0.0))[1]))  # no square leaves the numbers
-    if not (labels >= 0).any() or not noise.min() > 0:
+    if not (labels >= 0).any() or not noise.min() * unit > 0:
         return labels
     noise[:] = np.maximum(noise / unit, RIDGE)
     # The flattest begin. Their order depends on no rounding error, and on no order of rows.

@@ -6,7 +6,6 @@ from typing import ClassVar, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClusterMixin, clone
-from sklearn.utils.validation import validate_data
 
 from sklearn_mcmd._sklearn import (
     CallbackSupportMixin,
@@ -15,6 +14,7 @@ from sklearn_mcmd._sklearn import (
     StrOptions,
     fit_context,
 )
+from sklearn_mcmd._validation import validate_points
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.planes._columns import split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
@@ -338,7 +338,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
 
     def _settle_columns(self, X):
         """Coordinates and planes of all points."""
-        X = validate_data(self, X, dtype=[np.float64, np.float32], ensure_min_features=2)
+        X = validate_points(self, X, ensure_min_features=2)
         if self.normals == "precomputed":
             return split_columns(X, n_jobs=self.n_jobs)
         estimator = self.normal_estimator

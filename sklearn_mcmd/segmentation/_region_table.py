@@ -48,7 +48,9 @@ def region_table(points, labels, around, moments):
     if len(sizes) == 0:
         return table
     usual = median_by_region(around.scale, labels, len(sizes))
-    flat = table["rms"] <= MOST_NOISE * usual
+    # What eigenvalues round is no bend, and no cylinder about a line.
+    flat, thin = (values[:, i] <= RANK_TOLERANCE * values[:, 2] for i in (0, 1))
+    flat |= table["rms"] <= MOST_NOISE * usual
     flat |= own_noise(covariances, median_by_region(around.radius, labels, len(sizes))) > 0
     rows = by_place(points, rows_of(labels, np.append(np.ones(len(sizes), bool), False)))
     rows = rows[np.argsort(labels[rows], kind="stable")]
@@ -60,7 +62,7 @@ def region_table(points, labels, around, moments):
         effect = np.sqrt(_design_effect(places, heights, own["area"]))
         own["height_error"] *= effect
         own["normal_error"] = min(effect * own["normal_error"], 90.0)
-        if len(group) >= LEAST_SIZE:
+        if len(group) >= LEAST_SIZE and not thin[region]:
             total, cylinder = fit_cylinder(points[group], around.normals[group])
             left = np.sqrt(total / (len(group) - N_PARAMETERS))
             if left <= MOST_NOISE * usual[region] and noise[region] > MOST_NOISE * left:
