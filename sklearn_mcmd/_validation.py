@@ -119,7 +119,7 @@ def check_extent(X):
     near = near[(np.abs(near) < SMALLEST).all(axis=1)]
     if (near != near[:1]).any():
         raise ParameterError(
-            f"$X has {len(near)} points within {SMALLEST:g} of the origin that are not equal, though "
+            f"$X has {len(near)} points within {SMALLEST:g} of the origin that are not equal, but "
             "squares of their differences vanish. Set their coordinates to 0."
         )
 

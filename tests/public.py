@@ -25,9 +25,12 @@ __all__ = [
     "CLOUDS",
     "ESTIMATORS",
     "NOISE",
+    "ROW_NUMBERS",
     "Motion",
     "assert_same",
     "cloud_for",
+    "expected_results",
+    "fit",
     "fitted",
     "public_names",
     "results",
@@ -113,14 +116,14 @@ def plate(n):
     return X @ Rotation.from_euler("xy", [20, -15], degrees=True).as_matrix().T
 
 
-CLOUDS = {"small": 400, "compiled": 2_400}
+CLOUDS = {"small": 300, "compiled": 2_000}
 
 
 @cache
 def cloud_for(name, size="small"):
     """The cloud that an estimator is tested with: of one plane for tests of a plane."""
     cloud = plate if hasattr(ESTIMATORS[name], "surface") else corner
-    X = cloud(CLOUDS[size])
+    X = np.ascontiguousarray(cloud(CLOUDS[size]))
     X.flags.writeable = False
     return X
 
@@ -131,11 +134,15 @@ def fitted(estimator, X, unit=1.0):
     for name, value in estimator.get_params(deep=False).items():
         if name in LENGTH_PARAMETERS and isinstance(value, float):
             estimator.set_params(**{name: unit * value})
+    return fit(estimator, X)
+
+
+def fit(estimator, X):
+    """The estimator itself, fitted."""
     if hasattr(estimator, "fit_resample"):
         estimator.fit_resample(X)
-    else:
-        estimator.fit(X)
-    return estimator
+        return estimator
+    return estimator.fit(X)
 
 
 def results(estimator, X, new=None):
@@ -152,6 +159,13 @@ def results(estimator, X, new=None):
             if hasattr(estimator, method):
                 found[method] = np.asarray(getattr(estimator, method)(new))
     return {name: value for name, value in found.items() if value.dtype.kind in "fiub"}
+
+
+@cache
+def expected_results(name, size):
+    """Results of an estimator with its own cloud."""
+    X = cloud_for(name, size)
+    return results(fitted(ESTIMATORS[name], X), X)
 
 
 @dataclass(frozen=True)
@@ -199,7 +213,7 @@ def assert_same(found, expected, motion, tolerance):
             if name in ("labels_", "predicted") and "scores_" in found:
                 wrong &= np.abs(found["scores_"] - found["offset_"]) > tolerance
             # Of two points with the same neighbors either may lend its plane.
-            allowed = 0.01 * wrong.size if name == "plane_index_" else 0
+            allowed = 0.05 * wrong.size if name == "plane_index_" else 0
             assert wrong.sum() <= allowed, f"{name} differs in {wrong.sum()} of {wrong.size}"
             continue
         if name == "plane_offset_":  # its sign is that of a normal

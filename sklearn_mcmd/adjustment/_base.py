@@ -184,7 +184,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         self, X: ArrayLike, weights: ArrayLike | None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.bool_]]:
         """Validated points, weights (None where all are 1) and which of them count."""
-        points = validate_points(self, X, dtype=np.float64, ensure_min_features=2)
+        points = validate_points(self, X, dtype=np.float64, order="C", ensure_min_features=2)
         p = self._check_weights(points, weights)
         used = np.ones(len(points), dtype=np.bool_) if p is None else p > 0
         counted = points if used.all() else points[used]
@@ -214,7 +214,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
 
     def _check_query(self, X: ArrayLike) -> NDArray[np.float64]:
         check_is_fitted(self)
-        return validate_points(self, X, dtype=np.float64, reset=False)
+        return validate_points(self, X, dtype=np.float64, order="C", reset=False)
 
     def _known_sigma(self):
         """sigma0 if the user knows it and the test uses it, else None."""
@@ -334,7 +334,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
 
 def check_points(detector: PlaneDetector, X: ArrayLike) -> NDArray[np.float64]:
     check_is_fitted(detector)
-    points = check_array(X, dtype=np.float64)
+    points = check_array(X, dtype=np.float64, order="C")
     if points.shape != (len(detector.labels_), detector.n_features_in_):
         raise ValueError(
             f"X has shape {points.shape}, but the detector was fitted to "

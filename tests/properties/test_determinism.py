@@ -1,0 +1,129 @@
+"""Threads, chunks, backends and processes change no bit of any result."""
+
+import multiprocessing
+import pickle
+import sys
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+
+import joblib
+import numpy as np
+import pytest
+
+from public import ESTIMATORS, cloud_for, expected_results, fit, fitted, results
+
+# How many rows are worked on at once, wherever a module says so; and from how many in order.
+CHUNKS = {
+    "CHUNK": 97,
+    "AT_ONCE": 2_000,
+    "ROWS_AT_ONCE": 53,
+    "POINTS_AT_ONCE": 61,
+    "ORDER_FROM": 100,
+}
+
+
+def assert_equal(found, expected):
+    assert found.keys() == expected.keys()
+    for name, value in found.items():
+        np.testing.assert_array_equal(value, expected[name], err_msg=name)
+
+
+@pytest.fixture
+def small_chunks(monkeypatch, name, size):
+    expected_results(name, size)  # of chunks as they are
+    patched = set()
+    for module in [m for name, m in sys.modules.items() if name.startswith("sklearn_mcmd.")]:
+        for constant in CHUNKS.keys() & vars(module).keys():
+            monkeypatch.setattr(module, constant, CHUNKS[constant])
+            patched.add(constant)
+    assert patched == CHUNKS.keys()
+
+
+def with_jobs(name, n_jobs):
+    estimator = ESTIMATORS[name]
+    if "n_jobs" not in estimator.get_params():
+        pytest.skip("it has no n_jobs")
+    return type(estimator)(**{**estimator.get_params(deep=False), "n_jobs": n_jobs})
+
+
+@pytest.mark.parametrize("size", ["small", "compiled"])
+@pytest.mark.parametrize("n_jobs", [2, -1])
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_threads_change_nothing(name, n_jobs, size):
+    X = cloud_for(name, size)
+    assert_equal(results(fitted(with_jobs(name, n_jobs), X), X), expected_results(name, size))
+
+
+@pytest.mark.parametrize("size", ["small", "compiled"])
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_chunks_change_nothing(name, size, small_chunks):
+    """But rounding of sums in adjustments, whose order is that of chunks."""
+    X = cloud_for(name, size)
+    estimator = ESTIMATORS[name]
+    if "n_jobs" in estimator.get_params():
+        estimator = with_jobs(name, 2)
+    found, expected = results(fitted(estimator, X), X), expected_results(name, size)
+    for attribute, value in found.items():
+        one_plane = hasattr(estimator, "sigma0") and value.dtype.kind == "f"
+        atol = 1e-12 * np.abs(value).max() if one_plane else 0
+        np.testing.assert_allclose(value, expected[attribute], 0, atol, err_msg=attribute)
+
+
+@pytest.mark.parametrize("backend", ["threading", "loky"])
+def test_backends_change_nothing(backend):
+    with joblib.parallel_config(backend, n_jobs=2):
+        for name, estimator in ESTIMATORS.items():
+            X = cloud_for(name)
+            assert_equal(results(fitted(estimator, X), X), expected_results(name, "small"))
+
+
+def test_threads_that_fit_at_once_change_nothing():
+    def work(name):
+        X = cloud_for(name)  # one array for all
+        return results(fitted(ESTIMATORS[name], X), X)
+
+    names = [*ESTIMATORS, *ESTIMATORS]
+    with ThreadPoolExecutor(4) as pool:
+        for name, found in zip(names, pool.map(work, names), strict=True):
+            assert_equal(found, expected_results(name, "small"))
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_two_fits_and_a_pickle_are_the_same(name):
+    X = cloud_for(name)
+    estimator = fitted(ESTIMATORS[name], X)
+    expected = results(estimator, X, new=X[::7] + 0.01)
+    copy = pickle.loads(pickle.dumps(estimator))
+    assert_equal(results(copy, X, new=X[::7] + 0.01), expected)
+    assert_equal(results(fit(estimator, X), X, new=X[::7] + 0.01), expected)
+
+
+def elsewhere(pickled):
+    """Results of pickled clouds and fitted estimators: as they came, and fitted again."""
+    from public import fitted, results
+
+    return [
+        (results(estimator, X), results(fitted(estimator, X), X))
+        for estimator, X in pickle.loads(pickled)
+    ]
+
+
+def check_elsewhere(run):
+    pickled = pickle.dumps(
+        [(fitted(e, cloud_for(name)), cloud_for(name)) for name, e in ESTIMATORS.items()]
+    )
+    for name, found in zip(ESTIMATORS, run(pickled), strict=True):
+        for result in found:
+            assert_equal(result, expected_results(name, "small"))
+
+
+@pytest.mark.parametrize("start", ["fork", "spawn"])
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # fork beside threads
+def test_another_process_has_the_same_results(start):
+    if start not in multiprocessing.get_all_start_methods():
+        pytest.skip(f"there is no {start} here")
+    with ProcessPoolExecutor(1, multiprocessing.get_context(start)) as pool:
+        check_elsewhere(lambda pickled: pool.submit(elsewhere, pickled).result())
+
+
+def test_a_process_of_loky_has_the_same_results():
+    check_elsewhere(lambda p: joblib.Parallel(2, "loky")([joblib.delayed(elsewhere)(p)])[0])
