@@ -123,7 +123,7 @@ def test_the_error_of_a_perfect_plane_is_that_of_rounding():
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
-@pytest.mark.parametrize("unit", [2.0**-300, 2.0**300])
+@pytest.mark.parametrize("unit", [2.0**-220, 2.0**220])
 def test_errors_do_not_depend_on_the_unit_however_small_or_large(unit):
     rng = np.random.default_rng(0)
     X = rng.uniform(0, 1, (400, 3)) * [1, 1, 0] + rng.normal(0, 0.01, (400, 3))
