@@ -225,17 +225,19 @@ def _rehearse(target, catalog, sheets, plot_wanted):
     return text, plot
 
 
-def _read(source, target=None, catalog=None, columns=None):
-    """The points to test; of several files, or if none is written, the coordinates alone."""
+def _read(source, target, catalog, columns):
+    """The points to test; of several files that are written one by one, the coordinates alone."""
     from sklearn_mcmd.io import PointCloud
 
-    if catalog is None and target is not None:
-        cloud = _files.read(source, target, "results of a test", columns=columns)
-        none = _files.blank(cloud)
-        _files.rehearse(target, *_tested(cloud, none > 0, none, none))
-        return cloud
-    clouds = (_files.read(path, columns=columns) for path in _files.files_of(source))
-    return PointCloud(np.concatenate([cloud.xyz for cloud in clouds]))
+    if target is None:
+        return _files.read_all(source, columns)
+    if catalog is not None:
+        clouds = (_files.read(path, columns=columns) for path in catalog.paths)
+        return PointCloud(np.concatenate([cloud.xyz for cloud in clouds]))
+    cloud = _files.read(source, target, "results of a test", columns=columns)
+    none = _files.blank(cloud)
+    _files.rehearse(target, *_tested(cloud, none > 0, none, none))
+    return cloud
 
 
 def _detector_params(method, alpha, test, sigma0, correction, elimination, surface, robust_start):
@@ -317,7 +319,7 @@ def _further(detector, cloud, width, against, method, params, columns):
     if width is not None:
         further["flatness"] = flatness(detector, cloud.xyz, width)
     if against is not None:
-        other = _read(against, columns=columns)
+        other = _files.read_all(against, columns)
         with _files.working(against, "the other plane"):
             fitted, _ = _test_plane(other.xyz, method, params)
         further["comparison"] = compare_planes(detector, fitted)

@@ -142,10 +142,10 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
     thin as a few spacings are told from prisms by chance.
 
     "crease" withstands most outliers that the default cleaning leaves. Cleaning it by
-    ``strictness="surfaces"`` would lose narrow faces: with 10 % of outliers F1 falls by 4 to 9 %
-    on three of four machined parts, and changes by less than 1 % on a box, a crown roof and a
-    street. Eigenvalues do not withstand outliers: that cleaning raises their F1 from 60 to 72,
-    from 24 to 80 and from 73 to 79 % there.
+    ``strictness="surfaces"`` would lose narrow faces: with 10 % of outliers F1 falls by 3 to 11 %
+    on three of four machined parts; it changes by less than 1 % on a box and a crown roof, and
+    by 1.4 % on a street. Eigenvalues do not withstand outliers: that cleaning raises their F1
+    from 60 to 72, from 24 to 80 and from 73 to 79 % there.
 
     A point that the cleaning removed is scored like a new one, by the points that are left; one
     off all planes counts as far from creases, but not as flat by the other criteria.

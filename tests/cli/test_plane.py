@@ -382,6 +382,23 @@ def test_another_wall_is_compared(wall, wall_file, tmp_path):
     assert "Against the other plane" in text
 
 
+def test_a_folder_to_compare_with_is_one_wall_in_one_coordinate_system(wall, wall_file, tmp_path):
+    folder = tmp_path / "later"
+    folder.mkdir()
+    for name in ("west.laz", "east.laz"):
+        moved(folder / name, wall, 0.02)
+    result = run("plane", wall_file, "--against", folder)
+    assert re.search(r"against +moved\n", result.stdout), result.output
+    laspy = pytest.importorskip("laspy")
+    las = laspy.read(folder / "east.laz")
+    wkt = 'LOCAL_CS["site",UNIT["metre",1]]'
+    las.header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(wkt))
+    las.write(folder / "east.laz")
+    result = run("plane", wall_file, "--against", folder)
+    assert result.exit_code == 1
+    assert "no system" in result.stderr
+
+
 def test_a_comparison_needs_no_output(wall, wall_file, tmp_path):
     other = moved(tmp_path / "later.laz", wall, 0.02)
     result = run("plane", wall_file, "--against", other)

@@ -174,6 +174,17 @@ def test_points_at_the_sensor_go_by_coordinates(snowed):
     assert flagged[: len(X)][snow].mean() > 0.95
 
 
+def test_a_point_so_near_to_the_sensor_that_squares_vanish_is_where_the_sensor_is():
+    rng = np.random.default_rng(0)
+    X = rng.uniform(-1, 1, (600, 3)) * [1, 1, 0] + rng.normal(0, 0.01, (600, 3))
+    X[0] = 0.0
+    at, beside = (
+        MCMDOutlierDetector(sensor_origin=origin, random_state=0).fit(X).scores_
+        for origin in ([0.0, 0, 0], [1e-200, 0, 0])
+    )
+    assert_array_equal(at, beside)
+
+
 def test_it_passes_through_a_pipeline(snowed):
     X = snowed[0][::4]  # its rows are in no order
     expected = detector().fit_predict(X, sensor_origin=np.zeros_like(X))
