@@ -278,8 +278,9 @@ class BaardaPlaneDetector(PlaneDetector):
         self.test_ = "tau" if self.test == "w" and estimated else self.test
         start = None
         if self.robust_start:
-            how = self.surface, self._known_sigma(), self.random_state
-            start, sigma = robust_start(X, weights, used, initial.rank, *how)
+            start, sigma = robust_start(
+                X, weights, used, initial.rank, self.surface, self._known_sigma(), self.random_state
+            )
             if start is None:
                 self._warn_of_start()
         is_robust = start is not None or self.test_ != self.test
@@ -289,11 +290,14 @@ class BaardaPlaneDetector(PlaneDetector):
         if is_robust:
             self._leave_out(X, weights, used, start, sigma, state)
         if self.loss == "squared_error" and self.elimination == "single":
-            limits = self._limit, state, self.max_iter
-            state = eliminate_one_by_one(X, weights, self.surface, *limits)
+            state = eliminate_one_by_one(
+                X, weights, self.surface, self._limit, state, self.max_iter
+            )
         else:
-            single, adjust = self.elimination == "single", lambda p: self._adjust(X, p)
-            state = eliminate(X, weights, adjust, self._limit, state, single, self.max_iter)
+            single = self.elimination == "single"
+            state = eliminate(
+                X, weights, lambda p: self._adjust(X, p), self._limit, state, single, self.max_iter
+            )
         self._set_plane(X, state.plane, initial)
         self.support_, self.elimination_step_ = state.support, state.step
         self.n_iter_ = max(state.n_rounds, 1)
