@@ -5,21 +5,28 @@ from heapq import heapify, heappop, heappush
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
 from sklearn_mcmd.planes._around import quantile_around, ratio
 from sklearn_mcmd.runtime._chunks import each_slice, run
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.segmentation._cylinder import N_STEPS, RIDGE
-from sklearn_mcmd.segmentation._graph import BENT, HEIGHT_BITS, USUAL, n_within_median
+from sklearn_mcmd.segmentation._graph import HEIGHT_BITS, n_within_median
 from sklearn_mcmd.segmentation._merge_coplanar import MOST_NOISE
 from sklearn_mcmd.segmentation._region_sums import median_by_region, region_moments
 
 __all__ = ["VoteLimits", "divide_at_creases"]
 
 # A smooth surface, a quadric over a plane, has six numbers, and so have two planes. A strip has no
-# vote if its points are fewer than twice the numbers of both models.
+# vote if its points are fewer than twice the numbers of both models. Patches of as many are large.
 LEAST_POINTS = 2 * (6 + 6)
+# Points of a disk of radius r on a cylinder whose normals turn by an angle over r deviate from
+# their plane by this share of angle * r (root mean square).
+BENT = 1 / 8
+# Share of the neighbors that tell what noise is usual around. Next to an edge less than half of
+# them have planes of their own face.
+USUAL = 0.25
 # Places of the six different numbers of a symmetric matrix in its nine, and the reverse.
 UPPER, WHOLE = [0, 1, 2, 4, 5, 8], [0, 1, 2, 1, 3, 4, 2, 4, 5]
 # Borders that are voted on in one task, and pairs of cells from which on trees are faster.
@@ -61,13 +68,13 @@ def divide_at_creases(labels, index, planes, min_cosine, n_jobs=None):
 
     Each region is divided into cells of neighbors. Cells are joined to patches, the most alike
     first, while one plane explains two as well as two planes do, by the Bayesian information
-    criterion (BIC). Then each border of two patches votes; see `vote`. Votes are added over all
-    borders of two groups of patches, and groups are joined, the highest vote first, while it is
-    positive. So a bent surface stays one, and a few wrong borders make no bridge.
+    criterion (BIC). Then each border of two patches votes (`vote`), and patches become groups
+    (`_groups`). Last, where a border parts two groups, its points go to the side on which its
+    crease has them. Points of patches that are of both sides get label -1.
 
-    Noise is what is usual around, and what the bend adds that growth allows, as in
-    `link_neighbors`. Labels are from 0 on, -1 for none; the new ones have no order. In three
-    dimensions.
+    Noise is what is usual around, the lower quartile of the neighbors' noise, and what a surface
+    bends over a neighborhood whose normals turn by the angle that growth allows. Labels are from 0
+    on, -1 for none; the new ones have no order. In three dimensions.
     """
     noise, near = _noise_and_neighbors(index, planes, min_cosine, n_jobs)
     unit = float(np.exp2(np.frexp(noise.max(initial=0.0))[1]))  # no square leaves the numbers
@@ -88,11 +95,18 @@ def divide_at_creases(labels, index, planes, min_cosine, n_jobs=None):
     if len(first) == len(np.unique(labels[labels >= 0])):
         return labels
     normals = np.linalg.eigh(scatters[first][:, WHOLE].reshape(-1, 3, 3))[1][..., 0]
+    large = found.sizes[first] >= LEAST_POINTS  # of the patches, since cells were joined
     borders = patch[edges]
     borders = np.unique(np.sort(borders[borders[:, 0] != borders[:, 1]], axis=1), axis=0)
-    votes = _votes(index.points, noise, unit, cells, patch, normals, borders, n_jobs)
-    group = np.unique(_joined(len(first), borders, votes), return_inverse=True)[1]
-    return np.append(group[patch], -1)[cells.of].astype(labels.dtype)
+    strips = _Strips(index.points, noise, unit, cells, patch, normals)
+    votes = strips.votes(borders, n_jobs)
+    group, mixed = _groups(borders, votes, large)
+    divided = np.append(np.where(mixed, -1, group)[patch], -1)[cells.of].astype(labels.dtype)
+    parting = (votes < 0) & (group[borders[:, 0]] != group[borders[:, 1]])
+    parting = np.flatnonzero(parting & ~mixed[borders].any(axis=1))
+    parting = parting[np.argsort(-votes[parting], kind="stable")]  # the surest has the last word
+    strips.part(borders[parting], group, divided, n_jobs)
+    return divided
 
 
 def _noise_and_neighbors(index, planes, min_cosine, n_jobs):
@@ -124,37 +138,66 @@ def _edges(cells, near, labels):
     return np.column_stack([keys // n, keys % n])
 
 
-def _votes(points, noise, unit, cells, patch, normals, borders, n_jobs):
-    """Votes of borders, by the points of both patches that are near to them.
+class _Strips:
+    """The points of two patches near to their border, what they vote, and on which side they are.
 
     A strip reaches on both sides as far as the smaller patch, so that both weigh alike.
     """
-    centers = points[cells.members[cells.starts[:-1]]]
-    order = np.argsort(patch, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(patch[order])) + 1)
-    tree = cache(lambda name: cKDTree(centers[groups[name]]))
-    votes, vote = np.empty(len(borders)), _compiled("vote")
-    limits = VoteLimits(N_STEPS, RIDGE, MOST_NOISE)
 
-    def task(start):
-        for i in range(start, min(start + CHUNK, len(borders))):
-            sides = sorted(borders[i].tolist(), key=lambda name: len(groups[name]))
-            small, large = (groups[name] for name in sides)
-            if len(small) * len(large) <= FEW:
-                large = large[_compiled("strip_of")(centers[small], centers[large])]
-            else:
-                large = large[_strip(tree(sides[0]), tree(sides[1]))]
-            rows, cell = cells.rows(np.concatenate([small, large]))
-            if len(rows) < LEAST_POINTS:
-                votes[i] = RIDGE  # too few to tell
-                continue
-            local = (points[rows] - centers[small[0]]) / unit
-            n_first = (cells.starts[small + 1] - cells.starts[small]).sum()
-            first = np.arange(len(rows)) < n_first
-            votes[i] = vote(local, 1.0 / noise[rows], cell, first, normals[sides], limits)
+    def __init__(self, points, noise, unit, cells, patch, normals):
+        self.points, self.noise, self.unit = points, noise, unit
+        self.cells, self.normals = cells, normals
+        self.centers = centers = points[cells.members[cells.starts[:-1]]]
+        order = np.argsort(patch, kind="stable")
+        self.groups = groups = np.split(order, np.flatnonzero(np.diff(patch[order])) + 1)
+        self.tree = cache(lambda name: cKDTree(centers[groups[name]]))
 
-    run([(start,) for start in range(0, len(borders), CHUNK)], task, n_jobs)
-    return votes
+    def votes(self, borders, n_jobs):
+        """The vote of each pair of patches; see `vote`."""
+        votes = np.empty(len(borders))
+
+        def task(start):
+            for i in range(start, min(start + CHUNK, len(borders))):
+                votes[i] = self.asked(borders[i])[0]
+
+        run([(start,) for start in range(0, len(borders), CHUNK)], task, n_jobs)
+        return votes
+
+    def part(self, borders, group, labels, n_jobs):
+        """Give the points of each strip in turn to the group on their side of its crease."""
+
+        def task(i):
+            _, names, rows, first = self.asked(borders[i])
+            parts[i % CHUNK] = rows, group[names], first
+
+        for start in range(0, len(borders), CHUNK):
+            parts = [None] * min(CHUNK, len(borders) - start)
+            run([(start + i,) for i in range(len(parts))], task, n_jobs)
+            for rows, groups, first in parts:
+                own = np.isin(labels[rows], groups)
+                labels[rows[own]] = np.where(first[own], *groups)
+
+    def asked(self, border):
+        """The vote of two patches, their names, rows of their strip, and which are the first's."""
+        names, centers = sorted(border.tolist(), key=self._n_cells), self.centers
+        small, large = (self.groups[name] for name in names)
+        if len(small) * len(large) <= FEW:
+            large = large[_compiled("strip_of")(centers[small], centers[large])]
+        else:
+            large = large[_strip(self.tree(names[0]), self.tree(names[1]))]
+        rows, cell = self.cells.rows(np.concatenate([small, large]))
+        local = (self.points[rows] - centers[small[0]]) / self.unit
+        n_first = (self.cells.starts[small + 1] - self.cells.starts[small]).sum()
+        first, limits = np.arange(len(rows)) < n_first, VoteLimits(N_STEPS, RIDGE, MOST_NOISE)
+        sides, weights = first.copy(), 1.0 / self.noise[rows]
+        value = RIDGE  # too few to tell
+        if len(rows) >= LEAST_POINTS:
+            vote = _compiled("vote")
+            value = vote(local, weights, cell, first, self.normals[names], limits, sides)
+        return value, names, rows, sides
+
+    def _n_cells(self, name):
+        return len(self.groups[name])
 
 
 def _strip(small, large):
@@ -166,13 +209,36 @@ def _strip(small, large):
     return rows[small.query(large.data[rows])[0] <= reach]
 
 
+def _groups(borders, votes, large):
+    """The group (n,) of each patch, and which patches are of two groups.
+
+    Votes are added over all borders of two groups, and groups are joined, the highest sum first,
+    while it is positive. So a bent surface stays one, and a few wrong borders make no bridge. Large
+    patches are joined first, and what they part stays apart. A small patch beside two groups that
+    they part is of both: it has points from both sides of the crease. The other small ones vote
+    then.
+    """
+    n = len(large)
+    both = large[borders].all(axis=1)
+    group = _joined(n, borders[both], votes[both])
+    pairs = group[borders]
+    parted = both & (pairs[:, 0] != pairs[:, 1])
+    ends = np.concatenate([borders[~both], borders[~both, ::-1]])
+    ends = ends[~large[ends[:, 0]] & large[ends[:, 1]]]
+    beside = coo_array((np.ones(len(ends)), (ends[:, 0], group[ends[:, 1]])), (n, n)).tocsr()
+    apart = coo_array((np.ones(np.count_nonzero(parted)), pairs[parted].T), (n, n)).tocsr()
+    mixed = (beside @ apart).multiply(beside).sum(axis=1) > 0
+    asked = ~mixed[borders].any(axis=1) & (pairs[:, 0] != pairs[:, 1])
+    final = _joined(n, pairs[asked], np.where(parted, -np.inf, votes)[asked])
+    return final[group], mixed
+
+
 def _joined(n, borders, votes):
     """The group (n,) of each patch, named by its first; the highest sum of votes joins first."""
     around, group = [{} for _ in range(n)], np.arange(n)
-    heap = []
     for (a, b), value in zip(borders.tolist(), votes.tolist(), strict=True):
-        around[a][b] = around[b][a] = value
-        heap.append((-value, a, b))
+        around[a][b] = around[b][a] = around[a].get(b, 0.0) + value
+    heap = [(-value, a, b) for a in range(n) for b, value in around[a].items() if a < b]
     heapify(heap)
     while heap:
         value, a, b = heappop(heap)

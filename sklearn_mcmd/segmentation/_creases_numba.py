@@ -131,7 +131,7 @@ def strip_of(small, large):
 
 
 @kernel(cache=True)
-def vote(points, weights, cells, first, normals, limits):
+def vote(points, weights, cells, first, normals, limits, sides):
     """Is a border no crease? Half the difference of BIC, above 0 for one smooth surface.
 
     One surface is a quadric over the mean of both planes, with six numbers. The other model are two
@@ -142,6 +142,7 @@ def vote(points, weights, cells, first, normals, limits):
 
     Points (n, 3) are near the origin, weights (n,) inverse standard deviations, cells ascend on
     each side, `first` (n,) are the points of one side by labels, normals (2, 3) of both patches.
+    `sides` (n,) becomes those points as the better model of two surfaces tells them.
     """
     local = _over_mean_plane(points, normals)
     z = local[:, 2]
@@ -162,13 +163,17 @@ def vote(points, weights, cells, first, normals, limits):
         rest = (z - np.where(found, one, other)) * weights
         if turn > 0 and (rest * rest).sum() < left:
             left, crease = (rest * rest).sum(), rest
+            sides[:] = found
         if turn > 0 and (found == side).all():
             break
         side = found
     if sign == 0.0:
         return limits.ridge  # too few to tell
     smooth_left = (smooth * smooth).sum()
-    left = min(left, limits.most_noise**2 * (step * step).sum())
+    step_left = limits.most_noise**2 * (step * step).sum()
+    if step_left < left:
+        left = step_left
+        sides[:] = first
     size = len(z) / _design_effect(smooth if smooth_left <= left else crease, cells)
     least, size = limits.ridge * len(z), max(size, 2.0)
     gain = np.log(left + least) - np.log(smooth_left + least)

@@ -48,8 +48,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         Largest angle between the normals of neighbors in a region, in degrees, in (0, 90].
 
     max_distance : float, default=None
-        Largest distance of a neighbor from the plane of a point, in units of X. None means
-        three standard deviations of that plane's noise. With ``mutual=False`` None means the
+        Largest distance of a neighbor from the plane of a point, in units of X. None means the
         median of the neighbors' distances and two robust standard deviations.
 
     max_gap : float, default=None
@@ -58,13 +57,6 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
 
     min_region_size : int, default=10
         Regions of fewer points are dissolved.
-
-    mutual : bool, default=True
-        Whether neighbors are in one region only if their planes explain each other: each point
-        lies within `max_distance` of the other point's plane, and neither plane is noisier than
-        is usual around. A plane that runs across an edge is noisier. Where points are sparse,
-        such planes would lead a region from the road over the kerb onto the footpath. False is
-        the paper's form.
 
     find_narrow_faces : bool, default=True
         Whether the points that growth left over grow regions again, by the same rules and with
@@ -167,15 +159,10 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
     The paper leaves the automatic thresholds to a reference that was not at hand. Those here,
     the median and two median absolute deviations of the distances to the plane and the median
     of the distances between points, are remembered from later papers of its authors, and
-    unverified. ``mutual=False, find_narrow_faces=False, divide_at_creases=False,
-    join_coplanar=False, join_curved=False, assign_unlabeled=False`` is nearest to the paper.
-    Departures: deviations are scaled to standard deviations by 1.4826; no scale is less than half
-    the step of rounded coordinates; and `mutual`.
-
-    With `mutual`, the usual noise around a point is the lower quartile of the neighbors' noise. A
-    plane may be noisier by three standard errors, a factor of ``1 + 3 / sqrt(2 * n_neighbors)``,
-    and by the deviation of a surface whose normals turn by `max_angle` over the distance of the
-    farthest neighbor. So no threshold depends on the unit or on the density of the points.
+    unverified. ``find_narrow_faces=False, divide_at_creases=False, join_coplanar=False,
+    join_curved=False, assign_unlabeled=False`` is nearest to the paper. Departures: deviations are
+    scaled to standard deviations by 1.4826; no scale is less than half the step of rounded
+    coordinates. No threshold depends on the unit or on the density of the points.
 
     A crease is told by the Bayesian information criterion, of a quadric against two planes, in each
     border of two patches that are planes. No threshold says how blunt it may be.
@@ -228,7 +215,6 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         "max_distance": [Interval(Real, 0, None, closed="neither"), None],
         "max_gap": [Interval(Real, 0, None, closed="neither"), None],
         "min_region_size": [Interval(Integral, 1, None, closed="left")],
-        "mutual": ["boolean"],
         "find_narrow_faces": ["boolean"],
         "divide_at_creases": ["boolean"],
         "join_coplanar": ["boolean"],
@@ -248,7 +234,6 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         max_distance: float | None = None,
         max_gap: float | None = None,
         min_region_size: int = 10,
-        mutual: bool = True,
         find_narrow_faces: bool = True,
         divide_at_creases: bool = True,
         join_coplanar: bool = True,
@@ -264,7 +249,6 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         self.max_distance = max_distance
         self.max_gap = max_gap
         self.min_region_size = min_region_size
-        self.mutual = mutual
         self.find_narrow_faces = find_narrow_faces
         self.divide_at_creases = divide_at_creases
         self.join_coplanar = join_coplanar

@@ -5,13 +5,13 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.planes._around import ratio
-from sklearn_mcmd.planes._flatness import most_noise_around
-from sklearn_mcmd.planes._linking import LinkLimits, row_linker
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 from sklearn_mcmd.runtime._chunks import each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
 
 __all__ = [
+    "CUTOFF",
+    "HEIGHT_BITS",
     "GrowthRules",
     "by_place",
     "grow_regions",
@@ -20,15 +20,8 @@ __all__ = [
     "seed_order",
 ]
 
-# A plane explains a point within so many of its standard deviations.
+# A surface explains a point within so many of its standard deviations.
 CUTOFF = 3.0
-# A plane may be noisier than is usual around by what curvature explains. Points of a disk of radius
-# r on a cylinder whose normals turn by an angle over r deviate from their plane by this share of
-# angle * r (root mean square).
-BENT = 1 / 8
-# Share of the neighbors that tell what noise is usual around. What fewer tell is small by chance,
-# and faces fall apart.
-USUAL = 0.25
 # The paper's rule A: neighbors within the median and so many standard deviations.
 N_DEVIATIONS = 2.0
 # Seeds are as flat, or as near to their planes, if they differ by less than these bits of the
@@ -41,13 +34,24 @@ class GrowthRules(NamedTuple):
 
     min_cosine : least cosine of the angle between their normals
     max_distance, max_gap : lengths in units of the points, or None
-    mutual : whether planes must explain each other
     """
 
     min_cosine: float
     max_distance: float | None = None
     max_gap: float | None = None
-    mutual: bool = True
+
+
+class LinkLimits(NamedTuple):
+    """`GrowthRules` with numbers alone. They reach the kernel as arguments, which it cannot freeze.
+
+    A negative `max_distance` stands for the median of the distances and `spread` times the median
+    of what they differ from it.
+    """
+
+    min_cosine: float
+    max_distance: float
+    max_gap: float
+    spread: float
 
 
 def link_neighbors(index, planes, floor, rules, n_jobs=None):
@@ -55,49 +59,34 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
 
     A neighbor is linked if
 
-    - its distance to the point's plane is at most `max_distance`; by default three standard
-      deviations of the plane,
+    - its distance to the point's plane is at most `max_distance`; by default the median of the
+      neighbors' distances and two robust standard deviations, no less than `floor` (n,), what
+      rounding amounts to,
     - it is not farther than `max_gap`; by default the median of the neighbors' distances, which
       leaves the nearer half,
-    - its normal is within the angle,
+    - its normal is within the angle.
 
-    and, if `mutual`, also the point is within such a distance of the neighbor's plane, and both
-    planes are quiet: no noisier than is usual around and than surfaces are whose normals turn by
-    the angle over a neighborhood. A plane that runs across an edge is noisier. Without `mutual` the
-    distance is by default the paper's: the median of the neighbors' distances and two robust
-    standard deviations.
-
-    The planes are of ``index.points``; their scales are no less than `floor` (n,), what rounding
-    amounts to. Returns links (n, width) of int32, neighbors that may be added from each point,
-    nearest first, then -1; and the distance of the farthest neighbor looked at.
+    The planes are of ``index.points``. Returns links (n, width) of int32, neighbors that may be
+    added from each point, nearest first, then -1; and the distance of the farthest neighbor looked
+    at.
     """
     n, k = len(index.points), index.n_neighbors
     if rules.max_gap is None:  # those beyond the median distance are never linked
         k = n_within_median(k) + 1
-    radius, limit, usable = index.empty(n), planes.scale, np.ones(n, dtype=bool)
-    if has_limits := rules.max_distance is not None or not rules.mutual:
-        limit = index.empty(n)
+    limits = LinkLimits(
+        float(rules.min_cosine),
+        -1.0 if rules.max_distance is None else float(rules.max_distance),
+        np.inf if rules.max_gap is None else float(rules.max_gap),
+        N_DEVIATIONS * MAD_TO_SD,
+    )
+    radius, links = index.empty(n), index.empty((n, k), np.int32)
+    link = compiled_function("segmentation._graph_numba", "link_rows")
 
-    def measure(rows):
+    def task(rows):
         around = index.query_own(rows, k)
-        farthest = index.points[around.indices[:, -1]] - index.points[rows]
-        radius[rows] = np.linalg.norm(farthest, axis=1)
-        if rules.max_distance is not None:
-            limit[rows] = float(rules.max_distance)
-        if rules.mutual:
-            bend = BENT * np.arccos(min(rules.min_cosine, 1.0)) * radius[rows]
-            most = most_noise_around(planes.scale, around, index.n_neighbors, USUAL, bend)
-            usable[rows] = planes.scale[rows] <= most
-        elif rules.max_distance is None:
-            own = _rule_a(index.points, planes.take(rows), around)
-            limit[rows] = np.maximum(own, floor[rows])
+        link(index.points, around, planes, floor, limits, rows.start, radius[rows], links[rows])
 
-    each_slice(n, index.chunk, measure, n_jobs)
-    max_gap = np.inf if rules.max_gap is None else rules.max_gap
-    limits = LinkLimits(rules.min_cosine, 1.0 if has_limits else CUTOFF, max_gap, rules.mutual)
-    links = index.empty((n, k), np.int32)
-    link = row_linker(index, k, planes._replace(scale=limit), limits, usable)
-    each_slice(n, index.chunk, lambda rows: link(rows, links[rows]), n_jobs)
+    each_slice(n, index.chunk, task, n_jobs)
     return links, radius
 
 
@@ -138,12 +127,3 @@ def by_place(points, rows):
 def n_within_median(k):
     """Neighbors not farther than their median distance, of k with the point itself."""
     return k // 2
-
-
-def _rule_a(points, planes, around):
-    """The paper's automatic distance from planes, by those of the neighbors."""
-    gaps = points[around.indices] - planes.centroids[:, None]
-    away = np.abs(np.einsum("mkd,md->mk", gaps, planes.normals))
-    middle = np.median(away, axis=1)
-    spread = MAD_TO_SD * np.median(np.abs(away - middle[:, None]), axis=1)
-    return middle + N_DEVIATIONS * spread

@@ -49,10 +49,10 @@ def join_coplanar(points, labels, around, n_jobs=None):
     """Give one label to regions that are parts of one plane: new labels, by their first parts.
 
     A shadow, or a few bad normals, cut a wall into parts. A smaller region lies in the plane of a
-    larger, flat one if the noise explains its root mean square distance to that plane. The two are
-    joined if the gap between them is at most half as long as the smaller one. Labels are from 0 on
-    without gaps, -1 for none. The noise (n,) is the standard deviation of each neighborhood along
-    its normal, in units of the points.
+    larger, flat one if the noise explains its root mean square distance to that plane. It is joined
+    to the nearest such plane if the gap between them is at most half as long as the smaller one.
+    Labels are from 0 on without gaps, -1 for none. The noise (n,) is the standard deviation of each
+    neighborhood along its normal, in units of the points.
     """
     n_regions = int(labels.max(initial=-1)) + 1
     if n_regions < 2:
@@ -71,6 +71,8 @@ def join_coplanar(points, labels, around, n_jobs=None):
         if len(pairs) > 0:
             parts = _parts(points, labels, whole, pairs, most, boxes)
             pairs = pairs[_near(parts, pairs, most, n_jobs)]
+            # A small part that lies in two planes joins the nearer: it is no bridge between them.
+            pairs = pairs[np.unique(pairs[:, 0], return_index=True)[1]]
         if len(pairs) == 0:
             break
         graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(noise), len(noise)))
@@ -109,7 +111,10 @@ def _pool(sizes, centroids, covariances, noise, part):
 
 
 def _pairs_in_a_plane(sizes, centroids, covariances, noise, n_jobs=None):
-    """Pairs (smaller, larger) of regions that may be joined, and the gap that each allows."""
+    """Pairs (smaller, larger) of regions that may be joined, and the gap that each allows.
+
+    The planes in which a smaller one lies come in turn, the nearest first.
+    """
     eigenvalues, axes = np.linalg.eigh(covariances)
     eigenvalues, normals = np.maximum(eigenvalues, 0.0), axes[..., 0]
     # Points spread evenly over a length have its root 12th as standard deviation.
@@ -123,7 +128,7 @@ def _pairs_in_a_plane(sizes, centroids, covariances, noise, n_jobs=None):
     centroids, covariances, normals = centroids[flat], covariances[flat], normals[flat]
     (scale, own), rounding, reach = noise[flat].T, rounding[flat], length[flat]
     parts = [slice(start, start + CHUNK) for start in range(0, len(flat), CHUNK)]
-    found = [np.empty((0, 2), dtype=int)] * (len(parts) + 1)
+    found = [np.empty((0, 3))] * (len(parts) + 1)
 
     def search(place, rows):
         apart = centroids[None] - centroids[rows][:, None]
@@ -135,16 +140,20 @@ def _pairs_in_a_plane(sizes, centroids, covariances, noise, n_jobs=None):
         limit = np.maximum(np.minimum(scale, scale[rows][:, None]), thin)
         limit = (MOST_NOISE * limit) ** 2
         limit += np.maximum(rounding[None], rounding[rows][:, None])
-        candidate = heights**2 + tilted <= limit
+        square = heights**2 + tilted
+        candidate = square <= limit
         candidate &= rank[None] < rank[rows][:, None]
         r, s = np.nonzero(candidate)
         # This is a lower bound of the gap: no point is farther from its centroid than the length.
         beyond = np.linalg.norm(apart[r, s], axis=-1) - reach[rows][r] - reach[s]
         near = beyond <= MOST_GAP * reach[s]
-        found[place] = np.column_stack([flat[s[near]], flat[rows][r[near]]])
+        r, s = r[near], s[near]
+        found[place] = np.column_stack([flat[s], flat[rows][r], square[r, s]])
 
     run(list(enumerate(parts, 1)), search, n_jobs)
-    return np.concatenate(found), MOST_GAP * length
+    small, large, square = np.concatenate(found).T
+    order = np.lexsort((large, square, small))
+    return np.column_stack([small, large])[order].astype(int), MOST_GAP * length
 
 
 def _joined_boxes(low, high, part):

@@ -163,9 +163,7 @@ class RestFaces:
             return rows[:0], rows[:0]
         index = NeighborIndex(self.index.points[rows], self.k)
         rows, found = rows[index.rows], found.take(index.rows)
-        floor = self.floor[rows]
-        floored = found._replace(scale=np.maximum(found.scale, floor))
-        links, _ = link_neighbors(index, floored, floor, self.rules, self.n_jobs)
+        links, _ = link_neighbors(index, found, self.floor[rows], self.rules, self.n_jobs)
         gaps = index.points[:, None] - index.points[links]
         far = np.square(gaps).sum(axis=-1) > np.square(REACH * planes.radius[rows])[:, None]
         far |= links < 0

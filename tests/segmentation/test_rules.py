@@ -40,12 +40,11 @@ def corner(n, d, rng, noise=0.002):
     return X, normals * rng.choice([-1, 1], n)[:, None], face
 
 
-def grown_by_loops(columns, d, k, max_angle, max_distance, max_gap, mutual):
+def grown_by_loops(columns, d, k, max_angle, max_distance, max_gap):
     """Section 5.2.3 point by point, with the departures that the docstring names."""
     X, normals, variation = columns[:, :d], columns[:, d : 2 * d], columns[:, 2 * d]
-    offsets, noise = columns[:, 3 * d + 1 :].T
-    n = len(X)
-    hoods, limits, quiet = [], np.empty(n), np.ones(n, dtype=bool)
+    offsets, n = columns[:, 3 * d + 1], len(X)
+    hoods, limits = [], np.empty(n)
     for i in range(n):
         distances = np.sqrt(((X - X[i]) ** 2).sum(axis=1))
         near = np.argsort(distances, kind="stable")[:k]
@@ -57,23 +56,14 @@ def grown_by_loops(columns, d, k, max_angle, max_distance, max_gap, mutual):
         heights = (X[near] - X[i]) @ normals[i]
         if max_distance is not None:
             limits[i] = max_distance
-        elif mutual:
-            limits[i] = 3 * noise[i]
         else:
             away = abs(heights - offsets[i])
             limits[i] = np.median(away) + 2 * 1.4826 * np.median(abs(away - np.median(away)))
-        if mutual:
-            usual = np.sort(noise[near])[len(near) // 4]
-            bent = np.radians(max_angle) * distances[near].max() / 8
-            quiet[i] = noise[i] <= (1 + 3 / np.sqrt(2 * k)) * np.hypot(usual, bent)
     links = []
     for i, (near, reached) in enumerate(hoods):
         away = abs((X[near] - X[i]) @ normals[i] - offsets[i])
         turn = np.degrees(np.arccos(np.minimum(abs(normals[near] @ normals[i]), 1)))
         fits = (away <= limits[i]) & (turn <= max_angle) & reached
-        if mutual:
-            back = np.einsum("nd,nd->n", X[i] - X[near], normals[near]) - offsets[near]
-            fits &= (abs(back) <= limits[near]) & quiet[i] & quiet[near]
         links.append(set(near[1:][fits[1:]]))
     labels, region = np.full(n, -1), 0
     for seed in np.argsort(variation, kind="stable"):
@@ -91,12 +81,10 @@ def grown_by_loops(columns, d, k, max_angle, max_distance, max_gap, mutual):
 
 @pytest.mark.parametrize(("n", "d"), [(300, 2), (400, 3), (500, 4), (1500, 3)])
 @pytest.mark.parametrize(
-    ("k", "max_angle", "max_distance", "max_gap", "mutual"),
-    [(30, 15, None, None, True), (17, 20, None, None, False), (20, 10, 0.004, 0.12, True)],
+    ("k", "max_angle", "max_distance", "max_gap"),
+    [(30, 15, None, None), (17, 20, None, None), (20, 10, 0.004, 0.12)],
 )
-def test_regions_are_those_of_the_rules_taken_literally(
-    n, d, k, max_angle, max_distance, max_gap, mutual
-):
+def test_regions_are_those_of_the_rules_taken_literally(n, d, k, max_angle, max_distance, max_gap):
     rng = np.random.default_rng(n + d)
     X, normals, _ = corner(n, d, rng)
     columns = columns_of(X, normals, rng)
@@ -105,11 +93,10 @@ def test_regions_are_those_of_the_rules_taken_literally(
         max_angle=max_angle,
         max_distance=max_distance,
         max_gap=max_gap,
-        mutual=mutual,
         normals="precomputed",
         **LITERAL,
     )
     labels = growing.fit_predict(columns)
-    expected = grown_by_loops(columns, d, k, max_angle, max_distance, max_gap, mutual)
+    expected = grown_by_loops(columns, d, k, max_angle, max_distance, max_gap)
     assert growing.n_regions_ == expected.max() + 1 > 1
     assert adjusted_rand_score(expected, labels) == 1.0
