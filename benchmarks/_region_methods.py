@@ -268,7 +268,7 @@ SETTINGS = {
         "find_narrow_faces=False": ours(find_narrow_faces=False),
         "divide_at_creases=False": ours(divide_at_creases=False),
         "join_curved=False": ours(join_curved=False),
-        "mutual=False": ours(mutual=False),
+        "quiet_planes=False": ours(quiet_planes=False),
     }.items()
 }
 METHODS = PEERS | SETTINGS

@@ -245,7 +245,7 @@ PARTS = {
             Parameter("n_neighbors", (15, 24, 37, 60)),
             Parameter("max_angle", (7.5, 12, 18.75, 30)),
             Parameter("min_region_size", (1, 5, 8, 12, 20)),
-            Parameter("mutual", (False,)),
+            Parameter("quiet_planes", (False,)),
             Parameter("find_narrow_faces", (False,)),
             Parameter("divide_at_creases", (False,)),
             Parameter("join_coplanar", (False,)),

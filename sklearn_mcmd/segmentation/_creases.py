@@ -12,7 +12,7 @@ from sklearn_mcmd.planes._around import quantile_around, ratio
 from sklearn_mcmd.runtime._chunks import each_slice, run
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.segmentation._cylinder import N_STEPS, RIDGE
-from sklearn_mcmd.segmentation._graph import HEIGHT_BITS, n_within_median
+from sklearn_mcmd.segmentation._graph import BENT, HEIGHT_BITS, USUAL, n_within_median
 from sklearn_mcmd.segmentation._merge_coplanar import MOST_NOISE
 from sklearn_mcmd.segmentation._region_sums import median_by_region, region_moments
 
@@ -21,12 +21,6 @@ __all__ = ["VoteLimits", "divide_at_creases"]
 # A smooth surface, a quadric over a plane, has six numbers, and so have two planes. A strip has no
 # vote if its points are fewer than twice the numbers of both models. Patches of as many are large.
 LEAST_POINTS = 2 * (6 + 6)
-# Points of a disk of radius r on a cylinder whose normals turn by an angle over r deviate from
-# their plane by this share of angle * r (root mean square).
-BENT = 1 / 8
-# Share of the neighbors that tell what noise is usual around. Next to an edge less than half of
-# them have planes of their own face.
-USUAL = 0.25
 # Places of the six different numbers of a symmetric matrix in its nine, and the reverse.
 UPPER, WHOLE = [0, 1, 2, 4, 5, 8], [0, 1, 2, 1, 3, 4, 2, 4, 5]
 # Borders that are voted on in one task, and pairs of cells from which on trees are faster.
@@ -72,9 +66,9 @@ def divide_at_creases(labels, index, planes, min_cosine, n_jobs=None):
     (`_groups`). Last, where a border parts two groups, its points go to the side on which its
     crease has them. Points of patches that are of both sides get label -1.
 
-    Noise is what is usual around, the lower quartile of the neighbors' noise, and what a surface
-    bends over a neighborhood whose normals turn by the angle that growth allows. Labels are from 0
-    on, -1 for none; the new ones have no order. In three dimensions.
+    Noise is what is usual around, and what the bend adds that growth allows, as in
+    `link_neighbors`. Labels are from 0 on, -1 for none; the new ones have no order. In three
+    dimensions.
     """
     noise, near = _noise_and_neighbors(index, planes, min_cosine, n_jobs)
     unit = float(np.exp2(np.frexp(noise.max(initial=0.0))[1]))  # no square leaves the numbers

@@ -45,7 +45,8 @@ def fit_cylinder(points, normals):
 
     The search for the axis starts from three directions. The longest extent of the points is right
     for a pole, and the second extent for a wide strip of a column. The direction most nearly
-    perpendicular to all normals, of either sign, is right for pieces as high as wide. Points of an
+    perpendicular to all normals, of either sign, is right for pieces as high as wide; where all are
+    equal, as of points that borrowed one plane, it is any. Points of an
     exact plane have no best cylinder and get a poor one: compare it with their plane. There must be
     at least six points. Returns the sum of squares and the `Cylinder`.
     """
@@ -56,7 +57,9 @@ def fit_cylinder(points, normals):
         return 0.0, Cylinder(center, np.array([0.0, 0.0, 1.0]), 0.0)
     local /= scale
     extents = np.linalg.eigh(local.T @ local)[1]
-    starts = np.stack([extents[:, 2], extents[:, 1], np.linalg.eigh(normals.T @ normals)[1][:, 0]])
+    across, turns = np.linalg.eigh(normals.T @ normals)
+    starts = [extents[:, 2], extents[:, 1], turns[:, 0]]
+    starts = np.stack(starts if across[1] > RIDGE * len(points) else starts[:2])
     fit = compiled_function("segmentation._cylinder_numba", "fit")
     total, model = fit(local, starts, FitLimits(N_STEPS, LEAST_GAIN, RIDGE))
     return total * scale**2, Cylinder(center + scale * model[:3], model[3:6], scale * model[6])

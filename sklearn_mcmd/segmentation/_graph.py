@@ -5,13 +5,16 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.planes._around import ratio
+from sklearn_mcmd.planes._flatness import most_noise_around
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 from sklearn_mcmd.runtime._chunks import each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
 
 __all__ = [
+    "BENT",
     "CUTOFF",
     "HEIGHT_BITS",
+    "USUAL",
     "GrowthRules",
     "by_place",
     "grow_regions",
@@ -22,6 +25,13 @@ __all__ = [
 
 # A surface explains a point within so many of its standard deviations.
 CUTOFF = 3.0
+# A plane may be noisier than is usual around by what curvature explains. Points of a disk of radius
+# r on a cylinder whose normals turn by an angle over r deviate from their plane by this share of
+# angle * r (root mean square).
+BENT = 1 / 8
+# Share of the neighbors that tell what noise is usual around. Next to an edge less than half of
+# them have planes of their own face. What fewer tell is small by chance, and faces fall apart.
+USUAL = 0.25
 # The paper's rule A: neighbors within the median and so many standard deviations.
 N_DEVIATIONS = 2.0
 # Seeds are as flat, or as near to their planes, if they differ by less than these bits of the
@@ -34,11 +44,13 @@ class GrowthRules(NamedTuple):
 
     min_cosine : least cosine of the angle between their normals
     max_distance, max_gap : lengths in units of the points, or None
+    quiet_planes : whether nothing grows from planes that are noisier than is usual around
     """
 
     min_cosine: float
     max_distance: float | None = None
     max_gap: float | None = None
+    quiet_planes: bool = True
 
 
 class LinkLimits(NamedTuple):
@@ -60,11 +72,15 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
     A neighbor is linked if
 
     - its distance to the point's plane is at most `max_distance`; by default the median of the
-      neighbors' distances and two robust standard deviations, no less than `floor` (n,), what
-      rounding amounts to,
+      neighbors' distances and two robust standard deviations, and what rounding amounts to,
+      `floor` (n,),
     - it is not farther than `max_gap`; by default the median of the neighbors' distances, which
       leaves the nearer half,
     - its normal is within the angle.
+
+    With `quiet_planes` nothing is linked to a point whose plane is noisier than is usual around it,
+    and than surfaces are whose normals turn by the angle over a neighborhood. A plane that runs
+    across an edge is noisier, and so are most in foliage.
 
     The planes are of ``index.points``. Returns links (n, width) of int32, neighbors that may be
     added from each point, nearest first, then -1; and the distance of the farthest neighbor looked
@@ -85,6 +101,10 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
     def task(rows):
         around = index.query_own(rows, k)
         link(index.points, around, planes, floor, limits, rows.start, radius[rows], links[rows])
+        if rules.quiet_planes:
+            bend = BENT * np.arccos(min(rules.min_cosine, 1.0)) * radius[rows]
+            most = most_noise_around(planes.scale, around, index.n_neighbors, USUAL, bend)
+            links[rows][planes.scale[rows] > most] = -1
 
     each_slice(n, index.chunk, task, n_jobs)
     return links, radius

@@ -16,7 +16,7 @@ def link_rows(points, around, planes, floor, limits, start, radius, links):
     points : float64 (n, d)
     around : Neighborhoods of the rows to be linked
     planes : Planes of all points
-    floor : float64 (n,), least distances
+    floor : float64 (n,), what rounding adds to distances
     limits : LinkLimits
     start : row of the first of the points
     radius : float64 (m,), filled
@@ -46,7 +46,7 @@ def _link_rows(
             for a in range(size):
                 apart[a] = abs(heights[a] - middle)
             limit = middle + limits.spread * _median(apart_bits, apart, apart_bits, size)
-        limit = max(limit, floor[i])
+            limit += floor[i]
         for a in range(size):
             j, square, cosine = indices[row, a], 0.0, 0.0
             for axis in range(d):

@@ -104,7 +104,7 @@ def test_patches_of_a_roof_are_its_faces_and_have_their_weighted_moments():
 
 
 def vote_by_numpy(points, weights, cells, first):
-    """A vote over the plane z = 0, by general least squares."""
+    """A vote over the plane z = 0, and the first of its two sides, by general least squares."""
     x, y, z = points.T
     plane, rows = np.stack([np.ones_like(x), x, y]).T, np.arange(len(x))
 
@@ -116,20 +116,21 @@ def vote_by_numpy(points, weights, cells, first):
     one, other = fitted(plane, first), fitted(plane, ~first)
     step = np.square((z - np.where(first, one, other)) * weights).sum()
     choose = np.minimum if (np.where(first, one < other, other < one)).mean() > 0.5 else np.maximum
-    side, left, rest = choose(one, other) == one, np.inf, smooth
+    side, left, rest, best_side = choose(one, other) == one, np.inf, smooth, first
     for _ in range(LIMITS.n_steps):
         if min(side.sum(), (~side).sum()) <= 3:
             break
         one, other = fitted(plane, side), fitted(plane, ~side)
         crease = (z - choose(one, other)) * weights
         if crease @ crease < left:
-            left, rest = crease @ crease, crease
+            left, rest, best_side = crease @ crease, crease, choose(one, other) == one
         side = choose(one, other) == one
     best = min(left, LIMITS.most_noise**2 * step)
+    best_side = best_side if left == best else first
     rest = smooth if smooth @ smooth <= best else rest
     effect = max(np.square(np.bincount(cells, rest)).sum() / (rest @ rest), 1.0)
     n = len(x) / effect
-    return (n * np.log(best / (smooth @ smooth)) + 3 * np.log(n)) / 2
+    return (n * np.log(best / (smooth @ smooth)) + 3 * np.log(n)) / 2, best_side
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -144,9 +145,12 @@ def test_votes_are_those_of_general_least_squares(make, seed):
     X, first = X[order] - X.mean(axis=0), X[order, 0] > 0
     cells, weights = np.arange(300) // 15, np.random.default_rng(seed).uniform(20, 60, 300)
     normals = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
-    found = vote(X, weights, cells, first, normals, LIMITS)
+    sides = np.zeros(300, dtype=bool)
+    found = vote(X, weights, cells, first, normals, LIMITS, sides)
     # The ridge of the normal equations is a millionth of a millionth.
-    assert_allclose(found, vote_by_numpy(X, weights, cells, first), rtol=1e-6)
+    expected, expected_sides = vote_by_numpy(X, weights, cells, first)
+    assert_allclose(found, expected, rtol=1e-6)
+    assert_array_equal(sides, expected_sides)
     assert (found > 0) == (make in ("barrel", "plane"))
 
 
@@ -155,10 +159,10 @@ def test_deviations_that_cells_share_count_as_fewer():
     order = np.lexsort((np.floor(4 * X[:, 1]), np.floor(4 * X[:, 0])))
     X, first = X[order], first[order]
     cells, weights, normals = np.arange(300) // 15, np.full(300, 40.0), np.eye(3)[[2, 2]]
-    alone = vote(X, weights, cells, first, normals, LIMITS)
+    alone = vote(X, weights, cells, first, normals, LIMITS, first.copy())
     X[:, 2] += 0.02 * np.repeat(np.random.default_rng(0).normal(size=20), 15)
     assert alone < 0
-    assert vote(X, weights, cells, first, normals, LIMITS) > alone / 4
+    assert vote(X, weights, cells, first, normals, LIMITS, first.copy()) > alone / 4
 
 
 def test_groups_are_joined_by_the_highest_sum_of_votes():

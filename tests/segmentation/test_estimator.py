@@ -56,14 +56,14 @@ def test_curved_surfaces_stay_whole(noise):
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_planes_across_a_sparse_kerb_lead_over_it_only_where_they_need_not_explain_each_other(seed):
+def test_division_mends_what_planes_across_a_sparse_kerb_lead_over_it(seed):
     # A kerb of 2.3 spacings: some planes that its points are given run across its edges.
     scene = make_traffic_furniture(20_000, random_state=seed)
     columns = RobustNormalEstimator(random_state=0).fit_transform(scene.data)
     scores = {}
-    for mutual in (False, True):
-        growing = RegionGrowing(normals="precomputed", mutual=mutual, divide_at_creases=False)
-        scores[mutual] = adjusted_rand_score(scene.surface, growing.fit_predict(columns))
+    for divide in (False, True):
+        growing = RegionGrowing(normals="precomputed", divide_at_creases=divide)
+        scores[divide] = adjusted_rand_score(scene.surface, growing.fit_predict(columns))
     assert scores[False] < 0.5
     assert scores[True] > 0.97
 
@@ -359,7 +359,7 @@ def test_columns_that_are_not_the_transformers_are_refused(street, change):
         ({"max_angle": 91}, "max_angle"),
         ({"max_distance": -1.0}, "max_distance"),
         ({"max_gap": 0.0}, "max_gap"),
-        ({"mutual": 0.5}, "mutual"),
+        ({"quiet_planes": 0.5}, "quiet_planes"),
         ({"min_region_size": 0}, "min_region_size"),
         ({"n_neighbors": 1}, "n_neighbors"),
         ({"normals": "given"}, "normals"),

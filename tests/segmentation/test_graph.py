@@ -9,6 +9,8 @@ from sklearn_mcmd.planes._columns import split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.segmentation._graph import GrowthRules, grow_regions, link_neighbors
 
+RULES = GrowthRules(0.96, quiet_planes=False)
+
 
 def adversarial_clouds():
     rng = np.random.default_rng(0)
@@ -34,7 +36,7 @@ def links_by_numpy(index, planes, floor, rules):
     height = np.abs(((index.points[near] - planes.centroids[:, None]) * normals).sum(axis=2))
     middle = np.median(height, axis=1, keepdims=True)
     limit = middle + 2 * 1.4826 * np.median(np.abs(height - middle), axis=1, keepdims=True)
-    fits = (near != rows[:, None]) & (height <= np.maximum(limit, floor[:, None]))
+    fits = (near != rows[:, None]) & (height <= limit + floor[:, None])
     fits &= np.abs((planes.normals[near] * normals).sum(axis=2)) >= rules.min_cosine
     links = np.take_along_axis(
         np.where(fits, near, -1), np.argsort(~fits, axis=1, kind="stable"), axis=1
@@ -64,8 +66,8 @@ def test_links_and_regions_are_those_of_numpy_on_adversarial_clouds(name, k):
     planes = columns.planes(index.rows)
     # The floor that the estimator gives keeps apart what rounding alone would decide.
     floor = 1e-13 * np.abs(index.points).max(axis=1) + 1e-9
-    links, radius = link_neighbors(index, planes, floor, GrowthRules(0.96))
-    expected, farthest = links_by_numpy(index, planes, floor, GrowthRules(0.96))
+    links, radius = link_neighbors(index, planes, floor, RULES)
+    expected, farthest = links_by_numpy(index, planes, floor, RULES)
     assert_array_equal(links, expected)
     assert_allclose(radius, farthest, rtol=1e-12)
     seeds = np.argsort(columns.surface_variation[index.rows], kind="stable")
@@ -79,7 +81,7 @@ def test_links_notice_an_edited_constant(monkeypatch):
     index = NeighborIndex(X, 16)
     planes, found = columns.planes(index.rows), []
     for _ in range(2):
-        links, _ = link_neighbors(index, planes, 1e-9 * planes.scale, GrowthRules(0.96))
+        links, _ = link_neighbors(index, planes, 1e-9 * planes.scale, RULES)
         found.append(np.count_nonzero(links >= 0))
         monkeypatch.setattr("sklearn_mcmd.segmentation._graph.N_DEVIATIONS", 0.5)
     assert found[1] < 0.9 * found[0]
