@@ -268,7 +268,7 @@ SETTINGS = {
         "find_narrow_faces=False": ours(find_narrow_faces=False),
         "divide_at_creases=False": ours(divide_at_creases=False),
         "join_curved=False": ours(join_curved=False),
-        "quiet_planes=False": ours(quiet_planes=False),
+        "mutual=False": ours(mutual=False),
     }.items()
 }
 METHODS = PEERS | SETTINGS

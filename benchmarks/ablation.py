@@ -222,7 +222,6 @@ def low_scores(echo, low):
 PARTS = {
     "growing": Part(
         tried=(
-            Constant("segmentation._graph", "CUTOFF"),
             Constant("planes._flatness", "N_ERRORS", np.inf),
             Constant("segmentation._graph", "USUAL", 0.0),
             Constant("segmentation._graph", "BENT", 0.0),
@@ -245,7 +244,7 @@ PARTS = {
             Parameter("n_neighbors", (15, 24, 37, 60)),
             Parameter("max_angle", (7.5, 12, 18.75, 30)),
             Parameter("min_region_size", (1, 5, 8, 12, 20)),
-            Parameter("quiet_planes", (False,)),
+            Parameter("mutual", (False,)),
             Parameter("find_narrow_faces", (False,)),
             Parameter("divide_at_creases", (False,)),
             Parameter("join_coplanar", (False,)),

@@ -37,7 +37,7 @@ from pathlib import Path
 import numpy as np
 
 PAPER = {
-    "quiet_planes": False,
+    "mutual": False,
     "find_narrow_faces": False,
     "divide_at_creases": False,
     "join_coplanar": False,
@@ -47,8 +47,8 @@ PAPER = {
 WHOLE = {"divide_at_creases": False}
 FORMS = {
     "paper's rules": PAPER,
-    "and quiet planes": {**PAPER, "quiet_planes": True},
-    "and rest assigned": {**PAPER, "quiet_planes": True, "assign_unlabeled": True},
+    "and mutual": {**PAPER, "mutual": True},
+    "and rest assigned": {**PAPER, "mutual": True, "assign_unlabeled": True},
     "and coplanar joined": {"find_narrow_faces": False, **WHOLE, "join_curved": False},
     "and curved joined": {"find_narrow_faces": False, **WHOLE},
     "and narrow faces": WHOLE,

@@ -267,7 +267,7 @@ def segments_principle():
     points = kept()
     near = (points[:, 0] > 1.0) & (points[:, 0] < 1.25)
     alone = {
-        "quiet_planes": False,
+        "mutual": False,
         "find_narrow_faces": False,
         "divide_at_creases": False,
         "join_coplanar": False,
@@ -323,7 +323,7 @@ def segments_angle():
 
 
 def segments_street():
-    alone = {"quiet_planes": False, "find_narrow_faces": False, "join_coplanar": False}
+    alone = {"mutual": False, "find_narrow_faces": False, "join_coplanar": False}
     alone |= {"divide_at_creases": False, "join_curved": False, "assign_unlabeled": False}
     fig, axes = plt.subplots(1, 2, figsize=(12, 4.6), layout="constrained")
     for ax, model, name in (

@@ -58,10 +58,11 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
     min_region_size : int, default=10
         Regions of fewer points are dissolved.
 
-    quiet_planes : bool, default=True
-        Whether a region grows on only from points whose planes are no noisier than is usual around
-        them. Planes that run across an edge are noisier, and so are most in foliage. False is the
-        paper's form.
+    mutual : bool, default=True
+        Whether planes must explain each other: a neighbor joins if each of the two points lies
+        within `max_distance` of the other's plane, and a region grows on only from points whose
+        planes are no noisier than is usual around them. Planes that run across an edge are noisier,
+        and so are many in foliage. False is the paper's form.
 
     find_narrow_faces : bool, default=True
         Whether the points that growth left over grow regions again, by the same rules and with
@@ -164,12 +165,12 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
     The paper leaves the automatic thresholds to a reference that was not at hand. Those here,
     the median and two median absolute deviations of the distances to the plane and the median
     of the distances between points, are remembered from later papers of its authors, and
-    unverified. ``quiet_planes=False, find_narrow_faces=False, divide_at_creases=False,
+    unverified. ``mutual=False, find_narrow_faces=False, divide_at_creases=False,
     join_coplanar=False, join_curved=False, assign_unlabeled=False`` is nearest to the paper.
     Departures: deviations are scaled to standard deviations by 1.4826, and half the step of rounded
     coordinates is added.
 
-    With `quiet_planes`, the usual noise around a point is the lower quartile of the neighbors'
+    With `mutual`, the usual noise around a point is the lower quartile of the neighbors'
     noise. A plane may be noisier by three standard errors, a factor of ``1 + 3 / sqrt(2 *
     n_neighbors)``, and by the deviation of a surface whose normals turn by `max_angle` over the
     distance of the farthest neighbor. So no threshold depends on the unit or on the density of the
@@ -226,7 +227,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         "max_distance": [Interval(Real, 0, None, closed="neither"), None],
         "max_gap": [Interval(Real, 0, None, closed="neither"), None],
         "min_region_size": [Interval(Integral, 1, None, closed="left")],
-        "quiet_planes": ["boolean"],
+        "mutual": ["boolean"],
         "find_narrow_faces": ["boolean"],
         "divide_at_creases": ["boolean"],
         "join_coplanar": ["boolean"],
@@ -246,7 +247,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         max_distance: float | None = None,
         max_gap: float | None = None,
         min_region_size: int = 10,
-        quiet_planes: bool = True,
+        mutual: bool = True,
         find_narrow_faces: bool = True,
         divide_at_creases: bool = True,
         join_coplanar: bool = True,
@@ -262,7 +263,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         self.max_distance = max_distance
         self.max_gap = max_gap
         self.min_region_size = min_region_size
-        self.quiet_planes = quiet_planes
+        self.mutual = mutual
         self.find_narrow_faces = find_narrow_faces
         self.divide_at_creases = divide_at_creases
         self.join_coplanar = join_coplanar

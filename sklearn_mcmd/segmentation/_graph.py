@@ -44,26 +44,21 @@ class GrowthRules(NamedTuple):
 
     min_cosine : least cosine of the angle between their normals
     max_distance, max_gap : lengths in units of the points, or None
-    quiet_planes : whether nothing grows from planes that are noisier than is usual around
+    mutual : whether planes must explain each other
     """
 
     min_cosine: float
     max_distance: float | None = None
     max_gap: float | None = None
-    quiet_planes: bool = True
+    mutual: bool = True
 
 
 class LinkLimits(NamedTuple):
-    """`GrowthRules` with numbers alone. They reach the kernel as arguments, which it cannot freeze.
-
-    A negative `max_distance` stands for the median of the distances and `spread` times the median
-    of what they differ from it.
-    """
+    """Limits of links. They reach the kernel as arguments: it would freeze imported constants."""
 
     min_cosine: float
-    max_distance: float
     max_gap: float
-    spread: float
+    mutual: bool
 
 
 def link_neighbors(index, planes, floor, rules, n_jobs=None):
@@ -76,11 +71,12 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
       `floor` (n,),
     - it is not farther than `max_gap`; by default the median of the neighbors' distances, which
       leaves the nearer half,
-    - its normal is within the angle.
+    - its normal is within the angle,
 
-    With `quiet_planes` nothing is linked to a point whose plane is noisier than is usual around it,
-    and than surfaces are whose normals turn by the angle over a neighborhood. A plane that runs
-    across an edge is noisier, and so are most in foliage.
+    and, if `mutual`, also the point is within such a distance of the neighbor's plane, and its own
+    plane is quiet: no noisier than is usual around and than surfaces are whose normals turn by the
+    angle over a neighborhood. A plane that runs across an edge is noisier, and so are many in
+    foliage.
 
     The planes are of ``index.points``. Returns links (n, width) of int32, neighbors that may be
     added from each point, nearest first, then -1; and the distance of the farthest neighbor looked
@@ -89,24 +85,30 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
     n, k = len(index.points), index.n_neighbors
     if rules.max_gap is None:  # those beyond the median distance are never linked
         k = n_within_median(k) + 1
-    limits = LinkLimits(
-        float(rules.min_cosine),
-        -1.0 if rules.max_distance is None else float(rules.max_distance),
-        np.inf if rules.max_gap is None else float(rules.max_gap),
-        N_DEVIATIONS * MAD_TO_SD,
-    )
-    radius, links = index.empty(n), index.empty((n, k), np.int32)
-    link = compiled_function("segmentation._graph_numba", "link_rows")
+    radius, limit, links = index.empty(n), index.empty(n), index.empty((n, k), np.int32)
+    spread = N_DEVIATIONS * MAD_TO_SD
 
-    def task(rows):
+    def measure(rows):
         around = index.query_own(rows, k)
-        link(index.points, around, planes, floor, limits, rows.start, radius[rows], links[rows])
-        if rules.quiet_planes:
+        found = limit[rows], radius[rows]
+        _compiled("measure_rows")(index.points, around, planes, spread, rows.start, *found)
+        limit[rows] += floor[rows]
+        if rules.max_distance is not None:
+            limit[rows] = float(rules.max_distance)
+
+    def link(rows):
+        around = index.query_own(rows, k)
+        arrays = index.points, around, planes, limit
+        _compiled("link_rows")(*arrays, limits, rows.start, links[rows])
+        if rules.mutual:
             bend = BENT * np.arccos(min(rules.min_cosine, 1.0)) * radius[rows]
             most = most_noise_around(planes.scale, around, index.n_neighbors, USUAL, bend)
             links[rows][planes.scale[rows] > most] = -1
 
-    each_slice(n, index.chunk, task, n_jobs)
+    max_gap = np.inf if rules.max_gap is None else float(rules.max_gap)
+    limits = LinkLimits(float(rules.min_cosine), max_gap, bool(rules.mutual))
+    each_slice(n, index.chunk, measure, n_jobs)
+    each_slice(n, index.chunk, link, n_jobs)
     return links, radius
 
 
@@ -116,7 +118,7 @@ def grow_regions(links, seeds):
     Which points these are does not depend on the order in which links are followed. Seeds are all
     rows, that of least curvature first. Labels, int32, count from 0 in their order.
     """
-    return compiled_function("segmentation._graph_numba", "grow")(links, seeds)
+    return _compiled("grow")(links, seeds)
 
 
 def seed_order(variation, points, planes):
@@ -147,3 +149,7 @@ def by_place(points, rows):
 def n_within_median(k):
     """Neighbors not farther than their median distance, of k with the point itself."""
     return k // 2
+
+
+def _compiled(name):
+    return compiled_function("segmentation._graph_numba", name)

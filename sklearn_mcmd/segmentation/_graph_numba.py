@@ -5,61 +5,78 @@ import numpy as np
 from sklearn_mcmd.planes._moments_numba import kth_smallest
 from sklearn_mcmd.runtime._kernels import kernel
 
-__all__ = ["grow", "link_rows"]
+__all__ = ["grow", "link_rows", "measure_rows"]
 
 
-def link_rows(points, around, planes, floor, limits, start, radius, links):
-    """Fill the links of the points from row `start` on, and the distances of the last neighbors.
+def measure_rows(points, around, planes, spread, start, limit, radius):
+    """Fill the paper's distances from the planes of the points from row `start` on.
+
+    They are the median of the neighbors' distances, and `spread` times the median of what these
+    differ from it. `radius` (m,) becomes the distances of the last neighbors.
+    """
+    room = np.empty((2, around.indices.shape[1]))
+    # Python makes the arrays, since Numba takes long to compile what makes them.
+    bits = room.view(np.int64)
+    _measure_rows(
+        points, around, planes.centroids, planes.normals, spread, start, limit, radius, *room, *bits
+    )
+
+
+@kernel(cache=True)
+def _measure_rows(
+    points, around, centroids, normals, spread, start, limit, radius, heights, apart,
+    height_bits, apart_bits,
+):  # fmt: skip
+    for row in range(len(limit)):
+        i, size, last = start + row, around.sizes[row], 0.0
+        for a in range(size):
+            j, square = around.indices[row, a], 0.0
+            for axis in range(points.shape[1]):
+                gap = points[j, axis] - points[i, axis]
+                square += gap * gap
+            last = max(last, square)
+            heights[a] = abs(_height(points, j, centroids, normals, i))
+        middle = _median(height_bits, apart, apart_bits, size)
+        for a in range(size):
+            apart[a] = abs(heights[a] - middle)
+        limit[row] = middle + spread * _median(apart_bits, apart, apart_bits, size)
+        radius[row] = np.sqrt(last)
+
+
+def link_rows(points, around, planes, limit, limits, start, links):
+    """Fill the links of the points from row `start` on.
 
     Parameters
     ----------
     points : float64 (n, d)
     around : Neighborhoods of the rows to be linked
     planes : Planes of all points
-    floor : float64 (n,), what rounding adds to distances
+    limit : float64 (n,), largest distances from planes
     limits : LinkLimits
     start : row of the first of the points
-    radius : float64 (m,), filled
     links : int32 (m, width), filled
     """
-    room = np.empty((2, links.shape[1]))
-    # Python makes the arrays, since Numba takes long to compile what makes them.
-    centroids, normals, bits = planes.centroids, planes.normals, room.view(np.int64)
-    _link_rows(
-        points, around, centroids, normals, floor, limits, start, radius, links, *room, *bits
-    )
+    _link_rows(points, around, planes.centroids, planes.normals, limit, limits, start, links)
 
 
 @kernel(cache=True)
-def _link_rows(
-    points, around, centroids, normals, floor, limits, start, radius, links, heights, apart,
-    height_bits, apart_bits,
-):  # fmt: skip
-    indices, sizes, d = around.indices, around.sizes, points.shape[1]
+def _link_rows(points, around, centroids, normals, limit, limits, start, links):
     for row in range(len(links)):
-        i, size, n_links, last = start + row, sizes[row], 0, 0.0
-        for a in range(size):
-            heights[a] = abs(_height(points, indices[row, a], centroids, normals, i))
-        limit = limits.max_distance
-        if limit < 0.0:  # bits of numbers that are not negative sort like the numbers
-            middle = _median(height_bits, apart, apart_bits, size)
-            for a in range(size):
-                apart[a] = abs(heights[a] - middle)
-            limit = middle + limits.spread * _median(apart_bits, apart, apart_bits, size)
-            limit += floor[i]
-        for a in range(size):
-            j, square, cosine = indices[row, a], 0.0, 0.0
-            for axis in range(d):
+        i, n_links = start + row, 0
+        for a in range(around.sizes[row]):
+            j, square, cosine = around.indices[row, a], 0.0, 0.0
+            for axis in range(points.shape[1]):
                 gap = points[j, axis] - points[i, axis]
                 square += gap * gap
                 cosine += normals[i, axis] * normals[j, axis]
-            distance = np.sqrt(square)
-            last = max(last, distance)
-            fits = j != i and heights[a] <= limit and distance <= limits.max_gap
-            if fits and abs(cosine) >= limits.min_cosine:
+            fits = j != i and np.sqrt(square) <= limits.max_gap
+            fits &= abs(cosine) >= limits.min_cosine
+            fits &= abs(_height(points, j, centroids, normals, i)) <= limit[i]
+            if limits.mutual:
+                fits &= abs(_height(points, i, centroids, normals, j)) <= limit[j]
+            if fits:
                 links[row, n_links] = j
                 n_links += 1
-        radius[row] = last
         links[row, n_links:] = -1
 
 
@@ -73,7 +90,7 @@ def _height(points, j, centroids, normals, i):
 
 @kernel
 def _median(bits, numbers, number_bits, size):
-    """The median of numbers that are not negative, by their bits; of an even number the mean."""
+    """The median of numbers that are not negative, by their bits, which sort like the numbers."""
     lower = kth_smallest(bits, size, (size + 1) // 2)
     upper = kth_smallest(bits, size, size // 2 + 1)
     number_bits[0] = lower

@@ -17,7 +17,7 @@ __all__ = ["finish_regions", "rules_of"]
 def rules_of(growing):
     """The `GrowthRules` of a `RegionGrowing`."""
     cosine = np.cos(np.radians(growing.max_angle))
-    return GrowthRules(cosine, growing.max_distance, growing.max_gap, growing.quiet_planes)
+    return GrowthRules(cosine, growing.max_distance, growing.max_gap, growing.mutual)
 
 
 def finish_regions(labels, index, planes, floor, copies, growing, n_jobs=None):

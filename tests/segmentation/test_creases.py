@@ -8,7 +8,7 @@ from sklearn.metrics import adjusted_rand_score
 
 from sklearn_mcmd import RegionGrowing
 from sklearn_mcmd.datasets import make_crown_roof
-from sklearn_mcmd.segmentation._creases import VoteLimits, _joined, _strip
+from sklearn_mcmd.segmentation._creases import VoteLimits, _groups, _joined, _strip
 from sklearn_mcmd.segmentation._creases_numba import gather_cells, join_cells, strip_of, vote
 
 LIMITS = VoteLimits(8, 1e-12, 1.5)
@@ -182,6 +182,33 @@ def test_groups_are_joined_by_the_highest_sum_of_votes():
                 break
             group[group == best[1]] = best[0]
         assert_array_equal(_joined(12, borders, votes), group)
+
+
+def test_small_patches_join_no_groups_that_large_ones_part():
+    """0 and 1 are parted, as are 1 and 2; 3 is beside 0 and 1, 4 and 5 are bridges of 0 and 2."""
+    large = np.array([True, True, True, False, False, False])
+    borders = np.array([(0, 1), (1, 2), (0, 3), (1, 3), (0, 4), (2, 5), (4, 5)])
+    votes = np.array([-1.0, -5.0, 9.0, 9.0, 2.0, 3.0, -1.0])
+    group, mixed = _groups(borders, votes, large)
+    assert mixed.tolist() == [False, False, False, True, False, False]
+    assert group[[4, 5]].tolist() == group[[0, 2]].tolist()
+    assert len(set(group[:3])) == 3
+    # Nothing speaks against two parts that no border of large patches parts.
+    votes[-1] = 1.0
+    group, _ = _groups(borders, votes, large)
+    assert group[0] == group[2] == group[4] == group[5] != group[1]
+    # What large patches part stays apart, whatever small ones say.
+    borders, votes = np.array([(0, 1), (0, 2), (1, 3), (2, 3)]), np.array([-1.0, 9, 9, 9])
+    group, mixed = _groups(borders, votes, np.array([True, True, False, False]))
+    assert group[0] != group[1]
+    assert not mixed.any()
+
+
+def test_points_beside_a_crease_are_on_its_sides():
+    """Without strips a face's points are those of its cells, which lie across the ridge."""
+    X, side = roof(3000, 30, 0.1)
+    labels = RegionGrowing(random_state=0).fit_predict(X)
+    assert np.mean((labels == labels[side][0]) == side) > 0.99
 
 
 def test_a_strip_is_as_wide_as_the_small_patch_by_pairs_and_by_trees():

@@ -67,3 +67,14 @@ def test_points_of_no_cylinder_give_finite_results(points):
     total, cylinder = fit_cylinder(points, normals)
     assert np.isfinite(total)
     assert np.isfinite(cylinder.distances(points)).all()
+
+
+def test_equal_normals_tell_no_direction():
+    """The direction across equal normals is any: rounding would decide where the search starts."""
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        points = rng.normal(size=(15, 3))
+        normals = np.tile([[0.6, 0.0, 0.8]], (15, 1))
+        total, _ = fit_cylinder(points, normals)
+        moved, _ = fit_cylinder((points + 1e5) - 1e5, normals)
+        assert_allclose(moved, total, rtol=1e-6)

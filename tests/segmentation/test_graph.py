@@ -9,8 +9,6 @@ from sklearn_mcmd.planes._columns import split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.segmentation._graph import GrowthRules, grow_regions, link_neighbors
 
-RULES = GrowthRules(0.96, quiet_planes=False)
-
 
 def adversarial_clouds():
     rng = np.random.default_rng(0)
@@ -36,7 +34,15 @@ def links_by_numpy(index, planes, floor, rules):
     height = np.abs(((index.points[near] - planes.centroids[:, None]) * normals).sum(axis=2))
     middle = np.median(height, axis=1, keepdims=True)
     limit = middle + 2 * 1.4826 * np.median(np.abs(height - middle), axis=1, keepdims=True)
-    fits = (near != rows[:, None]) & (height <= limit + floor[:, None])
+    limit += floor[:, None]
+    fits = (near != rows[:, None]) & (height <= limit)
+    if rules.mutual:
+        back = ((index.points[:, None] - planes.centroids[near]) * planes.normals[near]).sum(axis=2)
+        usual = np.sort(planes.scale[near], axis=1)[:, near.shape[1] // 4]
+        radius = np.linalg.norm(gaps, axis=2).max(axis=1)
+        bent = np.arccos(rules.min_cosine) * radius / 8
+        quiet = planes.scale <= (1 + 3 / np.sqrt(2 * index.n_neighbors)) * np.hypot(usual, bent)
+        fits &= (np.abs(back) <= limit[near, 0]) & quiet[:, None]
     fits &= np.abs((planes.normals[near] * normals).sum(axis=2)) >= rules.min_cosine
     links = np.take_along_axis(
         np.where(fits, near, -1), np.argsort(~fits, axis=1, kind="stable"), axis=1
@@ -57,17 +63,18 @@ def grown_by_sets(links, seeds):
     return labels
 
 
-@pytest.mark.parametrize("k", [16, 17])
+@pytest.mark.parametrize(("k", "mutual"), [(16, False), (17, True)])
 @pytest.mark.parametrize("name", adversarial_clouds())
-def test_links_and_regions_are_those_of_numpy_on_adversarial_clouds(name, k):
+def test_links_and_regions_are_those_of_numpy_on_adversarial_clouds(name, k, mutual):
     X = adversarial_clouds()[name]
     columns = split_columns(RobustNormalEstimator(20, random_state=0).fit_transform(X))
     index = NeighborIndex(X, k)
     planes = columns.planes(index.rows)
     # The floor that the estimator gives keeps apart what rounding alone would decide.
     floor = 1e-13 * np.abs(index.points).max(axis=1) + 1e-9
-    links, radius = link_neighbors(index, planes, floor, RULES)
-    expected, farthest = links_by_numpy(index, planes, floor, RULES)
+    rules = GrowthRules(0.96, mutual=mutual)
+    links, radius = link_neighbors(index, planes, floor, rules)
+    expected, farthest = links_by_numpy(index, planes, floor, rules)
     assert_array_equal(links, expected)
     assert_allclose(radius, farthest, rtol=1e-12)
     seeds = np.argsort(columns.surface_variation[index.rows], kind="stable")
@@ -81,7 +88,7 @@ def test_links_notice_an_edited_constant(monkeypatch):
     index = NeighborIndex(X, 16)
     planes, found = columns.planes(index.rows), []
     for _ in range(2):
-        links, _ = link_neighbors(index, planes, 1e-9 * planes.scale, RULES)
+        links, _ = link_neighbors(index, planes, 1e-9 * planes.scale, GrowthRules(0.96))
         found.append(np.count_nonzero(links >= 0))
         monkeypatch.setattr("sklearn_mcmd.segmentation._graph.N_DEVIATIONS", 0.5)
     assert found[1] < 0.9 * found[0]

@@ -91,3 +91,14 @@ def test_parts_whose_neighborhoods_hide_the_noise_are_joined_by_the_noise_that_t
     assert len(np.unique(join_coplanar(X, part, planes_of(quiet, radius=0.04)))) == 1
     X[part == 1, 2] += 0.01  # three times the noise
     assert len(np.unique(join_coplanar(X, part, planes_of(quiet, radius=0.04)))) == 2
+
+
+def test_a_small_part_in_two_planes_is_no_bridge_between_them():
+    rng = np.random.default_rng(0)
+    first, second = rng.uniform(0, 1, (2, 800, 3)) * [[[1, 0, 1]], [[0, 1, 1]]]
+    corner = np.column_stack([np.zeros((12, 2)), np.linspace(0, 1, 12)])
+    X = np.vstack([first, second, corner]) + rng.normal(0, 0.01, (1612, 3))
+    labels = np.repeat([0, 1, 2], [800, 800, 12])
+    joined = join_coplanar(X, labels, planes_of(np.full(len(X), 0.01)))
+    assert joined[0] != joined[800]
+    assert joined[-1] in (joined[0], joined[800])

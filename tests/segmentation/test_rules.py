@@ -40,7 +40,7 @@ def corner(n, d, rng, noise=0.002):
     return X, normals * rng.choice([-1, 1], n)[:, None], face
 
 
-def grown_by_loops(columns, d, k, max_angle, max_distance, max_gap, quiet):
+def grown_by_loops(columns, d, k, max_angle, max_distance, max_gap, mutual):
     """Section 5.2.3 point by point, with the departures that the docstring names."""
     X, normals, variation = columns[:, :d], columns[:, d : 2 * d], columns[:, 2 * d]
     offsets, noise = columns[:, 3 * d + 1 :].T
@@ -60,7 +60,7 @@ def grown_by_loops(columns, d, k, max_angle, max_distance, max_gap, quiet):
         else:
             away = abs(heights - offsets[i])
             limits[i] = np.median(away) + 2 * 1.4826 * np.median(abs(away - np.median(away)))
-        if quiet:
+        if mutual:
             usual = np.sort(noise[near])[len(near) // 4]
             bent = np.radians(max_angle) * distances[near].max() / 8
             grows[i] = noise[i] <= (1 + 3 / np.sqrt(2 * k)) * np.hypot(usual, bent)
@@ -69,6 +69,9 @@ def grown_by_loops(columns, d, k, max_angle, max_distance, max_gap, quiet):
         away = abs((X[near] - X[i]) @ normals[i] - offsets[i])
         turn = np.degrees(np.arccos(np.minimum(abs(normals[near] @ normals[i]), 1)))
         fits = (away <= limits[i]) & (turn <= max_angle) & reached & grows[i]
+        if mutual:
+            back = np.einsum("nd,nd->n", X[i] - X[near], normals[near]) - offsets[near]
+            fits &= abs(back) <= limits[near]
         links.append(set(near[1:][fits[1:]]))
     labels, region = np.full(n, -1), 0
     for seed in np.argsort(variation, kind="stable"):
@@ -86,11 +89,11 @@ def grown_by_loops(columns, d, k, max_angle, max_distance, max_gap, quiet):
 
 @pytest.mark.parametrize(("n", "d"), [(300, 2), (400, 3), (500, 4), (1500, 3)])
 @pytest.mark.parametrize(
-    ("k", "max_angle", "max_distance", "max_gap", "quiet"),
+    ("k", "max_angle", "max_distance", "max_gap", "mutual"),
     [(30, 15, None, None, True), (17, 20, None, None, False), (20, 10, 0.004, 0.12, True)],
 )
 def test_regions_are_those_of_the_rules_taken_literally(
-    n, d, k, max_angle, max_distance, max_gap, quiet
+    n, d, k, max_angle, max_distance, max_gap, mutual
 ):
     rng = np.random.default_rng(n + d)
     X, normals, _ = corner(n, d, rng)
@@ -100,11 +103,11 @@ def test_regions_are_those_of_the_rules_taken_literally(
         max_angle=max_angle,
         max_distance=max_distance,
         max_gap=max_gap,
-        quiet_planes=quiet,
+        mutual=mutual,
         normals="precomputed",
         **LITERAL,
     )
     labels = growing.fit_predict(columns)
-    expected = grown_by_loops(columns, d, k, max_angle, max_distance, max_gap, quiet)
+    expected = grown_by_loops(columns, d, k, max_angle, max_distance, max_gap, mutual)
     assert growing.n_regions_ == expected.max() + 1 > 1
     assert adjusted_rand_score(expected, labels) == 1.0

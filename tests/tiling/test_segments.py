@@ -72,10 +72,10 @@ SWITCHES = [
     {"join_coplanar": False},
     {"join_curved": False},
     {"assign_unlabeled": False},
-    {"quiet_planes": False},
+    {"mutual": False},
     {"max_gap": 0.15},
     {"max_distance": 0.02},
-    {"quiet_planes": False, "max_distance": 0.02, "max_gap": 0.2},
+    {"mutual": False, "max_distance": 0.02, "max_gap": 0.2},
     {"min_region_size": 1, "n_neighbors": 30},
     {"normal_estimator__neighbor_planes": False},
 ]
