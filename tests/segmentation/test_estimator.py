@@ -55,17 +55,17 @@ def test_curved_surfaces_stay_whole(noise):
     assert adjusted_rand_score(np.repeat([0, 1], 4000), labels) == 1.0
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_division_mends_what_planes_across_a_sparse_kerb_lead_over_it(seed):
+def test_division_mends_what_planes_across_a_sparse_kerb_lead_over_it():
     # A kerb of 2.3 spacings: some planes that its points are given run across its edges.
-    scene = make_traffic_furniture(20_000, random_state=seed)
-    columns = RobustNormalEstimator(random_state=0).fit_transform(scene.data)
-    scores = {}
-    for divide in (False, True):
-        growing = RegionGrowing(normals="precomputed", divide_at_creases=divide)
-        scores[divide] = adjusted_rand_score(scene.surface, growing.fit_predict(columns))
-    assert scores[False] < 0.5
-    assert scores[True] > 0.97
+    scores = {False: [], True: []}
+    for seed in range(3):
+        scene = make_traffic_furniture(20_000, random_state=seed)
+        columns = RobustNormalEstimator(random_state=0).fit_transform(scene.data)
+        for divide, found in scores.items():
+            growing = RegionGrowing(normals="precomputed", divide_at_creases=divide)
+            found.append(adjusted_rand_score(scene.surface, growing.fit_predict(columns)))
+    assert min(scores[False]) < 0.5
+    assert min(scores[True]) > 0.97
 
 
 @pytest.mark.parametrize("make", [make_bus_stop, make_street, make_traffic_furniture])
