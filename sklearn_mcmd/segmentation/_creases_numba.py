@@ -12,6 +12,8 @@ from sklearn_mcmd.segmentation._cylinder_numba import _across, _add, _dot, _move
 __all__ = ["gather_cells", "join_cells", "strip_of", "vote"]
 
 N_PLANE = 3  # parameters of a plane
+# The points that a surface is fitted to; with plain numbers, `_fitted` is compiled for each.
+OTHER, FIRST, BOTH = np.int64(0), np.int64(1), np.int64(2)
 NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -145,39 +147,63 @@ def vote(points, weights, cells, first, normals, limits, sides):
     `sides` (n,) becomes those points as the better model of two surfaces tells them.
     """
     local = _over_mean_plane(points, normals)
-    z = local[:, 2]
-    smooth = (z - _fitted(local, weights, first | ~first, 6, limits.ridge)) * weights
+    one = _fitted(local, weights, first, BOTH, limits.ridge)
+    smooth = _rest(local, weights, first, one, one)
     side, left, crease, sign = first, np.inf, smooth, 0.0
     step = smooth
     for turn in range(limits.n_steps + 1):
-        n_first = np.count_nonzero(side)
+        n_first = 0
+        for inside in side:
+            n_first += inside
         if min(n_first, len(side) - n_first) <= N_PLANE:
             break
-        one = _fitted(local, weights, side, N_PLANE, limits.ridge)
-        other = _fitted(local, weights, ~side, N_PLANE, limits.ridge)
+        one = _fitted(local, weights, side, FIRST, limits.ridge)
+        other = _fitted(local, weights, side, OTHER, limits.ridge)
         if turn == 0:  # is it a ridge or a valley?
-            step = (z - np.where(side, one, other)) * weights
-            below = np.count_nonzero(side == (one < other))
+            step = _rest(local, weights, side, one, other)
+            below = 0
+            for i in range(len(side)):
+                below += side[i] == (one[i] < other[i])
             sign = 1.0 if 2 * below > len(side) else -1.0
-        found = sign * (one - other) < 0
-        rest = (z - np.where(found, one, other)) * weights
-        if turn > 0 and (rest * rest).sum() < left:
-            left, crease = (rest * rest).sum(), rest
+        found, same = np.empty_like(side), True
+        for i in range(len(side)):
+            found[i] = sign * (one[i] - other[i]) < 0
+            same &= found[i] == side[i]
+        rest = _rest(local, weights, found, one, other)
+        if turn > 0 and _squares(rest) < left:
+            left, crease = _squares(rest), rest
             sides[:] = found
-        if turn > 0 and (found == side).all():
+        if turn > 0 and same:
             break
         side = found
     if sign == 0.0:
         return limits.ridge  # too few to tell
-    smooth_left = (smooth * smooth).sum()
-    step_left = limits.most_noise**2 * (step * step).sum()
+    smooth_left = _squares(smooth)
+    step_left = limits.most_noise**2 * _squares(step)
     if step_left < left:
         left = step_left
         sides[:] = first
-    size = len(z) / _design_effect(smooth if smooth_left <= left else crease, cells)
-    least, size = limits.ridge * len(z), max(size, 2.0)
+    size = len(first) / _design_effect(smooth if smooth_left <= left else crease, cells)
+    least, size = limits.ridge * len(first), max(size, 2.0)
     gain = np.log(left + least) - np.log(smooth_left + least)
     return 0.5 * (size * gain + N_PLANE * np.log(size))
+
+
+@kernel
+def _rest(local, weights, first, one, other):
+    """Weighted heights of points above one surface, or for those that are not first the other."""
+    rest = np.empty(len(local))
+    for i in range(len(local)):
+        rest[i] = (local[i, 2] - (one[i] if first[i] else other[i])) * weights[i]
+    return rest
+
+
+@kernel
+def _squares(rest):
+    total = 0.0
+    for value in rest:
+        total += value * value
+    return total
 
 
 @kernel
@@ -207,19 +233,27 @@ def _over_mean_plane(points, normals):
         point = (points[i, 0], points[i, 1], points[i, 2])
         local[i, 0], local[i, 1], local[i, 2] = _dot(point, u), _dot(point, v), _dot(point, up)
     for axis in range(3):
-        local[:, axis] -= local[:, axis].sum() / len(points)
-    square = (local[:, 0] ** 2 + local[:, 1] ** 2).sum() / len(points)
-    if square > 0.0:
-        local[:, :2] /= np.sqrt(square)
+        total = 0.0
+        for i in range(len(points)):
+            total += local[i, axis]
+        for i in range(len(points)):
+            local[i, axis] -= total / len(points)
+    square = 0.0
+    for i in range(len(points)):
+        square += local[i, 0] * local[i, 0] + local[i, 1] * local[i, 1]
+    size = np.sqrt(square / len(points))
+    for i in range(len(points) if size > 0.0 else 0):
+        local[i, 0], local[i, 1] = local[i, 0] / size, local[i, 1] / size
     return local
 
 
 @kernel
-def _fitted(local, weights, members, order, ridge):
-    """Heights (n,) of the plane, or with order 6 of the quadric, that fits the members best."""
-    equations, heights, total = np.zeros((order, order + 1)), np.zeros(len(local)), 0.0
+def _fitted(local, weights, side, wanted, ridge):
+    """Heights (n,) of the plane that fits one side best, or of the quadric that fits both."""
+    order = 6 if wanted == BOTH else N_PLANE
+    equations, heights, total = np.zeros((order, order + 1)), np.empty(len(local)), 0.0
     for i in range(len(local)):
-        if members[i]:
+        if wanted == BOTH or side[i] == wanted:
             _add(equations, _terms(local[i, 0], local[i, 1], weights[i]), weights[i] * local[i, 2])
             total += weights[i] * weights[i]
     _solve(equations, ridge * total)
