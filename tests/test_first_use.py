@@ -6,6 +6,9 @@ import sys
 
 import pytest
 
+from sklearn_mcmd.datasets import make_street
+from sklearn_mcmd.io import PointCloud, write_points
+
 # Estimators in turn, each of which needs some functions that those before it have not compiled.
 CODE = """
 import sys
@@ -43,3 +46,34 @@ def test_few_functions_are_compiled(tmp_path):
     for name, count in zip(MOST, counts[0], strict=True):
         assert 1 <= count <= MOST[name], name
     assert counts[1] == [0, 0, 0, 0]
+
+
+VERB = """
+import sys
+from numba.core import event
+from sklearn_mcmd.cli import app
+
+compiled = event.RecordingListener()
+event.register("numba:compile", compiled)
+app(sys.argv[1:], standalone_mode=False)
+print(len(compiled.buffer) // 2)
+"""
+
+
+@pytest.mark.slow
+def test_nothing_is_compiled_after_warm_up(tmp_path):
+    points = make_street(20_000, outlier_share=0.1, random_state=0).data
+    write_points(tmp_path / "street.npy", PointCloud(points[:8_000], {}))
+    write_points(tmp_path / "flight.laz", PointCloud(points, {}))
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+
+    def n_compiled(*arguments):
+        command = [sys.executable, "-c", VERB, *map(str, arguments)]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        return int(done.stdout.split()[-1])
+
+    assert n_compiled("warm-up", "--quiet") > 50
+    for verb in ("denoise", "normals", "segment", "edges"):
+        for source in ("street.npy", "flight.laz"):
+            out = tmp_path / f"{verb}.{source}"
+            assert n_compiled(verb, tmp_path / source, out, "--quiet") == 0, (verb, source)

@@ -132,6 +132,7 @@ class Packed(NamedTuple):
 
     def take(self, rows, k):
         found = np.empty((len(rows), min(k, self.codes.shape[1])), np.int32)
+        rows = np.array(rows, np.int64)  # of one kind, for which alone `unpack` is compiled
         _compiled("unpack")(self.codes, self.groups, self.starts, self.block, BITS, rows, found)
         return _widened(found, k)
 
