@@ -42,8 +42,9 @@ class Lock:
 
     def _owner(self):
         try:
-            return json.loads(self.path.read_text())
-        except (OSError, ValueError):
+            owner = json.loads(self.path.read_text())
+            return {"host": owner["host"], "pid": int(owner["pid"])}
+        except Exception:  # of a file that is not there, or damaged
             return {}
 
 
@@ -55,6 +56,6 @@ def _lives(pid):
         os.kill(pid, 0)
     except ProcessLookupError:
         return False
-    except OSError:
+    except (OSError, OverflowError):
         return True
     return True

@@ -48,3 +48,17 @@ def test_a_lock_of_another_machine_is_respected(content, tmp_path):
     (tmp_path / "lock").write_text(content)
     with pytest.raises(TilingError, match="remove this file if it is no more"):
         Lock(tmp_path / "lock").acquire()
+
+
+@pytest.mark.parametrize("pid", ["null", "-1", "1e400", "NaN", '"x"', "[]", str(10**30)])
+def test_a_damaged_lock_keeps_others_out(pid, tmp_path):
+    (tmp_path / "lock").write_text(f'{{"host": "{socket.gethostname()}", "pid": {pid}}}')
+    with pytest.raises(TilingError, match="remove this file if it is no more"):
+        Lock(tmp_path / "lock").acquire()
+
+
+@pytest.mark.parametrize("content", ["[]", "1", '"x"', "{}", "\xff", "[" * 100_000])
+def test_a_lock_that_tells_of_nobody_keeps_others_out(content, tmp_path):
+    (tmp_path / "lock").write_text(content, encoding="latin-1")
+    with pytest.raises(TilingError, match="remove this file if it is no more"):
+        Lock(tmp_path / "lock").acquire()
