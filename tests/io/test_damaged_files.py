@@ -46,20 +46,15 @@ MANY = {
     "lists": (".ply", PLY % (b"binary_little_endian", b"face", b"list uchar int")),
     "columns without end": (".pcd", PCD % (b"3333332", b"4", b"binary") + bytes(48)),
     "columns and no points": (".pcd", PCD % (b"99999999", b"0", b"ascii")),
-    "lines of text": (".pcd", PCD % (b"1", b"99999999", b"ascii") + b"0 0 0\n"),
     "compressed bytes": (
         ".pcd",
         PCD % (b"1", b"5", b"binary_compressed") + struct.pack("<II", 2**30, 60) + bytes(30),
     ),
-    "decompressed bytes": (
-        ".pcd",
-        PCD % (b"1", b"5", b"binary_compressed") + struct.pack("<II", 30, 2**30) + bytes(30),
-    ),
     "rows": (".npy", npy((10**8, 3)) + bytes(24)),
     "a header": (".npy", b"\x93NUMPY\x02\x00\xff\xff\xff\x3f {"),
     "rows of a member": (".npz", npz(("xyz.npy", npy((10**8, 3)) + bytes(24)))),
-    "bytes before the points": (".las", las(0, 2**30, 0)),
-    "points that seem compressed": (".las", las(0xC0, 227, 10**8)),
+    "bytes before the points": (".las", las(0x80, 2**30, 0)),
+    "points that seem compressed": (".las", las(0xC0, 227, 10**8) + bytes(30)),
 }
 
 
@@ -79,6 +74,13 @@ def test_what_a_file_has_no_room_for_takes_no_memory(kind, tmp_path):
         tracemalloc.stop()
     assert "\n" not in str(error.value)
     assert "not enough memory" not in str(error.value)
+
+
+def test_a_size_to_decompress_to_is_refused_before_it_is_tried(tmp_path):
+    head = PCD % (b"1", b"5", b"binary_compressed")
+    (tmp_path / "a.pcd").write_bytes(head + struct.pack("<II", 30, 2**30) + bytes(30))
+    with pytest.raises(PointFileError, match="the decompressed points need 1,073,741,824 bytes"):
+        read_points(tmp_path / "a.pcd")
 
 
 def test_an_e57_of_more_points_than_bits_is_refused(tmp_path, monkeypatch):
