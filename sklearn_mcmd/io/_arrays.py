@@ -102,6 +102,8 @@ def _check_array(file, room, what):
     is_first = known.read_magic(file) == (1, 0)
     read = known.read_array_header_1_0 if is_first else known.read_array_header_2_0
     shape, _, dtype = read(file)
+    if dtype.hasobject:
+        raise PointFileError("holds pickled objects, which are never loaded; write numbers")
     check_room(math.prod(shape) * dtype.itemsize, room, what)
 
 

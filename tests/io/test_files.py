@@ -91,6 +91,36 @@ def test_input_and_output_may_be_the_same_file(tmp_path, cloud, extension):
     assert_array_equal(read_points(path).xyz, first.xyz)
 
 
+ODD = ["a b", "-dash", "%s%d", ".hidden", "üñ 点\u2028", "quote'", "x" * 251]
+ODD_OF_POSIX = ["new\nline", 'quote"', "\x1b[31mred", "\udcff", "<script>alert(1)<script>", "*?"]
+
+
+@pytest.mark.parametrize("extension", supported_extensions())
+def test_odd_names_of_files_are_names_like_others(tmp_path, cloud, extension):
+    for number, name in enumerate(ODD + ODD_OF_POSIX * (os.name == "posix")):
+        path = tmp_path / str(number) / f"{name}{extension}"
+        path.parent.mkdir()
+        write_points(path, cloud.xyz)
+        assert len(read_points(path)) == len(cloud)
+        assert os.listdir(path.parent) == [path.name]
+
+
+@pytest.mark.parametrize("extension", [".npy", ".npz"])
+def test_no_pickle_is_loaded(tmp_path, extension):
+    loaded = tmp_path / "loaded"
+
+    class Trap:
+        def __reduce__(self):
+            return os.mkdir, (str(loaded),)
+
+    save = np.save if extension == ".npy" else np.savez
+    save(tmp_path / f"a{extension}", np.array([[Trap()] * 3]))
+    with pytest.raises(PointFileError, match="pickled objects, which are never loaded") as error:
+        read_points(tmp_path / f"a{extension}")
+    assert_one_clear_line(error, tmp_path / f"a{extension}")
+    assert not loaded.exists()
+
+
 # ---- bad input -------------------------------------------------------------------------
 
 BAD_TEXTS = {
