@@ -4,6 +4,7 @@ import os
 import re
 import sys
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -119,6 +120,20 @@ def test_no_pickle_is_loaded(tmp_path, extension):
         read_points(tmp_path / f"a{extension}")
     assert_one_clear_line(error, tmp_path / f"a{extension}")
     assert not loaded.exists()
+
+
+@pytest.mark.parametrize("extension", [".las", ".ply", ".csv"])
+def test_of_two_writers_each_leaves_a_whole_file(tmp_path, extension):
+    path, clouds = tmp_path / f"a{extension}", (np.zeros((1_000, 3)), np.ones((3_000, 3)))
+    write_points(path, clouds[0])
+    found = set()
+    with ThreadPoolExecutor(2) as pool:
+        writers = [pool.submit(write_points, path, clouds[i % 2]) for i in range(40)]
+        while not all(writer.done() for writer in writers):
+            found.add((len(cloud := read_points(path)), cloud.xyz.min(), cloud.xyz.max()))
+    assert found == {(1_000, 0, 0), (3_000, 1, 1)}
+    assert not any(writer.exception() for writer in writers)
+    assert os.listdir(tmp_path) == [path.name]
 
 
 # ---- bad input -------------------------------------------------------------------------
