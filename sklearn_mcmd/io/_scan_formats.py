@@ -272,12 +272,14 @@ def _pcd_header(file):
         line = raw.decode("utf-8", errors="replace").strip()
         if line and not line.startswith("#"):
             lines.append(line)
-        if line.startswith("DATA") or len(lines) >= 10:  # pypcd4 reads no more
+        if line.startswith("DATA") or len(lines) > 20:
             break
     keys = {line.split()[0] for line in lines}
     missing = [k for k in ("FIELDS", "SIZE", "TYPE", "POINTS", "DATA") if k not in keys]
     if missing:
         raise PointFileError(f"not a PCD file: its header has no {', '.join(missing)}")
+    if len(lines) > 10 and not lines[-1].endswith("ascii"):  # pypcd4 would read on in the points
+        raise PointFileError("its header has more than 10 lines, which only DATA ascii may have")
     if "COUNT" not in keys:  # PCL allows its absence; pypcd4 does not
         fields = next(line for line in lines if line.startswith("FIELDS")).split()[1:]
         lines.insert(0, "COUNT " + " ".join("1" for _ in fields))
