@@ -116,7 +116,7 @@ class WorkFolder:
 
     def _is_ours(self):
         """Of a run that ended before its manifest, or while it was removed; or an empty folder."""
-        ours = re.compile(rf"cells|results|{LOCK}|({MANIFEST}|{MOVES}|\d+{WRITTEN})(\..*)?")
+        ours = re.compile(rf"cells|results|({LOCK}|{MANIFEST}|{MOVES}|\d+{WRITTEN})(\..*)?")
         return all(ours.fullmatch(entry.name) for entry in self.path.iterdir())
 
 
