@@ -129,7 +129,7 @@ def print_table(title, **rows):
 
 def _printable(words):
     """One line, in which names of files and of what they hold do not steer the terminal."""
-    return "".join(c if c.isprintable() else "?" for c in words)
+    return "".join(c if c.isprintable() else "?" for c in str(words))
 
 
 def print_summary(source, target, n_points, seconds, **rows):
