@@ -21,7 +21,7 @@ def _read(context: typer.Context, path: Path | None):
         return None
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as err:
+    except (OSError, ValueError, RecursionError) as err:
         words = getattr(err, "strerror", None) or str(err)
         raise typer.BadParameter(f"{path} cannot be read: {words}") from err
     verbs = _verbs(context)

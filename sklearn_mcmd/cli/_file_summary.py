@@ -88,9 +88,10 @@ def _sensor(cloud):
     return f"at {len(places):,} places, first {first} ({words})"
 
 
+@np.errstate(over="ignore")
 def _bounds(low, high):
     """Ranges of the axes, to six digits of the largest extent; one location has all its digits."""
-    extent = float((high - low).max())
+    extent = min(float((high - low).max()), np.finfo(float).max)
     if extent == 0.0:
         return {axis: f"{value!r}" for axis, value in zip("xyz", low.tolist(), strict=True)}
     digits = max(0, 5 - int(np.floor(np.log10(extent))))

@@ -52,7 +52,7 @@ def clear_exits(*, allow_coarse=False):
 
 
 def _fail(message):
-    typer.echo(f"mcmd: error: {' '.join(message.split())}", err=True)
+    typer.echo(f"mcmd: error: {_printable(' '.join(message.split()))}", err=True)
     raise typer.Exit(1)
 
 
@@ -108,7 +108,7 @@ def _plain_warnings(allow_coarse):
         text = " ".join(words.split())
         if text not in shown:
             shown.add(text)
-            typer.echo(f"mcmd: warning: {text}", err=True)
+            typer.echo(f"mcmd: warning: {_printable(text)}", err=True)
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -121,10 +121,15 @@ def _plain_warnings(allow_coarse):
 
 def print_table(title, **rows):
     """A title and aligned lines of names and values."""
-    typer.echo(title)
+    typer.echo(_printable(title))
     width = max(map(len, rows))
     for name, value in rows.items():
-        typer.echo(f"  {name:<{width}}  {value}")
+        typer.echo(_printable(f"  {name:<{width}}  {value}"))
+
+
+def _printable(words):
+    """One line, in which names of files and of what they hold do not steer the terminal."""
+    return "".join(c if c.isprintable() else "?" for c in str(words))
 
 
 def print_summary(source, target, n_points, seconds, **rows):

@@ -368,7 +368,8 @@ def _write_all(source, target, catalog, sheets, cloud, detector, residuals, unit
         temporary = stack.enter_context(replacing(text_file))
         text = text_report(detector, cloud.xyz, title=title, unit=unit, **more)
         with _files.naming(text_file):
-            temporary.write_text(text + _record(source, target, plot), encoding="utf-8")
+            text += _record(source, target, plot)
+            temporary.write_text(text, encoding="utf-8", errors="replace")
         if plot is not None:
             temporary = stack.enter_context(replacing(plot))
             figure = plot_report(detector, cloud.xyz, title=title, unit=unit)

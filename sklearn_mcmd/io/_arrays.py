@@ -1,18 +1,25 @@
 """NPY and NPZ: NumPy's own files, without pickles."""
 
+import io
+import math
 from types import SimpleNamespace
 
 import numpy as np
 
 from sklearn_mcmd.io._column_names import coordinate_columns
-from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
+from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, check_room
 
 __all__ = ["cloud_from_records", "read_npy", "read_npz", "write_npy", "write_npz"]
+
+LONGEST_HEADER = 2**14  # bytes of an array; NumPy reads none of more than 10,000 characters
+MOST_DEFLATED = 1032  # bytes from one byte of a ZIP
 
 
 def read_npy(path):
     """Read a table of shape (n, >=3), or a structured array with fields x, y, z."""
     _check_start(path, b"\x93NUMPY", "NPY")
+    with open(path, "rb") as file:
+        _check_array(file, path.stat().st_size, "its numbers")
     array = np.load(path, allow_pickle=False)
     if array.dtype.names is not None:
         return cloud_from_records(array)
@@ -29,6 +36,10 @@ def read_npz(path):
     """Read ``xyz``, or ``x``, ``y``, ``z``, or the first array of shape (n, 3)."""
     _check_start(path, b"PK", "NPZ")
     with np.load(path, allow_pickle=False) as archive:
+        for member in archive.zip.infolist():
+            with archive.zip.open(member) as file:
+                room = min(member.file_size, MOST_DEFLATED * path.stat().st_size)
+                _check_array(file, room, f"the numbers of {member.filename!r}")
         arrays = {name: archive[name] for name in archive.files}
     tables = [n for n, a in arrays.items() if a.ndim == 2 and a.shape[1] == 3]
     if "xyz" in arrays:
@@ -82,6 +93,18 @@ def _check_start(path, magic, format_name):
     with open(path, "rb") as file:
         if file.read(len(magic)) != magic:
             raise PointFileError(f"is not a file in NumPy's format {format_name}")
+
+
+def _check_array(file, room, what):
+    """Check that the numbers a header tells of can be there; NumPy takes their memory first."""
+    file = io.BytesIO(file.read(LONGEST_HEADER))
+    known = np.lib.format
+    is_first = known.read_magic(file) == (1, 0)
+    read = known.read_array_header_1_0 if is_first else known.read_array_header_2_0
+    shape, _, dtype = read(file)
+    if dtype.hasobject:
+        raise PointFileError("holds pickled objects, which are never loaded; write numbers")
+    check_room(math.prod(shape) * dtype.itemsize, room, what)
 
 
 def cloud_from_records(records, **kwargs):

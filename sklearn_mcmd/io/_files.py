@@ -347,7 +347,8 @@ def one_clear_line(path, action):
     try:
         yield
     except PointFileError as err:
-        raise PointFileError(f"{path}: {err}") from err.__cause__
+        words = " ".join(str(err).split())  # names in files may have several lines
+        raise PointFileError(f"{path}: {words}") from err.__cause__
     except OSError as err:
         raise system_error(path, action, err) from err
     except MemoryError as err:

@@ -27,11 +27,11 @@ def check_structure(path):
             if len(start) < LAS_14_HEADER:
                 raise PointFileError(f"truncated: {size} bytes are fewer than a LAS 1.4 header")
             evlrs_at, n_evlrs, n_points = struct.unpack_from("<QIQ", start, 235)
-        if n_points and points_at >= size:
+        if points_at + bool(n_points) > size:
             raise PointFileError(f"truncated: the points begin at byte {points_at} of {size}")
         if VLR_HEADER * n_vlrs > size - header_size or not _fit(file, evlrs_at, n_evlrs, size):
             raise PointFileError("broken header: more metadata records than the file has room for")
-    if not format_id & 0x80 and n_points * record_length > size - points_at:
+    if format_id & 0xC0 != 0x80 and n_points * record_length > size - points_at:
         raise PointFileError(
             f"truncated: {n_points} points of {record_length} bytes need "
             f"{points_at + n_points * record_length} bytes, the file has {size}"

@@ -13,6 +13,7 @@ from sklearn_mcmd import _extras
 __all__ = [
     "PointCloud",
     "PointFileError",
+    "check_room",
     "denoised_before",
     "fit_dtype",
     "flat_columns",
@@ -160,6 +161,14 @@ class PointCloud:
         """
         return PointCloud(
             self.xyz, {**self.attributes, **arrays}, dict(self.metadata), self.n_dropped
+        )
+
+
+def check_room(needed, room, what):
+    """Refuse counts that the bytes of a file cannot hold: libraries would request their memory."""
+    if needed > room:
+        raise PointFileError(
+            f"truncated or damaged: {what} need {needed:,} bytes or more, the file has {room:,}"
         )
 
 

@@ -1,5 +1,6 @@
 """PLY, PCD and E57, each by a library for that format."""
 
+import os
 import re
 import warnings
 from types import FunctionType, SimpleNamespace
@@ -10,6 +11,7 @@ from sklearn_mcmd.io._arrays import cloud_from_records
 from sklearn_mcmd.io._point_cloud import (
     PointCloud,
     PointFileError,
+    check_room,
     fit_dtype,
     flat_columns,
     import_extra,
@@ -25,6 +27,8 @@ PLY_NORMALS = {"nx": "normal_x", "ny": "normal_y", "nz": "normal_z"}
 COLORS = ("red", "green", "blue")
 DENOISED = "outliers removed by sklearn-mcmd"
 MERGED = "cloud without setup"  # name of a scan whose pose is no place of a scanner
+LONGEST_HEADER = 2**20  # bytes of a PLY's
+LONGEST_RUN = 88  # bytes from one byte of a compressed PCD
 E57_FIELDS = {
     "intensity": ("intensity", "f4"),
     "red": ("colorRed", "u1"),
@@ -38,6 +42,7 @@ E57_FIELDS = {
 def read_ply(path):
     """Read the vertices of a PLY file; faces and other elements are left out."""
     plyfile = import_extra("plyfile", "formats", "PLY")
+    check_room(_ply_values(path), path.stat().st_size, "its values")
     ply = plyfile.PlyData.read(str(path))
     if "vertex" not in ply:
         raise PointFileError("has no element 'vertex'")
@@ -52,6 +57,17 @@ def read_ply(path):
     cloud = cloud_from_records(vertices, metadata=metadata)
     cloud.attributes = _renamed(cloud.attributes, PLY_NORMALS)
     return cloud
+
+
+def _ply_values(path):
+    """How many values the header tells of; each takes a byte at least."""
+    with open(path, "rb") as file:
+        header, _, _ = file.read(LONGEST_HEADER).partition(b"end_header")
+    n_values = n_rows = 0
+    for n, _ in re.findall(rb"(?:^|[\r\n])\s*(?:element\s+\S+\s+(\d+)|(property))", header):
+        n_rows = int(n) if n else n_rows
+        n_values += 0 if n else n_rows
+    return n_values
 
 
 def write_ply(path, cloud, encoding="binary"):
@@ -84,10 +100,11 @@ def read_pcd(path):
             header = pypcd4.MetaData.parse_header(lines)
         except ValueError as err:
             raise PointFileError(f"broken PCD header: {' '.join(str(err).split())[:200]}") from err
+        _check_pcd(path, file, header)
         try:
             records = _pcd_records(pypcd4, path, file, header)
         except Exception as err:  # parsers raise errors of many kinds
-            reason = str(err).partition(";")[0]
+            reason = " ".join(str(err).partition(";")[0].split())[:200]
             raise PointFileError(f"the point data is truncated or damaged: {reason}") from err
     if len(records) != header.points:
         raise PointFileError(
@@ -143,10 +160,11 @@ def read_e57(path):
     names = {theirs: ours for ours, (theirs, _) in E57_FIELDS.items()}
     readable = {*names, *pye57.e57.SUPPORTED_POINT_FIELDS}
     parts, setups, skipped, n_points = [], [], set(), 0
-    with pye57.E57(str(path)) as file:
+    with pye57.E57(os.fsencode(path)) as file:
         for i in range(file.scan_count):
             header = file.get_header(i)
             n_points += header.point_count
+            check_room(n_points // 8, path.stat().st_size, f"{n_points:,} points")
             setups.append(_setup(file, i, header))
             skipped |= set(header.point_fields) - readable
             if not header.point_count:
@@ -225,7 +243,7 @@ def write_e57(path, cloud):
             f"written: {', '.join(lost)}.",
             stacklevel=3,
         )
-    file = pye57.E57(str(path), mode="w")
+    file = pye57.E57(os.fsencode(path), mode="w")
     try:
         write_scan(file, data, name=MERGED, translation=center)
         file.close()
@@ -260,10 +278,26 @@ def _pcd_header(file):
     missing = [k for k in ("FIELDS", "SIZE", "TYPE", "POINTS", "DATA") if k not in keys]
     if missing:
         raise PointFileError(f"not a PCD file: its header has no {', '.join(missing)}")
+    if len(lines) > 10 and not lines[-1].endswith("ascii"):  # pypcd4 would read on in the points
+        raise PointFileError("its header has more than 10 lines, which only DATA ascii may have")
     if "COUNT" not in keys:  # PCL allows its absence; pypcd4 does not
         fields = next(line for line in lines if line.startswith("FIELDS")).split()[1:]
         lines.insert(0, "COUNT " + " ".join("1" for _ in fields))
     return lines
+
+
+def _check_pcd(path, file, header):
+    room = path.stat().st_size - file.tell()
+    n_bytes = sum(size * count for size, count in zip(header.size, header.count, strict=False))
+    if header.data == "ascii":
+        n_bytes = 2 * sum(header.count)  # a digit and what ends it
+        room += 1
+    elif header.data != "binary":
+        n_stored, n_decompressed = np.frombuffer(file.read(8).ljust(8, b"\0"), "<u4").tolist()
+        check_room(n_stored, room, "the compressed points")
+        room *= LONGEST_RUN
+        check_room(n_decompressed, room, "the decompressed points")
+    check_room(n_bytes * max(header.points, 1), room, f"{header.points:,} points")
 
 
 def _pcd_records(pypcd4, path, file, header):

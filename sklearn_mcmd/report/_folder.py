@@ -51,7 +51,7 @@ def write_report(folder, run, contents):
         _write_view(folder / VIEW, run, contents)
     page = make_page(run, contents, has_view=contents.shown is not None)
     with replacing(folder / PAGE) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+        temporary.write_text(page, encoding="utf-8", errors="replace")
     return folder / PAGE
 
 

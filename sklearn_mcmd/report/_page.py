@@ -12,7 +12,10 @@ from sklearn_mcmd.report._html import paragraph, table
 __all__ = ["make_page", "source_name"]
 
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "numba", "laspy", "matplotlib")
-POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
+    "form-action 'none'"
+)
 
 
 def make_page(run, contents, has_view):

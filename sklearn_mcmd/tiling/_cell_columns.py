@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from sklearn_mcmd.io._files import one_clear_line
+
 __all__ = ["CellColumns", "in_place_of"]
 
 
@@ -22,7 +24,9 @@ class CellColumns:
         self.folder = Path(folder)
 
     def read(self, cell, name):
-        return np.load(self._path(cell, name))
+        path = self._path(cell, name)
+        with one_clear_line(path, "read"):
+            return np.load(path)
 
     def write(self, cell, **arrays):
         for name, values in arrays.items():
@@ -38,7 +42,9 @@ class CellColumns:
         return self._report(cell, sweep).exists()
 
     def report(self, cell, sweep):
-        return json.loads(self._report(cell, sweep).read_text())
+        path = self._report(cell, sweep)
+        with one_clear_line(path, "read"):
+            return json.loads(path.read_text())
 
     def n_done(self, n_cells, sweep):
         """Cells of which a sweep has written all."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.tiling._cell_columns import in_place_of
 
@@ -104,7 +105,8 @@ class Cells:
 
     def __init__(self, folder):
         self.folder = Path(folder)
-        with np.load(self.folder / BOXES) as stored:
+        path = self.folder / BOXES
+        with one_clear_line(path, "read"), np.load(path) as stored:
             self.low, self.high, self.counts = stored["low"], stored["high"], stored["counts"]
             self._names, self._least, self._most = (stored[n] for n in ("names", "least", "most"))
 
@@ -113,7 +115,11 @@ class Cells:
 
     def read(self, cell):
         """The points of a cell, as records in the order of the inputs."""
-        return np.fromfile(_path(self.folder, self._names[cell]), RECORD)
+        path = _path(self.folder, self._names[cell])
+        records = np.fromfile(path, RECORD)
+        if len(records) != self.counts[cell]:
+            raise PointFileError(f"{path}: is damaged; begin anew (restart)")
+        return records
 
     def of(self, points):
         """The cell in whose box each point lies; 0 where there is none, since it would be empty."""

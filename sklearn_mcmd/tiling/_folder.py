@@ -116,20 +116,27 @@ class WorkFolder:
 
     def _is_ours(self):
         """Of a run that ended before its manifest, or while it was removed; or an empty folder."""
-        ours = re.compile(rf"cells|results|{LOCK}|({MANIFEST}|{MOVES}|\d+{WRITTEN})(\..*)?")
+        ours = re.compile(rf"cells|results|({LOCK}|{MANIFEST}|{MOVES}|\d+{WRITTEN})(\..*)?")
         return all(ours.fullmatch(entry.name) for entry in self.path.iterdir())
 
 
 def read_json(path):
+    """What `write_json` has written; nothing if the file is not as it was, or not there."""
     try:
-        return json.loads(path.read_text())
+        digest, _, content = path.read_text().partition("\n")
+        return json.loads(content) if digest == _digest(content) else {}
     except (OSError, ValueError):
         return {}
 
 
 def write_json(path, content):
+    content = json.dumps(content)
     with in_place_of(path) as temporary:
-        temporary.write_text(json.dumps(content))
+        temporary.write_text(f"{_digest(content)}\n{content}")
+
+
+def _digest(content):
+    return hashlib.sha256(content.encode()).hexdigest()
 
 
 def _mark(path, content):
@@ -145,4 +152,4 @@ def key_of(estimator, *known):
 
     params = sorted(estimator.get_params().items())
     content = repr((__version__, type(estimator).__name__, params, *known))
-    return hashlib.sha256(content.encode()).hexdigest()
+    return _digest(content)

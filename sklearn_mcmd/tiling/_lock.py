@@ -2,6 +2,7 @@
 
 import json
 import os
+import secrets
 import socket
 
 from sklearn_mcmd.tiling._sweeps import TilingError
@@ -25,8 +26,7 @@ class Lock:
         if owner and owner["host"] == host and not _lives(owner["pid"]):
             self.path.unlink(missing_ok=True)
         try:
-            with open(self.path, "x") as file:
-                json.dump({"host": host, "pid": os.getpid()}, file)
+            self._take(json.dumps({"host": host, "pid": os.getpid()}))
         except FileExistsError:
             owner = self._owner() or {"host": "an unknown machine", "pid": "?"}
             raise TilingError(
@@ -40,10 +40,26 @@ class Lock:
             self.path.unlink(missing_ok=True)
             self.is_held = False
 
+    def _take(self, content):
+        """Let the file appear with its content, so that no kill leaves one that tells of nobody."""
+        temporary = self.path.with_name(f"{self.path.name}.{secrets.token_hex(4)}.part")
+        try:
+            temporary.write_text(content)
+            try:
+                os.link(temporary, self.path)
+            except FileExistsError:
+                raise
+            except OSError:  # a disk that has no links
+                with open(self.path, "x") as file:
+                    file.write(content)
+        finally:
+            temporary.unlink(missing_ok=True)
+
     def _owner(self):
         try:
-            return json.loads(self.path.read_text())
-        except (OSError, ValueError):
+            owner = json.loads(self.path.read_text())
+            return {"host": owner["host"], "pid": int(owner["pid"])}
+        except Exception:  # of a file that is not there, or damaged
             return {}
 
 
@@ -55,6 +71,6 @@ def _lives(pid):
         os.kill(pid, 0)
     except ProcessLookupError:
         return False
-    except OSError:
+    except (OSError, OverflowError):
         return True
     return True

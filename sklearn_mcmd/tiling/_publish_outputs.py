@@ -10,6 +10,7 @@ from pathlib import Path
 
 from sklearn_mcmd.tiling._catalog import stamp_of
 from sklearn_mcmd.tiling._folder import key_of, read_json, write_json
+from sklearn_mcmd.tiling._sweeps import TilingError
 
 __all__ = ["move_outputs", "places_of", "resume_moves"]
 
@@ -46,6 +47,11 @@ def resume_moves(verb, catalog, targets, folder):
     """
     stored = read_json(folder.moves)
     if not stored:
+        if folder.moves.exists():
+            raise TilingError(
+                f"{folder.moves}: is damaged, and some inputs may be replaced; begin anew with "
+                "files as they are (restart)"
+            )
         return None
     if stored["key"] == _key(verb, catalog, targets) and _fits(stored, catalog):
         _move(stored["moves"])

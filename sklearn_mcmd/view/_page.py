@@ -5,8 +5,10 @@ import json
 import math
 import os
 import warnings
+from base64 import b64encode
 from collections.abc import Collection, Sequence
 from functools import cache
+from hashlib import sha256
 from importlib.resources import files
 from numbers import Integral
 from pathlib import Path
@@ -128,7 +130,7 @@ class CloudPage:
         """
         target = check_suffix(path)
         with replacing(target) as temporary:
-            temporary.write_text(self.html, encoding="utf-8")
+            temporary.write_text(self.html, encoding="utf-8", errors="replace")
         return target
 
     def __repr__(self) -> str:
@@ -303,11 +305,13 @@ def _template():
     def text(name):
         return (folder / name).read_text(encoding="utf-8")
 
-    script = "\n".join(text(f"{name}.js") for name in SCRIPTS)
+    script = "\n".join(['\n"use strict";', *(text(f"{name}.js") for name in SCRIPTS)]) + "\n"
+    digest = b64encode(sha256(script.encode()).digest()).decode()
     return (
         text("page.html")
         .replace("/*style*/", text("view.css"))
-        .replace("/*script*/", f'"use strict";\n{script}')
+        .replace("/*digest*/", f"sha256-{digest}")
+        .replace("\n/*script*/\n", script)
     )
 
 

@@ -55,6 +55,13 @@ def test_info_shows_points_of_one_location_with_the_digits_of_the_file(n, tmp_pa
     assert (rows["x"], rows["y"], rows["z"]) == ("432100.25", "5157000.1", "-0.125")
 
 
+def test_info_works_on_an_extent_beyond_all_numbers(tmp_path):
+    np.save(tmp_path / "far.npy", [[-1.7e308, 0, 0], [1.7e308, 1, 1]])
+    result = run("info", tmp_path / "far.npy")
+    assert result.exit_code == 0
+    assert "(extent inf)" in result.stdout
+
+
 def test_info_shows_no_more_digits_than_large_coordinates_have(tmp_path):
     (tmp_path / "two.xyz").write_text("5157000.1 0 0\n5157000.1000001 0 0\n")
     out = run("info", tmp_path / "two.xyz").stdout

@@ -1,5 +1,6 @@
 """How a command ends: one clear line for users' errors, a traceback for the program's own."""
 
+import os
 import warnings
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from commands import error_line, files_in, run
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.cli import _denoise
+from sklearn_mcmd.io import PointCloud, write_points
 from sklearn_mcmd.tiling import TilingError
 
 # Words of the estimators that mean nothing to users of the command line.
@@ -123,3 +125,24 @@ def test_what_a_run_repeats_of_its_cause_is_in_words_of_options(failing, room_fi
     failing(error)
     line = error_line(run("denoise", room_file, tmp_path / "out.laz"))
     assert line.endswith(": --memory 2MB is too little; what was done is kept")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="no such names there")
+@pytest.mark.parametrize("name", ["\x1b[2J\nmcmd: all is well", "\udcff", "\u202egnp", "-dash"])
+def test_names_of_files_and_attributes_do_not_steer_the_terminal(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    xyz = np.random.default_rng(0).uniform(size=(300, 3)) * [1, 1, 0.01]
+    write_points(f"{name}.npz", PointCloud(xyz, {"a\x1b\nb": np.arange(300)}))
+    outcomes = [
+        run("info", "--", f"{name}.npz"),
+        run("denoise", "--report", f"{name}r", "--", f"{name}.npz", f"{name}.las"),
+        run("denoise", "--", f"{name}.las", f"{name}.las"),  # a warning: done before
+        run("plane", "--", f"{name}.las", f"{name}2.las"),
+        run("view", "-o", f"{name}.html", "--", f"{name}.las"),
+        run("info", "--", f"{name}none.npz"),
+    ]
+    assert [outcome.exit_code for outcome in outcomes] == [0, 0, 0, 0, 0, 1]
+    for outcome in outcomes:
+        assert outcome.output.replace("\n", "").isprintable()
+        assert "\nmcmd: all is well" not in outcome.output
+    assert outcomes[-1].stderr.count("\n") == 1

@@ -127,6 +127,25 @@ def test_names_of_files_and_attributes_are_escaped(tmp_path):
     assert html.escape(name) in page
 
 
+def test_pages_for_which_there_is_no_room_are_named_and_leave_nothing(tmp_path):
+    resource = pytest.importorskip("resource")
+    source, page = tmp_path / "a.npy", tmp_path / "v.html"
+    np.save(source, np.random.default_rng(0).uniform(size=(60, 3)) * [1, 1, 0.01])
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8192, before[1]))  # as full as a disk can be
+    try:
+        lines = [
+            error_line(run("view", source, "-o", page)),
+            error_line(run("denoise", source, tmp_path / "b.npy", "--report", tmp_path / "r")),
+        ]
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert f"{page}: cannot be written: file too large" in lines[0]
+    assert "view.html: cannot be written: file too large" in lines[1]
+    assert "v.html" not in files_in(tmp_path)
+    assert files_in(tmp_path / "r") == []
+
+
 def refuse_to_work(monkeypatch):
     def work(*args, **kwargs):
         raise AssertionError("the long work began")

@@ -4,6 +4,7 @@ import os
 import re
 import sys
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -89,6 +90,50 @@ def test_input_and_output_may_be_the_same_file(tmp_path, cloud, extension):
     first = read_points(path)
     write_points(path, first)
     assert_array_equal(read_points(path).xyz, first.xyz)
+
+
+ODD = ["a b", "-dash", "%s%d", ".hidden", "üñ 点\u2028", "quote'", "x" * 251]
+ODD_OF_POSIX = ["new\nline", 'quote"', "\x1b[31mred", "\udcff", "<script>alert(1)<script>", "*?"]
+
+
+@pytest.mark.parametrize("extension", supported_extensions())
+def test_odd_names_of_files_are_names_like_others(tmp_path, cloud, extension):
+    for number, name in enumerate(ODD + ODD_OF_POSIX * (os.name == "posix")):
+        path = tmp_path / str(number) / f"{name}{extension}"
+        path.parent.mkdir()
+        write_points(path, cloud.xyz)
+        assert len(read_points(path)) == len(cloud)
+        assert os.listdir(path.parent) == [path.name]
+
+
+@pytest.mark.parametrize("extension", [".npy", ".npz"])
+def test_no_pickle_is_loaded(tmp_path, extension):
+    loaded = tmp_path / "loaded"
+
+    class Trap:
+        def __reduce__(self):
+            return os.mkdir, (str(loaded),)
+
+    save = np.save if extension == ".npy" else np.savez
+    save(tmp_path / f"a{extension}", np.array([[Trap()] * 3]))
+    with pytest.raises(PointFileError, match="pickled objects, which are never loaded") as error:
+        read_points(tmp_path / f"a{extension}")
+    assert_one_clear_line(error, tmp_path / f"a{extension}")
+    assert not loaded.exists()
+
+
+@pytest.mark.parametrize("extension", [".las", ".ply", ".csv"])
+def test_of_two_writers_each_leaves_a_whole_file(tmp_path, extension):
+    path, clouds = tmp_path / f"a{extension}", (np.zeros((1_000, 3)), np.ones((3_000, 3)))
+    write_points(path, clouds[0])
+    found = set()
+    with ThreadPoolExecutor(2) as pool:
+        writers = [pool.submit(write_points, path, clouds[i % 2]) for i in range(40)]
+        while not all(writer.done() for writer in writers):
+            found.add((len(cloud := read_points(path)), cloud.xyz.min(), cloud.xyz.max()))
+    assert found == {(1_000, 0, 0), (3_000, 1, 1)}
+    assert not any(writer.exception() for writer in writers)
+    assert os.listdir(tmp_path) == [path.name]
 
 
 # ---- bad input -------------------------------------------------------------------------

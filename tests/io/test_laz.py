@@ -158,6 +158,25 @@ def test_a_file_of_one_chunk_without_a_table_is_read(tmp_path):
     assert laspy.read(tmp_path / "a.laz").points.array.tobytes() == las.points.array.tobytes()
 
 
+def test_a_chunk_without_a_table_holds_no_more_points_than_its_bytes_can(tmp_path):
+    content = laz_of(las_of(1))
+    struct.pack_into("<H", content, record_at(content), 1)
+    struct.pack_into("<Q", content, 247, 2**32)
+    (tmp_path / "a.laz").write_bytes(content)
+    with pytest.raises(PointFileError, match="damaged: 4,294,967,296 points need 1,481,"):
+        read_points(tmp_path / "a.laz")
+
+
+@pytest.mark.parametrize("point_format", [1, 6])
+def test_a_chunk_of_a_million_equal_points_is_read(tmp_path, point_format):
+    las = laspy.LasData(laspy.LasHeader(version="1.4", point_format=point_format))
+    las.points = laspy.ScaleAwarePointRecord.zeros(1_000_000, header=las.header)
+    content = laz_of(las, chunk_size=1_000_000)
+    assert len(content) < 10_000
+    (tmp_path / "a.laz").write_bytes(content)
+    assert len(read_points(tmp_path / "a.laz")) == 1_000_000
+
+
 def test_a_compressed_file_with_the_extension_las_is_read(tmp_path):
     (tmp_path / "a.las").write_bytes(laz_of(las_of(3)))
     assert len(read_points(tmp_path / "a.las")) == N
@@ -212,7 +231,7 @@ def damages():
         "layer": (at(first_chunk_at, 0x70000000, offset=layers), "chunk 1 of .* would need"),
         "points of a chunk": (at(first_chunk_at, 3, offset=30), "chunk 1 holds 3 points, not 500"),
         "more points": (at(lambda _: 247, 3001, "<Q"), "3001 points in .* are not in 6 chunks"),
-        "points beyond reason": (at(lambda _: 247, 2**60, "<Q"), "are not in 6 chunks"),
+        "points beyond reason": (at(lambda _: 247, 2**60, "<Q"), "points need .* bytes or more"),
     }
 
 

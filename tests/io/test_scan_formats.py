@@ -137,3 +137,15 @@ def test_e57_keeps_intensity_and_colors_and_says_what_it_loses(tmp_path, cloud):
 def test_e57_refuses_to_lose_the_outlier_mark(tmp_path, cloud):
     with pytest.raises(PointFileError, match="no place to mark outliers"):
         write_points(tmp_path / "a.e57", cloud.xyz, noise=np.ones(40, dtype=bool))
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary", "binary_compressed"])
+def test_points_behind_a_long_header_are_read_or_refused_for_it(tmp_path, encoding):
+    path = tmp_path / "a.pcd"
+    write_points(path, np.eye(3), encoding=encoding)
+    path.write_bytes(path.read_bytes().replace(b"DATA", b"SCANNER mine\nDATA"))
+    if encoding == "ascii":
+        assert_array_equal(read_points(path).xyz, np.eye(3))
+    else:
+        with pytest.raises(PointFileError, match="header has more than 10 lines"):
+            read_points(path)

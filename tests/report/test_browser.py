@@ -1,6 +1,9 @@
 """Reports in a browser: no error, no request, and nothing wider than a phone."""
 
+import os
 import shutil
+import socket
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -88,3 +91,96 @@ def test_tables_and_pictures_are_printed(chromium, page, tmp_path):
     tab.pdf(path=tmp_path / "report.pdf")
     assert (tmp_path / "report.pdf").stat().st_size > 10_000
     tab.close()
+
+
+EVIL = "<script>window.ran = alert(1)</script>"
+# What a page must not do even if markup came into it: run scripts, and ask for anything.
+SCRIPT = """() => {
+    const script = document.createElement("script");
+    script.textContent = "window.ran = true";
+    document.body.append(script);
+    document.body.insertAdjacentHTML("beforeend", "<b onclick='window.ran = true'></b>");
+    document.body.lastChild.click();
+}"""
+ASKING = """(url) => {
+    fetch(url).catch(() => {});
+    const image = new Image(), form = document.createElement("form");
+    image.src = url;
+    Object.assign(form, { method: "post", action: url, target: "_blank" });
+    document.body.append(image, form);
+    form.submit();
+}"""
+
+
+@pytest.fixture(scope="module")
+def evil_pages(tmp_path_factory):
+    """All pages of a file and an attribute whose names are scripts."""
+    folder = tmp_path_factory.mktemp("evil")
+    name = EVIL.replace("/", "") + "<img src=x onerror=alert(1)>.npz"
+    source = folder / (name if os.name == "posix" else "&lt;.npz")
+    rng = np.random.default_rng(0)
+    xyz = rng.uniform(0, 4, (2000, 3)) * [1, 1, 0.002]
+    scores = {EVIL: np.arange(2000), "&quot;<!--": np.zeros(2000), "\x00\x1b": np.ones(2000)}
+    write_points(source, PointCloud(xyz, scores))
+    pages = []
+    for verb in ("denoise", "normals", "segment", "edges", "plane"):
+        result = run(verb, source, folder / f"{verb}.npz", "--report", folder / verb)
+        assert result.exit_code == 0, result.output
+        pages += sorted((folder / verb).glob("*.html"))
+    options = ("--color", EVIL, "--title", EVIL, "-o", folder / f"<script>{verb}.html")
+    result = run("view", source, folder / "denoise.npz", *options)
+    assert result.exit_code == 0, result.output
+    assert len(pages) == 10
+    return source.name, [*pages, options[-1]]
+
+
+def test_names_that_are_scripts_are_shown_and_run_nowhere(chromium, evil_pages):
+    name, pages = evil_pages
+    for page in pages:
+        said, asked = [], []
+        tab = chromium.new_page()
+        tab.on("console", lambda told, said=said: told.type == "error" and said.append(told.text))
+        for event in ("pageerror", "dialog"):
+            tab.on(event, lambda told, said=said: said.append(str(told)))
+        tab.on("request", lambda request, asked=asked: asked.append(request.url))
+        tab.goto(page.as_uri())
+        tab.wait_for_load_state("networkidle")
+        assert said == [], page
+        assert {url for url in asked if not url.startswith("data:")} == {page.as_uri()}
+        assert name in tab.evaluate("document.documentElement.textContent + document.title")
+        assert not tab.query_selector("img[src=x]")
+        assert tab.evaluate("window.ran") is None
+        tab.close()
+
+
+def test_the_policy_of_pages_lets_nothing_run_or_ask(chromium, evil_pages):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(0.5)
+        url = "http://{}:{}/x".format(*server.getsockname())
+        tab = chromium.new_page()
+        for page in evil_pages[1]:
+            tab.goto(page.as_uri())
+            tab.wait_for_load_state("networkidle")
+            tab.evaluate(SCRIPT)
+            assert tab.evaluate("window.ran") is None, page
+            tab.evaluate(ASKING, url)
+            assert sent_to(server) == b"", page
+        tab.goto("about:blank")  # which has no policy
+        tab.evaluate(SCRIPT)
+        assert tab.evaluate("window.ran")
+        tab.evaluate(ASKING, url)
+        assert b" /x HTTP" in sent_to(server)
+        tab.close()
+
+
+def sent_to(server):
+    """What a browser sends over all its connections; of some it makes no use."""
+    sent = b""
+    while True:
+        try:
+            connection, _ = server.accept()
+        except TimeoutError:
+            return sent
+        with connection, suppress(TimeoutError):
+            connection.settimeout(0.5)
+            sent += connection.recv(1000)

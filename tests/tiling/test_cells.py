@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.tiling._cells import CellWriter
+from sklearn_mcmd.io import PointFileError
+from sklearn_mcmd.tiling._cells import Cells, CellWriter
 
 CAPACITY = 300
 
@@ -64,3 +65,22 @@ def test_copies_of_one_place_stay_together(tmp_path):
     cells = cells_of(tmp_path, xyz)
     assert cells.counts.max() >= 900
     assert cells.counts.sum() == len(xyz)
+
+
+@pytest.mark.parametrize(
+    "change", [lambda data: data[:-3], lambda data: data[:-32], lambda data: b""]
+)
+def test_a_cell_that_is_not_as_it_was_written_is_named(tmp_path, change):
+    cells = cells_of(tmp_path, uneven())
+    (path,) = tmp_path.glob(f"{cells._names[1]}*")
+    path.write_bytes(change(path.read_bytes()))
+    with pytest.raises(PointFileError, match=rf"{path.name}: is damaged; begin anew \(restart\)"):
+        cells.read(1)
+
+
+@pytest.mark.parametrize("content", [b"", b"PK", b"[]"])
+def test_damaged_boxes_are_named(tmp_path, content):
+    cells_of(tmp_path, uneven())
+    (tmp_path / "cells.npz").write_bytes(content)
+    with pytest.raises(PointFileError, match=r"cells\.npz: cannot be read"):
+        Cells(tmp_path)

@@ -132,3 +132,21 @@ def test_outputs_that_are_not_as_they_were_written_are_written_again(drive, monk
     other = drive("other")
     run(target=other)
     assert contents(target) == contents(other)
+
+
+def test_a_damaged_list_of_moves_is_told_before_inputs_are_judged_again(
+    drive, replaced, monkeypatch
+):
+    folder = drive("early")
+    with monkeypatch.context() as patch:
+        patch.setattr(_publish_outputs, "_move", lambda moves: 1 / 0)
+        with pytest.raises(TilingError, match="kept in"):
+            process_files(folder, folder, DETECTOR, **SIZE)
+    moves = folder.with_name("early.tiles") / "moves.json"
+    told = bytearray(moves.read_bytes())
+    told[-40] ^= 1
+    moves.write_bytes(told)
+    with pytest.raises(TilingError, match=r"moves\.json: is damaged, and some inputs"):
+        process_files(folder, folder, DETECTOR, **SIZE)
+    process_files(folder, folder, DETECTOR, restart=True, **SIZE)
+    assert contents(folder) == replaced[0]

@@ -484,3 +484,19 @@ def test_a_run_that_goes_on_needs_no_room_for_what_is_there(
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(9, 8, 1000))
     report = process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
     assert report.n_resumed == 3
+
+
+@pytest.mark.parametrize("damage", [lambda told: told[:-9], lambda told: told.replace(b"f", b"i")])
+def test_a_manifest_that_is_not_as_it_was_written_begins_anew(
+    small_file, tmp_path, failing, damage
+):
+    target = tmp_path / "out.las"
+    failing.add(1)
+    with pytest.warns(match="tile 1 failed"), pytest.raises(TilingError):
+        process_files(small_file, target, ESTIMATOR, tile_size=2_000)
+    failing.clear()
+    manifest = tmp_path / "out.las.tiles" / "manifest.json"
+    manifest.write_bytes(damage(manifest.read_bytes()))
+    report = process_files(small_file, target, ESTIMATOR, tile_size=2_000)
+    assert report.n_resumed == 0
+    assert target.read_bytes() == in_memory(small_file, tmp_path / "e.las").read_bytes()

@@ -1,5 +1,7 @@
 """The page is complete, asks for nothing from outside, and takes no name for HTML."""
 
+import base64
+import hashlib
 import html
 import re
 from importlib.resources import files
@@ -47,6 +49,9 @@ def test_nothing_is_loaded_from_outside(cloud):
     assert urls <= {"http://www.w3.org/2000/svg"}  # a name, not an address
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page)[1].split("; ")
     assert {"default-src 'none'", "base-uri 'none'", "form-action 'none'"} <= set(policy)
+    (script,) = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}'" in policy  # its own script, and no other
     assert not re.search(r"<(script|img|iframe)[^>]*\ssrc=|@import|fetch\(|XMLHttpRequest", page)
 
 

@@ -1,0 +1,181 @@
+"""Small valid files of each reader, from which `fuzz_files` makes broken ones."""
+
+import io
+import json
+import struct
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from sklearn_mcmd.io import PointCloud, write_points
+
+__all__ = ["prepared", "seeds_of"]
+
+PARTS = b"--next member--"  # between the names and bytes of an NPZ's members
+PAGE = 1024  # of E57: bytes with four of a checksum
+DEEP = 2_000 * b"["  # deeper than parsers call themselves
+TEXTS = [
+    b"x y z\n0 0 0\n1 0 0\n0 1 9\n",
+    b"# a title\n//easting,northing,height,label\n1.5;2;3;4\n2;3;nan;\n",
+    b"3\n0 0 0 12 255 0 0\n1 0 0 NA 1 2 3\n0 1 2 7 9 9 9\n",
+    b'X[m],Y[m],Z[m],"date, time",class\n1,2,3,2026-01-01,2\n4e9,-5,6,none,7\n',
+    "\ufeffPOINT_X\tPOINT_Y\tELEV\tgr\u00fcn\n1,5\t2\t3\t4\n".encode(),
+    b"time,x,y,z\n10,0,0,2\n11,8,0,2\n",
+    b"gps_time y x z roll\n1e9 0 0 2 .5\n1000000001 8 0 2 .5\n",
+]
+SETTINGS = [
+    b'[denoise]\nn_neighbors = 20\ncutoff = 3.0\nquiet = true\nsensor = "auto"\n',
+    b'[normals]\nn_neighbors=[1,2]\n[denoise]\ncolumns={x="e",y=2}\nignore_classes=[7, 18]\n',
+    b"[denoise]\ncolumns=" + DEEP,
+]
+INDEX = {"features": [{"assets": {"data": {"href": "./a.las", "roles": ["data"]}}}]}
+STORES = [
+    {"key": "k", "constants": {"dtype": "<f8", "step": 0.0}},
+    {"host": "localhost", "pid": 1},
+    {"key": "m", "inputs": [[1, 2]], "moves": [["a", "b", [1, 2]]], "report": {"n": 1}},
+]
+
+
+def seeds_of(reader, folder):
+    """Bytes of valid files, which are made in a folder."""
+    told = {
+        "text": TEXTS,
+        "trajectory": TEXTS[-2:],
+        "settings": SETTINGS,
+        "index": [json.dumps(INDEX).encode(), json.dumps(INDEX, indent=1).encode(), DEEP],
+        "store": _stores(Path(folder)),
+    }
+    if reader in told:
+        return told[reader]
+    return [seed for seed in _files(reader, Path(folder)) if len(seed) <= 8000]
+
+
+def prepared(reader, data):
+    """Data with right checksums, for a part of all, so that more is reached than the checks."""
+    if reader == "npz members":
+        return _joined_members(data)
+    return _with_checksums(data) if reader == "e57" and sum(data[-64:]) % 8 else data
+
+
+def _joined_members(data):
+    """An NPZ whose members have right checksums: alternately names and bytes."""
+    import zipfile
+
+    parts, buffer = data.split(PARTS), io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of names that come twice
+        for name, member in zip(parts[::2], parts[1::2], strict=False):
+            archive.writestr(name[:40].decode("latin-1").replace("\0", "") or "x", member)
+    return buffer.getvalue()
+
+
+def _with_checksums(data):
+    """An E57 whose pages have right checksums, so that more of it than these is read."""
+    pages = [data[i : i + PAGE - 4] for i in range(0, len(data), PAGE)]
+    return b"".join(page + struct.pack(">I", _crc32c(page)) for page in pages if len(page) > 4)
+
+
+def _files(reader, folder):
+    rng = np.random.default_rng(0)
+    xyz = np.round(rng.uniform(0, 9, (5, 3)), 2)
+    plain = PointCloud(xyz)
+    rich = PointCloud(
+        xyz,
+        {
+            "intensity": np.arange(5, dtype=np.uint16),
+            "gps_time": np.arange(5.0),
+            **dict.fromkeys(("red", "green", "blue"), np.arange(5, dtype=np.uint8)),
+            "score": rng.uniform(size=5).astype(np.float32),
+        },
+        {"ply_comments": ["a comment"]},
+    )
+    encodings = {"ply": ["ascii", "binary"], "pcd": ["ascii", "binary", "binary_compressed"]}
+    if reader in ("las", "laz"):
+        yield from _las_files(folder, reader, xyz)
+    if reader == "npz members":
+        members = {"xyz.npy": xyz, "label.npy": np.arange(5), "offset.npy": xyz[0]}
+        yield PARTS.join(
+            part for name, array in members.items() for part in (name.encode(), _npy(array))
+        )
+        yield PARTS.join(
+            p for i, name in enumerate("xyz") for p in (name.encode(), _npy(xyz[:, i]))
+        )
+    elif reader == "npy":
+        yield _npy(np.asfortranarray(xyz, ">f4"))
+    suffix = reader.partition(" ")[0]
+    for encoding in encodings.get(suffix, [None]):
+        for number, cloud in enumerate((plain, rich)):
+            path = folder / f"seed{number}.{suffix}"
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of what a format cannot hold
+                write_points(path, cloud, encoding=encoding)
+            if reader != "npz members":
+                yield path.read_bytes()
+
+
+def _las_files(folder, suffix, xyz):
+    import laspy
+    from laspy.vlrs.known import GeoKeyDirectoryVlr, WktCoordinateSystemVlr
+
+    for point_format in range(11):
+        version = "1.4" if point_format > 5 else "1.3" if point_format > 3 else "1.2"
+        header = laspy.LasHeader(version=version, point_format=point_format)
+        if point_format % 3 == 0:
+            header.add_extra_dim(laspy.ExtraBytesParams("score", "f4", scales=None))
+            header.add_extra_dim(
+                laspy.ExtraBytesParams("range", "u2", scales=np.array([0.1]), offsets=np.zeros(1))
+            )
+        if point_format % 3 == 1:
+            header.vlrs.append(WktCoordinateSystemVlr('PROJCS["UTM 33",GEOGCS["WGS 84"]]'))
+        if point_format % 3 == 2:
+            keys = GeoKeyDirectoryVlr()
+            keys.parse_record_data(
+                struct.pack("<12H", 1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 25833)
+            )
+            header.vlrs.append(keys)
+        las = laspy.LasData(header)
+        las.xyz = xyz
+        if version == "1.4":
+            las.evlrs = laspy.vlrs.vlrlist.VLRList([laspy.VLR("user", 1, "words", b"record")])
+        path = folder / f"seed.{suffix}"
+        las.write(path)
+        yield path.read_bytes()
+
+
+def _stores(folder):
+    from sklearn_mcmd.tiling._cells import write_boxes
+    from sklearn_mcmd.tiling._folder import write_json
+
+    for number, store in enumerate(STORES):
+        write_json(folder / f"{number}.json", store)
+    (folder / "3.json").write_text(json.dumps(STORES[1]))  # a lock, which has no digest
+    told = dict.fromkeys(("low", "high", "least", "most"), np.zeros((1, 3)))
+    names = write_boxes(folder, names=np.zeros(1, int), counts=np.ones(1, int), **told).folder
+    jsons = [(folder / f"{number}.json").read_bytes() for number in range(4)]
+    return [*jsons, DEEP, (names / "cells.npz").read_bytes(), _npy(np.zeros((2, 3)))]
+
+
+def _npy(array):
+    buffer = io.BytesIO()
+    np.save(buffer, array)
+    return buffer.getvalue()
+
+
+def _crc_table():
+    table = []
+    for value in range(256):
+        for _ in range(8):
+            value = value >> 1 ^ (0x82F63B78 if value & 1 else 0)
+        table.append(value)
+    return table
+
+
+_TABLE = _crc_table()
+
+
+def _crc32c(data):
+    crc = 0xFFFFFFFF
+    for byte in data:
+        crc = crc >> 8 ^ _TABLE[(crc ^ byte) & 255]
+    return crc ^ 0xFFFFFFFF
