@@ -71,7 +71,9 @@ def test_no_plane_is_sought_or_fitted_again_behind_normals(make, box, monkeypatc
 
 def test_growing_takes_planes_as_they_are_handed_on(box):
     columns = RobustNormalEstimator(20, random_state=0).fit_transform(box.data)
-    growing = RegionGrowing(normals="precomputed", find_narrow_faces=False, assign_unlabeled=False)
+    growing = RegionGrowing(
+        max_distance=0.1, normals="precomputed", find_narrow_faces=False, assign_unlabeled=False
+    )
     labels = growing.fit_predict(columns)
     face = np.flatnonzero(labels == 0)
     upper = face[box.data[face, 0] > np.median(box.data[face, 0])]

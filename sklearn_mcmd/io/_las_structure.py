@@ -13,8 +13,8 @@ VLR_HEADER, EVLR_HEADER = 54, 60
 
 def check_structure(path):
     """Refuse impossible counts: laspy would loop over them for hours, or request their memory."""
-    size = os.path.getsize(path)
     with open(path, "rb") as file:
+        size = os.fstat(file.fileno()).st_size  # of this file: another may take its name meanwhile
         start = file.read(LAS_14_HEADER)
         if start[:4] != b"LASF":
             raise PointFileError("not a LAS/LAZ file: it does not begin with 'LASF'")

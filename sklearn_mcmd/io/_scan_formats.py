@@ -42,7 +42,7 @@ E57_FIELDS = {
 def read_ply(path):
     """Read the vertices of a PLY file; faces and other elements are left out."""
     plyfile = import_extra("plyfile", "formats", "PLY")
-    check_room(_ply_values(path), path.stat().st_size, "its values")
+    _check_ply_values(path)
     ply = plyfile.PlyData.read(str(path))
     if "vertex" not in ply:
         raise PointFileError("has no element 'vertex'")
@@ -59,15 +59,16 @@ def read_ply(path):
     return cloud
 
 
-def _ply_values(path):
-    """How many values the header tells of; each takes a byte at least."""
+def _check_ply_values(path):
+    """Refuse a header that tells of more values than bytes; each takes one at least."""
     with open(path, "rb") as file:
         header, _, _ = file.read(LONGEST_HEADER).partition(b"end_header")
+        size = os.fstat(file.fileno()).st_size  # of this file: another may take its name meanwhile
     n_values = n_rows = 0
     for n, _ in re.findall(rb"(?:^|[\r\n])\s*(?:element\s+\S+\s+(\d+)|(property))", header):
         n_rows = int(n) if n else n_rows
         n_values += 0 if n else n_rows
-    return n_values
+    check_room(n_values, size, "its values")
 
 
 def write_ply(path, cloud, encoding="binary"):
