@@ -30,6 +30,9 @@ def test_labels_and_limits_are_those_of_the_matrix_form(surface, weighting, widt
             assert_allclose(
                 detector.defuzzification_complement_, expected["complement"], rtol=1e-6, atol=1e-12
             )
+            assert_allclose(
+                detector.defuzzification_limit_, 1 - expected["complement"], rtol=1e-6, atol=1e-8
+            )
             flagged += (expected["labels"] == -1).sum()
     assert flagged > 100
 

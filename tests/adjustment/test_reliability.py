@@ -140,7 +140,7 @@ def test_points_of_weight_zero_have_no_effect():
     told = BaardaPlaneDetector(sigma0=SIGMA).fit(X, weights=p).reliability(X)
     rest = BaardaPlaneDetector(sigma0=SIGMA).fit(X[1:]).reliability(X[1:])
     np.testing.assert_allclose(told.minimal_bias[1:], rest.minimal_bias)
-    assert told.effect_on_normal[0] == 0
+    assert told.effect_on_normal[0] == told.bias_to_noise[0] == 0
     assert told.minimal_bias[0] == np.inf
 
 

@@ -31,6 +31,9 @@ def test_the_text_has_the_figures_of_the_fit(detector):
     assert f"{n_outliers} of 200" in text
     assert f"{detector.critical_value_:.4f}" in text
     assert f"{detector.variance_factor_:.6g}" in text
+    elimination = getattr(detector, "elimination", None)
+    assert ("one at a time" in text) == (elimination == "single")
+    assert ("all rejected at once" in text) == (elimination == "all")
     worst = int(np.argmax(detector.test_statistic_))
     assert text.splitlines()[-3].split()[0] == str(worst)
 
@@ -62,6 +65,9 @@ def test_the_figure_has_three_panels_and_can_be_saved(detector, columns, tmp_pat
     assert (tmp_path / "report.png").stat().st_size > 10_000
     titles = {axes.get_title() for axes in figure.axes}
     assert {"Residual map", "Residuals"} < titles
+    (residual_map,) = [axes for axes in figure.axes if axes.get_title() == "Residual map"]
+    assert residual_map.get_xlabel().endswith("[m]")
+    assert residual_map.get_ylabel().endswith("[m]")
     last = "Memberships" if isinstance(detector, FuzzyPlaneDetector) else "Test statistics"
     assert last in titles
 

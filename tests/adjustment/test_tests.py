@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
 from sklearn_mcmd.adjustment import critical_value, local_level
@@ -85,6 +85,7 @@ def test_tau_and_t_decide_alike():
 def test_tau_and_t_are_each_other_s_inverse():
     t = np.array([0.0, 0.5, 3, 100])
     assert_allclose(tau_to_t(t_to_tau(t, 9), 9), t, rtol=1e-9)
+    assert_array_equal(tau_to_t(t, 1), 0)  # no degree of freedom is left
 
 
 def test_an_uncontrolled_point_has_no_statistic():

@@ -58,6 +58,7 @@ def test_each_part_has_its_own_size():
     noisy[:, 0] += 200
     sizes = sizes_of(np.vstack([quiet, noisy]))
     assert_array_equal(sizes[:3000], LEAST)
+    assert_array_equal(sizes[3000:], sizes_of(noisy))  # a quiet part elsewhere changes nothing
     assert sizes[3000:].min() > 2 * LEAST
 
 

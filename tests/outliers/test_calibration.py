@@ -9,6 +9,7 @@ from sklearn.base import clone
 
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_street
+from sklearn_mcmd.outliers._calibration import _roughness
 
 OWN = {"strictness": None}
 
@@ -126,3 +127,10 @@ def test_the_rate_holds_for_whole_clean_scans(known):
     origin = street.sensor_origins[0] if known else None
     fitted = detector(0.01, n_neighbors=50, sensor_origin=origin).fit(street.data)
     assert 0.008 < (fitted.scores_ < fitted.offset_).mean() < 0.013
+
+
+def test_the_roughness_of_a_cloud_does_not_depend_on_chunks(monkeypatch):
+    model = detector(0.01).fit(plane(300, 0.05, 0))._model
+    whole = _roughness(model, np.arange(40))
+    monkeypatch.setattr(type(model), "chunk", lambda self: 3)
+    assert _roughness(model, np.arange(40)) == whole

@@ -33,6 +33,11 @@ def test_errors_and_small_groups_are_single_however_many_there_are():
     assert volumes(WALL, np.vstack([ERRORS, GROUPS])) == []
 
 
+def test_copies_of_one_point_have_no_volume():
+    copies = np.tile([1.0, 2.0, 3.0], (1_000, 1))
+    assert volumes(copies, copies) == []
+
+
 def test_a_lost_ball_before_a_wall_is_told_with_its_place():
     (found,) = volumes(WALL, ball(1_500, [3, -1.5, 1.5]))
     assert found.n_lost == found.n_all >= 1_450

@@ -130,6 +130,10 @@ def test_members_beyond_the_size_do_not_matter():
     points[:, 25:] = 1e9
     second, _, _ = maximum_consistent_sets(points, trials, 13, sizes)
     assert_array_equal(first, second)
+    local, scale = localize(points, sizes)
+    alone, its_scale = localize(points[:, :25])
+    assert_array_equal(local[:, :25], alone)
+    assert_array_equal(scale, its_scale)
 
 
 def test_a_degenerate_minimal_subset_is_completed():
