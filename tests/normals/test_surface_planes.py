@@ -33,13 +33,6 @@ def test_smooth_surfaces_are_measured_no_worse_than_by_least_squares(make, noise
     assert np.median(robust) <= 1.1 * np.median(least_squares)
 
 
-def test_without_tangents_smooth_surfaces_have_the_planes_of_all_members():
-    X, _ = sphere(1000)
-    planes = RobustNormalEstimator(20, tangents=False, random_state=0).fit(X)
-    least_squares = RobustNormalEstimator(20, method="pca").fit(X)
-    assert bias_angle(planes.normals_, least_squares.normals_).max() < 1e-5
-
-
 @pytest.mark.parametrize(("height", "too_much"), [(0.8, False), (1.2, True)])
 def test_more_than_half_a_ball_bends_too_much(height, too_much):
     """Caps of a ball of radius 1, whose noise adds to the variances."""
