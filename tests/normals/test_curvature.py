@@ -293,7 +293,7 @@ def test_the_other_side_has_the_other_signs(mixed):
 
 
 def test_copies_seen_from_the_other_side_have_the_other_signs():
-    """On a trough along y: some normals have a y of exactly 0, which has no sign."""
+    """On a valley along y: some normals have a y of exactly 0, which has no sign."""
     x, y = (values.ravel() / 8 for values in np.mgrid[-10:11, -10:11])
     X = np.column_stack([x, y, x * x])
     estimator = RobustNormalEstimator(
