@@ -62,6 +62,15 @@ def test_each_part_has_its_own_size():
     assert sizes[3000:].min() > 2 * LEAST
 
 
+def test_what_no_one_asks_for_need_not_be_known(monkeypatch):
+    """Against planes of all points at each step, where half of the cloud has more noise."""
+    X = sheet(3000, 0.1)
+    X[X[:, 0] > 30, 2] *= 8
+    sizes = sizes_of(X)
+    monkeypatch.setattr(ScaleFinder, "_reached", lambda self, rows: np.ones_like(rows))
+    assert_array_equal(sizes, sizes_of(X))
+
+
 def test_the_number_follows_from_the_noise():
     """The error of a plane of k points on unit squares is noise * sqrt(8 pi) / k.
 

@@ -292,6 +292,20 @@ def test_the_other_side_has_the_other_signs(mixed):
         assert_allclose(getattr(inside, name), other[name], rtol=1e-6, atol=1e-9, err_msg=name)
 
 
+def test_copies_seen_from_the_other_side_have_the_other_signs():
+    """On a valley along y: some normals have a y of exactly 0, which has no sign."""
+    x, y = (values.ravel() / 8 for values in np.mgrid[-10:11, -10:11])
+    X = np.column_stack([x, y, x * x])
+    estimator = RobustNormalEstimator(
+        30, radius=0.4, method="pca", orientation="sensor", features="mean_curvature"
+    )
+    sensors = np.repeat([[0, 0, 9.0], [0, 0, -9.0]], len(X), axis=0)
+    estimator.fit(np.vstack([X, X]), sensor_origin=sensors)
+    above, below = np.split(estimator.features_[:, 0], 2)
+    assert np.count_nonzero(above) > 0.8 * len(X)
+    assert_array_equal(below, -above)
+
+
 def test_directions_are_unit_vectors_in_the_surface(mixed):
     found = measure(mixed, n_neighbors=30)
     known = found.max.any(axis=1)

@@ -10,7 +10,9 @@ from scenes import corner, cylinder, sphere, torus
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.metrics import bias_angle
+from sklearn_mcmd.normals._quadrics import CHANCE
 from sklearn_mcmd.normals._smoothness import is_smooth, whole_planes
+from sklearn_mcmd.normals._surface_planes import _bends_too_much, _leans
 from sklearn_mcmd.planes._consistent_set import draw_trials
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
@@ -29,6 +31,27 @@ def test_smooth_surfaces_are_measured_no_worse_than_by_least_squares(make, noise
     most = 0.98 if make is torus and noise else 0.99
     assert (robust < 10).mean() >= most * (least_squares < 10).mean()
     assert np.median(robust) <= 1.1 * np.median(least_squares)
+
+
+@pytest.mark.parametrize(("height", "too_much"), [(0.8, False), (1.2, True)])
+def test_more_than_half_a_ball_bends_too_much(height, too_much):
+    """Caps of a ball of radius 1, whose noise adds to the variances."""
+    i = np.arange(2000) + 0.5
+    z, turn = 1 - height * i / 2000, np.pi * (1 + np.sqrt(5)) * i
+    cap = np.column_stack([*np.sqrt(1 - z * z) * [np.cos(turn), np.sin(turn)], z])
+    planes = Planes.empty(1, 3)
+    planes.eigenvalues[0] = np.linalg.eigvalsh(np.cov(cap.T))
+    for noise in (0.0, 0.2):
+        deviation = np.sqrt([np.var(z) + noise**2])
+        assert _bends_too_much(deviation, np.array([noise]), planes)[0] == too_much
+
+
+def test_normals_of_one_plane_lean_by_chance_alone():
+    """Two normals that the same noise tilts, in both directions."""
+    error = np.full(50_000, 3.0)
+    tilts = np.random.default_rng(0).normal(0, 3.0 / np.sqrt(2), (2, 2, 50_000))
+    angle = np.hypot(*(tilts[0] - tilts[1]))
+    assert_allclose(_leans(angle, error, error).mean(), CHANCE, rtol=0.05)
 
 
 def test_points_next_to_an_edge_borrow_the_plane_of_their_face():

@@ -150,6 +150,22 @@ def test_a_large_group_is_real_for_others():
     assert_allclose(company(X, 400, least=30).separation[-1], 4 / LATTICE)
 
 
+def test_large_groups_stand_off_from_each_other():
+    """Clumps of as many points as the least thing has, none of which is real to itself."""
+    clump = np.random.default_rng(0).normal(size=(30, 3))
+    centers = np.array([[10, 10, 200], [10, 70, 200], [90, 10, 200], [10, 10, 250]])
+    groups = clump + centers[:, None]
+    X = with_rest(*groups)
+    found = company(X, 400, least=30)
+    for i, group in enumerate(groups):
+        rows = slice(30 * i, 30 * (i + 1))
+        others = np.vstack([X[:400], *np.delete(groups, i, axis=0)])
+        gap = np.linalg.norm(group[:, None] - others, axis=2).min()
+        spread = np.sqrt(np.linalg.eigvalsh(np.cov(group.T, bias=True))[-1])
+        size = max(spread, found.usual[rows].mean())
+        assert_allclose(found.separation[400:][rows], gap / size)
+
+
 def line_at(x, y, z, n=12):
     """Points half a unit apart."""
     return [[x + 0.5 * i, y, z] for i in range(n)]
