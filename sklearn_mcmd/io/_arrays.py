@@ -2,6 +2,7 @@
 
 import io
 import math
+import zipfile
 from types import SimpleNamespace
 
 import numpy as np
@@ -37,10 +38,14 @@ def read_npz(path):
     _check_start(path, b"PK", "NPZ")
     with np.load(path, allow_pickle=False) as archive:
         for member in archive.zip.infolist():
-            with archive.zip.open(member) as file:
-                room = min(member.file_size, MOST_DEFLATED * path.stat().st_size)
-                _check_array(file, room, f"the numbers of {member.filename!r}")
+            if member.filename.endswith(".npy"):
+                room = member.file_size
+                if member.compress_type == zipfile.ZIP_DEFLATED:
+                    room = min(room, MOST_DEFLATED * path.stat().st_size)
+                with archive.zip.open(member) as file:
+                    _check_array(file, room, f"the numbers of {member.filename!r}")
         arrays = {name: archive[name] for name in archive.files}
+        arrays = {name: a for name, a in arrays.items() if isinstance(a, np.ndarray)}
     tables = [n for n, a in arrays.items() if a.ndim == 2 and a.shape[1] == 3]
     if "xyz" in arrays:
         xyz = arrays.pop("xyz")

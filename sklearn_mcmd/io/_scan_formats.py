@@ -298,7 +298,8 @@ def _check_pcd(path, file, header):
         check_room(n_stored, room, "the compressed points")
         room *= LONGEST_RUN
         check_room(n_decompressed, room, "the decompressed points")
-    check_room(n_bytes * max(header.points, 1), room, f"{header.points:,} points")
+    check_room(sum(header.count), path.stat().st_size, "the columns")
+    check_room(n_bytes * header.points, room, f"{header.points:,} points")
 
 
 def _pcd_records(pypcd4, path, file, header):

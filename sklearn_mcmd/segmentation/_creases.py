@@ -12,7 +12,7 @@ from sklearn_mcmd.planes._around import quantile_around, ratio
 from sklearn_mcmd.runtime._chunks import each_slice, run
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.segmentation._cylinder import N_STEPS, RIDGE
-from sklearn_mcmd.segmentation._graph import BENT, HEIGHT_BITS, USUAL, n_within_median
+from sklearn_mcmd.segmentation._graph import BENT, HEIGHT_BITS, USUAL, n_linked
 from sklearn_mcmd.segmentation._merge_coplanar import MOST_NOISE
 from sklearn_mcmd.segmentation._region_sums import median_by_region, region_moments
 
@@ -57,7 +57,7 @@ class _Cells(NamedTuple):
         return self.members[places], np.repeat(cells, sizes)
 
 
-def divide_at_creases(labels, index, planes, min_cosine, n_jobs=None):
+def divide_at_creases(labels, index, planes, rules, n_jobs=None):
     """Divide regions where two planes that meet in a crease explain them better than one surface.
 
     Each region is divided into cells of neighbors. Cells are joined to patches, the most alike
@@ -70,7 +70,7 @@ def divide_at_creases(labels, index, planes, min_cosine, n_jobs=None):
     `link_neighbors`. Labels are from 0 on, -1 for none; the new ones have no order. In three
     dimensions.
     """
-    noise, near = _noise_and_neighbors(index, planes, min_cosine, n_jobs)
+    noise, near = _noise_and_neighbors(index, planes, rules, n_jobs)
     unit = float(np.exp2(np.frexp(noise.max(initial=0.0))[1]))  # no square leaves the numbers
     if not (labels >= 0).any() or not noise.min() * unit > 0:
         return labels
@@ -103,11 +103,11 @@ def divide_at_creases(labels, index, planes, min_cosine, n_jobs=None):
     return divided
 
 
-def _noise_and_neighbors(index, planes, min_cosine, n_jobs):
-    """Standard deviation (n,) that is usual around each point, and the nearer half (n, k)."""
-    n, k = len(index.points), n_within_median(index.n_neighbors) + 1
+def _noise_and_neighbors(index, planes, rules, n_jobs):
+    """Standard deviation (n,) that is usual around each point, and its neighbors (n, k)."""
+    n, k = len(index.points), n_linked(index, rules)
     noise, near = index.empty(n), index.empty((n, k), np.int32)
-    bend = BENT * np.arccos(min(min_cosine, 1.0))
+    bend = BENT * np.arccos(min(rules.min_cosine, 1.0))
 
     def measure(rows):
         around = index.query_own(rows, k)

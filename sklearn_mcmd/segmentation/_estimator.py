@@ -42,14 +42,15 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
     Parameters
     ----------
     n_neighbors : int, default=30
-        Size of a neighborhood (k), the point itself included.
+        Size of a neighborhood (k), the point itself included. Fewer than 12 tear bent surfaces.
 
     max_angle : float, default=15
         Largest angle between the normals of neighbors in a region, in degrees, in (0, 90].
 
     max_distance : float, default=None
         Largest distance of a neighbor from the plane of a point, in units of X. None means the
-        median of the neighbors' distances and two robust standard deviations.
+        median of the distances of the neighbors that `max_gap` leaves, the point among them, and
+        two robust standard deviations.
 
     max_gap : float, default=None
         Largest distance of a neighbor, in units of X. None means the median of the
@@ -168,7 +169,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
     unverified. ``mutual=False, find_narrow_faces=False, divide_at_creases=False,
     join_coplanar=False, join_curved=False, assign_unlabeled=False`` is nearest to the paper.
     Departures: deviations are scaled to standard deviations by 1.4826, and half the step of rounded
-    coordinates is added.
+    coordinates is added, or what their precision amounts to.
 
     With `mutual`, the usual noise around a point is the lower quartile of the neighbors'
     noise. A plane may be noisier by three standard errors, a factor of ``1 + 3 / sqrt(2 *

@@ -19,6 +19,7 @@ __all__ = [
     "by_place",
     "grow_regions",
     "link_neighbors",
+    "n_linked",
     "n_within_median",
     "seed_order",
 ]
@@ -53,7 +54,7 @@ class GrowthRules(NamedTuple):
     mutual: bool = True
 
 
-class LinkLimits(NamedTuple):
+class GrowthLimits(NamedTuple):
     """Limits of links. They reach the kernel as arguments: it would freeze imported constants."""
 
     min_cosine: float
@@ -82,9 +83,7 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
     added from each point, nearest first, then -1; and the distance of the farthest neighbor looked
     at.
     """
-    n, k = len(index.points), index.n_neighbors
-    if rules.max_gap is None:  # those beyond the median distance are never linked
-        k = n_within_median(k) + 1
+    n, k = len(index.points), n_linked(index, rules)
     radius, limit, links = index.empty(n), index.empty(n), index.empty((n, k), np.int32)
     spread = N_DEVIATIONS * MAD_TO_SD
 
@@ -106,7 +105,7 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
             links[rows][planes.scale[rows] > most] = -1
 
     max_gap = np.inf if rules.max_gap is None else float(rules.max_gap)
-    limits = LinkLimits(float(rules.min_cosine), max_gap, bool(rules.mutual))
+    limits = GrowthLimits(float(rules.min_cosine), max_gap, bool(rules.mutual))
     each_slice(n, index.chunk, measure, n_jobs)
     each_slice(n, index.chunk, link, n_jobs)
     return links, radius
@@ -144,6 +143,11 @@ def seed_order(variation, points, planes):
 def by_place(points, rows):
     """Rows in the order of their points' coordinates, in which all sums over few points are."""
     return rows[np.lexsort(points[rows].T)]
+
+
+def n_linked(index, rules):
+    """Neighbors that may be linked: without `max_gap` none beyond the median distance."""
+    return index.n_neighbors if rules.max_gap else n_within_median(index.n_neighbors) + 1
 
 
 def n_within_median(k):

@@ -52,7 +52,7 @@ def link_rows(points, around, planes, limit, limits, start, links):
     around : Neighborhoods of the rows to be linked
     planes : Planes of all points
     limit : float64 (n,), largest distances from planes
-    limits : LinkLimits
+    limits : GrowthLimits
     start : row of the first of the points
     links : int32 (m, width), filled
     """

@@ -35,7 +35,7 @@ def finish_regions(labels, index, planes, floor, copies, growing, n_jobs=None):
     claims = Claims(index, planes, rules, n_jobs)
     with progress_part(0.45, 0.65, "joining regions"):
         if growing.divide_at_creases and in_space:
-            labels = divide_at_creases(labels, index, planes, rules.min_cosine, n_jobs)
+            labels = divide_at_creases(labels, index, planes, rules, n_jobs)
             labels = _renumber(labels, copies, growing.min_region_size)
         if growing.assign_unlabeled:
             labels = _renumber(claims.absorb_fragments(labels), copies)

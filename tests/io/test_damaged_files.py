@@ -115,3 +115,23 @@ def test_what_is_compressed_as_far_as_can_be_is_read(tmp_path):
     digits = "".join("0 0 0\n" for _ in range(9))
     (tmp_path / "b.pcd").write_bytes(PCD % (b"1", b"9", b"ascii") + digits[:-1].encode())
     assert len(read_points(tmp_path / "b.pcd")) == 9
+
+
+def test_archives_of_other_kinds_and_with_other_files_are_read(tmp_path):
+    path, xyz = tmp_path / "a.npz", np.zeros((300_000, 3))
+    for kind in (zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA):  # of constants more than 1,032 to one
+        with zipfile.ZipFile(path, "w", kind) as archive, archive.open("xyz.npy", "w") as file:
+            np.save(file, xyz)
+        with zipfile.ZipFile(path, "a") as archive:
+            archive.writestr("readme.txt", "hello")
+        assert len(read_points(path)) == len(xyz)
+
+
+@pytest.mark.parametrize("data", ["ascii", "binary"])
+def test_an_empty_pcd_is_told_to_be_empty(tmp_path, data):
+    pytest.importorskip("pypcd4")
+    header = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 0\nHEIGHT 1\n"
+    header += f"VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 0\nDATA {data}\n"
+    (tmp_path / "a.pcd").write_text(header)
+    with pytest.raises(PointFileError, match="holds no points"):
+        read_points(tmp_path / "a.pcd")

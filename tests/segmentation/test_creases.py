@@ -62,6 +62,20 @@ def test_results_depend_on_no_order_of_rows_place_or_unit():
         assert_array_equal(RegionGrowing(random_state=0).fit_predict(moved), labels[order])
 
 
+def test_rings_that_a_given_gap_joins_are_not_torn_without_a_vote():
+    """Rings of a scanned tunnel are farther apart than the nearer half of the neighbors reaches."""
+    rng = np.random.default_rng(0)
+    angle, along = (
+        np.tile(np.linspace(0, 2 * np.pi, 600, endpoint=False), 12),
+        np.repeat(range(12), 600),
+    )
+    X = np.column_stack([3 * np.cos(angle), 0.3 * along, 3 * np.sin(angle)])
+    X += rng.normal(0, 0.003, X.shape)
+    whole = RegionGrowing(max_gap=0.5, divide_at_creases=False, random_state=0).fit(X)
+    divided = RegionGrowing(max_gap=0.5, random_state=0).fit(X)
+    assert divided.region_sizes_[0] >= whole.region_sizes_[0] - 10 > 0.7 * len(X)
+
+
 def test_cells_hold_each_point_once_and_no_points_of_two_regions():
     rng = np.random.default_rng(0)
     points, labels = rng.uniform(size=(200, 3)), rng.integers(-1, 2, 200).astype(np.int32)
