@@ -138,9 +138,11 @@ class CloudPage:
         return f"CloudPage({self.n_shown:,} of {self.n_points:,} points, {size})"
 
     def _repr_html_(self):
-        # The sandbox keeps the page from the notebook; a picture may be downloaded.
+        # The sandbox keeps the page from the notebook; a picture may be downloaded. The policy lets
+        # the script run by its digest, which in ASCII does not depend on the notebook's encoding.
+        page = html.escape(self.html).encode("ascii", "xmlcharrefreplace").decode()
         return (
-            f'<iframe srcdoc="{html.escape(self.html)}" sandbox="allow-scripts allow-downloads" '
+            f'<iframe srcdoc="{page}" sandbox="allow-scripts allow-downloads" '
             f'style="width:100%;height:{self.height}px;border:0;border-radius:8px" '
             'allow="fullscreen"></iframe>'
         )
