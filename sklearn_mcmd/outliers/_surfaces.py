@@ -65,7 +65,7 @@ def usable_planes(planes, distances, limits):
 def link_limits(limits):
     """When two of these are linked."""
     cosine = float(np.cos(np.radians(limits.angle)))
-    return LinkLimits(cosine, limits.explained)
+    return LinkLimits(cosine, limits.explained, both_near=True)
 
 
 def own_distances(queries, planes, floor):

@@ -24,10 +24,21 @@ class LinkLimits(NamedTuple):
         Least cosine of the angle between their normals, whatever the signs of these.
     explained : float
         A plane explains a point within so many of its standard deviations.
+    max_gap : float
+        Largest distance between the points, in their units.
+    mutual : bool
+        Whether each plane must explain the other's point. Otherwise that of the point whose
+        neighbors are asked must explain the neighbor.
+    both_near : bool
+        Whether each must be as near to the other as the last of the other's neighbors. Otherwise
+        one among the other's suffices, and the link stands in the row of that other one only.
     """
 
     min_cosine: float
     explained: float = 3.0
+    max_gap: float = np.inf
+    mutual: bool = True
+    both_near: bool = False
 
 
 def connected_planes(index, k, planes, limits, usable):
@@ -98,20 +109,21 @@ def row_linker(index, k, planes, limits, usable):
         Takes a slice of m rows, and int32 (m, k), which becomes the neighbors linked, the nearest
         first, then -1. The point itself is none.
     """
-    limits = LinkLimits(*map(float, limits))
+    own = LinkLimits(*map(float, limits[:3]), *map(bool, limits[3:]))
     link = _compiled("link_rows")
 
     def measure_part(rows):
         around = index.query_own(rows, k)
         farthest[rows] = farthest_neighbors(index.points, around, rows.start)
 
-    farthest = index.empty(len(index.points))
-    with progress_part(0.0, 0.4):
-        each_slice(len(farthest), index.chunk, measure_part, None)
+    farthest = index.empty(len(index.points)) if own.both_near else np.empty(0)
+    if own.both_near:
+        with progress_part(0.0, 0.4):
+            each_slice(len(farthest), index.chunk, measure_part, None)
 
     def fill(rows, links):
         around = index.query_own(rows, k)
-        link(index.points, around, planes, limits, usable, farthest, rows.start, links)
+        link(index.points, around, planes, own, usable, farthest, rows.start, links)
 
     return fill
 

@@ -18,7 +18,7 @@ def link_rows(points, around, planes, limits, usable, farthest, start, links):
     planes : Planes of all points
     limits : LinkLimits
     usable : bool (n,)
-    farthest : float64 (n,), distances of the last neighbors
+    farthest : float64 (n,), distances of the last neighbors, if both must be near
     start : row of the first of the points
     links : int32 (m, width), filled
     """
@@ -40,8 +40,12 @@ def link_rows(points, around, planes, limits, usable, farthest, start, links):
             fits = j != i and usable[j]
             fits &= abs(height) <= limits.explained * scale[i]
             fits &= abs(cosine) >= limits.min_cosine
-            fits &= abs(back) <= limits.explained * scale[j]
-            fits &= np.sqrt(square) <= farthest[j]
+            distance = np.sqrt(square)
+            fits &= distance <= limits.max_gap
+            if limits.mutual:
+                fits &= abs(back) <= limits.explained * scale[j]
+            if limits.both_near:
+                fits &= distance <= farthest[j]
             if fits:
                 links[row, n_links] = j
                 n_links += 1

@@ -6,6 +6,7 @@ import numpy as np
 
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._flatness import most_noise_around
+from sklearn_mcmd.planes._linking import LinkLimits, farthest_neighbors, row_linker
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 from sklearn_mcmd.runtime._chunks import each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
@@ -54,14 +55,6 @@ class GrowthRules(NamedTuple):
     mutual: bool = True
 
 
-class GrowthLimits(NamedTuple):
-    """Limits of links. They reach the kernel as arguments: it would freeze imported constants."""
-
-    min_cosine: float
-    max_gap: float
-    mutual: bool
-
-
 def link_neighbors(index, planes, floor, rules, n_jobs=None):
     """Link each point to the neighbors that may join its region (section 5.2.3).
 
@@ -85,29 +78,28 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
     """
     n, k = len(index.points), n_linked(index, rules)
     radius, limit, links = index.empty(n), index.empty(n), index.empty((n, k), np.int32)
-    spread = N_DEVIATIONS * MAD_TO_SD
+    max_gap = np.inf if rules.max_gap is None else rules.max_gap
+    limits = LinkLimits(rules.min_cosine, 1.0, max_gap, rules.mutual)
+    link = row_linker(index, k, planes._replace(scale=limit), limits, np.ones(n, bool))
 
     def measure(rows):
         around = index.query_own(rows, k)
-        found = limit[rows], radius[rows]
-        _compiled("measure_rows")(index.points, around, planes, spread, rows.start, *found)
-        limit[rows] += floor[rows]
+        radius[rows] = farthest_neighbors(index.points, around, rows.start)
         if rules.max_distance is not None:
             limit[rows] = float(rules.max_distance)
+        else:
+            limit[rows] = floor[rows] + _rule_a(index.points, planes.take(rows), around)
 
-    def link(rows):
-        around = index.query_own(rows, k)
-        arrays = index.points, around, planes, limit
-        _compiled("link_rows")(*arrays, limits, rows.start, links[rows])
+    def link_part(rows):
+        link(rows, links[rows])
         if rules.mutual:
+            around = index.query_own(rows, k)
             bend = BENT * np.arccos(min(rules.min_cosine, 1.0)) * radius[rows]
             most = most_noise_around(planes.scale, around, index.n_neighbors, USUAL, bend)
             links[rows][planes.scale[rows] > most] = -1
 
-    max_gap = np.inf if rules.max_gap is None else float(rules.max_gap)
-    limits = GrowthLimits(float(rules.min_cosine), max_gap, bool(rules.mutual))
     each_slice(n, index.chunk, measure, n_jobs)
-    each_slice(n, index.chunk, link, n_jobs)
+    each_slice(n, index.chunk, link_part, n_jobs)
     return links, radius
 
 
@@ -117,7 +109,7 @@ def grow_regions(links, seeds):
     Which points these are does not depend on the order in which links are followed. Seeds are all
     rows, that of least curvature first. Labels, int32, count from 0 in their order.
     """
-    return _compiled("grow")(links, seeds)
+    return compiled_function("segmentation._graph_numba", "grow")(links, seeds)
 
 
 def seed_order(variation, points, planes):
@@ -155,5 +147,10 @@ def n_within_median(k):
     return k // 2
 
 
-def _compiled(name):
-    return compiled_function("segmentation._graph_numba", name)
+def _rule_a(points, planes, around):
+    """The paper's automatic distance from planes, by those of the neighbors."""
+    gaps = points[around.indices] - planes.centroids[:, None]
+    away = np.abs(np.einsum("mkd,md->mk", gaps, planes.normals))
+    middle = np.median(away, axis=1)
+    spread = MAD_TO_SD * np.median(np.abs(away - middle[:, None]), axis=1)
+    return middle + N_DEVIATIONS * spread

@@ -39,7 +39,13 @@ def scene(d, n=150, k=10, seed=0):
     return points, Neighborhoods(indices, sizes), planes, rng.random(n) < 0.9
 
 
-LIMITS = {"usual": LinkLimits(0.9), "closer": LinkLimits(0.98, explained=1.5)}
+LIMITS = {
+    "mutual": LinkLimits(0.9),
+    "one way": LinkLimits(0.9, mutual=False),
+    "both near": LinkLimits(0.9, both_near=True),
+    "one way, both near": LinkLimits(0.9, mutual=False, both_near=True),
+    "closer": LinkLimits(0.98, explained=1.5, max_gap=0.15),
+}
 
 
 def literally(points, neighbors, planes, limits, usable):
@@ -57,9 +63,11 @@ def literally(points, neighbors, planes, limits, usable):
         row = []
         for j in near[i]:
             linked = i != j and usable[i] and usable[j] and explains(i, j)
+            linked = linked and np.linalg.norm(points[i] - points[j]) <= limits.max_gap
             angle = abs(np.dot(planes.normals[i], planes.normals[j]))
             linked = linked and angle >= limits.min_cosine
-            if linked and explains(j, i) and i in near[j]:
+            linked = linked and (explains(j, i) or not limits.mutual)
+            if linked and (i in near[j] or not limits.both_near):
                 row.append(j)
         rows.append(row)
     return rows
@@ -78,17 +86,17 @@ def test_links_are_those_of_the_rules_taken_literally(name, d):
     assert (np.diff((links >= 0).astype(int), axis=1) <= 0).all()  # -1 come last
 
 
-def test_links_go_both_ways():
-    links = links_of(scene(3), LIMITS["usual"])
+def test_links_of_neighborhoods_that_are_mutual_go_both_ways():
+    links = links_of(scene(3), LIMITS["both near"])
     pairs = {(i, j) for i, row in enumerate(links.tolist()) for j in row if j >= 0}
     assert pairs == {(j, i) for i, j in pairs}
 
 
 def test_links_do_not_depend_on_chunks_or_threads():
     cloud = scene(3)
-    whole = links_of(cloud, LIMITS["usual"])
+    whole = links_of(cloud, LIMITS["both near"])
     with parallel_config(n_jobs=2):
-        parts = links_of(cloud, LIMITS["usual"], chunk=7)
+        parts = links_of(cloud, LIMITS["both near"], chunk=7)
     assert_array_equal(whole, parts)
 
 
@@ -118,7 +126,7 @@ def test_those_equally_near_as_the_last_are_near():
         planes,
         np.ones(25, bool),
     )
-    links = links_of(cloud, LIMITS["usual"])
+    links = links_of(cloud, LIMITS["both near"])
     far = distances[np.arange(25), indices[:, -1]]
     for i, row in enumerate(links):
         near = [j for j in indices[i] if j != i and distances[i, j] <= far[j]]
