@@ -29,7 +29,7 @@ for name in sys.argv[1:]:
 MOST = {
     "MCMDOutlierDetector": 70,
     "RobustNormalEstimator": 22,
-    "RegionGrowing": 38,
+    "RegionGrowing": 32,
     "SharpFeatureDetector": 12,
 }
 

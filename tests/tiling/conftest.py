@@ -1,8 +1,9 @@
-"""Clouds in files, and their normals."""
+"""Clouds in files, their normals, and tiles that fail."""
 
 import pytest
 
 from sklearn_mcmd.io import write_points
+from sklearn_mcmd.tiling import _planes
 from tiled import in_memory, street
 
 
@@ -19,3 +20,17 @@ def small_file(tmp_path):
     """5,000 points."""
     write_points(tmp_path / "small.las", street(5_000))
     return tmp_path / "small.las"
+
+
+@pytest.fixture
+def failing(monkeypatch):
+    """Cells whose tiles fail."""
+    cells = set()
+
+    def work(cell, job, fit=_planes._fit_own):
+        if cell in cells:
+            raise MemoryError("too much\nof it")
+        return fit(cell, job)
+
+    monkeypatch.setattr(_planes, "_fit_own", work)
+    return cells
