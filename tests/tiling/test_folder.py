@@ -1,4 +1,4 @@
-"""The folder in which a run by tiles keeps its work: what is left, in the way, damaged or too small."""
+"""The folder in which a run by tiles keeps its work: left, in the way, damaged or too small."""
 
 import shutil
 
