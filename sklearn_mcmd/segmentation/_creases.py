@@ -158,7 +158,10 @@ class _Strips:
         return votes
 
     def part(self, borders, group, labels, n_jobs):
-        """Give the points of each strip in turn to the group on their side of its crease."""
+        """Give the points of each strip in turn to the group on their side of its crease.
+
+        Strips are asked for again: all together may take more memory than the cloud.
+        """
 
         def task(i):
             _, names, rows, first = self.asked(borders[i])
