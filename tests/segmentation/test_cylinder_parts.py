@@ -168,3 +168,7 @@ def test_points_touch_at_the_gap_itself_as_they_are_linked_there():
         parts = CylinderParts(index, Planes.unknown(4, 3), np.zeros(4), max_gap=distance)
         around = parts._around(np.arange(4))
         assert [set(row) for row in around.tolist()] == [{0, 1}, {0, 1}, {2}, {3}]
+    far = np.array([[5.0, 0, 0], [6, 0, 0], [8, 0, 0], [19, 0, 0]])  # not from the origin alone
+    parts = CylinderParts(NeighborIndex(far, 4), Planes.unknown(4, 3), np.zeros(4), max_gap=1.0)
+    around = parts._around(np.arange(4))
+    assert [set(row) for row in around.tolist()] == [{0, 1}, {0, 1}, {2}, {3}]
