@@ -92,6 +92,10 @@ def test_cells_hold_each_point_once_and_no_points_of_two_regions():
     assert_array_equal(cell, expected)
     assert_array_equal(cell[members], np.repeat(np.arange(n_cells), np.diff(starts)))
     assert len(members) == len(order)
+    # A cell of each point alone.
+    members, starts, cell = gather_cells(order, near[:, :1], labels)
+    assert_array_equal(members, order)
+    assert_array_equal(starts, np.arange(len(order) + 1))
 
 
 def test_patches_of_a_roof_are_its_faces_and_have_their_weighted_moments():
@@ -115,6 +119,54 @@ def test_patches_of_a_roof_are_its_faces_and_have_their_weighted_moments():
         assert_allclose(sums[1][root], weight.sum())
         assert_allclose(sums[2][root], mean, atol=1e-12)
         assert_allclose(sums[3][root], scatter[np.triu_indices(3)], rtol=1e-9, atol=1e-6)
+
+
+def join_by_numpy(points, edges):
+    """Patches of cells (m, k, 3) in units of noise: the frozen set of cells of each."""
+
+    def rest(cells):
+        some = points[sorted(cells)].reshape(-1, 3)
+        return np.linalg.eigvalsh((some - some.mean(axis=0)).T @ (some - some.mean(axis=0)))[0]
+
+    def candidate(one, other):
+        apart, n = rest(one) + rest(other), len(one | other) * points.shape[1]
+        factor = max(1.0, apart / max(n - 6, 1))
+        return (rest(one | other) - apart) / factor, 3 * np.log(n)
+
+    patch = {c: frozenset([c]) for c in range(len(points))}
+    waiting = [(a, b, patch[a], patch[b], *candidate(patch[a], patch[b])) for a, b in edges]
+    while waiting := [entry for entry in waiting if entry[4] <= entry[5]]:
+        best = min(range(len(waiting)), key=lambda i: waiting[i][4])
+        a, b, one, other, _, _ = waiting.pop(best)
+        if patch[a] is patch[b]:
+            continue
+        if {one, other} != {patch[a], patch[b]}:  # judged before one of them grew
+            one, other = patch[a], patch[b]
+            waiting.append((a, b, one, other, *candidate(one, other)))
+            continue
+        patch |= dict.fromkeys(one | other, one | other)
+    return np.array([min(patch[c]) for c in range(len(points))])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_cells_are_joined_as_literally_from_their_points(seed):
+    """Lattices of 6 by 6 cells on a bent surface, whose noise lets some join and others not."""
+    rng = np.random.default_rng(seed)
+    corner = np.stack(np.meshgrid(range(6), range(6)), axis=-1).reshape(-1, 1, 2)
+    x, y = np.moveaxis(corner + rng.uniform(size=(36, 8, 2)), 2, 0)
+    points = np.stack(
+        [9 * x, 9 * y, np.abs(x - 3) * 3 + y * y / 4 + rng.normal(size=x.shape)], axis=2
+    )
+    means = points.mean(axis=1)
+    gaps = points - means[:, None]
+    scatters = np.einsum("nki,nkj->nij", gaps, gaps)[:, *np.triu_indices(3)]
+    a, b = np.triu_indices(36, 1)
+    beside = np.abs(corner[a, 0] - corner[b, 0]).sum(axis=1) == 1
+    edges = np.column_stack([a, b])[beside]
+    patch = join_cells(np.full(36, 8.0), np.full(36, 8.0), means, scatters, edges)
+    expected = join_by_numpy(points, edges.tolist())
+    assert 2 < len(np.unique(expected)) < 20
+    assert_array_equal(patch, expected)
 
 
 def vote_by_numpy(points, weights, cells, first):

@@ -1,5 +1,6 @@
 """The least squares cylinder: exact ones, noise, another library, degenerate points."""
 
+import numba
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -7,6 +8,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from sklearn_mcmd.segmentation._cylinder import fit_cylinder
+from sklearn_mcmd.segmentation._cylinder_numba import _across, _moved
 
 POSE = Rotation.from_euler("xyz", [20, 35, 50], degrees=True)
 SHIFT = np.array([4e3, -2e3, 10.0])
@@ -78,3 +80,23 @@ def test_equal_normals_tell_no_direction():
         total, _ = fit_cylinder(points, normals)
         moved, _ = fit_cylinder((points + 1e5) - 1e5, normals)
         assert_allclose(moved, total, rtol=1e-6)
+
+
+@numba.njit
+def across_and_moved(axis, a, s, t):
+    u, v = _across(axis)
+    return u, v, _moved(a, s, u, t, v)
+
+
+def test_directions_across_an_axis_are_so_wherever_it_points():
+    rng = np.random.default_rng(0)
+    near_axes = np.repeat(np.eye(3), 20, axis=0) + rng.normal(size=(60, 3)) * 1e-9
+    for axis in np.concatenate(
+        [np.eye(3), np.eye(3)[::-1] + 1e-9, near_axes, rng.normal(size=(20, 3))]
+    ):
+        axis = axis / np.linalg.norm(axis)
+        a, (s, t) = rng.normal(size=3), rng.normal(size=2)
+        u, v, moved = map(np.array, across_and_moved(tuple(axis), tuple(a), s, t))
+        frame = np.array([u, v, axis])
+        assert_allclose(frame @ frame.T, np.eye(3), atol=1e-14)
+        assert_allclose(moved, a + s * u + t * v, atol=1e-14)
