@@ -41,13 +41,23 @@ def public_functions(module):
                 yield function
 
 
+def released():
+    """The version, or the last one that was released while the next one is made."""
+    version = sklearn_mcmd.__version__
+    if ".dev" in version:
+        sections = re.findall(r"^## (\S+), (\S+)$", (ROOT / "CHANGELOG.md").read_text(), re.M)
+        assert sections[0] == (version, "unreleased")
+        version = sections[1][0]
+    return version
+
+
 def told_by(name):
     """Version, license, author and repository, None where a file does not tell."""
     text = (ROOT / name).read_text()
     if name == "pyproject.toml":
         told = tomllib.loads(text)["project"]
         authors = [author["name"] for author in told["authors"]]
-        return sklearn_mcmd.__version__, told["license"], *authors, told["urls"]["Source"]
+        return released(), told["license"], *authors, told["urls"]["Source"]
     if name == "codemeta.json":
         told = json.loads(text)
         authors = [author["name"] for author in told["author"]]
@@ -74,10 +84,11 @@ def test_all_files_tell_the_same_of_the_package(name):
 
 def test_the_release_has_one_date_and_one_section_of_the_changelog():
     changelog = (ROOT / "CHANGELOG.md").read_text()
-    version, date = re.search(r"^## (\S+), (\S+)$", changelog, re.M).groups()
+    version, date = re.search(r"^## (\S+), (\d{4}-\d\d-\d\d)$", changelog, re.M).groups()
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert (version, date) == (cited["version"], str(cited["date-released"]))
     assert date == json.loads((ROOT / "codemeta.json").read_text())["datePublished"]
+    assert version == released()
     assert len(re.findall(rf"^## {re.escape(version)}\b", changelog, re.M)) == 1
 
 
@@ -85,6 +96,7 @@ def test_the_recipe_needs_what_the_package_needs():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     recipe = yaml.safe_load((ROOT / "recipe" / "recipe.yaml").read_text())
     run = {need.replace(" ", "") for need in recipe["requirements"]["run"]}
+    assert project["requires-python"] == f">={recipe['context']['python_min']}"
     extras = project["optional-dependencies"]
     needed = project["dependencies"] + extras["cli"] + extras["las"]
     assert {need.replace("[lazrs]", "") for need in needed} <= run

@@ -189,6 +189,44 @@ def test_the_fit_is_least_squares_of_the_members_it_chose():
     assert 1.0 < found.mean_error[0] / own < 1.06  # Student's quantile of 31 over the normal one
 
 
+def members_by_numpy(points, scale, rounds):
+    """Members within `explained` deviations of the last quadric, first of the plane z = 0."""
+    u, v, z = points.T
+    design = np.column_stack([np.ones_like(u), u, v, u * u, u * v, v * v])
+    rest, noise, used = z, scale, np.zeros(len(z), dtype=bool)
+    for _ in range(1 + rounds):
+        inside = np.abs(rest) <= JetLimits().explained * noise
+        if (inside == used).all():
+            break
+        used = inside
+        if used.sum() < 8:
+            return 0
+        rest = z - design @ np.linalg.lstsq(design[used], z[used], rcond=None)[0]
+        noise = JetLimits().truncation * np.sqrt((rest[used] ** 2).sum() / (used.sum() - 6))
+    return used.sum()
+
+
+@pytest.mark.parametrize("n", [7, 8, 60])
+def test_members_are_chosen_again_after_each_fit_up_to_the_last_round(n):
+    rng, numbers = np.random.default_rng(n), []
+    for _ in range(20):
+        points = rng.normal(size=(n, 3)) * [1, 1, 0.05 if n == 60 else 1e-3]
+        points[:, 2] += 0.1 * points[:, 0] ** 2 * (n == 60)
+        planes = Planes.unknown(1, 3)
+        planes.centroids[:], planes.normals[:] = 0, [0, 0, 1]
+        planes.scale[:], planes.radius[:] = 0.05, 2.0
+        around = Neighborhoods(np.arange(n, dtype=np.int32)[None], np.array([n]))
+        tangents, origin = np.array([[[1.0, 0, 0], [0, 1, 0]]]), np.zeros((1, 3))
+        for rounds in range(4):
+            jets, limits = Jets.undetermined(1), JetLimits(rounds=rounds)
+            fit_jets(points, around, origin, tangents, planes, np.zeros(1), limits, jets)
+            numbers.append((jets.n_used[0], members_by_numpy(points, 0.05, rounds)))
+    found, expected = np.array(numbers).T
+    assert_array_equal(found, expected)
+    if n == 60:
+        assert (np.diff(found.reshape(20, 4)) != 0).any(axis=0).all()
+
+
 @pytest.mark.parametrize(("n", "noise"), [(900, 0.03), (5000, 0.005), (5000, 0.015)])
 def test_errors_are_those_of_repeated_measurement(n, noise):
     X, N = sphere(n, noise)
