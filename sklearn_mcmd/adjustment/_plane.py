@@ -25,30 +25,17 @@ class PlaneAdjustment:
     """A least-squares plane with the numbers that its tests need (Eqs 9-10).
 
     The design matrix is never formed. Regressors are centered and whitened, so that
-    ``a_i' N^-1 a_i = 1 / sum(p) + |U_i|^2`` with ``U = (X - center) @ axes``. Nothing else of
-    the cofactor matrix is needed, and coordinates of 10^7 cost no accuracy.
+    ``a_i' N^-1 a_i = 1 / sum(p) + |U_i|^2`` with ``U = (X - center) @ axes``, where `center` (d,)
+    is the weighted mean and `axes` is (d, rank - 1). Nothing else of the cofactor matrix is needed,
+    and coordinates of 10^7 cost no accuracy.
 
-    Attributes
-    ----------
-    center : ndarray of shape (d,)
-        Weighted mean, a point of the plane.
-    axes : ndarray of shape (d, rank - 1)
-        Maps centered points to whitened regressors U.
-    direction : ndarray of shape (d,)
-        Residuals are ``(X - center) @ direction``. It is ``(-slopes, 1)`` for a vertical
-        surface and the unit normal for an orthogonal one. Residuals are observed minus
-        adjusted, the sign that surveyors use on maps; the paper's v has the opposite sign.
-    sum_weights : float
-        Sum of the weights.
-    sum_of_squares : float
-        v'Pv.
-    n_observations : int
-        Points of positive weight.
-    surface : {"vertical", "orthogonal"}
-        Which distance was minimized.
-    kernel : ndarray of shape (rank, rank) or None
-        ``A'PW^2A`` in whitened coordinates if the plane comes from equivalent weights PW
-        (M-estimation). None means the identity, for plain least squares.
+    Residuals are ``(X - center) @ direction``: observed minus adjusted, the sign that surveyors use
+    on maps; the paper's v has the opposite sign. The direction (d,) is ``(-slopes, 1)`` for a
+    vertical surface and the unit normal for an orthogonal one. `sum_of_squares` is v'Pv, and
+    `n_observations` counts the points of positive weight.
+
+    The kernel (rank, rank) is ``A'PW^2A`` in whitened coordinates if the plane comes from
+    equivalent weights PW (M-estimation). None means the identity, for plain least squares.
     """
 
     center: NDArray[np.float64]

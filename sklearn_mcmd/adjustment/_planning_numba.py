@@ -14,17 +14,12 @@ MAX_ROUNDS = 20  # of concentration and of reweighting, as of `robust_start`
 def snoop_planes(points, corners, half, limits, cut, least_redundancy, sizes, keys, member, found):
     """Verdicts of `BaardaPlaneDetector` with known sigma0, one plane at a time.
 
-    Parameters
-    ----------
-    points : float64 (m, n, 3)
-    corners : int64 (m, n_trials, 3), minimal subsets of the robust start; none: no such start
-    half : number of points that this start's plane fits
-    limits : float64 (n + 2,), critical value of w by the number of retained points
-    cut : deviations within which points belong to the start's plane
-    least_redundancy : of a controlled point
-    sizes, keys : float64 (n,), and the same as int64, whose bits sort likewise
-    member : bool (n,)
-    found : bool (m, n), filled
+    They fill `found`, bool (m, n), for points (m, n, 3). The minimal subsets of the robust start
+    are `corners`, int64 (m, n_trials, 3); with no trials there is no such start. Its plane fits
+    `half` points, a number of them, and the points that deviate by at most `cut` belong to it.
+    `limits` (n + 2,) has the critical value of w by the number of retained points, and
+    `least_redundancy` is that of a controlled point. Work arrays are `sizes` and `keys` (n,), the
+    same memory as float64 and as int64, whose bits sort likewise, and `member`, bool (n,).
     """
     n = points.shape[1]
     for i in range(len(points)):

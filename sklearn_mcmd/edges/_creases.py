@@ -266,18 +266,11 @@ def _join(surface, heights, allowed, limit):
     Two planes that cross make four surfaces with a crease, each a half of one and a half of the
     other: the larger or the lesser of both heights, either side of the second plane up.
 
-    Parameters
-    ----------
-    surface : (m, k), heights of neighbors above the surface so far
-    heights : (m, k, k), above the plane of each neighbor
-    allowed : (m, k), neighbors whose plane may be joined
-    limit : (m, 1), largest residual that counts
-
-    Returns
-    -------
-    best : (m,), position of the neighbor
-    squares : (m,), inf where none is allowed
-    joined : (m, k)
+    `surface` (m, k) has the heights of neighbors above the surface so far, `heights` (m, k, k)
+    those above the plane of each neighbor. Only planes of neighbors that are `allowed` (m, k) are
+    joined, and residuals count as `limit` (m, 1) at most. Returns the position of the best neighbor
+    (m,), the sum of squares (m,), inf where none is allowed, and the heights above the joined
+    surface (m, k).
     """
     each = np.arange(len(surface))
     best, squares = np.zeros(len(surface), dtype=np.intp), np.full(len(surface), np.inf)

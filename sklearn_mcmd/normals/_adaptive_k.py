@@ -35,11 +35,7 @@ SHARE = 0.2
 class ScaleFinder:
     """Finds the size of the neighborhood of each point of a cloud.
 
-    Parameters
-    ----------
-    index : NeighborIndex
-        Of `AROUND` neighbors, in 2D or 3D.
-    n_jobs : int or None
+    The index is one of `AROUND` neighbors, in 2D or 3D.
     """
 
     def __init__(self, index, n_jobs):

@@ -37,20 +37,10 @@ class FoldLimits(NamedTuple):
 
 
 def are_folded(points, around, planes, faces):
-    """Whether two planes leave less of neighborhoods than a quadric does.
+    """Whether two planes leave less of neighborhoods than a quadric does: bool (m,).
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, d), in 2D or 3D
-    around : Neighborhoods
-    planes : Planes
-        Of all members (m).
-    faces : Planes
-        The robust planes, each of the majority of the members.
-
-    Returns
-    -------
-    folded : ndarray of bool of shape (m,)
+    `planes` are those of all members, and `faces` the robust planes, each of the majority of the
+    members. The points (n, d) are in 2D or 3D.
     """
     limits = FoldLimits(LEAST_EVIDENCE, BEST, OFF, ROUNDS)
     folded = np.empty(len(around.sizes), dtype=bool)
@@ -60,27 +50,15 @@ def are_folded(points, around, planes, faces):
 
 
 def quadric_normals(points, queries, around, planes, left):
-    """Tangent planes of quadrics at points, and the errors of their normals.
+    """Tangent planes of quadrics at queries (m, d), in 2D or 3D: normals, centroids and errors.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, d), in 2D or 3D
-    queries : ndarray of shape (m, d)
-    around : Neighborhoods
-    planes : Planes
-        Of all members (m).
-    left : ndarray of shape (m,)
-        Standard deviation of the members from their quadric.
+    `planes` are those of all members, and `left` (m,) is the standard deviation of the members from
+    their quadric.
 
-    Returns
-    -------
-    normals : ndarray of shape (m, d)
-    centroids : ndarray of shape (m, d)
-        Points of the quadrics nearest to the queries, along the normals of the planes. No point is
-        farther off the mean, in the plane, than the farthest member.
-    errors : ndarray of shape (m,)
-        As from `normal_errors`; 90 where the members do not determine the quadric, whose tangent
-        plane is then the plane of all members.
+    The centroids (m, d) are the points of the quadrics nearest to the queries, along the normals of
+    the planes. No point is farther off the mean, in the plane, than the farthest member. The errors
+    (m,) are as from `normal_errors`; 90 where the members do not determine the quadric, whose
+    tangent plane is then the plane of all members.
     """
     m, d = queries.shape
     tilt, (normals, centroids) = np.empty(m), np.empty((2, m, d))

@@ -113,19 +113,9 @@ class Jets(NamedTuple):
 
 
 def curvatures_of_fitted(model, planes, X, n_jobs=None):
-    """Curvatures at the points X (n, 3) that a model was fitted to.
+    """The `Curvatures` at the points X (n, 3) that a model was fitted to.
 
-    Parameters
-    ----------
-    model : LocalPlaneModel
-    planes : Planes
-        The plane of each row of X; their normals tell the signs of the curvatures.
-    X : ndarray of shape (n, 3)
-    n_jobs : int, default=None
-
-    Returns
-    -------
-    Curvatures
+    `planes` has the plane of each row of X; their normals tell the signs of the curvatures.
     """
     index = model.index
     if index.n_neighbors is None:

@@ -21,16 +21,9 @@ ORIGIN = (0.0, 0.0, 0.0)
 def fit_jets(points, around, queries, tangents, planes, floor, limits, jets):
     """Fit quadrics to the members of neighborhoods that belong to the surfaces.
 
-    Parameters
-    ----------
-    points : float64 (n, 3)
-    around : Neighborhoods
-    queries : float64 (m, 3)
-    tangents : float64 (m, 2, 3)
-    planes : Planes
-    floor : float64 (m,), least standard deviation of the noise, in units of the points
-    limits : JetLimits
-    jets : Jets, which are undetermined before, and filled
+    Points, queries (m, 3), tangents (m, 2, 3) and `floor` (m,), the least standard deviation of the
+    noise in units of the points, are float64. The limits are `JetLimits`. The `Jets` are
+    undetermined before, and filled.
     """
     k = around.indices.shape[1]
     arrays, equations = work_arrays(8, k)

@@ -109,22 +109,11 @@ SPATIAL = ("linearity", "planarity", *OF_CURVATURES)
 
 
 def settle_features(names, d=3):
-    """Check the names of features, in d dimensions.
+    """Check the names of features in d dimensions: a tuple of str.
 
-    Parameters
-    ----------
-    names : None, "all", a name or a sequence of names
-    d : int
-
-    Returns
-    -------
-    names : tuple of str
-        "all" gives all features that exist in d dimensions.
-
-    Raises
-    ------
-    ValueError
-        If a name is unknown, given twice, or of a feature that only 3D has.
+    `names` is None, one name, a sequence of names, or "all" for all features that exist in d
+    dimensions. A name that is unknown, given twice, or of a feature that only 3D has raises a
+    ValueError.
     """
     if names is None:
         return ()

@@ -34,22 +34,10 @@ def find_lenders(points, queries, around, planes, most):
     neighborhood that it keeps, the prior probability. The query weighs as much as all other points
     of the patch. The weights of these fall by the same step from each to the next farther one.
 
-    Planes that are not noisier than `most` and explain the query come first. A plane reaches as far
-    from its centroid as its neighborhood does from its point.
-
-    Parameters
-    ----------
-    points : ndarray of float64 of shape (n, d)
-    queries : ndarray of float64 of shape (m, d)
-    around : Neighborhoods
-        Rows of `points` and `planes`.
-    planes : Planes
-    most : ndarray of shape (m,)
-
-    Returns
-    -------
-    lenders : ndarray of int of shape (m,)
-        Rows of `planes`, -1 where none reaches the query.
+    Planes that are not noisier than `most` (m,) and explain the query come first. A plane reaches
+    as far from its centroid as its neighborhood does from its point. Points and queries are
+    float64, and `around` has rows of both `points` and `planes`. Returns rows of `planes`, int64
+    (m,), -1 where none reaches the query.
     """
     limits, lenders = PatchLimits(EXPLAINED, PATCH), np.empty(len(queries), dtype=np.int64)
     find = compiled_function("normals._neighbor_planes_numba", "find_lenders")

@@ -17,13 +17,9 @@ TREE_NEIGHBORS = 12
 class Sides:
     """The sides of normals that `orientation` and `sensor_origin` of the estimator ask for.
 
-    Parameters
-    ----------
-    direction : ndarray of shape (d,) or None
-    sensor_origin : ndarray of shape (d,) or (n, d), or None
-        For all points, or for each of those that are fitted.
-    tree : bool
-        Whether neighbors are to agree, along a spanning tree.
+    The direction is (d,) or None. The sensor's origin is None, one for all points (d,), or one for
+    each of the points that are fitted (n, d). With `tree`, neighbors are to agree, along a spanning
+    tree.
     """
 
     def __init__(self, direction=None, sensor_origin=None, tree=False):

@@ -17,23 +17,15 @@ __all__ = ["doubted_errors"]
 def doubted_errors(points, queries, around, planes, members, bends):
     """Standard errors of normals (m,) in degrees, with the doubt which plane is the right one.
 
-    It is the error of a mixture, within and between its planes: ``E^2 + sum of w_j max(0, a_j^2 -
-    2 (E^2 + E_j^2))``. The planes j are those of the nearest third of the neighborhood, w_j their
-    probabilities by the costs of `find_lenders`, and a_j their angles to the normal. Where the
-    surface bends, what is linear in the place is left out of these.
+    It is the error of a mixture, within and between its planes:
+    ``E^2 + sum of w_j max(0, a_j^2 - 2 (E^2 + E_j^2))``. The planes j are those of the nearest
+    third of the neighborhood, w_j their probabilities by the costs of `find_lenders`, and a_j their
+    angles to the normal. Where the surface `bends`, bool (m,), what is linear in the place is left
+    out of these.
 
-    Parameters
-    ----------
-    points : ndarray of float64 of shape (n, d), in 2D or 3D
-    queries : ndarray of float64 of shape (m, d)
-    around : Neighborhoods
-        Rows of `points` and `members`.
-    planes : Planes
-        Those that the queries have in the end.
-    members : Planes
-        Of the points, before any is lent. Their scale is noise: of those that bend, what the
-        quadric leaves.
-    bends : ndarray of bool of shape (m,)
+    `planes` are those that the queries have in the end. `members` are those of the points before
+    any is lent, rows of which `around` has; their scale is noise: of those that bend, what the
+    quadric leaves. Points and queries are float64, in 2D or 3D.
     """
     errors, width = np.empty(len(queries)), around.indices.shape[1]
     find = compiled_function("normals._plane_doubt_numba", "doubted_errors")

@@ -79,23 +79,12 @@ def is_smooth(left, scale):
 def whole_planes(points, around, planes, directions):
     """Fill planes of all members; what a quadric over them leaves tells whether they are smooth.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, d), in 2D or 3D
-    around : Neighborhoods
-    planes : Planes
-        Of m neighborhoods: centroids, eigenvalues and normals are filled.
-    directions : ndarray of shape (m, d)
-        Filled with the axes of the largest eigenvalues.
+    Centroids, eigenvalues and normals of `planes` are filled, and `directions` (m, d) with the axes
+    of the largest eigenvalues. The points (n, d) are in 2D or 3D.
 
-    Returns
-    -------
-    deviation : ndarray of shape (m,)
-        Standard deviation of the members from the plane; inf if they are too few.
-    left : ndarray of shape (m,)
-        Their standard deviation from the quadric; inf if they do not determine it.
-    ordinary : ndarray of bool of shape (m,)
-        Whether the members deviate from the plane by noise alone.
+    Returns the standard deviations (m,) of the members from the plane, inf if they are too few, and
+    from the quadric, inf if they do not determine it; and whether the members deviate from the
+    plane by noise alone, bool (m,).
     """
     m, k = around.indices.shape
     limits = SmoothnessLimits.of(k, points.shape[1])

@@ -68,17 +68,10 @@ class Surfaces(NamedTuple):
 class SurfacePlanes:
     """Planes of the surfaces of a cloud's points, in memory or on disk.
 
-    Parameters
-    ----------
-    model : LocalPlaneModel
-        A model with neighborhoods.
-    lends : bool
-        Whether points next to edges take planes of their neighbors.
-    tangents : bool, default=True
-        Whether a neighborhood that bends has the tangent plane of its quadric, and not the plane of
-        all members.
-    members : Surfaces, default=None
-        Of all points of the model's index, which `fit_own` and then `bend` fill part by part.
+    The model is one with neighborhoods. With `lends`, points next to edges take planes of their
+    neighbors. With `tangents`, a neighborhood that bends has the tangent plane of its quadric, and
+    not the plane of all members. `members`, the `Surfaces` of all points of the model's index, are
+    filled part by part by `fit_own` and then `bend`.
     """
 
     def __init__(self, model, lends, tangents=True, members=None):

@@ -54,18 +54,11 @@ class Judgement(NamedTuple):
 class JudgedCloud:
     """A cloud whose points are scored by its surfaces and by how far they stand off from all else.
 
-    Parameters
-    ----------
-    model : LocalPlaneModel
-    strictness : {"isolated", "groups", "surfaces"} or None
-        None scores each point by the plane of its own neighborhood.
-    noise_scale : float or None
-        Standard deviation of the noise, in the place of each plane's own.
-    n_jobs : int or None
-    origins : ndarray of float64 of shape (n, d), default=None
-        Where the sensor stood when it measured each point of the model's index.
-    intensity : ndarray of float64 of shape (n,), default=None
-        Of these points, as ranks from 0 to 1; see `ranks_of_intensity`.
+    `strictness` is "isolated", "groups" or "surfaces"; with None each point is scored by the plane
+    of its own neighborhood. `noise_scale` is the standard deviation of the noise, in the place of
+    each plane's own if it is not None. `origins`, float64 (n, d), tells where the sensor stood when
+    it measured each point of the model's index, and `intensity` (n,) is that of these points, as
+    ranks from 0 to 1; see `ranks_of_intensity`.
     """
 
     def __init__(self, model, *, strictness, noise_scale, n_jobs, origins=None, intensity=None):

@@ -105,24 +105,12 @@ class OffSurface:
     one group. Ghosts fill space.
 
     The more points a group has, the less likely are all of them errors: n times as many as a thing
-    needs must stand off n times as far.
+    needs must stand off n times as far. A group of at least `least` measurements is a thing, unless
+    it stands off very far.
 
-    Parameters
-    ----------
-    places : Places
-    least : float
-        A group of this many measurements is a thing, unless it stands off very far.
-    limits : OffSurfaceLimits
-    n_jobs : int or None
-
-    Attributes
-    ----------
-    rows : ndarray of int of shape (m,)
-        Of the points that no surface explains.
-    groups : ndarray of int of shape (m,)
-        Group of each, from 0 on; pieces of one thing are one group.
-    isolation, separation : ndarray of shape (m,)
-        Theirs, see `measure`.
+    Of the m points that no surface explains, `rows` (m,) are their rows in the cloud, `groups` (m,)
+    their groups, from 0 on, where pieces of one thing are one group, and `isolation` and
+    `separation` (m,) are as in `measure`.
     """
 
     def __init__(self, places, least, limits, n_jobs):

@@ -16,26 +16,13 @@ TINY = 1e-100  # so that logarithms are finite
 class RayEvidence:
     """The rays to the points of a cloud, and the planes that contain them.
 
-    Parameters
-    ----------
-    index : NeighborIndex, or what answers as one
-        Of n points.
-    origins : ndarray of float64 of shape (n, d)
-        Where the sensor stood when it measured each of them.
-    planes : Planes
-        Of each point.
-    limits : SurfaceLimits
-    n_jobs : int or None
+    The index, a `NeighborIndex` or what answers as one, has n points. `origins`, float64 (n, d),
+    tells where the sensor stood when it measured each of them, and `planes` has the plane of each.
 
-    Attributes
-    ----------
-    rays : Rays
-    scatter : ndarray of shape (n,)
-        How much the ranges of beams differ from a plane, in steps; see `Rays.measure`.
-    on_sheet : ndarray of bool of shape (n,)
-        Points whose planes contain the rays to them, which are part of no surface.
-    by_sheet : ndarray of bool of shape (m,)
-        Off-surface points which a sheet of rays isolates, found by `judge`.
+    `scatter` (n,) is how much the ranges of beams differ from a plane, in steps; see
+    `Rays.measure`. Points `on_sheet`, bool (n,), have planes that contain the rays to them, which
+    are part of no surface. Off-surface points `by_sheet`, bool (m,), are isolated by a sheet of
+    rays; `judge` finds them.
     """
 
     def __init__(self, index, origins, planes, limits, n_jobs):
@@ -55,18 +42,11 @@ class RayEvidence:
         )
 
     def judge(self, off_surface, spacing, explained, to_planes, doubt=1.0):
-        """Isolation and separation of all points that no surface explains.
+        """Isolation and separation of all m points that no surface explains.
 
-        Parameters
-        ----------
-        off_surface : OffSurface
-        spacing : ndarray of shape (m,)
-            Mean distance of each off-surface point to its nearest measurements.
-        explained : ndarray of bool of shape (n,)
-        to_planes : callable
-            As `JudgedCloud.to_planes`.
-        doubt : float or ndarray of shape (m,)
-            Factor on how isolated points are, which does not touch sheets of rays.
+        `spacing` (m,) is the mean distance of each to its nearest measurements, `explained` is bool
+        (n,), and `to_planes` as `JudgedCloud.to_planes`. `doubt`, a number or (m,), is a factor on
+        how isolated points are, which does not touch sheets of rays.
         """
         rest, rays, index = off_surface.rows, self.rays, self.index
         groups, step = off_surface.groups, rays.steps(rest)

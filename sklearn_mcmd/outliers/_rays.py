@@ -141,24 +141,12 @@ class Emptiness(NamedTuple):
 class Rays:
     """The rays from where the sensor stood to the points of a cloud.
 
-    Of points in one direction, the farthest tells where the beam ends.
+    Of points in one direction, the farthest tells where the beam ends. `origins`, float64 (n, d),
+    tells where the sensor stood when it measured each of the points. `empty` makes an array of a
+    shape and a dtype for what is found of all points.
 
-    Parameters
-    ----------
-    points : ndarray of float64 of shape (n, d)
-    origins : ndarray of float64 of shape (n, d)
-        Where the sensor stood when it measured each of the points.
-    limits : RayLimits
-    n_jobs : int or None
-    empty : callable, default=np.empty
-        Makes an array of a shape and a dtype for what is found of all points.
-
-    Attributes
-    ----------
-    ranges : ndarray of shape (n,)
-        Distances from the sensor.
-    usual_angle : float
-        Between rays that are next to each other, the median of all.
+    `ranges` (n,) are distances from the sensor. `usual_angle` is that between rays that are next to
+    each other, the median of all.
     """
 
     def __init__(self, points, origins, limits, n_jobs, empty=np.empty):

@@ -33,12 +33,8 @@ def origin_if_seen(points):
 def view_from_origin(parts):
     """In words, what a cloud is that was taken from the origin; "" if nothing says so.
 
-    It does not depend on the order of points, or on how they are divided.
-
-    Parameters
-    ----------
-    parts : callable
-        Gives the points, as an iterable of arrays (m, 3) of float64.
+    ``parts()`` gives the points, as an iterable of arrays (m, 3) of float64. The answer does not
+    depend on the order of points, or on how they are divided.
     """
     (here,) = _views(parts, np.zeros((1, 3)))
     if here is None or here.uneven() >= EVEN * here.uneven_in_space():
@@ -56,13 +52,10 @@ def view_from_origin(parts):
 
 
 class _View:
-    """Distinct points, as they are seen from the origin of their coordinates.
+    """Distinct points (n, 3), as they are seen from the origin of their coordinates.
 
-    Parameters
-    ----------
-    points : ndarray of float64 of shape (n, 3)
-    asked : ndarray of bool of shape (n,)
-        Of which the gap to the next direction counts. The others are neighbors of these.
+    The gap to the next direction counts of those that are `asked`, bool (n,). The others are
+    neighbors of these.
     """
 
     def __init__(self, points, asked):

@@ -86,26 +86,11 @@ def plane_offsets(planes, normals, X):
 
 
 def split_columns(X, d=None, n_jobs=None):
-    """Coordinates and planes of points, from the columns of a transformer.
+    """Coordinates and planes of points, as `Columns`, from the columns of a transformer.
 
-    The number of dimensions follows from the columns: normals have length one, eigenvalues
-    ascend, and surface variation is the share of the least in their sum.
-
-    Parameters
-    ----------
-    X : ndarray of shape (n, n_columns)
-    d : int, default=None
-        Dimensions of the coordinates, if known.
-    n_jobs : int, default=None
-
-    Returns
-    -------
-    Columns
-
-    Raises
-    ------
-    ValueError
-        If X has other columns.
+    If `d` does not tell the number of dimensions, it follows from the columns: normals have length
+    one, eigenvalues ascend, and surface variation is the share of the least in their sum. Other
+    columns raise a ValueError.
     """
     most = (X.shape[1] - 3) // 3
     # With features behind them, the columns of 3D may look like those of more dimensions.

@@ -10,13 +10,9 @@ _COMPARATORS: dict[str, type] = {}
 def register_comparator(name, kind):
     """Register a method under a name that estimators accept.
 
-    Parameters
-    ----------
-    name : str
-    kind : type
-        A dataclass whose fields are the method's parameters. It has ``fit_sizes``, ``tables``,
-        ``table_shape`` and ``usual_cutoff`` as ``sklearn_mcmd.baselines`` defines them. Its
-        ``has_cutoff`` says whether it decides by itself which points are outliers.
+    `kind` is a dataclass whose fields are the method's parameters. It has ``fit_sizes``,
+    ``tables``, ``table_shape`` and ``usual_cutoff`` as ``sklearn_mcmd.baselines`` defines them. Its
+    ``has_cutoff`` says whether it decides by itself which points are outliers.
     """
     _COMPARATORS[name] = kind
 

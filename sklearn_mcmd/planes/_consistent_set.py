@@ -49,22 +49,10 @@ class Trials(NamedTuple):
 def n_trials_needed(max_outlier_rate, success_probability, n_features):
     """Number of trials after which one minimal subset is probably free of outliers (Eq. 13).
 
-    Parameters
-    ----------
-    max_outlier_rate : float in [0, 1)
-        Probability that a point is an outlier (the paper's epsilon).
-    success_probability : float in (0, 1)
-        Probability that at least one minimal subset is free of outliers (P_r).
-    n_features : int
-        Points in a minimal subset (h_0).
+    In the paper, `max_outlier_rate`, the probability in [0, 1) that a point is an outlier, is
+    epsilon; `success_probability`, in (0, 1), is P_r; and `n_features`, the points in a minimal
+    subset, is h_0. The number is at least 1 and at most 2**62.
 
-    Returns
-    -------
-    int
-        At least 1, at most 2**62.
-
-    Examples
-    --------
     >>> [n_trials_needed(rate, 0.9999, 3) for rate in (0.05, 0.1, 0.2, 0.4, 0.5)]
     [5, 8, 13, 38, 69]
     """
@@ -77,23 +65,15 @@ def n_trials_needed(max_outlier_rate, success_probability, n_features):
 
 
 def draw_trials(n_trials, n_neighbors, random_state=None, *, length=None):
-    """Draw the table of trials that all neighborhoods share.
+    """Draw the table of trials that all neighborhoods share: int32 (n_trials, n_neighbors).
 
-    Parameters
-    ----------
-    n_trials, n_neighbors : int
-    random_state : int, RandomState instance or None, default=None
-    length : int, default=None
-        Positions kept of each row, all by default. A smaller number limits the memory for one
-        neighborhood of a million points; the first thousands of a row are enough.
+    Each row is a random order of the positions 0..k-1. A minimal subset is the start of a row.
+    Where it spans no plane, more of the row is read, by half as many points again each time
+    ("randomly add more points", Algorithm 1, step 1). Positions beyond a smaller neighborhood are
+    skipped.
 
-    Returns
-    -------
-    ndarray of int32 of shape (n_trials, n_neighbors or length)
-        Each row is a random order of the positions 0..k-1. A minimal subset is the start of
-        a row. Where it spans no plane, more of the row is read, by half as many points again
-        each time ("randomly add more points", Algorithm 1, step 1). Positions beyond a smaller
-        neighborhood are skipped.
+    With a `length`, only so many positions of each row are kept. This limits the memory for one
+    neighborhood of a million points; the first thousands of a row are enough.
     """
     rng = check_random_state(random_state)
     length = n_neighbors if length is None else min(length, n_neighbors)
@@ -115,17 +95,11 @@ def n_support_points(support_fraction, sizes, n_features):
 
 
 def localize(neighborhoods, sizes=None):
-    """Shift each neighborhood to its first point and scale its median radius to one.
+    """Shift each neighborhood (k, d) to its first point and scale its median radius to one.
 
-    It is the median, because one gross outlier would make all other distances vanish.
-
-    Returns
-    -------
-    local : ndarray of shape (B, k, d)
-        Members beyond `sizes` are at the origin.
-    radius : ndarray of shape (B,)
-        Median distance from the first point; where half of the points coincide with the first
-        the largest distance, and 1 where all do.
+    It is the median, because one gross outlier would make all other distances vanish. Where half of
+    the points coincide with the first, the radius is the largest distance, and 1 where all do.
+    Returns the shifted members (B, k, d), those beyond `sizes` at the origin, and the radii (B,).
     """
     local = neighborhoods - neighborhoods[:, :1]
     n_sets, k, _ = local.shape
@@ -153,28 +127,13 @@ def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None):
     Each random minimal subset gives a plane, and the h points nearest to it are a candidate. The
     candidate whose own plane fits best, by the smallest least eigenvalue, is the set.
 
-    Parameters
-    ----------
-    neighborhoods : ndarray of shape (B, k, d)
-        Members in the order that breaks ties: the first wins.
-    trials : ndarray of int of shape (T, k)
-        From `draw_trials`.
-    n_support : int or ndarray of int of shape (B,)
-        The paper's h.
-    sizes : ndarray of int of shape (B,), default=None
-        Members in use, the first ones; all k when None.
+    Neighborhoods are (B, k, d), of which the first `sizes` (B,) members are in use, or all. Trials
+    are a table of `draw_trials`, and `n_support`, the paper's h, is one number or (B,).
 
-    Returns
-    -------
-    support : ndarray of bool of shape (B, k)
-        The first h members where no set spans a plane (collinear or coincident points).
-    least_eigenvalue : ndarray of shape (B,)
-        Of the set's covariance (divisor h), in squared units of the points.
-    degenerate : ndarray of bool of shape (B,)
-        Whether no trial found a set that spans a plane.
+    Returns the sets, bool (B, k); the least eigenvalue (B,) of each set's covariance (divisor h),
+    in squared units of the points; and whether no trial found a set that spans a plane, bool (B,),
+    since points are collinear or coincident. The set is then the first h members.
 
-    Notes
-    -----
     Distances that differ by less than 2e-9 of the neighborhood's median radius are tied, and the
     earlier member wins. Eigenvalues that differ by less than 1e-14 of the squared radius are tied,
     and the earlier trial wins. So rounding does not decide, even on a perfect plane.

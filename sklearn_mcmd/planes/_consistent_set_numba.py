@@ -123,18 +123,10 @@ class WorkArrays(NamedTuple):
 def consistent_set_3d(size, trials, arrays):
     """Maximum consistent set of one neighborhood (Algorithm 1).
 
-    Parameters
-    ----------
-    size : members in use, whose coordinates (by `localize`) are in the first array
-    trials : Trials
-    arrays : WorkArrays, whose `member` receives 1 for members of the set and 0 for the others
-
-    Returns
-    -------
-    least : float
-        Least eigenvalue of the set, in squared radii; negative where no set spans a plane.
-    fit : tuple
-        Mean, eigenvalues and axes of the set, without meaning where none spans a plane.
+    The first of the `WorkArrays` has the coordinates, by `localize`, of the `size` members in use;
+    their `member` receives 1 for members of the set and 0 for the others. Returns the least
+    eigenvalue of the set, in squared radii, and its mean, eigenvalues and axes. Where no set spans
+    a plane, the eigenvalue is negative and the others have no meaning.
     """
     local, rotated, local32, lanes, lanes32, bits, levels, least, keys, key_numbers, member = arrays
     n_trials = trials.positions.shape[0]

@@ -33,28 +33,13 @@ class ExplainLimits(NamedTuple):
 def explain(queries, candidates, planes, limits, usable, least, most):
     """The plane of its neighbors that explains each query best.
 
-    A plane reaches as far from its centroid as its neighborhood does from its point.
+    A plane reaches as far from its centroid as its neighborhood does from its point. Queries (m, d)
+    are float64, and candidates are rows of `planes`, of which those that are `usable` (bool) may
+    explain points. `least` (m,) is a standard deviation that is added to each plane's, for each
+    query. Planes of a standard deviation larger than `most` (m,) come last.
 
-    Parameters
-    ----------
-    queries : ndarray of float64 of shape (m, d)
-    candidates : Neighborhoods
-        Rows of `planes`.
-    planes : Planes
-    limits : ExplainLimits
-    usable : ndarray of bool
-        Which of the planes may explain points.
-    least : ndarray of shape (m,)
-        Standard deviation that is added to each plane's, for each query.
-    most : ndarray of shape (m,)
-        Planes with a larger standard deviation come last.
-
-    Returns
-    -------
-    owners : ndarray of int of shape (m,)
-        Rows of `planes`, -1 where none reaches the query.
-    distances : ndarray of shape (m,)
-        From the owner's plane in standard deviations; inf where there is none.
+    Returns the owners (m,), rows of `planes`, -1 where none reaches the query, and the distances
+    (m,) from the owner's plane in standard deviations, inf where there is none.
     """
     owners, distances = np.empty(len(queries), dtype=np.int64), np.empty(len(queries))
     find = compiled_function("planes._explaining_numba", "explain_queries")

@@ -13,19 +13,12 @@ N_ERRORS = 3.0
 def most_noise_around(noise, around, sizes, quiet, bend=0.0):
     """The largest standard deviation of planes (m,) that are as flat as those around them.
 
-    Parameters
-    ----------
-    noise : ndarray of shape (n,)
-        Standard deviations from planes, or from smooth surfaces.
-    around : Neighborhoods
-        Of m planes, as rows of `noise`.
-    sizes : int or ndarray of int of shape (m,)
-        Members that tell a standard deviation.
-    quiet : float
-        Share of the neighbors whose noise is usual at most. Next to an edge less than half of them
-        have planes of their own face; among many outliers fewer have planes without any.
-    bend : float or ndarray of shape (m,), default=0
-        What curvature adds to noise.
+    `noise` (n,) are standard deviations from planes, or from smooth surfaces, and `around` has rows
+    of it. `sizes`, a number or (m,), are the members that tell a standard deviation. `bend`, a
+    number or (m,), is what curvature adds to noise.
+
+    `quiet` is the share of the neighbors whose noise is usual at most. Next to an edge less than
+    half of them have planes of their own face; among many outliers fewer have planes without any.
     """
     usual = np.hypot(quantile_around(noise, around, quiet), bend)
     return (1 + N_ERRORS / np.sqrt(2 * sizes)) * usual

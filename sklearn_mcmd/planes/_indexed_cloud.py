@@ -21,25 +21,15 @@ LEAF = 32
 
 
 class IndexedCloud:
-    """The distinct points of a cloud in the order of a k-d tree's leaves.
+    """The distinct points of a cloud X (n, d) in the order of a k-d tree's leaves.
 
     Neighbors in space are then neighbors in memory. On clouds whose rows come in random order
     this makes the search and all later work two to three times as fast.
 
     Copies of a neighbor tell nothing about the plane, and the thousands of points that some
-    scanners put at the origin would make the search quadratic.
-
-    Parameters
-    ----------
-    X : ndarray of float64 of shape (n, d)
-
-    Attributes
-    ----------
-    points : ndarray of shape (m, d)
-        Distinct points. If they are too few for any plane, some are repeated.
-    n_distinct : int
-    rows : ndarray of int of shape (m,)
-        Row of X of each of `points`.
+    scanners put at the origin would make the search quadratic. So `points` (m, d) are the
+    `n_distinct` points without copies; if they are too few for any plane, some are repeated. `rows`
+    (m,) has the row of X of each.
     """
 
     def __init__(self, X):
@@ -99,17 +89,9 @@ class IndexedCloud:
     def neighbors(self, rows, k, n_kept):
         """The k nearest points of some of the points, itself first: int32 (m, k).
 
-        Equally distant ones come in the order of their coordinates where compiled code searches:
-        in 3D, from 1,000 points on.
-
-        Parameters
-        ----------
-        rows : slice or ndarray of int of shape (m,)
-            A slice if nothing is kept.
-        k : int
-        n_kept : int
-            Neighbors that are searched and kept for the next who asks. With 0, only what was kept
-            before is taken from there.
+        Equally distant ones come in the order of their coordinates where compiled code searches: in
+        3D, from 1,000 points on. `n_kept` neighbors of each are searched and kept for the next who
+        asks. With 0, only what was kept before is taken from there, and `rows` must be a slice.
         """
         if n_kept:
             with _lock:  # threads that begin together begin one table

@@ -59,17 +59,9 @@ def connected_planes(index, k, planes, limits, usable):
 def connected(links):
     """Connected parts of a graph; a link in one direction is one in both.
 
-    Parameters
-    ----------
-    links : ndarray of int32 of shape (n, width)
-        Neighbors, then -1.
-
-    Returns
-    -------
-    labels : ndarray of int32 of shape (n,)
-        Part of each point, from 0 on in the order of their first points. Which points are one
-        part does not depend on the order of points or links.
-    sizes : ndarray of int of shape (n_parts,)
+    Links, int32 (n, width), are neighbors, then -1. Returns the part of each point, int32 (n,),
+    from 0 on in the order of their first points, and the sizes of the parts. Which points are one
+    part does not depend on the order of points or links.
     """
     roots = np.arange(len(links), dtype=np.int32)
     _compiled("join")(links, 0, roots)
@@ -91,23 +83,12 @@ def farthest_neighbors(points, around, start):
 def row_linker(index, k, planes, limits, usable):
     """What links points to those of their neighbors whose planes and their own explain each other.
 
-    Parameters
-    ----------
-    index : NeighborIndex
-    k : int
-        Neighbors that may be linked, the point itself among them.
-    planes : Planes
-        The plane of each of the points: centroid, normal and scale are asked for. One of a negative
-        scale explains nothing.
-    limits : LinkLimits
-    usable : ndarray of bool of shape (n,)
-        Points that may be linked.
+    Of k neighbors, the point itself among them, those may be linked that are `usable`, bool (n,).
+    Of the planes, one of each point, centroid, normal and scale are asked for. One of a negative
+    scale explains nothing.
 
-    Returns
-    -------
-    fill : callable
-        Takes a slice of m rows, and int32 (m, k), which becomes the neighbors linked, the nearest
-        first, then -1. The point itself is none.
+    Returns a function that takes a slice of m rows and int32 (m, k), which becomes the neighbors
+    linked, the nearest first, then -1. The point itself is none.
     """
     own = LinkLimits(*map(float, limits[:3]), *map(bool, limits[3:]))
     link = _compiled("link_rows")

@@ -9,18 +9,10 @@ __all__ = ["farthest_of_rows", "join", "link_rows", "number_parts"]
 
 @kernel(cache=True)
 def link_rows(points, around, planes, limits, usable, farthest, start, links):
-    """Fill the links of the points from row `start` on.
+    """Fill the links, int32 (m, width), of the points from row `start` on.
 
-    Parameters
-    ----------
-    points : float64 (n, d)
-    around : Neighborhoods of the rows to be linked
-    planes : Planes of all points
-    limits : LinkLimits
-    usable : bool (n,)
-    farthest : float64 (n,), distances of the last neighbors, if both must be near
-    start : row of the first of the points
-    links : int32 (m, width), filled
+    `around` has the neighborhoods of these rows; points, planes and `usable`, bool (n,), are those
+    of all points. `farthest` (n,) has the distances of the last neighbors, if both must be near.
     """
     centroids, normals, scale = planes.centroids, planes.normals, planes.scale
     d = points.shape[1]

@@ -70,11 +70,7 @@ class PlaneSettings(NamedTuple):
 class LocalPlaneModel:
     """A fitted cloud that answers with the plane of any query's neighborhood.
 
-    Parameters
-    ----------
-    index : NeighborIndex
-    trials : ndarray of int of shape (T, k)
-    settings : PlaneSettings
+    `index` is a `NeighborIndex`, and `trials` a table of int (T, k).
     """
 
     def __init__(self, index, trials, settings):

@@ -43,19 +43,9 @@ class Room(NamedTuple):
 def fit_neighborhoods_3d(points, around, queries, trials, rule, planes, directions, distance):
     """Apply a rule to each neighborhood (Algorithm 4), one row at a time.
 
-    Parameters
-    ----------
-    points : float64 (n, 3)
-    around : Neighborhoods
-    queries : float64 (m, 3)
-    trials : Trials
-    rule : RuleLimits
-    planes : Planes
-        Filled, except for extents and errors.
-    directions : float64 (m, 3)
-        Filled with the axes of the largest eigenvalues.
-    distance : float64 (m,)
-        Filled with robust distances of the queries.
+    Points and queries (m, 3) are float64, and `rule` is a `RuleLimits`. Filled are `planes`, except
+    for extents and errors, `directions` (m, 3) with the axes of the largest eigenvalues, and
+    `distance` (m,) with robust distances of the queries.
     """
     k = around.indices.shape[1]
     arrays, numbers = WorkArrays.of(len(trials.positions), k), np.zeros(k)

@@ -63,12 +63,8 @@ def eigh_3d(covariance):
     """Eigenvalues, ascending, and unit eigenvectors of a covariance matrix of order 3.
 
     It makes Jacobi's rotations, on numbers and not on arrays. They are accurate for the least
-    eigenvalue of a nearly flat neighborhood, where closed formulas lose digits.
-
-    Returns
-    -------
-    values : tuple of 3 floats
-    axes : tuple of 3 tuples of 3 floats, the eigenvectors in the same order
+    eigenvalue of a nearly flat neighborhood, where closed formulas lose digits. The eigenvalues are
+    a tuple of 3, and the eigenvectors, in the same order, 3 tuples of 3.
     """
     xx, xy, xz, yy, yz, zz = covariance
     ax, ay, az = 1.0, 0.0, 0.0

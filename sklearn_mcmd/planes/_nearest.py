@@ -21,17 +21,11 @@ ALIKE = 1.0 + 1e-14
 
 
 class NearestPoints:
-    """Fixed points that answer which of them are nearest to others.
+    """Fixed points (m, d) that answer which of them are nearest to others.
 
     Equally distant ones come in the order of their coordinates, so answers do not depend on the
-    order of the points.
-
-    Parameters
-    ----------
-    points : ndarray of float64 of shape (m, d)
-    among : ndarray of bool of shape (m,), default=None
-        Which of them are meant; all with None. A search has its own copy of the points, and no
-        other is kept.
+    order of the points. If `among`, bool (m,), is given, only these are meant. A search has its own
+    copy of the points, and no other is kept.
     """
 
     def __init__(self, points, among=None):
@@ -57,20 +51,11 @@ class NearestPoints:
         self.__dict__.pop("tree", None)
 
     def query(self, queries, k, n_jobs=None):
-        """The k nearest points to each query.
+        """The k nearest points to each query (m, d), float64.
 
-        Parameters
-        ----------
-        queries : ndarray of float64 of shape (m, d)
-        k : int
-        n_jobs : int, default=None
-
-        Returns
-        -------
-        distances : ndarray of shape (m, k)
-            Ascending; inf where there are no more points.
-        indices : ndarray of int32 of shape (m, k), or of int from 2 ** 31 points on
-            Rows of `points`; their number where there are no more.
+        Returns distances (m, k), ascending, inf where there are no more points; and rows of
+        `points` (m, k), their number where there are no more. Rows are int32, or int from 2 ** 31
+        points on.
         """
         row = np.int32 if self.n < 2**31 else np.intp
         distances, indices = np.empty((len(queries), k)), np.empty((len(queries), k), row)

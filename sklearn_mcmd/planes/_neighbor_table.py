@@ -19,22 +19,15 @@ MOST_GROUPS = 2 ** (16 - BITS)
 
 
 class NeighborTable:
-    """The k nearest of fixed points to each of them, searched when they are first asked for.
+    """The k nearest of n fixed points to each of them, searched when they are first asked for.
 
     The points are in spatial order, so the neighbors of near points lie in few groups of 16 rows
     in succession. Rows near each other share a list of these groups. A neighbor is then two
     bytes: the place of its group in the list, and its own place in the group.
 
-    Parameters
-    ----------
-    search : callable
-        ``search(rows, k)`` returns the neighbors (m, k), int32, of a slice of rows.
-    n : int
-        Number of points.
-    k : int
-        Neighbors of each, itself the first.
-    sizes : ndarray of int of shape (n,), default=None
-        How many of them are asked of each. Parts then hold as many as any of their rows needs.
+    ``search(rows, k)`` returns the neighbors, int32 (m, k), of a slice of rows, itself the first of
+    each. If `sizes` (n,) tells how many are asked of each, parts hold as many as any of their rows
+    needs.
     """
 
     def __init__(self, search, n, k, sizes=None):
@@ -46,20 +39,10 @@ class NeighborTable:
         self.packs = bool(self.block) and n >= self.block
 
     def query(self, rows, k, keep=True):
-        """Neighbors of some rows, the nearest first.
+        """Neighbors of some rows, the nearest first: int32 (m, k), where k is at most the table's.
 
-        Parameters
-        ----------
-        rows : slice or ndarray of int of shape (m,)
-        k : int
-            At most that of the table.
-        keep : bool, default=True
-            Whether what must be searched is kept for the next time. Of rows that are no slice it
-            is always kept.
-
-        Returns
-        -------
-        indices : ndarray of int32 of shape (m, k)
+        With `keep`, what must be searched is kept for the next time. Of rows that are no slice it
+        is always kept.
         """
         if isinstance(rows, slice):
             first, last, _ = rows.indices(self.n)

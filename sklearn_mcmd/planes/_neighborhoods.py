@@ -12,31 +12,17 @@ __all__ = ["NeighborIndex", "padded", "within_radius"]
 
 
 class NeighborIndex:
-    """Neighborhoods of any query among fixed points.
+    """Neighborhoods of any query among fixed points X (n, d), float64.
 
     Indexes of the same points share what the first of them finds; see `IndexedCloud`.
 
-    Parameters
-    ----------
-    X : ndarray of float64 of shape (n, d)
-    n_neighbors : int or None
-        Members of a neighborhood, or all distinct points if there are fewer. None means one
-        neighborhood of all points.
-    radius : float, default=None
-        Largest distance of a member from the query. If it holds fewer than d + 1 points, the
-        nearest d + 1 are taken.
-    sizes : ndarray of int of shape (m,), default=None
-        Members of the neighborhood of each of `points`, at most `n_neighbors`; by default all
-        have as many. A query has as many as the point nearest to it.
+    A neighborhood has `n_neighbors` members, or all distinct points if there are fewer. With None
+    there is one neighborhood of all points, which keeps its copies, and `cloud` is None. A member
+    is not farther from the query than `radius`, if that is given; where it holds fewer than d + 1
+    points, the nearest d + 1 are taken. `sizes` (m,), at most `n_neighbors`, tells the members of
+    each of `points`, if not all have as many. A query has as many as the point nearest to it.
 
-    Attributes
-    ----------
-    cloud : IndexedCloud or None
-        None with one neighborhood of all points, which keeps its copies.
-    points : ndarray of shape (m, d)
-        Distinct points in spatial order.
-    rows : ndarray of int of shape (m,)
-        Row of X of each of `points`.
+    `points` (m, d) are the distinct points in spatial order, and `rows` (m,) the row of X of each.
     """
 
     def __init__(self, X, n_neighbors, radius=None, sizes=None):
@@ -80,23 +66,12 @@ class NeighborIndex:
         return part_size(self.n_neighbors)
 
     def query_own(self, rows, k=None, keep=True):
-        """The neighborhoods of some of the points, each its own first member.
+        """The neighborhoods of some of the `points`, each its own first member.
 
-        Parameters
-        ----------
-        rows : slice or ndarray of int of shape (m,)
-            Of `points`.
-        k : int, default=None
-            Members, at most the number of points; `n_neighbors` with None.
-        keep : bool, default=True
-            Whether neighbors are kept for the next who asks. Otherwise they are taken from there
-            only if they were kept before.
-
-        Returns
-        -------
-        Neighborhoods
-            Rows of `points`. Equally distant members come in the order of their coordinates where
-            compiled code searches: in 3D, from 1,000 points on.
+        They have k members, at most the number of points, or `n_neighbors`. With `keep`, neighbors
+        are kept for the next who asks. Otherwise they are taken from there only if they were kept
+        before. Equally distant members come in the order of their coordinates where compiled code
+        searches: in 3D, from 1,000 points on.
         """
         if k is None and self.sizes is not None:
             indices, sizes = self._query_sized(rows, keep)
@@ -128,14 +103,9 @@ class NeighborIndex:
         return NeighborTable(self.cloud.search_own, len(self.points), self.n_neighbors, self.sizes)
 
     def query(self, queries):
-        """Find the neighborhoods of queries (m, d), nearest members first.
+        """Find the neighborhoods of queries (m, d), as rows of `points`, nearest members first.
 
         Equally distant members come in the order of `query_own`.
-
-        Returns
-        -------
-        Neighborhoods
-            Rows of `points`.
         """
         if self.n_neighbors is None:
             n = len(self.points)

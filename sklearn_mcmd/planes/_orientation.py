@@ -52,16 +52,9 @@ def orient_toward(normals, directions):
 def orient_by_spanning_tree(normals, points, indices):
     """Make normals of neighbors agree (Hoppe et al., 1992), in place.
 
-    The sign travels along the minimum spanning tree of the neighborhood graph. In each connected
+    The sign travels along the minimum spanning tree of the neighborhood graph, whose `indices`
+    (n, k) are the neighbors of each point; there are no copies among the points. In each connected
     part the normal of the highest point keeps its sign.
-
-    Parameters
-    ----------
-    normals : ndarray of shape (n, d)
-    points : ndarray of shape (n, d)
-        Without copies.
-    indices : ndarray of int of shape (n, k)
-        Neighbors of each point.
     """
     n, k = indices.shape
     first = np.repeat(np.arange(n, dtype=np.int32), k)
@@ -75,11 +68,7 @@ def spanning_forest(normals, points, first, second):
 
     An edge costs less the more parallel its normals are. Of equal costs the coordinates decide, so
     that the forest does not depend on the order of points, and that of all edges is the forest of
-    the forests of parts of them.
-
-    Returns
-    -------
-    first, second : ndarray of int of shape (m,)
+    the forests of parts of them. Returns `first` and `second` of its edges.
     """
     n = len(points)
     by_place = np.lexsort(points.T).astype(np.int32)

@@ -19,28 +19,17 @@ CONFIDENCE = 0.95  # at which errors from few points agree with errors from many
 
 
 def fit_planes(neighborhoods, inliers=None):
-    """Fit a plane to each neighborhood by principal components (Eq. 1).
+    """Fit a plane to each neighborhood (..., k, d) by principal components (Eq. 1).
 
-    Parameters
-    ----------
-    neighborhoods : ndarray of shape (..., k, d)
-        Points of each neighborhood. They are centered before products are formed, so large
-        coordinates cost no accuracy.
-    inliers : ndarray of bool of shape (..., k), default=None
-        Members that take part; all of them when None.
+    It is fitted to the members that are `inliers`, bool (..., k), or to all. They are centered
+    before products are formed, so large coordinates cost no accuracy.
 
-    Returns
-    -------
-    centroids : ndarray of shape (..., d)
-    eigenvalues : ndarray of shape (..., d)
-        Of the covariance matrix with divisor k, ascending, never negative.
-    axes : ndarray of shape (..., d, d)
-        Unit eigenvectors as columns; ``axes[..., 0]`` is the plane's normal, of either sign.
+    Returns centroids (..., d); eigenvalues (..., d) of the covariance matrix with divisor k,
+    ascending, never negative; and unit eigenvectors (..., d, d) as columns. ``axes[..., 0]`` is the
+    plane's normal, of either sign.
 
-    References
-    ----------
-    Nurunnabi, West, Belton, "Outlier detection and robust normal-curvature estimation in
-    mobile laser scanning 3D point cloud data", Eqs 1-2.
+    See Nurunnabi, West, Belton, "Outlier detection and robust normal-curvature estimation in mobile
+    laser scanning 3D point cloud data", Eqs 1-2.
     """
     origin = neighborhoods[..., :1, :]
     local = neighborhoods - origin
@@ -75,37 +64,21 @@ def surface_variation(eigenvalues):
 
 
 def normal_errors(scale, eigenvalues, n_points, inflation=1.0):
-    """Root mean square tilt of the normals of fitted planes, in degrees.
+    """Root mean square tilt (n,) of the normals of fitted planes, in degrees, at most 90.
 
-    Noise along the normal tilts it toward each in-plane axis ``i`` with variance
-    ``scale**2 * l_i / (m * (l_i - l_0)**2)`` (Anderson 1963). In most clouds this is nearly
-    ``scale**2 / (m * l_i)``, the variance of a regression line's slope. The error is the root of
-    the sum over the d - 1 axes. The true normal is within ``sqrt(q / (d - 1))`` errors with 95 %
-    confidence, where q is the 0.95 quantile of chi-squared with d - 1 degrees of freedom. This is
-    1.73 in 3D, if the neighborhood is about as long as wide.
+    Noise along the normal, of standard deviation `scale` (n,), tilts it toward each in-plane axis
+    ``i`` with variance ``scale**2 * l_i / (m * (l_i - l_0)**2)`` (T. W. Anderson, "Asymptotic
+    theory for principal component analysis", Annals of Mathematical Statistics 34 (1963) 122-148).
+    Here l are the eigenvalues (n, d), ascending, and m, `n_points` (n,), the points that a plane
+    was fitted to. In most clouds this is nearly ``scale**2 / (m * l_i)``, the variance of a
+    regression line's slope. The error is the root of the sum over the d - 1 axes, and 90 where the
+    points do not determine a plane. `inflation`, a number or (n,), is a factor on it for points
+    that were chosen by their distances.
 
-    That factor holds for any number of points, since the error includes the scale's own
-    uncertainty, see `student_factors`.
-
-    Parameters
-    ----------
-    scale : ndarray of shape (n,)
-        Standard deviation of the noise along the normal.
-    eigenvalues : ndarray of shape (n, d), ascending
-    n_points : ndarray of shape (n,)
-        Points that each plane was fitted to (m).
-    inflation : float or ndarray of shape (n,), default=1
-        Factor on the errors, for points that were chosen by their distances.
-
-    Returns
-    -------
-    errors : ndarray of shape (n,)
-        At most 90; 90 where the points do not determine a plane.
-
-    References
-    ----------
-    T. W. Anderson, "Asymptotic theory for principal component analysis", Annals of
-    Mathematical Statistics 34 (1963) 122-148.
+    The true normal is within ``sqrt(q / (d - 1))`` errors with 95 % confidence, where q is the 0.95
+    quantile of chi-squared with d - 1 degrees of freedom. This is 1.73 in 3D, if the neighborhood
+    is about as long as wide. That factor holds for any number of points, since the error includes
+    the scale's own uncertainty, see `student_factors`.
     """
     d = eigenvalues.shape[1]
     freedom = n_points - d
@@ -135,18 +108,12 @@ def student_factors(freedom, d):
 
 
 def flat_normals(normals, eigenvalues, directions):
-    """Give neighborhoods without a plane a defined normal.
+    """Give neighborhoods without a plane a defined normal, in place.
 
-    Collinear points fit every plane through their line. The normal is then the perpendicular of
-    the line that is nearest to the last axis (a horizontal line gets a horizontal plane). Where
-    all points coincide, it is the last axis itself.
-
-    Parameters
-    ----------
-    normals : ndarray of shape (n, d), changed in place
-    eigenvalues : ndarray of shape (n, d), ascending
-    directions : ndarray of shape (n, d)
-        Axis of the largest eigenvalue.
+    Collinear points fit every plane through their line. The normal is then the perpendicular of the
+    line that is nearest to the last axis (a horizontal line gets a horizontal plane). Where all
+    points coincide, it is the last axis itself. Eigenvalues (n, d) ascend, and `directions` (n, d)
+    are the axes of the largest.
     """
     d = normals.shape[1]
     flat = np.flatnonzero(eigenvalues[:, d - 2] <= RANK_TOLERANCE * eigenvalues[:, -1])

@@ -36,10 +36,8 @@ COARSE_ROUNDING = 0.01
 class CoarseCoordinatesWarning(UserWarning):
     """float32 rounds coordinates by a visible share of a typical neighborhood.
 
-    Parameters
-    ----------
-    largest, rounding, radius : float
-        Coordinate of a typical point, step of float32 there, and radius of a typical neighborhood.
+    It tells the coordinate of a typical point, the step of float32 there, and the radius of a
+    typical neighborhood.
     """
 
     def __init__(self, largest, rounding, radius):
@@ -65,33 +63,21 @@ def least_scales(points, precision, step):
 
 
 def coordinate_step(X):
-    """Step of the lattice that the coordinates lie on, 0 where there is none.
+    """Step of the lattice that the coordinates X (n, d) lie on, 0 where there is none.
 
     Files hold coordinates rounded to, for example, a centimeter. If that is coarser than the
     noise, most of a flat neighborhood lies on exactly one level. The robust scale is then zero,
     and all points on other levels would be outliers.
 
-    Parameters
-    ----------
-    X : ndarray of shape (n, d)
-
-    Returns
-    -------
-    float
-        The smallest step among the axes; zero unless every axis is on a lattice. A raster of
-        heights is no rounded cloud. A rounded cloud that was rotated is not found. A few points
-        that were not rounded do no harm.
+    It is the smallest step among the axes; zero unless every axis is on a lattice. A raster of
+    heights is no rounded cloud. A rounded cloud that was rotated is not found. A few points that
+    were not rounded do no harm.
     """
     return step_of_levels(np.unique(axis, return_counts=True) for axis in X.T)
 
 
 def step_of_levels(levels):
-    """The same from the values of each axis, ascending, and how often each occurs.
-
-    Parameters
-    ----------
-    levels : iterable of (ndarray of shape (m,), ndarray of int of shape (m,))
-    """
+    """The same from the values (m,) of each axis, ascending, and how often each occurs (m,)."""
     steps, flat = [], []
     for values, counts in levels:
         gaps = np.diff(values[counts >= RARE * _typical(counts)])

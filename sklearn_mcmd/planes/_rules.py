@@ -100,25 +100,14 @@ def robust_distances(points, centers, whitening):
 def mcmd_z(local, valid, support, reweight, floor):
     """Robust z-scores of orthogonal distances (Algorithm 2, Eq. 17).
 
-    Parameters
-    ----------
-    local : ndarray of shape (B, k, d)
-    valid : ndarray of bool of shape (B, k)
-        Members in use.
-    support : ndarray of bool of shape (B, k)
-        The maximum consistent set.
-    reweight : bool
-        Whether plane and scale are refitted to the members within 2.5 robust standard
-        deviations of the set's plane, and then once more. The paper does not do this.
-    floor : ndarray of shape (B,)
-        Least scale: the error from rounding of the coordinates alone. It is the scale of a
-        perfect plane, where the MAD is zero.
+    Members (B, k, d) are in use where `valid`, bool (B, k), and `support`, bool (B, k), is the
+    maximum consistent set. With `reweight`, plane and scale are refitted to the members within 2.5
+    robust standard deviations of the set's plane, and then once more. The paper does not do this.
+    `floor` (B,) is the least scale: the error from rounding of the coordinates alone. It is the
+    scale of a perfect plane, where the MAD is zero.
 
-    Returns
-    -------
-    centers : ndarray of shape (B, d)
-    whitening : ndarray of shape (B, d, r)
-        The first column is the plane's normal over the scale of the noise.
+    Returns centers (B, d) and whitening matrices (B, d, r). Their first column is the plane's
+    normal over the scale of the noise.
     """
     if reweight:
         centers, _, axes, scale, _ = _reweighted_planes(local, valid, support, floor)

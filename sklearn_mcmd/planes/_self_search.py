@@ -50,19 +50,9 @@ class SelfSearch:
     Equally distant neighbors come in the order of their coordinates, so the answer does not
     depend on the order of the points.
 
-    Parameters
-    ----------
-    X : ndarray of float64 of shape (n, 3)
-        Distinct points.
-    overwrite : bool, default=False
-        Whether X, whose rows are then contiguous, may become `points`.
-
-    Attributes
-    ----------
-    order : ndarray of int of shape (n,)
-        Rows of X in the order of the leaves: near points are near in memory.
-    points : ndarray of shape (n, 3)
-        ``X[order]``.
+    X, float64 (n, 3), has distinct points. With `overwrite` it may become `points`, which are
+    ``X[order]``; its rows must then be contiguous. `order` (n,) is that of the leaves: near points
+    are near in memory.
     """
 
     def __init__(self, X, overwrite=False):
@@ -73,21 +63,10 @@ class SelfSearch:
         self.ends = self.tree.last[self.tree.leaves]
 
     def query(self, rows, k, among=None):
-        """Neighbors of some of the points.
+        """Neighbors of a slice of the points, the nearest first: int32 (m, k).
 
-        Parameters
-        ----------
-        rows : slice
-            Of `points`.
-        k : int
-            At most as many as there are points to be found.
-        among : SelfSearch, default=None
-            Whose points are to be found; by default the own ones, each its own first neighbor.
-
-        Returns
-        -------
-        indices : ndarray of int32 of shape (m, k)
-            Rows of `points` of `among`, the nearest first.
+        They are rows of `points`, each its own first neighbor, or of those of `among`, another
+        search. There must be k points to be found.
         """
         begin, end, _ = rows.indices(len(self.points))
         search = compiled_function("planes._self_search_numba", "search_rows")

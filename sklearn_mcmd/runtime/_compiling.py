@@ -11,14 +11,7 @@ __all__ = ["compiled_function"]
 
 
 def compiled_function(module, name):
-    """A function of this package that Numba compiles.
-
-    Parameters
-    ----------
-    module : str
-        Such as "planes._local_planes_numba".
-    name : str
-    """
+    """A function that Numba compiles, from a module such as "planes._local_planes_numba"."""
     try:
         return _load(module, name)
     except RuntimeError:  # Numba found no folder to write compiled code to

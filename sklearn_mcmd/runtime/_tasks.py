@@ -72,13 +72,7 @@ def sub_fit(low, high, name, estimator):
 class _FitTasks:
     """The tasks of one fit, begun and ended as its stages are heard of.
 
-    Parameters
-    ----------
-    estimator : BaseEstimator
-    context : CallbackContext
-        Of the whole fit.
-    outer : Span or None
-        Who else is told.
+    The context is that of the whole fit. `outer` is the `Span` of who else is told, or None.
     """
 
     def __init__(self, estimator, context, outer):

@@ -69,16 +69,9 @@ class CylinderParts:
     So the noise is measured on the parts themselves. Two narrow faces that meet in an edge stay
     apart, because no cylinder follows both to within their noise.
 
-    Parameters
-    ----------
-    index : NeighborIndex
-        Of points in three dimensions.
-    planes : Planes
-    floor : ndarray of shape (n,)
-        Least standard deviation of a plane at each point: what rounding amounts to.
-    max_gap : float, default=None
-        Largest distance of points that touch, besides being among the nearer half of neighbors.
-    n_jobs : int, default=None
+    The index has points in three dimensions, and `floor` (n,) is the least standard deviation of a
+    plane at each: what rounding amounts to. `max_gap` is the largest distance of points that touch,
+    besides being among the nearer half of neighbors.
     """
 
     def __init__(self, index, planes, floor, max_gap=None, n_jobs=None):

@@ -42,13 +42,7 @@ class RestFaces:
     depends on the unit. Planes of a face are, by the same measure, no noisier than those of the
     flattest region beside it.
 
-    Parameters
-    ----------
-    index : NeighborIndex
-    floor : ndarray of shape (n,)
-        Least standard deviation of a plane at each point: what rounding amounts to.
-    rules : GrowthRules
-    n_jobs : int, default=None
+    `floor` (n,) is the least standard deviation of a plane at each point: what rounding amounts to.
     """
 
     def __init__(self, index, floor, rules, n_jobs=None):

@@ -202,19 +202,7 @@ def cutoff_of(estimator):
 def judge_cells(job, cells, columns, n_workers, cutoff):
     """Find the scores of all points, which are written as results beside the columns.
 
-    Parameters
-    ----------
-    job : Job
-    cells : Cells
-    columns : CellColumns
-    n_workers : int
-    cutoff : float
-        By `cutoff_of`.
-
-    Returns
-    -------
-    cutoff : float
-        The score beyond which points are outliers.
+    `cutoff` is that of `cutoff_of`. Returns the score beyond which points are outliers.
     """
     n_cells, sweep = len(cells), partial(Sweeps(columns, n_workers, ENDS), cells=cells, job=job)
     sweep("places", find_places)

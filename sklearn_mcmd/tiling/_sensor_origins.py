@@ -40,16 +40,8 @@ OF_LINES = ("scan_angle", "scan_angle_rank", "gps_time", "point_source_id")
 class SensorPath:
     """What `process_files` is told of a sensor with more than one position.
 
-    Parameters
-    ----------
-    given : "auto", Trajectory, tuple of arrays, or array-like of shape (n, 3)
-
-    Attributes
-    ----------
-    kind : {"angles", "trajectory", "positions"}
-        Of `plan_run`.
-    key : str
-        A hash.
+    `given` is "auto", a `Trajectory` or a tuple of arrays, or positions (n, 3). `kind` is "angles",
+    "trajectory" or "positions", as `plan_run` has it, and `key` a hash of what was given.
     """
 
     def __init__(self, given):
@@ -90,11 +82,7 @@ class SensorPath:
 class OriginWriter:
     """Takes all points once, in the order of the inputs, and writes positions for them.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the `Cells` of the points.
-    sensor : SensorPath
+    The folder is that of the `Cells` of the points.
     """
 
     def __init__(self, folder, sensor):
