@@ -82,6 +82,17 @@ def test_equal_normals_tell_no_direction():
         assert_allclose(moved, total, rtol=1e-6)
 
 
+def test_equal_normals_start_no_search_in_a_direction_that_rounding_picks():
+    """A wavy strip has several cylinders, and none depends on how the strip lies."""
+    u, v = np.random.default_rng(0).uniform(-1, 1, (2, 60))
+    points, normals = np.column_stack([u, 0.2 * v, 0.05 * np.sin(6 * u)]), np.eye(3)[[2] * 60]
+    totals = [
+        fit_cylinder(np.ascontiguousarray(turn.apply(points)), turn.apply(normals))[0]
+        for turn in Rotation.random(40, random_state=1)
+    ]
+    assert_allclose(totals, totals[0], rtol=1e-9)
+
+
 @numba.njit
 def across_and_moved(axis, a, s, t):
     u, v = _across(axis)
