@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from adjustment_clouds import plane_with_outliers
 from sklearn_mcmd.adjustment import (
@@ -70,6 +71,44 @@ def test_the_figure_has_three_panels_and_can_be_saved(detector, columns, tmp_pat
     assert residual_map.get_ylabel().endswith("[m]")
     last = "Memberships" if isinstance(detector, FuzzyPlaneDetector) else "Test statistics"
     assert last in titles
+
+
+def panel(figure, title):
+    return next(axes for axes in figure.axes if axes.get_title() == title)
+
+
+@pytest.mark.parametrize("test", ["w", "tau", "t"])
+def test_the_curves_are_those_of_the_normal_and_of_the_test(test):
+    pytest.importorskip("matplotlib")
+    X = plane_with_outliers(200, 10, 40.0)
+    sigma0 = 1.0 if test == "w" else "auto"
+    detector = BaardaPlaneDetector(test=test, sigma0=sigma0).fit(X)
+    figure = plot_report(detector, X)
+    histogram, statistics = panel(figure, "Residuals"), panel(figure, "Test statistics")
+    residuals, good = detector.residuals(X), detector.labels_ == 1
+    scale = residuals[good].std()
+    (curve,) = histogram.lines
+    bars = [patch for patch in histogram.patches if patch.get_height() > 0]
+    width = bars[0].get_width()
+    x, y = curve.get_data()
+    np.testing.assert_allclose(y, good.sum() * width * stats.norm.pdf(x, scale=scale), rtol=1e-9)
+    assert sum(bar.get_height() for bar in bars) == len(X)
+    assert ("beyond" in histogram.get_xlabel()) == (np.abs(residuals).max() > 15 * scale)
+    rank, expected = statistics.lines[0].get_data()
+    level = 1 - (rank - 0.5) / good.sum()
+    quantile = stats.norm.isf(level / 2)
+    if test != "w":
+        quantile = stats.t.isf(level / 2, detector.dof_ - 1)
+    if test == "tau":
+        quantile *= np.sqrt(detector.dof_ / (detector.dof_ - 1 + quantile**2))
+    np.testing.assert_allclose(expected, quantile, rtol=1e-9)
+
+
+def test_columns_beyond_space_have_numbers_in_the_map():
+    pytest.importorskip("matplotlib")
+    X = np.random.default_rng(0).normal(size=(50, 4))
+    residual_map = panel(plot_report(BaardaPlaneDetector().fit(X), X), "Residual map")
+    assert (residual_map.get_xlabel(), residual_map.get_ylabel()) == ("column 0", "column 1")
 
 
 def exact_plane(offset):

@@ -5,14 +5,25 @@ import pickle
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from sklearn.base import clone
 
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.normals._adaptive_k import AROUND, LEAST, MOST, TILT, ScaleFinder
+from sklearn_mcmd.normals._adaptive_k import (
+    AROUND,
+    LEAST,
+    MOST,
+    QUIET,
+    TILT,
+    ScaleFinder,
+    are_turned,
+    wanted_by,
+)
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+from sklearn_mcmd.planes._plane import normal_errors
 
 
 def sheet(n, noise, seed=0):
@@ -46,6 +57,43 @@ def test_without_noise_neighborhoods_are_as_small_as_can_be():
     box /= np.abs(box).max(axis=1, keepdims=True)
     for X in (ball, box):
         assert np.mean(sizes_of(X) == LEAST) > 0.99
+
+
+def planes_by_numpy(X, k):
+    """Errors and normals of planes of the k nearest, with the noise that a quadric leaves."""
+    errors, normals = np.empty(len(X)), np.empty_like(X)
+    for i, nearest in enumerate(cKDTree(X).query(X, k)[1]):
+        members = X[nearest] - X[nearest].mean(axis=0)
+        values, axes = np.linalg.eigh(members.T @ members / k)
+        z, u, v = (members @ axes).T
+        design = np.column_stack([np.ones(k), u, v, u * u, u * v, v * v])
+        left = np.linalg.norm(z - design @ np.linalg.lstsq(design, z, rcond=None)[0])
+        left, size = np.array([left]) / np.sqrt(k - 6), np.array([k])
+        errors[i], normals[i] = normal_errors(left, values[None], size)[0], axes[:, 0]
+    return errors, normals
+
+
+def test_sizes_are_those_of_the_literal_steps_on_a_cloud_of_three_noises():
+    X = np.concatenate([sheet(150, noise, seed=i) for i, noise in enumerate([0.1, 0.4, 0.7])])
+    X[:, 0] += np.repeat([0, 12.5, 25], 150)
+    around = cKDTree(X).query(X, AROUND)[1]
+
+    def quiet(values):
+        return np.sort(values[around], axis=1)[:, int(QUIET * AROUND)]
+
+    k, wanted = LEAST, np.full(450, np.inf)
+    while np.isinf(wanted).any() and k <= MOST // 2:
+        (errors, normals), (_, larger) = planes_by_numpy(X, k), planes_by_numpy(X, 2 * k)
+        error, found = wanted_by(quiet(errors), k, 3)
+        cosine = np.minimum(np.abs(np.einsum("ij,ij->i", normals, larger)), 1)
+        bent = (found > 2 * k) & are_turned(quiet(np.degrees(np.arccos(cosine))), error)
+        found = np.maximum(np.where(bent, k, np.where(found > 2 * k, np.inf, found)), LEAST)
+        wanted = np.where(np.isinf(wanted), found, wanted)
+        wanted = np.where(np.isinf(wanted), quiet(wanted), wanted)
+        k *= 2
+    expected = np.rint(quiet(np.minimum(wanted, MOST)))
+    assert_array_equal(sizes_of(X), expected)
+    assert len(np.unique(expected)) > 20
 
 
 def test_hopeless_noise_gets_the_most():

@@ -12,7 +12,7 @@ from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.normals._quadrics import CHANCE
 from sklearn_mcmd.normals._smoothness import is_smooth, whole_planes
-from sklearn_mcmd.normals._surface_planes import _bends_too_much, _leans
+from sklearn_mcmd.normals._surface_planes import SurfacePlanes, _bends_too_much, _leans
 from sklearn_mcmd.planes._consistent_set import draw_trials
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
@@ -227,6 +227,21 @@ def test_planes_are_borrowed_from_within_reach():
     estimator = RobustNormalEstimator(30, radius=0.06, random_state=0).fit(X)
     assert (estimator.plane_index_ != np.arange(1500)).sum() > 30
     assert np.linalg.norm(X - X[estimator.plane_index_], axis=1).max() <= 0.06
+
+
+def test_a_borrowed_plane_keeps_the_point_s_extents_and_the_larger_error():
+    rng = np.random.default_rng(0)
+    columns = [(8, *column.shape[1:]) for column in Planes.unknown(1, 3)]
+    planes, members = (Planes(*(rng.uniform(size=shape) for shape in columns)) for _ in range(2))
+    own, rows, lenders = planes.take(np.arange(8)), np.array([1, 4, 5]), np.array([7, 0, 2])
+    SurfacePlanes.lend(None, planes, rows, members, lenders)
+    for name, column in planes._asdict().items():
+        expected, lent = getattr(own, name), getattr(members, name)[lenders]
+        if name == "normal_error":
+            lent = np.maximum(lent, expected[rows])
+        if name not in ("kept", "radius", "spacing"):
+            expected[rows] = lent
+        assert_array_equal(column, expected)
 
 
 def test_in_two_dimensions_corners_borrow_and_bends_are_followed():
