@@ -80,8 +80,8 @@ def panel(figure, title):
 @pytest.mark.parametrize("test", ["w", "tau", "t"])
 def test_the_curves_are_those_of_the_normal_and_of_the_test(test):
     pytest.importorskip("matplotlib")
-    X = plane_with_outliers(200, 10, 40.0)
-    sigma0 = 1.0 if test == "w" else "auto"
+    X = 0.01 * plane_with_outliers(200, 10, 40.0)
+    sigma0 = 0.01 if test == "w" else "auto"
     detector = BaardaPlaneDetector(test=test, sigma0=sigma0).fit(X)
     figure = plot_report(detector, X)
     histogram, statistics = panel(figure, "Residuals"), panel(figure, "Test statistics")

@@ -229,6 +229,11 @@ def test_planes_are_borrowed_from_within_reach():
     assert np.linalg.norm(X - X[estimator.plane_index_], axis=1).max() <= 0.06
 
 
+def test_smooth_neighborhoods_keep_all_members():
+    X, _ = sphere(1000, 0.0)
+    assert_array_equal(RobustNormalEstimator(30, random_state=0).fit(X).removed_fraction_, 0.0)
+
+
 def test_a_borrowed_plane_keeps_the_point_s_extents_and_the_larger_error():
     rng = np.random.default_rng(0)
     columns = [(8, *column.shape[1:]) for column in Planes.unknown(1, 3)]
