@@ -38,7 +38,7 @@ class NeighborIndex:
             return
         self.cloud = IndexedCloud.of(X)
         self.rows, self.points = self.cloud.rows, self.cloud.points
-        self.n_neighbors = min(n_neighbors, len(self.rows))
+        self.n_neighbors = min(int(n_neighbors), len(self.rows))  # NumPy's overflow
         self._table = self._own_table()
 
     def __getstate__(self):

@@ -5,8 +5,9 @@ from collections.abc import Iterable
 from reprlib import repr as shorter
 from typing import Literal
 
+import numpy as np
 from numpy.typing import ArrayLike
-from sklearn.base import BaseEstimator
+from sklearn.base import BaseEstimator, clone
 
 from sklearn_mcmd.edges import SharpFeatureDetector
 from sklearn_mcmd.io import Trajectory
@@ -181,6 +182,10 @@ def process_files(
                 f"{name}={shorter(value)} has no meaning for {type(estimator).__name__}: leave it "
                 f"{idle!r}."
             )
+    # What a run keeps tells parameters by their repr, and that of NumPy's numbers is no literal.
+    parameters = estimator.get_params().items()
+    numbers = {name: value.item() for name, value in parameters if isinstance(value, np.generic)}
+    estimator = clone(estimator).set_params(**numbers)
     options = {name: given[name][0] for name in verb.options}
     verb = verb(estimator, **options)
     report = run_by_tiles(verb, source, target, memory, n_jobs, tile_size, as_folder, restart)

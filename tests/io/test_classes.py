@@ -74,6 +74,14 @@ def test_low_is_what_lies_lower_than_all_in_its_square(middle):
     assert_array_equal(lowest.are_above(queries), expected)
 
 
+def test_few_points_all_around_the_origin_are_one_place():
+    points = RNG.uniform(-1, 1, (150, 3))
+    lowest = LowestPoints(len(points), 50)
+    lowest.add(points)
+    queries = points * [2, 2, 1.1]
+    assert_array_equal(lowest.are_above(queries), queries[:, 2] < points[:, 2].min())
+
+
 @pytest.mark.parametrize("n_parts", [1, 3, 40])
 def test_neither_parts_nor_their_order_change_the_squares(n_parts):
     points = RNG.normal(0, [100, 20, 2], (2_000, 3))

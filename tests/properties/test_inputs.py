@@ -4,7 +4,7 @@ import inspect
 
 import numpy as np
 import pytest
-from sklearn.base import BaseEstimator
+from sklearn.base import BaseEstimator, clone
 
 from public import CLOUDS, ESTIMATORS, cloud_for, expected_results, fitted, public_names, results
 from sklearn_mcmd.adjustment import compare_planes, flatness, text_report
@@ -74,6 +74,20 @@ def test_the_container_changes_nothing(name, form, tmp_path):
     for attribute, value in found.items():
         np.testing.assert_array_equal(value, expected[attribute], err_msg=attribute)
     np.testing.assert_array_equal(np.asarray(given, dtype=float), X)  # not changed
+
+
+@pytest.mark.parametrize("size", CLOUDS)
+@pytest.mark.parametrize("kind", [np.int64, np.uint8])
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_integers_of_numpy_are_parameters_as_those_of_python(name, kind, size):
+    """As grids of `np.arange` have them; a small type must not overflow."""
+    X, numbered = cloud_for(name, size), clone(ESTIMATORS[name])
+    for parameter, value in numbered.get_params(deep=False).items():
+        if type(value) is int:
+            numbered.set_params(**{parameter: kind(value)})
+    found, expected = results(fitted(numbered, X), X), expected_results(name, size)
+    for attribute, value in found.items():
+        np.testing.assert_array_equal(value, expected[attribute], err_msg=attribute)
 
 
 @pytest.mark.parametrize("name", ESTIMATORS)

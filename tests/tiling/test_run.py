@@ -40,6 +40,13 @@ def test_the_output_is_that_of_memory_for_any_tile_size(street_file, tmp_path, t
     assert files_in(tmp_path) == ["out.laz"]
 
 
+def test_numbers_of_numpy_are_parameters_as_those_of_python(street_file, tmp_path):
+    source, expected = street_file
+    estimator = clone(ESTIMATOR).set_params(n_neighbors=np.uint8(ESTIMATOR.n_neighbors))
+    process_files(source, tmp_path / "out.laz", estimator, tile_size=TILE)
+    assert (tmp_path / "out.laz").read_bytes() == expected.read_bytes()
+
+
 @pytest.mark.parametrize("cut", [0.3, 0.45, 0.7])
 def test_the_output_does_not_depend_on_where_tiles_begin(street_file, tmp_path, cut):
     source, expected = street_file
