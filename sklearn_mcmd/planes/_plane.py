@@ -127,4 +127,3 @@ def flat_normals(normals, eigenvalues, directions):
         good = length > 0.5  # otherwise the line is within 30 degrees of this axis
         normals[flat[good]] = candidate[good] / length[good, None]
         flat = flat[~good]
-    return normals

@@ -29,6 +29,7 @@ def test_what_curvature_adds_to_noise_adds_to_the_limit():
     plain, bent = (
         most_noise_around(np.array([3.0]), around, 50, 0.25, bend) for bend in (0.0, 4.0)
     )
+    assert plain == pytest.approx(3.0 * (1 + 3 * np.sqrt(1 / 100)))  # three standard errors
     assert bent / plain == pytest.approx(5 / 3)
 
 

@@ -11,7 +11,7 @@ from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.planes._consistent_set import draw_trials
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel, PlaneSettings
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._plane import normal_errors
+from sklearn_mcmd.planes._plane import flat_normals, normal_errors
 from sklearn_mcmd.planes._rules import METHODS, cut_inflation
 
 NOISE = 0.01
@@ -101,6 +101,24 @@ def test_ten_times_the_noise_is_ten_times_the_error():
         for s in (1e-4, 1e-3)
     )
     assert_allclose(np.median(many / few), 10, rtol=0.01)
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+def test_the_normal_of_a_line_is_across_it_and_nearest_to_the_last_axis(d):
+    lines = np.random.default_rng(0).normal(size=(50, d))
+    lines[40:45] = [*np.zeros(d - 1), 1.0]  # along the last axis, and nearly so
+    lines[45:] = [*np.full(d - 1, 0.1), 1.0]
+    lines /= np.linalg.norm(lines, axis=1, keepdims=True)
+    normals, eigenvalues = np.full((50, d), np.nan), np.zeros((50, d))
+    eigenvalues[:, -1] = 1.0
+    flat_normals(normals, eigenvalues, lines)
+    assert_allclose(np.einsum("ij,ij->i", normals, lines), 0, atol=1e-15)
+    assert_allclose(np.linalg.norm(normals, axis=1), 1)
+    upright = lines[:, -1] ** 2 < 0.75
+    assert_allclose(normals[upright, -1], np.sqrt(1 - lines[upright, -1] ** 2))
+    eigenvalues[:], normals[:] = 0.0, np.nan
+    flat_normals(normals, eigenvalues, lines)
+    assert_allclose(normals, np.broadcast_to(np.eye(d)[-1], normals.shape))
 
 
 def test_nothing_is_known_of_a_normal_that_nothing_determines():
