@@ -9,7 +9,7 @@ from sklearn.base import clone
 
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_street
-from sklearn_mcmd.outliers._calibration import _roughness
+from sklearn_mcmd.outliers._calibration import _clean_plane, _roughness
 
 OWN = {"strictness": None}
 
@@ -68,6 +68,20 @@ def test_one_plane_of_few_points_is_flagged_at_the_stated_rate(n):
     one_plane = MCMDOutlierDetector(None, random_state=0)
     scores = np.concatenate([-one_plane.fit(X).score_samples(X) for X in clouds])
     assert_allclose(np.mean(scores > cutoff), rate, rtol=tolerance(rate, n * n_planes, 1000))
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+def test_a_simulated_plane_has_spacing_one_and_counts_points_far_from_its_border(d):
+    X, counted = _clean_plane(3_000, 30, d, 0.2)
+    side = len(X) ** (1 / (d - 1))
+    flat = np.abs(X[:, :-1])
+    assert flat.max() <= side / 2
+    for quarter in (X[:, 0] < -side / 4, X[:, 0] > side / 4):
+        assert quarter.mean() == pytest.approx(0.25, abs=0.03)
+    assert 3_000 * 0.9 <= counted.sum() <= len(X)
+    inner = np.max(flat, axis=1)
+    assert inner[counted].max() <= inner[~counted].min(initial=np.inf)
+    assert X[counted, -1].std() == pytest.approx(0.2, rel=0.01)
 
 
 def test_few_points_ask_for_a_larger_cutoff_than_the_normal_law():

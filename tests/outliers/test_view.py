@@ -149,3 +149,13 @@ def test_one_position_is_told_and_many_are_not(turn):
     assert flat.fit(cloud[:, :2]).sensor_origin_ is None
     paper = MCMDOutlierDetector(16, strictness=None, sensor_origin="auto", random_state=0)
     assert paper.fit(cloud).sensor_origin_ is None
+
+
+def test_unevenness_in_space_is_that_of_distances_to_the_nearest_point():
+    """The mean of squared octaves from the median, at most 1: of equal and of twofold steps."""
+    steps = [np.ones(300), np.tile([1.0, 1.0, 1.0, 2.0, 2.0], 60)]
+    for step, expected in zip(steps, (0.0, 0.2), strict=True):
+        along = np.cumsum(step)
+        points = np.column_stack([along, np.full(300, 9.0), np.full(300, 3.0)])
+        view = _view._View(points, np.ones(300, dtype=bool))
+        assert view.uneven_in_space() == pytest.approx(expected, abs=0.01)
