@@ -1,8 +1,10 @@
 import importlib
+import inspect
 import pkgutil
 import re
 import sys
 import zlib
+from ast import literal_eval
 from pathlib import Path
 
 import pytest
@@ -53,6 +55,27 @@ def test_a_subpackage_with_pages_needs_no_import_of_its_own():
 
 def test_no_name_has_two_pages():
     assert len(documented()) == len(set(documented()))
+
+
+def told_defaults(thing):
+    """What the section of parameters says after "default=", by name."""
+    document = inspect.getdoc(thing) or ""
+    _, _, section = document.partition("Parameters\n----------\n")
+    section = re.split(r"\n\w[\w ]*\n-{3,}\n", section)[0]
+    for names, default in re.findall(r"^(\w[\w, ]*) : .*default=(.+)$", section, re.M):
+        yield from ((name, default.strip("`")) for name in names.split(", "))
+
+
+def test_defaults_are_those_that_are_documented():
+    n_told = 0
+    for page in documented():
+        thing = pkgutil.resolve_name(page)
+        for name, told in told_defaults(thing):
+            if told not in ("{}", "inf"):  # made anew for each, and no literal
+                default = inspect.signature(thing).parameters[name].default
+                assert default == literal_eval(told), f"{page}: {name}"
+                n_told += 1
+    assert n_told > 200
 
 
 @pytest.fixture
