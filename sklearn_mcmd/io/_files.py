@@ -84,8 +84,9 @@ def read_points(
     Warns
     -----
     UserWarning
-        If columns of words, or fields of other formats, are left out. If points are 0, 0, 0 where
-        most coordinates are 100,000 and more: rays without a return.
+        If columns of words, or fields of other formats, are left out. If integers of text are
+        rounded: beyond 2**53 in a column with gaps. If points are 0, 0, 0 where most coordinates
+        are 100,000 and more: rays without a return.
 
     See Also
     --------
@@ -102,7 +103,8 @@ def read_points(
     Coordinates are the columns named x, y, z, or as people name them otherwise, in upper or lower
     case and with units. Without a header they are the first three columns. Columns without a name
     are called ``column_4`` and so on. Empty cells, NA, N/A, NULL and None are NaN; in coordinates
-    they are an error. Columns that hold other words, such as dates, are left out.
+    they are an error. Columns that hold other words, such as dates, are left out. Attributes that
+    are integers in all rows are exact up to 64 bits.
 
     NPY holds a table (n, >= 3) or a structured array. NPZ holds an array
     ``xyz``, or ``x``, ``y``, ``z``; else its first array of shape (n, 3) is taken. Arrays of NPZ

@@ -1,13 +1,14 @@
 """Text however it is laid out."""
 
 import csv
+import warnings
 
 import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.io import PointFileError, _text, read_points
+from sklearn_mcmd.io import PointFileError, _text, read_points, write_points
 
 TEXTS = {
     "spaces": "1  2 3.5 4\n 5 6 7  8\n",
@@ -164,3 +165,30 @@ def test_quoted_fields_that_are_no_numbers_are_named(tmp_path, text, message):
     (tmp_path / "a.csv").write_text(text)
     with pytest.raises(PointFileError, match=message):
         read_points(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("first", [1_700_000_000_123_456_789, -(2**63), 2**64 - 2, 2**53])
+@pytest.mark.parametrize("rest", ["0.5", "", "wall"])  # of other columns
+def test_integers_beyond_double_precision_are_exact(tmp_path, first, rest):
+    rows = [f"1,2,3,{n},{rest}\n" for n in (first, first + 1)]
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*columns with words")
+        cloud = read(tmp_path, "é\nx,y,z,t,b\n" + "\n".join(rows), encoding="latin-1")
+    assert cloud.attributes["t"].tolist() == [first, first + 1]
+    write_points(tmp_path / "b.txt", cloud)
+    assert read_points(tmp_path / "b.txt").attributes["t"].tolist() == [first, first + 1]
+
+
+@pytest.mark.parametrize("other", ["", "1.0", str(2**64), "-1"])
+@pytest.mark.parametrize("order", [1, -1])
+def test_integers_that_must_be_rounded_are_named(tmp_path, other, order):
+    cells = [str(2**64 - 1), other][::order]
+    with pytest.warns(UserWarning, match="integers of t are rounded to 53 bits"):
+        cloud = read(tmp_path, "x,y,z,t\n" + "".join(f"1,2,3,{cell}\n" for cell in cells))
+    assert cloud.attributes["t"].dtype == np.float64
+
+
+@pytest.mark.parametrize("cell", ["1e300", "inf", str(10**20)])
+def test_large_numbers_that_double_precision_holds_stay_as_they_are(tmp_path, cell):
+    cloud = read(tmp_path, f"x,y,z,t\n1,2,3,5\n4,5,6,{cell}\n")
+    assert_array_equal(cloud.attributes["t"], [5, float(cell)])
