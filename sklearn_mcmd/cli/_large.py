@@ -23,7 +23,7 @@ def _memory(text):
     try:
         return parse_memory(text)
     except ValueError as err:
-        raise typer.BadParameter(str(err).partition(" ")[2]) from err
+        raise typer.BadParameter(str(err).removeprefix("memory=")) from err
 
 
 Memory = Annotated[
