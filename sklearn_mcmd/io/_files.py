@@ -196,8 +196,9 @@ def write_points(
     Warns
     -----
     UserWarning
-        If an attribute cannot be kept. E57 holds intensity and colors only. In LAS, a value that
-        does not fit the dimension of its name goes to an extra dimension ``<name>_value``.
+        If an attribute cannot be kept, or not exactly. E57 holds finite intensity of single
+        precision and colors of 8 bits only. In LAS, a value that does not fit the dimension of its
+        name goes to an extra dimension ``<name>_value``.
 
     See Also
     --------
