@@ -68,10 +68,18 @@ def write_text(path, cloud):
         for name, values in flat_columns(cloud.attributes).items()
     }
     is_csv = path.suffix == ".csv"
+    layout = {"delimiter": "," if is_csv else " ", "lineterminator": "\n"}
+    for name in columns:
+        if {"\n", "\r"} & set(name):
+            raise PointFileError(
+                f"attribute name {name!r} has several lines, text has one; rename it"
+            )
+    has_delimiters = any(set(";,\t") & set(name) for name in columns)
     with open(path, "w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, delimiter="," if is_csv else " ", lineterminator="\n")
         if is_csv or columns:  # every program reads .xyz with coordinates alone and no header
-            writer.writerow(["x", "y", "z", *columns])
+            quoting = csv.QUOTE_ALL if has_delimiters else csv.QUOTE_MINIMAL
+            csv.writer(file, quoting=quoting, **layout).writerow(["x", "y", "z", *columns])
+        writer = csv.writer(file, **layout)
         for rows in text_rows([*cloud.xyz.T, *columns.values()]):
             writer.writerows(rows)
 

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.io import PointFileError, _text, read_points, write_points
+from sklearn_mcmd.io import PointCloud, PointFileError, _text, read_points, write_points
 
 TEXTS = {
     "spaces": "1  2 3.5 4\n 5 6 7  8\n",
@@ -192,3 +192,15 @@ def test_integers_that_must_be_rounded_are_named(tmp_path, other, order):
 def test_large_numbers_that_double_precision_holds_stay_as_they_are(tmp_path, cell):
     cloud = read(tmp_path, f"x,y,z,t\n1,2,3,5\n4,5,6,{cell}\n")
     assert_array_equal(cloud.attributes["t"], [5, float(cell)])
+
+
+@pytest.mark.parametrize("extension", [".csv", ".txt", ".xyz"])
+@pytest.mark.parametrize("name", ["a;b", "a,b", "a b", 'a"b', 'a", b', ";", "#a"])
+def test_names_of_attributes_come_back(tmp_path, name, extension):
+    path = tmp_path / f"a{extension}"
+    write_points(path, PointCloud(np.eye(3), {name: np.arange(3), "q": np.arange(3) / 3}))
+    back = read_points(path)
+    assert list(back.attributes) == [name, "q"]
+    assert_array_equal(back.attributes[name], np.arange(3))
+    with pytest.raises(PointFileError, match=r"'a\\nb' has several lines"):
+        write_points(path, PointCloud(np.eye(3), {"a\nb": np.arange(3)}))
