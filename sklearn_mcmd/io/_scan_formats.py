@@ -39,7 +39,7 @@ E57_FIELDS = {
 }
 
 
-def read_ply(path):
+def read_ply(path, columns=None):
     """Read the vertices of a PLY file; faces and other elements are left out."""
     plyfile = import_extra("plyfile", "formats", "PLY")
     _check_ply_values(path)
@@ -54,7 +54,7 @@ def read_ply(path):
     metadata = {"ply_comments": list(ply.comments), "ply_obj_info": list(ply.obj_info)}
     if DENOISED in ply.comments:
         metadata["denoised"] = True
-    cloud = cloud_from_records(vertices, metadata=metadata)
+    cloud = cloud_from_records(vertices, columns, metadata=metadata)
     cloud.attributes = _renamed(cloud.attributes, PLY_NORMALS)
     return cloud
 
@@ -92,7 +92,7 @@ def _comments(cloud):
     return comments if marked else [*comments, DENOISED]
 
 
-def read_pcd(path):
+def read_pcd(path, columns=None):
     """Read PCD; packed ``rgb`` becomes red, green, blue; padding is left out."""
     pypcd4 = import_extra("pypcd4", "formats", "PCD")
     with open(path, "rb") as file:
@@ -111,7 +111,8 @@ def read_pcd(path):
         raise PointFileError(
             f"the header promises {header.points} points, the file holds {len(records)}"
         )
-    cloud = cloud_from_records(records, metadata={"pcd_viewpoint": tuple(header.viewpoint)})
+    metadata = {"pcd_viewpoint": tuple(header.viewpoint)}
+    cloud = cloud_from_records(records, columns, metadata=metadata)
     attributes = {}
     for name, values in cloud.attributes.items():
         if name.startswith("#$%&~~"):  # pypcd4's name for the padding field "_"

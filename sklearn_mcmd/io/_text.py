@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.io._column_names import coordinate_columns, n_known_axes
+from sklearn_mcmd.io._column_names import attribute_name, coordinate_columns, n_known_axes
 from sklearn_mcmd.io._point_cloud import (
-    RESERVED,
     PointCloud,
     PointFileError,
     fit_dtype,
@@ -57,7 +56,7 @@ def read_text(path, columns=None):
                 values = _large_integers(path, layout, j, values)
             elif layout.fields[j].lstrip("+-").isdigit() and not np.isnan(values).any():
                 values = values.astype(np.int64)  # class numbers and labels stay integers
-        attributes[f"{name}_value" if name.lower() in RESERVED else name] = values
+        attributes[attribute_name(name)] = values
     return PointCloud(np.concatenate([table[:, layout.positions] for table in tables]), attributes)
 
 

@@ -122,12 +122,12 @@ def test_columns_say_where_the_coordinates_are(tmp_path):
     assert_array_equal(cloud.attributes["z_value"], [3])
 
 
-def test_columns_are_for_axes_of_text(tmp_path):
+def test_columns_are_for_axes_of_formats_that_have_columns(tmp_path):
     with pytest.raises(PointFileError, match="must tell of x, y or z"):
         read(tmp_path, "a,b,c\n1,2,3\n", columns={"a": "x"})
-    np.save(tmp_path / "a.npy", np.eye(3))
-    with pytest.raises(PointFileError, match="is for text files"):
-        read_points(tmp_path / "a.npy", columns={"x": 1})
+    np.savez(tmp_path / "a.npz", np.eye(3))
+    with pytest.raises(PointFileError, match="is for text, NPY, PLY and PCD"):
+        read_points(tmp_path / "a.npz", columns={"x": 1})
 
 
 def test_whole_numbers_among_fractions_do_not_make_a_column_integer(tmp_path):
