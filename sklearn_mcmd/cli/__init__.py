@@ -14,6 +14,7 @@ from sklearn_mcmd.cli._edges import edges
 from sklearn_mcmd.cli._normals import normals
 from sklearn_mcmd.cli._plan import plan
 from sklearn_mcmd.cli._plane import plane
+from sklearn_mcmd.cli._reporting import Verb
 from sklearn_mcmd.cli._segment import segment
 from sklearn_mcmd.cli._view import view
 from sklearn_mcmd.cli._warm_up import warm_up
@@ -55,6 +56,8 @@ def _root(
 
 # Options that few need are not in the help of a verb; `mcmd config` has them all.
 for verb in (denoise, normals, edges, segment, plane, plan, view):
-    app.command(epilog=f"All options and their defaults: mcmd config {verb.__name__}.")(verb)
+    app.command(cls=Verb, epilog=f"All options and their defaults: mcmd config {verb.__name__}.")(
+        verb
+    )
 for other in (config, info, demo, warm_up):
     app.command()(other)

@@ -348,6 +348,9 @@ def _contents(cloud, detector, mark, found, n_all, together):
         outlier_score=(-detector.scores_).astype(np.float32),
     )  # fmt: skip
     n_others = n_all - len(cloud)
+    if n_others:
+        rows = [("points", f"{n_all:,}"), ("used", f"{len(cloud):,}, as follows"), *shown.rows[1:]]
+        shown = shown._replace(rows=rows)
     verdict = Verdict(np.count_nonzero(found), len(cloud), n_others, -float(detector.offset_))
     return denoise_contents(shown, verdict, marked=mark, together=together, judged=[detector])
 

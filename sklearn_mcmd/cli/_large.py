@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.cli._messages import print_table
 
 __all__ = ["DryRun", "Memory", "Restart", "is_several", "large_catalog", "print_plan"]
@@ -23,7 +22,7 @@ def _memory(text):
     try:
         return parse_memory(text)
     except ValueError as err:
-        raise typer.BadParameter(str(err).partition(" ")[2]) from err
+        raise typer.BadParameter(str(err).removeprefix("memory=")) from err
 
 
 Memory = Annotated[
@@ -65,7 +64,9 @@ def large_catalog(source, memory, n_features, always=False, columns=None, *, wor
         raise FileNotFoundError(ENOENT, "no such file or folder", str(source))
     several = is_several(source)
     if columns is not None and (always or several or source.suffix.lower() in PARSED_SUFFIXES):
-        told = ParameterError("$columns is for text files", columns=columns)
+        from sklearn_mcmd.io._column_names import no_columns
+
+        told = no_columns(columns)
         raise ValueError(f"{source}: {told}") from told
     if always or several:
         from sklearn_mcmd.tiling import Catalog

@@ -138,7 +138,8 @@ Columns = Annotated[
     typer.Option(
         parser=_columns,
         metavar="x=NAME,y=NAME,z=NAME",
-        help="Columns of text that are the coordinates: their names, or numbers from 1 on.",
+        help="Columns of text, NPY, PLY or PCD that are the coordinates: their names, or numbers "
+        "from 1 on.",
         show_default="x, y, z, easting and the like, as the header says",
     ),
 ]

@@ -4,6 +4,7 @@ import os
 import warnings
 from enum import StrEnum
 from pathlib import Path
+from string import ascii_letters
 from typing import Annotated
 
 import numpy as np
@@ -259,7 +260,7 @@ def _detector_params(method, alpha, test, sigma0, correction, elimination, surfa
 
 def _width(tolerance, unit):
     """The tolerance in units of the file, from a number or one with a unit."""
-    number = tolerance.rstrip("abcdefghijklmnopqrstuvwxyz ")
+    number = tolerance.rstrip(f"{ascii_letters} ")
     own = tolerance[len(number) :].strip()
     factor = 1.0
     if own:
@@ -270,7 +271,11 @@ def _width(tolerance, unit):
                 param_hint="--tolerance",
             )
         factor = METERS[own] / METERS[unit]
-    return factor * _options.number_or()(number)
+    try:
+        return factor * _options.number_or()(number)
+    except typer.BadParameter as err:
+        err.param_hint = "--tolerance"
+        raise
 
 
 def _choose_sheets(source, target, text, plot):

@@ -7,18 +7,19 @@ import typer
 
 __all__ = ["Above", "Below", "IgnoreClass", "Judged", "LowGroups", "OnlyClass", "judged_points"]
 
-MOST = 255  # the largest class of LAS 1.4
-
 
 def _classes(text):
     """Classes, separated by commas."""
+    from sklearn_mcmd.io._classes import class_numbers
+
     try:
-        classes = tuple(sorted({int(part) for part in text.split(",")}))
+        numbers = [int(part) for part in text.split(",")]
     except ValueError:
-        classes = (-1,)
-    if not all(0 <= number <= MOST for number in classes):
-        raise typer.BadParameter(f"{text} is no list of classes from 0 to {MOST}, such as 6,9")
-    return classes
+        numbers = [None]
+    try:
+        return class_numbers(numbers)
+    except ValueError as err:
+        raise typer.BadParameter(f"{text} {err}, such as 6,9") from err
 
 
 def _height(text):

@@ -5,14 +5,24 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import typer
+from typer.core import TyperCommand
 
 from sklearn_mcmd.cli._messages import clear_exits
 from sklearn_mcmd.runtime._interrupts import ignore_interrupts
 from sklearn_mcmd.runtime._progress import current_span, progress_part
 
-__all__ = ["ReportFolder", "write_report_of"]
+__all__ = ["ReportFolder", "Verb", "write_report_of"]
 
+TYPED = f"{__name__}.typed"
 DRAWN = 0.8  # share of a report's time until its maps are drawn
+
+
+class Verb(TyperCommand):
+    """A command that remembers what was typed after its name."""
+
+    def parse_args(self, ctx, args):
+        ctx.meta[TYPED] = list(args)
+        return super().parse_args(ctx, args)
 
 
 class Report(NamedTuple):
@@ -62,28 +72,14 @@ def _write_report(report, source, target, seconds, contents):
     from sklearn_mcmd.report._folder import write_report
 
     context = report.context
-    command, parameters = _command(context), tuple(_parameters(context))
+    command = shlex.join(["mcmd", context.command.name, *context.meta[TYPED]])
+    parameters = tuple(_parameters(context))
     run = Run(context.command.name, command, parameters, source, target, seconds())
     with progress_part(1.0, 1.0, "report"):
         span, made = current_span(), contents()
         if span is not None:
             span.tell(DRAWN)
         write_report(report.folder, run, made)
-
-
-def _command(context):
-    """What was typed, as far as options have meaning."""
-    words = ["mcmd", context.command.name]
-    for parameter in context.command.params:
-        value = context.params.get(parameter.name)
-        if parameter.param_type_name == "argument":
-            words += map(str, value if isinstance(value, list | tuple) else [value])
-        elif _given(context, parameter):
-            if getattr(parameter, "is_flag", False):
-                words.append((parameter.opts if value else parameter.secondary_opts)[0])
-            else:
-                words += [parameter.opts[0], _words(value)]
-    return shlex.join(words)
 
 
 def _parameters(context):
@@ -93,18 +89,10 @@ def _parameters(context):
         if parameter.param_type_name != "option" or parameter.name == "help":
             continue
         value = context.params.get(parameter.name)
-        is_default = _source(context, parameter) == "DEFAULT"
+        is_default = context.get_parameter_source(parameter.name).name == "DEFAULT"
         shown = getattr(parameter, "show_default", None)
         words = shown if is_default and value is None and isinstance(shown, str) else _words(value)
         yield Parameter(max(parameter.opts, key=len), words, is_default)
-
-
-def _given(context, parameter):
-    return _source(context, parameter) == "COMMANDLINE"
-
-
-def _source(context, parameter):
-    return context.get_parameter_source(parameter.name).name
 
 
 def _words(value):
@@ -116,4 +104,6 @@ def _words(value):
         return ",".join(f"{axis}={name}" for axis, name in value.items())
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    if isinstance(value, tuple):
+        return ",".join(map(_words, value))
+    return str(value).removesuffix(".0")

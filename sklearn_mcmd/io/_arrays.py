@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from sklearn_mcmd.io._column_names import coordinate_columns
+from sklearn_mcmd.io._column_names import attribute_name, coordinate_columns
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, check_room
 
 __all__ = ["cloud_from_records", "read_npy", "read_npz", "write_npy", "write_npz"]
@@ -16,21 +16,24 @@ LONGEST_HEADER = 2**14  # bytes of an array; NumPy reads none of more than 10,00
 MOST_DEFLATED = 1032  # bytes from one byte of a ZIP
 
 
-def read_npy(path):
+def read_npy(path, columns=None):
     """Read a table of shape (n, >=3), or a structured array with fields x, y, z."""
     _check_start(path, b"\x93NUMPY", "NPY")
     with open(path, "rb") as file:
         _check_array(file, path.stat().st_size, "its numbers")
     array = np.load(path, allow_pickle=False)
     if array.dtype.names is not None:
-        return cloud_from_records(array)
+        return cloud_from_records(array, columns)
     if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "biuf":
         raise PointFileError(
             f"holds dtype {array.dtype} of shape {array.shape}; numbers of shape (n, 3) or more "
             "columns, or a structured array with x, y, z are needed"
         )
-    others = {f"column_{i + 1}": array[:, i].copy() for i in range(3, array.shape[1])}
-    return PointCloud(np.ascontiguousarray(array[:, :3], dtype=np.float64), others)
+    names = [f"column_{i}" for i in range(1, array.shape[1] + 1)]
+    axes = coordinate_columns(names, columns) if columns else [0, 1, 2]
+    others = {name: array[:, i].copy() for i, name in enumerate(names) if i not in axes}
+    xyz = array[:, axes] if columns else array[:, :3]  # without a copy, where it can be
+    return PointCloud(np.ascontiguousarray(xyz, dtype=np.float64), others)
 
 
 def read_npz(path):
@@ -112,15 +115,16 @@ def _check_array(file, room, what):
     check_room(math.prod(shape) * dtype.itemsize, room, what)
 
 
-def cloud_from_records(records, **kwargs):
-    """A cloud from a structured array with fields x, y, z (in any case)."""
+def cloud_from_records(records, columns=None, **kwargs):
+    """A cloud from a structured array; `columns` is as of `coordinate_columns`."""
     if records.ndim != 1:
         raise PointFileError(f"the structured array has shape {records.shape}; (n,) is needed")
     names = list(records.dtype.names)
-    axes = [names[i] for i in coordinate_columns(names)]
+    axes = [names[i] for i in coordinate_columns(names, columns)]
     xyz = np.empty((len(records), 3))
     for i, axis in enumerate(axes):
         xyz[:, i] = records[axis]
     # Copies, so that the records and a memory map of the file can be freed.
-    attributes = {name: records[name].copy() for name in names if name not in axes}
+    others = [name for name in names if name not in axes]
+    attributes = {attribute_name(name): records[name].copy() for name in others}
     return PointCloud(xyz, attributes, **kwargs)

@@ -1,5 +1,6 @@
 """Classes of LAS: which points of a cloud are used, and which noise is low."""
 
+from operator import index
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ __all__ = [
     "LOW_NOISE",
     "Choice",
     "LowestPoints",
+    "class_numbers",
     "classes_of",
     "classes_of_noise",
     "ground_in",
@@ -20,6 +22,7 @@ __all__ = [
 
 # ASPRS LAS 1.4. Point formats 0 to 5 define no high noise: they have 18 reserved.
 GROUND, LOW_NOISE, HIGH_NOISE = 2, 7, 18
+LARGEST = 255  # class of LAS 1.4
 LEVELS = 31  # bits of a place along an axis
 
 
@@ -47,6 +50,17 @@ class Choice(NamedTuple):
             if self.only:
                 used &= np.isin(classes, self.only)
         return None if used.all() else used
+
+
+def class_numbers(classes):
+    """Classes in order, each once; raise a ValueError if they are no list of classes."""
+    try:
+        numbers = {-1 if isinstance(number, bool) else index(number) for number in classes}
+    except TypeError:
+        numbers = {-1}
+    if not all(0 <= number <= LARGEST for number in numbers):
+        raise ValueError(f"is no list of classes, whole numbers from 0 to {LARGEST}")
+    return tuple(sorted(numbers))
 
 
 def classes_of(cloud):

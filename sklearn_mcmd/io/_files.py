@@ -13,9 +13,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.io._arrays import read_npy, read_npz, write_npy, write_npz
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
+from sklearn_mcmd.io._column_names import no_columns
 from sklearn_mcmd.io._las import read_las, write_las
 from sklearn_mcmd.io._no_returns import NoReturns
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
@@ -64,8 +64,9 @@ def read_points(
     path : str or os.PathLike
         A file of one of the extensions .csv .e57 .las .laz .npy .npz .pcd .ply .txt .xyz.
     columns : dict of str to str or int, default=None
-        Which columns of text are x, y and z: their names, or their numbers from 1 on. None, and
-        for what is not told, the names that people use, such as easting, northing and elevation.
+        Which columns of text, NPY, PLY and PCD are x, y and z: their names, or their numbers from 1
+        on. None, and for what is not told, the names that people use, such as easting, northing and
+        elevation.
 
     Returns
     -------
@@ -79,13 +80,14 @@ def read_points(
         With a message of one line, if the file is missing, a folder, empty, truncated or not of
         the format of its extension; if it holds no points; if no column is known as x, y or z, or
         several may be one; if a coordinate is not a number; if ``columns`` is given for a file
-        that is no text; or if an optional library is not installed.
+        of another format; or if an optional library is not installed.
 
     Warns
     -----
     UserWarning
-        If columns of words, or fields of other formats, are left out. If points are 0, 0, 0 where
-        most coordinates are 100,000 and more: rays without a return.
+        If columns of words, or fields of other formats, are left out. If integers of text are
+        rounded: beyond 2**53 in a column with gaps. If points are 0, 0, 0 where most coordinates
+        are 100,000 and more: rays without a return.
 
     See Also
     --------
@@ -102,7 +104,8 @@ def read_points(
     Coordinates are the columns named x, y, z, or as people name them otherwise, in upper or lower
     case and with units. Without a header they are the first three columns. Columns without a name
     are called ``column_4`` and so on. Empty cells, NA, N/A, NULL and None are NaN; in coordinates
-    they are an error. Columns that hold other words, such as dates, are left out.
+    they are an error. Columns that hold other words, such as dates, are left out. Attributes that
+    are integers in all rows are exact up to 64 bits.
 
     NPY holds a table (n, >= 3) or a structured array. NPZ holds an array
     ``xyz``, or ``x``, ``y``, ``z``; else its first array of shape (n, 3) is taken. Arrays of NPZ
@@ -136,8 +139,8 @@ def read_points(
         reader, _ = _FORMATS[_extension(path)]
         options = {}
         if columns is not None:
-            if reader is not read_text:
-                told = ParameterError("$columns is for text files", columns=columns)
+            if reader not in (read_text, read_npy, read_ply, read_pcd):
+                told = no_columns(columns)
                 raise PointFileError(str(told)) from told
             if not columns.keys() <= set("xyz"):
                 raise PointFileError(f"columns={columns} must tell of x, y or z")
@@ -194,8 +197,9 @@ def write_points(
     Warns
     -----
     UserWarning
-        If an attribute cannot be kept. E57 holds intensity and colors only. In LAS, a value that
-        does not fit the dimension of its name goes to an extra dimension ``<name>_value``.
+        If an attribute cannot be kept, or not exactly. E57 holds finite intensity of single
+        precision and colors of 8 bits only. In LAS, a value that does not fit the dimension of its
+        name goes to an extra dimension ``<name>_value``.
 
     See Also
     --------

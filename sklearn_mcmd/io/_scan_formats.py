@@ -39,7 +39,7 @@ E57_FIELDS = {
 }
 
 
-def read_ply(path):
+def read_ply(path, columns=None):
     """Read the vertices of a PLY file; faces and other elements are left out."""
     plyfile = import_extra("plyfile", "formats", "PLY")
     _check_ply_values(path)
@@ -54,7 +54,7 @@ def read_ply(path):
     metadata = {"ply_comments": list(ply.comments), "ply_obj_info": list(ply.obj_info)}
     if DENOISED in ply.comments:
         metadata["denoised"] = True
-    cloud = cloud_from_records(vertices, metadata=metadata)
+    cloud = cloud_from_records(vertices, columns, metadata=metadata)
     cloud.attributes = _renamed(cloud.attributes, PLY_NORMALS)
     return cloud
 
@@ -92,7 +92,7 @@ def _comments(cloud):
     return comments if marked else [*comments, DENOISED]
 
 
-def read_pcd(path):
+def read_pcd(path, columns=None):
     """Read PCD; packed ``rgb`` becomes red, green, blue; padding is left out."""
     pypcd4 = import_extra("pypcd4", "formats", "PCD")
     with open(path, "rb") as file:
@@ -111,7 +111,8 @@ def read_pcd(path):
         raise PointFileError(
             f"the header promises {header.points} points, the file holds {len(records)}"
         )
-    cloud = cloud_from_records(records, metadata={"pcd_viewpoint": tuple(header.viewpoint)})
+    metadata = {"pcd_viewpoint": tuple(header.viewpoint)}
+    cloud = cloud_from_records(records, columns, metadata=metadata)
     attributes = {}
     for name, values in cloud.attributes.items():
         if name.startswith("#$%&~~"):  # pypcd4's name for the padding field "_"
@@ -221,27 +222,35 @@ def write_e57(path, cloud):
     center = np.round(np.median(cloud.xyz, axis=0))
     local = cloud.xyz - center
     data = {f"cartesian{axis}": np.ascontiguousarray(local[:, i]) for i, axis in enumerate("XYZ")}
-    columns = flat_columns(cloud.attributes)
+    columns, lost, rounded = flat_columns(cloud.attributes), [], []
     if all(c in columns and columns[c].dtype == np.uint16 for c in COLORS):
-        deep = max(columns[c].max() for c in COLORS) > 255
-        columns |= {c: (columns[c] >> (8 if deep else 0)).astype(np.uint8) for c in COLORS}
-    lost = []
+        colors = np.array([columns[c] for c in COLORS])
+        deep = colors.max() > 255
+        rounded += COLORS if deep and not _made_of_bytes(colors) else ()
+        columns |= zip(COLORS, (colors >> (8 if deep else 0)).astype(np.uint8), strict=True)
     for name, values in columns.items():
+        theirs, code = E57_FIELDS.get(name, (name, None))
         try:
-            theirs, code = E57_FIELDS[name]
-            if name == "intensity" and values.dtype == np.float64:
-                values = values.astype(np.float32)
             data[theirs] = fit_dtype(name, values, {code}, "E57")
-        except (KeyError, PointFileError):
-            lost.append(name)
+        except PointFileError:
+            if name != "intensity" or values.dtype.kind not in "iuf":
+                lost.append(name)
+                continue
+            rounded.append(name)
+            with np.errstate(over="ignore"):
+                data[theirs] = values.astype(code)
+    if not np.isfinite(data.get("intensity", 0)).all():
+        lost.append("intensity")
+        del data["intensity"]
     for group in (COLORS, ("row_index", "column_index")):  # written together or not at all
         fields = [E57_FIELDS[name][0] for name in group]
         if not all(f in data for f in fields):
             lost += [n for n, f in zip(group, fields, strict=True) if data.pop(f, None) is not None]
-    if lost:
+    told = {"not written": lost, "rounded": [name for name in rounded if name not in lost]}
+    if lost or rounded:
         warnings.warn(
-            "E57 holds coordinates, intensity and colors only; these attributes are not "
-            f"written: {', '.join(lost)}.",
+            "E57 holds coordinates, finite intensity of single precision and colors of 8 bits only"
+            + "".join(f"; {how}: {', '.join(names)}" for how, names in told.items() if names),
             stacklevel=3,
         )
     file = pye57.E57(os.fsencode(path), mode="w")
@@ -323,10 +332,15 @@ def _columns(cloud):
     columns = flat_columns(cloud.attributes)
     if "las_points" in cloud.metadata and all(c in columns for c in COLORS):
         colors = np.array([columns[c] for c in COLORS])
-        low = colors & 255
-        if colors.dtype == np.uint16 and (not low.any() or (low == colors >> 8).all()):
+        if colors.dtype == np.uint16 and _made_of_bytes(colors):
             columns |= zip(COLORS, (colors >> 8).astype(np.uint8), strict=True)
     return columns
+
+
+def _made_of_bytes(colors):
+    """Whether colors of 16 bits were made of 8, which then hold them."""
+    low = colors & 255
+    return not low.any() or (low == colors >> 8).all()
 
 
 def _records(xyz, columns):

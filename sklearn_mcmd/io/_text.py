@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.io._column_names import coordinate_columns, n_known_axes
+from sklearn_mcmd.io._column_names import attribute_name, coordinate_columns, n_known_axes
 from sklearn_mcmd.io._point_cloud import (
-    RESERVED,
     PointCloud,
     PointFileError,
     fit_dtype,
@@ -28,8 +27,8 @@ LONGEST, MOST_HEADERS = 1_000_000, 10  # characters of a line, and lines before 
 
 
 def read_text(path, columns=None):
-    """Read a table of numbers. Integer columns become int64, all others float64."""
-    with open(path, encoding="utf-8-sig", errors="surrogateescape") as file:
+    """Read a table of numbers. Integer columns become int64 or uint64, all others float64."""
+    with _opened(path) as file:
         layout, first = _begin(file, columns)
         tables, words = _tables(chain([first], file), layout)
     n_points = sum(map(len, tables))
@@ -52,11 +51,12 @@ def read_text(path, columns=None):
         values = np.concatenate([table[:, j] for table in tables])
         if name == f"column_{j + 1}" and np.isnan(values).all():
             continue  # of trailing delimiters
-        # Class numbers and labels stay integers; above 2**53 a float64 does not hold all integers.
-        is_integer = layout.fields[j].lstrip("+-").isdigit()
-        if is_integer and (np.abs(values) < 2**53).all() and (values == np.rint(values)).all():
-            values = values.astype(np.int64)
-        attributes[f"{name}_value" if name.lower() in RESERVED else name] = values
+        if ((values == np.rint(values)) | np.isnan(values)).all():
+            if (np.abs(values) >= 2**53).any():
+                values = _large_integers(path, layout, j, values)
+            elif layout.fields[j].lstrip("+-").isdigit() and not np.isnan(values).any():
+                values = values.astype(np.int64)  # class numbers and labels stay integers
+        attributes[attribute_name(name)] = values
     return PointCloud(np.concatenate([table[:, layout.positions] for table in tables]), attributes)
 
 
@@ -67,10 +67,18 @@ def write_text(path, cloud):
         for name, values in flat_columns(cloud.attributes).items()
     }
     is_csv = path.suffix == ".csv"
+    layout = {"delimiter": "," if is_csv else " ", "lineterminator": "\n"}
+    for name in columns:
+        if {"\n", "\r"} & set(name):
+            raise PointFileError(
+                f"attribute name {name!r} has several lines, text has one; rename it"
+            )
+    has_delimiters = any(set(";,\t") & set(name) for name in columns)
     with open(path, "w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, delimiter="," if is_csv else " ", lineterminator="\n")
         if is_csv or columns:  # every program reads .xyz with coordinates alone and no header
-            writer.writerow(["x", "y", "z", *columns])
+            quoting = csv.QUOTE_ALL if has_delimiters else csv.QUOTE_MINIMAL
+            csv.writer(file, quoting=quoting, **layout).writerow(["x", "y", "z", *columns])
+        writer = csv.writer(file, **layout)
         for rows in text_rows([*cloud.xyz.T, *columns.values()]):
             writer.writerows(rows)
 
@@ -81,6 +89,36 @@ def text_rows(columns):
         part = [column[start : start + ROWS_A_TIME] for column in columns]
         text = [c.astype(str).tolist() if c.dtype.kind == "f" else c.tolist() for c in part]
         yield zip(*text, strict=True)
+
+
+def _opened(path):
+    return open(path, encoding="utf-8-sig", errors="surrogateescape")
+
+
+def _large_integers(path, layout, j, values):
+    """A column read again: exact if all its values are integers, else what is rounded is named."""
+    for dtype in (np.int64, np.uint64):
+        with _opened(path) as file, suppress(ValueError, Warning), warnings.catch_warnings():
+            warnings.simplefilter("error")  # of integers read as float64
+            exact = np.loadtxt(
+                islice(file, layout.first - 1, None), dtype, delimiter=layout.delimiter,
+                usecols=j, ndmin=1, encoding="utf-8", quotechar='"',
+            )  # fmt: skip
+            if np.array_equal(exact.astype(float), values):
+                return exact
+    width = len(layout.names)
+    with _opened(path) as file:
+        rows = (
+            _row(line, layout.delimiter, width) for line in islice(file, layout.first - 1, None)
+        )
+        cells = (row[j] for row in rows if len(row) == width)
+        if any(int(c) != float(c) for c in cells if re.fullmatch(r"[+-]?\d{16,400}", c)):
+            warnings.warn(
+                f"{path}: integers of {layout.names[j]} are rounded to 53 bits, because the "
+                "column has gaps, or no 64 bits hold all of it",
+                stacklevel=4,
+            )
+    return values
 
 
 class _Layout(NamedTuple):

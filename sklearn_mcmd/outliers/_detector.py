@@ -342,13 +342,14 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             sensor_origin = self.sensor_origin
         one_plane = self.strictness is None or self.n_neighbors is None
         auto = isinstance(sensor_origin, str) and sensor_origin == "auto"
-        if sensor_origin is not None and one_plane and not auto:
-            raise ParameterError(
-                "$sensor_origin has no meaning where each point is judged by one plane alone: "
-                'give $n_neighbors and a strictness, such as "groups", or leave it None.'
-            )
-        if intensity is not None and one_plane:
-            raise ParameterError("$intensity needs $n_neighbors and a strictness; leave it None.")
+        for name, value in (("sensor_origin", sensor_origin), ("intensity", intensity)):
+            if one_plane and value is not None and not (auto and name == "sensor_origin"):
+                lacks = ["$n_neighbors"] * (self.n_neighbors is None)
+                lacks += ["a $strictness other than the paper's"] * (self.strictness is None)
+                raise ParameterError(
+                    f"${name} has no meaning where each point is judged by one plane alone: give "
+                    f"{' and '.join(lacks)}, or leave ${name} out."
+                )
         xyz = self._fit_planes(X)
         by_company = not one_plane and self.strictness != "surfaces" and share_to_flag(self) is None
         if by_company and xyz.shape[1] >= CROWDED:

@@ -19,7 +19,7 @@ class Run(NamedTuple):
 
     verb : str
     command : str
-        As it would be typed.
+        As it was typed.
     parameters : sequence of Parameter
     source, target : Path
     seconds : float

@@ -11,6 +11,7 @@ from sklearn.base import BaseEstimator, clone
 
 from sklearn_mcmd.edges import SharpFeatureDetector
 from sklearn_mcmd.io import Trajectory
+from sklearn_mcmd.io._classes import class_numbers
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.segmentation import RegionGrowing
@@ -133,7 +134,7 @@ def process_files(
         files are then kept, and the message names them.
     ValueError
         If the estimator's results depend on the whole cloud, an option has no meaning for it, a
-        height is not finite, or the memory is too little.
+        class is no whole number from 0 to 255, a height is not finite, or the memory is too little.
 
     Warns
     -----
@@ -167,8 +168,8 @@ def process_files(
     """
     given = {
         "mode": (mode, "drop"),
-        "ignore_classes": (tuple(sorted(ignore_classes)), ()),
-        "only_classes": (tuple(sorted(only_classes)), ()),
+        "ignore_classes": (_classes("ignore_classes", ignore_classes), ()),
+        "only_classes": (_classes("only_classes", only_classes), ()),
         "above": (above, None),
         "below": (below, None),
         "low_groups": (low_groups, False),
@@ -192,6 +193,13 @@ def process_files(
     if report.together:
         warn_caller(report.together)
     return report
+
+
+def _classes(name, given):
+    try:
+        return class_numbers(given)
+    except ValueError as err:
+        raise ValueError(f"{name}={shorter(given)} {err}, such as [6, 9].") from err
 
 
 def _verb_of(estimator):

@@ -27,6 +27,14 @@ def test_a_file_larger_than_memory_gets_the_output_that_it_has_in_memory(
     assert files_in(tmp_path) == ["a.laz", "b.laz", "street.laz"]
 
 
+@pytest.mark.parametrize("size", ["lots", "a lot", "0GB"])
+def test_what_is_no_size_of_memory_is_shown(size, source, tmp_path):
+    result = run("normals", source, tmp_path / "b.laz", "--memory", size)
+    assert result.exit_code == 2
+    words = " ".join(result.stderr.replace("│", "").split())
+    assert f"Invalid value for '--memory': '{size}' is no size: write it like 2GB" in words
+
+
 def test_a_file_that_fits_into_memory_has_no_tiles(source, tmp_path):
     result = run("normals", source, tmp_path / "b.laz", "--memory", "4GB")
     assert result.exit_code == 0, result.output

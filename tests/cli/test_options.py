@@ -92,7 +92,7 @@ def test_columns_of_files_that_name_their_own_are_refused(source, tmp_path):
     out = tmp_path / "out.laz"
     for verb in ("normals", "plane"):
         line = error_line(run(verb, source, out, "--columns", "x=1,y=2"))
-        assert "street.laz: --columns x=1,y=2 is for text files" in line
+        assert "street.laz: --columns x=1,y=2 is for text, NPY, PLY and PCD" in line
     assert "is for text" in error_line(run("normals", tmp_path, out, "--columns", "x=1"))
 
 

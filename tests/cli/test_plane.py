@@ -443,14 +443,17 @@ def test_a_tolerance_has_the_unit_of_the_file_or_its_own(width, unit, wall_file,
     [
         (("--tolerance", "5mm"), "5mm is no number"),
         (("--tolerance", "5km", "--unit", "m"), "5km is no number"),
+        (("--tolerance", "5MM", "--unit", "m"), "5MM is no number. With a unit, it needs --unit"),
         (("--tolerance", "0"), "0 is not a number above 0"),
+        (("--tolerance", "5,5"), "5,5 is not a number above 0"),
         (("--tolerance", "nan"), "nan is no number"),
     ],
 )
 def test_widths_that_cannot_be_are_refused_before_the_work(options, words, wall_file, tmp_path):
     result = run("plane", wall_file, tmp_path / "out.laz", *options)
     assert result.exit_code == 2
-    assert words in " ".join(result.stderr.split())
+    told = " ".join(result.stderr.replace("│", "").split())
+    assert f"Invalid value for --tolerance: {words}" in told
     assert files_in(tmp_path) == ["wall.laz"]
 
 

@@ -3,6 +3,7 @@
 import html
 import os
 import re
+import shlex
 import sys
 
 import numpy as np
@@ -98,11 +99,34 @@ def test_parameters_are_all_there_and_defaults_are_marked(room_file, tmp_path):
     options = ("--cutoff", 4, "--strictness", "isolated", "--report", tmp_path / "r")
     assert run("denoise", room_file, tmp_path / "out.laz", *options).exit_code == 0
     words = words_of(tmp_path / "r" / "index.html")
-    assert "--strictness isolated --cutoff 4 --report" in words  # the command
+    assert "--cutoff 4 --strictness isolated --report" in words  # the command
     assert "--cutoff 4 --false-positive-rate none (default)" in words  # the table
     assert "--n-neighbors 50 (default)" in words
     assert "--strictness isolated --noise-scale the noise around each point (default)" in words
     assert "--quiet no (default)" in words
+
+
+def test_the_command_of_a_report_is_what_was_typed_and_runs(room_file, tmp_path):
+    typed = ["denoise", str(room_file), str(tmp_path / "o u.laz"), "--sensor", "102,102,110.5"]
+    typed += ["--ignore-class", "6,9", "--memory=1GB", "--noise-scale", "0.012345678", "-q"]
+    typed += ["--report", str(tmp_path / "r")]
+    assert run(*typed).exit_code == 0
+    page = (tmp_path / "r" / "index.html").read_text()
+    command = html.unescape(re.search(r'<pre class="command".*?>(.*?)</pre>', page)[1])
+    assert shlex.split(command) == ["mcmd", *typed]
+    words = words_of(tmp_path / "r" / "index.html")
+    for shown in ("--ignore-class 6,9", "--sensor 102,102,110.5", "--memory 1000000000"):
+        assert f"{shown} --" in words  # the table
+    assert "--noise-scale 0.012345678 --cutoff" in words
+
+
+def test_the_input_of_a_report_has_all_points_and_those_that_were_used(tmp_path):
+    xyz = np.random.default_rng(0).uniform(size=(400, 3)) * [9, 9, 0.01]
+    classes = np.repeat(np.uint8([6, 2]), [100, 300])
+    write_points(tmp_path / "a.laz", PointCloud(xyz, {"classification": classes}))
+    for options, told in (((), "points 400 x"), (("--ignore-class", 6), "points 400 used 300,")):
+        run("denoise", tmp_path / "a.laz", tmp_path / "o.laz", *options, "--report", tmp_path / "r")
+        assert told in words_of(tmp_path / "r" / "index.html")
 
 
 def test_flags_are_in_the_command_as_typed(room_file, tmp_path):

@@ -5,6 +5,7 @@ import pytest
 import typer
 from numpy.testing import assert_array_equal
 
+from commands import error_line, run
 from sklearn_mcmd.cli._sensor import (
     _position,
     check_one_position,
@@ -103,3 +104,13 @@ def test_a_file_that_may_be_recognized_is_planned_with_rays(tmp_path):
     assert work_if_seen("outliers", tmp_path) == "outliers"
     (tmp_path / "bad.las").write_bytes(b"LASF")
     assert work_if_seen("outliers", tmp_path / "bad.las") == "outliers"
+
+
+@pytest.mark.parametrize("options", [("--intensity",), ("--sensor", "0,0,9")])
+def test_the_strictness_of_the_paper_has_no_use_for_beams(tmp_path, options):
+    cloud = PointCloud(np.random.default_rng(0).uniform(size=(99, 3)), {"intensity": np.arange(99)})
+    write_points(tmp_path / "a.las", cloud)
+    args = ("denoise", tmp_path / "a.las", tmp_path / "b.las", "--strictness", "paper", *options)
+    line = error_line(run(*args))
+    told = f"give a --strictness other than the paper's, or leave {options[0]} out"
+    assert line.rstrip(".").endswith(told)

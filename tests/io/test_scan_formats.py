@@ -1,5 +1,7 @@
 """PLY, PCD and E57: encodings, colors, normals, poses and what is dropped."""
 
+import warnings
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -132,6 +134,46 @@ def test_e57_keeps_intensity_and_colors_and_says_what_it_loses(tmp_path, cloud):
     assert_array_equal(back.attributes["red"], value)
     assert_array_equal(back.attributes["intensity"], value)
     assert_allclose(back.xyz, cloud.xyz, rtol=1e-15)
+
+
+EXACT, COLORS = np.arange(40), ("red", "green", "blue")
+MISSING = np.where(EXACT == 3, np.nan, EXACT)
+
+
+@pytest.mark.parametrize(
+    ("attributes", "told"),
+    [
+        (dict.fromkeys(COLORS, np.uint16(EXACT * 257)), None),
+        (dict.fromkeys(COLORS, np.uint16(EXACT)), None),
+        (dict.fromkeys(COLORS, np.uint16(EXACT * 186)), "; rounded: red, green, blue"),
+        (dict.fromkeys(COLORS, EXACT / 40), "; not written: red, green, blue"),
+        ({"intensity": EXACT / 4}, None),
+        ({"intensity": EXACT / 3}, "; rounded: intensity"),
+        ({"intensity": np.uint32(EXACT + 2**24)}, "; rounded: intensity"),
+        ({"intensity": MISSING}, "; not written: intensity"),
+        ({"intensity": np.float32(MISSING)}, "; not written: intensity"),
+        ({"intensity": EXACT * 1e300}, "; not written: intensity"),
+        ({"intensity": EXACT / 3, "n": EXACT}, "; not written: n; rounded: intensity"),
+    ],
+)
+def test_e57_names_what_it_cannot_hold(tmp_path, cloud, attributes, told):
+    with warnings.catch_warnings(record=True, action="always") as shown:
+        write_points(tmp_path / "a.e57", PointCloud(cloud.xyz, attributes))
+    limits = "E57 holds coordinates, finite intensity of single precision and colors of 8 bits only"
+    assert [str(one.message) for one in shown] == ([limits + told] if told else [])
+    back = read_points(tmp_path / "a.e57").attributes
+    lost = (told or "").partition("not written: ")[2].partition(";")[0]
+    assert set(back) == set(attributes) - set(lost.split(", "))
+    if "intensity" in back:
+        assert_array_equal(back["intensity"], np.float32(attributes["intensity"]))
+
+
+@pytest.mark.parametrize("extension", [".ply", ".pcd"])
+def test_ply_and_pcd_keep_colors_of_sixteen_bits(tmp_path, extension):
+    colors = dict.fromkeys(COLORS, np.uint16(EXACT * 186))
+    write_points(tmp_path / "a.las", PointCloud(np.eye(3)[EXACT % 3], colors))
+    write_points(tmp_path / f"b{extension}", read_points(tmp_path / "a.las"))
+    assert_array_equal(read_points(tmp_path / f"b{extension}").attributes["red"], EXACT * 186)
 
 
 def test_e57_refuses_to_lose_the_outlier_mark(tmp_path, cloud):

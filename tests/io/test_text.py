@@ -1,13 +1,14 @@
 """Text however it is laid out."""
 
 import csv
+import warnings
 
 import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.io import PointFileError, _text, read_points
+from sklearn_mcmd.io import PointCloud, PointFileError, _text, read_points, write_points
 
 TEXTS = {
     "spaces": "1  2 3.5 4\n 5 6 7  8\n",
@@ -121,12 +122,12 @@ def test_columns_say_where_the_coordinates_are(tmp_path):
     assert_array_equal(cloud.attributes["z_value"], [3])
 
 
-def test_columns_are_for_axes_of_text(tmp_path):
+def test_columns_are_for_axes_of_formats_that_have_columns(tmp_path):
     with pytest.raises(PointFileError, match="must tell of x, y or z"):
         read(tmp_path, "a,b,c\n1,2,3\n", columns={"a": "x"})
-    np.save(tmp_path / "a.npy", np.eye(3))
-    with pytest.raises(PointFileError, match="is for text files"):
-        read_points(tmp_path / "a.npy", columns={"x": 1})
+    np.savez(tmp_path / "a.npz", np.eye(3))
+    with pytest.raises(PointFileError, match="is for text, NPY, PLY and PCD"):
+        read_points(tmp_path / "a.npz", columns={"x": 1})
 
 
 def test_whole_numbers_among_fractions_do_not_make_a_column_integer(tmp_path):
@@ -164,3 +165,42 @@ def test_quoted_fields_that_are_no_numbers_are_named(tmp_path, text, message):
     (tmp_path / "a.csv").write_text(text)
     with pytest.raises(PointFileError, match=message):
         read_points(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("first", [1_700_000_000_123_456_789, -(2**63), 2**64 - 2, 2**53])
+@pytest.mark.parametrize("rest", ["0.5", "", "wall"])  # of other columns
+def test_integers_beyond_double_precision_are_exact(tmp_path, first, rest):
+    rows = [f"1,2,3,{n},{rest}\n" for n in (first, first + 1)]
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*columns with words")
+        cloud = read(tmp_path, "é\nx,y,z,t,b\n" + "\n".join(rows), encoding="latin-1")
+    assert cloud.attributes["t"].tolist() == [first, first + 1]
+    write_points(tmp_path / "b.txt", cloud)
+    assert read_points(tmp_path / "b.txt").attributes["t"].tolist() == [first, first + 1]
+
+
+@pytest.mark.parametrize("other", ["", "1.0", str(2**64), "-1"])
+@pytest.mark.parametrize("order", [1, -1])
+def test_integers_that_must_be_rounded_are_named(tmp_path, other, order):
+    cells = [str(2**64 - 1), other][::order]
+    with pytest.warns(UserWarning, match="integers of t are rounded to 53 bits"):
+        cloud = read(tmp_path, "x,y,z,t\n" + "".join(f"1,2,3,{cell}\n" for cell in cells))
+    assert cloud.attributes["t"].dtype == np.float64
+
+
+@pytest.mark.parametrize("cell", ["1e300", "inf", str(10**20)])
+def test_large_numbers_that_double_precision_holds_stay_as_they_are(tmp_path, cell):
+    cloud = read(tmp_path, f"x,y,z,t\n1,2,3,5\n4,5,6,{cell}\n")
+    assert_array_equal(cloud.attributes["t"], [5, float(cell)])
+
+
+@pytest.mark.parametrize("extension", [".csv", ".txt", ".xyz"])
+@pytest.mark.parametrize("name", ["a;b", "a,b", "a b", 'a"b', 'a", b', ";", "#a"])
+def test_names_of_attributes_come_back(tmp_path, name, extension):
+    path = tmp_path / f"a{extension}"
+    write_points(path, PointCloud(np.eye(3), {name: np.arange(3), "q": np.arange(3) / 3}))
+    back = read_points(path)
+    assert list(back.attributes) == [name, "q"]
+    assert_array_equal(back.attributes[name], np.arange(3))
+    with pytest.raises(PointFileError, match=r"'a\\nb' has several lines"):
+        write_points(path, PointCloud(np.eye(3), {"a\nb": np.arange(3)}))

@@ -70,10 +70,18 @@ def test_errors_name_the_parameter(intensity, message):
             call(X, intensity=intensity)
 
 
-@pytest.mark.parametrize("parameters", [{"strictness": None}, {"n_neighbors": None}])
-def test_one_plane_has_no_use_for_it(parameters):
-    with pytest.raises(ValueError, match="intensity needs n_neighbors and a strictness"):
-        detector().set_params(**parameters).fit(X, intensity=LIGHT)
+@pytest.mark.parametrize(
+    ("parameters", "lacks"),
+    [
+        ({"strictness": None}, "a strictness other than the paper's"),
+        ({"n_neighbors": None}, "n_neighbors"),
+    ],
+)
+@pytest.mark.parametrize("given", [{"intensity": LIGHT}, {"sensor_origin": [0, 0, 9]}])
+def test_one_plane_has_no_use_for_it(parameters, lacks, given):
+    (name,) = given
+    with pytest.raises(ValueError, match=rf"^{name} has .* give {lacks}, or leave {name} out\.$"):
+        detector().set_params(**parameters).fit(X, **given)
 
 
 def test_it_passes_through_a_pipeline():

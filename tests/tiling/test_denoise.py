@@ -243,6 +243,15 @@ def test_a_run_whose_points_are_all_left_out_is_refused(size, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["a.las"]
 
 
+@pytest.mark.parametrize("name", ["ignore_classes", "only_classes"])
+@pytest.mark.parametrize("classes", [["6"], "6", [6.5], [600], [-1], [True], 7, [None]])
+def test_what_is_no_list_of_classes_is_refused(name, classes, tmp_path):
+    write_points(tmp_path / "a.las", street(400))
+    with pytest.raises(ValueError, match=rf"^{name}=.* is no list of classes, whole numbers from"):
+        process_files(tmp_path / "a.las", tmp_path / "b.las", DETECTOR, **{name: classes})
+    assert [p.name for p in tmp_path.iterdir()] == ["a.las"]
+
+
 def test_few_points_among_many_of_other_classes_are_judged_as_in_memory(tmp_path):
     cloud = street(3_000)
     classes = np.where(np.arange(3_000) % 7 == 0, 2, 1)
