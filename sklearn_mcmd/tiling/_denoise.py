@@ -7,6 +7,7 @@ from sklearn.base import clone
 
 from sklearn_mcmd._validation import check_sensor_origin
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, LowestPoints, classes_of_noise, ground_in
+from sklearn_mcmd.io._ground import HeightLimits
 from sklearn_mcmd.io._las import is_denoised, read_header
 from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.io._point_cloud import denoised_before, with_results, without_outliers
@@ -17,7 +18,7 @@ from sklearn_mcmd.outliers._volumes import lost_volumes, words_of
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part
 from sklearn_mcmd.tiling._cell_columns import CellColumns
-from sklearn_mcmd.tiling._heights import HeightLimits, Heights
+from sklearn_mcmd.tiling._heights import Heights
 from sklearn_mcmd.tiling._memory import PART, most_neighbors, sensed
 from sklearn_mcmd.tiling._outlier_job import Job, find_planes
 from sklearn_mcmd.tiling._outputs import write_outputs
