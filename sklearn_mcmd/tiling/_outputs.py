@@ -3,7 +3,7 @@
 import os
 
 from sklearn_mcmd.io import PointFileError
-from sklearn_mcmd.io._files import one_clear_line, replacing, supported_extensions
+from sklearn_mcmd.io._files import check_writable, one_clear_line, replacing, supported_extensions
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._las_parts import read_parts, writing_parts
 from sklearn_mcmd.runtime._progress import tell_share
@@ -50,17 +50,12 @@ def targets_of(catalog, target, as_folder=None):
                 )
         targets = [target / name for name in names]
     for path in targets:
-        if path.is_dir():
-            raise PointFileError(f"{path}: is a folder; name a file in it")
+        folder = target.parent if as_folder and not target.exists() else path.parent
+        check_writable(path, folder)
         if path.suffix.lower() not in EXTENSIONS:
             raise PointFileError(f"{path}: clouds beyond memory are written as .las or .laz only")
         if path.name.lower().endswith(".copc.laz"):
             raise PointFileError(f"{path}: COPC can be read but not written; write plain .laz")
-        if path.exists() and not os.access(path, os.W_OK):
-            raise PointFileError(f"{path}: the file is write-protected")
-        folder = target.parent if as_folder and not target.exists() else path.parent
-        if not folder.is_dir():
-            raise PointFileError(f"{path}: the folder {folder} does not exist")
         if not os.access(folder, os.W_OK):
             raise PointFileError(f"{path}: cannot be written; {folder} is write-protected")
     return targets
