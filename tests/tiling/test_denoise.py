@@ -395,3 +395,13 @@ def test_many_points_have_the_scores_of_memory(scene, strictness, by_tiles, tmp_
     expected = -in_memory(cloud, detector).scores_
     scores, _ = by_tiles(path, detector, tile_size=5_000, n_jobs=2)
     assert_array_equal(scores, expected)
+
+
+@pytest.mark.parametrize("digits", [0, 1, 9])
+@pytest.mark.parametrize("step", [1, 7, 400])
+def test_points_are_taken_evenly_in_the_order_of_their_coordinates(digits, step):
+    rng = np.random.default_rng(step)
+    xyz = np.unique(np.round(rng.normal(0, 3, (2_000, 3)), digits), axis=0)
+    ordered = xyz.copy()
+    rng.shuffle(xyz)
+    assert_array_equal(xyz[_denoise.evenly_along_x(xyz, step)], ordered[::step])
