@@ -12,9 +12,9 @@ from sklearn.ensemble import IsolationForest
 
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, SharpFeatureDetector
 from sklearn_mcmd.datasets import make_box, make_street
-from sklearn_mcmd.edges._painting import edge_columns
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.plotting._still import edge_columns
 from sklearn_mcmd.tiling import TilingError, _edges, _small_clouds, process_files
 from sklearn_mcmd.tiling._result_files import SCORED, Results
 from tiled import divide, is_killed, street
