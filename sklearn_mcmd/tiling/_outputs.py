@@ -15,20 +15,19 @@ from sklearn_mcmd.tiling._warnings import warn_caller
 __all__ = ["targets_of", "write_outputs"]
 
 
-def targets_of(catalog, target, as_folder=None):
+def targets_of(catalog, target):
     """The output of each input, or one for all of several inputs.
 
-    By default the target is a folder if there may be several inputs and its name is not that of a
-    LAS or LAZ file.
+    The target is a folder if there may be several inputs and its name is not that of a LAS or LAZ
+    file.
     """
     named_as_file = target.suffix.lower() in EXTENSIONS and not target.is_dir()
-    if as_folder is None:
-        as_folder = catalog.is_many and not named_as_file
-        if as_folder and target.suffix.lower() in supported_extensions() and not target.exists():
-            raise PointFileError(
-                f"{target}: several files become a folder, or one .las or .laz; {target.suffix} is "
-                "no name for either"
-            )
+    as_folder = catalog.is_many and not named_as_file
+    if as_folder and target.suffix.lower() in supported_extensions() and not target.exists():
+        raise PointFileError(
+            f"{target}: several files become a folder, or one .las or .laz; {target.suffix} is no "
+            "name for either"
+        )
     if not as_folder:
         targets = [target]
         if len(catalog) > 1:
