@@ -25,6 +25,7 @@ from sklearn_mcmd.tiling._outputs import write_outputs
 from sklearn_mcmd.tiling._result_files import (
     SCORED,
     Results,
+    fit_together,
     has_scores,
     scores_in_parts,
     tile_file,
@@ -37,11 +38,9 @@ from sklearn_mcmd.tiling._sensor_origins import (
     sensor_path,
     stored_origins,
 )
-from sklearn_mcmd.tiling._small_clouds import fit_together
 from sklearn_mcmd.tiling._stored_columns import ALL, whole_of
 from sklearn_mcmd.tiling._stored_index import StoredIndex, find_neighbors, find_places
-from sklearn_mcmd.tiling._sweeps import Sweeps
-from sklearn_mcmd.tiling._warnings import warn_caller, warn_if_coarse
+from sklearn_mcmd.tiling._sweeps import Sweeps, warn_caller, warn_if_coarse
 
 __all__ = ["Denoise", "check_detector", "cutoff_of", "evenly_along_x", "judge_cells"]
 

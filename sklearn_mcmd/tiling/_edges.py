@@ -30,13 +30,13 @@ from sklearn_mcmd.tiling._planes import FACES, OWN, PlaneJob, ends_of, find_plan
 from sklearn_mcmd.tiling._result_files import (
     SCORED,
     Results,
+    fit_together,
     has_scores,
     scores_in_parts,
     tile_file,
 )
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
 from sklearn_mcmd.tiling._sensor_origins import recognized
-from sklearn_mcmd.tiling._small_clouds import fit_together
 from sklearn_mcmd.tiling._stored_columns import whole_of
 from sklearn_mcmd.tiling._sweeps import Sweeps
 

@@ -10,7 +10,7 @@ from sklearn_mcmd.runtime._progress import tell_share
 from sklearn_mcmd.tiling._catalog import EXTENSIONS, stamp_of
 from sklearn_mcmd.tiling._memory import PART
 from sklearn_mcmd.tiling._publish_outputs import places_of
-from sklearn_mcmd.tiling._warnings import warn_caller
+from sklearn_mcmd.tiling._sweeps import warn_caller
 
 __all__ = ["targets_of", "write_outputs"]
 

@@ -19,7 +19,7 @@ from sklearn_mcmd.tiling._edges import Edges
 from sklearn_mcmd.tiling._normals import Normals
 from sklearn_mcmd.tiling._run import RunReport, run_by_tiles
 from sklearn_mcmd.tiling._segments import Segments
-from sklearn_mcmd.tiling._warnings import warn_caller
+from sklearn_mcmd.tiling._sweeps import warn_caller
 
 __all__ = ["process_files"]
 

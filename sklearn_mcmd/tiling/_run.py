@@ -36,8 +36,7 @@ from sklearn_mcmd.tiling._memory import (
 from sklearn_mcmd.tiling._outputs import targets_of
 from sklearn_mcmd.tiling._publish_outputs import move_outputs, resume_moves
 from sklearn_mcmd.tiling._sensor_origins import OriginWriter, SensorPath
-from sklearn_mcmd.tiling._sweeps import TilingError
-from sklearn_mcmd.tiling._warnings import warn_caller
+from sklearn_mcmd.tiling._sweeps import TilingError, warn_caller
 
 __all__ = ["Run", "RunReport", "Verb", "check_seed", "run_by_tiles", "warm_up"]
 
