@@ -8,7 +8,9 @@ from numpy.linalg import eigh
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lstsq, orth
 
-__all__ = ["PlaneAdjustment", "adjust_plane", "row_chunks", "weights_of"]
+from sklearn_mcmd.runtime._chunks import slices
+
+__all__ = ["PlaneAdjustment", "adjust_plane", "weights_of"]
 
 # Rows that are processed together. Their centered copy stays in the processor's cache, and it is
 # the most working memory that a pass needs.
@@ -93,7 +95,7 @@ class PlaneAdjustment:
         n = X.shape[0]
         residuals, cofactors = np.empty(n), np.empty(n)
         spread = cofactors if self.kernel is None else np.empty(n)
-        for rows in row_chunks(n):
+        for rows in slices(n, CHUNK):
             U, residuals[rows] = self.whiten(X[rows])
             cofactors[rows] = np.einsum("ij,ij->i", U, U) + 1 / self.sum_weights
             if self.kernel is not None:
@@ -118,7 +120,7 @@ class PlaneAdjustment:
     ) -> Self:
         """The same plane with the kernel of equivalent weights PW."""
         kernel = np.zeros((self.rank, self.rank))
-        for rows in row_chunks(len(X)):
+        for rows in slices(len(X), CHUNK):
             G = self.design(self.whiten(X[rows])[0])
             factor = robust_weights[rows] ** 2
             if weights is not None:
@@ -202,17 +204,11 @@ def weights_of(members, weights):
     return members.astype(float) if weights is None else members * weights
 
 
-def row_chunks(n):
-    """Slices that cover n rows, each small enough for the cache."""
-    for start in range(0, n, CHUNK):
-        yield slice(start, min(start + CHUNK, n))
-
-
 def _moments(X, origin, basis, weights):
     """Weighted count, sum and second moment of (X - origin) @ basis."""
     width = X.shape[1] if basis is None else basis.shape[1]
     total, first, second = 0.0, np.zeros(width), np.zeros((width, width))
-    for rows in row_chunks(X.shape[0]):
+    for rows in slices(len(X), CHUNK):
         local = X[rows] - origin
         if basis is not None:
             local = local @ basis

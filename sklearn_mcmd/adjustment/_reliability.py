@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sklearn_mcmd.adjustment._plane import row_chunks
+from sklearn_mcmd.adjustment._plane import CHUNK
 from sklearn_mcmd.adjustment._power import coupled_level, identifiable_bias, noncentrality
 from sklearn_mcmd.adjustment._precision import parameter_derivatives, tilt_direction
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED, critical_value
+from sklearn_mcmd.runtime._chunks import slices
 
 __all__ = ["PlaneReliability", "reliability_of"]
 
@@ -86,7 +87,7 @@ def reliability_of(plane, X, weights, support, redundancy, statistics, test, lev
     own, share = plane.design(plane.whiten(X[worst])[0]), np.zeros(len(X))
     share[inside] = p[inside] / redundancy[inside]
     partners, most, columns = np.full(n_worst, -1), np.zeros(n_worst), np.arange(n_worst)
-    for rows in row_chunks(len(X)):
+    for rows in slices(len(X), CHUNK):
         U, residuals = plane.whiten(X[rows])
         gross[rows] *= residuals / np.where(inside[rows], redundancy[rows], 1.0)
         # An error e of observation i changes the whitened parameters by g_i p_i e.

@@ -97,16 +97,18 @@ def edges(
             return _by_tiles(
                 source, target, catalog, params, colors, memory, restart, report, quiet, seconds
             )
+        from sklearn_mcmd.plotting._still import edge_columns
+
         with progress("edges", quiet):
             cloud = _files.read(source, target, "edges", columns=columns)
             if colors is None:
                 colors = not has_colors(cloud)
             nothing = _files.blank(cloud)
-            _files.rehearse(target, with_results(cloud, _results(nothing > 0, nothing, colors)))
+            _files.rehearse(target, with_results(cloud, edge_columns(nothing > 0, nothing, colors)))
             with _files.working(source):
                 detector = _detector(params).fit(_files.coordinates(cloud))
             is_edge, score = _verdict(detector)
-            _files.write(target, with_results(cloud, _results(is_edge, score, colors)))
+            _files.write(target, with_results(cloud, edge_columns(is_edge, score, colors)))
             write_report_of(report, source, target, seconds, lambda: _contents(cloud, detector))
         if not quiet:
             edges = _messages.count_and_share(is_edge)
@@ -168,9 +170,3 @@ def _contents(cloud, detector):
     n_outliers = np.count_nonzero(~detector.inlier_mask_)
     cards = [(f"{n_outliers:,}", "outliers that were left out")]
     return edges_contents(shown, detector.criterion, np.count_nonzero(is_edge), limit, cards)
-
-
-def _results(is_edge, score, colors):
-    from sklearn_mcmd.edges._painting import edge_columns
-
-    return edge_columns(is_edge, score, colors)

@@ -177,16 +177,10 @@ def rehearse(target, cloud, noise=None, *, whole=True):
 @contextmanager
 def standing_in(target):
     """A path beside `target` for trial writing; errors name `target` itself."""
-    from sklearn_mcmd.io._files import system_error
+    from sklearn_mcmd.io._files import check_writable, system_error
 
-    real = Path(os.path.realpath(target))
+    real = check_writable(target)
     try:
-        if real.is_dir():
-            raise ValueError(f"{target}: is a folder; name a file in it")
-        if not real.parent.is_dir():
-            raise ValueError(f"{target}: the folder {real.parent} does not exist")
-        if real.exists() and not os.access(real, os.W_OK):
-            raise ValueError(f"{target}: the file is write-protected")
         with (
             tempfile.TemporaryDirectory(prefix=".mcmd-", dir=real.parent) as folder,
             warnings.catch_warnings(),

@@ -101,7 +101,7 @@ class Judged(NamedTuple):
 def judged_points(source, cloud, choice, above=None, below=None, low_groups=False):
     """The `Judged` points of a cloud; errors name its source."""
     from sklearn_mcmd.io._files import one_clear_line
-    from sklearn_mcmd.io._ground import ground_of, heights_over_ground
+    from sklearn_mcmd.io._ground import NONE_JUDGED, HeightLimits, ground_of, heights_over_ground
     from sklearn_mcmd.io._point_cloud import PointFileError
 
     with one_clear_line(source, "read"):
@@ -113,13 +113,7 @@ def judged_points(source, cloud, choice, above=None, below=None, low_groups=Fals
             ground = ground_of(cloud)
         if above is not None or below is not None:
             heights = heights_over_ground(cloud.xyz, ground)
-            judged = used.copy()
-            if above is not None:
-                judged &= heights > above
-            if below is not None:
-                judged &= heights < below
+            judged = used & HeightLimits(above, below).judged(heights)
         if not judged.any():
-            raise PointFileError(
-                "no points are judged: all are withheld, of other classes, or at other heights"
-            )
+            raise PointFileError(NONE_JUDGED)
     return Judged(used, judged, ground)

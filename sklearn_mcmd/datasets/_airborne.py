@@ -10,9 +10,8 @@ from sklearn.utils import Bunch
 from sklearn_mcmd._sklearn import Interval, validate_params
 from sklearn_mcmd.datasets._sensing import SENSOR_PARAMETERS, Beams, Junk, Sensor, Trajectory, sense
 from sklearn_mcmd.datasets._surfaces import Patch
-from sklearn_mcmd.datasets._things import capped, car, house, wire
+from sklearn_mcmd.datasets._things import World, capped, car, house, wire
 from sklearn_mcmd.datasets._vegetation import Grass, tree
-from sklearn_mcmd.datasets._world import World
 
 # Meters. The scene lies in 0 <= x <= 80, 0 <= y <= 60.
 _SIZE = np.array([80.0, 60.0])

@@ -11,9 +11,8 @@ from sklearn.utils import Bunch
 from sklearn_mcmd._sklearn import Interval, validate_params
 from sklearn_mcmd.datasets._sensing import SENSOR_PARAMETERS, Beams, Junk, Sensor, sense
 from sklearn_mcmd.datasets._surfaces import Cylinder, Patch
-from sklearn_mcmd.datasets._things import box, wire
+from sklearn_mcmd.datasets._things import World, box, wire
 from sklearn_mcmd.datasets._vegetation import leaves
-from sklearn_mcmd.datasets._world import World
 
 # Meters. The camera looks along y, somewhat down.
 _CAMERA = np.array([0.0, 0.0, 1.35])

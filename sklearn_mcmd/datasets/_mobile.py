@@ -28,9 +28,8 @@ from sklearn_mcmd.datasets._sensing import (
     sense,
 )
 from sklearn_mcmd.datasets._surfaces import Cylinder, Patch
-from sklearn_mcmd.datasets._things import box, capped, car, wire
+from sklearn_mcmd.datasets._things import World, box, capped, car, wire
 from sklearn_mcmd.datasets._vegetation import Grass, leaves, tree
-from sklearn_mcmd.datasets._world import World
 
 # Meters. The street lies in 0 <= x <= 15; the vehicle drives along y = -1.5.
 _LENGTH, _LANE_Y, _HEIGHT = 15.0, -1.5, 2.2

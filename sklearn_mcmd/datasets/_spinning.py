@@ -16,9 +16,8 @@ from sklearn_mcmd.datasets._sensing import (
     sense,
 )
 from sklearn_mcmd.datasets._surfaces import Patch
-from sklearn_mcmd.datasets._things import box, capped, car, house
+from sklearn_mcmd.datasets._things import World, box, capped, car, house
 from sklearn_mcmd.datasets._vegetation import Grass, hedge, leaves, tree
-from sklearn_mcmd.datasets._world import World
 
 # Meters; the sensor is the origin, and this the ground.
 _GROUND, _REACH = -1.5, 100.0

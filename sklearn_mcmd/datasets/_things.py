@@ -1,4 +1,4 @@
-"""Things that stand in simulated scenes: posts, boxes, cars, houses, wires."""
+"""Things that stand in simulated scenes: posts, boxes, cars, houses, wires; and all of a scene."""
 
 from itertools import pairwise
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from sklearn_mcmd.datasets._panels import Disc, Polygon
 from sklearn_mcmd.datasets._road import UP
-from sklearn_mcmd.datasets._surfaces import Cylinder, Patch
+from sklearn_mcmd.datasets._surfaces import Cylinder, Patch, Soft
 
 #: Pieces of a sagging wire.
 _PIECES = 6
@@ -17,6 +17,24 @@ class Wire(Cylinder):
 
     def normals(self, points):
         return np.full((len(points), 3), np.nan)
+
+
+class World:
+    """Parts of a scene by their class: lists of parts, or of lists of them.
+
+    ``through`` says of each part whether a beam may go past it and meet something else.
+    """
+
+    def __init__(self, classes):
+        self.class_names = list(classes)
+        parts = [_flat(things) for things in classes.values()]
+        self.parts = _flat(parts)
+        self.class_of = np.repeat(np.arange(len(parts)), list(map(len, parts)))
+        self.through = np.array([isinstance(part, (Soft, Wire)) for part in self.parts])
+
+    def distance(self, points):
+        """Distance of any points (n, 3) to the nearest part."""
+        return np.min([part.distance(points) for part in self.parts], axis=0)
 
 
 def wire(name, start, end, sag, thickness):
@@ -122,3 +140,7 @@ def house(name, foot, turn, size, eaves, ridge):
         *(part for x in (-0.5 * a, 0.1 * a) for y in (-0.5 * b, 0.5 * b)
           for part in block(x, y, (0.9, 0.25 * b), dormer)),
     ]  # fmt: skip
+
+
+def _flat(things):
+    return [part for some in things for part in (some if isinstance(some, list) else [some])]

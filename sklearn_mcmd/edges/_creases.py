@@ -12,7 +12,7 @@ import numpy as np
 from sklearn_mcmd.edges._faces import OFF, Faces, are_faces, give_faces, measure_spacing
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._record import Neighborhoods
-from sklearn_mcmd.runtime._chunks import each_chunk, run
+from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._progress import progress_part
 
 __all__ = ["FAR", "CreaseModel"]
@@ -105,8 +105,7 @@ class CreaseModel:
         def task(part):
             indices[part] = self.index.query_own(part).indices
 
-        step = max(1, CHUNK // (k * d))
-        run([(slice(i, i + step),) for i in range(0, n, step)], task, self.n_jobs, told=True)
+        each_slice(n, max(1, CHUNK // (k * d)), task, self.n_jobs)
         return Neighborhoods(indices, np.full(n, k))
 
     def _search(self, queries):
@@ -124,12 +123,11 @@ class CreaseModel:
         """Call `work` with rows of queries and their neighborhoods."""
         n, k = around.indices.shape
         step = max(1, CHUNK // (k * (self.points.shape[1] if width is None else width)))
-        parts = [np.arange(start, min(start + step, n)) for start in range(0, n, step)]
 
         def task(part):
             work(part, around.take(part))
 
-        run([(part,) for part in parts], task, self.n_jobs, told=True)
+        each_slice(n, step, task, self.n_jobs)
 
     def _measure_spacing(self, around):
         planes, even = self.planes, self.index.empty(len(self.points))

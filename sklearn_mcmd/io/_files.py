@@ -31,6 +31,7 @@ from sklearn_mcmd.io._text import read_text, write_text
 
 __all__ = [
     "check_file",
+    "check_writable",
     "one_clear_line",
     "read_points",
     "replacing",
@@ -290,6 +291,22 @@ def check_file(path):
         raise PointFileError("is empty (0 bytes)")
 
 
+def check_writable(path, folder=None):
+    """The file behind a path, which links lead to; raise if it cannot be written in its folder."""
+    target = Path(os.path.realpath(path))
+    folder = target.parent if folder is None else folder
+    with one_clear_line(path, "written"):
+        if not folder.is_dir():
+            raise PointFileError(f"the folder {folder} does not exist")
+        if target.is_dir():
+            raise PointFileError("is a folder; name a file in it")
+        if target.exists() and not target.is_file():
+            raise PointFileError("is not a regular file")
+        if target.exists() and not os.access(target, os.W_OK):
+            raise PointFileError("the file is write-protected")
+    return target
+
+
 def _extension(path):
     extension = path.suffix.lower()
     if extension not in _FORMATS:
@@ -316,16 +333,7 @@ def _mask(noise, n_points):
 @contextmanager
 def replacing(path):
     """A temporary name beside ``path``; its file replaces ``path`` when the block succeeds."""
-    target = Path(os.path.realpath(path))  # a link stays a link: the file behind it is replaced
-    with one_clear_line(path, "written"):
-        if not target.parent.is_dir():
-            raise PointFileError(f"the folder {target.parent} does not exist")
-        if target.is_dir():
-            raise PointFileError("is a folder; name a file in it")
-        if target.exists() and not target.is_file():
-            raise PointFileError("is not a regular file")
-        if target.exists() and not os.access(target, os.W_OK):
-            raise PointFileError("the file is write-protected")
+    target = check_writable(path)  # a link stays a link: the file behind it is replaced
     temporary = target.with_name(f".mcmd-{secrets.token_hex(8)}{target.suffix.lower()}")
     try:
         with one_clear_line(path, "written"):

@@ -1,5 +1,8 @@
 """Heights over the ground, where points have the class ground."""
 
+from numbers import Real
+from typing import NamedTuple
+
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -10,7 +13,9 @@ from sklearn_mcmd.io._point_cloud import PointFileError
 
 __all__ = [
     "CORNERS",
+    "NONE_JUDGED",
     "Ground",
+    "HeightLimits",
     "check_ground",
     "depths_of_groups",
     "ground_of",
@@ -23,6 +28,34 @@ CORNERS = 3  # of a triangle of ground points, as of the ground's triangulation
 # fall apart, and its parts are smaller than it.
 LINKED = 16
 AT_ONCE = 100_000  # points whose nearest are asked for at once
+NONE_JUDGED = "no points are judged: all are withheld, of other classes, or at other heights"
+
+
+class HeightLimits(NamedTuple):
+    """Which points are judged by their height over the ground, and whether groups below it are."""
+
+    above: float | None = None
+    below: float | None = None
+    low_groups: bool = False
+
+    @classmethod
+    def of(cls, above, below, low_groups):
+        """The limits, None if no heights are asked for; raises for what is no height."""
+        for name, value in {"above": above, "below": below}.items():
+            if value is not None and not (isinstance(value, Real) and np.isfinite(value)):
+                raise ValueError(f"{name}={value!r} must be a finite number, or None.")
+        above, below = (None if value is None else float(value) for value in (above, below))
+        limits = cls(above, below, bool(low_groups))
+        return None if limits == cls() else limits
+
+    def judged(self, heights):
+        """Which points are judged."""
+        judged = np.ones(len(heights), bool)
+        if self.above is not None:
+            judged &= heights > self.above
+        if self.below is not None:
+            judged &= heights < self.below
+        return judged
 
 
 class Ground:

@@ -9,7 +9,13 @@ from sklearn_mcmd.io._classes import LOW_NOISE
 from sklearn_mcmd.io._grid import LARGEST, fits, offset_of, scale_of
 from sklearn_mcmd.io._las_structure import check_structure
 from sklearn_mcmd.io._laz import read_compressed_points, write_compressed
-from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, flat_columns, import_extra
+from sklearn_mcmd.io._point_cloud import (
+    COLORS,
+    PointCloud,
+    PointFileError,
+    flat_columns,
+    import_extra,
+)
 from sklearn_mcmd.io._waveforms import place_waveforms
 
 __all__ = [
@@ -26,7 +32,6 @@ __all__ = [
 
 FIRST_WITH_HIGH_NOISE = 6  # point format
 USER_DEFINED = 32767  # GeoTIFF's code for a system without a code
-COLORS = ("red", "green", "blue")
 COLORED_FORMAT = {0: 2, 1: 3, 4: 5, 6: 7, 9: 10}  # from point format to the same with colors
 WIDER = {"i2", "i4", "u4", "i8", "u8"}  # dtypes that may hold colors of 8 bits
 EXTRA_DTYPES = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"}

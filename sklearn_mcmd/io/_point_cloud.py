@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn_mcmd import _extras
 
 __all__ = [
+    "COLORS",
     "PointCloud",
     "PointFileError",
     "check_room",

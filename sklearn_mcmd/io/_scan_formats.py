@@ -9,6 +9,7 @@ import numpy as np
 
 from sklearn_mcmd.io._arrays import cloud_from_records
 from sklearn_mcmd.io._point_cloud import (
+    COLORS,
     PointCloud,
     PointFileError,
     check_room,
@@ -24,7 +25,6 @@ PLY_DTYPES = {"i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"}
 PCD_DTYPES = PLY_DTYPES | {"i8", "u8"}
 # Viewers expect normals in PLY under these names; in all other formats they have ours.
 PLY_NORMALS = {"nx": "normal_x", "ny": "normal_y", "nz": "normal_z"}
-COLORS = ("red", "green", "blue")
 DENOISED = "outliers removed by sklearn-mcmd"
 MERGED = "cloud without setup"  # name of a scan whose pose is no place of a scanner
 LONGEST_HEADER = 2**20  # bytes of a PLY's

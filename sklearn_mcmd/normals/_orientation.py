@@ -42,7 +42,7 @@ class Sides:
             raise ValueError('sensor_origin is given but orientation is not "sensor".')
         if orientation is None or named == "mst":
             return cls(tree=named == "mst")
-        direction = _check_vector(orientation, "orientation", d)
+        direction = _check_vector(orientation, d)
         if not direction.any():
             raise ValueError("orientation as a direction must not be zero.")
         return cls(direction=direction)
@@ -95,10 +95,10 @@ def _nearest(index, queries, n_jobs):
     return index.nearest(queries, effective_n_jobs(n_jobs))
 
 
-def _check_vector(vector, name, d):
-    vector = check_array(vector, ensure_2d=False, dtype=np.float64, input_name=name)
+def _check_vector(vector, d):
+    vector = check_array(vector, ensure_2d=False, dtype=np.float64, input_name="orientation")
     if vector.shape != (d,):
         raise ValueError(
-            f"{name} must have shape ({d},) as X has {d} features, got {vector.shape}."
+            f"orientation must have shape ({d},) as X has {d} features, got {vector.shape}."
         )
     return vector

@@ -276,7 +276,7 @@ class SurfacePlanes:
         asking, best = asking[best >= 0], best[best >= 0]
         cosine = np.einsum("md,md->m", own.normals[asking], members.normals[best])
         angle = np.degrees(np.arccos(np.minimum(np.abs(cosine), 1.0)))
-        leans = _leans(angle, own.normal_error[asking], members.normal_error[best])
+        leans = _leans(angle, members.normal_error[best])
         lenders[asking[leans]] = best[leans]
         return lenders
 
@@ -292,7 +292,7 @@ class SurfacePlanes:
         planes.put(rows, lent._replace(normal_error=error))
 
 
-def _leans(angle, own_error, lent_error):
+def _leans(angle, lent_error):
     """Whether normals differ by more than those of one surface do. A plane that leans by less is
     the least noisy of many by chance, and no better."""
     return angle > np.sqrt(-2 * np.log(CHANCE)) * lent_error

@@ -4,7 +4,7 @@ import numpy as np
 
 from sklearn_mcmd.planes._around import ratio
 
-__all__ = ["are_flat_groups", "are_pieces", "gaps_of_groups", "separation_of_groups"]
+__all__ = ["are_flat_groups", "gaps_of_groups", "separation_of_groups"]
 
 
 def are_flat_groups(points, group, flat):
@@ -21,16 +21,6 @@ def are_flat_groups(points, group, flat):
     spare = np.maximum(spare, 1)
     off = deviations[:, 0] * np.sqrt(sizes / spare) * (1 + 1 / np.sqrt(2 * spare))
     return (deviations[:, -1] > 0) & (flat * off <= deviations[:, -1])
-
-
-def are_pieces(gaps, gaps_there, distances):
-    """Whether points of flat groups belong to one thing with those that they are near to.
-
-    They do if at least one of both groups is as near to the other as to anything real. `gaps` (m,)
-    are the distances to that of the group of each point, `gaps_there` (m, w) of that of each
-    neighbor, 0 if it is no piece, and `distances` (m, w) are how far away that is.
-    """
-    return (distances <= np.maximum(gaps[:, None], gaps_there)) & (gaps_there > 0)
 
 
 def gaps_of_groups(group, gaps):

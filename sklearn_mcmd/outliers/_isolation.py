@@ -2,24 +2,9 @@
 
 import numpy as np
 
-from sklearn_mcmd.planes._around import ratio
-
-__all__ = [
-    "chosen_rows",
-    "isolation_of",
-    "mean_distance",
-    "mean_distance_to_rest",
-    "steps_between",
-    "usual_of",
-]
+__all__ = ["chosen_rows", "mean_distance", "mean_distance_to_rest"]
 
 AT_ONCE = 1_000_000  # rows that are copied
-
-
-def usual_of(spacings, share):
-    """The spacing (m,) that is usual among the nearest points on surfaces, (m, k)."""
-    place = int(share * spacings.shape[1])
-    return np.partition(spacings, place, axis=1)[:, place]
 
 
 def mean_distance_to_rest(queries, distances, counts, box, n_near):
@@ -30,16 +15,6 @@ def mean_distance_to_rest(queries, distances, counts, box, n_near):
     extent = np.linalg.norm(extent, axis=1)
     distances = np.where(np.isinf(distances), extent[:, None], distances)
     return mean_distance(distances, counts, n_near)
-
-
-def isolation_of(among_rest, among_all, usual, rest_weight):
-    """Most weight is on off-surface points: what lies near surfaces may be alone off them."""
-    return ratio(among_rest**rest_weight * among_all ** (1 - rest_weight), usual)
-
-
-def steps_between(usual, usual_there, distances):
-    """Distances (m, w) to neighbors in usual spacings, the smaller of both points'."""
-    return ratio(distances, np.minimum(usual[:, None], usual_there))
 
 
 def mean_distance(distances, counts, n_near):

@@ -18,7 +18,7 @@ from sklearn_mcmd.outliers._surfaces import (
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import small_sample_inflation
-from sklearn_mcmd.runtime._chunks import each_chunk, each_slice, run
+from sklearn_mcmd.runtime._chunks import each_chunk, each_slice, run, slices
 from sklearn_mcmd.runtime._progress import progress_part
 
 __all__ = ["JudgedCloud", "Judgement", "both_spacings", "joined_scores", "least_of"]
@@ -222,7 +222,7 @@ class JudgedCloud:
             part = points[rows]
             distances[rows] = own_distances(part, self.planes.take(rows), self._floor(part, 0.0))
 
-        run([(slice(i, i + chunk),) for i in range(0, n, chunk)], measure, self.n_jobs)
+        run([(rows,) for rows in slices(n, chunk)], measure, self.n_jobs)
         (least, _), barred = least_of(k, n, n), None
         if self.origins is not None:
             self.rays = RayEvidence(index, self.origins, self.planes, limits, self.n_jobs)

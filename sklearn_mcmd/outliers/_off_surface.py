@@ -6,19 +6,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from sklearn_mcmd.outliers._groups import (
-    are_flat_groups,
-    are_pieces,
-    gaps_of_groups,
-    separation_of_groups,
-)
-from sklearn_mcmd.outliers._isolation import (
-    chosen_rows,
-    isolation_of,
-    mean_distance_to_rest,
-    steps_between,
-    usual_of,
-)
+from sklearn_mcmd.outliers._groups import are_flat_groups, gaps_of_groups, separation_of_groups
+from sklearn_mcmd.outliers._isolation import chosen_rows, mean_distance_to_rest
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._linking import connected
@@ -165,10 +154,11 @@ class OffSurface:
     def _usual(self, queries, n_jobs):
         """Spacing that is usual on the surfaces around queries."""
         n_usual = min(self.limits.n_usual, len(self.reference_spacing))
-        usual = np.empty(len(queries))
+        usual, place = np.empty(len(queries)), int(self.quantile * n_usual)
 
         def measure(rows, distances, near):
-            usual[rows] = usual_of(self.reference_spacing[near], self.quantile)
+            spacings = self.reference_spacing[near]
+            usual[rows] = np.partition(spacings, place, axis=1)[:, place]
 
         self.reference.visit(queries, n_usual, measure, n_jobs)
         return usual
@@ -226,7 +216,9 @@ class OffSurface:
 
         def link(some, distances, near):
             own = rows[some]
-            i, j = np.nonzero(are_pieces(gap[own], gap[near], distances))
+            # One of both groups, at least, is as near to the other as to anything real.
+            pieces = distances <= np.maximum(gap[own, None], gap[near])
+            i, j = np.nonzero(pieces & (gap[near] > 0))
             pair = np.stack([groups[own[i]], group_there[near[i, j]]])
             pairs.append(np.unique(pair, axis=1))
 
@@ -244,11 +236,14 @@ class OffSurface:
         return mean_distance_to_rest(queries, distances, counts, box, self.limits.n_near)
 
     def _isolated(self, among_rest, among_all, usual):
-        return isolation_of(among_rest, among_all, usual, self.limits.rest_weight)
+        """Most weight is on off-surface points: what lies near surfaces may be alone off them."""
+        weight = self.limits.rest_weight
+        return ratio(among_rest**weight * among_all ** (1 - weight), usual)
 
     def _steps(self, usual, distances, near):
+        """Distances (m, w) to neighbors in usual spacings, the smaller of both points'."""
         usual_there = np.append(self.usual, np.inf)[near]  # the last is that of a missing one
-        return steps_between(usual, usual_there, distances)
+        return ratio(distances, np.minimum(usual[:, None], usual_there))
 
     def _gaps(self, queries, n_jobs):
         """Distances of queries to the nearest point that is real."""

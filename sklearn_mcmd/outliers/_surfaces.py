@@ -9,14 +9,7 @@ from sklearn_mcmd.planes._flatness import are_flat
 from sklearn_mcmd.planes._linking import LinkLimits, connected_planes
 from sklearn_mcmd.runtime._chunks import each_slice
 
-__all__ = [
-    "SurfaceLimits",
-    "distances_to_surfaces",
-    "find_surfaces",
-    "link_limits",
-    "own_distances",
-    "usable_planes",
-]
+__all__ = ["SurfaceLimits", "distances_to_surfaces", "find_surfaces", "own_distances"]
 
 NEAREST = ExplainLimits(likely=False)
 
@@ -49,23 +42,14 @@ def find_surfaces(index, planes, distances, least, limits, barred=None):
     are near each other, their planes explain each other's point and their normals agree. A surface
     is a connected part of at least `least` points. Those that are barred can be part of none.
     """
-    usable, links = usable_planes(planes, distances, limits), link_limits(limits)
+    usable = are_flat(planes, limits.flat) & (distances <= limits.explained)
     if barred is not None:
         usable &= ~barred
+    cosine = float(np.cos(np.radians(limits.angle)))
+    links = LinkLimits(cosine, limits.explained, both_near=True)
     width = min(limits.n_links, index.n_neighbors)
     labels, sizes = connected_planes(index, width, planes, links, usable)
     return usable & (sizes >= least)[labels]
-
-
-def usable_planes(planes, distances, limits):
-    """Which points may be part of a surface: bool (n,)."""
-    return are_flat(planes, limits.flat) & (distances <= limits.explained)
-
-
-def link_limits(limits):
-    """When two of these are linked."""
-    cosine = float(np.cos(np.radians(limits.angle)))
-    return LinkLimits(cosine, limits.explained, both_near=True)
 
 
 def own_distances(queries, planes, floor):

@@ -7,7 +7,7 @@ import numpy as np
 from sklearn_mcmd._validation import check_extent
 from sklearn_mcmd.planes._plane import surface_variation
 from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.runtime._chunks import run
+from sklearn_mcmd.runtime._chunks import run, slices
 
 __all__ = ["Columns", "column_names", "joined_columns", "plane_offsets", "split_columns"]
 
@@ -57,7 +57,7 @@ class Columns(NamedTuple):
             planes.centroids[part] = self.coordinates[some] + self.offset[some][:, None] * normals
             planes.scale[part] = self.scale[some]
 
-        run([(part,) for part in _chunks(len(rows))], task, n_jobs)
+        run([(part,) for part in slices(len(rows), CHUNK)], task, n_jobs)
         return planes
 
 
@@ -79,8 +79,7 @@ def joined_columns(X, normals, eigenvalues, *others):
 def plane_offsets(planes, normals, X):
     """Signed distances (n,) of planes from their points X, along the normals."""
     offset = np.empty(len(X))
-    for start in range(0, len(X), ROWS_AT_ONCE):
-        rows = slice(start, start + ROWS_AT_ONCE)
+    for rows in slices(len(X), ROWS_AT_ONCE):
         np.einsum("nd,nd->n", planes.centroids[rows] - X[rows], normals[rows], out=offset[rows])
     return offset
 
@@ -127,12 +126,8 @@ def _cut(X, d, n_jobs):
         if not _are_planes(normals[part], variation[part], own):
             wrong.append(part)
 
-    run([(part,) for part in _chunks(len(X))], task, n_jobs)
+    run([(part,) for part in slices(len(X), CHUNK)], task, n_jobs)
     return None if wrong else Columns(coordinates, normals, variation, eigenvalues, offset, scale)
-
-
-def _chunks(n):
-    return [slice(start, start + CHUNK) for start in range(0, n, CHUNK)]
 
 
 def _are_planes(normals, variation, eigenvalues):

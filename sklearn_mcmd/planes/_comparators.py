@@ -2,7 +2,7 @@
 
 from dataclasses import fields
 
-__all__ = ["comparator_names", "register_comparator", "settle_comparator"]
+__all__ = ["register_comparator", "settle_comparator"]
 
 _COMPARATORS: dict[str, type] = {}
 
@@ -17,15 +17,10 @@ def register_comparator(name, kind):
     _COMPARATORS[name] = kind
 
 
-def comparator_names():
-    """The names registered so far, in order."""
-    return sorted(_COMPARATORS)
-
-
 def settle_comparator(method, method_params=None):
     """The method with this name and its parameters; errors name what is unknown or wrong."""
     if method not in _COMPARATORS:
-        raise ValueError(f"method={method!r} is none of {', '.join(comparator_names())}.")
+        raise ValueError(f"method={method!r} is none of {', '.join(sorted(_COMPARATORS))}.")
     kind, params = _COMPARATORS[method], dict(method_params or {})
     known = sorted(field.name for field in fields(kind))
     unknown = sorted(str(name) for name in params if name not in known)

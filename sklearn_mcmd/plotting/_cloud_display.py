@@ -1,7 +1,6 @@
 """What displays of clouds share: how they are made and drawn, legends, and checks."""
 
 from abc import ABC, abstractmethod
-from numbers import Integral
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.plotting._still import plot_cloud
 from sklearn_mcmd.plotting._views import thinned
+from sklearn_mcmd.view._page import check_count
 
 __all__ = [
     "FOUND",
@@ -128,7 +128,7 @@ class CloudDisplay(ABC):
         return "perspective"
 
     def _draw(self, picture, view, max_points, ax):
-        _check_count(max_points, "max_points")
+        check_count(max_points, "max_points")
         rows = thinned(picture.labels, max_points)
         self._ax = plot_cloud(
             self.xyz[rows], color=picture.colors[rows], view=view, scale_bar=True, ax=ax
@@ -163,8 +163,3 @@ def one_for_each(values, points, name):
     if values.shape != (len(points),):
         raise ValueError(f"{name} must have shape ({len(points)},), got {values.shape}.")
     return values
-
-
-def _check_count(value, name):
-    if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
-        raise ValueError(f"{name} must be a whole number of at least 1, got {value!r}.")

@@ -13,6 +13,7 @@ __all__ = [
     "ball_picture",
     "check_points",
     "draw_ball",
+    "edge_columns",
     "normal_colors",
     "plot_before_after",
     "plot_cloud",
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+# Red, green, blue of surfaces and of edges in files.
+SURFACE_COLOR, EDGE_COLOR = (170, 170, 170), (215, 30, 30)
 OUTLIER_COLOR = (0.84, 0.10, 0.11)
 # Of the ball in the picture of normals: left, bottom, width and height as shares of the axes.
 BALL_PLACE, BALL_PIXELS = (0.02, 0.72, 0.18, 0.18), 121
@@ -254,6 +257,15 @@ def region_columns(labels, paints):
     columns = {"region": labels.astype(np.int32)}
     if paints:
         bits = np.rint(255 * region_colors(labels)).astype(np.uint8)
+        columns |= dict(zip(COLORS, bits.T.copy(), strict=True))
+    return columns
+
+
+def edge_columns(is_edge, score, paints):
+    """Labels and scores of points (n,), and colors of 8 bits if it `paints`."""
+    columns = {"edge": is_edge.astype(np.uint8), "edge_score": score.astype(np.float32)}
+    if paints:
+        bits = np.where(is_edge[:, None], EDGE_COLOR, SURFACE_COLOR).astype(np.uint8)
         columns |= dict(zip(COLORS, bits.T.copy(), strict=True))
     return columns
 

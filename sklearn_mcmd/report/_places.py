@@ -76,7 +76,7 @@ def place_sections(places, xyz, found, near, noun):
         f"The fullest cells of a grid of {places.side:g} in plan, seen from above; "
         f"{len(places.n_all):,} cells hold points."
     )
-    heights = height_rows(xyz[near, 2], found[near], noun)
+    heights = height_rows(xyz[near, 2], found[near])
     return (
         intro
         + cells
@@ -85,7 +85,7 @@ def place_sections(places, xyz, found, near, noun):
     )
 
 
-def height_rows(z, found, noun):
+def height_rows(z, found):
     """Bands of height, the highest first: name, number in words, and share of the largest bar."""
     low, high = float(z.min()), float(z.max())
     side = round_length((high - low) / BANDS) if high > low else 1.0

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from sklearn_mcmd.runtime._progress import current_span
 
-__all__ = ["ORDER_FROM", "each_chunk", "each_slice", "run", "spatial_order"]
+__all__ = ["ORDER_FROM", "each_chunk", "each_slice", "run", "slices", "spatial_order"]
 
 ORDER_FROM = 10_000  # below this many points the order of memory does not matter
 COARSE_LEAF = 256
@@ -19,13 +19,27 @@ def each_chunk(queries, size, work, n_jobs):
     """Call ``work(rows)`` with chunks of the rows of queries (m, d); a chunk is near in space."""
     n = len(queries)
     order = spatial_order(queries) if n >= ORDER_FROM else np.arange(n)
-    _watched([(order[i : i + size], min(size, n - i)) for i in range(0, n, size)], work, n, n_jobs)
+    each_slice(n, size, lambda rows: work(order[rows]), n_jobs)
 
 
 def each_slice(n, size, work, n_jobs):
     """Call ``work(rows)`` with slices of n rows, which are already in spatial order."""
-    parts = [(slice(i, min(i + size, n)), min(size, n - i)) for i in range(0, n, size)]
-    _watched(parts, work, n, n_jobs)
+    span, n_done, lock = current_span(), 0, Lock()
+
+    def task(rows):
+        nonlocal n_done
+        work(rows)
+        if span is not None:
+            with lock:
+                n_done += rows.stop - rows.start
+                span.tell(n_done / n)
+
+    run([(rows,) for rows in slices(n, size)], task, n_jobs)
+
+
+def slices(n, size, first=0):
+    """Slices of at most `size` rows, from the first up to n."""
+    return [slice(start, min(start + size, n)) for start in range(first, n, size)]
 
 
 def spatial_order(X):
@@ -33,25 +47,11 @@ def spatial_order(X):
     return cKDTree(X, leafsize=COARSE_LEAF, balanced_tree=False, compact_nodes=False).indices
 
 
-def run(tasks, work, n_jobs, *, told=False):
+def run(tasks, work, n_jobs):
     """Call ``work(*task)`` for each task, in threads if there is more than one.
 
-    With `told`, listeners are told how many are done.
+    They are threads of our own: joblib's take 10 to 30 ms to begin and to end.
     """
-    span, n_done, lock = current_span() if told else None, 0, Lock()
-
-    def watched(*task):
-        nonlocal n_done
-        work(*task)
-        with lock:
-            n_done += 1
-            span.tell(n_done / len(tasks))
-
-    _run(tasks, work if span is None else watched, n_jobs)
-
-
-def _run(tasks, work, n_jobs):
-    """In threads of our own: joblib's take 10 to 30 ms to begin and to end."""
     todo, errors = deque(tasks), []
 
     def work_off():
@@ -87,17 +87,3 @@ def _n_threads(n_jobs):
     """Threads of ``Parallel(n_jobs, require="sharedmem")``."""
     backend, n_usual = get_active_backend(require="sharedmem")
     return backend.effective_n_jobs(n_usual if n_jobs is None else n_jobs)
-
-
-def _watched(parts, work, n, n_jobs):
-    span, n_done, lock = current_span(), 0, Lock()
-
-    def task(rows, count):
-        nonlocal n_done
-        work(rows)
-        if span is not None:
-            with lock:
-                n_done += count
-                span.tell(n_done / n)
-
-    _run(parts, task, n_jobs)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
-from sklearn_mcmd.runtime._chunks import run
+from sklearn_mcmd.runtime._chunks import run, slices
 from sklearn_mcmd.segmentation._graph import CUTOFF
 from sklearn_mcmd.segmentation._region_sums import region_sizes, relabeled, rows_of
 
@@ -98,12 +98,9 @@ class Claims:
             )  # fmt: skip
             owner[part] = np.where((found >= 0) & (share <= self.cutoff), labels[found], -1)
 
-        self._each_part(len(rows), task)
-        return owner
-
-    def _each_part(self, m, task):
         step = max(1, CHUNK // self.index.n_neighbors)
-        run([(slice(start, start + step),) for start in range(0, m, step)], task, self.n_jobs)
+        run([(part,) for part in slices(len(rows), step)], task, self.n_jobs)
+        return owner
 
 
 class _Around:

@@ -5,11 +5,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from sklearn_mcmd.runtime._chunks import run
+from sklearn_mcmd.runtime._chunks import run, slices
 from sklearn_mcmd.segmentation._graph import CUTOFF
 from sklearn_mcmd.segmentation._region_sums import (
+    PART,
     median_by_region,
-    parts_of,
     region_moments,
     relabeled,
 )
@@ -127,7 +127,7 @@ def _pairs_in_a_plane(sizes, centroids, covariances, noise, n_jobs=None):
     rank = np.argsort(np.argsort(sizes[flat], kind="stable"), kind="stable")
     centroids, covariances, normals = centroids[flat], covariances[flat], normals[flat]
     (scale, own), rounding, reach = noise[flat].T, rounding[flat], length[flat]
-    parts = [slice(start, start + CHUNK) for start in range(0, len(flat), CHUNK)]
+    parts = slices(len(flat), CHUNK)
     found = [np.empty((0, 3))] * (len(parts) + 1)
 
     def search(place, rows):
@@ -177,7 +177,7 @@ def _parts(points, labels, whole, pairs, most, boxes):
         np.maximum.at(highest, one, high[other] + reach)
     asked = np.append(np.isfinite(least[:, 0]), False)
     parts = {region: [] for region in np.flatnonzero(asked).tolist()}
-    for rows in parts_of(len(labels)):
+    for rows in slices(len(labels), PART):
         region = whole[labels[rows]]
         inside = np.flatnonzero(asked[region])
         some, region = points[rows][inside], region[inside]

@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._plane import fit_planes
 from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.runtime._chunks import run
+from sklearn_mcmd.runtime._chunks import run, slices
 from sklearn_mcmd.segmentation._graph import (
     CUTOFF,
     by_place,
@@ -213,8 +213,7 @@ class RestFaces:
         return found
 
     def _each_part(self, m, task):
-        step = max(1, CHUNK // self.k)
-        run([(slice(start, start + step),) for start in range(0, m, step)], task, self.n_jobs)
+        run([(part,) for part in slices(m, max(1, CHUNK // self.k))], task, self.n_jobs)
 
 
 def _replace(planes, rows, others):

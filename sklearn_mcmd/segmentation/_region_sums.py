@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import coo_array
 
-from sklearn_mcmd.runtime._chunks import run
+from sklearn_mcmd.runtime._chunks import run, slices
 
 __all__ = [
+    "PART",
     "Moments",
     "median_by_region",
-    "parts_of",
     "region_moments",
     "region_sizes",
     "relabeled",
@@ -55,15 +55,10 @@ class Moments(NamedTuple):
     high: np.ndarray
 
 
-def parts_of(n):
-    """Slices of n rows."""
-    return [slice(start, min(start + PART, n)) for start in range(0, n, PART)]
-
-
 def region_sizes(labels, n_regions, weights=None):
     """Points of each region from 0 on, or the sum of their whole weights: float64."""
     sizes = np.zeros(n_regions + 1)
-    for rows in parts_of(len(labels)):
+    for rows in slices(len(labels), PART):
         some = None if weights is None else weights[rows]
         sizes += np.bincount(labels[rows] + 1, some, n_regions + 1)  # those of -1 come first
     return sizes[1:]
@@ -72,7 +67,7 @@ def region_sizes(labels, n_regions, weights=None):
 def relabeled(labels, number):
     """The new number of each point's region: the last of `number` is that of -1."""
     found = np.empty(len(labels), labels.dtype)
-    for rows in parts_of(len(labels)):
+    for rows in slices(len(labels), PART):
         found[rows] = number[labels[rows]]
     return found
 
@@ -80,7 +75,7 @@ def relabeled(labels, number):
 def rows_of(labels, wanted):
     """Rows whose region is wanted; the last of `wanted` tells of -1."""
     rows = [np.empty(0, np.intp)]
-    for part in parts_of(len(labels)):
+    for part in slices(len(labels), PART):
         rows.append(part.start + np.flatnonzero(wanted[labels[part]]))
     return np.concatenate(rows)
 
@@ -166,8 +161,8 @@ def region_moments(points, labels, n_regions, weights=None, number=None, n_jobs=
 
 def sums_by_region(values, labels, n_regions, number=None, n_jobs=None):
     """Sums (n_regions,) of values that are not negative; the other parameters as above."""
-    slices, parts = parts_of(len(labels)), _Parts(labels, number, n_jobs)
-    most = max((float(values[rows].max(initial=0.0)) for rows in slices), default=0.0)
+    parts = _Parts(labels, number, n_jobs)
+    most = max((float(values[rows].max(initial=0.0)) for rows in parts.slices), default=0.0)
     extent = np.full(n_regions, np.frexp(most)[1])
     bits = np.full(n_regions, np.frexp(float(max(len(labels), 1)))[1])
     sums = np.zeros((2, n_regions))
@@ -202,7 +197,7 @@ def median_by_region(values, labels, n_regions):
 def _medians(values, labels, number, n_regions):
     """Medians of some regions, which `number` numbers anew."""
     own, numbers = [], []
-    for rows in parts_of(len(labels)):
+    for rows in slices(len(labels), PART):
         some = number[labels[rows]]
         inside = np.flatnonzero(some >= 0)
         own.append(values[rows][inside])
@@ -282,7 +277,7 @@ class _Parts:
 
     def __init__(self, labels, number, n_jobs):
         self.labels, self.number, self.n_jobs = labels, number, n_jobs
-        self.slices, self.kept = parts_of(len(labels)), {}
+        self.slices, self.kept = slices(len(labels), PART), {}
 
     def visit(self, work):
         """Call ``work(groups, lock)`` for the groups of each part."""

@@ -7,6 +7,7 @@ from sklearn.base import clone
 
 from sklearn_mcmd._validation import check_sensor_origin
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, LowestPoints, classes_of_noise, ground_in
+from sklearn_mcmd.io._ground import HeightLimits
 from sklearn_mcmd.io._las import is_denoised, read_header
 from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.io._point_cloud import denoised_before, with_results, without_outliers
@@ -17,14 +18,14 @@ from sklearn_mcmd.outliers._volumes import lost_volumes, words_of
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part
 from sklearn_mcmd.tiling._cell_columns import CellColumns
-from sklearn_mcmd.tiling._heights import HeightLimits, Heights
+from sklearn_mcmd.tiling._heights import Heights
 from sklearn_mcmd.tiling._memory import PART, most_neighbors, sensed
 from sklearn_mcmd.tiling._outlier_job import Job, find_planes
 from sklearn_mcmd.tiling._outputs import write_outputs
-from sklearn_mcmd.tiling._quantiles import evenly_along_x, exceeded_by
 from sklearn_mcmd.tiling._result_files import (
     SCORED,
     Results,
+    fit_together,
     has_scores,
     scores_in_parts,
     tile_file,
@@ -37,13 +38,11 @@ from sklearn_mcmd.tiling._sensor_origins import (
     sensor_path,
     stored_origins,
 )
-from sklearn_mcmd.tiling._small_clouds import fit_together
 from sklearn_mcmd.tiling._stored_columns import ALL, whole_of
 from sklearn_mcmd.tiling._stored_index import StoredIndex, find_neighbors, find_places
-from sklearn_mcmd.tiling._sweeps import Sweeps
-from sklearn_mcmd.tiling._warnings import warn_caller, warn_if_coarse
+from sklearn_mcmd.tiling._sweeps import Sweeps, warn_caller, warn_if_coarse
 
-__all__ = ["Denoise", "check_detector", "cutoff_of", "judge_cells"]
+__all__ = ["Denoise", "check_detector", "cutoff_of", "evenly_along_x", "judge_cells"]
 
 WARM_UP = 3_000  # points that load or compile the code
 # The ends of the work on heights and on scores, as a share of the time, and then of each sweep.
@@ -218,9 +217,11 @@ def judge_cells(job, cells, columns, n_workers, cutoff):
             _judge(job, cells, whole, n_workers * job.n_threads)
     if job.detector.false_positive_rate is not None:
         return columns.report(ALL, "cutoff")["cutoff"]
-    if share_to_flag(job.detector) is not None:
-        parts = partial(scores_in_parts, job.columns, n_cells)
-        return exceeded_by(parts, share_to_flag(job.detector))
+    share = share_to_flag(job.detector)
+    if share is not None:  # all scores are in memory: 16 bytes for each
+        scores = np.concatenate(list(scores_in_parts(job.columns, n_cells)))
+        np.negative(scores, out=scores)
+        return -np.percentile(scores, 100 * share, overwrite_input=True)
     return cutoff
 
 
@@ -270,3 +271,16 @@ def _simulated_cutoff(job, model, whole):
     with listen_to_progress(None):
         settings = {**job.settings, "n_jobs": 1}
         return calibrated_cutoff(model, settings, job.detector.false_positive_rate, rows)
+
+
+def evenly_along_x(points, step):
+    """Rows of every step-th of distinct points (n, 3) in the order of their coordinates."""
+    x, ranks = np.array(points[:, 0]), np.arange(0, len(points), step)
+    ordered = np.sort(x)
+    wanted = ordered[ranks]
+    before = np.searchsorted(ordered, wanted)
+    del ordered
+    # Only points with such an x are sorted by all coordinates.
+    rows = np.flatnonzero(wanted[np.searchsorted(wanted[:-1], x)] == x)
+    rows = rows[np.lexsort(points[rows].T[::-1])]
+    return rows[np.searchsorted(x[rows], wanted) + ranks - before]

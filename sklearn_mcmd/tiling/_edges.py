@@ -8,7 +8,6 @@ from sklearn.base import clone
 
 from sklearn_mcmd.edges._detector import crease_width, steps_of
 from sklearn_mcmd.edges._limits import least_of_edge
-from sklearn_mcmd.edges._painting import edge_columns
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.runtime._progress import progress_part
@@ -31,13 +30,13 @@ from sklearn_mcmd.tiling._planes import FACES, OWN, PlaneJob, ends_of, find_plan
 from sklearn_mcmd.tiling._result_files import (
     SCORED,
     Results,
+    fit_together,
     has_scores,
     scores_in_parts,
     tile_file,
 )
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
 from sklearn_mcmd.tiling._sensor_origins import recognized
-from sklearn_mcmd.tiling._small_clouds import fit_together
 from sklearn_mcmd.tiling._stored_columns import whole_of
 from sklearn_mcmd.tiling._sweeps import Sweeps
 
@@ -119,6 +118,8 @@ class Edges(Verb):
         }  # fmt: skip
 
     def make(self, cloud, values, xyz):
+        from sklearn_mcmd.plotting._still import edge_columns
+
         scores = values[:, 0]
         paints = not has_colors(cloud) if self.colors is None else self.colors
         told = scores if self.by_distance else -scores

@@ -5,15 +5,13 @@ divided in plan and searched in plan. Their heights lie where other cells have r
 """
 
 from functools import partial
-from numbers import Real
-from typing import NamedTuple
 
 import numpy as np
 
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._classes import ground_in
-from sklearn_mcmd.io._ground import CORNERS, Ground, group_depths
+from sklearn_mcmd.io._ground import CORNERS, NONE_JUDGED, Ground, group_depths
 from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
 from sklearn_mcmd.tiling._memory import bytes_of_groups
@@ -27,36 +25,9 @@ from sklearn_mcmd.tiling._result_files import (
 from sklearn_mcmd.tiling._search import SLACK, asking, by_distance, near_box
 from sklearn_mcmd.tiling._sweeps import Sweeps
 
-__all__ = ["GROUND", "GroundWriter", "HeightLimits", "Heights"]
+__all__ = ["GROUND", "GroundWriter", "Heights"]
 
 GROUND = "ground"  # the folder of the ground's cells
-
-
-class HeightLimits(NamedTuple):
-    """Which points are judged by their height over the ground, and whether groups below it are."""
-
-    above: float | None = None
-    below: float | None = None
-    low_groups: bool = False
-
-    @classmethod
-    def of(cls, above, below, low_groups):
-        """The limits, None if no heights are asked for; raises for what is no height."""
-        for name, value in {"above": above, "below": below}.items():
-            if value is not None and not (isinstance(value, Real) and np.isfinite(value)):
-                raise ValueError(f"{name}={value!r} must be a finite number, or None.")
-        above, below = (None if value is None else float(value) for value in (above, below))
-        limits = cls(above, below, bool(low_groups))
-        return None if limits == cls() else limits
-
-    def judged(self, heights):
-        """Which points are judged."""
-        judged = np.ones(len(heights), bool)
-        if self.above is not None:
-            judged &= heights > self.above
-        if self.below is not None:
-            judged &= heights < self.below
-        return judged
 
 
 class GroundWriter(CellWriter):
@@ -85,10 +56,7 @@ class Heights:
         self._sweep("heights", find_heights, points=self.run.folder.cells)
         n_judged = self.columns.total(n_cells, "heights", "n_judged")
         if not n_judged:
-            raise PointFileError(
-                f"{self.run.catalog.paths[0]}: no points are judged: all are withheld, of other "
-                "classes, or at other heights"
-            )
+            raise PointFileError(f"{self.run.catalog.paths[0]}: {NONE_JUDGED}")
         if self.limits.low_groups and not self.columns.is_done("all", "groups"):
             n_below = self.columns.total(n_cells, "heights", "n_below")
             self._find_groups(n_cells, n_below)

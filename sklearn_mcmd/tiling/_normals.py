@@ -15,6 +15,7 @@ from sklearn_mcmd.tiling._planes import OWN, PlaneJob, ends_of, find_planes, has
 from sklearn_mcmd.tiling._result_files import (
     NORMAL_COLUMNS,
     Results,
+    fit_together,
     has_scores,
     normal_columns,
     result_dtype,
@@ -22,7 +23,6 @@ from sklearn_mcmd.tiling._result_files import (
 )
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
 from sklearn_mcmd.tiling._sensor_origins import check_one_origin, sensor_path, stored_origins
-from sklearn_mcmd.tiling._small_clouds import fit_together
 from sklearn_mcmd.tiling._stored_columns import whole_of
 from sklearn_mcmd.tiling._sweeps import Sweeps
 

@@ -9,11 +9,12 @@ from sklearn.base import clone
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._model import JudgedCloud
 from sklearn_mcmd.planes._base import model_of
+from sklearn_mcmd.runtime._chunks import slices
 from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._cloud_constants import Constants
 from sklearn_mcmd.tiling._stored_columns import whole_of
-from sklearn_mcmd.tiling._stored_index import StoredIndex, chunks_of
+from sklearn_mcmd.tiling._stored_index import CHUNK, StoredIndex
 
 __all__ = ["Job", "find_planes"]
 
@@ -76,7 +77,7 @@ def find_planes(cell, job):
     own = whole.rows(cell)
     judged = job.judged(StoredIndex(whole), job.n_threads)
     if job.paper:
-        distances = [_paper_scores(judged, rows) for rows in chunks_of(own)]
+        distances = [_paper_scores(judged, rows) for rows in slices(own.stop, CHUNK, own.start)]
         whole.put(cell, distances=np.concatenate(distances))
     else:
         judged.counts = whole.open("counts")

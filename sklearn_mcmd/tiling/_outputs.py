@@ -3,32 +3,31 @@
 import os
 
 from sklearn_mcmd.io import PointFileError
-from sklearn_mcmd.io._files import one_clear_line, replacing, supported_extensions
+from sklearn_mcmd.io._files import check_writable, one_clear_line, replacing, supported_extensions
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._las_parts import read_parts, writing_parts
 from sklearn_mcmd.runtime._progress import tell_share
 from sklearn_mcmd.tiling._catalog import EXTENSIONS, stamp_of
 from sklearn_mcmd.tiling._memory import PART
 from sklearn_mcmd.tiling._publish_outputs import places_of
-from sklearn_mcmd.tiling._warnings import warn_caller
+from sklearn_mcmd.tiling._sweeps import warn_caller
 
 __all__ = ["targets_of", "write_outputs"]
 
 
-def targets_of(catalog, target, as_folder=None):
+def targets_of(catalog, target):
     """The output of each input, or one for all of several inputs.
 
-    By default the target is a folder if there may be several inputs and its name is not that of a
-    LAS or LAZ file.
+    The target is a folder if there may be several inputs and its name is not that of a LAS or LAZ
+    file.
     """
     named_as_file = target.suffix.lower() in EXTENSIONS and not target.is_dir()
-    if as_folder is None:
-        as_folder = catalog.is_many and not named_as_file
-        if as_folder and target.suffix.lower() in supported_extensions() and not target.exists():
-            raise PointFileError(
-                f"{target}: several files become a folder, or one .las or .laz; {target.suffix} is "
-                "no name for either"
-            )
+    as_folder = catalog.is_many and not named_as_file
+    if as_folder and target.suffix.lower() in supported_extensions() and not target.exists():
+        raise PointFileError(
+            f"{target}: several files become a folder, or one .las or .laz; {target.suffix} is no "
+            "name for either"
+        )
     if not as_folder:
         targets = [target]
         if len(catalog) > 1:
@@ -50,17 +49,12 @@ def targets_of(catalog, target, as_folder=None):
                 )
         targets = [target / name for name in names]
     for path in targets:
-        if path.is_dir():
-            raise PointFileError(f"{path}: is a folder; name a file in it")
+        folder = target.parent if as_folder and not target.exists() else path.parent
+        check_writable(path, folder)
         if path.suffix.lower() not in EXTENSIONS:
             raise PointFileError(f"{path}: clouds beyond memory are written as .las or .laz only")
         if path.name.lower().endswith(".copc.laz"):
             raise PointFileError(f"{path}: COPC can be read but not written; write plain .laz")
-        if path.exists() and not os.access(path, os.W_OK):
-            raise PointFileError(f"{path}: the file is write-protected")
-        folder = target.parent if as_folder and not target.exists() else path.parent
-        if not folder.is_dir():
-            raise PointFileError(f"{path}: the folder {folder} does not exist")
         if not os.access(folder, os.W_OK):
             raise PointFileError(f"{path}: cannot be written; {folder} is write-protected")
     return targets

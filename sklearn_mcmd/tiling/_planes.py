@@ -30,7 +30,7 @@ from sklearn_mcmd.tiling._cloud_constants import Constants
 from sklearn_mcmd.tiling._sensor_origins import stored_origins
 from sklearn_mcmd.tiling._stored_columns import ALL, whole_of
 from sklearn_mcmd.tiling._stored_index import StoredIndex, find_larger, find_neighbors, find_places
-from sklearn_mcmd.tiling._warnings import warn_if_coarse
+from sklearn_mcmd.tiling._sweeps import warn_if_coarse
 
 __all__ = [
     "FACES",

@@ -21,7 +21,7 @@ from sklearn_mcmd.tiling._edges import Edges
 from sklearn_mcmd.tiling._normals import Normals
 from sklearn_mcmd.tiling._run import RunReport, run_by_tiles
 from sklearn_mcmd.tiling._segments import Segments
-from sklearn_mcmd.tiling._warnings import warn_caller
+from sklearn_mcmd.tiling._sweeps import warn_caller
 
 __all__ = ["process_files"]
 
@@ -50,7 +50,6 @@ def process_files(
     memory: str | float | None = None,
     n_jobs: int | None = None,
     tile_size: int | None = None,
-    as_folder: bool | None = None,
     restart: bool = False,
 ) -> RunReport:
     """Write what an estimator finds in files larger than memory, equal to what it finds in memory.
@@ -114,9 +113,6 @@ def process_files(
         processors; fewer, where the memory asks for it.
     tile_size : int, default=None
         Largest number of points in a tile; None is what the memory allows.
-    as_folder : bool, default=None
-        Whether `target` is a folder. None means that it is, if `source` is a folder, an index or
-        several files, and `target` is not named as a file.
     restart : bool, default=False
         Whether to forget what an earlier run has left. By default a run with the same inputs and
         parameters goes on where the earlier one ended.
@@ -189,7 +185,7 @@ def process_files(
     estimator = clone(estimator).set_params(**numbers)
     options = {name: given[name][0] for name in verb.options}
     verb = verb(estimator, **options)
-    report = run_by_tiles(verb, source, target, memory, n_jobs, tile_size, as_folder, restart)
+    report = run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart)
     if report.together:
         warn_caller(report.together)
     return report

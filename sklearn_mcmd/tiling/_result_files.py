@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from sklearn.base import clone
 
 from sklearn_mcmd.tiling._cell_columns import in_place_of
 
@@ -13,6 +14,7 @@ __all__ = [
     "SCORED",
     "VERDICTS",
     "Results",
+    "fit_together",
     "has_scores",
     "normal_columns",
     "result_dtype",
@@ -27,6 +29,8 @@ NORMAL_COLUMNS = (
 )
 # Columns of `transform` before the features: coordinates, normals, variation, eigenvalues, plane.
 N_TRANSFORMED = 12
+# Points that may be fitted at once; only copies make a cloud of few places so large.
+MOST_COPIES = 1_000_000
 # Results that wait in memory to be written: of a tile, and bytes of all of them.
 WAITING, WAITING_BYTES = 2048, 50e6
 
@@ -124,3 +128,30 @@ def write_results(folder, cell, rows, values, dtype):
     results["row"], results["values"] = rows, values.reshape(results["values"].shape)
     with in_place_of(tile_file(folder, cell)) as temporary:
         temporary.write_bytes(results.data)  # unlike tofile, it says why it fails
+
+
+def fit_together(estimator, cells, dtype, words, origins=None):
+    """An estimator fitted to all points of a cloud in the order of the inputs, and `put`.
+
+    Clouds of so few places are worked on in one piece, by other code than tiles.
+    ``put(folder, values, dtype)`` writes values of these points as results. `words` tell where the
+    points are, such as " at 600 places", for the error. `origins` are where the sensor was for
+    each point of the inputs.
+    """
+    n_points = int(cells.counts.sum())
+    if n_points > MOST_COPIES:
+        raise ValueError(f"{n_points:,} points{words} are no cloud to be divided into tiles")
+    records = [cells.read(cell) for cell in range(len(cells))]
+    rows, points = (np.concatenate([part[name] for part in records]) for name in ("row", "xyz"))
+    order = np.argsort(rows)
+    fitted = clone(estimator)
+    given = {} if origins is None else {"sensor_origin": origins[rows[order]]}
+    fitted.fit(points[order].astype(dtype), **given)
+    places, ends = np.empty_like(order), np.cumsum([len(part) for part in records])[:-1]
+    places[order] = np.arange(len(order))
+
+    def put(folder, values, dtype):
+        for cell, some in enumerate(np.split(places, ends)):
+            write_results(folder, cell, records[cell]["row"], values[some], dtype)
+
+    return fitted, put

@@ -36,8 +36,7 @@ from sklearn_mcmd.tiling._memory import (
 from sklearn_mcmd.tiling._outputs import targets_of
 from sklearn_mcmd.tiling._publish_outputs import move_outputs, resume_moves
 from sklearn_mcmd.tiling._sensor_origins import OriginWriter, SensorPath
-from sklearn_mcmd.tiling._sweeps import TilingError
-from sklearn_mcmd.tiling._warnings import warn_caller
+from sklearn_mcmd.tiling._sweeps import TilingError, warn_caller
 
 __all__ = ["Run", "RunReport", "Verb", "check_seed", "run_by_tiles", "warm_up"]
 
@@ -156,13 +155,13 @@ class Verb(ABC):
         return 0
 
 
-def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, as_folder, restart):
+def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
     """Run a verb, or go on where an earlier run has ended; returns its `RunReport`."""
     begin = time.perf_counter()
     check_tile_size(tile_size)
     memory = usual_memory() if memory is None else parse_memory(memory)
     catalog = source if isinstance(source, Catalog) else Catalog(source)
-    targets = targets_of(catalog, Path(target), as_folder)
+    targets = targets_of(catalog, Path(target))
     if not restart and (report := _finished_before(verb, catalog, target, targets)):
         return report
     if verb.sensor is not None:

@@ -24,13 +24,11 @@ from sklearn_mcmd.tiling._planes import (
     find_planes,
     told_planes,
 )
-from sklearn_mcmd.tiling._result_files import LABELED, Results, write_results
+from sklearn_mcmd.tiling._result_files import LABELED, Results, fit_together, write_results
 from sklearn_mcmd.tiling._run import Verb, warm_up
-from sklearn_mcmd.tiling._small_clouds import fit_together
 from sklearn_mcmd.tiling._stored_columns import ALL, whole_of
 from sklearn_mcmd.tiling._stored_index import StoredIndex
-from sklearn_mcmd.tiling._sweeps import Sweeps
-from sklearn_mcmd.tiling._warnings import warn_caller
+from sklearn_mcmd.tiling._sweeps import Sweeps, warn_caller
 
 __all__ = ["Segments"]
 

@@ -21,7 +21,7 @@ from sklearn_mcmd.io._trajectory import (
 from sklearn_mcmd.outliers._view import view_from_origin
 from sklearn_mcmd.tiling._memory import PART
 from sklearn_mcmd.tiling._stored_columns import made
-from sklearn_mcmd.tiling._warnings import warn_caller
+from sklearn_mcmd.tiling._sweeps import warn_caller
 
 __all__ = [
     "OriginWriter",

@@ -7,13 +7,12 @@ from sklearn_mcmd.planes._linking import farthest_neighbors
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex, padded, within_radius
 from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.planes._self_search import SelfSearch
-from sklearn_mcmd.runtime._chunks import ORDER_FROM, each_slice, spatial_order
+from sklearn_mcmd.runtime._chunks import ORDER_FROM, each_slice, slices, spatial_order
 from sklearn_mcmd.tiling._search import StoredNearest
 from sklearn_mcmd.tiling._stored_columns import whole_of
 
 __all__ = [
     "StoredIndex",
-    "chunks_of",
     "find_larger",
     "find_neighbors",
     "find_places",
@@ -60,7 +59,7 @@ class StoredIndex:
         near = self._whole.open("near")
         if near.shape[1] > self.n_neighbors:
             near, stored = self.empty((len(near), self.n_neighbors), np.int32), near
-            for rows in chunks_of(slice(0, len(near))):
+            for rows in slices(len(near), CHUNK):
                 near[rows] = stored[rows, : self.n_neighbors]
         return Neighborhoods(near, np.full(len(near), self.n_neighbors))
 
@@ -187,9 +186,3 @@ def _search_own(points, near, n_threads):
 
     each_slice(len(points), CHUNK, task, n_threads)
     return bounds
-
-
-def chunks_of(rows):
-    """Slices of a slice."""
-    starts = range(rows.start, rows.stop, CHUNK)
-    return [slice(start, min(start + CHUNK, rows.stop)) for start in starts]

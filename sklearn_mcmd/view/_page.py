@@ -23,7 +23,7 @@ from sklearn_mcmd.io._units import length_unit
 from sklearn_mcmd.view._attributes import free_name, is_wanted, plan_attributes
 from sklearn_mcmd.view._encoding import Grid, pack_points, shuffled
 
-__all__ = ["MAX_POINTS", "CloudPage", "cloud_page"]
+__all__ = ["MAX_POINTS", "CloudPage", "check_count", "cloud_page"]
 
 MAX_POINTS = 5_000_000
 # WebGL takes float32; the products of its matrices must be finite too.
@@ -104,7 +104,7 @@ class CloudPage:
         self.n_shown = n_shown
         self.error = error
         self.spacing = spacing
-        _check_count(height, "height")
+        check_count(height, "height")
         self.height = height
         self.drawn_error = drawn_error
 
@@ -161,7 +161,7 @@ def cloud_page(
     """Make a page of clouds; :func:`sklearn_mcmd.plotting.view` describes the parameters."""
     if len(clouds) == 0:
         raise ValueError("A page needs at least one cloud, got none.")
-    _check_count(max_points, "max_points")
+    check_count(max_points, "max_points")
     if max_points < len(clouds):
         raise ValueError(
             f"max_points must be at least the number of clouds, {len(clouds)}, got {max_points}."
@@ -357,7 +357,7 @@ def _as_cloud(cloud):
     return cloud, rows
 
 
-def _check_count(value, name):
+def check_count(value, name):
     if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
         raise ValueError(f"{name} must be a whole number of at least 1, got {value!r}.")
 

@@ -7,8 +7,8 @@ from typer.testing import CliRunner
 from sklearn_mcmd import SharpFeatureDetector
 from sklearn_mcmd.cli import app
 from sklearn_mcmd.datasets import make_box
-from sklearn_mcmd.edges._painting import EDGE_COLOR, SURFACE_COLOR
 from sklearn_mcmd.io import PointCloud, read_points, write_points
+from sklearn_mcmd.plotting._still import EDGE_COLOR, SURFACE_COLOR
 
 
 @pytest.fixture(scope="module")

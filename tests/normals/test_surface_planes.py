@@ -51,7 +51,7 @@ def test_normals_of_one_plane_lean_by_chance_alone():
     error = np.full(50_000, 3.0)
     tilts = np.random.default_rng(0).normal(0, 3.0 / np.sqrt(2), (2, 2, 50_000))
     angle = np.hypot(*(tilts[0] - tilts[1]))
-    assert_allclose(_leans(angle, error, error).mean(), CHANCE, rtol=0.05)
+    assert_allclose(_leans(angle, error).mean(), CHANCE, rtol=0.05)
 
 
 def test_points_next_to_an_edge_borrow_the_plane_of_their_face():

@@ -35,7 +35,7 @@ def test_the_fullest_cells_come_first_and_empty_ones_not_at_all():
 def test_heights_count_every_point_once_from_the_top():
     z = cloud()[:, 2]
     found = z > 3
-    rows = height_rows(z, found, "outliers")
+    rows = height_rows(z, found)
     assert 5 <= len(rows) <= 13
     assert rows[0][0] == "14 to 16"
     counts = [int(words.split()[0].replace(",", "")) for _, words, _ in rows]

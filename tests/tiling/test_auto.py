@@ -10,7 +10,7 @@ from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._point_cloud import with_results
-from sklearn_mcmd.tiling import TilingError, _small_clouds, process_files
+from sklearn_mcmd.tiling import TilingError, _result_files, process_files
 from sklearn_mcmd.tiling._result_files import normal_columns
 from tiled import divide, is_killed, street
 
@@ -109,7 +109,7 @@ def test_small_clouds_have_the_normals_of_memory(n, tmp_path):
 
 
 def test_many_points_at_few_places_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(_small_clouds, "MOST_COPIES", 1_000)
+    monkeypatch.setattr(_result_files, "MOST_COPIES", 1_000)
     write_points(tmp_path / "a.las", np.repeat(noisy_floor(600), 2, axis=0))
     with pytest.raises(TilingError, match="1,200 points at 600 places"):
         process_files(tmp_path / "a.las", tmp_path / "b.las", ESTIMATOR, tile_size=500)

@@ -14,7 +14,7 @@ from sklearn_mcmd.datasets import make_airborne_scan, make_lidar_turn, make_stre
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.io._classes import noise_classes
 from sklearn_mcmd.io._point_cloud import without_outliers
-from sklearn_mcmd.tiling import TilingError, _denoise, _small_clouds, process_files
+from sklearn_mcmd.tiling import TilingError, _denoise, _result_files, process_files
 from sklearn_mcmd.tiling._result_files import SCORED, Results
 from tiled import divide, is_killed, street
 
@@ -177,7 +177,7 @@ def test_small_clouds_are_judged_as_in_memory(n, by_tiles, tmp_path):
 
 
 def test_many_points_at_few_places_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(_small_clouds, "MOST_COPIES", 1_000)
+    monkeypatch.setattr(_result_files, "MOST_COPIES", 1_000)
     path, _ = written(tmp_path, np.repeat(street_with_tree(600), 2, axis=0))
     with pytest.raises(TilingError, match="1,200 points at 600 places"):
         process_files(path, tmp_path / "b.las", DETECTOR, tile_size=500)
@@ -404,3 +404,13 @@ def test_many_points_have_the_scores_of_memory(scene, strictness, by_tiles, tmp_
     expected = -in_memory(cloud, detector).scores_
     scores, _ = by_tiles(path, detector, tile_size=5_000, n_jobs=2)
     assert_array_equal(scores, expected)
+
+
+@pytest.mark.parametrize("digits", [0, 1, 9])
+@pytest.mark.parametrize("step", [1, 7, 400])
+def test_points_are_taken_evenly_in_the_order_of_their_coordinates(digits, step):
+    rng = np.random.default_rng(step)
+    xyz = np.unique(np.round(rng.normal(0, 3, (2_000, 3)), digits), axis=0)
+    ordered = xyz.copy()
+    rng.shuffle(xyz)
+    assert_array_equal(xyz[_denoise.evenly_along_x(xyz, step)], ordered[::step])

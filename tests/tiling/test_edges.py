@@ -12,10 +12,10 @@ from sklearn.ensemble import IsolationForest
 
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, SharpFeatureDetector
 from sklearn_mcmd.datasets import make_box, make_street
-from sklearn_mcmd.edges._painting import edge_columns
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._point_cloud import with_results
-from sklearn_mcmd.tiling import TilingError, _edges, _small_clouds, process_files
+from sklearn_mcmd.plotting._still import edge_columns
+from sklearn_mcmd.tiling import TilingError, _edges, _result_files, process_files
 from sklearn_mcmd.tiling._result_files import SCORED, Results
 from tiled import divide, is_killed, street
 
@@ -183,7 +183,7 @@ def test_clouds_of_which_hardly_anything_is_kept_are_judged_as_in_memory(by_tile
 
 
 def test_many_points_of_which_few_are_kept_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(_small_clouds, "MOST_COPIES", 1_000)
+    monkeypatch.setattr(_result_files, "MOST_COPIES", 1_000)
     path, _ = written(tmp_path, np.repeat(street_of(600), 2, axis=0))
     detector = clone(DETECTOR).set_params(outlier_detector="passthrough")
     with pytest.raises(TilingError, match="1,200 points, of which 600 places are no outliers"):

@@ -17,7 +17,7 @@ from sklearn_mcmd.datasets import (
     make_street,
 )
 from sklearn_mcmd.io import PointCloud, read_points, write_points
-from sklearn_mcmd.tiling import TilingError, _memory, _segments, _small_clouds, process_files
+from sklearn_mcmd.tiling import TilingError, _memory, _result_files, _segments, process_files
 from tiled import divide, is_killed, street
 
 GROWING = RegionGrowing(20, normal_estimator=RobustNormalEstimator(24, random_state=0), max_angle=8)
@@ -165,7 +165,7 @@ def test_small_clouds_are_segmented_as_in_memory(n, tmp_path):
 
 
 def test_many_points_at_few_places_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(_small_clouds, "MOST_COPIES", 1_000)
+    monkeypatch.setattr(_result_files, "MOST_COPIES", 1_000)
     path, _ = written(tmp_path, np.repeat(street_with_tree(600), 2, axis=0))
     with pytest.raises(TilingError, match="1,200 points at 600 places"):
         process_files(path, tmp_path / "b.las", GROWING, tile_size=500)

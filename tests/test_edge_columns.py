@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.edges._painting import edge_columns
+from sklearn_mcmd.plotting._still import edge_columns
 
 IS_EDGE, SCORE = np.array([True, False, True]), np.array([0.5, 12.0, 1.9])
 
