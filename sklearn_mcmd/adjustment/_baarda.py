@@ -410,13 +410,7 @@ class BaardaPlaneDetector(PlaneDetector):
 
     def _warn_of(self, state):
         if state.ran_out_of_points:
-            warn(
-                f"The tests reject {np.count_nonzero(state.step)} of {len(state.step)} points, "
-                "which leaves too few for a plane, or points on a line; the last estimable plane "
-                "was kept. Check "
-                f"$sigma0={self.sigma0!r} against the noise, or the share of outliers.",
-                stacklevel=5,
-            )
+            self._warn_of_too_few(state.step > 0)
         if state.ran_out_of_rounds:
             warnings.warn(
                 f"max_iter={self.max_iter} rounds of removal left points that the test still "

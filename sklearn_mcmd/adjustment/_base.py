@@ -298,6 +298,15 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
                 stacklevel=5,  # past the wrappers of fit
             )
 
+    def _warn_of_too_few(self, rejected):
+        warn(
+            f"The tests reject {np.count_nonzero(rejected)} of {len(rejected)} points, "
+            "which leaves too few for a plane, or points on a line; the last estimable plane "
+            "was kept. Check "
+            f"$sigma0={self.sigma0!r} against the noise, or the share of outliers.",
+            stacklevel=6,
+        )
+
     def _warn_if_steep(self, X, weights, vertical):
         """Warn if vertical residuals of a wall reject good points, or miss the wall.
 

@@ -91,7 +91,7 @@ def test_two_horizontal_lines_are_compared_as_by_welchs_t():
 def test_what_cannot_be_is_refused():
     rng = np.random.default_rng(0)
     a = fitted(rng)
-    line = FuzzyPlaneDetector(sigma0=SIGMA).fit(rng.normal(size=(20, 2)))
+    line = FuzzyPlaneDetector(sigma0=SIGMA).fit(rng.normal(size=(20, 2)) * [1, SIGMA])
     with pytest.raises(ValueError, match="of 3 and 2 columns"):
         compare_planes(a, line)
     with pytest.raises(ValueError, match="variance='prior' needs a known sigma0"):
