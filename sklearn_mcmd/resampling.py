@@ -105,11 +105,13 @@ class DenoisingSampler(DocLinkMixin, BaseEstimator):
 
 
 def _take(rows, indices):
-    """Rows of an array, or of a pandas or polars object, as their own kind."""
+    """Rows of an array, or of a pandas, pyarrow or polars object, as their own kind."""
     if rows is None:
         return None
     if hasattr(rows, "iloc"):
         return rows.iloc[indices]
+    if hasattr(rows, "to_pylist"):  # pyarrow
+        return rows.take(indices)
     if hasattr(rows, "__dataframe__") or hasattr(rows, "to_arrow"):  # polars
         return rows[indices]
     return np.asarray(rows)[indices]

@@ -75,6 +75,15 @@ def test_polars_objects_keep_their_kind(street, kept):
     assert y_kept.equals(y[kept])
 
 
+def test_pyarrow_objects_keep_their_kind(street, kept):
+    pa = pytest.importorskip("pyarrow")
+    X = pa.table(dict(zip("xyz", street.data.T, strict=True)))
+    X_kept, y_kept = DenoisingSampler(DETECTOR).fit_resample(X, pa.array(street.surface))
+    assert_array_equal(np.column_stack(X_kept.columns), street.data[kept])
+    assert isinstance(y_kept, pa.Array)
+    assert_array_equal(y_kept, street.surface[kept])
+
+
 def test_lists_become_arrays_and_y_may_have_columns(street, kept):
     y = np.column_stack([street.surface, street.bay])
     X_kept, y_kept = DenoisingSampler(DETECTOR).fit_resample(street.data.tolist(), y)

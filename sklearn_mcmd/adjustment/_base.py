@@ -1,7 +1,7 @@
 """Base class of both plane tests: input, scale, predictions."""
 
 import warnings
-from numbers import Real
+from numbers import Integral, Real
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -10,7 +10,13 @@ from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_array, check_is_fitted
 
 from sklearn_mcmd._errors import ParameterError, warn
-from sklearn_mcmd._sklearn import CallbackSupportMixin, DocLinkMixin, Interval, StrOptions
+from sklearn_mcmd._sklearn import (
+    CallbackSupportMixin,
+    DocLinkMixin,
+    Interval,
+    StrOptions,
+    validate_params,
+)
 from sklearn_mcmd._validation import OffsetOutlierMixin, validate_points
 from sklearn_mcmd.adjustment._determinacy import (
     AS_THICK_AS_WIDE,
@@ -26,8 +32,9 @@ from sklearn_mcmd.adjustment._robust import WEIGHT_FUNCTIONS, m_estimate
 from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 from sklearn_mcmd.adjustment._tests import CORRECTIONS, global_test_pvalue, local_level
 
-__all__ = ["PlaneDetector", "check_points", "sigma0_is_rounding"]
+__all__ = ["N_WORST", "PlaneDetector", "check_points", "sigma0_is_rounding"]
 
+N_WORST = {"n_worst": [Interval(Integral, 0, None, closed="left")]}  # what it may be
 # From this tilt on vertical residuals are at least twice as long as sigma0, if the noise is equal
 # in all directions. A test that rejects a larger share is then taken for such a mistake.
 STEEP_TILT = 60.0
@@ -129,6 +136,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         spread, factor = self._plane.evaluate(X)[2], scale * quantile(level, dof)
         return factor * np.sqrt(spread), factor * np.sqrt(1 + spread)
 
+    @validate_params(N_WORST, prefer_skip_nested_validation=True)
     def reliability(
         self, X: ArrayLike, power: float = POWER, *, n_worst: int = 10
     ) -> PlaneReliability:
