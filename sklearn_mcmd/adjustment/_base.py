@@ -1,6 +1,5 @@
 """Base class of both plane tests: input, scale, predictions."""
 
-import warnings
 from numbers import Integral, Real
 from typing import ClassVar, Literal
 
@@ -9,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_array, check_is_fitted
 
-from sklearn_mcmd._errors import ParameterError, warn
+from sklearn_mcmd._errors import ParameterError, warn, warn_caller
 from sklearn_mcmd._sklearn import (
     CallbackSupportMixin,
     DocLinkMixin,
@@ -246,7 +245,6 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
                 f"$sigma0={self.sigma0!r} is less than what float64 may add to a residual at these "
                 f"coordinates, {rounding:.2g}, which is taken in its place. Subtract an offset "
                 "from $X before its digits are lost, or give the noise of the points as $sigma0.",
-                stacklevel=5,
             )
 
     def _rounding_of(self, direction):
@@ -299,11 +297,9 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         if self.correction == "b-method" and self.alpha < POWER:
             self.global_test_level_ = coupled_level(self.alpha, max(plane.dof, 1))
         if plane.surface == "orthogonal" and normal_pvalue(plane) > self.alpha:
-            warnings.warn(
+            warn_caller(
                 f"{AS_THICK_AS_WIDE}, which determines no normal: normal_ points anywhere across "
                 "them. Add points beside that line, or look for what is thick.",
-                UserWarning,
-                stacklevel=5,  # past the wrappers of fit
             )
 
     def _warn_of_too_few(self, rejected):
@@ -312,7 +308,6 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
             "which leaves too few for a plane, or points on a line; the last estimable plane "
             "was kept. Check "
             f"$sigma0={self.sigma0!r} against the noise, or the share of outliers.",
-            stacklevel=6,
         )
 
     def _warn_if_steep(self, X, weights, vertical):
@@ -339,7 +334,6 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
                 f"$surface='vertical' rejects {100 * rejected:.0f} %. If all columns are "
                 "coordinates of like precision, as in the scan of a wall, use "
                 "$surface='orthogonal'.",
-                stacklevel=5,
             )
 
     def _choose_offset(self, scores, used, auto):

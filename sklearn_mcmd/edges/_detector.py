@@ -1,5 +1,6 @@
 """SharpFeatureDetector: edges and corners of point clouds."""
 
+import warnings
 from numbers import Integral, Real
 from typing import ClassVar, Literal, Self
 
@@ -324,7 +325,9 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
         if detector is None:
             return np.ones(len(xyz), dtype=bool)
         self.outlier_detector_ = detector
-        with sub_fit(0.0, 0.6, "outliers", detector):
+        with sub_fit(0.0, 0.6, "outliers", detector), warnings.catch_warnings():
+            if self.outlier_detector is None:  # nobody gave the n_neighbors of the default
+                warnings.filterwarnings("ignore", "n_neighbors=.* is more than the number")
             labels = detector.fit_predict(xyz)
         return check_inliers("outlier_detector", detector, labels, least=xyz.shape[1] + 1)
 

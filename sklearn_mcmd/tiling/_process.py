@@ -8,6 +8,7 @@ from typing import Literal
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
 
+from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.edges import SharpFeatureDetector
 from sklearn_mcmd.io import Trajectory
 from sklearn_mcmd.outliers import MCMDOutlierDetector
@@ -19,7 +20,6 @@ from sklearn_mcmd.tiling._edges import Edges
 from sklearn_mcmd.tiling._normals import Normals
 from sklearn_mcmd.tiling._run import RunReport, run_by_tiles
 from sklearn_mcmd.tiling._segments import Segments
-from sklearn_mcmd.tiling._warnings import warn_caller
 
 __all__ = ["process_files"]
 

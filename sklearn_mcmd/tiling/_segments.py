@@ -3,7 +3,7 @@
 import numpy as np
 from sklearn.base import clone
 
-from sklearn_mcmd._errors import ParameterWarning
+from sklearn_mcmd._errors import ParameterWarning, warn_caller
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.planes._resolution import least_scales
@@ -30,7 +30,6 @@ from sklearn_mcmd.tiling._small_clouds import fit_together
 from sklearn_mcmd.tiling._stored_columns import ALL, whole_of
 from sklearn_mcmd.tiling._stored_index import StoredIndex
 from sklearn_mcmd.tiling._sweeps import Sweeps
-from sklearn_mcmd.tiling._warnings import warn_caller
 
 __all__ = ["Segments"]
 

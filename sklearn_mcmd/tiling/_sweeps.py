@@ -6,8 +6,8 @@ from functools import partial
 
 from joblib import Parallel, delayed
 
+from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part, tell_share
-from sklearn_mcmd.tiling._warnings import warn_caller
 
 __all__ = ["Sweeps", "TilingError", "compute_cells"]
 

@@ -1,21 +1,9 @@
-"""Warnings of runs, at the line that gave the command."""
+"""The warning of coordinates that single precision rounds too coarsely."""
 
-import sys
-import warnings
-
+from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.planes._resolution import coarse_warning
 
-__all__ = ["warn_caller", "warn_if_coarse"]
-
-OWN = ("sklearn_mcmd.tiling.", "contextlib")  # modules that lie between
-
-
-def warn_caller(message):
-    """Warn at the nearest line outside of this package, however deep the work is in it."""
-    frame, level = sys._getframe(1), 2
-    while frame is not None and frame.f_globals.get("__name__", "").startswith(OWN):
-        frame, level = frame.f_back, level + 1
-    warnings.warn(message, stacklevel=level)
+__all__ = ["warn_if_coarse"]
 
 
 def warn_if_coarse(constants, index):

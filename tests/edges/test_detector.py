@@ -1,5 +1,7 @@
 """Edges: against truth where it is known, by hand where a formula says, the same if moved."""
 
+import warnings
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -379,6 +381,12 @@ def test_estimators_that_do_not_serve_are_named(box, parameters, message):
 def test_columns_that_are_no_unit_normals_are_refused(box):
     with pytest.raises(ValueError, match="the 6 columns of X are not those of"):
         fast(normals="precomputed").fit(np.hstack([box.data, box.data]))
+
+
+def test_the_size_of_the_default_detector_is_not_warned_of(box):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        SharpFeatureDetector(random_state=0).fit(box.data[:44])  # 40 neighbors; the default has 50
 
 
 def test_too_few_points_are_refused():
