@@ -1,9 +1,12 @@
 """Errors and warnings that name parameters, for which the command line has other names."""
 
+import sys
 import warnings
 from string import Template
 
-__all__ = ["ParameterError", "ParameterWarning", "warn"]
+__all__ = ["ParameterError", "ParameterWarning", "warn", "warn_caller"]
+
+OWN = ("sklearn_mcmd.", "sklearn.", "contextlib")  # modules between a warning and who called
 
 
 class _Message(Template):
@@ -38,9 +41,17 @@ class ParameterWarning(_Worded, UserWarning):
     """A value that may not be what was meant."""
 
 
-def warn(message, *, stacklevel, **fields):
-    """Give a `ParameterWarning`."""
-    warnings.warn(ParameterWarning(message, **fields), stacklevel=stacklevel + 1)
+def warn(message, **fields):
+    """Give a `ParameterWarning`, as `warn_caller` does."""
+    warn_caller(ParameterWarning(message, **fields))
+
+
+def warn_caller(message, category=UserWarning):
+    """Warn at the nearest line outside of this package and scikit-learn, however deep the work."""
+    frame, level = sys._getframe(1), 2
+    while frame is not None and frame.f_globals.get("__name__", "").startswith(OWN):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, category, stacklevel=level)
 
 
 def _in_python(name, value):

@@ -8,6 +8,7 @@ from functools import cache
 
 from sklearn.base import _fit_context as fit_context
 from sklearn.utils._param_validation import (
+    HasMethods,
     Interval,
     StrOptions,
     validate_params,
@@ -25,6 +26,7 @@ except ImportError:  # before 1.9
 __all__ = [
     "CallbackSupportMixin",
     "DocLinkMixin",
+    "HasMethods",
     "Interval",
     "StrOptions",
     "check_feature_names_in",

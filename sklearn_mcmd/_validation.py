@@ -12,6 +12,8 @@ __all__ = [
     "FittedScoresMixin",
     "OffsetOutlierMixin",
     "check_extent",
+    "check_inliers",
+    "check_n_kept",
     "check_sensor_origin",
     "check_sizes",
     "validate_points",
@@ -87,6 +89,28 @@ def validate_points(estimator, X, *, dtype=(np.float64, np.float32), **params):
         "first.",
         row=row,
     )
+
+
+def check_inliers(name, detector, labels, least=1):
+    """Mask of the inliers by the labels of a detector, the parameter of this name."""
+    labels = np.asarray(labels)
+    if not np.isin(labels, (-1, 1)).all():
+        raise ValueError(
+            f"{name}={detector!r} gives labels other than +1 and -1: take an outlier detector, "
+            "such as MCMDOutlierDetector()."
+        )
+    kept = labels == 1
+    check_n_kept(name, detector, np.count_nonzero(kept), len(kept), least)
+    return kept
+
+
+def check_n_kept(name, detector, n_kept, n, least):
+    """Raise if a detector keeps less than so many points."""
+    if n_kept < least:
+        raise ValueError(
+            f"{name}={detector!r} calls {n - n_kept} of {n} points outliers, which leaves too few: "
+            "loosen its cut-off, or do without it."
+        )
 
 
 def check_sizes(n, d, n_neighbors):

@@ -6,7 +6,8 @@ import numpy as np
 from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_consistent_length, validate_data
 
-from sklearn_mcmd._sklearn import DocLinkMixin, fit_context
+from sklearn_mcmd._sklearn import DocLinkMixin, HasMethods, fit_context
+from sklearn_mcmd._validation import check_inliers
 from sklearn_mcmd.outliers._detector import MCMDOutlierDetector
 
 __all__ = ["DenoisingSampler"]
@@ -67,7 +68,7 @@ class DenoisingSampler(DocLinkMixin, BaseEstimator):
     True
     """
 
-    _parameter_constraints: ClassVar[dict] = {"detector": "no_validation"}
+    _parameter_constraints: ClassVar[dict] = {"detector": [HasMethods("fit_predict"), None]}
 
     def __init__(self, detector: BaseEstimator | None = None) -> None:
         self.detector = detector
@@ -89,43 +90,28 @@ class DenoisingSampler(DocLinkMixin, BaseEstimator):
 
         Raises
         ------
-        TypeError
-            If the detector has no `fit_predict`.
         ValueError
-            If the detector refuses X, if the lengths of X and y differ, or if the detector gives
-            other labels than +1 and -1 or calls every point an outlier.
+            If the detector has no `fit_predict` or refuses X, if the lengths of X and y differ, or
+            if the detector gives other labels than +1 and -1 or calls every point an outlier.
         """
         check_consistent_length(X, y)
         detector = self.detector
         detector = MCMDOutlierDetector(random_state=0) if detector is None else clone(detector)
-        if not hasattr(detector, "fit_predict"):
-            raise TypeError(
-                f"detector={detector!r} has no fit_predict: take an outlier detector, such as "
-                "MCMDOutlierDetector(), or LocalOutlierFactor() without novelty."
-            )
-        labels = np.asarray(detector.fit_predict(X))
+        labels = detector.fit_predict(X)
         validate_data(self, X, skip_check_array=True)
-        if not np.isin(labels, (-1, 1)).all():
-            raise ValueError(
-                f"detector={detector!r} gives labels other than +1 and -1: take an outlier "
-                "detector, such as MCMDOutlierDetector()."
-            )
-        kept = np.flatnonzero(labels == 1)
-        if len(kept) == 0:
-            raise ValueError(
-                f"detector={detector!r} calls all {len(labels)} points outliers: "
-                "loosen its cut-off."
-            )
+        kept = np.flatnonzero(check_inliers("detector", detector, labels))
         self.detector_, self.sample_indices_ = detector, kept
         return _take(X, kept), _take(y, kept)
 
 
 def _take(rows, indices):
-    """Rows of an array, or of a pandas or polars object, as their own kind."""
+    """Rows of an array, or of a pandas, pyarrow or polars object, as their own kind."""
     if rows is None:
         return None
     if hasattr(rows, "iloc"):
         return rows.iloc[indices]
+    if hasattr(rows, "to_pylist"):  # pyarrow
+        return rows.take(indices)
     if hasattr(rows, "__dataframe__") or hasattr(rows, "to_arrow"):  # polars
         return rows[indices]
     return np.asarray(rows)[indices]

@@ -234,6 +234,21 @@ def test_wrong_options_are_refused_by_name(xyz, wrong, message):
         OutlierDisplay.from_predictions(xyz, np.ones(400), **wrong)
 
 
+@pytest.mark.parametrize(
+    "draw",
+    [
+        OutlierDisplay.from_predictions,
+        EdgeDisplay.from_predictions,
+        lambda xyz, flags: PlaneResidualDisplay.from_predictions(xyz, xyz[:, 2], flags),
+    ],
+)
+def test_flags_in_place_of_labels_are_refused(draw, xyz):
+    with pytest.raises(ValueError, match=r"y_pred must be labels, .*np.where\(y_pred, -1, 1\)"):
+        draw(xyz, xyz[:, 0] > 0)
+    with pytest.raises(ValueError, match="y_true must be labels"):
+        OutlierDisplay.from_predictions(xyz, np.ones(400), y_true=xyz[:, 0] > 0)
+
+
 def test_missing_coordinates_and_labels_are_refused_by_name(xyz):
     with pytest.raises(ValueError, match="labels must be whole numbers without NaN"):
         SegmentationDisplay.from_predictions(xyz, np.full(400, np.nan))
@@ -249,15 +264,15 @@ def test_missing_coordinates_and_labels_are_refused_by_name(xyz):
 
 @pytest.mark.parametrize("name", ["outliers", "scores", "normals", "segments", "edges"])
 def test_displays_without_matplotlib_name_what_to_install(name, xyz, monkeypatch):
-    found = xyz[:, 0] > 0.5
+    labels = np.where(xyz[:, 0] > 0.5, -1, 1)
     for module in [m for m in sys.modules if m.partition(".")[0] == "matplotlib"]:
         monkeypatch.setitem(sys.modules, module, None)
     make = {
-        "outliers": lambda: OutlierDisplay.from_predictions(xyz, found),
+        "outliers": lambda: OutlierDisplay.from_predictions(xyz, labels),
         "scores": lambda: plot_cloud(xyz, color=xyz[:, 2]),
         "normals": lambda: NormalsDisplay.from_predictions(xyz, Fitted(xyz).normals_),
-        "segments": lambda: SegmentationDisplay.from_predictions(xyz, found.astype(int)),
-        "edges": lambda: EdgeDisplay.from_predictions(xyz, found),
+        "segments": lambda: SegmentationDisplay.from_predictions(xyz, labels),
+        "edges": lambda: EdgeDisplay.from_predictions(xyz, labels),
     }
     with pytest.raises(ImportError, match=r"Plotting needs matplotlib.*: pip install "):
         make[name]()

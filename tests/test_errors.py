@@ -4,9 +4,17 @@ import pickle
 import re
 from pathlib import Path
 
+import numpy as np
+import pytest
 import typer
 
 import sklearn_mcmd
+from sklearn_mcmd import (
+    MCMDOutlierDetector,
+    RegionGrowing,
+    RobustNormalEstimator,
+    SharpFeatureDetector,
+)
 from sklearn_mcmd._errors import ParameterError, ParameterWarning
 from sklearn_mcmd.cli import app
 
@@ -42,3 +50,22 @@ def test_parameters_in_messages_are_options_of_a_verb():
     fields = {"X", "n_samples", "row", "sensor_origin"}
     assert fields < named
     assert {f"--{name.replace('_', '-')}" for name in named - fields} <= options
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        MCMDOutlierDetector(random_state=0),
+        RobustNormalEstimator(random_state=0),
+        RegionGrowing(random_state=0),
+        SharpFeatureDetector(outlier_detector="passthrough", random_state=0),
+    ],
+)
+@pytest.mark.parametrize("method", ["fit", "fit_predict", "fit_transform"])
+def test_warnings_point_at_the_line_that_called(estimator, method):
+    if not hasattr(estimator, method):
+        pytest.skip(f"no {method}")
+    X = np.random.default_rng(0).normal(size=(30, 3)) * [1, 1, 0.01]
+    with pytest.warns(UserWarning, match="is more than the number of distinct points") as told:
+        getattr(estimator, method)(X)
+    assert {one.filename for one in told} == {__file__}

@@ -1,6 +1,5 @@
 """Baarda's data snooping of a least-squares plane."""
 
-import warnings
 from numbers import Integral
 from typing import ClassVar, Literal, Self
 
@@ -8,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.exceptions import ConvergenceWarning
 
-from sklearn_mcmd._errors import warn
+from sklearn_mcmd._errors import warn, warn_caller
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd.adjustment._base import PlaneDetector
 from sklearn_mcmd.adjustment._determinacy import check_rank
@@ -405,24 +404,16 @@ class BaardaPlaneDetector(PlaneDetector):
         warn(
             "$robust_start=True finds half of the points or more on one line, through which any "
             "plane goes. All points are the start in their place, as with $robust_start=False.",
-            stacklevel=5,
         )
 
     def _warn_of(self, state):
         if state.ran_out_of_points:
-            warn(
-                f"The tests reject {np.count_nonzero(state.step)} of {len(state.step)} points, "
-                "which leaves too few for a plane, or points on a line; the last estimable plane "
-                "was kept. Check "
-                f"$sigma0={self.sigma0!r} against the noise, or the share of outliers.",
-                stacklevel=5,
-            )
+            self._warn_of_too_few(state.step > 0)
         if state.ran_out_of_rounds:
-            warnings.warn(
+            warn_caller(
                 f"max_iter={self.max_iter} rounds of removal left points that the test still "
                 "rejects; raise max_iter.",
                 ConvergenceWarning,
-                stacklevel=5,
             )
 
 

@@ -1,7 +1,6 @@
 """Base class of both plane tests: input, scale, predictions."""
 
-import warnings
-from numbers import Real
+from numbers import Integral, Real
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -9,8 +8,14 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_array, check_is_fitted
 
-from sklearn_mcmd._errors import ParameterError, warn
-from sklearn_mcmd._sklearn import CallbackSupportMixin, DocLinkMixin, Interval, StrOptions
+from sklearn_mcmd._errors import ParameterError, warn, warn_caller
+from sklearn_mcmd._sklearn import (
+    CallbackSupportMixin,
+    DocLinkMixin,
+    Interval,
+    StrOptions,
+    validate_params,
+)
 from sklearn_mcmd._validation import OffsetOutlierMixin, validate_points
 from sklearn_mcmd.adjustment._determinacy import (
     AS_THICK_AS_WIDE,
@@ -26,8 +31,9 @@ from sklearn_mcmd.adjustment._robust import WEIGHT_FUNCTIONS, m_estimate
 from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 from sklearn_mcmd.adjustment._tests import CORRECTIONS, global_test_pvalue, local_level
 
-__all__ = ["PlaneDetector", "check_points", "sigma0_is_rounding"]
+__all__ = ["N_WORST", "PlaneDetector", "check_points", "sigma0_is_rounding"]
 
+N_WORST = {"n_worst": [Interval(Integral, 0, None, closed="left")]}  # what it may be
 # From this tilt on vertical residuals are at least twice as long as sigma0, if the noise is equal
 # in all directions. A test that rejects a larger share is then taken for such a mistake.
 STEEP_TILT = 60.0
@@ -129,6 +135,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         spread, factor = self._plane.evaluate(X)[2], scale * quantile(level, dof)
         return factor * np.sqrt(spread), factor * np.sqrt(1 + spread)
 
+    @validate_params(N_WORST, prefer_skip_nested_validation=True)
     def reliability(
         self, X: ArrayLike, power: float = POWER, *, n_worst: int = 10
     ) -> PlaneReliability:
@@ -238,7 +245,6 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
                 f"$sigma0={self.sigma0!r} is less than what float64 may add to a residual at these "
                 f"coordinates, {rounding:.2g}, which is taken in its place. Subtract an offset "
                 "from $X before its digits are lost, or give the noise of the points as $sigma0.",
-                stacklevel=5,
             )
 
     def _rounding_of(self, direction):
@@ -291,12 +297,18 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         if self.correction == "b-method" and self.alpha < POWER:
             self.global_test_level_ = coupled_level(self.alpha, max(plane.dof, 1))
         if plane.surface == "orthogonal" and normal_pvalue(plane) > self.alpha:
-            warnings.warn(
+            warn_caller(
                 f"{AS_THICK_AS_WIDE}, which determines no normal: normal_ points anywhere across "
                 "them. Add points beside that line, or look for what is thick.",
-                UserWarning,
-                stacklevel=5,  # past the wrappers of fit
             )
+
+    def _warn_of_too_few(self, rejected):
+        warn(
+            f"The tests reject {np.count_nonzero(rejected)} of {len(rejected)} points, "
+            "which leaves too few for a plane, or points on a line; the last estimable plane "
+            "was kept. Check "
+            f"$sigma0={self.sigma0!r} against the noise, or the share of outliers.",
+        )
 
     def _warn_if_steep(self, X, weights, vertical):
         """Warn if vertical residuals of a wall reject good points, or miss the wall.
@@ -322,7 +334,6 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
                 f"$surface='vertical' rejects {100 * rejected:.0f} %. If all columns are "
                 "coordinates of like precision, as in the scan of a wall, use "
                 "$surface='orthogonal'.",
-                stacklevel=5,
             )
 
     def _choose_offset(self, scores, used, auto):

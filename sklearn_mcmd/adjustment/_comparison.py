@@ -22,7 +22,8 @@ class Difference(NamedTuple):
     Parameters
     ----------
     value, error : float
-        The difference and its standard error.
+        The difference and its standard error; of tilts, into their own direction, and of a tilt of
+        exactly 0 into the direction that is known worst.
     smallest : float
         Smallest difference that the test detects with the wanted power; of tilts, into the
         direction that is known worst.
@@ -124,27 +125,27 @@ def compare_planes(
         covariances.append(roots @ roots.T)
         dofs.append(dof)
     levels = dofs, local_level(alpha, 2), power
-    tilt = _difference(values, [c[:-1, :-1] for c in covariances], *levels, np.degrees(1.0))
     angle = np.arctan2(np.linalg.norm(values), abs(a.normal_ @ b.normal_))  # values are its sine
-    tilt = tilt._replace(value=float(np.degrees(angle)))
-    moved = _difference([offset], [c[-1:, -1:] for c in covariances], *levels, np.sign(offset))
+    degree = np.degrees(1.0)
+    tilt = _difference(angle * degree, values, [c[:-1, :-1] for c in covariances], *levels, degree)
+    moved = _difference(offset, [offset], [c[-1:, -1:] for c in covariances], *levels)
     found = [word for word, one in (("tilted", tilt), ("moved", moved)) if one.significant]
     return PlaneComparison(" and ".join(found) or "same", tilt, moved)
 
 
-def _difference(values, covariances, dofs, level, power, unit):
-    """A `Difference`; with a negative unit of one negative value."""
+def _difference(value, values, covariances, dofs, level, power, unit=1.0):
+    """A `Difference` of this value, from its parts along all directions in radians or units."""
     values, k, together = np.asarray(values), len(values), sum(covariances)
     traces = np.array([np.trace(c) for c in covariances])
     parts = (traces**2 / np.maximum(dofs, 1)).sum()  # 0 of known scales
     dof = traces.sum() ** 2 / parts if parts > 0 else np.inf
-    squared, size = values @ np.linalg.pinv(together, hermitian=True) @ values, abs(unit)
-    along = values / (np.linalg.norm(values) or 1.0)
-    worst = np.linalg.eigvalsh(together)[-1]
+    squared = values @ np.linalg.pinv(together, hermitian=True) @ values
+    length, worst = np.linalg.norm(values), np.linalg.eigvalsh(together)[-1]
+    along = values / (length or 1.0)
     return Difference(
-        float(unit * np.linalg.norm(values)),
-        float(size * np.sqrt(along @ together @ along)),
-        float(size * np.sqrt(worst * noncentrality(level, power, k, dof))),
+        float(value),
+        float(unit * np.sqrt(along @ together @ along if length else worst)),
+        float(unit * np.sqrt(worst * noncentrality(level, power, k, dof))),
         float(chdtrc(k, squared) if np.isinf(dof) else fdtrc(k, dof, squared / k)),
         bool(squared > quantile(1 - level, dof, k) ** 2),
     )

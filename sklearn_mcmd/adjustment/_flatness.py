@@ -1,5 +1,6 @@
 """Flatness of points against a tolerance: zones, shares, and what is significant."""
 
+from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
@@ -79,8 +80,8 @@ def flatness(detector: PlaneDetector, X: ArrayLike, tolerance: float) -> PlaneFl
     5 outside, exceeded; zone 0.0056
     """
     X = check_points(detector, X)
-    if not 0 < tolerance < np.inf:
-        raise ParameterError(f"$tolerance={tolerance!r} is no width: give one above 0.")
+    if not isinstance(tolerance, Real) or not 0 < tolerance < np.inf:
+        raise ParameterError(f"$tolerance={tolerance!r} is no width: give a finite number above 0.")
     plane, length = detector._plane, np.linalg.norm(detector._plane.direction)
     known, half = detector.test_ == "w", tolerance / 2
     scale, dof = (detector.sigma0_, np.inf) if known else (detector._scale, detector.dof_)

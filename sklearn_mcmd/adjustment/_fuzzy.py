@@ -364,7 +364,9 @@ class FuzzyPlaneDetector(PlaneDetector):
         """Set the variance factor and global test of the points that are left."""
         left = (self.labels_ == 1) & self.support_
         plane = self._plane
-        if not left.all() and np.count_nonzero(left) > plane.rank:
+        if np.count_nonzero(left) <= plane.rank:
+            self._warn_of_too_few(self.labels_ == -1)
+        elif not left.all():
             retained = left.astype(float) if weights is None else left * weights
             plane, _ = self._adjust(X, retained)
             self.variance_factor_ = plane.variance_factor

@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sklearn_mcmd.adjustment._base import PlaneDetector, check_points
+from sklearn_mcmd._sklearn import validate_params
+from sklearn_mcmd.adjustment._base import N_WORST, PlaneDetector, check_points
 from sklearn_mcmd.adjustment._comparison import PlaneComparison
 from sklearn_mcmd.adjustment._flatness import PlaneFlatness
 from sklearn_mcmd.adjustment._report_lines import (
@@ -31,6 +32,7 @@ __all__ = [
 LEAST_ERROR = 1e-9  # the least standard error that is told
 
 
+@validate_params(N_WORST, prefer_skip_nested_validation=True)
 def text_report(
     detector: PlaneDetector,
     X: ArrayLike,

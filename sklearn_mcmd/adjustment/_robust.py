@@ -1,12 +1,12 @@
 """Robust adjustment by iteratively reweighted least squares (Eqs 2-8)."""
 
-import warnings
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.exceptions import ConvergenceWarning
 
+from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.adjustment._plane import PlaneAdjustment, adjust_plane
 from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 
@@ -72,11 +72,10 @@ def m_estimate(
         if np.abs(residuals - previous).max() <= max(TOLERANCE * scale, 2 * floor):
             break
     else:
-        warnings.warn(
+        warn_caller(
             f"The {loss} estimate still moves after {MAX_ITERATIONS} adjustments; "
             "check sigma0, or use least squares (loss='squared_error').",
             ConvergenceWarning,
-            stacklevel=2,
         )
     plane = plane.with_robust_weights(X, weights, robust_weights)
     if sigma0 is None:

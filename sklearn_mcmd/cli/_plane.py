@@ -298,14 +298,13 @@ def _choose_sheets(source, target, text, plot):
 def _test_plane(xyz, method, params):
     """The fitted detector and the residuals of all points."""
     from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
-    from sklearn_mcmd.adjustment._determinacy import AS_THICK_AS_WIDE
 
     detector = {Method.baarda: BaardaPlaneDetector, Method.fuzzy: FuzzyPlaneDetector}[method]
-    with warnings.catch_warnings():
-        # Refused below, for both surfaces.
-        warnings.filterwarnings("ignore", message=AS_THICK_AS_WIDE)
+    with warnings.catch_warnings(record=True) as caught:
         fitted = detector(**params).fit(xyz)
-    _check_width(fitted, xyz)
+    _check_width(fitted, xyz)  # what is refused needs no warning
+    for one in caught:
+        warnings.warn(one.message, stacklevel=2)
     if fitted.global_test_pvalue_ < fitted.global_test_level_:
         warnings.warn(
             f"the global test rejects this plane (p = {fitted.global_test_pvalue_:.2g}, level "
@@ -444,7 +443,10 @@ def _summarize(source, target, sheets, detector, residuals, unit, more, seconds)
 
     is_outlier = detector.labels_ == -1
     unit = f" {unit}" if unit else ""
-    rms = [np.sqrt(np.mean(residuals[rows] ** 2)) for rows in (slice(None), ~is_outlier)]
+    rms = [
+        f"{np.sqrt(np.mean(part**2)):.4g}{unit}" if len(part) else "none"
+        for part in (residuals, residuals[~is_outlier])
+    ]
     told = {}
     if "flatness" in more:
         told["tolerance"] = rows_of.flatness_rows(more["flatness"], unit)["verdict"]
@@ -456,8 +458,7 @@ def _summarize(source, target, sheets, detector, residuals, unit, more, seconds)
         outliers=_messages.count_and_share(is_outlier),
         normal=f"{rows_of.normal_row(detector)}, tilt {rows_of.tilt(detector)}",
         point=f"{rows_of.point_row(detector, unit)}, on the plane",
-        residuals=f"rms {rms[0]:.4g}{unit}, without outliers {rms[1]:.4g}{unit}; "
-        f"{rows_of.sign_of_residuals(detector)}",
+        residuals=f"rms {rms[0]}, without outliers {rms[1]}; {rows_of.sign_of_residuals(detector)}",
         sigma0=f"{detector.sigma0_:.4g}{unit} ({rows_of.sigma0_origin(detector)})",
         **{"global test": rows_of.global_test_row(detector)},
         **told,

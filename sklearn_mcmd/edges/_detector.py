@@ -1,5 +1,6 @@
 """SharpFeatureDetector: edges and corners of point clouds."""
 
+import warnings
 from numbers import Integral, Real
 from typing import ClassVar, Literal, Self
 
@@ -12,6 +13,7 @@ from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd._sklearn import (
     CallbackSupportMixin,
     DocLinkMixin,
+    HasMethods,
     Interval,
     StrOptions,
     fit_context,
@@ -19,6 +21,7 @@ from sklearn_mcmd._sklearn import (
 from sklearn_mcmd._validation import (
     FittedScoresMixin,
     check_extent,
+    check_inliers,
     check_sizes,
     validate_points,
 )
@@ -84,12 +87,11 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
         inliers. None means :class:`MCMDOutlierDetector`: the default for "crease", and
         ``strictness="surfaces"`` for the other criteria. "passthrough" cleans nothing.
 
-    normal_estimator : estimator, default=None
-        The estimator of the planes of the cleaned cloud, such as :class:`RobustNormalEstimator`.
-        None means that one, with `n_neighbors`, with ``tangents=False``, because a tangent turns
-        beside an edge from one face to the other, and with ``method="pca"`` for "eigenvalue" and
-        "surface_variation". A robust fit removes one of two faces, and its own eigenvalues then
-        do not show the edge.
+    normal_estimator : RobustNormalEstimator, default=None
+        The estimator of the planes of the cleaned cloud. None means one with `n_neighbors`, with
+        ``tangents=False``, because a tangent turns beside an edge from one face to the other, and
+        with ``method="pca"`` for "eigenvalue" and "surface_variation". A robust fit removes one
+        of two faces, and its own eigenvalues then do not show the edge.
 
     normals : {"estimate", "precomputed"}, default="estimate"
         "estimate": X are coordinates, and `normal_estimator` fits the planes. "precomputed": X
@@ -180,8 +182,8 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
         "threshold": [Interval(Real, 0, None, closed="neither"), StrOptions({"mean"}), None],
         "n_std": [Interval(Real, 0, None, closed="left"), None],
         "min_angle": [Interval(Real, 0, 90, closed="neither")],
-        "outlier_detector": "no_validation",
-        "normal_estimator": "no_validation",
+        "outlier_detector": [HasMethods("fit_predict"), StrOptions({"passthrough"}), None],
+        "normal_estimator": [RobustNormalEstimator, None],
         "normals": [StrOptions({"estimate", "precomputed"})],
         "random_state": ["random_state"],
         "n_jobs": [Integral, None],
@@ -198,7 +200,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
         n_std: float | None = None,
         min_angle: float = 20.0,
         outlier_detector: BaseEstimator | Literal["passthrough"] | None = None,
-        normal_estimator: BaseEstimator | None = None,
+        normal_estimator: RobustNormalEstimator | None = None,
         normals: Literal["estimate", "precomputed"] = "estimate",
         random_state: int | np.random.RandomState | None = None,
         n_jobs: int | None = None,
@@ -233,8 +235,9 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
         Raises
         ------
         ValueError
-            If X has NaN, infinite or too few values or columns, `n_neighbors` is too small, or
-            `threshold` or `normals` does not fit `criterion`.
+            If X has NaN, infinite or too few values or columns, `n_neighbors` is too small,
+            `threshold` or `normals` does not fit `criterion`, or `outlier_detector` gives other
+            labels than +1 and -1 or leaves too few points for a plane.
         """
         table = validate_points(self, X, ensure_min_features=2)
         if self.normals == "precomputed" and self.criterion == "removed_fraction":
@@ -318,13 +321,15 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
             )
 
     def _clean(self, xyz, detector):
-        """Mask of the points to keep; all points if too few would be left for a plane."""
+        """Mask of the points to keep."""
         if detector is None:
             return np.ones(len(xyz), dtype=bool)
         self.outlier_detector_ = detector
-        with sub_fit(0.0, 0.6, "outliers", detector):
-            kept = np.asarray(detector.fit_predict(xyz)) == 1
-        return kept if kept.sum() > xyz.shape[1] else np.ones(len(xyz), dtype=bool)
+        with sub_fit(0.0, 0.6, "outliers", detector), warnings.catch_warnings():
+            if self.outlier_detector is None:  # nobody gave the n_neighbors of the default
+                warnings.filterwarnings("ignore", "n_neighbors=.* is more than the number")
+            labels = detector.fit_predict(xyz)
+        return check_inliers("outlier_detector", detector, labels, least=xyz.shape[1] + 1)
 
     def _values(self, columns, members=None):
         """The value of the criterion at points, if it is not "crease".

@@ -49,8 +49,8 @@ def sensor_origins(
     Raises
     ------
     PointFileError
-        If points have no times, or some were measured before or after the trajectory, or the file
-        tells no positions.
+        If points have no times, or some were measured before or after the trajectory, or it is no
+        pair, or the file tells no positions.
 
     Warns
     -----
@@ -82,7 +82,14 @@ def sensor_origins(
            [4., 0., 2.]])
     """
     if trajectory is not None:
-        return positions_at(cloud, trajectory_of(*trajectory))
+        try:
+            times, positions = trajectory
+        except (TypeError, ValueError):
+            raise PointFileError(
+                "a trajectory is a pair of times (m,) and positions (m, 3), as read_trajectory "
+                f"gives, got {type(trajectory).__name__}"
+            ) from None
+        return positions_at(cloud, trajectory_of(times, positions))
     stated = stated_positions(cloud)
     if stated.positions is None:
         raise PointFileError(f"no position of the sensor is known: {stated.words}")

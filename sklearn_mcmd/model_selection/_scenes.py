@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Iterator
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,6 +49,8 @@ class WholeSceneSplit(BaseCrossValidator):
     [0 3] [0 3]
     [1 2 4] [1 2 4]
     """
+
+    __metadata_request__split: ClassVar = {"groups": True}
 
     def get_n_splits(
         self, X: object = None, y: object = None, groups: ArrayLike | None = None

@@ -1,13 +1,12 @@
 """MCMDOutlierDetector: outliers of the planes of local neighborhoods."""
 
-import warnings
 from numbers import Real
 from typing import ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sklearn_mcmd._errors import ParameterError
+from sklearn_mcmd._errors import ParameterError, warn_caller
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd._validation import FittedScoresMixin, check_sensor_origin
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff
@@ -353,11 +352,10 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         xyz = self._fit_planes(X)
         by_company = not one_plane and self.strictness != "surfaces" and share_to_flag(self) is None
         if by_company and xyz.shape[1] >= CROWDED:
-            warnings.warn(
+            warn_caller(
                 f"strictness={self.strictness!r} in {xyz.shape[1]}D finds few outliers: so many "
                 'dimensions leave no point alone. Give strictness="surfaces", by which distances '
                 "from planes alone tell.",
-                stacklevel=4,
             )
         if auto:
             sensor_origin = None if one_plane else origin_if_seen(xyz)

@@ -1,6 +1,5 @@
 """Parameters and fitting of every estimator that fits a plane to each neighborhood."""
 
-import warnings
 from numbers import Integral, Real
 from typing import ClassVar
 
@@ -9,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
-from sklearn_mcmd._errors import warn
+from sklearn_mcmd._errors import warn, warn_caller
 from sklearn_mcmd._sklearn import CallbackSupportMixin, DocLinkMixin, Interval, StrOptions
 from sklearn_mcmd._validation import (
     OffsetOutlierMixin,
@@ -109,10 +108,9 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
                 f"$n_neighbors={self.n_neighbors} is more than the number of distinct points, "
                 f"{index.n_distinct} of $n_samples: neighborhoods of all of them are used.",
                 n_samples=n,
-                stacklevel=7,
             )
         if X.dtype == np.float32 and (coarse := coarse_warning(index)):
-            warnings.warn(coarse, stacklevel=7)
+            warn_caller(coarse)
         return X, index
 
     def _make_index(self, xyz, radius):
@@ -131,7 +129,6 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
             warn(
                 f"$max_outlier_rate={self.max_outlier_rate!r} in {d}D asks for {needed} trials; "
                 f"{most} are made. A lower $max_outlier_rate asks for fewer.",
-                stacklevel=7,
             )
         return min(needed, most)
 

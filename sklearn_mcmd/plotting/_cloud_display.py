@@ -20,6 +20,7 @@ __all__ = [
     "View",
     "add_legend",
     "choose_colors",
+    "is_minus_one",
     "one_for_each",
 ]
 
@@ -156,6 +157,17 @@ def choose_colors(masks, chosen, otherwise):
     for mask, color in zip(masks, chosen, strict=True):
         colors[mask] = to_rgb(color)
     return colors
+
+
+def is_minus_one(labels, name):
+    """Where labels are -1; flags are refused, because none of them is."""
+    labels = np.asarray(labels)
+    if labels.dtype == bool:
+        raise ValueError(
+            f"{name} must be labels, -1 for what was found and 1 for the rest, but it is boolean: "
+            f"take np.where({name}, -1, 1)."
+        )
+    return labels == -1
 
 
 def one_for_each(values, points, name):

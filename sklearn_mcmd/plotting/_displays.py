@@ -11,6 +11,7 @@ from sklearn_mcmd.plotting._cloud_display import (
     CloudDisplay,
     Picture,
     choose_colors,
+    is_minus_one,
     one_for_each,
 )
 from sklearn_mcmd.plotting._still import check_points, draw_ball, normal_colors, region_colors
@@ -199,7 +200,7 @@ class EdgeDisplay(CloudDisplay):
         -------
         EdgeDisplay
         """
-        return cls(X, np.asarray(y_pred) == -1).plot(**options)
+        return cls(X, is_minus_one(y_pred, "y_pred")).plot(**options)
 
     @staticmethod
     def _found_by(estimator, X):

@@ -14,6 +14,7 @@ from sklearn_mcmd.plotting._cloud_display import (
     View,
     add_legend,
     choose_colors,
+    is_minus_one,
     one_for_each,
 )
 from sklearn_mcmd.plotting._still import check_points, color_modules
@@ -131,9 +132,9 @@ class OutlierDisplay(CloudDisplay):
         -------
         OutlierDisplay
         """
-        true = None if y_true is None else np.asarray(y_true) == -1
-        display = cls(X, np.asarray(y_pred) == -1, scores=scores, is_true_outlier=true)
-        return display.plot(**options)
+        true = None if y_true is None else is_minus_one(y_true, "y_true")
+        found = is_minus_one(y_pred, "y_pred")
+        return cls(X, found, scores=scores, is_true_outlier=true).plot(**options)
 
     def plot(
         self,

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sklearn_mcmd.plotting._cloud_display import CloudDisplay, Picture, one_for_each
+from sklearn_mcmd.plotting._cloud_display import CloudDisplay, Picture, is_minus_one, one_for_each
 from sklearn_mcmd.plotting._still import check_points, color_modules
 
 __all__ = ["PlaneResidualDisplay", "along_normal"]
@@ -71,7 +71,7 @@ class PlaneResidualDisplay(CloudDisplay):
         -------
         PlaneResidualDisplay
         """
-        return cls(X, residuals, np.asarray(y_pred) == -1).plot(**options)
+        return cls(X, residuals, is_minus_one(y_pred, "y_pred")).plot(**options)
 
     @staticmethod
     def _found_by(estimator, X):

@@ -33,16 +33,17 @@ def plane_contents(cloud, detector, residuals, text, unit):
     n = int(np.count_nonzero(found))
     facts = Facts.of(cloud.xyz, NEIGHBORS, np.array([detector.sigma0_]))
     unit = f" {unit}" if unit else ""
-    rms = float(np.sqrt(np.mean(residuals[~found] ** 2))) if n < n_all else np.nan
+    rms = float(np.sqrt(np.mean(residuals[_kept(found)] ** 2)))
+    others, without = ("the others", "without outliers") if n < n_all else ("all", "of all")
     precision, reliability = detector.precision(), usual_reliability(detector, cloud.xyz)
     results = {"residual": residuals, "test_statistic": detector.test_statistic_}
     results = {name: values.astype(np.float32) for name, values in results.items()}
     return Contents(
-        headline=f"{share(n, n_all)} do not belong to the plane; the others are within "
+        headline=f"{share(n, n_all)} do not belong to the plane; {others} are within "
         f"{rms:.3g}{unit} of it (rms).",
         cards=[
             (f"{n:,}", f"outliers, {percent(n, n_all)}"),
-            (f"{rms:.3g}{unit}", "rms without outliers"),
+            (f"{rms:.3g}{unit}", f"rms {without}"),
             (f"{precision.tilt:.2f}°", f"tilt from the horizontal, ± {precision.tilt_error:.1g}°"),
             (f"{detector.sigma0_:.3g}{unit}", f"sigma0 ({sigma0_origin(detector)})"),
         ],
@@ -69,6 +70,11 @@ def plane_contents(cloud, detector, residuals, text, unit):
     )
 
 
+def _kept(found):
+    """The points that are no outliers; all of them if there are none."""
+    return ~found if not found.all() else found
+
+
 def _maps(xyz, residuals, found, near, rms, unit):
     from sklearn_mcmd.plotting import PlaneResidualDisplay
     from sklearn_mcmd.plotting._residual_display import along_normal
@@ -79,8 +85,7 @@ def _maps(xyz, residuals, found, near, rms, unit):
             display = PlaneResidualDisplay(xyz[rows], residuals[rows], found[rows])
             display.plot(view=view, ax=ax, max_points=max_points)
 
-    kept = ~found if not found.all() else found
-    front = along_normal(xyz[kept])
+    front = along_normal(xyz[_kept(found)])
     across = "front" if front[1] > 45 else "top"  # floors are seen from their edge, walls too
     views = [(front, "Along the normal of the plane"), across]
     ends = [

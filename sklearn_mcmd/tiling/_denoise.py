@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 from sklearn.base import clone
 
+from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd._validation import check_sensor_origin
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, LowestPoints, classes_of_noise, ground_in
 from sklearn_mcmd.io._ground import HeightLimits
@@ -40,7 +41,7 @@ from sklearn_mcmd.tiling._sensor_origins import (
 )
 from sklearn_mcmd.tiling._stored_columns import ALL, whole_of
 from sklearn_mcmd.tiling._stored_index import StoredIndex, find_neighbors, find_places
-from sklearn_mcmd.tiling._sweeps import Sweeps, warn_caller, warn_if_coarse
+from sklearn_mcmd.tiling._sweeps import Sweeps, warn_if_coarse
 
 __all__ = ["Denoise", "check_detector", "cutoff_of", "evenly_along_x", "judge_cells"]
 

@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 from sklearn.base import clone
 
+from sklearn_mcmd._validation import check_n_kept
 from sklearn_mcmd.edges._detector import crease_width, steps_of
 from sklearn_mcmd.edges._limits import least_of_edge
 from sklearn_mcmd.io._files import one_clear_line
@@ -144,8 +145,8 @@ class Edges(Verb):
                 cutoff = judge_cells(job, run.cells, columns, run.plan.n_workers, cutoff)
             sweep.begin = ENDS["outliers"]
             parts = scores_in_parts(scores, len(run.cells))
-            if sum(np.count_nonzero(values <= cutoff) for values in parts) <= 3:
-                cutoff = np.inf  # too few would be left for a plane
+            n_kept = sum(np.count_nonzero(values <= cutoff) for values in parts)
+            check_n_kept("outlier_detector", self.detector, n_kept, run.catalog.n_points, least=4)
             sweep(
                 "kept", find_kept, run.cells, folder=folder.cells, target=target,
                 columns=folder.results, scores=scores, cutoff=cutoff,

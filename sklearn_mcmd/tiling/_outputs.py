@@ -2,6 +2,7 @@
 
 import os
 
+from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import check_writable, one_clear_line, replacing, supported_extensions
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
@@ -10,7 +11,6 @@ from sklearn_mcmd.runtime._progress import tell_share
 from sklearn_mcmd.tiling._catalog import EXTENSIONS, stamp_of
 from sklearn_mcmd.tiling._memory import PART
 from sklearn_mcmd.tiling._publish_outputs import places_of
-from sklearn_mcmd.tiling._sweeps import warn_caller
 
 __all__ = ["targets_of", "write_outputs"]
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, clone
 
+from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.edges import SharpFeatureDetector
 from sklearn_mcmd.io import Trajectory
 from sklearn_mcmd.io._classes import class_numbers
@@ -21,7 +22,6 @@ from sklearn_mcmd.tiling._edges import Edges
 from sklearn_mcmd.tiling._normals import Normals
 from sklearn_mcmd.tiling._run import RunReport, run_by_tiles
 from sklearn_mcmd.tiling._segments import Segments
-from sklearn_mcmd.tiling._sweeps import warn_caller
 
 __all__ = ["process_files"]
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.base import clone
 
+from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._ground import check_ground
@@ -36,7 +37,7 @@ from sklearn_mcmd.tiling._memory import (
 from sklearn_mcmd.tiling._outputs import targets_of
 from sklearn_mcmd.tiling._publish_outputs import move_outputs, resume_moves
 from sklearn_mcmd.tiling._sensor_origins import OriginWriter, SensorPath
-from sklearn_mcmd.tiling._sweeps import TilingError, warn_caller
+from sklearn_mcmd.tiling._sweeps import TilingError
 
 __all__ = ["Run", "RunReport", "Verb", "check_seed", "run_by_tiles", "warm_up"]
 

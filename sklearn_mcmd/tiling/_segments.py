@@ -3,7 +3,7 @@
 import numpy as np
 from sklearn.base import clone
 
-from sklearn_mcmd._errors import ParameterWarning
+from sklearn_mcmd._errors import ParameterWarning, warn_caller
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.planes._resolution import least_scales
@@ -28,7 +28,7 @@ from sklearn_mcmd.tiling._result_files import LABELED, Results, fit_together, wr
 from sklearn_mcmd.tiling._run import Verb, warm_up
 from sklearn_mcmd.tiling._stored_columns import ALL, whole_of
 from sklearn_mcmd.tiling._stored_index import StoredIndex
-from sklearn_mcmd.tiling._sweeps import Sweeps, warn_caller
+from sklearn_mcmd.tiling._sweeps import Sweeps
 
 __all__ = ["Segments"]
 

@@ -7,6 +7,7 @@ import numpy as np
 from sklearn.base import clone
 from sklearn.utils.validation import check_array
 
+from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io import PointCloud, sensor_origins
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._las_parts import read_parts
@@ -21,7 +22,6 @@ from sklearn_mcmd.io._trajectory import (
 from sklearn_mcmd.outliers._view import view_from_origin
 from sklearn_mcmd.tiling._memory import PART
 from sklearn_mcmd.tiling._stored_columns import made
-from sklearn_mcmd.tiling._sweeps import warn_caller
 
 __all__ = [
     "OriginWriter",

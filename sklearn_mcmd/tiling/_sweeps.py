@@ -1,21 +1,19 @@
 """Kinds of work on all cells, one after another: what fails is told, the others are finished.
 
-And warnings of runs, at the line that gave the command.
+And the warning of coordinates that single precision rounds too coarsely.
 """
 
-import sys
 import time
 import warnings
 from functools import partial
 
 from joblib import Parallel, delayed
 
+from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.planes._resolution import coarse_warning
 from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part, tell_share
 
-__all__ = ["Sweeps", "TilingError", "compute_cells", "warn_caller", "warn_if_coarse"]
-
-OWN = ("sklearn_mcmd.tiling.", "contextlib")  # modules between a run and who asked for it
+__all__ = ["Sweeps", "TilingError", "compute_cells", "warn_if_coarse"]
 
 
 class TilingError(ValueError):
@@ -68,14 +66,6 @@ def compute_cells(task, cells, todo, n_workers):
         tell_share(n_done / n_points, f"{rate:,.0f} points/s")
     if n_failed:
         raise TilingError(f"{n_failed} of {len(cells)} tiles failed")
-
-
-def warn_caller(message):
-    """Warn at the nearest line outside of this package, however deep the work is in it."""
-    frame, level = sys._getframe(1), 2
-    while frame is not None and frame.f_globals.get("__name__", "").startswith(OWN):
-        frame, level = frame.f_back, level + 1
-    warnings.warn(message, stacklevel=level)
 
 
 def warn_if_coarse(constants, index):

@@ -47,6 +47,16 @@ def test_the_other_way_round_only_the_sign_of_the_offset_changes():
     assert there.tilt == pytest.approx(back.tilt, rel=1e-4)
 
 
+@pytest.mark.parametrize("variance", ["prior", "posterior"])
+def test_a_plane_and_itself_differ_by_0_with_the_errors_of_two_such_planes(variance):
+    a = fitted(np.random.default_rng(0))
+    one, found = a.precision(variance), compare_planes(a, a, variance=variance)
+    assert (found.tilt.value, found.offset.value) == (0, 0)
+    assert found.offset.error == pytest.approx(np.sqrt(2) * one.offset_error)
+    assert found.tilt.error == pytest.approx(np.sqrt(2) * one.ellipse[0])
+    assert found.offset.smallest > 2 * found.offset.error
+
+
 @pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
 @pytest.mark.parametrize(("variance", "n"), [("prior", 12), ("posterior", 12), ("posterior", 40)])
 def test_equal_planes_differ_with_probability_alpha(surface, variance, n):
@@ -91,7 +101,7 @@ def test_two_horizontal_lines_are_compared_as_by_welchs_t():
 def test_what_cannot_be_is_refused():
     rng = np.random.default_rng(0)
     a = fitted(rng)
-    line = FuzzyPlaneDetector(sigma0=SIGMA).fit(rng.normal(size=(20, 2)))
+    line = FuzzyPlaneDetector(sigma0=SIGMA).fit(rng.normal(size=(20, 2)) * [1, SIGMA])
     with pytest.raises(ValueError, match="of 3 and 2 columns"):
         compare_planes(a, line)
     with pytest.raises(ValueError, match="variance='prior' needs a known sigma0"):

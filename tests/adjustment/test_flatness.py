@@ -90,8 +90,8 @@ def test_a_tilted_plane_has_perpendicular_distances():
     assert flatness(BaardaPlaneDetector(sigma0=0.01).fit(X), X, 0.88).n_outside == 1
 
 
-@pytest.mark.parametrize("width", [0, -1, np.nan, np.inf])
+@pytest.mark.parametrize("width", [0, -1, np.nan, np.inf, "5mm"])
 def test_a_width_that_cannot_be_is_refused(width):
     X = sheet()
-    with pytest.raises(ValueError, match="is no width"):
+    with pytest.raises(ValueError, match="is no width: give a finite number"):
         flatness(BaardaPlaneDetector().fit(X), X, width)

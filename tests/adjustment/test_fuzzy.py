@@ -10,6 +10,7 @@ from sklearn_mcmd.adjustment import FuzzyPlaneDetector, _effects
 
 
 @pytest.mark.filterwarnings("ignore:The points that pass are as thick as they are wide")
+@pytest.mark.filterwarnings("ignore:The tests reject")
 @pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
 @pytest.mark.parametrize("weighting", ["ratio", "cut"])
 @pytest.mark.parametrize("width", [0.15, 1.0, 1.25])
@@ -72,6 +73,7 @@ def test_many_regressors_go_without_a_hull_and_agree():
     assert_array_equal(FuzzyPlaneDetector().fit(X).labels_, expected["labels"])
 
 
+@pytest.mark.filterwarnings("ignore:The tests reject")
 def test_labels_are_the_predictions_of_the_training_points():
     for seed in range(60):
         X, _ = random_case(seed)
@@ -113,7 +115,9 @@ def test_a_detector_fitted_on_clean_points_still_rejects_a_bad_one():
 
 def test_without_a_normal_residual_all_points_are_outliers():
     X = np.column_stack([np.arange(6.0), [0, 100, 0, 100, 0, 100.0]])
-    detector = FuzzyPlaneDetector(width=0.1).fit(X)
+    with pytest.warns(UserWarning, match="reject 6 of 6 points, .* Check sigma0=1.0") as caught:
+        detector = FuzzyPlaneDetector(width=0.1).fit(X)
+    assert caught[0].filename == __file__
     assert (detector.membership_residual_ >= 0.5).all()
     assert (detector.labels_ == -1).all()
 

@@ -47,6 +47,18 @@ def test_the_count_of_returned_points_is_reported():
     assert f"{removed - 100} came back" in text_report(detector, X)
 
 
+def test_less_than_no_worst_points_are_refused():
+    X = plane_with_outliers(50, 2, 12.0)
+    detector = BaardaPlaneDetector().fit(X)
+    for ask in (
+        lambda n: text_report(detector, X, n_worst=n),
+        lambda n: detector.reliability(X, n_worst=n),
+    ):
+        with pytest.raises(ValueError, match="'n_worst' parameter"):
+            ask(-1)
+        ask(0)
+
+
 def test_other_points_than_the_fitted_are_refused():
     X = plane_with_outliers(50, 2, 12.0)
     detector = FuzzyPlaneDetector().fit(X)

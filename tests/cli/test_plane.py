@@ -85,6 +85,22 @@ def test_the_fuzzy_method_is_the_fuzzy_detector(wall_file, tmp_path):
     assert "fuzzy memberships" in (tmp_path / "out_report.txt").read_text()
 
 
+def test_fuzzy_that_leaves_no_point_says_so_and_gives_no_nan(tmp_path):
+    xyz = np.random.default_rng(0).uniform(size=(400, 3)) * [1, 1, 0]
+    xyz[3, 2] = 0.5  # off an exact plane: sigma0 is that of the robust plane, rounding
+    write_points(tmp_path / "flat.npz", PointCloud(xyz))
+    out, page = tmp_path / "out.npz", tmp_path / "report"
+    result = run("plane", tmp_path / "flat.npz", out, "--method", "fuzzy", "--report", page)
+    assert "The tests reject 400 of 400 points" in result.stderr
+    assert "without outliers none" in result.stdout
+    pages = (
+        result.stdout,
+        (page / "index.html").read_text(),
+        (tmp_path / "out_report.txt").read_text(),
+    )
+    assert not any(re.search(r"\bnan\b", page) for page in pages)
+
+
 def test_a_vertical_surface_is_warned_of_on_a_wall(wall_file, tmp_path):
     result = run("plane", wall_file, tmp_path / "out.laz", "--surface", "vertical")
     assert result.exit_code == 0

@@ -1,13 +1,17 @@
 """Edges: against truth where it is known, by hand where a formula says, the same if moved."""
 
+import warnings
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import cKDTree
 from sklearn.base import clone
+from sklearn.cluster import DBSCAN
 from sklearn.metrics import f1_score, roc_auc_score
 from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
 
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, SharpFeatureDetector
 from sklearn_mcmd.datasets import make_box, make_crown_roof, make_street
@@ -356,9 +360,33 @@ def test_bad_parameters_are_named(box, parameters, message):
         fast(**parameters).fit(box.data[:200])
 
 
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"outlier_detector": DBSCAN(0.3)}, "labels other than"),
+        ({"outlier_detector": MCMDOutlierDetector(cutoff=1e-300)}, "2000 of 2000 points outliers"),
+        (
+            {"outlier_detector": StandardScaler()},
+            "'outlier_detector' .* implementing 'fit_predict'",
+        ),
+        ({"outlier_detector": "pass"}, "'outlier_detector' .*'passthrough'.* Got 'pass'"),
+        ({"normal_estimator": StandardScaler()}, "'normal_estimator' .*RobustNormalEstimator"),
+    ],
+)
+def test_estimators_that_do_not_serve_are_named(box, parameters, message):
+    with pytest.raises(ValueError, match=message):
+        fast(**parameters).fit(box.data)
+
+
 def test_columns_that_are_no_unit_normals_are_refused(box):
     with pytest.raises(ValueError, match="the 6 columns of X are not those of"):
         fast(normals="precomputed").fit(np.hstack([box.data, box.data]))
+
+
+def test_the_size_of_the_default_detector_is_not_warned_of(box):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        SharpFeatureDetector(random_state=0).fit(box.data[:44])  # 40 neighbors; the default has 50
 
 
 def test_too_few_points_are_refused():

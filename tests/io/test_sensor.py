@@ -1,5 +1,7 @@
 """Positions of the sensor that files tell, and that they do not claim what they do not know."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -79,3 +81,10 @@ def test_the_viewpoint_of_pcd_is_the_position_unless_it_is_the_usual_zeros():
 def test_other_files_tell_no_position():
     with pytest.raises(PointFileError, match="only E57, PCD and LAS can tell it"):
         sensor_origins(PointCloud(POINTS))
+
+
+@pytest.mark.parametrize("trajectory", ["tr.csv", Path("tr.csv"), 5])
+def test_a_trajectory_that_is_no_pair_is_refused(trajectory):
+    cloud = PointCloud(POINTS, {"gps_time": np.zeros(len(POINTS))})
+    with pytest.raises(PointFileError, match=r"a pair of times .* as read_trajectory gives, got"):
+        sensor_origins(cloud, trajectory)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from sklearn import config_context
 from sklearn.cluster import DBSCAN
 from sklearn.metrics import adjusted_rand_score
 from sklearn.model_selection import GridSearchCV
@@ -44,6 +45,19 @@ def test_each_fold_is_one_whole_scene(scenes):
     for (train, test), name in zip(folds, (7, 8, 9), strict=True):
         assert_array_equal(train, test)
         assert_array_equal(test, np.flatnonzero(scene == name))
+
+
+def test_groups_reach_the_folds_with_metadata_routing(scenes):
+    X, y, scene = scenes
+    grid = {"segment__max_angle": [15.0]}
+    search = GridSearchCV(
+        pipeline(), grid, scoring=score_segments, cv=WholeSceneSplit(), refit=False
+    )
+    expected = search.fit(X, y, groups=scene).cv_results_["mean_test_f_score"]
+    with config_context(enable_metadata_routing=True):
+        search.fit(X, y, groups=scene)
+    assert search.n_splits_ == 3
+    assert_array_equal(search.cv_results_["mean_test_f_score"], expected)
 
 
 def test_missing_or_short_groups_are_refused(scenes):
