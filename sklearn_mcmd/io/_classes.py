@@ -124,7 +124,7 @@ class LowestPoints:
         return low
 
     def _limit(self, n_points):
-        """Let squares have enough of so many points on average; none is larger than the four at 0."""
+        """Let squares have enough of so many points on average; four at 0 are the largest."""
         most = max(1, n_points // self.n_usual)
         while len(self.codes) > most and (_twofold(self.codes) != self.codes).any():
             self._coarsen(self.exponent + 1)

@@ -291,7 +291,7 @@ def test_intensity_that_is_not_there_or_has_no_use_is_refused(turn, room_file, t
     assert "turn.npy: --intensity: the file has none" in line
     options = ("--intensity", "--strictness", "paper")
     line = error_line(run("denoise", room_file, tmp_path / "out.npy", *options))
-    assert "--intensity needs --n-neighbors and a strictness" in line
+    assert "--intensity has no meaning where each point is judged by one plane alone" in line
     assert not (tmp_path / "out.npy").exists()
 
 
