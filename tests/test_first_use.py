@@ -48,6 +48,31 @@ def test_few_functions_are_compiled(tmp_path):
     assert counts[1] == [0, 0, 0, 0]
 
 
+CURVATURES = """
+import sys
+from hashlib import sha256
+import numpy as np
+from sklearn_mcmd import RobustNormalEstimator
+
+X = np.load(sys.argv[1])["xyz"][:6000]
+estimator = RobustNormalEstimator(features=["max_curvature"], random_state=0).fit(X)
+print(sha256(estimator.transform(X).tobytes()).hexdigest())
+"""
+
+
+@pytest.mark.slow
+def test_the_process_that_compiles_has_the_results_of_those_that_load(tmp_path, shared_data):
+    """On a machined part without noise, whose folds rounding decides."""
+    cloud = shared_data / "cad_angle_block" / "cloud.npz"
+    command = [sys.executable, "-c", CURVATURES, cloud]
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    first, second = (
+        subprocess.run(command, env=environment, capture_output=True, check=True).stdout
+        for _ in range(2)
+    )
+    assert first == second
+
+
 VERB = """
 import sys
 from numba.core import event

@@ -23,10 +23,14 @@ def kernel(function=None, **options):
     no wrappers for calls from Python, which take time to compile: Numba would unpack each record of
     arrays in each function. None is called from C. Division by zero is as in NumPy; if functions
     differed in this, Numba would compile its own, such as `max`, for each kind.
+
+    With `fastmath` a function becomes part of each that calls it. Else the process that compiles
+    calls one form of it, and those that load the code call others, whose sums round differently.
     """
     if function is None:
         return lambda function: kernel(function, **options)
     options |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": not options.get("cache")}
+    options["forceinline"] = "fastmath" in options
     compiled = njit(nogil=True, error_model="numpy", **options)(function)
     files = getattr(
         getattr(compiled, "_cache", None), "_cache_file", None
