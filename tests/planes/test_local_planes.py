@@ -18,22 +18,26 @@ def planes_of(X, compiled, **parameters):
         "reweight": True,
         "precision": 2.0**-52,
     }
+    queries = parameters.pop("queries", X)
     index = NeighborIndex(X, 30, parameters.pop("radius", None))
     settings = PlaneSettings(**{**settings, **parameters})
     model = LocalPlaneModel(index, draw_trials(69, 30, 0), settings)
     model.compiled = compiled
-    return model.evaluate(X)
+    return model.evaluate(queries)
 
 
 @pytest.mark.parametrize(
     ("method", "reweight"),
     [("mcmd_z", True), ("mcmd_z", False), ("mcmd_md", True), ("mcmd_md", False), ("pca", True)],
 )
+@pytest.mark.parametrize("aside", [0.0, 0.05])
 @pytest.mark.parametrize("kind", KINDS)
-def test_compiled_and_numpy_forms_agree(kind, method, reweight):
+def test_compiled_and_numpy_forms_agree(kind, method, reweight, aside):
     X = neighborhoods(kind, 8, 60, seed=5).reshape(-1, 3)
-    ours, our_distance = planes_of(X, True, method=method, reweight=reweight)
-    theirs, their_distance = planes_of(X, False, method=method, reweight=reweight)
+    rng, parameters = np.random.default_rng(6), {"method": method, "reweight": reweight}
+    parameters["queries"] = X + aside * np.ptp(X, axis=0).max() * rng.normal(size=X.shape)
+    ours, our_distance = planes_of(X, True, **parameters)
+    theirs, their_distance = planes_of(X, False, **parameters)
     # Scales at rounding level, as on a perfect plane, may differ by rounding.
     level = 1e-13 * (np.abs(X).max() + 1)
     agree = np.isclose(ours.scale, theirs.scale, rtol=1e-6, atol=level)
@@ -43,6 +47,8 @@ def test_compiled_and_numpy_forms_agree(kind, method, reweight):
     same = agree & (theirs.scale > 1e3 * level)
     assert_allclose(our_distance[same], their_distance[same], rtol=1e-5, atol=1e-6)
     assert_array_equal(ours.kept[same], theirs.kept[same])
+    size = np.ptp(X, axis=0).max()
+    assert_allclose(ours.centroids[same], theirs.centroids[same], rtol=1e-12, atol=1e-9 * size)
     most = theirs.eigenvalues.max()
     assert_allclose(ours.eigenvalues[same], theirs.eigenvalues[same], rtol=1e-6, atol=1e-15 * most)
 
