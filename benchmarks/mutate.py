@@ -33,7 +33,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PYTHON = os.environ.get("NUMBA_DISABLE_JIT") == "1"
-BUDGET, LONGEST = 12, 30 if PYTHON else 600  # seconds of a mutant's tests, and of one test
+BUDGET, LONGEST = 12, 7 if PYTHON else 600  # seconds of a mutant's tests, and of one test
 FIELDS = ("room", "file", "line", "at", "was", "now", "outcome", "by")
 SWAPS = {"not": [""], "~": [""], "is": ["is not"], "in": ["not in"]} | {
     old: new
