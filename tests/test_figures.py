@@ -31,13 +31,18 @@ def test_results_are_as_old_as_the_commits_to_what_they_measure(tmp_path, capsys
     commit(tmp_path, sklearn_mcmd__edges__a="2")
     page = f"Measured at ``{code}`` (the\nold) and\n``{later}``\n(new).\n\nNot ``{picture}``.\n"
     commit(tmp_path, **{"page.rst": page, "lost.rst": "Measured at ``0123abc``.\n\n"})
-    results = (("pict*", "planes", ""), ("page.rst", "planes edges", ""))
+    results = (
+        ("pict*", "planes", ""),
+        ("page.rst", "planes edges", ""),
+        ("pict*", "planes", "", later),
+    )
     assert main(["--check"], tmp_path, results) == 0
     rows = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()[1:]]
     assert rows == [
         f"picture {picture} 1 in planes",
         f"page.rst (the old) {code} 2 in planes edges",
         f"page.rst (new) {later} 1 in planes edges",
+        f"picture {later}",
     ]
     assert main(["--check"], tmp_path, [("lost.rst", "planes", "")]) == 1
     assert "no such commit" in capsys.readouterr().out
@@ -54,5 +59,5 @@ def test_every_picture_has_a_command_and_every_page_of_evidence_its_commits():
     for path in known:
         if path.suffix in (".rst", ".md"):
             assert measurements(path, ROOT), path
-    folders = {part for _, parts, _ in RESULTS for part in parts.split()}
+    folders = {part for _, parts, *_ in RESULTS for part in parts.split()}
     assert all((ROOT / "sklearn_mcmd" / part).is_dir() for part in folders)
