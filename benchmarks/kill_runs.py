@@ -208,6 +208,7 @@ def main():
     parser.add_argument("--kind", choices=KINDS, action="append")
     args = parser.parse_args()
     kinds, faults = args.kind or [*KINDS], []
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # which the background ignores
     with tempfile.TemporaryDirectory() as folder:
         warm_up(Path(folder))
         for kind in kinds if args.kills else ():
