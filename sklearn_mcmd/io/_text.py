@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io._column_names import attribute_name, coordinate_columns, n_known_axes
 from sklearn_mcmd.io._point_cloud import (
     PointCloud,
@@ -39,9 +40,7 @@ def read_text(path, columns=None):
         for j, (number, value) in words.items()
     ]
     if left_out:
-        warnings.warn(
-            f"{path}: columns with words are left out: {', '.join(left_out)}", stacklevel=3
-        )
+        warn_caller(f"{path}: columns with words are left out: {', '.join(left_out)}")
     attributes = {}
     for j, name in enumerate(layout.names):
         if j in layout.positions or j in words:
@@ -113,10 +112,9 @@ def _large_integers(path, layout, j, values):
         )
         cells = (row[j] for row in rows if len(row) == width)
         if any(int(c) != float(c) for c in cells if re.fullmatch(r"[+-]?\d{16,400}", c)):
-            warnings.warn(
+            warn_caller(
                 f"{path}: integers of {layout.names[j]} are rounded to 53 bits, because the "
-                "column has gaps, or no 64 bits hold all of it",
-                stacklevel=4,
+                "column has gaps, or no 64 bits hold all of it"
             )
     return values
 
