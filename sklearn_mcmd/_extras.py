@@ -1,13 +1,9 @@
 """Optional libraries, which are not installed with the package, and how to install them."""
 
 import importlib
-import os
 import re
-import sys
 
-from sklearn_mcmd.runtime._interrupts import INTERRUPTED, exit_at_once, ignore_interrupts
-
-__all__ = ["how_to_install", "import_extra", "run_app"]
+__all__ = ["how_to_install", "import_extra"]
 
 
 def import_extra(module, extra, purpose):
@@ -34,28 +30,6 @@ def how_to_install(library, extra):
     named = [asked_for for asked_for in asked if library in re.split(r"[^\w.-]+", asked_for)]
     wanted = named or asked or [library]  # rich comes with typer, which alone is asked for
     return "pip install " + " ".join(f'"{requirement}"' for requirement in wanted)
-
-
-def run_app():
-    """Run the command line; without its libraries, say how to install them.
-
-    Always raises SystemExit, with the exit code: 0 done, 1 failed, 2 wrong usage, 130 interrupted.
-    """
-    exit_at_once("mcmd")
-    try:
-        for library in ("rich", "typer"):
-            import_extra(library, "cli", "the command line")
-    except ImportError as err:
-        print(f"mcmd: error: {err}", file=sys.stderr)
-        sys.exit(1)
-    try:
-        importlib.import_module("sklearn_mcmd.cli").app(prog_name="mcmd")
-    except SystemExit as end:
-        if end.code == INTERRUPTED:
-            # Threads may still compile or compute; do not wait for them.
-            os._exit(INTERRUPTED)
-        ignore_interrupts()
-        raise
 
 
 def _requirements(extra):

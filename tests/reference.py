@@ -85,6 +85,23 @@ def mcmd_md(points, members, query, cutoff):
     return np.array(rmd) < cutoff, own
 
 
+def pca(points, query):
+    """Eq. 1: the plane of all members, which are all kept, and the query's distance over their
+    standard deviation."""
+    mean, _, axes = plane(points)
+    sd = np.sqrt(np.sum(((points - mean) @ axes[:, 0]) ** 2) / (len(points) - points.shape[1]))
+    return np.ones(len(points), bool), abs((query - mean) @ axes[:, 0]) / sd
+
+
+# The literal form of each rule: inliers and the query's own distance, of points, the consistent
+# set, the query and the cutoff.
+RULES = {
+    "mcmd_z": lambda points, members, query, cutoff: mcmd_z(points, members, query),
+    "mcmd_md": mcmd_md,
+    "pca": lambda points, members, query, cutoff: pca(points, query),
+}
+
+
 def parts(n, links):
     """Label of the connected part of each of n points: the first of its points."""
     labels = list(range(n))
@@ -103,10 +120,7 @@ def saliency(X, query, k, trials, h, method, cutoff):
     """Algorithm 4 for one query: own distance, normal and eigenvalues after cleaning."""
     points = X[neighborhood(X, query, k)]
     members, _ = consistent_set(points, trials, h)
-    if method == "mcmd_z":
-        inliers, own = mcmd_z(points, members, query)
-    else:
-        inliers, own = mcmd_md(points, members, query, cutoff)
+    inliers, own = RULES[method](points, members, query, cutoff)
     _, eigenvalues, axes = plane(points[inliers])
     return own, axes[:, 0], eigenvalues
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.exceptions import ConvergenceWarning
 
+from sklearn_mcmd._choices import Correction, EliminationRule, Loss, Surface, Test, choices_of
 from sklearn_mcmd._errors import warn, warn_caller
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd.adjustment._base import PlaneDetector
@@ -197,7 +198,7 @@ class BaardaPlaneDetector(PlaneDetector):
 
     _parameter_constraints: ClassVar[dict] = {
         **PlaneDetector._parameter_constraints,
-        "elimination": [StrOptions({"single", "all"})],
+        "elimination": [StrOptions(choices_of(EliminationRule))],
         "max_iter": [Interval(Integral, 1, None, closed="left"), None],
         "robust_start": ["boolean"],
         "random_state": ["random_state"],
@@ -207,14 +208,14 @@ class BaardaPlaneDetector(PlaneDetector):
         self,
         alpha: float = 0.05,
         *,
-        test: Literal["w", "tau", "t"] = "w",
+        test: Test = "w",
         sigma0: float | Literal["auto"] = 1.0,
-        correction: Literal["sidak", "bonferroni", "b-method", "none"] = "sidak",
-        elimination: Literal["single", "all"] = "single",
+        correction: Correction = "sidak",
+        elimination: EliminationRule = "single",
         max_iter: int | None = None,
         contamination: float | Literal["auto"] = "auto",
-        surface: Literal["vertical", "orthogonal"] = "vertical",
-        loss: Literal["squared_error", "huber", "tukey"] = "squared_error",
+        surface: Surface = "vertical",
+        loss: Loss = "squared_error",
         robust_start: bool = False,
         random_state: int | np.random.RandomState | None = None,
     ) -> None:

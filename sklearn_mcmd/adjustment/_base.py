@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_array, check_is_fitted
 
+from sklearn_mcmd._choices import Correction, Loss, Surface, Test, choices_of
 from sklearn_mcmd._errors import ParameterError, warn, warn_caller
 from sklearn_mcmd._sklearn import (
     CallbackSupportMixin,
@@ -29,7 +30,7 @@ from sklearn_mcmd.adjustment._precision import PlanePrecision, precision_of, qua
 from sklearn_mcmd.adjustment._reliability import PlaneReliability, reliability_of
 from sklearn_mcmd.adjustment._robust import WEIGHT_FUNCTIONS, m_estimate
 from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
-from sklearn_mcmd.adjustment._tests import CORRECTIONS, global_test_pvalue, local_level
+from sklearn_mcmd.adjustment._tests import global_test_pvalue, local_level
 
 __all__ = ["N_WORST", "PlaneDetector", "check_points", "sigma0_is_rounding"]
 
@@ -47,12 +48,12 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
 
     _parameter_constraints: ClassVar[dict] = {
         "alpha": [Interval(Real, 0, 1, closed="neither")],
-        "test": [StrOptions({"w", "tau", "t"})],
+        "test": [StrOptions(choices_of(Test))],
         "sigma0": [Interval(Real, 0, None, closed="neither"), StrOptions({"auto"})],
-        "correction": [StrOptions(CORRECTIONS)],
-        "loss": [StrOptions({"squared_error", *WEIGHT_FUNCTIONS})],
+        "correction": [StrOptions(choices_of(Correction))],
+        "loss": [StrOptions(choices_of(Loss))],
         "contamination": [StrOptions({"auto"}), Interval(Real, 0, 0.5, closed="right")],
-        "surface": [StrOptions({"vertical", "orthogonal"})],
+        "surface": [StrOptions(choices_of(Surface))],
     }
 
     def fit_predict(

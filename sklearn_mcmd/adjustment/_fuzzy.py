@@ -6,6 +6,7 @@ from typing import ClassVar, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sklearn_mcmd._choices import Correction, Loss, Surface, Test
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd.adjustment._base import PlaneDetector
 from sklearn_mcmd.adjustment._determinacy import check_rank
@@ -167,14 +168,14 @@ class FuzzyPlaneDetector(PlaneDetector):
         self,
         alpha: float = 0.05,
         *,
-        test: Literal["w", "tau", "t"] = "w",
+        test: Test = "w",
         sigma0: float | Literal["auto"] = 1.0,
-        correction: Literal["none", "sidak", "bonferroni", "b-method"] = "none",
+        correction: Correction = "none",
         width: float = 1.0,
         weighting: Literal["ratio", "cut"] = "ratio",
         contamination: float | Literal["auto"] = "auto",
-        surface: Literal["vertical", "orthogonal"] = "vertical",
-        loss: Literal["squared_error", "huber", "tukey"] = "squared_error",
+        surface: Surface = "vertical",
+        loss: Loss = "squared_error",
     ) -> None:
         self.alpha = alpha
         self.test = test

@@ -1,13 +1,14 @@
 """Weighted least-squares planes: coefficients, cofactors and redundancy numbers."""
 
 from dataclasses import dataclass, replace
-from typing import Literal, Self
+from typing import Self
 
 import numpy as np
 from numpy.linalg import eigh
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lstsq, orth
 
+from sklearn_mcmd._choices import Surface
 from sklearn_mcmd.runtime._chunks import slices
 
 __all__ = ["PlaneAdjustment", "adjust_plane", "weights_of"]
@@ -46,7 +47,7 @@ class PlaneAdjustment:
     sum_weights: float
     sum_of_squares: float
     n_observations: int
-    surface: Literal["vertical", "orthogonal"]
+    surface: Surface
     kernel: NDArray[np.float64] | None = None
 
     @property
@@ -133,7 +134,7 @@ def adjust_plane(
     X: ArrayLike,
     weights: ArrayLike | None = None,
     *,
-    surface: Literal["vertical", "orthogonal"] = "vertical",
+    surface: Surface = "vertical",
 ) -> PlaneAdjustment:
     """Weighted least-squares plane, its cofactors and variance factor (Eqs 2-4, 9).
 

@@ -1,15 +1,16 @@
 """What a measurement will find, before it is made: Monte Carlo of data snooping."""
 
 from numbers import Integral, Real
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from sklearn.utils import check_random_state
 
+from sklearn_mcmd._choices import Correction, choices_of
 from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
 from sklearn_mcmd.adjustment._power import POWER, SHARE, noncentrality
 from sklearn_mcmd.adjustment._start import CUT, SUCCESS_PROBABILITY, SUPPORT_FRACTION, half_of
-from sklearn_mcmd.adjustment._tests import CORRECTIONS, UNCONTROLLED, critical_value, local_level
+from sklearn_mcmd.adjustment._tests import UNCONTROLLED, critical_value, local_level
 from sklearn_mcmd.planes._consistent_set import n_trials_needed
 from sklearn_mcmd.runtime._compiling import compiled_function
 
@@ -69,7 +70,7 @@ class PlanePlan(NamedTuple):
         "sigma0": [Interval(Real, 0, None, closed="neither")],
         "bias": [Interval(Real, 0, None, closed="neither"), None],
         "outlier_rate": [Interval(Real, 0, 0.5, closed="left")],
-        "correction": [StrOptions(CORRECTIONS)], "alpha": SHARE, "power": SHARE,
+        "correction": [StrOptions(choices_of(Correction))], "alpha": SHARE, "power": SHARE,
         "robust_start": ["boolean"], "random_state": ["random_state"],
     },
     prefer_skip_nested_validation=True,
@@ -80,7 +81,7 @@ def plan_plane(
     sigma0: float = 1.0,
     extent: tuple[float, float] = (1.0, 1.0),
     alpha: float = 0.05,
-    correction: Literal["sidak", "bonferroni", "b-method", "none"] = "sidak",
+    correction: Correction = "sidak",
     outlier_rate: float = 0.0,
     bias: float | None = None,
     power: float = POWER,

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.exceptions import ConvergenceWarning
 
+from sklearn_mcmd._choices import Surface
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.adjustment._plane import PlaneAdjustment, adjust_plane
 from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
@@ -25,7 +26,7 @@ def m_estimate(
     *,
     loss: Literal["huber", "tukey"] = "huber",
     sigma0: float | None = None,
-    surface: Literal["vertical", "orthogonal"] = "vertical",
+    surface: Surface = "vertical",
 ) -> tuple[PlaneAdjustment, NDArray[np.float64], float]:
     """Plane by M-estimation: repeat the adjustment with P W until it converges (Eqs 3-7).
 

@@ -1,15 +1,14 @@
 """Test statistics of residuals, their critical values and local levels (Table 1)."""
 
 from numbers import Integral, Real
-from typing import Literal
 
 import numpy as np
 from scipy.special import betaln, chdtrc, log_ndtr, logsumexp, ndtri, stdtrit
 
+from sklearn_mcmd._choices import Correction, Test, choices_of
 from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
 
 __all__ = [
-    "CORRECTIONS",
     "UNCONTROLLED",
     "chance_outside",
     "critical_value",
@@ -25,21 +24,20 @@ __all__ = [
 
 # An observation with a smaller redundancy number is uncontrolled: its residual is only rounding.
 UNCONTROLLED = 1e-10
-CORRECTIONS = {"sidak", "bonferroni", "b-method", "none"}
 
 
 @validate_params(
     {
         "alpha": [Interval(Real, 0, 1, closed="neither")],
         "n": [Interval(Integral, 0, None, closed="left")],
-        "correction": [StrOptions(CORRECTIONS)],
+        "correction": [StrOptions(choices_of(Correction))],
     },
     prefer_skip_nested_validation=True,
 )
 def local_level(
     alpha: float,
     n: int,
-    correction: Literal["sidak", "bonferroni", "b-method", "none"] = "sidak",
+    correction: Correction = "sidak",
 ) -> float:
     """Level of one of n tests that gives all together the level alpha (Eq. 1).
 
@@ -74,13 +72,13 @@ def local_level(
 
 @validate_params(
     {
-        "test": [StrOptions({"w", "tau", "t"})],
+        "test": [StrOptions(choices_of(Test))],
         "level": [Interval(Real, 0, 1, closed="neither")],
         "dof": [Interval(Integral, 0, None, closed="left")],
     },
     prefer_skip_nested_validation=True,
 )
-def critical_value(test: Literal["w", "tau", "t"], level: float, dof: int) -> float:
+def critical_value(test: Test, level: float, dof: int) -> float:
     """Two-sided critical value of one test (Table 1).
 
     Parameters

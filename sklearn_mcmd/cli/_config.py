@@ -1,7 +1,6 @@
 """``--config FILE``, settings in a file; ``mcmd config``, all of them with their defaults."""
 
 import tomllib
-from enum import StrEnum
 from pathlib import Path
 from textwrap import indent, wrap
 from typing import Annotated
@@ -93,7 +92,7 @@ def _lines(option):
         return f"{help}\n# {option.name} = {words}"
     if isinstance(default, bool):
         return f"{help}\n{option.name} = {str(default).lower()}"
-    shown = f'"{default}"' if isinstance(default, str | StrEnum) else default
+    shown = f'"{default}"' if isinstance(default, str) else default
     return f"{help}\n{option.name} = {shown}"
 
 

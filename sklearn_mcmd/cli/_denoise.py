@@ -1,12 +1,12 @@
 """``mcmd denoise``."""
 
 import warnings
-from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import typer
 
+from sklearn_mcmd._choices import Mode, OutlierMethod, Strictness
 from sklearn_mcmd.cli import _files, _messages, _options, _point_selection, _sensor
 from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
@@ -20,23 +20,7 @@ __all__ = ["denoise"]
 
 # Rates of false positives: the least that the simulation resolves in 3D, and the detector's limit.
 LEAST_RATE, LARGEST_RATE = 1e-4, 0.5
-
-
-class Mode(StrEnum):
-    drop = "drop"
-    mark = "mark"
-
-
-class OutlierMethod(StrEnum):
-    mcmd_z = "mcmd_z"
-    mcmd_md = "mcmd_md"
-
-
-class Strictness(StrEnum):
-    isolated = "isolated"
-    groups = "groups"
-    surfaces = "surfaces"
-    paper = "paper"
+PAPER = "paper"  # the level that is None in Python
 
 
 def denoise(
@@ -51,7 +35,7 @@ def denoise(
             "(high noise), or 7 where the point format has no 18; elsewhere by an attribute "
             "'outlier'."
         ),
-    ] = Mode.drop,
+    ] = "drop",
     n_neighbors: _options.NNeighbors = 50,
     method: Annotated[
         OutlierMethod,
@@ -61,9 +45,9 @@ def denoise(
             "it also decides which points are outliers.",
             hidden=True,
         ),
-    ] = OutlierMethod.mcmd_z,
+    ] = "mcmd_z",
     strictness: Annotated[
-        Strictness,
+        Literal[Strictness, "paper"],
         typer.Option(
             help="Which points are outliers. isolated: single points and pairs far from everything "
             "else. groups: also small groups that stand apart, such as ghosts, birds and dust; "
@@ -72,7 +56,7 @@ def denoise(
             "surface; foliage, wires and thin posts are removed. paper: points off the plane of "
             "their own neighborhood, as in the paper; weak on whole clouds."
         ),
-    ] = Strictness.groups,
+    ] = "groups",
     noise_scale: Annotated[
         float | None,
         _options.number_option(
@@ -158,12 +142,12 @@ def denoise(
         }
     )
     _sensor.check_one_position(sensor, trajectory)
-    recognize = sensor is None and trajectory is None and strictness is not Strictness.paper
+    recognize = sensor is None and trajectory is None and strictness != PAPER
     sensor = None if sensor == _sensor.NONE else sensor
     params = {
         "n_neighbors": n_neighbors,
-        "method": str(method),
-        "strictness": None if strictness is Strictness.paper else str(strictness),
+        "method": method,
+        "strictness": None if strictness == PAPER else strictness,
         "noise_scale": noise_scale,
         "cutoff": cutoff,
         "false_positive_rate": false_positive_rate,
@@ -193,8 +177,10 @@ def denoise(
                 *(source, target, catalog, params, choice, heights, mode, memory, restart),
                 *(report, quiet, seconds, sensor, trajectory, recognize),
             )
+        from sklearn_mcmd.outliers._volumes import losses_of
+
         with progress("denoise", quiet):
-            mark = mode is Mode.mark
+            mark = mode == "mark"
             cloud = _files.read(
                 source, target, "marks of outliers" if mark else None, columns=columns
             )
@@ -217,7 +203,8 @@ def denoise(
             classes, score, under = _verdict(cloud, points, detector, low_groups)
             is_outlier = classes != 0
             _warn_if_without_scale(_n_without_scale(score[is_outlier]), len(cloud))
-            together = _together(some.xyz, (is_outlier & ~under)[points.used], detector)
+            removed = (is_outlier & ~under)[points.used]
+            together = losses_of(detector, lambda: [(some.xyz, removed)], len(some))
             if together:
                 warnings.warn(together, stacklevel=2)
             _files.write(target, *_denoised(cloud, classes, score, mark))
@@ -245,14 +232,14 @@ def _by_tiles(
     position = sensor if isinstance(sensor, tuple) else _sensor.AUTO if recognize else None
     with progress("denoise", quiet):
         told = process_files(
-            catalog, target, _detector(params | {"sensor_origin": position}), mode=str(mode),
+            catalog, target, _detector(params | {"sensor_origin": position}), mode=mode,
             memory=memory, sensor_origin=_sensor.path_of_options(sensor, trajectory),
             n_jobs=params["n_jobs"], restart=restart, ignore_classes=choice.ignored,
             only_classes=choice.only, **heights,
         )  # fmt: skip
         write_report_of(
             report, source, target, seconds,
-            lambda: _tile_contents(catalog, target, params, told, mode is Mode.mark),
+            lambda: _tile_contents(catalog, target, params, told, mode == "mark"),
         )  # fmt: skip
     _warn_if_without_scale(told.n_exact, told.n_points)
     if not quiet:
@@ -327,15 +314,6 @@ def _verdict(cloud, points, detector, low_groups):
     )  # fmt: skip
     classes[under] = LOW_NOISE
     return classes, score, under
-
-
-def _together(xyz, removed, detector):
-    """In words, where outliers lie together that nobody asked for; "" if nowhere."""
-    from sklearn_mcmd.outliers._volumes import lost_volumes, words_of
-
-    if detector.strictness == "surfaces":  # things that are no surfaces are to go
-        return ""
-    return words_of(lost_volumes(lambda: [(xyz, removed)], len(xyz)))
 
 
 def _contents(cloud, detector, mark, found, n_all, together):

@@ -1,11 +1,11 @@
 """``mcmd edges``."""
 
-from enum import StrEnum
 from typing import Annotated
 
 import numpy as np
 import typer
 
+from sklearn_mcmd._choices import Criterion
 from sklearn_mcmd.cli import _files, _messages, _options
 from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
@@ -17,13 +17,6 @@ from sklearn_mcmd.io._point_cloud import has_colors, with_results
 __all__ = ["edges"]
 
 
-class Criterion(StrEnum):
-    crease = "crease"
-    eigenvalue = "eigenvalue"
-    surface_variation = "surface_variation"
-    removed_fraction = "removed_fraction"
-
-
 def edges(
     source: _options.InFiles,
     target: _options.OutFiles,
@@ -31,10 +24,10 @@ def edges(
     criterion: Annotated[
         Criterion,
         typer.Option(
-            help="crease: the distance to the line where two faces meet. The others measure how "
-            "much the neighborhood differs from a plane."
+            help="crease: the distance to the line where two faces meet. eigenvalue, "
+            "surface_variation, removed_fraction: how much the neighborhood differs from a plane."
         ),
-    ] = Criterion.crease,
+    ] = "crease",
     threshold: Annotated[
         float | None,
         _options.number_option(
@@ -79,7 +72,7 @@ def edges(
     """
     params = {
         "n_neighbors": n_neighbors,
-        "criterion": str(criterion),
+        "criterion": criterion,
         "threshold": threshold,
         "min_angle": min_angle,
         "outlier_detector": None if denoise else "passthrough",

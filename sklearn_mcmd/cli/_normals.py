@@ -1,11 +1,11 @@
 """``mcmd normals``."""
 
-from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import typer
 
+from sklearn_mcmd._choices import RuleMethod
 from sklearn_mcmd.cli import _files, _messages, _options, _sensor
 from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
@@ -16,23 +16,9 @@ from sklearn_mcmd.io._point_cloud import with_results
 
 __all__ = ["normals"]
 
-
-class NormalMethod(StrEnum):
-    mcmd_z = "mcmd_z"
-    mcmd_md = "mcmd_md"
-    pca = "pca"
-
-
-class Orientation(StrEnum):
-    none = "none"
-    up = "up"
-    sensor = "sensor"
-    mst = "mst"
-
-
 # Share of normals of upright faces that is worth a line.
 SOME_UPRIGHT = 0.05
-DIRECTIONS = {Orientation.none: None, Orientation.up: [0.0, 0.0, 1.0]}
+DIRECTIONS = {"none": None, "up": [0.0, 0.0, 1.0]}
 
 
 def normals(
@@ -40,25 +26,25 @@ def normals(
     target: _options.OutFiles,
     n_neighbors: _options.NNeighborsOrAuto = 50,
     method: Annotated[
-        NormalMethod,
+        RuleMethod,
         typer.Option(
             help="How outliers of a neighborhood are found before its plane is fitted. mcmd_z: by "
             "their distance to the plane. mcmd_md: by their distance within it as well. pca: not "
             "at all."
         ),
-    ] = NormalMethod.mcmd_z,
+    ] = "mcmd_z",
     radius: Annotated[
         float | None,
         _options.number_option("Largest distance of a neighbor, in units of the file."),
     ] = None,
     orientation: Annotated[
-        Orientation,
+        Literal["none", "up", "sensor", "mst"],
         typer.Option(
             help="Which of two opposite normals to take. none, up: the one with positive z, which "
             "for upright faces noise decides from point to point. sensor: the one toward --sensor "
             "or --trajectory. mst: the one that agrees with the neighbors."
         ),
-    ] = Orientation.none,
+    ] = "none",
     sensor: _sensor.SensorOrigin = None,
     trajectory: _sensor.TrajectoryFile = None,
     features: Annotated[
@@ -113,9 +99,9 @@ def normals(
     features = _parse_features(features)
     params = {
         "n_neighbors": n_neighbors,
-        "method": str(method),
+        "method": method,
         "radius": radius,
-        "orientation": DIRECTIONS.get(orientation, str(orientation)),
+        "orientation": DIRECTIONS.get(orientation, orientation),
         "sensor_origin": sensor if isinstance(sensor, tuple) else None,
         "features": features,
         "cutoff": cutoff,
@@ -126,7 +112,7 @@ def normals(
     with _messages.clear_exits(allow_coarse=allow_coarse), engine(scheduler):
         seconds = _messages.stopwatch()
         n_features = len(_feature_columns(features))
-        work = "tree" if orientation is Orientation.mst else "normals"
+        work = "tree" if orientation == "mst" else "normals"
         work = f"{work}, auto" if n_neighbors == "auto" else work
         work = _sensor.work_of_options(work, sensor, trajectory, rays=False)
         catalog = large_catalog(
@@ -134,7 +120,7 @@ def normals(
         )
         if dry_run:
             known = params
-            if orientation is Orientation.sensor:  # positions are not read here
+            if orientation == "sensor":  # positions are not read here
                 known = params | {"orientation": None, "sensor_origin": None}
             estimator = _estimator(known)
             print_plan(source, target, catalog, estimator, memory, n_features=n_features, work=work)
@@ -203,7 +189,7 @@ def _tile_contents(catalog, target, params, told):
 
 def _sides(orientation, n_upright, n_points):
     """The row of the summary that names the option where noise decides the side of many."""
-    if orientation is not Orientation.none or n_upright <= SOME_UPRIGHT * n_points:
+    if orientation != "none" or n_upright <= SOME_UPRIGHT * n_points:
         return {}
     share = f"{100 * n_upright / n_points:.0f} % are of upright faces"
     return {"sides": f"{share}, to either side by chance; see --orientation sensor and mst"}
@@ -257,7 +243,7 @@ def _feature_columns(features):
 def _check_sensor(orientation, sensor, trajectory):
     """Wrong usage where a position is asked for or given, but not both."""
     given = sensor is not None or trajectory is not None
-    if given != (orientation is Orientation.sensor):
+    if given != (orientation == "sensor"):
         raise typer.BadParameter(
             "--orientation sensor needs --sensor X,Y,Z|auto or --trajectory FILE, and these need "
             "--orientation sensor: give both or neither."

@@ -2,14 +2,14 @@
 
 import os
 import warnings
-from enum import StrEnum
 from pathlib import Path
 from string import ascii_letters
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import typer
 
+from sklearn_mcmd._choices import Correction, EliminationRule, Surface, Test
 from sklearn_mcmd._extras import how_to_install
 from sklearn_mcmd.cli import _files, _messages, _options
 from sklearn_mcmd.cli._config import Config
@@ -25,15 +25,7 @@ METERS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
 # Number of points that suffices to find the step of their coordinates.
 MAX_LOOKED_AT = 20_000
 
-
-Method = StrEnum("Method", ["baarda", "fuzzy"])
-Test = StrEnum("Test", ["w", "tau", "t"])
-Correction = StrEnum(
-    "Correction",
-    {"sidak": "sidak", "bonferroni": "bonferroni", "b_method": "b-method", "none": "none"},
-)
-Elimination = StrEnum("Elimination", ["single", "all"])
-Surface = StrEnum("Surface", ["orthogonal", "vertical"])
+Method = Literal["baarda", "fuzzy"]
 OutFiles = Annotated[
     Path | None,
     typer.Argument(
@@ -55,7 +47,7 @@ def plane(
             "one adjustment, and a limit between outliers and the rest. fuzzy is the weaker test "
             "at the same critical value."
         ),
-    ] = Method.baarda,
+    ] = "baarda",
     test: Annotated[
         Test,
         typer.Option(
@@ -63,7 +55,7 @@ def plane(
             "them with their own scale; without the robust start these find nothing above about "
             "5 % of outliers."
         ),
-    ] = Test.w,
+    ] = "w",
     alpha: Annotated[
         float,
         _options.number_option(
@@ -86,14 +78,15 @@ def plane(
     correction: Annotated[
         Correction | None,
         typer.Option(
-            help="How the level of one point follows from alpha. none: it is alpha, and that share "
+            help="How the level of one point follows from alpha. sidak, bonferroni: so that alpha "
+            "is the level of all together, exactly or at most. none: it is alpha, and that share "
             "of the good points is flagged. b-method: so too, and the level of the global test "
             "follows from it.",
             show_default="sidak, for fuzzy none",
         ),
     ] = None,
     elimination: Annotated[
-        Elimination | None,
+        EliminationRule | None,
         typer.Option(
             help="For baarda only. single: remove the worst point of each round. all: remove all "
             "rejected points.",
@@ -106,7 +99,7 @@ def plane(
             help="orthogonal: residuals are distances from the plane, for any tilt. vertical: "
             "residuals are along z, for heights at exact positions; wrong for walls."
         ),
-    ] = Surface.orthogonal,
+    ] = "orthogonal",
     robust_start: Annotated[
         bool | None,
         typer.Option(
@@ -170,7 +163,7 @@ def plane(
     params = _detector_params(
         method, alpha, test, sigma0, correction, elimination, surface, robust_start
     )
-    if method is Method.baarda:
+    if method == "baarda":
         params["random_state"] = random_state
     width = None if tolerance is None else _width(tolerance, unit)
     more_to_tell = against is not None or width is not None
@@ -243,11 +236,11 @@ def _read(source, target, catalog, columns):
 
 def _detector_params(method, alpha, test, sigma0, correction, elimination, surface, robust_start):
     """Parameters of the detector; options that the method lacks are wrong usage."""
-    params = {"alpha": alpha, "test": str(test), "sigma0": sigma0, "surface": str(surface)}
+    params = {"alpha": alpha, "test": test, "sigma0": sigma0, "surface": surface}
     if correction is not None:
-        params["correction"] = str(correction)
-    if method is Method.baarda:
-        params["elimination"] = str(elimination or Elimination.single)
+        params["correction"] = correction
+    if method == "baarda":
+        params["elimination"] = elimination or "single"
         params["robust_start"] = robust_start is not False
     elif elimination is not None:
         raise typer.BadParameter("--method fuzzy eliminates nothing.", param_hint="--elimination")
@@ -299,7 +292,7 @@ def _test_plane(xyz, method, params):
     """The fitted detector and the residuals of all points."""
     from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
 
-    detector = {Method.baarda: BaardaPlaneDetector, Method.fuzzy: FuzzyPlaneDetector}[method]
+    detector = {"baarda": BaardaPlaneDetector, "fuzzy": FuzzyPlaneDetector}[method]
     with warnings.catch_warnings(record=True) as caught:
         fitted = detector(**params).fit(xyz)
     _check_width(fitted, xyz)  # what is refused needs no warning

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_is_fitted, check_random_state
 
+from sklearn_mcmd._choices import Criterion, choices_of
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd._sklearn import (
     CallbackSupportMixin,
@@ -176,9 +177,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
 
     _parameter_constraints: ClassVar[dict] = {
         "n_neighbors": [Interval(Integral, 3, None, closed="left")],
-        "criterion": [
-            StrOptions({"crease", "eigenvalue", "surface_variation", "removed_fraction"})
-        ],
+        "criterion": [StrOptions(choices_of(Criterion))],
         "threshold": [Interval(Real, 0, None, closed="neither"), StrOptions({"mean"}), None],
         "n_std": [Interval(Real, 0, None, closed="left"), None],
         "min_angle": [Interval(Real, 0, 90, closed="neither")],
@@ -193,9 +192,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
         self,
         n_neighbors: int = 40,
         *,
-        criterion: Literal[
-            "crease", "eigenvalue", "surface_variation", "removed_fraction"
-        ] = "crease",
+        criterion: Criterion = "crease",
         threshold: float | Literal["mean"] | None = None,
         n_std: float | None = None,
         min_angle: float = 20.0,

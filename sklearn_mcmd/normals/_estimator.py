@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
+from sklearn_mcmd._choices import RuleMethod, choices_of
 from sklearn_mcmd._sklearn import Interval, StrOptions, check_feature_names_in, fit_context
 from sklearn_mcmd.baselines._methods import METHOD_NAMES  # registers them
 from sklearn_mcmd.normals._adaptive_k import sized_index
@@ -26,7 +27,6 @@ from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.planes._columns import column_names, joined_columns, plane_offsets
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._plane import surface_variation
-from sklearn_mcmd.planes._rules import METHODS
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
@@ -251,7 +251,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     _parameter_constraints: ClassVar[dict] = {
         **BaseLocalPlanes._parameter_constraints,
         "n_neighbors": [Interval(Integral, 2, None, closed="left"), StrOptions({"auto"}), None],
-        "method": [StrOptions({*METHODS, *METHOD_NAMES})],
+        "method": [StrOptions({*choices_of(RuleMethod), *METHOD_NAMES})],
         "method_params": [dict, None],
         "neighbor_planes": ["boolean", None],
         "tangents": ["boolean"],

@@ -6,11 +6,13 @@ from typing import ClassVar, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sklearn_mcmd._choices import OutlierMethod, Strictness, choices_of
 from sklearn_mcmd._errors import ParameterError, warn_caller
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd._validation import FittedScoresMixin, check_sensor_origin
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff
 from sklearn_mcmd.outliers._intensity import ranks_of_intensity
+from sklearn_mcmd.outliers._levels import LEVELS
 from sklearn_mcmd.outliers._model import JudgedCloud
 from sklearn_mcmd.outliers._view import origin_if_seen
 from sklearn_mcmd.planes._base import BasePlaneOutliers
@@ -250,8 +252,8 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
 
     _parameter_constraints: ClassVar[dict] = {
         **BasePlaneOutliers._parameter_constraints,
-        "method": [StrOptions({"mcmd_z", "mcmd_md"})],
-        "strictness": [StrOptions({"isolated", "groups", "surfaces"}), None],
+        "method": [StrOptions(choices_of(OutlierMethod))],
+        "strictness": [StrOptions(choices_of(Strictness)), None],
         "noise_scale": [Interval(Real, 0, None, closed="neither"), None],
         "sensor_origin": ["array-like", StrOptions({"origin", "auto"}), None],
         "false_positive_rate": [Interval(Real, 0, 0.5, closed="neither"), None],
@@ -262,8 +264,8 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
         self,
         n_neighbors: int | None = 50,
         *,
-        method: Literal["mcmd_z", "mcmd_md"] = "mcmd_z",
-        strictness: Literal["isolated", "groups", "surfaces"] | None = "groups",
+        method: OutlierMethod = "mcmd_z",
+        strictness: Strictness | None = "groups",
         support_fraction: float = 0.5,
         max_outlier_rate: float = 0.5,
         success_probability: float = 0.9999,
@@ -350,8 +352,8 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
                     f"{' and '.join(lacks)}, or leave ${name} out."
                 )
         xyz = self._fit_planes(X)
-        by_company = not one_plane and self.strictness != "surfaces" and share_to_flag(self) is None
-        if by_company and xyz.shape[1] >= CROWDED:
+        by_company = not (one_plane or LEVELS[self.strictness].off_surfaces)
+        if by_company and share_to_flag(self) is None and xyz.shape[1] >= CROWDED:
             warn_caller(
                 f"strictness={self.strictness!r} in {xyz.shape[1]}D finds few outliers: so many "
                 'dimensions leave no point alone. Give strictness="surfaces", by which distances '

@@ -6,6 +6,7 @@ import numpy as np
 
 from sklearn_mcmd.outliers._intensity import darkness
 from sklearn_mcmd.outliers._isolation import chosen_rows, mean_distance
+from sklearn_mcmd.outliers._levels import LEVELS
 from sklearn_mcmd.outliers._off_surface import OffSurface, OffSurfaceLimits, Places
 from sklearn_mcmd.outliers._ray_evidence import RayEvidence
 from sklearn_mcmd.outliers._rays import distances_between
@@ -54,8 +55,8 @@ class Judgement(NamedTuple):
 class JudgedCloud:
     """A cloud whose points are scored by its surfaces and by how far they stand off from all else.
 
-    `strictness` is "isolated", "groups" or "surfaces"; with None each point is scored by the plane
-    of its own neighborhood. `noise_scale` is the standard deviation of the noise, in the place of
+    `strictness` is a key of `LEVELS`; with None each point is scored by the plane of its own
+    neighborhood. `noise_scale` is the standard deviation of the noise, in the place of
     each plane's own if it is not None. `origins`, float64 (n, d), tells where the sensor stood when
     it measured each point of the model's index, and `intensity` (n,) is that of these points, as
     ranks from 0 to 1; see `ranks_of_intensity`.
@@ -64,10 +65,10 @@ class JudgedCloud:
     def __init__(self, model, *, strictness, noise_scale, n_jobs, origins=None, intensity=None):
         self.model = model
         self.own_planes_only = strictness is None or model.index.n_neighbors is None
-        self.strictness = strictness
-        if strictness == "surfaces" and len(model.index.points) <= (model.index.n_neighbors or 0):
+        self.level = None if strictness is None else LEVELS[strictness]
+        if self.level is not None and len(model.index.points) <= (model.index.n_neighbors or 0):
             # The cloud is one neighborhood, and half of few points say too little about noise.
-            self.strictness = "groups"
+            self.level = self.level._replace(off_surfaces=False)
         self.noise_scale = noise_scale
         self.n_jobs = n_jobs
         self.surface_limits = SurfaceLimits()
@@ -240,7 +241,7 @@ class JudgedCloud:
         owners[others] = np.where(found < 0, others, found)
         self.explained = distances <= limits.explained
         self.explained_scale = None
-        if self.strictness == "surfaces":
+        if self.level.off_surfaces:
             self.explained_scale = self.planes.scale[owners[self.explained]]
         return owners, distances
 
@@ -269,14 +270,14 @@ class JudgedCloud:
 
     def _joined(self, distances, isolation, separation, points):
         beside = None
-        if self.strictness == "surfaces" and self.explained.any():
+        if self.level.off_surfaces and self.explained.any():
 
             def beside(rows):
                 gaps, near = self.off_surface.reference.query(points[rows], 1)
                 return ratio(gaps[:, 0], self.explained_scale[near[:, 0]])
 
         limit = self.surface_limits.explained
-        return joined_scores(distances, isolation, separation, self.strictness, limit, beside)
+        return joined_scores(distances, isolation, separation, self.level, limit, beside)
 
 
 def least_of(n_neighbors, n_places, n_points):
@@ -299,15 +300,16 @@ def both_spacings(points, counts, queries, near, n_near):
     return spacing, mean_distance(distances, counts, n_near)
 
 
-def joined_scores(distances, isolation, separation, strictness, limit, beside):
+def joined_scores(distances, isolation, separation, level, limit, beside):
     """One score: a point is as wrong as the best of its excuses leaves it.
 
     Distances are from surfaces, inf of the lost, which none reaches; a surface explains points
-    within the limit. ``beside(rows)``, of ``strictness="surfaces"`` where there are surfaces, gives
-    how far the lost of these rows are from the nearest point on a surface, in standard deviations.
+    within the limit. ``beside(rows)``, of a `Level` with ``off_surfaces`` where there are surfaces,
+    gives how far the lost of these rows are from the nearest point on a surface, in standard
+    deviations.
     """
     apart = isolation
-    if strictness != "isolated":
+    if level.groups:
         apart = np.maximum(isolation, separation)
     if beside is None:
         return np.where(distances > limit, np.minimum(distances, apart), distances)

@@ -5,7 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import label
 
-__all__ = ["LostVolume", "lost_volumes", "place_numbers", "words_of"]
+from sklearn_mcmd.outliers._levels import LEVELS
+
+__all__ = ["LostVolume", "losses_of", "lost_volumes", "place_numbers", "words_of"]
 
 # Boxes overlap by half. If all removed points were strewn evenly, each would hold one. A box is
 # lost if it holds so many times that, and so large a share of its points is removed ...
@@ -29,6 +31,16 @@ class LostVolume(NamedTuple):
     n_all: int
     low: np.ndarray
     high: np.ndarray
+
+
+def losses_of(detector, parts, n_points):
+    """In words, where outliers lie together that nobody asked for; "" if nowhere.
+
+    Parts and points are as of `lost_volumes`.
+    """
+    if detector.strictness is not None and LEVELS[detector.strictness].off_surfaces:
+        return ""  # things that are no surfaces are to go
+    return words_of(lost_volumes(parts, n_points))
 
 
 def lost_volumes(parts, n_points):

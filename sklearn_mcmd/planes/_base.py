@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
+from sklearn_mcmd._choices import RuleMethod, choices_of
 from sklearn_mcmd._errors import warn, warn_caller
 from sklearn_mcmd._sklearn import CallbackSupportMixin, DocLinkMixin, Interval, StrOptions
 from sklearn_mcmd._validation import (
@@ -40,7 +41,7 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
 
     _parameter_constraints: ClassVar[dict] = {
         "n_neighbors": [Interval(Integral, 2, None, closed="left"), None],
-        "method": [StrOptions(set(METHODS))],
+        "method": [StrOptions(choices_of(RuleMethod))],
         "support_fraction": [Interval(Real, 0, 1, closed="right")],
         "max_outlier_rate": [Interval(Real, 0, 1, closed="left")],
         "success_probability": [Interval(Real, 0, 1, closed="neither")],

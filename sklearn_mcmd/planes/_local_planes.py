@@ -137,7 +137,8 @@ class LocalPlaneModel:
 
     def ready(self):
         """Whether compiled code does the work."""
-        return self.compiled and self.settings.comparator is None
+        comparator, method = self.settings.comparator, self.settings.method
+        return self.compiled and comparator is None and METHODS[method].form is not None
 
     def _evaluate_chunk(self, queries, neighborhoods, rounding):
         planes, distance = Planes.empty(*queries.shape), np.empty(len(queries))
@@ -165,10 +166,10 @@ class LocalPlaneModel:
         sizes = np.arange(neighborhoods.indices.shape[1] + 1)
         trials = Trials(self.trials, n_support_points(self.settings.support_fraction, sizes, 3))
         own = self.settings
-        rule = RuleLimits.of(own.method, own.cutoff, own.reweight, rounding, self.least_scale)
-        out = planes, directions, distance
+        limits = RuleLimits.of(own.cutoff, own.reweight, rounding, self.least_scale)
+        out = METHODS[own.method].form, limits, planes, directions, distance
         fit = compiled_function("planes._local_planes_numba", "fit_neighborhoods_3d")
-        fit(self.index.points, neighborhoods, queries, trials, rule, *out)
+        fit(self.index.points, neighborhoods, queries, trials, *out)
 
     def _fit_numpy(self, queries, neighborhoods, rounding, planes, directions, distance):
         points = self.index.points[neighborhoods.indices]

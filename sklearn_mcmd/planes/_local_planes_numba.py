@@ -21,6 +21,10 @@ from sklearn_mcmd.runtime._kernels import kernel
 __all__ = ["fit_neighborhoods_3d"]
 
 MAGNITUDE = np.int64(2**63 - 1)
+# The compiled forms of rules: whether they need the consistent set, and True if distances within
+# the plane count too, else None. Numba drops the branches of arguments that are None, but not of
+# others, before it compiles. So the default does not compile "mcmd_md".
+FORMS = {"pca": (False, None), "mcmd_z": (True, None), "mcmd_md": (True, True)}
 
 
 class Room(NamedTuple):
@@ -40,25 +44,34 @@ class Room(NamedTuple):
     query: np.ndarray
 
 
-def fit_neighborhoods_3d(points, around, queries, trials, rule, planes, directions, distance):
+def fit_neighborhoods_3d(points, around, queries, trials, form, rule, planes, directions, distance):
     """Apply a rule to each neighborhood (Algorithm 4), one row at a time.
 
-    Points and queries (m, 3) are float64, and `rule` is a `RuleLimits`. Filled are `planes`, except
-    for extents and errors, `directions` (m, 3) with the axes of the largest eigenvalues, and
-    `distance` (m,) with robust distances of the queries.
+    Points and queries (m, 3) are float64, `form` is a key of `FORMS`, and `rule` a `RuleLimits`.
+    Filled are `planes`, except for extents and errors, `directions` (m, 3) with the axes of the
+    largest eigenvalues, and `distance` (m,) with robust distances of the queries.
     """
     k = around.indices.shape[1]
     arrays, numbers = WorkArrays.of(len(trials.positions), k), np.zeros(k)
     room = Room(numbers, numbers.view(np.int64), arrays.keys, arrays.key_numbers, np.zeros(3))
-    # Numba drops the branches of arguments that are None, but not of fields, before it compiles.
-    # So the default does not compile "mcmd_md".
-    within, out = rule.within, (planes, directions, distance)
-    _fit_neighborhoods(points, around, queries, trials, rule, within, arrays, room, *out)
+    out = planes, directions, distance
+    _fit_neighborhoods(points, around, queries, trials, rule, *FORMS[form], arrays, room, *out)
 
 
 @kernel(cache=True)
 def _fit_neighborhoods(
-    points, around, queries, trials, rule, within, arrays, room, planes, directions, distance
+    points,
+    around,
+    queries,
+    trials,
+    rule,
+    robust,
+    within,
+    arrays,
+    room,
+    planes,
+    directions,
+    distance,
 ):
     local, member, query = arrays.local, arrays.member, room.query
     for i in range(len(queries)):
@@ -72,10 +85,10 @@ def _fit_neighborhoods(
         floor = max(rule.rounding * (magnitude / radius + 1.0), rule.least_scale / radius)
 
         degenerate, fit = False, NO_FIT
-        if rule.needs_consistent_set:
+        if robust:
             least, fit = consistent_set_3d(size, trials, arrays)
             degenerate = least < 0.0
-        if degenerate or not rule.needs_consistent_set:
+        if degenerate or not robust:
             for j in range(size):
                 member[j] = 1.0
             distance[i], scale = _pca(local, size, member, query, floor)

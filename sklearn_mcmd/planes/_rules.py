@@ -3,7 +3,7 @@
 A rule turns a neighborhood and its consistent set into a robust distance: a center and a
 whitening matrix. The distance of a point is the length of its whitened deviation from the
 center, and members farther than the cutoff are outliers. `METHODS` lists the rules. This NumPy
-form works in any dimension; ``_local_planes_numba`` repeats it in three.
+form works in any dimension; ``_local_planes_numba`` repeats it in three, if a rule names its form.
 """
 
 from collections.abc import Callable
@@ -55,16 +55,16 @@ class Rule:
     default_cutoff: Callable  # takes the number of features
     needs_consistent_set: bool
     inflation: Callable  # factor on standard errors; takes cutoff, d, members kept and members
+    # Which of ``_local_planes_numba.FORMS`` computes the same; None lets NumPy do all the work.
+    form: str | None = None
 
 
 class RuleLimits(NamedTuple):
-    """Arguments of the compiled form of a rule, with its constants.
+    """Arguments of the compiled forms of rules, with their constants.
 
     Compiled code that is kept on disk would not notice a changed constant of another file.
     """
 
-    needs_consistent_set: bool
-    within: object  # True if distances within the plane count too, as for "mcmd_md"; else None
     cutoff: float
     reweight: bool
     rounding: float  # relative rounding error of the coordinates
@@ -75,20 +75,9 @@ class RuleLimits(NamedTuple):
     truncated_variance: float
 
     @classmethod
-    def of(cls, method, cutoff, reweight, rounding, least_scale):
-        """The limits of a method of `METHODS`."""
-        return cls(
-            METHODS[method].needs_consistent_set,
-            (method == "mcmd_md") or None,
-            cutoff,
-            reweight,
-            rounding,
-            least_scale,
-            MAD_TO_SD,
-            REWEIGHT_CUTOFF,
-            REWEIGHT_STEPS,
-            TRUNCATED_VARIANCE,
-        )
+    def of(cls, *own):
+        """The limits with the constants as they are now, behind the first four."""
+        return cls(*own, MAD_TO_SD, REWEIGHT_CUTOFF, REWEIGHT_STEPS, TRUNCATED_VARIANCE)
 
 
 def robust_distances(points, centers, whitening):
@@ -226,8 +215,8 @@ def _inflation_md(cutoff, d, n_inliers, n_members):
 
 
 METHODS = {
-    "mcmd_z": Rule(mcmd_z, lambda d: 2.5, True, _inflation_z),
+    "mcmd_z": Rule(mcmd_z, lambda d: 2.5, True, _inflation_z, "mcmd_z"),
     # The paper prints 3.075 for d = 3; the root of chi-squared's quantile is 3.0575.
-    "mcmd_md": Rule(mcmd_md, lambda d: sqrt(chdtri(d, 0.025)), True, _inflation_md),
-    "pca": Rule(pca, lambda d: 2.5, False, lambda *_: 1.0),
+    "mcmd_md": Rule(mcmd_md, lambda d: sqrt(chdtri(d, 0.025)), True, _inflation_md, "mcmd_md"),
+    "pca": Rule(pca, lambda d: 2.5, False, lambda *_: 1.0, "pca"),
 }

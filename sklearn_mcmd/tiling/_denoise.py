@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 from sklearn.base import clone
 
+from sklearn_mcmd._choices import Mode, choices_of
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd._validation import check_sensor_origin
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, LowestPoints, classes_of_noise, ground_in
@@ -15,7 +16,7 @@ from sklearn_mcmd.io._point_cloud import denoised_before, with_results, without_
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff, sample_step
 from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, share_to_flag
-from sklearn_mcmd.outliers._volumes import lost_volumes, words_of
+from sklearn_mcmd.outliers._volumes import losses_of
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part
 from sklearn_mcmd.tiling._cell_columns import CellColumns
@@ -62,7 +63,7 @@ class Denoise(Verb):
     def __init__(
         self, estimator, mode, ignore_classes, only_classes, above, below, low_groups, sensor_origin
     ):
-        if mode not in ("drop", "mark"):
+        if mode not in choices_of(Mode):
             raise ValueError(f"mode={mode!r} must be 'drop' or 'mark'.")
         check_detector(estimator)
         choice = Choice(ignore_classes, only_classes)
@@ -112,11 +113,8 @@ class Denoise(Verb):
         if self.mode == "mark":
             self.lowest = self._lowest(run)
         n_outliers, n_exact = map(int, write_outputs(run, self, Results(*self.scored)))
-        together = ""
-        if self.estimator.strictness != "surfaces":  # which takes things that are no surfaces
-            together = words_of(lost_volumes(partial(self._removed, run.cells), self.n_used))
         return {
-            "together": together,
+            "together": losses_of(self.estimator, partial(self._removed, run.cells), self.n_used),
             "n_outliers": n_outliers,
             "n_exact": n_exact,
             "removed_fraction": n_outliers / run.catalog.n_points,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, clone
 
+from sklearn_mcmd._choices import Mode
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.edges import SharpFeatureDetector
 from sklearn_mcmd.io import Trajectory
@@ -39,7 +40,7 @@ def process_files(
     target: str | os.PathLike[str],
     estimator: BaseEstimator,
     *,
-    mode: Literal["drop", "mark"] = "drop",
+    mode: Mode = "drop",
     ignore_classes: Iterable[int] = (),
     only_classes: Iterable[int] = (),
     above: float | None = None,

@@ -1,0 +1,26 @@
+"""Levels of strictness: what is an outlier beside points that stand alone."""
+
+from typing import NamedTuple
+
+__all__ = ["LEVELS", "Level"]
+
+
+class Level(NamedTuple):
+    """What counts beside isolation.
+
+    groups : bool
+        Whether a small group that stands off is an outlier.
+    off_surfaces : bool
+        Whether a point on no surface is an outlier, whatever company it has.
+    """
+
+    groups: bool
+    off_surfaces: bool
+
+
+# By the words of `Strictness`. Each level flags all that those before it flag.
+LEVELS = {
+    "isolated": Level(groups=False, off_surfaces=False),
+    "groups": Level(groups=True, off_surfaces=False),
+    "surfaces": Level(groups=True, off_surfaces=True),
+}
