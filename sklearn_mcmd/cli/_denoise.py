@@ -250,7 +250,7 @@ def _by_tiles(
             **(judged if told.n_judged < told.n_points else {}),
             tiles=f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
             **_sensor_row(told.seen_as),
-            **{"marked" if mode is Mode.mark else "removed": found},
+            **{"marked" if mode == "mark" else "removed": found},
         )
 
 

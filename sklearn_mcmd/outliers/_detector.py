@@ -352,7 +352,8 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
                     f"{' and '.join(lacks)}, or leave ${name} out."
                 )
         xyz = self._fit_planes(X)
-        by_company = not (one_plane or LEVELS[self.strictness].off_surfaces)
+        level = None if self.strictness is None else LEVELS[self.strictness]
+        by_company = not one_plane and level is not None and not level.off_surfaces
         if by_company and share_to_flag(self) is None and xyz.shape[1] >= CROWDED:
             warn_caller(
                 f"strictness={self.strictness!r} in {xyz.shape[1]}D finds few outliers: so many "
