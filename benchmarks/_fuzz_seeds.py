@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from sklearn_mcmd.io import PointCloud, write_points
+from sklearn_mcmd.io._formats import format_of
 
 __all__ = ["prepared", "seeds_of"]
 
@@ -90,7 +91,6 @@ def _files(reader, folder):
         },
         {"ply_comments": ["a comment"]},
     )
-    encodings = {"ply": ["ascii", "binary"], "pcd": ["ascii", "binary", "binary_compressed"]}
     if reader in ("las", "laz"):
         yield from _las_files(folder, reader, xyz)
     if reader == "npz members":
@@ -104,7 +104,7 @@ def _files(reader, folder):
     elif reader == "npy":
         yield _npy(np.asfortranarray(xyz, ">f4"))
     suffix = reader.partition(" ")[0]
-    for encoding in encodings.get(suffix, [None]):
+    for encoding in format_of(f"a.{suffix}").encodings or [None]:
         for number, cloud in enumerate((plain, rich)):
             path = folder / f"seed{number}.{suffix}"
             with warnings.catch_warnings():

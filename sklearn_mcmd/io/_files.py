@@ -13,21 +13,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sklearn_mcmd.io._arrays import read_npy, read_npz, write_npy, write_npz
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
-from sklearn_mcmd.io._column_names import no_columns
-from sklearn_mcmd.io._las import read_las, write_las
+from sklearn_mcmd.io._formats import format_of, no_columns, written_format_of
 from sklearn_mcmd.io._no_returns import NoReturns
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
-from sklearn_mcmd.io._scan_formats import (
-    read_e57,
-    read_pcd,
-    read_ply,
-    write_e57,
-    write_pcd,
-    write_ply,
-)
-from sklearn_mcmd.io._text import read_text, write_text
 
 __all__ = [
     "check_file",
@@ -35,24 +24,9 @@ __all__ = [
     "one_clear_line",
     "read_points",
     "replacing",
-    "supported_extensions",
     "system_error",
     "write_points",
 ]
-
-_FORMATS = {
-    ".csv": (read_text, write_text),
-    ".e57": (read_e57, write_e57),
-    ".las": (read_las, write_las),
-    ".laz": (read_las, write_las),
-    ".npy": (read_npy, write_npy),
-    ".npz": (read_npz, write_npz),
-    ".pcd": (read_pcd, write_pcd),
-    ".ply": (read_ply, write_ply),
-    ".txt": (read_text, write_text),
-    ".xyz": (read_text, write_text),
-}
-_ENCODINGS = {".ply": ("ascii", "binary"), ".pcd": ("ascii", "binary", "binary_compressed")}
 
 
 def read_points(
@@ -63,9 +37,9 @@ def read_points(
     Parameters
     ----------
     path : str or os.PathLike
-        A file of one of the extensions .csv .e57 .las .laz .npy .npz .pcd .ply .txt .xyz.
+        A file of one of the extensions that ``help(sklearn_mcmd.io)`` lists.
     columns : dict of str to str or int, default=None
-        Which columns of text, NPY, PLY and PCD are x, y and z: their names, or their numbers from 1
+        Which columns of PLY, PCD, text and NPY are x, y and z: their names, or their numbers from 1
         on. None, and for what is not told, the names that people use, such as easting, northing and
         elevation.
 
@@ -137,17 +111,16 @@ def read_points(
     with one_clear_line(path, "read"):
         if path.is_dir():
             raise PointFileError("is a folder; a point file is needed")
-        reader, _ = _FORMATS[_extension(path)]
-        options = {}
+        known, options = format_of(path), {}
         if columns is not None:
-            if reader not in (read_text, read_npy, read_ply, read_pcd):
+            if not known.columns:
                 told = no_columns(columns)
                 raise PointFileError(str(told)) from told
             if not columns.keys() <= set("xyz"):
                 raise PointFileError(f"columns={columns} must tell of x, y or z")
             options["columns"] = columns
         check_file(path)
-        cloud = reader(path, **options)
+        cloud = known.read(path, **options)
         finite = np.isfinite(cloud.xyz).all(axis=1)
         if not finite.all():
             n_dropped = cloud.n_dropped + int(np.count_nonzero(~finite))
@@ -245,10 +218,7 @@ def write_points(
     """
     path = Path(path)
     with one_clear_line(path, "written"):
-        extension = _extension(path)
-    if path.name.lower().endswith(".copc.laz"):
-        raise PointFileError(f"{path}: COPC can be read but not written; write plain .laz instead")
-    _, writer = _FORMATS[extension]
+        known = written_format_of(path)
     if not isinstance(cloud, PointCloud):
         cloud = PointCloud(cloud)
     if len(cloud) == 0:
@@ -257,28 +227,25 @@ def write_points(
         raise PointFileError(f"{path}: xyz holds NaN or infinity; remove those points first")
     options: dict[str, Any] = {}
     if encoding is not None:
-        if encoding not in _ENCODINGS.get(extension, ()):
-            known = ", ".join(_ENCODINGS.get(extension, ())) or "only None"
-            raise ValueError(f"encoding={encoding!r} is unknown for {extension}; known: {known}.")
+        if encoding not in known.encodings:
+            words = ", ".join(known.encodings) or "only None"
+            raise ValueError(
+                f"encoding={encoding!r} is unknown for {path.suffix.lower()}; known: {words}."
+            )
         options["encoding"] = encoding
     if noise is not None:
         noise = _mask(noise, len(cloud))
-        if writer is write_las:
+        if known.marks:
             options["noise"] = noise
-        elif writer is write_e57:
+        elif not known.attributes:
             raise PointFileError(
-                f"{path}: E57 has no place to mark outliers; write another format, "
+                f"{path}: {known.name} has no place to mark outliers; write another format, "
                 "or the inliers alone"
             )
         else:
             cloud = cloud.with_attributes(outlier=noise != 0)
     with replacing(path) as temporary, one_clear_line(path, "written"):
-        writer(temporary, cloud, **options)
-
-
-def supported_extensions() -> tuple[str, ...]:
-    """The known extensions, in alphabetical order."""
-    return tuple(sorted(_FORMATS))
+        known.write(temporary, cloud, **options)
 
 
 def check_file(path):
@@ -305,14 +272,6 @@ def check_writable(path, folder=None):
         if target.exists() and not os.access(target, os.W_OK):
             raise PointFileError("the file is write-protected")
     return target
-
-
-def _extension(path):
-    extension = path.suffix.lower()
-    if extension not in _FORMATS:
-        found = f"unknown extension {extension!r}" if extension else "no extension"
-        raise PointFileError(f"{found}; known are {' '.join(supported_extensions())}")
-    return extension
 
 
 def _mask(noise, n_points):

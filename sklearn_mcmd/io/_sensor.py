@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sklearn_mcmd.io._formats import SENSORS
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 from sklearn_mcmd.io._trajectory import Trajectory, positions_at, trajectory_of
 
@@ -39,8 +40,8 @@ def sensor_origins(
     trajectory : Trajectory, or tuple of times (m,) and positions (m, 3), default=None
         Positions between its times are interpolated linearly. Its times may be GPS seconds, the
         same less 1e9 as LAS has them, or seconds of the week, whatever those of points are; a
-        warning says so if they differ. None means that the file itself tells positions: the poses
-        of E57's scans, PCD's VIEWPOINT, or LAS's scan angles.
+        warning says so if they differ. None means that the file itself tells positions, by LAS's
+        scan angles, PCD's VIEWPOINT or E57's poses.
 
     Returns
     -------
@@ -112,7 +113,7 @@ def stated_positions(cloud):
 
         positions, words = positions_of_lines(cloud)
         return Stated(positions, words)
-    return Stated(None, "only E57, PCD and LAS can tell it; give a position or a trajectory")
+    return Stated(None, f"only {SENSORS} tell it; give a position or a trajectory")
 
 
 def _of_setups(cloud):

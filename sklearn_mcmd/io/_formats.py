@@ -1,0 +1,136 @@
+"""The formats: what each is called, who reads and writes it, and what it can hold.
+
+Everything that asks or says something of a format reads it here, documents by a test. A new format
+is a record here and its reader.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sklearn_mcmd._errors import ParameterError
+from sklearn_mcmd.io._arrays import read_npy, read_npz, write_npy, write_npz
+from sklearn_mcmd.io._las import check_las, read_las, write_las
+from sklearn_mcmd.io._point_cloud import PointFileError
+from sklearn_mcmd.io._scan_formats import (
+    read_e57,
+    read_pcd,
+    read_ply,
+    write_e57,
+    write_pcd,
+    write_ply,
+)
+from sklearn_mcmd.io._text import read_text, write_text
+
+__all__ = [
+    "FORMATS",
+    "INDEX",
+    "SENSORS",
+    "TABLE",
+    "TILED",
+    "TILED_NAMES",
+    "WITH_COLUMNS",
+    "Format",
+    "format_of",
+    "listed",
+    "no_columns",
+    "supported_extensions",
+    "written_format_of",
+]
+
+INDEX = ".vpc"  # a virtual point cloud, which stands for several files
+
+
+@dataclass(frozen=True)
+class Format:
+    """One format. Of its `extensions`, in lower case, each belongs to no other."""
+
+    name: str
+    extensions: tuple[str, ...]
+    extra: str | None  # that has its library
+    kept: str  # of what files of it hold
+    read: Callable[..., Any]
+    write: Callable[..., Any] | None = None  # None: read only
+    check: Callable[..., Any] | None = None  # of a whole cloud, before the work on it
+    columns: bool = False  # whether those of x, y and z may be told
+    encodings: tuple[str, ...] = ()
+    marks: bool = False  # whether it has its own mark of outliers, which `write` takes as `noise`
+    attributes: bool = True  # whether points may have any
+    tiles: bool = False  # whether clouds larger than memory are read and written in parts
+    sensor: str = ""  # what tells where it stood
+
+
+EVERYTHING = "everything numeric"
+FORMATS = (
+    Format(
+        "LAS and LAZ", (".las", ".laz"), "las",
+        "everything but waveform samples of LAS 1.3; results become extra dimensions",
+        read_las, write_las, check_las, marks=True, tiles=True, sensor="LAS's scan angles",
+    ),
+    Format("COPC", (".copc.laz",), "las", "as LAZ; read only", read_las, tiles=True),
+    Format(
+        "PLY", (".ply",), "formats", "all fields of points; no faces",
+        read_ply, write_ply, columns=True, encodings=("ascii", "binary"),
+    ),
+    Format(
+        "PCD", (".pcd",), "formats", "all fields of points, and the viewpoint",
+        read_pcd, write_pcd, columns=True, encodings=("ascii", "binary", "binary_compressed"),
+        sensor="PCD's VIEWPOINT",
+    ),
+    Format(
+        "E57", (".e57",), "formats", "coordinates, intensity, colors, rows and columns; no results",
+        read_e57, write_e57, attributes=False, sensor="E57's poses",
+    ),
+    Format("text", (".xyz", ".txt", ".csv"), None, EVERYTHING, read_text, write_text, columns=True),
+    Format("NPY", (".npy",), None, EVERYTHING, read_npy, write_npy, columns=True),
+    Format("NPZ", (".npz",), None, EVERYTHING, read_npz, write_npz),
+)  # fmt: skip
+_BY_EXTENSION = {extension: one for one in FORMATS for extension in one.extensions}
+# Extensions of clouds that may be larger than memory.
+TILED = tuple(e for one in FORMATS if one.tiles and one.write for e in one.extensions)
+
+
+def format_of(path):
+    """The format of a file, by its extension in upper or lower case."""
+    suffixes = [suffix.lower() for suffix in Path(path).suffixes[-2:]] or [""]
+    for extension in ("".join(suffixes), suffixes[-1]):
+        if extension in _BY_EXTENSION:
+            return _BY_EXTENSION[extension]
+    found = f"unknown extension {suffixes[-1]!r}" if suffixes[-1] else "no extension"
+    raise PointFileError(f"{found}; known are {' '.join(supported_extensions())}")
+
+
+def written_format_of(path):
+    """The same of a file to be written; raise if the format is only read."""
+    found = format_of(path)
+    if found.write is None:
+        raise PointFileError(
+            f"{found.name} can be read but not written; write another format, such as plain .laz"
+        )
+    return found
+
+
+def supported_extensions(*, written: bool = False) -> tuple[str, ...]:
+    """The known extensions, or those of files that are `written`, in alphabetical order."""
+    return tuple(sorted(e for e, one in _BY_EXTENSION.items() if one.write or not written))
+
+
+def listed(words: Iterable[str], last: str = "and") -> str:
+    """Words in a sentence, with commas and `last` before the last one."""
+    *others, final = words
+    return f"{', '.join(others)} {last} {final}" if others else final
+
+
+TILED_NAMES = listed(one.name for one in FORMATS if one.tiles and one.write)
+WITH_COLUMNS = listed(one.name for one in FORMATS if one.columns)
+SENSORS = listed([one.sensor for one in FORMATS if one.sensor], "or")
+# Of each format a line: its extensions, its extra, and what is kept.
+TABLE = "\n".join(
+    f"{' '.join(one.extensions):20}{one.extra or 'no extra':10}{one.kept}" for one in FORMATS
+)
+
+
+def no_columns(columns):
+    """The error where columns are told of a file that has no such columns."""
+    return ParameterError(f"$columns is for {WITH_COLUMNS}", columns=columns)
