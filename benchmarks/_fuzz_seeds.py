@@ -25,6 +25,11 @@ TEXTS = [
     b"time,x,y,z\n10,0,0,2\n11,8,0,2\n",
     b"gps_time y x z roll\n1e9 0 0 2 .5\n1000000001 8 0 2 .5\n",
 ]
+POSE = b"1 2 3\n0 1 0\n-1 0 0\n0 0 1\n0 1 0 0\n-1 0 0 0\n0 0 1 0\n1 2 3 1\n"
+SCANS = [
+    b"2\n2\n" + POSE + b"1 2 3 .5\n0 0 0 0.5\n4 5 6 1\n-1 2.5 1e1 0\n",
+    2 * (b"1\n3\n" + POSE + b"1 2 3 .5 255 0 9\n4 5 6 1 0 0 0\n7 8 8 0 1 2 3\n"),
+]
 SETTINGS = [
     b'[denoise]\nn_neighbors = 20\ncutoff = 3.0\nquiet = true\nsensor = "auto"\n',
     b'[normals]\nn_neighbors=[1,2]\n[denoise]\ncolumns={x="e",y=2}\nignore_classes=[7, 18]\n',
@@ -42,6 +47,7 @@ def seeds_of(reader, folder):
     """Bytes of valid files, which are made in a folder."""
     told = {
         "text": TEXTS,
+        "ptx": SCANS,
         "trajectory": TEXTS[-2:],
         "settings": SETTINGS,
         "index": [json.dumps(INDEX).encode(), json.dumps(INDEX, indent=1).encode(), DEEP],

@@ -109,9 +109,7 @@ def read(source, target=None, results=None, *, columns=None):
     if cloud.n_dropped:
         points = "1 point" if cloud.n_dropped == 1 else f"{cloud.n_dropped:,} points"
         verb = "is" if cloud.n_dropped == 1 else "are"
-        warnings.warn(
-            f"{source}: {points} without finite coordinates {verb} left out", stacklevel=2
-        )
+        warnings.warn(f"{source}: {points} without coordinates {verb} left out", stacklevel=2)
     return cloud
 
 
@@ -166,11 +164,12 @@ def rehearse(target, cloud, noise=None, *, whole=True):
 
     `whole` says that all points will be written.
     """
-    from sklearn_mcmd.io._files import one_clear_line
+    if whole and target.suffix.lower() in TILED and "las_header" not in cloud.metadata:
+        from sklearn_mcmd.io._files import one_clear_line
+        from sklearn_mcmd.io._grid import scale_of
 
-    with one_clear_line(target, "written"):
-        if whole and (check := format_of(target).check):
-            check(cloud)
+        with one_clear_line(target, "written"):
+            scale_of(cloud.xyz)
     with standing_in(target) as stand_in:
         _write(stand_in, cloud.subset(slice(0, 1)), None if noise is None else noise[:1])
 

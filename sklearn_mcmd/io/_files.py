@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
-from sklearn_mcmd.io._formats import format_of, no_columns, written_format_of
+from sklearn_mcmd.io._formats import format_of, no_columns
 from sklearn_mcmd.io._no_returns import NoReturns
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 
@@ -71,8 +71,8 @@ def read_points(
 
     Notes
     -----
-    Points with a coordinate that is not finite (common in organized PCD), or that E57
-    marks invalid, are dropped and counted in ``PointCloud.n_dropped``.
+    Points with a coordinate that is not finite (common in organized PCD) or that E57 marks
+    invalid, and PTX's rays without a return, are dropped and counted in ``PointCloud.n_dropped``.
 
     Whitespace, commas, semicolons or tabs may separate text, which is UTF-8 or Latin-1. A header
     has no number among its first three fields. Titles above it and units below it are no rows.
@@ -89,7 +89,8 @@ def read_points(
 
     PLY's ``nx, ny, nz`` are called ``normal_x, normal_y, normal_z``, and PCD's packed
     ``rgb`` becomes ``red, green, blue``, so that attributes have one name in all formats.
-    Several E57 scans are merged, and ``scan_index`` numbers them.
+    Several scans of E57 or PTX are merged, and ``scan_index`` numbers them. ``row_index`` and
+    ``column_index`` tell the cell of a point in the grid of its scan.
 
     The sizes of a LAZ's chunks and layers are checked before it is decompressed, because lazrs
     would end the process if a damaged size asked for more memory than there is. A changed bit of
@@ -218,7 +219,7 @@ def write_points(
     """
     path = Path(path)
     with one_clear_line(path, "written"):
-        known = written_format_of(path)
+        known = format_of(path, written=True)
     if not isinstance(cloud, PointCloud):
         cloud = PointCloud(cloud)
     if len(cloud) == 0:

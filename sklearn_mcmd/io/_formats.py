@@ -4,24 +4,15 @@ Everything that asks or says something of a format reads it here, documents by a
 is a record here and its reader.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from sklearn_mcmd._errors import ParameterError
-from sklearn_mcmd.io._arrays import read_npy, read_npz, write_npy, write_npz
-from sklearn_mcmd.io._las import check_las, read_las, write_las
+from sklearn_mcmd.io import _arrays, _las, _ptx, _text
+from sklearn_mcmd.io import _scan_formats as scans
 from sklearn_mcmd.io._point_cloud import PointFileError
-from sklearn_mcmd.io._scan_formats import (
-    read_e57,
-    read_pcd,
-    read_ply,
-    write_e57,
-    write_pcd,
-    write_ply,
-)
-from sklearn_mcmd.io._text import read_text, write_text
 
 __all__ = [
     "FORMATS",
@@ -36,7 +27,6 @@ __all__ = [
     "listed",
     "no_columns",
     "supported_extensions",
-    "written_format_of",
 ]
 
 INDEX = ".vpc"  # a virtual point cloud, which stands for several files
@@ -52,7 +42,6 @@ class Format:
     kept: str  # of what files of it hold
     read: Callable[..., Any]
     write: Callable[..., Any] | None = None  # None: read only
-    check: Callable[..., Any] | None = None  # of a whole cloud, before the work on it
     columns: bool = False  # whether those of x, y and z may be told
     encodings: tuple[str, ...] = ()
     marks: bool = False  # whether it has its own mark of outliers, which `write` takes as `noise`
@@ -66,49 +55,49 @@ FORMATS = (
     Format(
         "LAS and LAZ", (".las", ".laz"), "las",
         "everything but waveform samples of LAS 1.3; results become extra dimensions",
-        read_las, write_las, check_las, marks=True, tiles=True, sensor="LAS's scan angles",
+        _las.read_las, _las.write_las, marks=True, tiles=True, sensor="LAS's scan angles",
     ),
-    Format("COPC", (".copc.laz",), "las", "as LAZ; read only", read_las, tiles=True),
+    Format("COPC", (".copc.laz",), "las", "as LAZ; read only", _las.read_las, tiles=True),
     Format(
         "PLY", (".ply",), "formats", "all fields of points; no faces",
-        read_ply, write_ply, columns=True, encodings=("ascii", "binary"),
+        scans.read_ply, scans.write_ply, columns=True, encodings=("ascii", "binary"),
     ),
     Format(
         "PCD", (".pcd",), "formats", "all fields of points, and the viewpoint",
-        read_pcd, write_pcd, columns=True, encodings=("ascii", "binary", "binary_compressed"),
-        sensor="PCD's VIEWPOINT",
+        scans.read_pcd, scans.write_pcd, columns=True, sensor="PCD's VIEWPOINT",
+        encodings=("ascii", "binary", "binary_compressed"),
     ),
     Format(
         "E57", (".e57",), "formats", "coordinates, intensity, colors, rows and columns; no results",
-        read_e57, write_e57, attributes=False, sensor="E57's poses",
+        scans.read_e57, scans.write_e57, attributes=False, sensor="E57's poses",
     ),
-    Format("text", (".xyz", ".txt", ".csv"), None, EVERYTHING, read_text, write_text, columns=True),
-    Format("NPY", (".npy",), None, EVERYTHING, read_npy, write_npy, columns=True),
-    Format("NPZ", (".npz",), None, EVERYTHING, read_npz, write_npz),
+    Format(
+        "PTX", (".ptx",), None, "coordinates, intensity, colors, rows and columns; read only",
+        _ptx.read_ptx, sensor="PTX's poses",
+    ),
+    Format(
+        "text", (".xyz", ".txt", ".csv"), None, EVERYTHING,
+        _text.read_text, _text.write_text, columns=True,
+    ),
+    Format("NPY", (".npy",), None, EVERYTHING, _arrays.read_npy, _arrays.write_npy, columns=True),
+    Format("NPZ", (".npz",), None, EVERYTHING, _arrays.read_npz, _arrays.write_npz),
 )  # fmt: skip
 _BY_EXTENSION = {extension: one for one in FORMATS for extension in one.extensions}
 # Extensions of clouds that may be larger than memory.
 TILED = tuple(e for one in FORMATS if one.tiles and one.write for e in one.extensions)
 
 
-def format_of(path):
-    """The format of a file, by its extension in upper or lower case."""
+def format_of(path, *, written=False):
+    """The format of a file, by its extension; raise if it is `written` and can only be read."""
     suffixes = [suffix.lower() for suffix in Path(path).suffixes[-2:]] or [""]
     for extension in ("".join(suffixes), suffixes[-1]):
-        if extension in _BY_EXTENSION:
-            return _BY_EXTENSION[extension]
+        if known := _BY_EXTENSION.get(extension):
+            if written and not known.write:
+                words = "can be read but not written; write another format, such as plain .laz"
+                raise PointFileError(f"{known.name} {words}")
+            return known
     found = f"unknown extension {suffixes[-1]!r}" if suffixes[-1] else "no extension"
     raise PointFileError(f"{found}; known are {' '.join(supported_extensions())}")
-
-
-def written_format_of(path):
-    """The same of a file to be written; raise if the format is only read."""
-    found = format_of(path)
-    if found.write is None:
-        raise PointFileError(
-            f"{found.name} can be read but not written; write another format, such as plain .laz"
-        )
-    return found
 
 
 def supported_extensions(*, written: bool = False) -> tuple[str, ...]:
@@ -116,7 +105,7 @@ def supported_extensions(*, written: bool = False) -> tuple[str, ...]:
     return tuple(sorted(e for e, one in _BY_EXTENSION.items() if one.write or not written))
 
 
-def listed(words: Iterable[str], last: str = "and") -> str:
+def listed(words, last="and"):
     """Words in a sentence, with commas and `last` before the last one."""
     *others, final = words
     return f"{', '.join(others)} {last} {final}" if others else final

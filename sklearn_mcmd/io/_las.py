@@ -19,7 +19,6 @@ from sklearn_mcmd.io._point_cloud import (
 from sklearn_mcmd.io._waveforms import place_waveforms
 
 __all__ = [
-    "check_las",
     "cloud_of_points",
     "coordinate_system",
     "forget_copc",
@@ -65,12 +64,6 @@ def write_las(path, cloud, noise=None):
     else:
         las.write(str(path))
     place_waveforms(path, las.header)
-
-
-def check_las(cloud):
-    """Refuse points that are too far from the others for the steps of a new LAS."""
-    if "las_header" not in cloud.metadata:
-        scale_of(cloud.xyz)
 
 
 def read_header(path):

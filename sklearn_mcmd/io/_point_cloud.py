@@ -51,11 +51,11 @@ class PointCloud:
         Data for a faithful copy of the source file: ``las_header`` and ``las_points``
         (the raw records, so that integer coordinates are kept), ``ply_comments``,
         ``ply_obj_info``, ``pcd_viewpoint``, ``npz_arrays`` (arrays of another length). Also
-        ``denoised``, whether outliers were removed, which LAS, LAZ and PLY tell, and where
-        the scanner of each E57 scan stood, ``sensor_origins``, NaN where that is not known.
+        ``denoised``, whether outliers were removed, which LAS, LAZ and PLY tell, and where the
+        scanner of each scan of E57 or PTX stood, ``sensor_origins``, NaN where that is not known.
     n_dropped : int, default=0
-        Number of points of the file that were left out, because a coordinate was not finite
-        or was marked invalid.
+        Number of points of the file that were left out, because a coordinate was not finite,
+        or the file says that there is no point.
 
     Raises
     ------
@@ -201,7 +201,8 @@ def joined(clouds):
     lost = sorted(set().union(*shapes) - set(shared))
     if lost:
         warnings.warn(
-            f"attributes that not every file has are left out: {', '.join(lost)}", stacklevel=2
+            f"attributes that not every file or scan has are left out: {', '.join(lost)}",
+            stacklevel=2,
         )
     return PointCloud(
         np.concatenate([cloud.xyz for cloud in clouds]),

@@ -41,7 +41,7 @@ def sensor_origins(
         Positions between its times are interpolated linearly. Its times may be GPS seconds, the
         same less 1e9 as LAS has them, or seconds of the week, whatever those of points are; a
         warning says so if they differ. None means that the file itself tells positions, by LAS's
-        scan angles, PCD's VIEWPOINT or E57's poses.
+        scan angles, PCD's VIEWPOINT, E57's poses or PTX's poses.
 
     Returns
     -------
@@ -64,8 +64,9 @@ def sensor_origins(
 
     Notes
     -----
-    *E57.* The pose of a scan says where the scanner stood. A pose that moves nothing counts only if
-    the scan has a grid of rows and columns: programs that merge scans write such a pose, too.
+    *E57, PTX.* The pose of a scan says where the scanner stood. A pose that moves nothing counts
+    only if the scan has a grid of rows and columns: programs that merge scans write such a pose,
+    too. In PTX each pose needs a grid, and one that moves nothing must not name another place.
 
     *PCD.* VIEWPOINT counts unless it is 0 0 0. That is what programs write who do not know it.
 
@@ -124,4 +125,4 @@ def _of_setups(cloud):
         setups = setups[np.asarray(cloud.attributes["scan_index"])]
     if not np.isfinite(setups).all():
         return Stated(None, "not all of the scans have a pose that says where the scanner stood")
-    return Stated(setups, "E57 setup" if len(setups) == 1 else "E57 setups")
+    return Stated(setups, "pose of the scan" if len(setups) == 1 else "poses of the scans")

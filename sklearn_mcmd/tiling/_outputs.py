@@ -5,7 +5,7 @@ import os
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import check_writable, one_clear_line, replacing
-from sklearn_mcmd.io._formats import TILED, listed, supported_extensions, written_format_of
+from sklearn_mcmd.io._formats import TILED, format_of, listed, supported_extensions
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._las_parts import read_parts, writing_parts
 from sklearn_mcmd.runtime._progress import tell_share
@@ -57,7 +57,7 @@ def targets_of(catalog, target):
         if path.suffix.lower() not in TILED:
             raise PointFileError(f"{path}: clouds beyond memory are written as {LAS_OR_LAZ} only")
         with one_clear_line(path, "written"):
-            written_format_of(path)
+            format_of(path, written=True)
         if not os.access(folder, os.W_OK):
             raise PointFileError(f"{path}: cannot be written; {folder} is write-protected")
     return targets
