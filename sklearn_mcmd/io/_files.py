@@ -82,15 +82,18 @@ def read_points(
     they are an error. Columns that hold other words, such as dates, are left out. Attributes that
     are integers in all rows are exact up to 64 bits.
 
-    NPY holds a table (n, >= 3) or a structured array. NPZ holds an array
-    ``xyz``, or ``x``, ``y``, ``z``; else its first array of shape (n, 3) is taken. Arrays of NPZ
+    NPY holds a table (n, >= 3), an organized one (rows, columns, 3), or a structured array of
+    either shape. NPZ holds an array ``xyz``, or ``x``, ``y``, ``z``, organized or not; else its
+    first array of shape (n, 3) is taken. Arrays of NPZ
     of another length (for example an ``offset`` of length 3) are not applied to the coordinates:
     they stay in ``metadata["npz_arrays"]``.
 
     PLY's ``nx, ny, nz`` are called ``normal_x, normal_y, normal_z``, and PCD's packed
     ``rgb`` becomes ``red, green, blue``, so that attributes have one name in all formats.
     Several scans of E57 or PTX are merged, and ``scan_index`` numbers them. ``row_index`` and
-    ``column_index`` tell the cell of a point in the grid of its scan.
+    ``column_index`` tell the cell of a point in the grid of its scan, or of an organized PCD, NPY
+    or NPZ, whose ``metadata["grid_shape"]`` has the numbers of rows and columns. All formats hold
+    them, and PCD as its grid of WIDTH and HEIGHT.
 
     The sizes of a LAZ's chunks and layers are checked before it is decompressed, because lazrs
     would end the process if a damaged size asked for more memory than there is. A changed bit of
@@ -172,9 +175,9 @@ def write_points(
     Warns
     -----
     UserWarning
-        If an attribute cannot be kept, or not exactly. E57 holds finite intensity of single
-        precision and colors of 8 bits only. In LAS, a value that does not fit the dimension of its
-        name goes to an extra dimension ``<name>_value``.
+        If an attribute, or the grid of an organized cloud, cannot be kept, or not exactly. E57
+        holds finite intensity of single precision and colors of 8 bits only. In LAS, a value that
+        does not fit the dimension of its name goes to an extra dimension ``<name>_value``.
 
     See Also
     --------
@@ -199,7 +202,8 @@ def write_points(
     LAS 1.4, but not from LAS 1.3.
 
     *PLY, PCD.* Coordinates are float32 where that is exact, as viewers expect, else float64.
-    Colors of LAS that were made of 8 bits have 8 bits again.
+    Colors of LAS that were made of 8 bits have 8 bits again. In PCD an organized cloud keeps its
+    grid; cells whose points were left out or removed have NaN, and 0 where fields are integers.
 
     *E57.* Coordinates are float64 about their median.
 

@@ -5,9 +5,8 @@ is a record here and its reader.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.io import _arrays, _las, _ptx, _text
@@ -18,7 +17,6 @@ __all__ = [
     "FORMATS",
     "INDEX",
     "SENSORS",
-    "TABLE",
     "TILED",
     "TILED_NAMES",
     "WITH_COLUMNS",
@@ -32,8 +30,7 @@ __all__ = [
 INDEX = ".vpc"  # a virtual point cloud, which stands for several files
 
 
-@dataclass(frozen=True)
-class Format:
+class Format(NamedTuple):
     """One format. Of its `extensions`, in lower case, each belongs to no other."""
 
     name: str
@@ -63,7 +60,7 @@ FORMATS = (
         scans.read_ply, scans.write_ply, columns=True, encodings=("ascii", "binary"),
     ),
     Format(
-        "PCD", (".pcd",), "formats", "all fields of points, and the viewpoint",
+        "PCD", (".pcd",), "formats", "all fields of points, the grid, the viewpoint",
         scans.read_pcd, scans.write_pcd, columns=True, sensor="PCD's VIEWPOINT",
         encodings=("ascii", "binary", "binary_compressed"),
     ),
@@ -114,10 +111,6 @@ def listed(words, last="and"):
 TILED_NAMES = listed(one.name for one in FORMATS if one.tiles and one.write)
 WITH_COLUMNS = listed(one.name for one in FORMATS if one.columns)
 SENSORS = listed([one.sensor for one in FORMATS if one.sensor], "or")
-# Of each format a line: its extensions, its extra, and what is kept.
-TABLE = "\n".join(
-    f"{' '.join(one.extensions):20}{one.extra or 'no extra':10}{one.kept}" for one in FORMATS
-)
 
 
 def no_columns(columns):

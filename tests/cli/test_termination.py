@@ -16,7 +16,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 
 # The final writing of `mcmd denoise` gets stuck halfway; the rehearsal is of one point.
 STUCK = """
-import dataclasses, sys, time
+import sys, time
 from sklearn_mcmd.io import _formats
 from sklearn_mcmd.__main__ import main
 
@@ -26,7 +26,7 @@ def stuck(path, cloud):
         time.sleep(3600)
 
 known = _formats._BY_EXTENSION
-known[".xyz"] = dataclasses.replace(known[".xyz"], write=stuck)
+known[".xyz"] = known[".xyz"]._replace(write=stuck)
 main()
 """
 

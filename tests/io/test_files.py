@@ -5,7 +5,6 @@ import re
 import sys
 import warnings
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -375,7 +374,7 @@ def fail_midway(monkeypatch, error):
         path.write_text("half of it")
         raise error
 
-    failing = replace(format_of("a.xyz"), write=writer)
+    failing = format_of("a.xyz")._replace(write=writer)
     monkeypatch.setitem(_formats._BY_EXTENSION, ".xyz", failing)
 
 

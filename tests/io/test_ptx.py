@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from sklearn_mcmd.io import PointFileError, read_points, sensor_origins
 from sklearn_mcmd.io._sensor import stated_positions
+from sklearn_mcmd.io._units import length_unit
 
 TURN = Rotation.from_euler("zyx", [70, 10, -20], degrees=True)
 PLACE = np.array([500_000.25, 5_400_000.5, 100])
@@ -53,6 +54,7 @@ def test_points_are_moved_by_the_pose_of_their_scan(tmp_path):
     assert_array_equal(cloud.metadata["sensor_origins"], places)
     assert_array_equal(sensor_origins(cloud), np.repeat(places, [12, 10], axis=0))
     assert stated_positions(cloud).words == "poses of the scans"
+    assert length_unit(cloud) == "m"
 
 
 def test_each_point_has_its_row_and_column_of_which_columns_come_first(tmp_path):
@@ -124,15 +126,6 @@ def test_blank_lines_other_ends_and_an_open_end_do_no_harm(tmp_path):
         assert_array_equal(read_points(tmp_path / "b.ptx").xyz, cloud.xyz)
 
 
-def test_more_points_than_are_read_at_a_time_have_their_cells(tmp_path, monkeypatch):
-    path = written(tmp_path, header((4, 3)), body(scan()))
-    whole = read_points(path)
-    monkeypatch.setattr("sklearn_mcmd.io._ptx.ROWS_A_TIME", 5)
-    parts = read_points(path)
-    assert_array_equal(parts.xyz, whole.xyz)
-    assert_array_equal(parts.attributes["row_index"], whole.attributes["row_index"])
-
-
 SCALED = np.diag([0.3048, 0.3048, 0.3048, 1])
 MIRROR, SHIFTED = np.diag([1, 1, -1, 1]), np.eye(4)
 SHIFTED[0, 3] = 5
@@ -142,10 +135,13 @@ BAD = {
         header((4, 3)).splitlines(keepends=True)[:7],
         "truncated: it ends before the row of four of the",
     ),
-    "ends in a scan": ([header((4, 3)), *LINES[:7]], "scan of line 1 promises 12 points, .* has 7"),
+    "ends in a scan": (
+        [header((4, 3)), *LINES[:7]],
+        "truncated: the scan of line 1 has 7 of 12 points",
+    ),
     "ends in the second": (
         [header((4, 3)), *LINES, header((4, 3)), *LINES[:11]],
-        "scan of line 23 promises 12 points",
+        "the scan of line 23 has 11 of 12 points",
     ),
     "too many points": ([header((4, 2)), *LINES], "line 19: needs the number of columns, has"),
     "no counts": (LINES, "line 1: needs the number of columns, has"),
@@ -154,13 +150,16 @@ BAD = {
     "a negative count": ([header((-4, 3)), *LINES], "line 1: needs the number of columns"),
     "no number": (
         [header((4, 3)), *LINES[:4], "1 2 b 4\n", *LINES[5:]],
-        "line 15: a point .*'1 2 b",
+        "line 15: '1 2 b 4' is no point; points have 4",
     ),
     "a gap": (
         [header((4, 3)), *LINES[:4], "1 2 3\n", *LINES[5:]],
-        "line 15: a point of a scan has",
+        "line 15: '1 2 3' is no point",
     ),
-    "three columns": ([header((4, 3)), *["1 2 3\n"] * 12], "line 11: a point of a scan has 4"),
+    "three columns": (
+        [header((4, 3)), *["1 2 3\n"] * 12],
+        "line 22: a point of 3 numbers; points have 4 numbers",
+    ),
     "a scale": (
         [header((4, 3), matrix=SCALED), *LINES],
         "line 7: the matrix .* is no rigid motion",
