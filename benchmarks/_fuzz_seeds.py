@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from sklearn_mcmd.io import PointCloud, write_points
+from sklearn_mcmd.io._formats import format_of
 
 __all__ = ["prepared", "seeds_of"]
 
@@ -23,6 +24,11 @@ TEXTS = [
     "\ufeffPOINT_X\tPOINT_Y\tELEV\tgr\u00fcn\n1,5\t2\t3\t4\n".encode(),
     b"time,x,y,z\n10,0,0,2\n11,8,0,2\n",
     b"gps_time y x z roll\n1e9 0 0 2 .5\n1000000001 8 0 2 .5\n",
+]
+POSE = b"1 2 3\n0 1 0\n-1 0 0\n0 0 1\n0 1 0 0\n-1 0 0 0\n0 0 1 0\n1 2 3 1\n"
+SCANS = [
+    b"2\n2\n" + POSE + b"1 2 3 .5\n0 0 0 0.5\n4 5 6 1\n-1 2.5 1e1 0\n",
+    2 * (b"1\n3\n" + POSE + b"1 2 3 .5 255 0 9\n4 5 6 1 0 0 0\n7 8 8 0 1 2 3\n"),
 ]
 SETTINGS = [
     b'[denoise]\nn_neighbors = 20\ncutoff = 3.0\nquiet = true\nsensor = "auto"\n',
@@ -41,6 +47,7 @@ def seeds_of(reader, folder):
     """Bytes of valid files, which are made in a folder."""
     told = {
         "text": TEXTS,
+        "ptx": SCANS,
         "trajectory": TEXTS[-2:],
         "settings": SETTINGS,
         "index": [json.dumps(INDEX).encode(), json.dumps(INDEX, indent=1).encode(), DEEP],
@@ -90,7 +97,6 @@ def _files(reader, folder):
         },
         {"ply_comments": ["a comment"]},
     )
-    encodings = {"ply": ["ascii", "binary"], "pcd": ["ascii", "binary", "binary_compressed"]}
     if reader in ("las", "laz"):
         yield from _las_files(folder, reader, xyz)
     if reader == "npz members":
@@ -104,7 +110,7 @@ def _files(reader, folder):
     elif reader == "npy":
         yield _npy(np.asfortranarray(xyz, ">f4"))
     suffix = reader.partition(" ")[0]
-    for encoding in encodings.get(suffix, [None]):
+    for encoding in format_of(f"a.{suffix}").encodings or [None]:
         for number, cloud in enumerate((plain, rich)):
             path = folder / f"seed{number}.{suffix}"
             with warnings.catch_warnings():

@@ -28,6 +28,8 @@ import warnings
 from contextlib import nullcontext
 from pathlib import Path
 
+from sklearn_mcmd.io._formats import FORMATS
+
 PATIENCE, BEGIN = 10.0, 120.0  # seconds for a file, and until the first
 SPARE = 2**29
 LEAST, BYTES_A_BYTE = 64 * 2**20, 200  # by which a process may grow for a file
@@ -35,7 +37,8 @@ LONGEST = 4096  # bytes of an input, unless valid ones are longer
 # What is read, and the extension of its files.
 READERS = {"text": "csv", "trajectory": "csv", "npz members": "npz", "index": "vpc"}
 READERS |= {"settings": "toml", "store": "json"}
-READERS |= {name: name for name in ("las", "laz", "ply", "pcd", "e57", "npy", "npz")}
+NAMES = [e[1:] for one in FORMATS if one.name not in ("text", "COPC") for e in one.extensions]
+READERS |= {name: name for name in NAMES}
 GUIDED = ["sklearn_mcmd.io", "sklearn_mcmd.tiling", "sklearn_mcmd.cli", "laspy", "plyfile"]
 GUIDED += ["pypcd4", "pye57", "numpy.lib", "zipfile", "csv", "json", "tomllib"]
 NUMBERS = [struct.pack(code, -1) for code in "bhiq"] + [struct.pack("<i", 2**n) for n in (24, 30)]

@@ -27,7 +27,7 @@ from sklearn_mcmd.__main__ import main as mcmd
 from sklearn_mcmd.cli import app
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import PointCloud, read_points, write_points
-from sklearn_mcmd.io._files import supported_extensions
+from sklearn_mcmd.io._formats import supported_extensions
 
 PROMPT = 1.0  # seconds
 N_KILLED = 3_000  # points of inputs
@@ -42,7 +42,7 @@ VERBS = {
 }
 FOLDERS = {"denoise a folder": "denoise in out", "normals of a folder": "normals in out"}
 IN_PLACE = {"denoise in place": "denoise out out"}
-WRITING = {f"write {suffix}": f"out{suffix}" for suffix in supported_extensions()}
+WRITING = {f"write {suffix}": f"out{suffix}" for suffix in supported_extensions(written=True)}
 KINDS = {**{verb: f"{verb} {rest}" for verb, rest in VERBS.items()}, **FOLDERS, **IN_PLACE}
 KINDS |= WRITING
 

@@ -18,6 +18,7 @@ from sklearn_mcmd.cli._reporting import Verb
 from sklearn_mcmd.cli._segment import segment
 from sklearn_mcmd.cli._view import view
 from sklearn_mcmd.cli._warm_up import warm_up
+from sklearn_mcmd.io._formats import supported_extensions
 
 # Libraries that take long to import, or are extras, are imported by the verb that needs them.
 
@@ -26,7 +27,7 @@ __all__ = ["app"]
 app = typer.Typer(
     name="mcmd",
     help="Find outliers, normals, surfaces and edges of point clouds. The extension of a file "
-    "chooses its format: LAS, LAZ, PLY, PCD, E57, XYZ, TXT, CSV, NPY, NPZ.",
+    f"chooses its format: {' '.join(supported_extensions())}.",
     epilog="Exit codes: 0 done, 1 failed (one line on stderr says why), 2 wrong usage, "
     "130 interrupted. An output file appears only when it is complete. It may be the input file.",
     add_completion=False,

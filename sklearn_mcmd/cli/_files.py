@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sklearn_mcmd.cli._large import PARSED_SUFFIXES, is_several
+from sklearn_mcmd.cli._large import is_several
+from sklearn_mcmd.io._formats import TILED, format_of, supported_extensions
 from sklearn_mcmd.io._point_cloud import joined
 from sklearn_mcmd.runtime._progress import progress_part
 
@@ -72,7 +73,6 @@ def files_of(source):
     """The point files of a folder or an index, or the file itself."""
     if not is_several(source):
         return [source]
-    from sklearn_mcmd.io._files import supported_extensions
     from sklearn_mcmd.tiling._catalog import paths_of
 
     return paths_of(source, supported_extensions())
@@ -81,7 +81,7 @@ def files_of(source):
 def read_all(source, columns=None):
     """One cloud of a file, or of all files of a folder or an index."""
     paths, clouds = files_of(source), []
-    if len(paths) > 1 and all(path.suffix.lower() in PARSED_SUFFIXES for path in paths):
+    if len(paths) > 1 and all(path.suffix.lower() in TILED for path in paths):
         from sklearn_mcmd.tiling import Catalog
 
         Catalog(paths)  # refuses several coordinate systems
@@ -98,18 +98,18 @@ def read(source, target=None, results=None, *, columns=None):
     """
     from sklearn_mcmd.io import PointCloud, read_points
 
-    if results is not None and target.suffix.lower() == ".e57":
-        raise ValueError(f"{target}: E57 has no place for {results}; write another format")
     if target is not None:
         rehearse(target, PointCloud(np.zeros((1, 3))))
+        if results is not None and not (known := format_of(target)).attributes:
+            raise ValueError(
+                f"{target}: {known.name} has no place for {results}; write another format"
+            )
     with progress_part(0.0, WORKING[0], "reading"):
         cloud = read_points(source, columns=columns)
     if cloud.n_dropped:
         points = "1 point" if cloud.n_dropped == 1 else f"{cloud.n_dropped:,} points"
         verb = "is" if cloud.n_dropped == 1 else "are"
-        warnings.warn(
-            f"{source}: {points} without finite coordinates {verb} left out", stacklevel=2
-        )
+        warnings.warn(f"{source}: {points} without coordinates {verb} left out", stacklevel=2)
     return cloud
 
 
@@ -164,7 +164,7 @@ def rehearse(target, cloud, noise=None, *, whole=True):
 
     `whole` says that all points will be written.
     """
-    if whole and target.suffix.lower() in (".las", ".laz") and "las_header" not in cloud.metadata:
+    if whole and target.suffix.lower() in TILED and "las_header" not in cloud.metadata:
         from sklearn_mcmd.io._files import one_clear_line
         from sklearn_mcmd.io._grid import scale_of
 

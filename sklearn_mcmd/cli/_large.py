@@ -8,12 +8,12 @@ from typing import Annotated
 import typer
 
 from sklearn_mcmd.cli._messages import print_table
+from sklearn_mcmd.io._formats import INDEX, TILED, TILED_NAMES, no_columns
 
 __all__ = ["DryRun", "Memory", "Restart", "is_several", "large_catalog", "print_plan"]
 
 SAMPLE = 50_000  # points whose time is measured
 MORE = 1.25  # time of tiles over that in memory, at most; see docs/tiling.rst
-PARSED_SUFFIXES, INDEX_SUFFIX = (".las", ".laz"), ".vpc"
 
 
 def _memory(text):
@@ -30,7 +30,7 @@ Memory = Annotated[
     typer.Option(
         parser=_memory,
         metavar="SIZE",
-        help="What may be taken, such as 2GB, and 430MB or more. LAS and LAZ that need more are "
+        help=f"What may be taken, such as 2GB, and 430MB or more. {TILED_NAMES} that need more are "
         "divided into tiles.",
         show_default="half of the machine's memory",
     ),
@@ -39,7 +39,7 @@ DryRun = Annotated[
     bool,
     typer.Option(
         "--dry-run",
-        help="Show tiles, memory and time of LAS or LAZ, as estimated, and stop.",
+        help=f"Show tiles, memory and time of {TILED_NAMES}, as estimated, and stop.",
         hidden=True,
     ),
 ]
@@ -51,7 +51,7 @@ Restart = Annotated[
 
 def is_several(source):
     """Whether a source stands for several files."""
-    return source.is_dir() or source.suffix.lower() == INDEX_SUFFIX
+    return source.is_dir() or source.suffix.lower() == INDEX
 
 
 def large_catalog(source, memory, n_features, always=False, columns=None, *, work="normals"):
@@ -63,20 +63,18 @@ def large_catalog(source, memory, n_features, always=False, columns=None, *, wor
     if not source.exists():
         raise FileNotFoundError(ENOENT, "no such file or folder", str(source))
     several = is_several(source)
-    if columns is not None and (always or several or source.suffix.lower() in PARSED_SUFFIXES):
-        from sklearn_mcmd.io._column_names import no_columns
-
+    if columns is not None and (always or several or source.suffix.lower() in TILED):
         told = no_columns(columns)
         raise ValueError(f"{source}: {told}") from told
     if always or several:
         from sklearn_mcmd.tiling import Catalog
 
         return Catalog(source)
-    if source.suffix.lower() not in PARSED_SUFFIXES:
+    if source.suffix.lower() not in TILED:
         if memory is not None:
             warnings.warn(
-                f"{source}: is read as a whole, whatever --memory is; only LAS and LAZ are divided "
-                "into tiles",
+                f"{source}: is read as a whole, whatever --memory is; only {TILED_NAMES} are "
+                "divided into tiles",
                 stacklevel=2,
             )
         return None
@@ -109,8 +107,8 @@ def print_plan(source, target, catalog, estimator, memory, *, n_features=0, work
         usual_memory,
     )
 
-    if catalog is None and source.suffix.lower() not in PARSED_SUFFIXES:
-        raise PointFileError(f"{source}: --dry-run needs LAS or LAZ")
+    if catalog is None and source.suffix.lower() not in TILED:
+        raise PointFileError(f"{source}: --dry-run needs {TILED_NAMES}")
     tiles = catalog is not None
     catalog = catalog or Catalog(source)
     xyz = next(iter(read_parts(catalog.paths[0], SAMPLE))).xyz[:SAMPLE]

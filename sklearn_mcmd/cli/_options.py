@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from sklearn_mcmd.io._formats import INDEX, TILED_NAMES, WITH_COLUMNS
+
 __all__ = [
     "AllowCoarse",
     "Columns",
@@ -86,7 +88,8 @@ def _columns(text):
 InFiles = Annotated[
     Path,
     typer.Argument(
-        metavar="IN", help="Point file to read, or a folder or .vpc index of LAS and LAZ files."
+        metavar="IN",
+        help=f"Point file to read, or a folder or {INDEX} index of {TILED_NAMES} files.",
     ),
 ]
 OutFiles = Annotated[
@@ -138,7 +141,7 @@ Columns = Annotated[
     typer.Option(
         parser=_columns,
         metavar="x=NAME,y=NAME,z=NAME",
-        help="Columns of text, NPY, PLY or PCD that are the coordinates: their names, or numbers "
+        help=f"Columns of {WITH_COLUMNS} that are the coordinates: their names, or numbers "
         "from 1 on.",
         show_default="x, y, z, easting and the like, as the header says",
     ),

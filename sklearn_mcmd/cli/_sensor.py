@@ -6,6 +6,8 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from sklearn_mcmd.io._formats import SENSORS, TILED
+
 __all__ = [
     "Intensity",
     "SensorOrView",
@@ -49,7 +51,7 @@ SensorOrigin = Annotated[
         parser=_position,
         metavar="X,Y,Z|auto",
         help="Where the sensor stood, in the coordinates of the file. auto: as the file says, by "
-        "E57's poses, PCD's VIEWPOINT, or LAS's scan angles; mcmd info shows it.",
+        f"{SENSORS}; mcmd info shows it.",
         show_default="not known",
     ),
 ]
@@ -60,9 +62,9 @@ SensorOrView = Annotated[
         parser=_position_or_none,
         metavar="X,Y,Z|auto|none",
         help="Where the sensor stood, in the coordinates of the file. auto: as the file says, by "
-        "E57's poses, PCD's VIEWPOINT, or LAS's scan angles; mcmd info shows it. none: not known.",
-        show_default="E57's poses or PCD's VIEWPOINT, else the origin if the cloud shows that it "
-        "was taken from there",
+        f"{SENSORS}; mcmd info shows it. none: not known.",
+        show_default="auto, but by no scan angles; else the origin if the cloud shows that it was "
+        "taken from there",
     ),
 ]
 TrajectoryFile = Annotated[
@@ -103,7 +105,7 @@ def work_if_seen(work, source):
     from sklearn_mcmd.io._las import read_header
     from sklearn_mcmd.outliers._rays import one_far_position
 
-    if "rays" in work or not source.is_file() or source.suffix.lower() not in (".las", ".laz"):
+    if "rays" in work or not source.is_file() or source.suffix.lower() not in TILED:
         return work
     try:
         header = read_header(source)

@@ -1,23 +1,10 @@
 """Reading and writing of point clouds; the extension of a file chooses the format.
 
-======================  ==============  ====================================================
-extension               extra           what is kept
-======================  ==============  ====================================================
-``.las .laz``           ``las``         everything: attributes, extra dimensions, coordinate
-                                        system, header, integer coordinates bit for bit
-``.copc.laz``           ``las``         read only, like LAZ
-``.ply``                ``formats``     vertex properties and comments; faces are dropped
-``.pcd``                ``formats``     fields and viewpoint; organized clouds become a row
-``.e57``                ``formats``     coordinates, intensity, colors, grid indices; scans are
-                                        merged by their poses
-``.xyz .txt .csv``      none            columns of numbers, with or without a header line
-``.npy .npz``           none            everything numeric
-======================  ==============  ====================================================
-
-Where the sensor stood is told by E57, PCD, LAS with scan angles, and trajectories.
+Where the sensor stood is told by some of the formats, and by trajectories.
 """
 
 from sklearn_mcmd.io._files import read_points, write_points
+from sklearn_mcmd.io._formats import FORMATS
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 from sklearn_mcmd.io._sensor import sensor_origins
 from sklearn_mcmd.io._trajectory import Trajectory, read_trajectory
@@ -31,3 +18,6 @@ __all__ = [
     "sensor_origins",
     "write_points",
 ]
+
+ROWS = (f"{' '.join(one.extensions):20}{one.extra or 'no extra':10}{one.kept}" for one in FORMATS)
+__doc__ = "\n".join([f"{__doc__}", *ROWS])

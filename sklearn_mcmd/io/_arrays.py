@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from sklearn_mcmd.io._column_names import attribute_name, coordinate_columns
-from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, check_room
+from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, check_room, with_cells
 
 __all__ = ["cloud_from_records", "read_npy", "read_npz", "write_npy", "write_npz"]
 
@@ -17,27 +17,30 @@ MOST_DEFLATED = 1032  # bytes from one byte of a ZIP
 
 
 def read_npy(path, columns=None):
-    """Read a table of shape (n, >=3), or a structured array with fields x, y, z."""
+    """Read a table of shape (n, >=3), an organized one (rows, columns, 3), or fields x, y, z."""
     _check_start(path, b"\x93NUMPY", "NPY")
     with open(path, "rb") as file:
         _check_array(file, path.stat().st_size, "its numbers")
     array = np.load(path, allow_pickle=False)
-    if array.dtype.names is not None:
-        return cloud_from_records(array, columns)
+    shape, named = array.shape[:2], array.dtype.names is not None
+    if (array.ndim == 2 and named) or (array.ndim == 3 and array.shape[2] == 3):
+        array = _flat(array, shape)
+    if named:
+        return with_cells(cloud_from_records(array, columns), shape)
     if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "biuf":
         raise PointFileError(
             f"holds dtype {array.dtype} of shape {array.shape}; numbers of shape (n, 3) or more "
-            "columns, or a structured array with x, y, z are needed"
+            "columns, or (rows, columns, 3), or a structured array with x, y, z are needed"
         )
     names = [f"column_{i}" for i in range(1, array.shape[1] + 1)]
     axes = coordinate_columns(names, columns) if columns else [0, 1, 2]
     others = {name: array[:, i].copy() for i, name in enumerate(names) if i not in axes}
     xyz = array[:, axes] if columns else array[:, :3]  # without a copy, where it can be
-    return PointCloud(np.ascontiguousarray(xyz, dtype=np.float64), others)
+    return with_cells(PointCloud(np.ascontiguousarray(xyz, dtype=np.float64), others), shape)
 
 
 def read_npz(path):
-    """Read ``xyz``, or ``x``, ``y``, ``z``, or the first array of shape (n, 3)."""
+    """Read ``xyz``, or ``x``, ``y``, ``z``, organized or not, or the first array (n, 3)."""
     _check_start(path, b"PK", "NPZ")
     with np.load(path, allow_pickle=False) as archive:
         for member in archive.zip.infolist():
@@ -53,15 +56,23 @@ def read_npz(path):
     if "xyz" in arrays:
         xyz = arrays.pop("xyz")
     elif {"x", "y", "z"} <= arrays.keys():
-        xyz = np.column_stack([arrays.pop(axis) for axis in "xyz"])
+        xyz = np.stack([arrays.pop(axis) for axis in "xyz"], axis=-1)
     elif tables:
         xyz = arrays.pop(tables[0])
     else:
         found = ", ".join(f"{n} {a.shape}" for n, a in arrays.items()) or "nothing"
         raise PointFileError(f"needs an array xyz of shape (n, 3), or x, y, z; it holds {found}")
+    shape = xyz.shape[:2]
+    if xyz.ndim == 3:
+        xyz, arrays = _flat(xyz, shape), {name: _flat(a, shape) for name, a in arrays.items()}
     per_point = {name: a for name, a in arrays.items() if a.ndim in (1, 2) and len(a) == len(xyz)}
     others = {name: a for name, a in arrays.items() if name not in per_point}
-    return PointCloud(xyz, per_point, {"npz_arrays": others} if others else {})
+    return with_cells(PointCloud(xyz, per_point, {"npz_arrays": others} if others else {}), shape)
+
+
+def _flat(array, shape):
+    """An array with a value for each cell of a grid as one for each point, row by row."""
+    return array.reshape(-1, *array.shape[2:]) if array.shape[:2] == shape else array
 
 
 def write_npy(path, cloud):
@@ -71,11 +82,8 @@ def write_npy(path, cloud):
         return
     fields = [(axis, np.float64) for axis in "xyz"]
     fields += [(name, a.dtype, a.shape[1:]) for name, a in cloud.attributes.items()]
-    records = np.empty(len(cloud), dtype=fields)
-    for i, axis in enumerate("xyz"):
-        records[axis] = cloud.xyz[:, i]
-    for name, values in cloud.attributes.items():
-        records[name] = values
+    arrays = [*cloud.xyz.T, *cloud.attributes.values()]
+    records = np.rec.fromarrays(arrays, dtype=fields, shape=len(cloud))
     _save(path, records)
 
 

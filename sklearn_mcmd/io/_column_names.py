@@ -5,7 +5,7 @@ import re
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.io._point_cloud import RESERVED, PointFileError
 
-__all__ = ["attribute_name", "coordinate_columns", "n_known_axes", "no_columns"]
+__all__ = ["attribute_name", "coordinate_columns", "n_known_axes"]
 
 AXES = {
     "x": {"x", "e", "east", "easting", "eastings", "rechtswert", "points 0"},
@@ -52,11 +52,6 @@ def coordinate_columns(names, columns=None):
 def attribute_name(name):
     """What a column that is no coordinate is called."""
     return f"{name}_value" if name.lower() in RESERVED else name
-
-
-def no_columns(columns):
-    """The error where columns are told of a file that has no such columns."""
-    return ParameterError("$columns is for text, NPY, PLY and PCD", columns=columns)
 
 
 def n_known_axes(names):

@@ -13,21 +13,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sklearn_mcmd.io._arrays import read_npy, read_npz, write_npy, write_npz
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
-from sklearn_mcmd.io._column_names import no_columns
-from sklearn_mcmd.io._las import read_las, write_las
+from sklearn_mcmd.io._formats import format_of, no_columns
 from sklearn_mcmd.io._no_returns import NoReturns
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
-from sklearn_mcmd.io._scan_formats import (
-    read_e57,
-    read_pcd,
-    read_ply,
-    write_e57,
-    write_pcd,
-    write_ply,
-)
-from sklearn_mcmd.io._text import read_text, write_text
 
 __all__ = [
     "check_file",
@@ -35,24 +24,9 @@ __all__ = [
     "one_clear_line",
     "read_points",
     "replacing",
-    "supported_extensions",
     "system_error",
     "write_points",
 ]
-
-_FORMATS = {
-    ".csv": (read_text, write_text),
-    ".e57": (read_e57, write_e57),
-    ".las": (read_las, write_las),
-    ".laz": (read_las, write_las),
-    ".npy": (read_npy, write_npy),
-    ".npz": (read_npz, write_npz),
-    ".pcd": (read_pcd, write_pcd),
-    ".ply": (read_ply, write_ply),
-    ".txt": (read_text, write_text),
-    ".xyz": (read_text, write_text),
-}
-_ENCODINGS = {".ply": ("ascii", "binary"), ".pcd": ("ascii", "binary", "binary_compressed")}
 
 
 def read_points(
@@ -63,9 +37,9 @@ def read_points(
     Parameters
     ----------
     path : str or os.PathLike
-        A file of one of the extensions .csv .e57 .las .laz .npy .npz .pcd .ply .txt .xyz.
+        A file of one of the extensions that ``help(sklearn_mcmd.io)`` lists.
     columns : dict of str to str or int, default=None
-        Which columns of text, NPY, PLY and PCD are x, y and z: their names, or their numbers from 1
+        Which columns of PLY, PCD, text and NPY are x, y and z: their names, or their numbers from 1
         on. None, and for what is not told, the names that people use, such as easting, northing and
         elevation.
 
@@ -97,8 +71,8 @@ def read_points(
 
     Notes
     -----
-    Points with a coordinate that is not finite (common in organized PCD), or that E57
-    marks invalid, are dropped and counted in ``PointCloud.n_dropped``.
+    Points with a coordinate that is not finite (common in organized PCD) or that E57 marks
+    invalid, and PTX's rays without a return, are dropped and counted in ``PointCloud.n_dropped``.
 
     Whitespace, commas, semicolons or tabs may separate text, which is UTF-8 or Latin-1. A header
     has no number among its first three fields. Titles above it and units below it are no rows.
@@ -108,14 +82,18 @@ def read_points(
     they are an error. Columns that hold other words, such as dates, are left out. Attributes that
     are integers in all rows are exact up to 64 bits.
 
-    NPY holds a table (n, >= 3) or a structured array. NPZ holds an array
-    ``xyz``, or ``x``, ``y``, ``z``; else its first array of shape (n, 3) is taken. Arrays of NPZ
+    NPY holds a table (n, >= 3), an organized one (rows, columns, 3), or a structured array of
+    either shape. NPZ holds an array ``xyz``, or ``x``, ``y``, ``z``, organized or not; else its
+    first array of shape (n, 3) is taken. Arrays of NPZ
     of another length (for example an ``offset`` of length 3) are not applied to the coordinates:
     they stay in ``metadata["npz_arrays"]``.
 
     PLY's ``nx, ny, nz`` are called ``normal_x, normal_y, normal_z``, and PCD's packed
     ``rgb`` becomes ``red, green, blue``, so that attributes have one name in all formats.
-    Several E57 scans are merged, and ``scan_index`` numbers them.
+    Several scans of E57 or PTX are merged, and ``scan_index`` numbers them. ``row_index`` and
+    ``column_index`` tell the cell of a point in the grid of its scan, or of an organized PCD, NPY
+    or NPZ, whose ``metadata["grid_shape"]`` has the numbers of rows and columns. All formats hold
+    them, and PCD as its grid of WIDTH and HEIGHT.
 
     The sizes of a LAZ's chunks and layers are checked before it is decompressed, because lazrs
     would end the process if a damaged size asked for more memory than there is. A changed bit of
@@ -137,17 +115,16 @@ def read_points(
     with one_clear_line(path, "read"):
         if path.is_dir():
             raise PointFileError("is a folder; a point file is needed")
-        reader, _ = _FORMATS[_extension(path)]
-        options = {}
+        known, options = format_of(path), {}
         if columns is not None:
-            if reader not in (read_text, read_npy, read_ply, read_pcd):
+            if not known.columns:
                 told = no_columns(columns)
                 raise PointFileError(str(told)) from told
             if not columns.keys() <= set("xyz"):
                 raise PointFileError(f"columns={columns} must tell of x, y or z")
             options["columns"] = columns
         check_file(path)
-        cloud = reader(path, **options)
+        cloud = known.read(path, **options)
         finite = np.isfinite(cloud.xyz).all(axis=1)
         if not finite.all():
             n_dropped = cloud.n_dropped + int(np.count_nonzero(~finite))
@@ -198,9 +175,9 @@ def write_points(
     Warns
     -----
     UserWarning
-        If an attribute cannot be kept, or not exactly. E57 holds finite intensity of single
-        precision and colors of 8 bits only. In LAS, a value that does not fit the dimension of its
-        name goes to an extra dimension ``<name>_value``.
+        If an attribute, or the grid of an organized cloud, cannot be kept, or not exactly. E57
+        holds finite intensity of single precision and colors of 8 bits only. In LAS, a value that
+        does not fit the dimension of its name goes to an extra dimension ``<name>_value``.
 
     See Also
     --------
@@ -225,7 +202,8 @@ def write_points(
     LAS 1.4, but not from LAS 1.3.
 
     *PLY, PCD.* Coordinates are float32 where that is exact, as viewers expect, else float64.
-    Colors of LAS that were made of 8 bits have 8 bits again.
+    Colors of LAS that were made of 8 bits have 8 bits again. In PCD an organized cloud keeps its
+    grid; cells whose points were left out or removed have NaN, and 0 where fields are integers.
 
     *E57.* Coordinates are float64 about their median.
 
@@ -245,10 +223,7 @@ def write_points(
     """
     path = Path(path)
     with one_clear_line(path, "written"):
-        extension = _extension(path)
-    if path.name.lower().endswith(".copc.laz"):
-        raise PointFileError(f"{path}: COPC can be read but not written; write plain .laz instead")
-    _, writer = _FORMATS[extension]
+        known = format_of(path, written=True)
     if not isinstance(cloud, PointCloud):
         cloud = PointCloud(cloud)
     if len(cloud) == 0:
@@ -257,28 +232,25 @@ def write_points(
         raise PointFileError(f"{path}: xyz holds NaN or infinity; remove those points first")
     options: dict[str, Any] = {}
     if encoding is not None:
-        if encoding not in _ENCODINGS.get(extension, ()):
-            known = ", ".join(_ENCODINGS.get(extension, ())) or "only None"
-            raise ValueError(f"encoding={encoding!r} is unknown for {extension}; known: {known}.")
+        if encoding not in known.encodings:
+            words = ", ".join(known.encodings) or "only None"
+            raise ValueError(
+                f"encoding={encoding!r} is unknown for {path.suffix.lower()}; known: {words}."
+            )
         options["encoding"] = encoding
     if noise is not None:
         noise = _mask(noise, len(cloud))
-        if writer is write_las:
+        if known.marks:
             options["noise"] = noise
-        elif writer is write_e57:
+        elif not known.attributes:
             raise PointFileError(
-                f"{path}: E57 has no place to mark outliers; write another format, "
+                f"{path}: {known.name} has no place to mark outliers; write another format, "
                 "or the inliers alone"
             )
         else:
             cloud = cloud.with_attributes(outlier=noise != 0)
     with replacing(path) as temporary, one_clear_line(path, "written"):
-        writer(temporary, cloud, **options)
-
-
-def supported_extensions() -> tuple[str, ...]:
-    """The known extensions, in alphabetical order."""
-    return tuple(sorted(_FORMATS))
+        known.write(temporary, cloud, **options)
 
 
 def check_file(path):
@@ -305,14 +277,6 @@ def check_writable(path, folder=None):
         if target.exists() and not os.access(target, os.W_OK):
             raise PointFileError("the file is write-protected")
     return target
-
-
-def _extension(path):
-    extension = path.suffix.lower()
-    if extension not in _FORMATS:
-        found = f"unknown extension {extension!r}" if extension else "no extension"
-        raise PointFileError(f"{found}; known are {' '.join(supported_extensions())}")
-    return extension
 
 
 def _mask(noise, n_points):

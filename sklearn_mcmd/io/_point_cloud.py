@@ -2,18 +2,24 @@
 
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
+from math import prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sklearn_mcmd import _extras
+from sklearn_mcmd._errors import warn_caller
 
 __all__ = [
+    "CELL",
     "COLORS",
+    "SHAPE",
     "PointCloud",
     "PointFileError",
+    "cells_of",
     "check_room",
     "denoised_before",
     "fit_dtype",
@@ -21,12 +27,15 @@ __all__ = [
     "has_colors",
     "import_extra",
     "joined",
+    "with_cells",
     "with_results",
     "without_outliers",
 ]
 
 RESERVED = {"x", "y", "z", "xyz"}
 COLORS = ("red", "green", "blue")
+CELL = ("row_index", "column_index")  # of a point in the grid of an organized cloud or a scan
+SHAPE = "grid_shape"  # of an organized cloud, in its metadata: rows and columns
 
 
 class PointFileError(ValueError):
@@ -50,12 +59,12 @@ class PointCloud:
     metadata : dict, default={}
         Data for a faithful copy of the source file: ``las_header`` and ``las_points``
         (the raw records, so that integer coordinates are kept), ``ply_comments``,
-        ``ply_obj_info``, ``pcd_viewpoint``, ``npz_arrays`` (arrays of another length). Also
-        ``denoised``, whether outliers were removed, which LAS, LAZ and PLY tell, and where
-        the scanner of each E57 scan stood, ``sensor_origins``, NaN where that is not known.
+        ``ply_obj_info``, ``pcd_viewpoint``, ``grid_shape`` (rows, columns), ``npz_arrays``. Also
+        ``denoised``, whether outliers were removed, which LAS, LAZ and PLY tell, and where the
+        scanner of each scan of E57 or PTX stood, ``sensor_origins``, NaN where that is not known.
     n_dropped : int, default=0
-        Number of points of the file that were left out, because a coordinate was not finite
-        or was marked invalid.
+        Number of points of the file that were left out, because a coordinate was not finite,
+        or the file says that there is no point.
 
     Raises
     ------
@@ -201,7 +210,8 @@ def joined(clouds):
     lost = sorted(set().union(*shapes) - set(shared))
     if lost:
         warnings.warn(
-            f"attributes that not every file has are left out: {', '.join(lost)}", stacklevel=2
+            f"attributes that not every file or scan has are left out: {', '.join(lost)}",
+            stacklevel=2,
         )
     return PointCloud(
         np.concatenate([cloud.xyz for cloud in clouds]),
@@ -255,6 +265,29 @@ def fit_dtype(name, values, allowed, format_name):
         f"attribute {name!r} of dtype {values.dtype} cannot be stored in {format_name} "
         "without loss; convert it first"
     )
+
+
+def with_cells(cloud, shape):
+    """The cloud of all cells row by row, where it is a grid of this shape and not of one row."""
+    is_grid = len(shape) == 2 and min(shape) > 1 and prod(shape) == len(cloud)
+    if is_grid and cloud.attributes.keys().isdisjoint(CELL):
+        cells = np.divmod(np.arange(len(cloud), dtype=np.int32), np.int32(shape[1]))
+        cloud.attributes |= zip(CELL, cells, strict=True)
+        cloud.metadata[SHAPE] = tuple(shape)
+    return cloud
+
+
+def cells_of(cloud):
+    """The cell of each point, row by row; None if the cloud is not organized."""
+    if SHAPE not in cloud.metadata:
+        return None
+    with suppress(KeyError, TypeError, ValueError):  # not there, no integers, or outside
+        told = [cloud.attributes[name] for name in CELL]
+        cells = np.ravel_multi_index(told, cloud.metadata[SHAPE])
+        if len(np.unique(cells)) == len(cloud):
+            return cells
+    warn_caller("the grid is not kept: row_index and column_index tell no cell for each point")
+    return None
 
 
 def import_extra(module, extra, purpose):

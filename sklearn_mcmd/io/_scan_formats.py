@@ -1,21 +1,27 @@
 """PLY, PCD and E57, each by a library for that format."""
 
+import io
 import os
 import re
 import warnings
+from math import prod
 from types import FunctionType, SimpleNamespace
 
 import numpy as np
 
 from sklearn_mcmd.io._arrays import cloud_from_records
 from sklearn_mcmd.io._point_cloud import (
+    CELL,
     COLORS,
+    SHAPE,
     PointCloud,
     PointFileError,
+    cells_of,
     check_room,
     fit_dtype,
     flat_columns,
     import_extra,
+    with_cells,
 )
 from sklearn_mcmd.io._text import text_rows
 
@@ -28,6 +34,7 @@ PLY_NORMALS = {"nx": "normal_x", "ny": "normal_y", "nz": "normal_z"}
 DENOISED = "outliers removed by sklearn-mcmd"
 MERGED = "cloud without setup"  # name of a scan whose pose is no place of a scanner
 LONGEST_HEADER = 2**20  # bytes of a PLY's
+VERSIONS = [".5", "0.5", ".6", "0.6", ".7", "0.7"]  # of PCD, whose points are laid out alike
 LONGEST_RUN = 88  # bytes from one byte of a compressed PCD
 E57_FIELDS = {
     "intensity": ("intensity", "f4"),
@@ -76,7 +83,8 @@ def write_ply(path, cloud, encoding="binary"):
     plyfile = import_extra("plyfile", "formats", "PLY")
     columns = _renamed(_columns(cloud), {ours: theirs for theirs, ours in PLY_NORMALS.items()})
     columns = {n: fit_dtype(n, v, PLY_DTYPES, "PLY") for n, v in columns.items()}
-    records = _records(cloud.xyz, columns)
+    columns = {**_axes(cloud.xyz), **columns}
+    records = np.rec.fromarrays([*columns.values()], names=[*columns])
     plyfile.PlyData(
         [plyfile.PlyElement.describe(records, "vertex")],
         text=encoding == "ascii",
@@ -96,17 +104,15 @@ def read_pcd(path, columns=None):
     """Read PCD; packed ``rgb`` becomes red, green, blue; padding is left out."""
     pypcd4 = import_extra("pypcd4", "formats", "PCD")
     with open(path, "rb") as file:
-        lines = _pcd_header(file)
-        try:
-            header = pypcd4.MetaData.parse_header(lines)
-        except ValueError as err:
-            raise PointFileError(f"broken PCD header: {' '.join(str(err).split())[:200]}") from err
+        header = _pcd_header(pypcd4, file)
         _check_pcd(path, file, header)
         try:
-            records = _pcd_records(pypcd4, path, file, header)
+            records = _pcd_records(pypcd4, file, header)
         except Exception as err:  # parsers raise errors of many kinds
-            reason = " ".join(str(err).partition(";")[0].split())[:200]
-            raise PointFileError(f"the point data is truncated or damaged: {reason}") from err
+            told = f"{header.points:,} points with {sum(header.count)} numbers as FIELDS and COUNT"
+            raise PointFileError(
+                f"the point data is truncated or damaged: it does not hold {told} tell"
+            ) from err
     if len(records) != header.points:
         raise PointFileError(
             f"the header promises {header.points} points, the file holds {len(records)}"
@@ -124,11 +130,11 @@ def read_pcd(path, columns=None):
         else:
             attributes[name] = values
     cloud.attributes = attributes
-    return cloud
+    return with_cells(cloud, (header.height, header.width))
 
 
 def write_pcd(path, cloud, encoding="binary"):
-    """Write PCD as one row of points: binary, binary_compressed or ascii."""
+    """Write PCD: binary, binary_compressed or ascii. An organized cloud has NaN in empty cells."""
     pypcd4 = import_extra("pypcd4", "formats", "PCD")
     columns = _columns(cloud)
     if all(c in columns and columns[c].dtype == np.uint8 for c in COLORS):
@@ -140,11 +146,19 @@ def write_pcd(path, cloud, encoding="binary"):
                 f"attribute name {name!r} cannot be stored in PCD: use letters, digits, '_'"
             )
     columns = {n: fit_dtype(n, v, PCD_DTYPES, "PCD") for n, v in columns.items()}
-    columns = {**_axes(cloud.xyz), **columns}
+    columns, cells = {**_axes(cloud.xyz), **columns}, cells_of(cloud)
+    if cells is not None:
+        for name in columns.keys() - set(CELL):  # NaN, or 0 of integers, where there is no point
+            values, empty = columns[name], np.nan if columns[name].dtype.kind == "f" else 0
+            columns[name] = np.full(prod(cloud.metadata[SHAPE]), empty, values.dtype)
+            columns[name][cells] = values
+        columns = {name: values for name, values in columns.items() if name not in CELL}
     pcd = pypcd4.PointCloud.from_points(
         list(columns.values()), list(columns), [v.dtype for v in columns.values()]
     )
     pcd.metadata.viewpoint = cloud.metadata.get("pcd_viewpoint", pcd.metadata.viewpoint)
+    if cells is not None:
+        pcd.metadata.height, pcd.metadata.width = cloud.metadata[SHAPE]
     if encoding != "ascii":
         pcd.save(str(path), pypcd4.Encoding(encoding))
         return
@@ -276,34 +290,39 @@ def _in_double_precision(pye57):
     return function
 
 
-def _pcd_header(file):
-    lines = []
+def _pcd_header(pypcd4, file):
+    """The header as of version .7, which is all that pypcd4 reads."""
+    told = {}
     for raw in iter(lambda: file.readline(10_000), b""):
-        line = raw.decode("utf-8", errors="replace").strip()
-        if line and not line.startswith("#"):
-            lines.append(line)
-        if line.startswith("DATA") or len(lines) > 20:
+        key, *values = raw.decode("utf-8", errors="replace").split() or ["#"]
+        if not key.startswith("#"):
+            told[key.upper()] = values
+        if key.upper() == "DATA" or len(told) > 20:
             break
-    keys = {line.split()[0] for line in lines}
-    missing = [k for k in ("FIELDS", "SIZE", "TYPE", "POINTS", "DATA") if k not in keys]
+    missing = [key for key in ("FIELDS", "SIZE", "TYPE", "POINTS", "DATA") if not told.get(key)]
     if missing:
         raise PointFileError(f"not a PCD file: its header has no {', '.join(missing)}")
-    if len(lines) > 10 and not lines[-1].endswith("ascii"):  # pypcd4 would read on in the points
-        raise PointFileError("its header has more than 10 lines, which only DATA ascii may have")
-    if "COUNT" not in keys:  # PCL allows its absence; pypcd4 does not
-        fields = next(line for line in lines if line.startswith("FIELDS")).split()[1:]
-        lines.insert(0, "COUNT " + " ".join("1" for _ in fields))
-    return lines
+    told.setdefault("COUNT", ["1"] * len(told["FIELDS"]))  # PCL allows its absence
+    told["TYPE"], told["DATA"] = [one.upper() for one in told["TYPE"]], [told["DATA"][0].lower()]
+    if (version := " ".join(told.pop("VERSION", [".7"]))) not in VERSIONS:
+        raise PointFileError(f"is PCD of version {version[:40]}; .5, .6 and .7 are known")
+    lines = [f"{key} {' '.join(values)}" for key, values in told.items()]
+    try:
+        return pypcd4.MetaData.parse_header(lines)
+    except ValueError as err:
+        raise PointFileError(f"broken PCD header: {', '.join(lines)[:300]}") from err
 
 
 def _check_pcd(path, file, header):
-    room = path.stat().st_size - file.tell()
+    begin = file.tell()
+    room = path.stat().st_size - begin
     n_bytes = sum(size * count for size, count in zip(header.size, header.count, strict=False))
     if header.data == "ascii":
         n_bytes = 2 * sum(header.count)  # a digit and what ends it
         room += 1
     elif header.data != "binary":
         n_stored, n_decompressed = np.frombuffer(file.read(8).ljust(8, b"\0"), "<u4").tolist()
+        file.seek(begin)
         check_room(n_stored, room, "the compressed points")
         room *= LONGEST_RUN
         check_room(n_decompressed, room, "the decompressed points")
@@ -311,12 +330,15 @@ def _check_pcd(path, file, header):
     check_room(n_bytes * header.points, room, f"{header.points:,} points")
 
 
-def _pcd_records(pypcd4, path, file, header):
-    if header.data != "ascii":
-        return pypcd4.PointCloud.from_path(path).pc_data
-    # pypcd4 splits at single spaces, but many files pad columns to a width.
+def _pcd_records(pypcd4, file, header):
     dtype = header.build_dtype()
-    return np.atleast_1d(np.loadtxt(file, dtype)) if header.points else np.empty(0, dtype)
+    if header.data == "binary" or not header.points:
+        return np.fromfile(file, dtype, header.points)
+    if header.data != "ascii":
+        whole = io.BytesIO(header.compose_header().encode() + file.read())
+        return pypcd4.PointCloud.from_fileobj(whole).pc_data
+    # pypcd4 splits at single spaces, but many files pad columns to a width, and some have commas.
+    return np.atleast_1d(np.loadtxt((line.replace(b",", b" ") for line in file), dtype))
 
 
 def _axes(xyz):
@@ -341,14 +363,6 @@ def _made_of_bytes(colors):
     """Whether colors of 16 bits were made of 8, which then hold them."""
     low = colors & 255
     return not low.any() or (low == colors >> 8).all()
-
-
-def _records(xyz, columns):
-    columns = {**_axes(xyz), **columns}
-    records = np.empty(len(xyz), dtype=[(name, c.dtype) for name, c in columns.items()])
-    for name, column in columns.items():
-        records[name] = column
-    return records
 
 
 def _renamed(attributes, names):

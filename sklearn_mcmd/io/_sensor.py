@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sklearn_mcmd.io._formats import SENSORS
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 from sklearn_mcmd.io._trajectory import Trajectory, positions_at, trajectory_of
 
@@ -39,8 +40,8 @@ def sensor_origins(
     trajectory : Trajectory, or tuple of times (m,) and positions (m, 3), default=None
         Positions between its times are interpolated linearly. Its times may be GPS seconds, the
         same less 1e9 as LAS has them, or seconds of the week, whatever those of points are; a
-        warning says so if they differ. None means that the file itself tells positions: the poses
-        of E57's scans, PCD's VIEWPOINT, or LAS's scan angles.
+        warning says so if they differ. None means that the file itself tells positions, by LAS's
+        scan angles, PCD's VIEWPOINT, E57's poses or PTX's poses.
 
     Returns
     -------
@@ -63,8 +64,9 @@ def sensor_origins(
 
     Notes
     -----
-    *E57.* The pose of a scan says where the scanner stood. A pose that moves nothing counts only if
-    the scan has a grid of rows and columns: programs that merge scans write such a pose, too.
+    *E57, PTX.* The pose of a scan says where the scanner stood. A pose that moves nothing counts
+    only if the scan has a grid of rows and columns: programs that merge scans write such a pose,
+    too. In PTX each pose needs a grid, and one that moves nothing must not name another place.
 
     *PCD.* VIEWPOINT counts unless it is 0 0 0. That is what programs write who do not know it.
 
@@ -112,7 +114,7 @@ def stated_positions(cloud):
 
         positions, words = positions_of_lines(cloud)
         return Stated(positions, words)
-    return Stated(None, "only E57, PCD and LAS can tell it; give a position or a trajectory")
+    return Stated(None, f"only {SENSORS} tell it; give a position or a trajectory")
 
 
 def _of_setups(cloud):
@@ -123,4 +125,4 @@ def _of_setups(cloud):
         setups = setups[np.asarray(cloud.attributes["scan_index"])]
     if not np.isfinite(setups).all():
         return Stated(None, "not all of the scans have a pose that says where the scanner stood")
-    return Stated(setups, "E57 setup" if len(setups) == 1 else "E57 setups")
+    return Stated(setups, "pose of the scan" if len(setups) == 1 else "poses of the scans")

@@ -15,7 +15,7 @@ UNIT = re.compile(r'\b(?:LENGTH)?UNIT\["(?!degree|grad|gon|rad)[^"]*", *(\d+\.?\
 def length_unit(cloud):
     """``"m"``, ``"ft"`` or ``"US ft"`` if the file says that all axes have it, else None.
 
-    LAS tells by its coordinate system, if that is projected. E57 is in meters by its standard.
+    LAS tells by its coordinate system, if that is projected. E57 and PTX are always in meters.
     """
     if "sensor_origins" in cloud.metadata:
         return "m"

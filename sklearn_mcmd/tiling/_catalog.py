@@ -11,12 +11,11 @@ import numpy as np
 
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import check_file, one_clear_line
+from sklearn_mcmd.io._formats import INDEX, TILED, listed
 from sklearn_mcmd.io._las import coordinate_system, read_header
 
-__all__ = ["EXTENSIONS", "INDEX", "Catalog", "paths_of", "stamp_of"]
+__all__ = ["Catalog", "paths_of", "stamp_of"]
 
-EXTENSIONS = (".las", ".laz")
-INDEX = ".vpc"
 PROJECTION = "LASF_Projection"  # of the records that tell the coordinate system
 
 
@@ -110,7 +109,7 @@ def stamp_of(path):
     return status.st_size, status.st_mtime_ns
 
 
-def paths_of(source, extensions=EXTENSIONS):
+def paths_of(source, extensions=TILED):
     """The files that a source stands for: of a folder, those with one of the extensions."""
     if not isinstance(source, str | os.PathLike):
         paths = [Path(path) for path in source]
@@ -118,7 +117,7 @@ def paths_of(source, extensions=EXTENSIONS):
         paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in extensions)
         paths = [p for p in paths if not p.name.startswith(".")]  # of others, or left over
         if not paths:
-            kinds = "point" if extensions != EXTENSIONS else ".las or .laz"
+            kinds = "point" if extensions != TILED else listed(TILED, "or")
             raise PointFileError(f"{folder}: is a folder without {kinds} files")
     elif Path(source).suffix.lower() == INDEX:
         with one_clear_line(source, "read"):
@@ -166,7 +165,7 @@ def _place(index, link):
 
 
 def _checked_header(path):
-    if path.suffix.lower() not in EXTENSIONS:
+    if path.suffix.lower() not in TILED:
         raise PointFileError("clouds of several files, or beyond memory, must be LAS or LAZ")
     check_file(path)
     header = read_header(path)

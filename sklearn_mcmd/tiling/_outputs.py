@@ -4,15 +4,18 @@ import os
 
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io import PointFileError
-from sklearn_mcmd.io._files import check_writable, one_clear_line, replacing, supported_extensions
+from sklearn_mcmd.io._files import check_writable, one_clear_line, replacing
+from sklearn_mcmd.io._formats import TILED, format_of, listed, supported_extensions
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._las_parts import read_parts, writing_parts
 from sklearn_mcmd.runtime._progress import tell_share
-from sklearn_mcmd.tiling._catalog import EXTENSIONS, stamp_of
+from sklearn_mcmd.tiling._catalog import stamp_of
 from sklearn_mcmd.tiling._memory import PART
 from sklearn_mcmd.tiling._publish_outputs import places_of
 
 __all__ = ["targets_of", "write_outputs"]
+
+LAS_OR_LAZ = listed(TILED, "or")
 
 
 def targets_of(catalog, target):
@@ -21,11 +24,11 @@ def targets_of(catalog, target):
     The target is a folder if there may be several inputs and its name is not that of a LAS or LAZ
     file.
     """
-    named_as_file = target.suffix.lower() in EXTENSIONS and not target.is_dir()
+    named_as_file = target.suffix.lower() in TILED and not target.is_dir()
     as_folder = catalog.is_many and not named_as_file
     if as_folder and target.suffix.lower() in supported_extensions() and not target.exists():
         raise PointFileError(
-            f"{target}: several files become a folder, or one .las or .laz; {target.suffix} is no "
+            f"{target}: several files become a folder, or one {LAS_OR_LAZ}; {target.suffix} is no "
             "name for either"
         )
     if not as_folder:
@@ -37,24 +40,24 @@ def targets_of(catalog, target):
     else:
         if target.exists() and not target.is_dir():
             raise PointFileError(
-                f"{target}: several outputs need a folder; to join them in one file, name a .las "
-                "or .laz"
+                f"{target}: several outputs need a folder; to join them in one file, name a "
+                f"{LAS_OR_LAZ}"
             )
         names = [path.name.replace(".copc.", ".") for path in catalog.paths]
         for path, name in zip(catalog.paths, names, strict=True):
             if names.count(name) > 1:
                 raise PointFileError(
                     f"{path}: several files have this name, and so would the outputs; to join them "
-                    "in one file, name a .las or .laz"
+                    f"in one file, name a {LAS_OR_LAZ}"
                 )
         targets = [target / name for name in names]
     for path in targets:
         folder = target.parent if as_folder and not target.exists() else path.parent
         check_writable(path, folder)
-        if path.suffix.lower() not in EXTENSIONS:
-            raise PointFileError(f"{path}: clouds beyond memory are written as .las or .laz only")
-        if path.name.lower().endswith(".copc.laz"):
-            raise PointFileError(f"{path}: COPC can be read but not written; write plain .laz")
+        if path.suffix.lower() not in TILED:
+            raise PointFileError(f"{path}: clouds beyond memory are written as {LAS_OR_LAZ} only")
+        with one_clear_line(path, "written"):
+            format_of(path, written=True)
         if not os.access(folder, os.W_OK):
             raise PointFileError(f"{path}: cannot be written; {folder} is write-protected")
     return targets

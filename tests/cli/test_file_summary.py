@@ -113,7 +113,10 @@ def test_info_counts_the_places_of_the_sensor(tmp_path):
     with pye57.E57(str(tmp_path / "a.e57"), mode="w") as file:
         for x in (1.5, 7.0):
             file.write_scan_raw(points, translation=np.array([x, 0, 1]))
-    assert "at 2 places, first 1.5, 0, 1 (E57 setups)" in run("info", tmp_path / "a.e57").stdout
+    assert (
+        "at 2 places, first 1.5, 0, 1 (poses of the scans)"
+        in run("info", tmp_path / "a.e57").stdout
+    )
 
 
 def test_info_of_a_folder_has_a_line_for_each_file_and_one_for_all(tmp_path):

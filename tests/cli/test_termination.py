@@ -17,7 +17,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 # The final writing of `mcmd denoise` gets stuck halfway; the rehearsal is of one point.
 STUCK = """
 import sys, time
-from sklearn_mcmd.io import _files
+from sklearn_mcmd.io import _formats
 from sklearn_mcmd.__main__ import main
 
 def stuck(path, cloud):
@@ -25,7 +25,8 @@ def stuck(path, cloud):
     if len(cloud) > 1:
         time.sleep(3600)
 
-_files._FORMATS[".xyz"] = (_files._FORMATS[".xyz"][0], stuck)
+known = _formats._BY_EXTENSION
+known[".xyz"] = known[".xyz"]._replace(write=stuck)
 main()
 """
 

@@ -9,7 +9,7 @@ import pytest
 from commands import error_line, files_in, run
 from pages import read_page
 from sklearn_mcmd.io import PointCloud, write_points
-from sklearn_mcmd.io._files import supported_extensions
+from sklearn_mcmd.io._formats import supported_extensions
 
 
 def page_of(*args, path):
@@ -41,7 +41,7 @@ def test_the_result_of_each_verb_is_what_the_page_colors_by(verb, color, kind, r
     np.testing.assert_array_equal(shown.columns["intensity"][0] - 1 + numbers["low"], shown.rows)
 
 
-@pytest.mark.parametrize("extension", supported_extensions())
+@pytest.mark.parametrize("extension", supported_extensions(written=True))
 def test_each_format_can_be_shown(extension, room, tmp_path):
     source = tmp_path / f"room{extension}"
     write_points(source, room)
@@ -130,7 +130,9 @@ def test_the_files_of_a_folder_are_one_cloud(room, tmp_path):
     )
     result = run("view", folder, "-o", tmp_path / "page.html")
     assert result.exit_code == 0, result.output
-    assert "attributes that not every file has are left out: classification" in result.stderr
+    assert (
+        "attributes that not every file or scan has are left out: classification" in result.stderr
+    )
     manifest, (shown,) = read_page((tmp_path / "page.html").read_text(encoding="utf-8"))
     assert manifest["title"] == "rooms"
     assert len(shown.rows) == len(room)

@@ -65,3 +65,61 @@ def test_columns_of_a_plain_array_have_numbers(tmp_path):
     cloud = read_points(tmp_path / "a.npy", columns={"x": 4, "y": 3, "z": 1})
     assert_array_equal(cloud.xyz, table[:, [3, 2, 0]])
     assert_array_equal(cloud.attributes["column_2"], table[:, 1])
+
+
+def grid_of_points(empty=()):
+    xyz = np.random.default_rng(0).random((4, 5, 3))
+    xyz.reshape(-1, 3)[list(empty)] = np.nan
+    return xyz
+
+
+def fields_of(xyz):
+    fields = np.zeros(xyz.shape[:2], [(name, float) for name in ("x", "y", "z", "range")])
+    for i, axis in enumerate("xyz"):
+        fields[axis] = xyz[..., i]
+    fields["range"] = np.arange(20).reshape(4, 5)
+    return fields
+
+
+ORGANIZED = {
+    "a table": lambda path, xyz: np.save(path, xyz),
+    "fields": lambda path, xyz: np.save(path, fields_of(xyz)),
+    "xyz": lambda path, xyz: np.savez(path, xyz=xyz, range=np.arange(20).reshape(4, 5)),
+    "x, y, z": lambda path, xyz: np.savez(
+        path, **{axis: xyz[..., i] for i, axis in enumerate("xyz")}
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", ORGANIZED)
+def test_organized_arrays_are_read_row_by_row(tmp_path, kind):
+    path = tmp_path / ("a.npy" if kind in ("a table", "fields") else "a.npz")
+    xyz = grid_of_points(empty=[7])
+    ORGANIZED[kind](path, xyz)
+    cloud = read_points(path)
+    kept = np.delete(np.arange(20), 7)
+    assert_array_equal(cloud.xyz, xyz.reshape(-1, 3)[kept])
+    assert cloud.n_dropped == 1
+    assert cloud.metadata["grid_shape"] == (4, 5)
+    assert_array_equal(cloud.attributes["row_index"], kept // 5)
+    assert_array_equal(cloud.attributes["column_index"], kept % 5)
+    if kind in ("fields", "xyz"):
+        assert_array_equal(cloud.attributes["range"], kept)
+
+
+@pytest.mark.parametrize("shape", [(4, 5, 4), (3, 4, 5), (2, 4, 5, 3), (4, 5, 2)])
+def test_arrays_whose_axes_are_not_clear_are_refused(tmp_path, shape):
+    np.save(tmp_path / "a.npy", np.zeros(shape))
+    with pytest.raises(PointFileError, match=r"or \(rows, columns, 3\), .* are needed"):
+        read_points(tmp_path / "a.npy")
+
+
+def test_columns_of_an_organized_table_may_be_told(tmp_path):
+    np.save(tmp_path / "a.npy", grid_of_points())
+    cloud = read_points(tmp_path / "a.npy", columns={"x": 3, "y": 2, "z": 1})
+    assert_array_equal(cloud.xyz, grid_of_points()[..., ::-1].reshape(-1, 3))
+
+
+def test_a_table_of_three_rows_is_not_organized(tmp_path):
+    np.save(tmp_path / "a.npy", np.eye(3))
+    assert read_points(tmp_path / "a.npy").attributes == {}

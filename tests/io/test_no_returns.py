@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sklearn_mcmd.io import read_points, write_points
-from sklearn_mcmd.io._files import supported_extensions
+from sklearn_mcmd.io._formats import supported_extensions
 from sklearn_mcmd.io._no_returns import NoReturns
 
 CORNER = np.array([500_000, 200_000, 100])
@@ -14,7 +14,7 @@ SURVEY = CORNER + np.round(np.random.default_rng(0).uniform(0, 20, (30, 3)), 2)
 HOLED = np.insert(SURVEY, [7, 7, 20], 0, axis=0)
 
 
-@pytest.mark.parametrize("extension", supported_extensions())
+@pytest.mark.parametrize("extension", supported_extensions(written=True))
 def test_every_format_says_how_many_and_the_first(tmp_path, extension):
     libraries = {".e57": "pye57", ".pcd": "pypcd4", ".ply": "plyfile"}
     pytest.importorskip(libraries.get(extension, "laspy"))

@@ -182,12 +182,140 @@ def test_e57_refuses_to_lose_the_outlier_mark(tmp_path, cloud):
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "binary", "binary_compressed"])
-def test_points_behind_a_long_header_are_read_or_refused_for_it(tmp_path, encoding):
-    path = tmp_path / "a.pcd"
-    write_points(path, np.eye(3), encoding=encoding)
-    path.write_bytes(path.read_bytes().replace(b"DATA", b"SCANNER mine\nDATA"))
-    if encoding == "ascii":
-        assert_array_equal(read_points(path).xyz, np.eye(3))
-    else:
-        with pytest.raises(PointFileError, match="header has more than 10 lines"):
-            read_points(path)
+@pytest.mark.parametrize(
+    "odd",
+    [
+        lambda head: head.replace(b"DATA", b"SCANNER mine\nSERIAL 7\nDATA"),
+        lambda head: head.replace(b"\n", b"\r\n"),
+        lambda head: head.replace(b"COUNT 1 1 1 1 1\n", b""),
+        lambda head: head.replace(b"VERSION 0.7", b"# .PCD v.5\n\nVERSION .5"),
+        lambda head: head.replace(b"VERSION 0.7\n", b""),
+        lambda head: head.replace(b"VIEWPOINT 0.0 0.0 0.0 1.0 0.0 0.0 0.0\n", b""),
+        lambda head: head.lower().replace(b"viewpoint", b"Viewpoint"),
+        lambda head: head.replace(b"WIDTH 3\nHEIGHT 1", b"WIDTH 7\nHEIGHT 9"),
+    ],
+    ids=["long", "CRLF", "no COUNT", "v.5", "no VERSION", "no VIEWPOINT", "lower case", "7 x 9"],
+)
+def test_headers_as_programs_and_people_write_them_are_read(tmp_path, encoding, odd):
+    path, cloud = tmp_path / "a.pcd", PointCloud(np.eye(3), {"ring": np.arange(3, dtype=np.uint8)})
+    write_points(path, cloud.with_attributes(label=np.arange(3)), encoding=encoding)
+    head, data, points = path.read_bytes().partition(f"DATA {encoding}\n".encode())
+    changed = odd(head + data)
+    assert changed != head + data
+    path.write_bytes(changed + points)
+    back = read_points(path)
+    assert_array_equal(back.xyz, np.eye(3))
+    assert_array_equal(back.attributes["ring"], range(3))
+    assert "grid_shape" not in back.metadata
+
+
+HEAD = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA ascii\n"
+
+
+@pytest.mark.parametrize("rows", ["1,2,3\n4,5,nan\n", "1, 2, 3\n4 ,5 ,nan", "1  2 3 \n 4 5 NaN\n"])
+def test_rows_with_commas_or_padding_are_read(tmp_path, rows):
+    (tmp_path / "a.pcd").write_text(HEAD + rows)
+    cloud = read_points(tmp_path / "a.pcd")
+    assert_array_equal(cloud.xyz, [[1, 2, 3]])
+    assert cloud.n_dropped == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (HEAD + "1,5 2,5 3,5\n1,5 2,5 3,5\n", "damaged: it does not hold 2 points with 3 numbers"),
+        (HEAD + "1 2 b\n4 5 6\n", "damaged: it does not hold 2 points with 3 numbers"),
+        ("VERSION 1.0\n" + HEAD + "1 2 3\n4 5 6\n", "is PCD of version 1.0; .5, .6 and .7 are"),
+        (
+            HEAD.replace("TYPE F F F", "TYPE F F Q") + "1 2 3\n4 5 6\n",
+            "broken PCD header: FIELDS x",
+        ),
+        (
+            HEAD.replace("WIDTH 2", "WIDTH b") + "1 2 3\n4 5 6\n",
+            "broken PCD header: FIELDS x y z, S",
+        ),
+        (HEAD.replace("SIZE 4 4 4\n", "") + "1 2 3\n4 5 6\n", "its header has no SIZE"),
+    ],
+    ids=["decimal commas", "a word", "another version", "a type", "a width", "no SIZE"],
+)
+def test_what_is_wrong_with_a_pcd_is_told_in_own_words(tmp_path, text, message):
+    (tmp_path / "a.pcd").write_text(text)
+    with pytest.raises(PointFileError, match=message) as error:
+        read_points(tmp_path / "a.pcd")
+    assert not any(word in str(error.value) for word in ("pydantic", "dtype", "usecols", "\n"))
+
+
+# ---- organized clouds ------------------------------------------------------------------
+
+
+def organized(tmp_path):
+    """A file of 4 rows and 5 columns, of which two cells are empty."""
+    xyz = np.random.default_rng(0).random((20, 3)).astype(np.float32)
+    xyz[[3, 11]] = np.nan
+    arrays = [*xyz.T, np.arange(20, dtype=np.int32)]
+    dtypes = [np.float32] * 3 + [np.int32]
+    pcd = pypcd4.PointCloud.from_points(arrays, ("x", "y", "z", "label"), dtypes)
+    pcd.metadata.height, pcd.metadata.width = 4, 5
+    pcd.save(tmp_path / "a.pcd")
+    return tmp_path / "a.pcd", xyz
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary", "binary_compressed"])
+def test_an_organized_pcd_keeps_its_grid_whatever_is_removed(tmp_path, encoding):
+    path, xyz = organized(tmp_path)
+    cloud = read_points(path)
+    assert_array_equal(5 * cloud.attributes["row_index"] + cloud.attributes["column_index"],
+                       cloud.attributes["label"])  # fmt: skip
+    kept = cloud.subset(np.arange(18)[::-1][1:])  # in another order, and without the last
+    write_points(tmp_path / "b.pcd", kept, encoding=encoding)
+    pcd = pypcd4.PointCloud.from_path(tmp_path / "b.pcd")
+    assert (pcd.metadata.height, pcd.metadata.width, pcd.fields[3:]) == (4, 5, ("label",))
+    xyz[19] = np.nan
+    assert_array_equal(pcd.numpy(("x", "y", "z")), xyz)
+    assert_array_equal(read_points(tmp_path / "b.pcd").attributes["label"],
+                       np.delete(np.arange(19), [3, 11]))  # fmt: skip
+
+
+@pytest.mark.parametrize("extension", [".las", ".ply", ".csv", ".npz", ".npy", ".e57"])
+def test_other_formats_hold_rows_and_columns(tmp_path, extension):
+    cloud = read_points(organized(tmp_path)[0])
+    del cloud.attributes["label"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        write_points(tmp_path / f"b{extension}", cloud)
+    back = read_points(tmp_path / f"b{extension}").attributes
+    for name in ("row_index", "column_index"):
+        assert_array_equal(back[name], cloud.attributes[name])
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"row_index": None},
+        {"row_index": np.zeros(18, int), "column_index": np.zeros(18, int)},
+        {"row_index": np.full(18, 4)},
+        {"row_index": np.zeros(18)},
+    ],
+    ids=["gone", "one cell", "outside", "no integers"],
+)
+def test_a_grid_that_is_lost_is_told(tmp_path, change):
+    cloud = read_points(organized(tmp_path)[0])
+    cloud.attributes |= change
+    cloud.attributes = {n: values for n, values in cloud.attributes.items() if values is not None}
+    with pytest.warns(UserWarning, match="the grid is not kept") as told:
+        write_points(tmp_path / "b.pcd", cloud)
+    assert len(told) == 1
+    assert told[0].filename == __file__
+    assert len(read_points(tmp_path / "b.pcd")) == 18
+
+
+def test_a_row_of_points_and_a_file_with_own_rows_are_not_organized(tmp_path):
+    write_points(tmp_path / "a.pcd", np.eye(3))
+    assert read_points(tmp_path / "a.pcd").attributes == {}
+    own = PointCloud(np.random.default_rng(0).random((4, 3)), {"row_index": np.arange(4)})
+    write_points(tmp_path / "a.pcd", own)
+    data = (tmp_path / "a.pcd").read_bytes()
+    (tmp_path / "a.pcd").write_bytes(data.replace(b"WIDTH 4\nHEIGHT 1", b"WIDTH 2\nHEIGHT 2"))
+    cloud = read_points(tmp_path / "a.pcd")
+    assert_array_equal(cloud.attributes["row_index"], range(4))
+    assert "grid_shape" not in cloud.metadata

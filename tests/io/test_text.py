@@ -126,7 +126,7 @@ def test_columns_are_for_axes_of_formats_that_have_columns(tmp_path):
     with pytest.raises(PointFileError, match="must tell of x, y or z"):
         read(tmp_path, "a,b,c\n1,2,3\n", columns={"a": "x"})
     np.savez(tmp_path / "a.npz", np.eye(3))
-    with pytest.raises(PointFileError, match="is for text, NPY, PLY and PCD"):
+    with pytest.raises(PointFileError, match="is for PLY, PCD, text and NPY"):
         read_points(tmp_path / "a.npz", columns={"x": 1})
 
 
