@@ -11,6 +11,9 @@ extension               extra           what is kept
 ``.e57``                ``formats``     coordinates, intensity, colors, grid indices; scans are
                                         merged by their poses
 ``.xyz .txt .csv``      none            columns of numbers, with or without a header line
+``.asc``                none            the same; no grids of Esri
+``.pts``                none            intensity and colors of 8 bits; counts begin scans
+``.xyzn .xyzrgb``       none            normals, or colors of 8 bits
 ``.npy .npz``           none            everything numeric
 ======================  ==============  ====================================================
 

@@ -41,6 +41,7 @@ __all__ = [
 ]
 
 _FORMATS = {
+    ".asc": (read_text, write_text),
     ".csv": (read_text, write_text),
     ".e57": (read_e57, write_e57),
     ".las": (read_las, write_las),
@@ -49,8 +50,11 @@ _FORMATS = {
     ".npz": (read_npz, write_npz),
     ".pcd": (read_pcd, write_pcd),
     ".ply": (read_ply, write_ply),
+    ".pts": (read_text, write_text),
     ".txt": (read_text, write_text),
     ".xyz": (read_text, write_text),
+    ".xyzn": (read_text, write_text),
+    ".xyzrgb": (read_text, write_text),
 }
 _ENCODINGS = {".ply": ("ascii", "binary"), ".pcd": ("ascii", "binary", "binary_compressed")}
 
@@ -63,7 +67,8 @@ def read_points(
     Parameters
     ----------
     path : str or os.PathLike
-        A file of one of the extensions .csv .e57 .las .laz .npy .npz .pcd .ply .txt .xyz.
+        A file of one of the extensions .asc .csv .e57 .las .laz .npy .npz .pcd .ply .pts .txt .xyz
+        .xyzn .xyzrgb.
     columns : dict of str to str or int, default=None
         Which columns of text, NPY, PLY and PCD are x, y and z: their names, or their numbers from 1
         on. None, and for what is not told, the names that people use, such as easting, northing and
@@ -100,13 +105,21 @@ def read_points(
     Points with a coordinate that is not finite (common in organized PCD), or that E57
     marks invalid, are dropped and counted in ``PointCloud.n_dropped``.
 
-    Whitespace, commas, semicolons or tabs may separate text, which is UTF-8 or Latin-1. A header
-    has no number among its first three fields. Titles above it and units below it are no rows.
-    Coordinates are the columns named x, y, z, or as people name them otherwise, in upper or lower
-    case and with units. Without a header they are the first three columns. Columns without a name
-    are called ``column_4`` and so on. Empty cells, NA, N/A, NULL and None are NaN; in coordinates
-    they are an error. Columns that hold other words, such as dates, are left out. Attributes that
-    are integers in all rows are exact up to 64 bits.
+    Whitespace, commas, semicolons or tabs may separate text, which is UTF-8, UTF-16 with a mark, or
+    Latin-1. A header has no number among its first three fields. Titles above it and units below it
+    are no rows. Coordinates are the columns named x, y, z, or as people name them otherwise, in
+    upper or lower case and with units. Without a header they are the first three columns. A comment
+    is a header if it has a field for each column, and two of them are names as people give them, or
+    commas but no blanks are between them. Columns without a name are called ``column_4`` and so on.
+    Between semicolons or tabs, the first number with a comma or point tells which of them is
+    decimal for the whole file; elsewhere points are. Empty cells, NA, N/A, NULL and None are NaN;
+    in coordinates they are an error. Columns that hold other words, such as dates, are left out.
+    Attributes that are integers in all rows are exact up to 64 bits.
+
+    A count of points may stand above the rows, as in PTS. Other scans may follow, each with its
+    count; ``scan_index`` numbers them. PTS has an ``intensity`` after x, y, z, or colors, or both.
+    The intensity is as in the file: of Leica from -2048 to 2047. XYZN has normals, XYZRGB colors,
+    which are from 0 to 1 unless one is larger. They become ``red, green, blue`` of 8 bits.
 
     NPY holds a table (n, >= 3) or a structured array. NPZ holds an array
     ``xyz``, or ``x``, ``y``, ``z``; else its first array of shape (n, 3) is taken. Arrays of NPZ
@@ -199,8 +212,9 @@ def write_points(
     -----
     UserWarning
         If an attribute cannot be kept, or not exactly. E57 holds finite intensity of single
-        precision and colors of 8 bits only. In LAS, a value that does not fit the dimension of its
-        name goes to an extra dimension ``<name>_value``.
+        precision and colors of 8 bits only, PTS intensity and such colors, XYZN normals, and XYZRGB
+        colors. In LAS, a value that does not fit the dimension of its name goes to an extra
+        dimension ``<name>_value``.
 
     See Also
     --------

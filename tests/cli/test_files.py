@@ -213,7 +213,7 @@ def test_a_name_that_is_too_long_is_named(verb, room_file, tmp_path):
     assert line == f"mcmd: error: {target}: cannot be written: file name too long"
 
 
-HOLD_RESULTS = [".csv", ".las", ".laz", ".npy", ".npz", ".pcd", ".ply", ".txt", ".xyz"]
+HOLD_RESULTS = [".asc", ".csv", ".las", ".laz", ".npy", ".npz", ".pcd", ".ply", ".txt", ".xyz"]
 
 
 RESULTS = {
@@ -241,4 +241,5 @@ def test_all_other_formats_hold_the_results_of_every_verb(extension, verb, room_
 
 
 def test_formats_with_and_without_results_are_all_there_are():
-    assert {*HOLD_RESULTS, ".e57"} == {*supported_extensions()}
+    without = {".e57", ".pts", ".xyzn", ".xyzrgb"}
+    assert {*HOLD_RESULTS, *without} == {*supported_extensions()}
