@@ -110,11 +110,11 @@ def read_points(
     are no rows. Coordinates are the columns named x, y, z, or as people name them otherwise, in
     upper or lower case and with units. Without a header they are the first three columns. A comment
     is a header if it has a field for each column, and two of them are names as people give them, or
-    commas but no blanks are between them. Columns without a name are called ``column_4`` and so on.
-    Between semicolons or tabs, the first number with a comma or point tells which of them is
-    decimal for the whole file; elsewhere points are. Empty cells, NA, N/A, NULL and None are NaN;
-    in coordinates they are an error. Columns that hold other words, such as dates, are left out.
-    Attributes that are integers in all rows are exact up to 64 bits.
+    none is a number and commas without blanks are between them. Columns without a name are called
+    ``column_4`` and so on. Between semicolons or tabs, the first number with a comma or point tells
+    which of them is decimal for the whole file; elsewhere points are. Empty cells, NA, N/A, NULL
+    and None are NaN; in coordinates they are an error. Columns that hold other words, such as
+    dates, are left out. Attributes that are integers in all rows are exact up to 64 bits.
 
     A count of points may stand above the rows, as in PTS. Other scans may follow, each with its
     count; ``scan_index`` numbers them. PTS has an ``intensity`` after x, y, z, or colors, or both.

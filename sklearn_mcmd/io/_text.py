@@ -147,11 +147,11 @@ def _begin(file, columns, extension):
             continue
         if text.startswith(COMMENTS):
             text = text.lstrip("#/ ")
-            # A sentence has blanks. Of names with commas between them, none need be known.
-            if are_names(_fields(text), () if numbered else told) or (
-                " " not in text and _delimiter(text)
-            ):
-                comments.append(_fields(text))
+            names = _fields(text)
+            # Fields between commas, without blanks or numbers, are names even if none is known.
+            between = " " not in text and _delimiter(text) and not any(map(_is_value, names))
+            if between or are_names(names, () if numbered else told):
+                comments.append(names)
             continue
         if known is None or len(_fields(line, delimiter)) != len(known):
             delimiter = _delimiter(line)
@@ -175,8 +175,9 @@ def _begin(file, columns, extension):
             f"line {number} has {len(fields)} column(s); at least 3 (x, y, z) are needed"
         )
     if known is None:
-        fitting_names = (some for some in headers + comments if len(some) == len(fields))
-        known = next(fitting_names, headers[0] if headers else None)
+        widths = {len(fields), len(fields) - (fields[-1] == "")}
+        named = (some for some in headers + comments if len(some) in widths)
+        known = next(named, headers[0] if headers else None)
     if known is not None:
         if known[-1] == "" and len(known) == len(fields) + 1:
             known = known[:-1]

@@ -220,6 +220,7 @@ def test_names_of_attributes_come_back(tmp_path, name, extension):
         ("# by hand\n# t azimuth range v\n9 1 2 3\n", "no x, y, z among the columns t, azimuth"),
         ("#id,a,b,c\n9,1,2,3\n", "no x, y, z among the columns id, a, b, c"),
         ("#id;a;b;c\n9;1;2;3\n", "no x, y, z among the columns id, a, b, c"),
+        ("#id,a,b,c\n9,1,2,3,\n", "no x, y, z among the columns id, a, b, c"),
     ],
 )
 def test_names_in_a_comment_that_hold_no_coordinates_are_refused(tmp_path, text, message):
@@ -241,13 +242,16 @@ def test_names_in_a_comment_that_hold_no_coordinates_are_refused(tmp_path, text,
         "exported by CloudCompare",  # as many words as columns
         "12 points surveyed",
         "height in m",
-        "punti e quote",  # e: and
+        "punti e quota",  # e: and
         "cota y fecha",  # y: and
         "Berlin, Mitte, Nord",
         "scanned,cleaned",
         "x y z are UTM",
         "time, position and intensity of the scanner",
         "----------",
+        "4,5,6",  # a row that is left out
+        "4;5;6",
+        "2026-05-01,scanner,A",
     ],
 )
 @pytest.mark.parametrize("separator", [" ", ",", ";"])
@@ -366,3 +370,15 @@ def test_a_wrong_count_is_named_with_its_line(tmp_path, monkeypatch, text, messa
     monkeypatch.setattr(_text, "ROWS_A_TIME", part)
     with pytest.raises(PointFileError, match=message):
         read(tmp_path, text)
+
+
+# ---- how fast it is --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rows", ["1.5 2 3", "1.5;2;3", "1,5;2;3", "1.5D0,2,3", "1.5,2,3 # c"])
+def test_no_cells_are_read_one_by_one_where_numpy_can_read_the_rows(tmp_path, monkeypatch, rows):
+    monkeypatch.setattr(_text._Table, "_slow", None)
+    if rows in ("1.5 2 3", "1.5;2;3"):  # nor are lines changed
+        monkeypatch.setattr(_text, "plain_numbers", None)
+    monkeypatch.setattr(_text, "ROWS_A_TIME", 2)
+    assert_array_equal(read(tmp_path, f"{rows}\n" * 5).xyz, [[1.5, 2, 3]] * 5)
