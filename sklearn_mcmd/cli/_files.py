@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from sklearn_mcmd.cli._large import is_several
-from sklearn_mcmd.io._formats import TILED, format_of, supported_extensions
+from sklearn_mcmd.io._formats import ALL, TILED, format_of, supported_extensions
 from sklearn_mcmd.io._point_cloud import joined
 from sklearn_mcmd.runtime._progress import progress_part
 
@@ -100,7 +100,7 @@ def read(source, target=None, results=None, *, columns=None):
 
     if target is not None:
         rehearse(target, PointCloud(np.zeros((1, 3))))
-        if results is not None and not (known := format_of(target)).attributes:
+        if results and (known := format_of(target)).results not in (ALL, results):
             raise ValueError(
                 f"{target}: {known.name} has no place for {results}; write another format"
             )

@@ -1,20 +1,26 @@
 """Which columns of a table are x, y and z, by the names that people give them."""
 
 import re
+import unicodedata
 
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.io._point_cloud import RESERVED, PointFileError
 
-__all__ = ["attribute_name", "coordinate_columns", "n_known_axes"]
+__all__ = ["are_names", "attribute_name", "coordinate_columns"]
 
-AXES = {
-    "x": {"x", "e", "east", "easting", "eastings", "rechtswert", "points 0"},
-    "y": {"y", "n", "north", "northing", "northings", "hochwert", "points 1"},
-    "z": {"z", "h", "u", "up", "elev", "elevation", "height", "alt", "altitude", "points 2"},
+AXES = {  # without accents; English, German, French, Spanish and Italian
+    "x": {"x", "e", "east", "easting", "eastings", "points 0", "rechtswert", "ost", "est", "este"},
+    "y": {"y", "n", "north", "northing", "northings", "points 1", "hochwert", "nord", "norte"},
+    "z": {"z", "h", "u", "up", "elev", "elevation", "height", "alt", "altitude", "points 2"}
+    | {"hohe", "hoehe", "hauteur", "altitud", "altura", "elevacion", "cota"}
+    | {"altitudine", "altezza", "elevazione", "quota"},
 }
+# Names of other columns, which tell that a comment names columns, too.
+OTHERS = {"longitude", "lon", "latitude", "lat", "time", "range", "azimuth", "intensity"}
 # Words beside the axis: "X[m]", "x_ft", "POINT_X", "utm_x", "X coordinate".
 BESIDE = {"m", "mm", "cm", "km", "ft", "feet", "usft", "meter", "meters", "metre", "metres"}
 BESIDE |= {"coord", "coordinate", "point", "pos", "position", "utm"}
+BESIDE |= {"koordinate", "coordonnee", "coordenada", "coordinata"}
 REMEDY = ParameterError(
     "say which they are, as in $columns", columns={"x": "easting", "y": "northing", "z": "height"}
 )
@@ -54,25 +60,35 @@ def attribute_name(name):
     return f"{name}_value" if name.lower() in RESERVED else name
 
 
-def n_known_axes(names):
-    """How many axes have a column that is named as people name them."""
-    return sum(bool(_of_axis([_plain(name) for name in names], axis)) for axis in "xyz")
+def are_names(fields, told=()):
+    """Whether a comment names columns: at least two of its fields are known names, or `told`.
+
+    A letter alone may be a word of a sentence: one does not count without another.
+    """
+    plain = [_plain(field) for field in fields]
+    found = [{plain[i] for i in _of_axis(plain, axis)} for axis in "xyz"]
+    letters = sum(max(map(len, names), default=0) == 1 for names in found)
+    known = sum(map(bool, found)) - (letters == 1) + len(OTHERS.intersection(plain))
+    return known + len(set(told).intersection(fields)) >= 2
 
 
 def _of_axis(plain, axis):
-    """Columns that may be an axis. Words come before single letters, which mean many things."""
+    """Columns that may be an axis. Words come before what means many things: letters, "est"."""
     found = [i for i, name in enumerate(plain) if name in AXES[axis]]
-    return [i for i in found if len(plain[i]) > 1] or found
+    return [i for i in found if len(plain[i]) > 1 and plain[i] != "est"] or found
 
 
 def _plain(name):
-    """The words of a name in lower case, without units and the like."""
-    words = re.findall(r"[^\W\d_]+|\d+", name.lower())
+    """The words of a name in lower case, without accents, units and the like."""
+    letters = unicodedata.normalize("NFKD", name.lower())
+    bare = "".join(letter for letter in letters if not unicodedata.combining(letter))
+    words = re.findall(r"[^\W\d_]+|\d+", bare)
     return " ".join(word for word in words if word not in BESIDE)
 
 
 def _position(names, which):
-    which = str(which)
+    names = [unicodedata.normalize("NFC", name) for name in names]
+    which = unicodedata.normalize("NFC", str(which))
     for some in (names, [name.lower() for name in names]):
         if which in some:
             return some.index(which)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
-from sklearn_mcmd.io._formats import format_of, no_columns
+from sklearn_mcmd.io._formats import ALL, format_of, no_columns
 from sklearn_mcmd.io._no_returns import NoReturns
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 
@@ -39,9 +39,9 @@ def read_points(
     path : str or os.PathLike
         A file of one of the extensions that ``help(sklearn_mcmd.io)`` lists.
     columns : dict of str to str or int, default=None
-        Which columns of PLY, PCD, text and NPY are x, y and z: their names, or their numbers from 1
-        on. None, and for what is not told, the names that people use, such as easting, northing and
-        elevation.
+        Which columns of PLY, PCD, PTS, XYZN, XYZRGB, text and NPY are x, y and z: their names, or
+        their numbers from 1 on. None, and for what is not told, the names that people use, such as
+        easting, northing and elevation.
 
     Returns
     -------
@@ -74,13 +74,21 @@ def read_points(
     Points with a coordinate that is not finite (common in organized PCD) or that E57 marks
     invalid, and PTX's rays without a return, are dropped and counted in ``PointCloud.n_dropped``.
 
-    Whitespace, commas, semicolons or tabs may separate text, which is UTF-8 or Latin-1. A header
-    has no number among its first three fields. Titles above it and units below it are no rows.
-    Coordinates are the columns named x, y, z, or as people name them otherwise, in upper or lower
-    case and with units. Without a header they are the first three columns. Columns without a name
-    are called ``column_4`` and so on. Empty cells, NA, N/A, NULL and None are NaN; in coordinates
-    they are an error. Columns that hold other words, such as dates, are left out. Attributes that
-    are integers in all rows are exact up to 64 bits.
+    Whitespace, commas, semicolons or tabs may separate text, which is UTF-8, UTF-16 with a mark, or
+    Latin-1. A header has no number among its first three fields. Titles above it and units below it
+    are no rows. Coordinates are the columns named x, y, z, or as people name them otherwise, in
+    upper or lower case and with units. Without a header they are the first three columns. A comment
+    is a header if it has a field for each column, and two of them are names as people give them, or
+    none is a number and commas without blanks are between them. Columns without a name are called
+    ``column_4`` and so on. Between semicolons or tabs, the first number with a comma or point tells
+    which of them is decimal for the whole file; elsewhere points are. Empty cells, NA, N/A, NULL
+    and None are NaN; in coordinates they are an error. Columns that hold other words, such as
+    dates, are left out. Attributes that are integers in all rows are exact up to 64 bits.
+
+    A count of points may stand above the rows, as in PTS. Other scans may follow, each with its
+    count; ``scan_index`` numbers them. PTS has an ``intensity`` after x, y, z, or colors, or both.
+    The intensity is as in the file: of Leica from -2048 to 2047. XYZN has normals, XYZRGB colors,
+    which are from 0 to 1 unless one is larger. They become ``red, green, blue`` of 8 bits.
 
     NPY holds a table (n, >= 3), an organized one (rows, columns, 3), or a structured array of
     either shape. NPZ holds an array ``xyz``, or ``x``, ``y``, ``z``, organized or not; else its
@@ -176,8 +184,9 @@ def write_points(
     -----
     UserWarning
         If an attribute, or the grid of an organized cloud, cannot be kept, or not exactly. E57
-        holds finite intensity of single precision and colors of 8 bits only. In LAS, a value that
-        does not fit the dimension of its name goes to an extra dimension ``<name>_value``.
+        holds finite intensity of single precision and colors of 8 bits only, PTS intensity and such
+        colors, XYZN normals, and XYZRGB colors. In LAS, a value that does not fit the dimension of
+        its name goes to an extra dimension ``<name>_value``.
 
     See Also
     --------
@@ -242,7 +251,7 @@ def write_points(
         noise = _mask(noise, len(cloud))
         if known.marks:
             options["noise"] = noise
-        elif not known.attributes:
+        elif known.results != ALL:
             raise PointFileError(
                 f"{path}: {known.name} has no place to mark outliers; write another format, "
                 "or the inliers alone"

@@ -14,6 +14,7 @@ from sklearn_mcmd.io import _scan_formats as scans
 from sklearn_mcmd.io._point_cloud import PointFileError
 
 __all__ = [
+    "ALL",
     "FORMATS",
     "INDEX",
     "SENSORS",
@@ -27,6 +28,7 @@ __all__ = [
     "supported_extensions",
 ]
 
+ALL = "all"
 INDEX = ".vpc"  # a virtual point cloud, which stands for several files
 
 
@@ -42,7 +44,7 @@ class Format(NamedTuple):
     columns: bool = False  # whether those of x, y and z may be told
     encodings: tuple[str, ...] = ()
     marks: bool = False  # whether it has its own mark of outliers, which `write` takes as `noise`
-    attributes: bool = True  # whether points may have any
+    results: str = ALL  # that it holds, as verbs call theirs; "" is none
     tiles: bool = False  # whether clouds larger than memory are read and written in parts
     sensor: str = ""  # what tells where it stood
 
@@ -66,14 +68,26 @@ FORMATS = (
     ),
     Format(
         "E57", (".e57",), "formats", "coordinates, intensity, colors, rows and columns; no results",
-        scans.read_e57, scans.write_e57, attributes=False, sensor="E57's poses",
+        scans.read_e57, scans.write_e57, results="", sensor="E57's poses",
     ),
     Format(
         "PTX", (".ptx",), None, "coordinates, intensity, colors, rows and columns; read only",
         _ptx.read_ptx, sensor="PTX's poses",
     ),
     Format(
-        "text", (".xyz", ".txt", ".csv"), None, EVERYTHING,
+        "PTS", (".pts",), None, "coordinates, intensity, colors; no results",
+        _text.read_text, _text.write_text, columns=True, results="",
+    ),
+    Format(
+        "XYZN", (".xyzn",), None, "coordinates and normals",
+        _text.read_text, _text.write_text, columns=True, results="normals",
+    ),
+    Format(
+        "XYZRGB", (".xyzrgb",), None, "coordinates and colors; no results",
+        _text.read_text, _text.write_text, columns=True, results="",
+    ),
+    Format(
+        "text", (".xyz", ".txt", ".csv", ".asc"), None, EVERYTHING,
         _text.read_text, _text.write_text, columns=True,
     ),
     Format("NPY", (".npy",), None, EVERYTHING, _arrays.read_npy, _arrays.write_npy, columns=True),

@@ -21,12 +21,14 @@ __all__ = [
     "PointFileError",
     "cells_of",
     "check_room",
+    "colors_of_bytes",
     "denoised_before",
     "fit_dtype",
     "flat_columns",
     "has_colors",
     "import_extra",
     "joined",
+    "made_of_bytes",
     "with_cells",
     "with_results",
     "without_outliers",
@@ -201,6 +203,23 @@ def flat_columns(attributes):
 
 def has_colors(cloud):
     return not cloud.attributes.keys().isdisjoint(COLORS)
+
+
+def colors_of_bytes(columns):
+    """Columns with colors of 16 bits as 8, and whether that rounds them."""
+    if not all(c in columns and columns[c].dtype == np.uint16 for c in COLORS):
+        return columns, False
+    colors = np.array([columns[c] for c in COLORS])
+    deep = colors.max() > 255
+    whole = (colors >> (8 if deep else 0)).astype(np.uint8)
+    rounded = deep and not made_of_bytes(colors)
+    return columns | dict(zip(COLORS, whole, strict=True)), rounded
+
+
+def made_of_bytes(colors):
+    """Whether colors of 16 bits were made of 8, which then hold them."""
+    low = colors & 255
+    return not low.any() or (low == colors >> 8).all()
 
 
 def joined(clouds):

@@ -18,9 +18,11 @@ from sklearn_mcmd.io._point_cloud import (
     PointFileError,
     cells_of,
     check_room,
+    colors_of_bytes,
     fit_dtype,
     flat_columns,
     import_extra,
+    made_of_bytes,
     with_cells,
 )
 from sklearn_mcmd.io._text import text_rows
@@ -236,12 +238,8 @@ def write_e57(path, cloud):
     center = np.round(np.median(cloud.xyz, axis=0))
     local = cloud.xyz - center
     data = {f"cartesian{axis}": np.ascontiguousarray(local[:, i]) for i, axis in enumerate("XYZ")}
-    columns, lost, rounded = flat_columns(cloud.attributes), [], []
-    if all(c in columns and columns[c].dtype == np.uint16 for c in COLORS):
-        colors = np.array([columns[c] for c in COLORS])
-        deep = colors.max() > 255
-        rounded += COLORS if deep and not _made_of_bytes(colors) else ()
-        columns |= zip(COLORS, (colors >> (8 if deep else 0)).astype(np.uint8), strict=True)
+    columns, of_colors = colors_of_bytes(flat_columns(cloud.attributes))
+    lost, rounded = [], [*COLORS] if of_colors else []
     for name, values in columns.items():
         theirs, code = E57_FIELDS.get(name, (name, None))
         try:
@@ -354,15 +352,9 @@ def _columns(cloud):
     columns = flat_columns(cloud.attributes)
     if "las_points" in cloud.metadata and all(c in columns for c in COLORS):
         colors = np.array([columns[c] for c in COLORS])
-        if colors.dtype == np.uint16 and _made_of_bytes(colors):
+        if colors.dtype == np.uint16 and made_of_bytes(colors):
             columns |= zip(COLORS, (colors >> 8).astype(np.uint8), strict=True)
     return columns
-
-
-def _made_of_bytes(colors):
-    """Whether colors of 16 bits were made of 8, which then hold them."""
-    low = colors & 255
-    return not low.any() or (low == colors >> 8).all()
 
 
 def _renamed(attributes, names):

@@ -1,16 +1,20 @@
-"""XYZ, TXT and CSV: many layouts of text, with or without a header; any numeric columns."""
+"""XYZ, ASC, TXT, CSV and PTS: many layouts of text, with or without a header."""
 
+import codecs
 import csv
+import math
 import re
 import warnings
 from contextlib import suppress
+from dataclasses import dataclass, field
 from itertools import chain, islice
-from typing import NamedTuple
 
 import numpy as np
 
 from sklearn_mcmd._errors import warn_caller
-from sklearn_mcmd.io._column_names import attribute_name, coordinate_columns, n_known_axes
+from sklearn_mcmd.io._column_names import are_names, attribute_name, coordinate_columns
+from sklearn_mcmd.io._fixed_columns import COLUMNS, fitting, names_after_xyz, with_bytes
+from sklearn_mcmd.io._numerals import MISSING, named_nans, number_of, plain_numbers
 from sklearn_mcmd.io._point_cloud import (
     PointCloud,
     PointFileError,
@@ -22,49 +26,50 @@ __all__ = ["read_text", "text_rows", "write_text"]
 
 NUMBERS = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8"}
 COMMENTS = ("#", "//")
-MISSING = {"", "na", "n/a", "null", "none"}
 ROWS_A_TIME = 100_000
+LIST = re.compile(r"(?<!\d),|,(?!\d)")  # commas that are no part of a number
 LONGEST, MOST_HEADERS = 1_000_000, 10  # characters of a line, and lines before the first row
 
 
 def read_text(path, columns=None):
     """Read a table of numbers. Integer columns become int64 or uint64, all others float64."""
     with _opened(path) as file:
-        layout, first = _begin(file, columns)
-        tables, words = _tables(chain([first], file), layout)
-    n_points = sum(map(len, tables))
-    if layout.n_points not in (None, n_points):
-        raise PointFileError(f"the file promises {layout.n_points:,} points and holds {n_points:,}")
+        table, first = _begin(file, columns, path.suffix.lower())
+        table.read(chain([first], file))
     left_out = [
-        f"{layout.names[j]} (line {number}: {_decoded(value)[:40]!r})"
-        for j, (number, value) in words.items()
+        f"{table.names[j]} (line {number}: {_decoded(value)[:40]!r})"
+        for j, (number, value) in table.words.items()
     ]
     if left_out:
         warn_caller(f"{path}: columns with words are left out: {', '.join(left_out)}")
     attributes = {}
-    for j, name in enumerate(layout.names):
-        if j in layout.positions or j in words:
+    for j, name in enumerate(table.names):
+        if j in table.positions or j in table.words:
             continue
         if name in attributes:
             raise PointFileError(f"two columns are named {name!r}; rename one")
-        values = np.concatenate([table[:, j] for table in tables])
+        values = np.concatenate([part[:, j] for part in table.parts])
         if name == f"column_{j + 1}" and np.isnan(values).all():
             continue  # of trailing delimiters
         if ((values == np.rint(values)) | np.isnan(values)).all():
             if (np.abs(values) >= 2**53).any():
-                values = _large_integers(path, layout, j, values)
-            elif layout.fields[j].lstrip("+-").isdigit() and not np.isnan(values).any():
+                values = _large_integers(path, table, j, values)
+            elif table.fields[j].lstrip("+-").isdigit() and not np.isnan(values).any():
                 values = values.astype(np.int64)  # class numbers and labels stay integers
         attributes[attribute_name(name)] = values
-    return PointCloud(np.concatenate([table[:, layout.positions] for table in tables]), attributes)
+    if np.count_nonzero(table.counts) > 1:
+        scans = np.arange(len(table.counts), dtype=np.int32)
+        attributes["scan_index"] = np.repeat(scans, table.counts)
+    xyz = np.concatenate([part[:, table.positions] for part in table.parts])
+    return PointCloud(xyz, with_bytes(path, attributes))
 
 
 def write_text(path, cloud):
     """Write a table with the fewest digits that give the same numbers when read."""
-    columns = {
-        name: fit_dtype(name, values, NUMBERS, "a text file")
-        for name, values in flat_columns(cloud.attributes).items()
-    }
+    columns, is_fixed = flat_columns(cloud.attributes), path.suffix in COLUMNS
+    if is_fixed:
+        columns = fitting(path.suffix, columns)
+    columns = {n: fit_dtype(n, values, NUMBERS, "a text file") for n, values in columns.items()}
     is_csv = path.suffix == ".csv"
     layout = {"delimiter": "," if is_csv else " ", "lineterminator": "\n"}
     for name in columns:
@@ -74,9 +79,11 @@ def write_text(path, cloud):
             )
     has_delimiters = any(set(";,\t") & set(name) for name in columns)
     with open(path, "w", encoding="utf-8", newline="") as file:
-        if is_csv or columns:  # every program reads .xyz with coordinates alone and no header
+        if is_csv or (columns and not is_fixed):  # every program reads .xyz without a header
             quoting = csv.QUOTE_ALL if has_delimiters else csv.QUOTE_MINIMAL
             csv.writer(file, quoting=quoting, **layout).writerow(["x", "y", "z", *columns])
+        if path.suffix == ".pts":
+            file.write(f"{len(cloud)}\n")
         writer = csv.writer(file, **layout)
         for rows in text_rows([*cloud.xyz.T, *columns.values()]):
             writer.writerows(rows)
@@ -91,53 +98,43 @@ def text_rows(columns):
 
 
 def _opened(path):
-    return open(path, encoding="utf-8-sig", errors="surrogateescape")
+    with open(path, "rb") as file:
+        is_utf16 = file.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+    encoding = "utf-16" if is_utf16 else "utf-8-sig"
+    return open(path, encoding=encoding, errors="surrogateescape")
 
 
-def _large_integers(path, layout, j, values):
+def _large_integers(path, table, j, values):
     """A column read again: exact if all its values are integers, else what is rounded is named."""
     for dtype in (np.int64, np.uint64):
         with _opened(path) as file, suppress(ValueError, Warning), warnings.catch_warnings():
             warnings.simplefilter("error")  # of integers read as float64
             exact = np.loadtxt(
-                islice(file, layout.first - 1, None), dtype, delimiter=layout.delimiter,
+                islice(file, table.first - 1, None), dtype, delimiter=table.delimiter,
                 usecols=j, ndmin=1, encoding="utf-8", quotechar='"',
             )  # fmt: skip
             if np.array_equal(exact.astype(float), values):
                 return exact
-    width = len(layout.names)
+    width = len(table.names)
     with _opened(path) as file:
-        rows = (
-            _row(line, layout.delimiter, width) for line in islice(file, layout.first - 1, None)
-        )
+        rows = (_row(line, table.delimiter, width) for line in islice(file, table.first - 1, None))
         cells = (row[j] for row in rows if len(row) == width)
         if any(int(c) != float(c) for c in cells if re.fullmatch(r"[+-]?\d{16,400}", c)):
             warn_caller(
-                f"{path}: integers of {layout.names[j]} are rounded to 53 bits, because the "
+                f"{path}: integers of {table.names[j]} are rounded to 53 bits, because the "
                 "column has gaps, or no 64 bits hold all of it"
             )
     return values
 
 
-class _Layout(NamedTuple):
-    """How a table is laid out: its first row, columns, and what the file says of itself."""
-
-    first: int  # number of the first row's line
-    fields: list  # of the first row
-    delimiter: str | None  # None is whitespace
-    names: list
-    positions: list  # of x, y, z
-    n_points: int | None  # None if the file does not say
-
-
-def _begin(file, columns):
-    """The layout, and the line of the first row. A row has a value for a coordinate."""
+def _begin(file, columns, extension):
+    """The table to read, and the line of its first row: it has a value for a coordinate."""
     told = list(columns.values()) if columns else []
     numbered = len(told) == 3 and all(str(which).isdecimal() for which in told)
     positions = [int(which) - 1 for which in told] if numbered else [0, 1, 2]
-    headers, comment, known, n_points, delimiter, number = [], None, None, None, None, 0
+    headers, comments, known, delimiter, number, counts, counted = [], [], None, None, 0, [], 0
     while True:
-        line, number = _decoded(file.readline(LONGEST)), number + 1
+        line, number = named_nans(_decoded(file.readline(LONGEST))), number + 1
         if not line or len(headers) > MOST_HEADERS:
             if known is None and headers and len(headers[0]) >= 3:
                 coordinate_columns(headers[0], columns)
@@ -149,15 +146,22 @@ def _begin(file, columns):
         if not text:
             continue
         if text.startswith(COMMENTS):
-            names = _fields(text.lstrip("#/ "))
-            if comment is None and n_known_axes(names) >= 2:
-                comment = names
+            text = text.lstrip("#/ ")
+            names = _fields(text)
+            # Fields between commas, without blanks or numbers, are names even if none is known.
+            between = " " not in text and _delimiter(text) and not any(map(_is_value, names))
+            if between or are_names(names, () if numbered else told):
+                comments.append(names)
             continue
         if known is None or len(_fields(line, delimiter)) != len(known):
             delimiter = _delimiter(line)
         fields = _fields(line, delimiter)
-        if len(fields) == 1 and fields[0].isdecimal() and n_points is None:  # as in PTS
-            n_points = int(fields[0])
+        if len(fields) == 2 and fields[0].lower() in ("ncols", "nrows"):
+            raise PointFileError(
+                "is an ESRI ASCII grid: convert it to rows of x y z, as gdal_translate -of XYZ does"
+            )
+        if len(fields) == 1 and fields[0].isdecimal() and not any(counts):  # as in PTS
+            counts, counted = [*counts, int(fields[0])], number
         elif any(_is_value(fields[i]) for i in positions if i < len(fields)):
             break
         else:
@@ -170,10 +174,10 @@ def _begin(file, columns):
         raise PointFileError(
             f"line {number} has {len(fields)} column(s); at least 3 (x, y, z) are needed"
         )
-    if known is None and headers:
-        known = next((some for some in headers if len(some) == len(fields)), headers[0])
-    if known is None and comment is not None and len(comment) == len(fields):
-        known = comment
+    if known is None:
+        widths = {len(fields), len(fields) - (fields[-1] == "")}
+        named = (some for some in headers + comments if len(some) in widths)
+        known = next(named, headers[0] if headers else None)
     if known is not None:
         if known[-1] == "" and len(known) == len(fields) + 1:
             known = known[:-1]
@@ -183,91 +187,149 @@ def _begin(file, columns):
             raise PointFileError(
                 f"the header names {len(known)} columns, line {number} has {len(fields)}"
             )
-    names = known or [""] * len(fields)
+    names = known or ["", "", "", *names_after_xyz(extension, len(fields) - 3)]
     names = [name or f"column_{i}" for i, name in enumerate(names, start=1)]
     if known is not None or columns:
         positions = coordinate_columns(names, columns)
-    return _Layout(number, fields, delimiter, names, positions, n_points), line
+    return _Table(number, fields, delimiter, names, positions, counts, counted), line
 
 
-def _tables(lines, layout):
-    """The table in parts, and the first word of each column that has words: its line and itself."""
-    tables, number, words, gaps = [], layout.first, {}, set()
-    while part := list(islice(lines, ROWS_A_TIME)):
-        converters = dict.fromkeys(gaps, _filled) | dict.fromkeys(words, lambda cell: np.nan)
+@dataclass
+class _Table:
+    """How a table is laid out, and what reading its rows shows on the way."""
+
+    at: int  # number of the next line: of the first row
+    fields: list  # of the first row
+    delimiter: str | None  # None is whitespace
+    names: list
+    positions: list  # of x, y, z
+    counts: list  # of points of each scan, empty if the file does not say
+    counted: int  # number of the last count's line
+    parts: list = field(default_factory=list)
+    words: dict = field(default_factory=dict)  # columns with words: line and text of the first
+    gaps: set = field(default_factory=set)  # columns with gaps
+
+    def __post_init__(self):
+        self.first = self.at
+        # Whether commas are decimal, None until a number tells. Elsewhere they separate columns.
+        self.comma = None if self.delimiter in (";", "\t") else False
+        self._settle(self.fields)
+
+    def read(self, lines):
+        """Read all rows. Where the file tells how many, other scans may follow with their own."""
+        left = self.counts[-1] if self.counts else math.inf
+        while part := list(islice(lines, min(ROWS_A_TIME, left) or 1)):
+            if left:
+                self.parts.append(self._part(part))
+                left -= len(self.parts[-1])
+            elif any(fields := self._row(plain_numbers(part[0], self.comma))):
+                if len(fields) > 1 or not fields[0].isdecimal():
+                    raise PointFileError(f"{self._promise()}, line {self.at} is one more")
+                left, self.counted = int(fields[0]), self.at
+                self.counts.append(left)
+            self.at += len(part)
+        if 0 < left < math.inf:
+            raise PointFileError(f"{self._promise()}, found {self.counts[-1] - left:,}")
+
+    def _promise(self):
+        n_points = self.counts[-1]
+        return f"line {self.counted} promises {n_points:,} point{'s' * (n_points != 1)}"
+
+    def _part(self, part):
+        """A table of lines: as NumPy reads them, else with other numbers, else cell by cell."""
+        table = None if self.comma else self._parsed(part)
+        if table is None:
+            table = self._parsed([plain_numbers(line, self.comma) for line in part])
+        if table is None:
+            return self._slow(part)
+        for line in part if self.comma is None else []:
+            if "." in line:
+                self._settle(self._row(line))
+        return table
+
+    def _parsed(self, lines):
+        """The table of lines that NumPy can read, else None."""
+        converters = dict.fromkeys(self.gaps, _filled)
+        converters |= dict.fromkeys(self.words, lambda cell: np.nan)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of a part without rows
                 table = np.loadtxt(
-                    part, delimiter=layout.delimiter, converters=converters, ndmin=2,
-                    encoding="utf-8", quotechar='"',
+                    lines, delimiter=self.delimiter, converters=converters, ndmin=2,
+                    encoding="utf-8", quotechar='"', comments=None,
                 )  # fmt: skip
         except ValueError:
-            table = np.empty((0, 0))
-        if table.shape[1] != len(layout.names):
-            table = _slow_table(part, number, layout, words, gaps)
-        tables.append(table)
-        number += len(part)
-    return tables, words
+            return None
+        return table if table.shape[1] == len(self.names) else None
+
+    def _row(self, line):
+        return _row(line, self.delimiter, len(self.names))
+
+    def _slow(self, part):
+        """A table of lines that NumPy cannot read; columns with words and gaps are remembered."""
+        rows, numbers, width = [], [], len(self.names)
+        for at, line in enumerate(part, start=self.at):
+            fields = self._row(line)
+            if not any(fields):
+                continue
+            if len(fields) != width:
+                told = f"; {self._promise()}" if self.counts else ""
+                words = f"line {at} has {len(fields)} columns, line {self.first} has {width}"
+                raise PointFileError(words + told)
+            self._settle(fields)
+            rows.append(fields)
+            numbers.append(at)
+        table = np.full((len(rows), width), np.nan)
+        for j, cells in enumerate(zip(*rows, strict=True)):
+            if j in self.positions:
+                table[:, j] = [self._coordinate(*cell) for cell in zip(cells, numbers, strict=True)]
+            elif j not in self.words:
+                values = [number_of(cell, self.comma) for cell in cells]
+                table[:, j] = values  # None becomes NaN
+                if None in values:
+                    i = values.index(None)
+                    self.words[j] = numbers[i], cells[i]
+                elif np.isnan(table[:, j]).any():
+                    self.gaps.add(j)
+        return table
+
+    def _settle(self, fields):
+        """Learn from the first number with a comma or point which of them is decimal."""
+        cells = [fields[j] for j in self.positions] + fields if self.comma is None else []
+        for cell in cells:
+            points, commas = number_of(cell), number_of(cell, comma=True)
+            if {",", "."} & set(cell) and {points, commas} != {None}:
+                self.comma = points is None
+                return
+
+    def _coordinate(self, cell, number):
+        value, remedy = number_of(cell, self.comma), ""
+        if value is not None and cell.lower() not in MISSING:
+            return value
+        if value is not None:
+            remedy = "; write nan for a point that has no coordinates"
+        elif self.delimiter in (";", "\t"):
+            if number_of(cell, not self.comma) is not None:
+                remedy = f" with a decimal {'comma' if self.comma else 'point'}, as those above"
+        elif re.fullmatch(r"[+-]?\d*,\d+|\d+\s+[+-]?\d+", cell):
+            raise PointFileError(
+                f"line {number} has decimal commas: replace them by points, "
+                "and leave out those between thousands"
+            )
+        raise PointFileError(f"line {number}: {_decoded(cell)[:40]!r} is not a number{remedy}")
 
 
 def _filled(cell):
-    value = _number(cell.strip())
+    value = number_of(cell.strip())
     if value is None:
         raise ValueError
     return value
 
 
-def _slow_table(part, number, layout, words, gaps):
-    """A table of lines that NumPy cannot read; columns with words and gaps are remembered."""
-    rows, numbers, width = [], [], len(layout.names)
-    for at, line in enumerate(part, start=number):
-        fields = _row(line, layout.delimiter, width)
-        if not any(fields):
-            continue
-        if len(fields) != width:
-            raise PointFileError(
-                f"line {at} has {len(fields)} columns, line {layout.first} has {width}"
-            )
-        rows.append(fields)
-        numbers.append(at)
-    table = np.full((len(rows), width), np.nan)
-    for j, cells in enumerate(zip(*rows, strict=True)):
-        if j in layout.positions:
-            table[:, j] = [_coordinate(*cell) for cell in zip(cells, numbers, strict=True)]
-        elif j not in words:
-            values = [_number(cell) for cell in cells]
-            table[:, j] = values  # None becomes NaN
-            if None in values:
-                i = values.index(None)
-                words[j] = numbers[i], cells[i]
-            elif np.isnan(table[:, j]).any():
-                gaps.add(j)
-    return table
-
-
-def _number(cell):
-    """The number of a cell, NaN where it is missing, and None of words."""
-    try:
-        return float(cell) if "_" not in cell else None
-    except ValueError:
-        return np.nan if cell.lower() in MISSING else None
-
-
-def _coordinate(cell, number):
-    value = _number(cell)
-    if value is not None and cell.lower() not in MISSING:
-        return value
-    if re.fullmatch(r"[+-]?\d*,\d+|\d+\s+[+-]?\d+", cell):
-        raise PointFileError(f"line {number} has decimal commas: replace them by points")
-    remedy = "" if value is None else "; write nan for a point that has no coordinates"
-    raise PointFileError(f"line {number}: {_decoded(cell)[:40]!r} is not a number{remedy}")
-
-
 def _is_value(cell):
     """Whether a cell belongs to a row: a number or what resembles one, but no words."""
     resembles = re.match(r"[+-]?[.,]?\d|[^\w\s\[(]+$", cell)
-    return bool(cell) and (resembles is not None or _number(cell) is not None)
+    return bool(cell) and (resembles is not None or number_of(cell) is not None)
 
 
 def _delimiter(line):
@@ -276,13 +338,14 @@ def _delimiter(line):
     if ";" in bare:
         return ";"
     cells = bare.split("\t")[:3]
-    if len(cells) == 3 and all(cell.strip() and "," not in cell for cell in cells):
+    if len(cells) == 3 and all(cell.strip() and not LIST.search(cell) for cell in cells):
         return "\t"
     return "," if "," in bare else None
 
 
 def _row(line, delimiter, width):
     """The fields of a row without a comment after them, unless the sign # belongs to the row."""
+    line = named_nans(line)
     fields, whole = (_fields(text, delimiter) for text in (line.partition("#")[0], line))
     return whole if len(whole) == width else fields
 

@@ -24,6 +24,17 @@ from sklearn_mcmd.io._column_names import coordinate_columns
         "x y z easting northing height",
         "Rechtswert Hochwert height",
         "height_above_ground x y elevation",
+        "Rechtswert Hochwert Höhe",
+        "RECHTSWERT HOCHWERT HÖHE",
+        "Rechtswert[m] Hochwert[m] Hoehe[m]",
+        "x_koordinate y_koordinate Ho\u0308he",
+        "Ost Nord Höhe",
+        "est nord hauteur",
+        "Coordonnée_X Coordonne\u0301e_Y élévation",
+        "este norte cota",
+        "coordenada_x coordenada_y elevación",
+        "Est Nord Quota",
+        "est nord altezza label",
     ],
 )
 def test_names_that_people_use_are_known(names):
@@ -37,6 +48,8 @@ def test_names_that_people_use_are_known(names):
     [
         ("point a b c", None, "no x, y, z among the columns point, a, b, c: say which they are"),
         ("longitude latitude height", None, "no x, y among the columns longitude, latitude, heig"),
+        ("e n h est", None, "x may be 'e' or 'est' among"),  # which may be an estimate
+        ("Länge Breite Höhe", None, "no x, y among the columns Länge, Breite, Höhe"),
         ("x y height elevation", None, "z may be 'height' or 'elevation' among the columns x, y"),
         ("a b c", {"x": "a", "y": "B", "z": "c"}, "no column 'B' among a, b, c"),
         ("a b c", {"x": 1, "y": 2, "z": 4}, "no column '4' among a, b, c"),
@@ -46,3 +59,10 @@ def test_names_that_people_use_are_known(names):
 def test_names_that_are_not_known_or_not_clear_are_refused(names, columns, message):
     with pytest.raises(PointFileError, match=message):
         coordinate_columns(names.split(), columns)
+
+
+@pytest.mark.parametrize("which", ["Höhe", "Ho\u0308he", "höhe"])
+@pytest.mark.parametrize("name", ["Höhe", "Ho\u0308he"])
+def test_letters_are_the_same_whether_their_accents_are_apart_or_not(name, which):
+    told = {"x": "a", "y": "b", "z": which}
+    assert coordinate_columns(["a", "b", name.lower() if which == "höhe" else name], told)[2] == 2

@@ -14,6 +14,7 @@ SURVEY = CORNER + np.round(np.random.default_rng(0).uniform(0, 20, (30, 3)), 2)
 HOLED = np.insert(SURVEY, [7, 7, 20], 0, axis=0)
 
 
+@pytest.mark.filterwarnings("ignore:.*there are none, and few programs")
 @pytest.mark.parametrize("extension", supported_extensions(written=True))
 def test_every_format_says_how_many_and_the_first(tmp_path, extension):
     libraries = {".e57": "pye57", ".pcd": "pypcd4", ".ply": "plyfile"}

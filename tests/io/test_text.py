@@ -89,7 +89,7 @@ def test_text_may_be_in_latin_1(tmp_path):
     text = "Rechtswert;Hochwert;Höhe;Länge;Straße\n1;2;3;4;Ä\n5;6;7;8;Ü\n"
     for encoding in ("latin-1", "utf-8"):
         with pytest.warns(UserWarning, match=r"Straße \(line 2: 'Ä'\)"):
-            cloud = read(tmp_path, text, encoding, columns={"z": "Höhe"})
+            cloud = read(tmp_path, text, encoding)
         assert_array_equal(cloud.xyz, [[1, 2, 3], [5, 6, 7]])
         assert list(cloud.attributes) == ["Länge"]
 
@@ -126,7 +126,7 @@ def test_columns_are_for_axes_of_formats_that_have_columns(tmp_path):
     with pytest.raises(PointFileError, match="must tell of x, y or z"):
         read(tmp_path, "a,b,c\n1,2,3\n", columns={"a": "x"})
     np.savez(tmp_path / "a.npz", np.eye(3))
-    with pytest.raises(PointFileError, match="is for PLY, PCD, text and NPY"):
+    with pytest.raises(PointFileError, match="is for PLY, PCD, PTS, XYZN, XYZRGB, text and NPY"):
         read_points(tmp_path / "a.npz", columns={"x": 1})
 
 
@@ -156,7 +156,7 @@ def test_rows_named_by_r_become_a_column_with_a_name(tmp_path):
     ("text", "message"),
     [
         ('"1,5","2,5","3,5"\n', "line 1 has decimal commas"),
-        ('x;y;z\n"1,5";"2,5";"3,5"\n', "line 2 has decimal commas"),
+        ('x,y,z\n1,2,3\n1,2,"312,403"\n', "line 3 has decimal commas: .* between thousands"),
         ('"x","y","z"\n"1","2","3"\n"4","wall","6"\n', "line 3: 'wall' is not a number"),
         ('"x","y","z"\n"1","2","3"\n"4","5"\n', "line 3 has 2 columns, line 2 has 3"),
     ],
@@ -204,3 +204,181 @@ def test_names_of_attributes_come_back(tmp_path, name, extension):
     assert_array_equal(back.attributes[name], np.arange(3))
     with pytest.raises(PointFileError, match=r"'a\\nb' has several lines"):
         write_points(path, PointCloud(np.eye(3), {"a\nb": np.arange(3)}))
+
+
+# ---- comments above the rows -----------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "# SHOT TIME LONGITUDE LATITUDE ELEVATION\n9 8 13.4 52.5 3\n",
+            "no x, y among .* SHOT, TI",
+        ),
+        ("// time ost nord hoch\n9 1 2 3\n", "no z among the columns time, ost, nord, hoch"),
+        ("# by hand\n# t azimuth range v\n9 1 2 3\n", "no x, y, z among the columns t, azimuth"),
+        ("#id,a,b,c\n9,1,2,3\n", "no x, y, z among the columns id, a, b, c"),
+        ("#id;a;b;c\n9;1;2;3\n", "no x, y, z among the columns id, a, b, c"),
+        ("#id,a,b,c\n9,1,2,3,\n", "no x, y, z among the columns id, a, b, c"),
+    ],
+)
+def test_names_in_a_comment_that_hold_no_coordinates_are_refused(tmp_path, text, message):
+    with pytest.raises(PointFileError, match=message):
+        read(tmp_path, text)
+    names = text.splitlines()[-2].strip("#/ ").replace(",", " ").replace(";", " ").split()
+    told = dict(zip("xyz", names[-3:], strict=True))  # by which they are read
+    row = [
+        float(cell) for cell in text.splitlines()[-1].replace(";", " ").replace(",", " ").split()
+    ]
+    cloud = read(tmp_path, text, columns=told)
+    assert_array_equal(cloud.xyz, [row[-3:]])
+    assert list(cloud.attributes) == names[:-3]
+
+
+@pytest.mark.parametrize(
+    "comment",
+    [
+        "exported by CloudCompare",  # as many words as columns
+        "12 points surveyed",
+        "height in m",
+        "punti e quota",  # e: and
+        "cota y fecha",  # y: and
+        "Berlin, Mitte, Nord",
+        "scanned,cleaned",
+        "x y z are UTM",
+        "time, position and intensity of the scanner",
+        "----------",
+        "4,5,6",  # a row that is left out
+        "4;5;6",
+        "2026-05-01,scanner,A",
+    ],
+)
+@pytest.mark.parametrize("separator", [" ", ",", ";"])
+def test_other_comments_leave_the_first_three_columns_to_be_coordinates(
+    tmp_path, comment, separator
+):
+    text = f"# {comment}\n//{comment}\n" + separator.join("123") + "\n" + separator.join("456")
+    assert_array_equal(read(tmp_path, text).xyz, [[1, 2, 3], [4, 5, 6]])
+
+
+def test_of_several_comments_the_one_with_a_name_for_each_column_counts(tmp_path):
+    cloud = read(tmp_path, "# x y z in UTM 33\n# label z y x\n4 3 2 1\n")
+    assert_array_equal(cloud.xyz, [[1, 2, 3]])
+    assert_array_equal(cloud.attributes["label"], [4])
+
+
+# ---- numbers and encodings -------------------------------------------------------------
+
+
+@pytest.mark.parametrize("separator", [";", "\t"])
+@pytest.mark.parametrize("header", ["", "Rechtswert Hochwert Höhe Güte\n"])
+@pytest.mark.parametrize(
+    "rows",
+    [
+        ["452348,901 5411237,258 312,403 0,5", "1,5 -2,25 3 7"],
+        ["1,5 2,5 3,5 1", "0,125 1,25e3 ,5 0,25"],
+        ["1 2 3 4", "5 6 7 8", "312,403 1,1 2,2 3,3"],  # the first rows do not tell
+        ["1 2 3 0,5", "5 6 7 8"],
+        ["5.411.234,500 1,5 3 4", "5.411.234 1,5 3 4"],
+    ],
+)
+def test_decimal_commas_between_semicolons_or_tabs_are_read(tmp_path, separator, header, rows):
+    text = header + "\n".join(rows)
+    cloud = read(tmp_path, text.replace(" ", separator))
+    truth = [[float(c.replace(".", "").replace(",", ".")) for c in r.split()] for r in rows]
+    found = np.c_[cloud.xyz, cloud.attributes["Güte" if header else "column_4"]]
+    assert_array_equal(found, truth)
+
+
+@pytest.mark.parametrize("part", [1, 2, 100])
+@pytest.mark.parametrize(
+    ("rows", "line", "sign"),
+    [
+        (["1,5;2;3", "312.403;2;3"], 2, "comma"),  # thousands, as in German
+        (["1,5;2;3", "1.5;2;3"], 2, "comma"),
+        (["1.5;2;3", "4;5;6", "312,403;2;3"], 3, "point"),
+        (["1;2;3", "4;5.0;6", "4;5;6,5"], 3, "point"),
+        (["452,345.6;2;3", "4;5;6,5"], 2, "point"),
+    ],
+)
+def test_rows_with_another_decimal_sign_are_refused_by_their_line(
+    tmp_path, monkeypatch, rows, line, sign, part
+):
+    monkeypatch.setattr(_text, "ROWS_A_TIME", part)
+    with pytest.raises(PointFileError, match=f"line {line}: .* with a decimal {sign}, as those"):
+        read(tmp_path, "\n".join(rows))
+
+
+@pytest.mark.parametrize("text", ["1,5 2,5 3,5\n", "1,5\n", "x y z\n1,5 2 3\n", '"1,5","2","3"\n'])
+def test_decimal_commas_where_commas_may_separate_columns_are_refused(tmp_path, text):
+    with pytest.raises(PointFileError, match=r"decimal commas: replace|2 column|names 3 columns"):
+        read(tmp_path, text)
+
+
+def test_numbers_of_other_programs_are_read_in_all_parts(tmp_path, monkeypatch):
+    monkeypatch.setattr(_text, "ROWS_A_TIME", 2)
+    rows = ["1.0D+00,2,3,4", '"5,411,234.500",2,3,4', "1,2,3,-1.#IND", "1,2,3,1.#INF # far"]
+    rows += ["1.#QNAN,2,3,4", "-nan(ind),2,3,4", "1,2,3,-1.#INF00"]
+    cloud = read(tmp_path, "\n".join(rows))
+    assert_array_equal(cloud.xyz[:, 0], [1, 5411234.5, 1, 1, 1])
+    assert_array_equal(cloud.attributes["column_4"], [4, 4, np.nan, np.inf, -np.inf])
+    assert cloud.n_dropped == 2
+
+
+@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be", "utf-8"])
+def test_a_byte_order_mark_tells_the_encoding(tmp_path, encoding):
+    large = 2**60 + 1  # is read a second time
+    cloud = read(tmp_path, f"\ufeffRechtswert;Hochwert;Höhe;Zeit\n1,5;2;3;{large}\n", encoding)
+    assert_array_equal(cloud.xyz, [[1.5, 2, 3]])
+    assert cloud.attributes["Zeit"].tolist() == [large]
+
+
+@pytest.mark.parametrize("tail", [b"1\x002", b"\x00\xd8\x00\xd8", b"\0\0" * 9])
+def test_damaged_utf_16_gets_one_clear_line(tmp_path, tail):
+    (tmp_path / "a.csv").write_bytes("\ufeff1,2,3\n".encode("utf-16-le") + tail)
+    with pytest.raises(PointFileError, match=r"damaged or is of another|line 2 has 1 col") as told:
+        read_points(tmp_path / "a.csv")
+    assert "\n" not in str(told.value)
+
+
+# ---- counts of points ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("part", [1, 3, 100])
+def test_a_count_begins_each_scan(tmp_path, monkeypatch, part):
+    monkeypatch.setattr(_text, "ROWS_A_TIME", part)
+    text = "0\n2\n1 2 3 7\n\n4 5 6 8\n0\n3\n1 2 3 9\n1 2 3 10 # last\n1 2 3 11\n# the end\n\n"
+    cloud = read(tmp_path, text)
+    assert_array_equal(cloud.attributes["scan_index"], [1, 1, 3, 3, 3])
+    assert_array_equal(cloud.attributes["column_4"], [7, 8, 9, 10, 11])
+    assert "scan_index" not in read(tmp_path, text[: text.index("0\n3")]).attributes
+
+
+@pytest.mark.parametrize("part", [1, 3, 100])
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("2\n1 2 3\n", "line 1 promises 2 points, found 1"),
+        ("1\n1 2 3\n4 5 6\n", "line 1 promises 1 point, line 3 is one more"),
+        ("1\n1 2 3\n3\n4 5 6\n", "line 3 promises 3 points, found 1"),
+        ("1\n1 2 3\n1\n4 5 6\n7 8 9\n", "line 3 promises 1 point, line 5 is one more"),
+        ("2\n1 2 3\n1\n4 5 6\n", "line 3 has 1 columns, line 2 has 3; line 1 promises 2 points"),
+    ],
+)
+def test_a_wrong_count_is_named_with_its_line(tmp_path, monkeypatch, text, message, part):
+    monkeypatch.setattr(_text, "ROWS_A_TIME", part)
+    with pytest.raises(PointFileError, match=message):
+        read(tmp_path, text)
+
+
+# ---- how fast it is --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rows", ["1.5 2 3", "1.5;2;3", "1,5;2;3", "1.5D0,2,3", "1.5,2,3 # c"])
+def test_no_cells_are_read_one_by_one_where_numpy_can_read_the_rows(tmp_path, monkeypatch, rows):
+    monkeypatch.setattr(_text._Table, "_slow", None)
+    if rows in ("1.5 2 3", "1.5;2;3"):  # nor are lines changed
+        monkeypatch.setattr(_text, "plain_numbers", None)
+    monkeypatch.setattr(_text, "ROWS_A_TIME", 2)
+    assert_array_equal(read(tmp_path, f"{rows}\n" * 5).xyz, [[1.5, 2, 3]] * 5)

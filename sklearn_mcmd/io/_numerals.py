@@ -1,0 +1,46 @@
+"""Numbers of text as languages and programs write them."""
+
+import re
+
+import numpy as np
+
+__all__ = ["MISSING", "named_nans", "number_of", "plain_numbers"]
+
+MISSING = {"", "na", "n/a", "null", "none"}
+SWAPPED = str.maketrans(",.", ".,")
+# Commas that can only separate thousands: several of them, or before a point.
+THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:(?:,\d{3})+\.\d*|(?:,\d{3}){2,})")
+FORTRAN = re.compile(r"(\d\.\d*|\.\d+)[dD]([+-]?\d+)")  # always with a point
+WINDOWS = re.compile(  # older and newer libraries of C
+    r"([+-]?)(?:1[.,]#(IND|QNAN|SNAN|INF)[\de]*(?:[+-]\d+)?|nan\(\w*\))", re.IGNORECASE
+)
+
+
+def number_of(cell, comma=False):
+    """The number of a cell, NaN where it is missing, and None of words.
+
+    `comma` says that decimals follow a comma, and points separate thousands.
+    """
+    if comma:
+        cell = cell.translate(SWAPPED)
+    if "," in cell and THOUSANDS.fullmatch(cell):
+        cell = cell.replace(",", "")
+    try:
+        return float(FORTRAN.sub(r"\1e\2", cell)) if "_" not in cell else None
+    except ValueError:
+        return np.nan if cell.lower() in MISSING else None
+
+
+def named_nans(line):
+    """A line with nan and inf for what Windows writes, such as -1.#IND."""
+    if "#" not in line and "(" not in line:
+        return line
+    return WINDOWS.sub(lambda m: m[1] + ("inf" if str(m[2]).upper() == "INF" else "nan"), line)
+
+
+def plain_numbers(line, comma):
+    """A line without a comment after it, with numbers as NumPy reads them, if it can."""
+    line = named_nans(line).partition("#")[0]
+    if comma:
+        line = line.replace(".", "_").replace(",", ".")  # NumPy reads no _
+    return FORTRAN.sub(r"\1e\2", line) if "d" in line or "D" in line else line
