@@ -100,10 +100,8 @@ def read(source, target=None, results=None, *, columns=None):
 
     if target is not None:
         rehearse(target, PointCloud(np.zeros((1, 3))))
-        if results and (known := format_of(target)).results not in (ALL, results):
-            raise ValueError(
-                f"{target}: {known.name} has no place for {results}; write another format"
-            )
+        if results and (one := format_of(target)).results not in (ALL, results):
+            raise ValueError(f"{target}: {one.name} has no place for {results}; use another format")
     with progress_part(0.0, WORKING[0], "reading"):
         cloud = read_points(source, columns=columns)
     if cloud.n_dropped:

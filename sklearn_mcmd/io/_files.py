@@ -100,8 +100,7 @@ def read_points(
     ``rgb`` becomes ``red, green, blue``, so that attributes have one name in all formats.
     Several scans of E57 or PTX are merged, and ``scan_index`` numbers them. ``row_index`` and
     ``column_index`` tell the cell of a point in the grid of its scan, or of an organized PCD, NPY
-    or NPZ, whose ``metadata["grid_shape"]`` has the numbers of rows and columns. All formats hold
-    them, and PCD as its grid of WIDTH and HEIGHT.
+    or NPZ, whose ``metadata["grid_shape"]`` has the numbers of rows and columns.
 
     The sizes of a LAZ's chunks and layers are checked before it is decompressed, because lazrs
     would end the process if a damaged size asked for more memory than there is. A changed bit of
@@ -243,9 +242,7 @@ def write_points(
     if encoding is not None:
         if encoding not in known.encodings:
             words = ", ".join(known.encodings) or "only None"
-            raise ValueError(
-                f"encoding={encoding!r} is unknown for {path.suffix.lower()}; known: {words}."
-            )
+            raise ValueError(f"encoding={encoding!r} is unknown for {known.name}; known: {words}.")
         options["encoding"] = encoding
     if noise is not None:
         noise = _mask(noise, len(cloud))

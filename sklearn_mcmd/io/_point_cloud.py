@@ -229,8 +229,7 @@ def joined(clouds):
     lost = sorted(set().union(*shapes) - set(shared))
     if lost:
         warnings.warn(
-            f"attributes that not every file or scan has are left out: {', '.join(lost)}",
-            stacklevel=2,
+            f"attributes that not all clouds have are left out: {', '.join(lost)}", stacklevel=2
         )
     return PointCloud(
         np.concatenate([cloud.xyz for cloud in clouds]),

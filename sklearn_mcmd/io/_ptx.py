@@ -1,29 +1,21 @@
 """PTX of Leica Cyclone: scans, each with its grid of rays, and its pose."""
 
-import warnings
 from itertools import islice
 from math import prod
 
 import numpy as np
 
-from sklearn_mcmd.io._point_cloud import (
-    CELL,
-    COLORS,
-    PointCloud,
-    PointFileError,
-    check_room,
-    joined,
-)
+from sklearn_mcmd.io._point_cloud import CELL, PointCloud, PointFileError, check_room, joined
 
 __all__ = ["read_ptx"]
 
 # Lines of a header, and their numbers.
 HEADER = [("number of columns", 1), ("number of rows", 1), ("position of the scanner", 3)]
 HEADER += [("axis of the scanner", 3)] * 3 + [("row of four of the matrix", 4)] * 4
-VALUES = ("intensity", *COLORS)  # after the coordinates
+VALUES = ("intensity", "red", "green", "blue")  # after the coordinates
 LIKE = "; points have 4 numbers, or all of a scan have 7 with colors"
 SHORTEST = len("0 0 0 0\n")  # bytes of a point
-RIGID = 1e-3  # by which rounded decimals may make a rotation wrong
+RIGID = 2e-3  # sqrt(3) / 1000 and less, by which three decimals make a rotation wrong
 
 
 def read_ptx(path):
@@ -35,13 +27,15 @@ def read_ptx(path):
             shape, position, matrix = _header([first, *islice(lines, len(HEADER) - 1)])
             n_points += prod(shape)
             check_room(SHORTEST * n_points - 1, path.stat().st_size, f"{n_points:,} points")
+            if not prod(shape):
+                continue
             table = _table(lines, prod(shape), first[0])
-            cells = np.divmod(np.arange(len(table), dtype=np.int32), np.int32(shape[1] or 1))
+            cells = np.divmod(np.arange(len(table), dtype=np.int32), np.int32(shape[1]))
             kept = table[:, :3].any(axis=1)  # others have 0 0 0
             if kept.any():
                 attributes = dict(zip(VALUES, table[kept, 3:].T, strict=False))
                 if table.shape[1] == 7 and np.isin(table[kept, 4:], range(256)).all():
-                    attributes |= zip(COLORS, table[kept, 4:].T.astype(np.uint8), strict=True)
+                    attributes |= zip(VALUES[1:], table[kept, 4:].T.astype(np.uint8), strict=True)
                 attributes |= zip(CELL[::-1], (cell[kept] for cell in cells), strict=True)
                 attributes["scan_index"] = np.full(len(kept), len(clouds), np.int32)[kept]
                 xyz = table[kept, :3] @ matrix[:3, :3] + matrix[3, :3]
@@ -77,21 +71,23 @@ def _header(lines):
 
 def _table(lines, n, first):
     """The numbers (n, 4 or 7) of the points of a scan, whose header begins in the line `first`."""
-    last = first, ""
+    last = None
 
     def texts():
         nonlocal last
-        for last in islice(lines, n):
+        for i in range(n):
+            if (last := next(lines, None)) is None:
+                raise PointFileError(
+                    f"truncated: the scan of line {first} has {i:,} of {n:,} points"
+                )
             yield last[1]
 
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of a scan without points
-            table = np.loadtxt(texts(), comments=None, ndmin=2)
+        table = np.loadtxt(texts(), comments=None, ndmin=2)
     except ValueError as err:
+        if last is None:
+            raise
         raise PointFileError(f"line {last[0]}: {last[1].strip()[:60]!r} is no point{LIKE}") from err
-    if (found := len(table)) < n:
-        raise PointFileError(f"truncated: the scan of line {first} has {found:,} of {n:,} points")
-    if n and table.shape[1] not in (4, 7):
+    if table.shape[1] not in (4, 7):
         raise PointFileError(f"line {last[0]}: a point of {table.shape[1]} numbers{LIKE}")
-    return table if n else np.empty((0, 4))
+    return table

@@ -111,10 +111,8 @@ def read_pcd(path, columns=None):
         try:
             records = _pcd_records(pypcd4, file, header)
         except Exception as err:  # parsers raise errors of many kinds
-            told = f"{header.points:,} points with {sum(header.count)} numbers as FIELDS and COUNT"
-            raise PointFileError(
-                f"the point data is truncated or damaged: it does not hold {told} tell"
-            ) from err
+            told = f"{header.points:,} points of {sum(header.count)} numbers"
+            raise PointFileError(f"the points are truncated or damaged: no {told}") from err
     if len(records) != header.points:
         raise PointFileError(
             f"the header promises {header.points} points, the file holds {len(records)}"

@@ -238,3 +238,24 @@ def test_all_other_formats_hold_the_results_of_every_verb(extension, verb, room_
     done = run(verb, room_file, target, *options)
     assert done.exit_code == 0, done.output
     assert RESULTS[verb] in read_points(target).attributes
+
+
+@pytest.mark.parametrize(("verb", "options"), [("normals", []), ("denoise", ["--sensor", "none"])])
+def test_an_organized_cloud_stays_organized(verb, options, tmp_path):
+    pypcd4 = pytest.importorskip("pypcd4")
+    xyz = np.stack([*np.mgrid[0:1.2:0.04, 0:1.6:0.04], np.zeros((30, 40))], axis=-1)
+    xyz += 0.001 * np.random.default_rng(0).normal(size=xyz.shape)
+    xyz[3:5, 7] = np.nan
+    xyz[20, 20, 2] = 0.7  # an outlier
+    np.save(tmp_path / "in.npy", xyz)
+    done = run(verb, tmp_path / "in.npy", tmp_path / "out.pcd", *options)
+    assert done.exit_code == 0, done.output
+    assert "2 points without coordinates are left out" in done.stderr
+    pcd = pypcd4.PointCloud.from_path(tmp_path / "out.pcd")
+    assert (pcd.metadata.height, pcd.metadata.width) == (30, 40)
+    found = pcd.numpy(("x", "y", "z")).reshape(30, 40, 3)
+    kept = np.isfinite(found[..., 0])
+    np.testing.assert_array_equal(found[kept], xyz[kept])
+    assert not kept[3:5, 7].any()
+    assert kept[20, 20] == (verb == "normals")
+    assert kept.sum() > 1190

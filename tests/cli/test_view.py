@@ -132,9 +132,7 @@ def test_the_files_of_a_folder_are_one_cloud(room, tmp_path):
     )
     result = run("view", folder, "-o", tmp_path / "page.html")
     assert result.exit_code == 0, result.output
-    assert (
-        "attributes that not every file or scan has are left out: classification" in result.stderr
-    )
+    assert "attributes that not all clouds have are left out: classification" in result.stderr
     manifest, (shown,) = read_page((tmp_path / "page.html").read_text(encoding="utf-8"))
     assert manifest["title"] == "rooms"
     assert len(shown.rows) == len(room)

@@ -183,7 +183,19 @@ def test_what_is_wrong_is_named_with_its_line(tmp_path, kind):
     assert "\n" not in str(error.value)
 
 
-def test_a_rotation_of_three_decimals_is_rigid(tmp_path):
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.round(TURN.as_matrix().T, 3)
-    assert len(read_points(written(tmp_path, header((4, 3), matrix=matrix), body(scan())))) == 12
+@pytest.mark.parametrize(("factor", "is_rigid"), [(1, True), (1.0002, True), (1.003, False)])
+def test_a_rotation_of_three_decimals_is_rigid_and_a_scale_is_none(tmp_path, factor, is_rigid):
+    """Rounding changes squares and products of axes by sqrt(3) / 1000 at most."""
+    decimals = 3 if factor == 1 else 12
+    turns = Rotation.from_euler(
+        "zyx", np.random.default_rng(0).uniform(-3, 3, (200, 3))
+    ).as_matrix()
+    for turn in np.round(factor * turns, decimals):
+        matrix = np.eye(4)
+        matrix[:3, :3] = turn
+        path = written(tmp_path, header((1, 1), matrix=matrix), "1 2 3 0.5\n")
+        if is_rigid:
+            assert_allclose(read_points(path).xyz, [turn.T @ [1, 2, 3]])
+        else:
+            with pytest.raises(PointFileError, match="is no rigid motion"):
+                read_points(path)

@@ -223,8 +223,8 @@ def test_rows_with_commas_or_padding_are_read(tmp_path, rows):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (HEAD + "1,5 2,5 3,5\n1,5 2,5 3,5\n", "damaged: it does not hold 2 points with 3 numbers"),
-        (HEAD + "1 2 b\n4 5 6\n", "damaged: it does not hold 2 points with 3 numbers"),
+        (HEAD + "1,5 2,5 3,5\n1,5 2,5 3,5\n", "truncated or damaged: no 2 points of 3 numbers"),
+        (HEAD + "1 2 b\n4 5 6\n", "truncated or damaged: no 2 points of 3 numbers"),
         ("VERSION 1.0\n" + HEAD + "1 2 3\n4 5 6\n", "is PCD of version 1.0; .5, .6 and .7 are"),
         (
             HEAD.replace("TYPE F F F", "TYPE F F Q") + "1 2 3\n4 5 6\n",
