@@ -16,17 +16,11 @@ from numpy.typing import ArrayLike
 from sklearn_mcmd.io._arrays import read_npy, read_npz, write_npy, write_npz
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
 from sklearn_mcmd.io._column_names import no_columns
+from sklearn_mcmd.io._e57 import read_e57, write_e57
 from sklearn_mcmd.io._las import read_las, write_las
 from sklearn_mcmd.io._no_returns import NoReturns
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
-from sklearn_mcmd.io._scan_formats import (
-    read_e57,
-    read_pcd,
-    read_ply,
-    write_e57,
-    write_pcd,
-    write_ply,
-)
+from sklearn_mcmd.io._scan_formats import read_pcd, read_ply, write_pcd, write_ply
 from sklearn_mcmd.io._text import read_text, write_text
 
 __all__ = [

@@ -21,6 +21,7 @@ __all__ = [
     "has_colors",
     "import_extra",
     "joined",
+    "made_of_bytes",
     "with_results",
     "without_outliers",
 ]
@@ -188,6 +189,12 @@ def flat_columns(attributes):
                 raise PointFileError(f"two attributes would both be written as {part!r}")
             columns[part] = column
     return columns
+
+
+def made_of_bytes(colors):
+    """Whether colors of 16 bits were made of 8, which then hold them."""
+    low = colors & 255
+    return not low.any() or (low == colors >> 8).all()
 
 
 def has_colors(cloud):
