@@ -2,11 +2,15 @@
 
 import os
 import re
+import struct
 import warnings
 from types import FunctionType, SimpleNamespace
+from xml.etree import ElementTree
 
 import numpy as np
 
+from sklearn_mcmd._errors import warn_caller
+from sklearn_mcmd.io._las_structure import check_grid
 from sklearn_mcmd.io._point_cloud import (
     COLORS,
     PointCloud,
@@ -29,28 +33,31 @@ E57_FIELDS = {
     "row_index": ("rowIndex", "u2"),
     "column_index": ("columnIndex", "u2"),
 }
+COLOR_FIELDS = [E57_FIELDS[color][0] for color in COLORS]
+PAGE, CHECKSUM = 1024, 4  # bytes
+ANY = "{*}"  # of the spaces of names
+UNIT, FARTHEST = 1e-3, 1e9  # of a rotation's length, what differs from 1; meters of a translation
 
 
 def read_e57(path):
     """Read all scans of an E57 file, each moved by its pose, as one cloud."""
     pye57 = import_extra("pye57", "formats", "E57")
-    names = {theirs: ours for ours, (theirs, _) in E57_FIELDS.items()}
-    readable = {*names, *pye57.e57.SUPPORTED_POINT_FIELDS}
+    scans = _checked_scans(path)
+    readable = set(pye57.e57.SUPPORTED_POINT_FIELDS)
     parts, setups, skipped, n_points = [], [], set(), 0
     with pye57.E57(os.fsencode(path)) as file:
         for i in range(file.scan_count):
             header = file.get_header(i)
             n_points += header.point_count
             check_room(n_points // 8, path.stat().st_size, f"{n_points:,} points")
-            setups.append(_setup(file, i, header))
+            rotation, translation = _pose(f"{path}: scan {i + 1}", scans[i])
+            setups.append(_setup(header, translation))
             skipped |= set(header.point_fields) - readable
             if not header.point_count:
                 continue
-            scan = file.read_scan(
-                i, intensity=True, colors=True, row_column=True, ignore_missing_fields=True
-            )
-            xyz = np.column_stack([scan[f"cartesian{axis}"] for axis in "XYZ"])
-            attributes = {ours: scan[theirs] for theirs, ours in names.items() if theirs in scan}
+            xyz, attributes = _scan(pye57, file, header)
+            if header.has_pose():
+                xyz = file.to_global(xyz, rotation, translation)
             attributes["scan_index"] = np.full(len(xyz), i, dtype=np.int32)
             parts.append((xyz, attributes))
     if not parts:
@@ -76,13 +83,96 @@ def read_e57(path):
     return PointCloud(xyz, merged, metadata, n_dropped=n_points - len(xyz))
 
 
-def _setup(file, i, header):
+def _checked_scans(path):
+    """The scans in the XML, and no XML that would end the process, or be read wrongly.
+
+    libe57 reads the prototype of points that have none, and numbers that are none as 0. It checks
+    all else itself, so reading needs no process of its own.
+    """
+    with open(path, "rb") as file:
+        if (start := file.read(48))[:8] != b"ASTM-E57" or len(start) < 48:
+            raise PointFileError("damaged or is of another format: it does not begin as E57 does")
+        at, length = struct.unpack_from("<QQ", start, 24)
+        check_room(at + length, os.fstat(file.fileno()).st_size, "points and XML")
+        file.seek(at - at % PAGE)
+        n_pages = (at % PAGE + length) // (PAGE - CHECKSUM) + 1
+        xml = b"".join(file.read(PAGE)[:-CHECKSUM] for _ in range(n_pages))[at % PAGE :][:length]
+    if b"<!DOCTYPE" in xml:  # which E57 does not have, and which may declare entities that grow
+        raise PointFileError("damaged: its XML declares a type of document")
+    root = ElementTree.fromstring(xml)
+    for node in root.iter():
+        _, _, name = node.tag.rpartition("}")
+        if node.get("type") == "CompressedVector" and node.find(f"{ANY}prototype") is None:
+            raise PointFileError(f"damaged: {name} does not say what it holds: no prototype")
+        if node.get("type") == "ScaledInteger" and name.startswith(("cartesian", "spherical")):
+            check_grid(name, float(node.get("scale", 1)), float(node.get("offset", 0)))
+    return root.findall(f"{ANY}data3D/*")
+
+
+def _pose(name, scan):
+    """Rotation and translation of a scan. Zeros are no rotation, as other programs take them."""
+    parts = []
+    for part, axes, values in (("rotation", "wxyz", [1, 0, 0, 0]), ("translation", "xyz", [0] * 3)):
+        if (told := scan.find(f"{ANY}pose/{ANY}{part}")) is not None:
+            values = [told.findtext(ANY + axis, "nan") or 0 for axis in axes]
+        parts.append(np.array(values, float))
+    rotation, translation = parts
+    length = np.linalg.norm(rotation)
+    if not (np.isfinite(length) and np.abs(translation).max() < FARTHEST):
+        raise PointFileError(
+            f"broken pose: rotation {rotation.tolist()}, translation {translation.tolist()}"
+        )
+    if abs(length - 1) > UNIT:
+        taken = "its direction" if length > UNIT else "no rotation"
+        warn_caller(f"{name}: its rotation has length {length:.3g}, not 1; {taken} is taken")
+    return rotation if length > UNIT else np.eye(1, 4)[0], translation
+
+
+def _scan(pye57, file, header):
+    """Coordinates as they are in a scan, and attributes, of all points that are not invalid."""
+    known, n = pye57.e57.SUPPORTED_POINT_FIELDS, header.point_count
+    data, buffers = {}, pye57.libe57.VectorSourceDestBuffer()
+    for field in known.keys() & set(header.point_fields):
+        # pye57 reads colors as bytes; single precision holds those of 16 bits, too.
+        data[field] = np.empty(n, "f" if field in COLOR_FIELDS else known[field])
+        array = file.image_file, field, data[field], n, True, True
+        buffers.append(pye57.libe57.SourceDestBuffer(*array))
+    if (n_read := header.points.reader(buffers).read()) != n:
+        raise PointFileError(f"a scan promises {n:,} points and holds {n_read:,}")
+    system = header.get_coordinate_system(pye57.e57.COORDINATE_SYSTEMS)
+    prototype = pye57.libe57.StructureNode(header.points.prototype())
+    invalid = data.get(f"{system.name.lower()}InvalidState")
+    if invalid is not None:
+        data = {field: values[invalid == 0] for field, values in data.items()}
+    xyz = np.column_stack([data[field] for field in system.value])
+    if system.name == "SPHERICAL":
+        xyz = pye57.utils.convert_spherical_to_cartesian(xyz)
+    data |= _colors(
+        header, prototype, {f: np.nan_to_num(data[f]) for f in COLOR_FIELDS if f in data}
+    )
+    return xyz, {ours: data[theirs] for ours, (theirs, _) in E57_FIELDS.items() if theirs in data}
+
+
+def _colors(header, prototype, colors):
+    """Integers up to 255 as they are; of others, the most that the file states becomes 65535."""
+    nodes, limits = [prototype[field] for field in colors], header.node
+    most = max((getattr(n, "scaledMaximum", n.maximum)() for n in nodes), default=0)
+    if colors and limits.isDefined("colorLimits"):
+        most = min(most, max(limits["colorLimits"][f"{f}Maximum"].value() for f in colors))
+    if most > 65535:  # neither tells
+        most = max(values.max(initial=0) for values in colors.values())
+    if most <= 255 and all(type(node).__name__ == "IntegerNode" for node in nodes):
+        return {field: values.astype(np.uint8) for field, values in colors.items()}
+    most, factor = max(most, 0), 65535 / most if most > 0 else 0.0
+    return {f: np.rint(v.clip(0, most) * factor).astype(np.uint16) for f, v in colors.items()}
+
+
+def _setup(header, position):
     """Where the scanner of a scan stood, NaN if the scan does not tell.
 
     Merged clouds are written as scans as well. A pose that moves nothing may be theirs, unless
     there is a grid of measurements.
     """
-    position = np.asarray(file.scan_position(i), float)[0]
     has_grid = {"rowIndex", "columnIndex"} <= set(header.point_fields)
     merged = "name" in header.scan_fields and header["name"].value() == MERGED
     if merged or not header.has_pose() or not (position.any() or has_grid):
