@@ -36,14 +36,14 @@ def summarize(source, cloud):
         if values.dtype.kind not in "biuf":
             rows[f"- {name}"] = str(values.dtype)
             continue
-        known = values[np.isfinite(values)]
+        known = values[np.isfinite(values) & ~_without_data(cloud, name)]
         if known.size == 0:
             constant.append(f"{name} nan")
         elif known.min() == known.max() and known.size == values.size:
             constant.append(f"{name} {known.min():g}")
         else:
             shape = f" x {values.shape[1]}" if values.ndim == 2 else ""
-            unknown = ", some NaN" if known.size < values.size else ""
+            unknown = ", some without a value" if known.size < values.size else ""
             low_high = f"{known.min():.6g} to {known.max():.6g}"
             rows[f"- {name}"] = f"{values.dtype}{shape}, {low_high}{unknown}"
     if constant:
@@ -74,6 +74,15 @@ def summarize_each(paths, read):
         ranges = _bounds(np.min(bounds, axis=0), np.max(bounds, axis=0))
         rows["all"] += "".join(f", {axis} {words}" for axis, words in ranges.items())
     return rows, errors
+
+
+def _without_data(cloud, name):
+    """Where LAS tells, by a value for it, that an extra dimension has no data."""
+    header = cloud.metadata.get("las_header")
+    for extra in header.point_format.extra_dimensions if header is not None else ():
+        if extra.name == name and extra.no_data is not None:
+            return cloud.metadata["las_points"][name] == np.squeeze(extra.no_data)
+    return np.False_
 
 
 def _sensor(cloud):

@@ -34,14 +34,10 @@ WORKING = (0.04, 0.97)
 
 
 def coordinates(cloud):
-    """Coordinates in their real precision: float32 if that holds them exactly.
+    """Coordinates in their real precision. The estimators warn if float32 is too coarse."""
+    from sklearn_mcmd.planes._resolution import in_own_precision
 
-    Many files hold float32 numbers in columns of float64. The estimators warn if float32 is too
-    coarse.
-    """
-    with np.errstate(over="ignore"):
-        single = cloud.xyz.astype(np.float32)
-    return single if np.array_equal(single, cloud.xyz) else cloud.xyz
+    return in_own_precision(cloud.xyz)
 
 
 def warn_if_coarse(cloud):

@@ -88,7 +88,7 @@ def _is_coarse(warning):
 
 
 def _coarse_words(warning):
-    """The warning in words. It does not claim single precision: whole meters look the same."""
+    """The warning in words."""
     return (
         f"single precision (float32) rounds coordinates as large as {warning.largest:,.0f} to "
         f"steps of {warning.rounding:.2g}, and those of the file have no more digits: too coarse "

@@ -17,6 +17,7 @@ from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
 from sklearn_mcmd.io._formats import ALL, format_of, no_columns
 from sklearn_mcmd.io._no_returns import NoReturns
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
+from sklearn_mcmd.io._units import degrees_warning
 
 __all__ = [
     "check_file",
@@ -62,7 +63,8 @@ def read_points(
     UserWarning
         If columns of words, or fields of other formats, are left out. If integers of text are
         rounded: beyond 2**53 in a column with gaps. If points are 0, 0, 0 where most coordinates
-        are 100,000 and more: rays without a return.
+        are 100,000 and more: rays without a return. If x and y seem to be degrees, unlike z.
+        If LAS describes more of a point than there is, or a rotation of E57 is not of length 1.
 
     See Also
     --------
@@ -100,7 +102,8 @@ def read_points(
     ``rgb`` becomes ``red, green, blue``, so that attributes have one name in all formats.
     Several scans of E57 or PTX are merged, and ``scan_index`` numbers them. ``row_index`` and
     ``column_index`` tell the cell of a point in the grid of its scan, or of an organized PCD, NPY
-    or NPZ, whose ``metadata["grid_shape"]`` has the numbers of rows and columns.
+    or NPZ, whose ``metadata["grid_shape"]`` has the numbers of rows and columns. Colors of E57 that
+    are no bytes get 16 bits, and the most that the file states of them becomes 65535.
 
     The sizes of a LAZ's chunks and layers are checked before it is decompressed, because lazrs
     would end the process if a damaged size asked for more memory than there is. A changed bit of
@@ -142,6 +145,8 @@ def read_points(
             raise PointFileError("holds no points" + (dropped if cloud.n_dropped else ""))
     if no_returns := NoReturns().add(cloud.xyz).warning(path):
         warnings.warn(no_returns, stacklevel=2)
+    if degrees := degrees_warning(path, cloud.xyz, cloud.metadata.get("las_header"), columns):
+        warnings.warn(degrees, stacklevel=2)
     return cloud
 
 
@@ -205,9 +210,9 @@ def write_points(
     points would make it coarser than the decimal step of most points (0.0001 or more), else than a
     hundredth of their spacing and a millionth of the extent of their middle half, they are refused.
     Attributes without a standard dimension become extra dimensions and replace any of the same
-    name. LAZ is compressed in memory. Wave packets that lazrs would change (point formats 9 and 10
-    with several scanner channels) are refused. Samples of waveforms inside a file are copied from
-    LAS 1.4, but not from LAS 1.3.
+    name. LAS 1.0 and 1.1 become 1.2. LAZ is compressed in memory. Wave packets that lazrs would
+    change (point formats 9 and 10 with several scanner channels) are refused. Samples of waveforms
+    inside a file are copied from LAS 1.4, but not from LAS 1.3.
 
     *PLY, PCD.* Coordinates are float32 where that is exact, as viewers expect, else float64.
     Colors of LAS that were made of 8 bits have 8 bits again. In PCD an organized cloud keeps its

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from sklearn_mcmd._errors import ParameterError
-from sklearn_mcmd.io import _arrays, _las, _ptx, _text
+from sklearn_mcmd.io import _arrays, _e57, _las, _ptx, _text
 from sklearn_mcmd.io import _scan_formats as scans
 from sklearn_mcmd.io._point_cloud import PointFileError
 
@@ -68,7 +68,7 @@ FORMATS = (
     ),
     Format(
         "E57", (".e57",), "formats", "coordinates, intensity, colors, rows and columns; no results",
-        scans.read_e57, scans.write_e57, results="", sensor="E57's poses",
+        _e57.read_e57, _e57.write_e57, results="", sensor="E57's poses",
     ),
     Format(
         "PTX", (".ptx",), None, "coordinates, intensity, colors, rows and columns; read only",

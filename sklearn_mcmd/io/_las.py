@@ -5,9 +5,16 @@ import warnings
 
 import numpy as np
 
+from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io._classes import LOW_NOISE
 from sklearn_mcmd.io._grid import LARGEST, fits, offset_of, scale_of
-from sklearn_mcmd.io._las_structure import check_structure
+from sklearn_mcmd.io._las_structure import (
+    as_described,
+    check_structure,
+    order_bounds,
+    record_length,
+    start_of_longest,
+)
 from sklearn_mcmd.io._laz import read_compressed_points, write_compressed
 from sklearn_mcmd.io._point_cloud import (
     COLORS,
@@ -22,9 +29,11 @@ __all__ = [
     "cloud_of_points",
     "coordinate_system",
     "forget_copc",
+    "header_of",
     "import_laspy",
     "is_denoised",
     "las_of_cloud",
+    "plain_parts",
     "read_header",
     "read_las",
     "write_las",
@@ -42,16 +51,25 @@ DENOISED = "sklearn-mcmd", 1, "outliers removed"
 
 def read_las(path):
     """Read LAS, LAZ or COPC in one pass. Plain attributes are views of the raw records."""
-    compressed = path.name.lower().endswith(".laz")
-    laspy = import_laspy(compressed)
-    check_structure(path)
-    las = _read(laspy, path)
-    records = las.points.array
-    if len(records) != las.header.point_count:
-        raise PointFileError(
-            f"the header promises {las.header.point_count} points, the file holds {len(records)}"
-        )
-    return _cloud(las)
+    with open(path, "rb") as file:
+        header = header_of(path, file)
+        if header.are_points_compressed and header.point_count:
+            points = read_compressed_points(file, header)
+        else:
+            points = next(plain_parts(file, header, header.point_count), b"")
+    return cloud_of_points(points, header)
+
+
+def plain_parts(file, header, n_points):
+    """The records of successive points of a file that is not compressed, as bytes."""
+    size = record_length(file)
+    file.seek(header.offset_to_point_data)
+    for start in range(0, header.point_count, n_points or 1):
+        wanted = min(n_points, header.point_count - start)
+        points = np.fromfile(file, np.uint8, wanted * size)
+        if len(points) < wanted * size:
+            raise PointFileError("truncated: the points end too early")
+        yield as_described(points, size, header.point_format)
 
 
 def write_las(path, cloud, noise=None):
@@ -63,15 +81,48 @@ def write_las(path, cloud, noise=None):
         write_compressed(laspy, path, las)
     else:
         las.write(str(path))
+    order_bounds(path)
     place_waveforms(path, las.header)
 
 
 def read_header(path):
     """The header of LAS, LAZ or COPC, and no points."""
+    with open(path, "rb") as file:
+        return header_of(path, file)
+
+
+def header_of(path, file):
+    """The header of a file that is open. Its bounds are in order, the file at any position."""
     laspy = import_laspy(path.name.lower().endswith(".laz"))
-    check_structure(path)
-    with laspy.open(path) as reader:
-        return reader.header
+    check_structure(file)
+    length = record_length(file)
+    header = laspy.LasHeader.read_from(start_of_longest(file))
+    header.read_evlrs(file)
+    for record in header.vlrs.get("ExtraBytesVlr"):  # laspy forgets which value means no data
+        no_data = {e.format_name(): e.no_data for e in record.extra_bytes_structs if e.data_type}
+        for i, known in enumerate(header.point_format.dimensions):
+            header.point_format.dimensions[i] = known._replace(no_data=no_data.get(known.name))
+    standard = laspy.PointFormat(header.point_format.id).size
+    rest = header.point_format.dimensions.pop()  # what none of the records describes
+    n_more = length - header.point_format.size
+    if length < standard:
+        raise PointFileError(
+            f"broken header: points of {length} bytes, of which point format "
+            f"{header.point_format.id} needs {standard}"
+        )
+    if n_more > 0:
+        header.point_format.dimensions.append(
+            rest._replace(num_bits=8 * n_more, num_elements=n_more)
+        )
+    elif n_more < 0:
+        warn_caller(
+            f"{path}: its header describes {length - n_more - standard} extra bytes of each point, "
+            f"its points have {length - standard}; attributes that are not there are 0"
+        )
+    if header.version.minor < 2:
+        header.global_encoding = type(header.global_encoding)()  # these bytes meant nothing then
+    header.mins, header.maxs = np.sort([header.mins, header.maxs], axis=0)
+    return header
 
 
 def coordinate_system(header):
@@ -97,7 +148,11 @@ def is_denoised(header):
 def cloud_of_points(points, header):
     """The cloud of some of a file's points, given as bytes."""
     laspy = import_laspy(compressed=False)
-    return _cloud(laspy.LasData(header, _records(laspy, points, header)))
+    records = laspy.PackedPointRecord.from_buffer(points, header.point_format).array
+    records = laspy.ScaleAwarePointRecord(
+        records, header.point_format, header.scales, header.offsets
+    )
+    return _cloud(laspy.LasData(header, records))
 
 
 def las_of_cloud(laspy, cloud, noise=None):
@@ -107,6 +162,8 @@ def las_of_cloud(laspy, cloud, noise=None):
     """
     if "las_points" in cloud.metadata:
         header = copy.deepcopy(cloud.metadata["las_header"])
+        if header.version.minor < 2:  # laspy does not write older ones, and they hold the same
+            header.version = type(header.version)(1, 2)
         forget_copc(header)
         records = laspy.ScaleAwarePointRecord(
             cloud.metadata["las_points"].copy(), header.point_format, header.scales, header.offsets
@@ -156,24 +213,6 @@ def _cloud(las):
     if is_denoised(las.header):
         metadata["denoised"] = True
     return PointCloud(_coordinates(records, las.header), attributes, metadata)
-
-
-def _read(laspy, path):
-    """As laspy.read, but safer where points are compressed."""
-    with laspy.open(path) as reader:
-        if not (reader.header.are_points_compressed and reader.header.point_count):
-            return reader.read()
-        header = reader.header
-    with open(path, "rb") as file:
-        points = read_compressed_points(file, header)
-    return laspy.LasData(header, _records(laspy, points, header))
-
-
-def _records(laspy, points, header):
-    points = laspy.PackedPointRecord.from_buffer(points, header.point_format)
-    return laspy.ScaleAwarePointRecord(
-        points.array, header.point_format, header.scales, header.offsets
-    )
 
 
 def _with_colors(laspy, las, attributes, from_las):

@@ -29,7 +29,7 @@ def joined_header(paths):
     laspy = import_laspy(compressed=False)
     first = read_header(paths[0])
     header, dimensions, formats, version = copy.deepcopy(first), {}, set(), first.version
-    low, high, scales = first.mins, first.maxs, first.scales
+    low, high, scales = first.mins, first.maxs, np.abs(first.scales)
     for path in paths:
         other = read_header(path)
         formats.add(other.point_format.id)
@@ -45,7 +45,7 @@ def joined_header(paths):
                     "earlier file; write a folder"
                 )
         version = max(version, other.version)
-        scales = np.minimum(scales, other.scales)
+        scales = np.minimum(scales, np.abs(other.scales))
         low, high = np.minimum(low, other.mins), np.maximum(high, other.maxs)
     header.scales, header.offsets = scales, _offsets(first.offsets, scales, low, high)
     forget_copc(header)

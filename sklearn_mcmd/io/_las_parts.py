@@ -3,10 +3,16 @@
 from contextlib import contextmanager, suppress
 from hashlib import sha256
 
-import numpy as np
-
 from sklearn_mcmd.io._files import one_clear_line
-from sklearn_mcmd.io._las import cloud_of_points, import_laspy, las_of_cloud, read_header
+from sklearn_mcmd.io._las import (
+    cloud_of_points,
+    header_of,
+    import_laspy,
+    las_of_cloud,
+    plain_parts,
+    read_header,
+)
+from sklearn_mcmd.io._las_structure import order_bounds
 from sklearn_mcmd.io._laz import WAVE_PACKET_FORMATS, compressed_parts
 from sklearn_mcmd.io._point_cloud import PointFileError
 from sklearn_mcmd.io._waveforms import place_waveforms
@@ -22,24 +28,13 @@ def read_parts(path, n_points):
     A part has `n_points` at most, but of a compressed file at least one of its chunks.
     """
     with one_clear_line(path, "read"), open(path, "rb") as file:
-        header = read_header(path)
+        header = header_of(path, file)
         if header.are_points_compressed and header.point_count:
             parts = compressed_parts(file, header, n_points)
         else:
-            parts = _plain_parts(file, header, n_points)
+            parts = plain_parts(file, header, n_points)
         for points in parts:
             yield cloud_of_points(points, header)
-
-
-def _plain_parts(file, header, n_points):
-    file.seek(header.offset_to_point_data)
-    size = header.point_format.size
-    for start in range(0, header.point_count, n_points):
-        wanted = min(n_points, header.point_count - start)
-        points = np.fromfile(file, np.uint8, wanted * size)
-        if len(points) < wanted * size:
-            raise PointFileError("truncated: the points end too early")
-        yield points
 
 
 @contextmanager
@@ -86,6 +81,7 @@ def writing_parts(path):
             writer.close()
     if compressed and header.point_format.id in WAVE_PACKET_FORMATS:
         _refuse_changed(path, written)
+    order_bounds(path)
     place_waveforms(path, header)
 
 

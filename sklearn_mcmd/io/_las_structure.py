@@ -1,41 +1,101 @@
-"""Checks of a LAS header's counts and positions against the size of the file."""
+"""Checks of a LAS header: counts and positions against the size of the file, and the grid."""
 
+import io
 import os
 import struct
 
+import numpy as np
+
+from sklearn_mcmd.io._grid import LARGEST
 from sklearn_mcmd.io._point_cloud import PointFileError
 
-__all__ = ["check_structure"]
+__all__ = [
+    "as_described",
+    "check_grid",
+    "check_structure",
+    "order_bounds",
+    "record_length",
+    "start_of_longest",
+]
 
 SMALLEST_HEADER, LAS_14_HEADER = 227, 375
 VLR_HEADER, EVLR_HEADER = 54, 60
+LENGTH_FIELD, GRID_FIELD, BOUNDS_FIELD = 105, 131, 179
 
 
-def check_structure(path):
+def check_structure(file):
     """Refuse impossible counts: laspy would loop over them for hours, or request their memory."""
-    with open(path, "rb") as file:
-        size = os.fstat(file.fileno()).st_size  # of this file: another may take its name meanwhile
-        start = file.read(LAS_14_HEADER)
-        if start[:4] != b"LASF":
-            raise PointFileError("not a LAS/LAZ file: it does not begin with 'LASF'")
-        if len(start) < SMALLEST_HEADER:
-            raise PointFileError(f"truncated: {size} bytes are fewer than a LAS header")
-        header_size, points_at, n_vlrs = struct.unpack_from("<HII", start, 94)
-        format_id, record_length, n_points = struct.unpack_from("<BHI", start, 104)
-        evlrs_at = n_evlrs = 0
-        if start[25] >= 4:  # the minor version
-            if len(start) < LAS_14_HEADER:
-                raise PointFileError(f"truncated: {size} bytes are fewer than a LAS 1.4 header")
-            evlrs_at, n_evlrs, n_points = struct.unpack_from("<QIQ", start, 235)
-        if points_at + bool(n_points) > size:
-            raise PointFileError(f"truncated: the points begin at byte {points_at} of {size}")
-        if VLR_HEADER * n_vlrs > size - header_size or not _fit(file, evlrs_at, n_evlrs, size):
-            raise PointFileError("broken header: more metadata records than the file has room for")
+    size = os.fstat(file.fileno()).st_size  # of this file: another may take its name meanwhile
+    file.seek(0)
+    start = file.read(LAS_14_HEADER)
+    if start[:4] != b"LASF":
+        raise PointFileError("not a LAS/LAZ file: it does not begin with 'LASF'")
+    if len(start) < SMALLEST_HEADER:
+        raise PointFileError(f"truncated: {size} bytes are fewer than a LAS header")
+    header_size, points_at, n_vlrs = struct.unpack_from("<HII", start, 94)
+    format_id, record_length, n_points = struct.unpack_from("<BHI", start, 104)
+    evlrs_at = n_evlrs = 0
+    if start[25] >= 4:  # the minor version
+        if len(start) < LAS_14_HEADER:
+            raise PointFileError(f"truncated: {size} bytes are fewer than a LAS 1.4 header")
+        evlrs_at, n_evlrs, n_points = struct.unpack_from("<QIQ", start, 235)
+    if points_at + bool(n_points) > size:
+        raise PointFileError(f"truncated: the points begin at byte {points_at} of {size}")
+    if VLR_HEADER * n_vlrs > size - header_size or not _fit(file, evlrs_at, n_evlrs, size):
+        raise PointFileError("broken header: more metadata records than the file has room for")
     if format_id & 0xC0 != 0x80 and n_points * record_length > size - points_at:
         raise PointFileError(
             f"truncated: {n_points} points of {record_length} bytes need "
             f"{points_at + n_points * record_length} bytes, the file has {size}"
         )
+    grid = np.frombuffer(start, "<f8", 6, GRID_FIELD).reshape(2, 3)
+    for axis, scale, offset in zip("xyz", *grid, strict=True):
+        check_grid(axis, scale, offset)
+
+
+def check_grid(axis, scale, offset):
+    """Refuse a scale that puts all points at one place about the offset, or beyond all bounds."""
+    with np.errstate(invalid="ignore"):
+        finest = np.spacing(max(abs(offset), 1.0))
+    if not finest / LARGEST <= abs(scale) <= 1 / np.finfo(float).eps:
+        raise PointFileError(
+            f"broken header: scale {scale:g} and offset {offset:g} of {axis} give no "
+            "coordinates that differ; get the file anew from where it was made"
+        )
+
+
+def record_length(file):
+    """Bytes of each point of a file, as its header says."""
+    file.seek(LENGTH_FIELD)
+    return struct.unpack("<H", file.read(2))[0]
+
+
+def start_of_longest(file):
+    """The bytes before points, as if these were the longest: laspy reads all descriptions."""
+    file.seek(0)
+    start = file.read(SMALLEST_HEADER)
+    start += file.read(max(0, struct.unpack_from("<I", start, 96)[0] - len(start)))
+    return io.BytesIO(start[:LENGTH_FIELD] + b"\xff\xff" + start[LENGTH_FIELD + 2 :])
+
+
+def as_described(points, size, point_format):
+    """Records of some bytes as long as their description: what of it they lack is 0."""
+    if size == point_format.size:
+        return points
+    ends = [at + dtype.itemsize for dtype, at in point_format.dtype().fields.values()]
+    n_kept = max(end for end in ends if end <= size)
+    described = np.zeros((len(points) // size, point_format.size), np.uint8)
+    described[:, :n_kept] = points.reshape(-1, size)[:, :n_kept]
+    return described.reshape(-1)
+
+
+def order_bounds(path):
+    """Put the bounds of a written header in order: negative scales turn laspy's around."""
+    with open(path, "rb+") as file:
+        file.seek(BOUNDS_FIELD)
+        bounds = np.fromfile(file, "<f8", 6).reshape(3, 2)
+        file.seek(BOUNDS_FIELD)
+        file.write(np.sort(bounds)[:, ::-1].tobytes())
 
 
 def _fit(file, position, n_records, size):

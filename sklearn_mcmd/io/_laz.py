@@ -15,6 +15,7 @@ import struct
 
 import numpy as np
 
+from sklearn_mcmd.io._las_structure import as_described, record_length
 from sklearn_mcmd.io._point_cloud import PointFileError, check_room, import_extra
 
 __all__ = ["compressed_parts", "read_compressed_points", "write_compressed"]
@@ -57,7 +58,8 @@ def compressed_parts(file, header, n_points):
     if "LasZipVlr" not in names:
         raise PointFileError("damaged: the record that says how its points are compressed is gone")
     record = header.vlrs.pop(names.index("LasZipVlr")).record_data
-    layout = _Layout(record, header.point_format)
+    size = record_length(file)
+    layout = _Layout(record, header.point_format.id, size)
     chunks = _chunks(lazrs, file, header, record, layout)
     first = 0
     while first < len(chunks):
@@ -65,7 +67,7 @@ def compressed_parts(file, header, n_points):
         while last < len(chunks) and (n_part == 0 or n_part + chunks[last][0] <= n_points):
             n_part += chunks[last][0]
             last += 1
-        points = np.empty((n_part, header.point_format.size), dtype=np.uint8)
+        points = np.empty((n_part, size), dtype=np.uint8)
         done = 0
         for start in range(first, last, CHUNKS_A_TIME):
             part = chunks[start : min(start + CHUNKS_A_TIME, last)]
@@ -76,7 +78,7 @@ def compressed_parts(file, header, n_points):
                 data, record, points[done : done + n].reshape(-1), part
             )
             done += n
-        yield points.reshape(-1)
+        yield as_described(points.reshape(-1), size, header.point_format)
         first = last
 
 
@@ -118,7 +120,7 @@ def _refuse_changed(laspy, buffer, las):
 class _Layout:
     """The layout and compression of a point, from the LASzip record of the header."""
 
-    def __init__(self, record, point_format):
+    def __init__(self, record, format_id, size):
         n_items = struct.unpack_from("<H", record, 32)[0] if len(record) >= 34 else 0
         if n_items == 0 or len(record) < 34 + 6 * n_items:
             raise PointFileError("damaged: the record of the compression is too short")
@@ -128,24 +130,22 @@ class _Layout:
         if self.chunk_size == 0:
             raise PointFileError("damaged: its chunks are of 0 points")
         items = list(struct.iter_unpack("<3H", record[34 : 34 + 6 * n_items]))
-        self.n_bytes = point_format.size
+        self.n_bytes = n_extra = size
         self.n_layers = 0
-        n_extra = point_format.size
-        wanted = ITEMS_OF_FORMAT[point_format.id]
+        wanted = ITEMS_OF_FORMAT[format_id]
         for i, (kind, size, version) in enumerate(items):
             is_extra = kind in (EXTRA_BYTES, LAYERED_EXTRA_BYTES) and i >= len(wanted)
             known = is_extra or ([kind] == wanted[i : i + 1] and size == ITEMS[kind][0])
             if not known or version not in ITEM_VERSIONS[self.compressor]:
                 raise PointFileError(
                     f"damaged: item {kind} of {size} bytes, version {version}, is not what "
-                    f"point format {point_format.id} is compressed as"
+                    f"point format {format_id} is compressed as"
                 )
             self.n_layers += size if is_extra else ITEMS[kind][1]
             n_extra -= size
         if len(items) < len(wanted) or n_extra != 0:
             raise PointFileError(
-                f"damaged: points of {point_format.size} bytes are compressed as "
-                f"{point_format.size - n_extra} bytes"
+                f"damaged: points of {size} bytes are compressed as {size - n_extra} bytes"
             )
         if self.compressor != LAYERED:
             self.n_layers = 0

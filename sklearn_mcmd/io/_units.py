@@ -1,12 +1,20 @@
-"""The unit of coordinates, where the file tells it."""
+"""The unit of coordinates, where the file tells it, and degrees beside other units."""
 
 import re
 
-__all__ = ["length_unit"]
+import numpy as np
+
+__all__ = ["degrees_warning", "length_unit"]
 
 METERS = {1.0: "m", 0.3048: "ft", 0.3048006: "US ft"}
 GEOTIFF = {9001: "m", 9002: "ft", 9003: "US ft"}
 PLANE_UNIT, HEIGHT_UNIT = 3076, 4099  # GeoTIFF's keys
+MODEL, ELLIPSOID, PROJECTED = 1024, 2048, 3072  # the first is 2 for geographic systems
+GEOGRAPHIC = re.compile(r"(?!.*(?:PROJ|GEOCCS|Cartesian)).*\bGEO[GD]", re.DOTALL)  # WKT
+DEGREES = re.compile(r"(?<![a-z])(lon|long|longitude|lng|lat|latitude)(?![a-z])", re.IGNORECASE)
+# Heights that reach so many times as far as x and y: of meters beside degrees, all terrain does
+# that does not rise by less than 0.002 of its width; of one unit, only a wire that hangs down.
+STEEP, SAMPLE = 200, 10_000
 # In WKT of version 2, parts with a unit that need not be that of coordinates.
 PARTS = re.compile(r"\b(?:ELLIPSOID|PARAMETER)\[[^\[\]]*(?:\[[^\[\]]*\][^\[\]]*)*\]")
 UNIT = re.compile(r'\b(?:LENGTH)?UNIT\["(?!degree|grad|gon|rad)[^"]*", *(\d+\.?\d*)', re.IGNORECASE)
@@ -19,14 +27,48 @@ def length_unit(cloud):
     """
     if "sensor_origins" in cloud.metadata:
         return "m"
-    header = cloud.metadata.get("las_header")
-    found, keys = set(), {}
-    for record in [] if header is None else [*header.vlrs, *(header.evlrs or [])]:
-        wkt = getattr(record, "string", "")
+    found, (wkts, keys) = set(), _system(cloud.metadata.get("las_header"))
+    for wkt in wkts:
         if "PROJ" in wkt:
             factors = UNIT.findall(PARTS.sub("", wkt))
             found |= {METERS.get(round(float(factor), 7)) for factor in factors}
-        keys |= {key.id: key.value_offset for key in getattr(record, "geo_keys", ())}
     if PLANE_UNIT in keys:
         found |= {GEOTIFF.get(keys[key]) for key in (PLANE_UNIT, HEIGHT_UNIT) if key in keys}
     return found.pop() if len(found) == 1 else None
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def degrees_warning(path, xyz, header=None, columns=None):
+    """What to warn of where x and y are degrees and z is not, or None.
+
+    The coordinate system of a LAS header tells, or the names of `columns`, which are as of
+    `read_points`; else the extents of most of the points (n, 3), or of their bounds.
+    """
+    low, high = np.quantile(xyz[:: len(xyz) // SAMPLE + 1], [0.01, 0.99], axis=0)
+    wkts, keys = _system(header)
+    named = [str(name) for name in (columns or {}).values() if DEGREES.search(str(name))]
+    extent_x, extent_y, height = np.subtract(high, low)
+    if not (np.sort(np.abs([low, high]).max(axis=0)[:2]) <= (90, 360)).all():
+        return None
+    if any(map(GEOGRAPHIC.match, wkts)) or (
+        ELLIPSOID in keys and PROJECTED not in keys and keys.get(MODEL, 2) == 2
+    ):
+        reason = "its coordinate system is geographic"
+    elif named:
+        reason = f"they are {' and '.join(named)}"
+    elif not (wkts or keys) and height > STEEP * max(extent_x, extent_y) > 0:
+        reason = "heights reach so much farther"
+    else:
+        return None
+    return (
+        f"{path}: x and y seem to be degrees and heights are not ({reason}): distances mean "
+        "nothing; project the cloud first, for example to UTM"
+    )
+
+
+def _system(header):
+    """What a LAS header tells of its coordinate system: texts in WKT, and GeoTIFF's keys."""
+    records = [] if header is None else [*header.vlrs, *(header.evlrs or [])]
+    wkts = [record.string for record in records if getattr(record, "string", "")]
+    keys = [key for record in records for key in getattr(record, "geo_keys", ())]
+    return wkts, {key.id: key.value_offset for key in keys}

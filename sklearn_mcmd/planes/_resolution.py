@@ -8,7 +8,10 @@ __all__ = [
     "CoarseCoordinatesWarning",
     "coarse_warning",
     "coordinate_step",
+    "in_own_precision",
+    "is_single",
     "least_scales",
+    "levels_of",
     "step_of_levels",
 ]
 
@@ -73,11 +76,16 @@ def coordinate_step(X):
     heights is no rounded cloud. A rounded cloud that was rotated is not found. A few points that
     were not rounded do no harm.
     """
-    return step_of_levels(np.unique(axis, return_counts=True) for axis in X.T)
+    return step_of_levels(levels_of(X))
+
+
+def levels_of(X):
+    """The values (m,) of each axis, ascending, and how often each occurs (m,)."""
+    return (np.unique(axis, return_counts=True) for axis in X.T)
 
 
 def step_of_levels(levels):
-    """The same from the values (m,) of each axis, ascending, and how often each occurs (m,)."""
+    """The same from what `levels_of` gives."""
     steps, flat = [], []
     for values, counts in levels:
         gaps = np.diff(values[counts >= RARE * _typical(counts)])
@@ -97,6 +105,40 @@ def step_of_levels(levels):
     if any(gaps.size == 0 or not _whole(gaps / step).all() for gaps in flat):
         return 0.0
     return step
+
+
+def in_own_precision(X):
+    """X as float32 if that rounded it: many files hold such numbers in columns of float64."""
+    with np.errstate(over="ignore"):
+        single = X.astype(np.float32)
+    return single if np.array_equal(single, X) and is_single(levels_of(X)) else X
+
+
+def is_single(levels):
+    """Whether float32 rounded coordinates that it holds exactly, from what `levels_of` gives.
+
+    It holds whole meters in national coordinates, too, whose differences it does not show. They are
+    multiples of 1 and of two float32 steps where coordinates are largest; or of 1 on all axes, also
+    where the steps of float32 are finer.
+    """
+    axes = []
+    for values, counts in levels:
+        usual = values[np.searchsorted(np.cumsum(counts), counts.sum() / 2)]
+        axes.append((float(np.spacing(np.float32(abs(usual)))), values - usual, counts))
+    step, *largest = max(axes, key=lambda axis: axis[0])
+    if step <= COARSE_ROUNDING:  # too fine to matter: numbers that differ by 1 have that radius
+        return True
+    return not (
+        _are_multiples(max(1.0, 2 * step), *largest)
+        or (
+            min(axis[0] for axis in axes) < step
+            and all(_are_multiples(max(1.0, step), *a) for _, *a in axes)
+        )
+    )
+
+
+def _are_multiples(step, differences, counts):
+    return counts[differences % step == 0].sum() >= ON_LATTICE * counts.sum()
 
 
 def _typical(counts):

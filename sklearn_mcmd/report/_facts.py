@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sklearn_mcmd.io._las import coordinate_system
-from sklearn_mcmd.planes._resolution import COARSE_ROUNDING, coordinate_step
+from sklearn_mcmd.planes._resolution import COARSE_ROUNDING, coordinate_step, in_own_precision
 
 __all__ = ["Facts", "distinct_points", "median_spacing", "usual_rows"]
 
@@ -138,9 +138,8 @@ def usual_rows(xyz):
 
 
 def _coarse_rounding(xyz, radius):
-    with np.errstate(over="ignore"):
-        single = xyz.astype(np.float32)
-    if not np.isfinite(radius) or not np.array_equal(single, xyz):
+    single = in_own_precision(xyz)
+    if not np.isfinite(radius) or single.dtype != np.float32:
         return 0.0
     largest = np.float32(np.median(np.abs(single).max(axis=1)))
     rounding = float(np.spacing(largest))

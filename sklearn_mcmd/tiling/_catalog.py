@@ -9,10 +9,12 @@ from urllib.request import url2pathname
 
 import numpy as np
 
+from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import check_file, one_clear_line
 from sklearn_mcmd.io._formats import INDEX, TILED, listed
 from sklearn_mcmd.io._las import coordinate_system, read_header
+from sklearn_mcmd.io._units import degrees_warning
 
 __all__ = ["Catalog", "paths_of", "stamp_of"]
 
@@ -82,6 +84,8 @@ class Catalog:
         self.low = np.min([header.mins for header in headers], axis=0)
         self.high = np.max([header.maxs for header in headers], axis=0)
         self.crs = coordinate_system(headers[0])
+        if degrees := degrees_warning(self.paths[0], np.array([self.low, self.high]), headers[0]):
+            warn_caller(degrees)
         for path, header in zip(self.paths[1:], headers[1:], strict=True):
             if _projection(header) != _projection(headers[0]):
                 first, other = (coordinate_system(h) or "no system" for h in (headers[0], header))
@@ -171,8 +175,6 @@ def _checked_header(path):
     header = read_header(path)
     if header.point_count == 0:
         raise PointFileError("holds no points")
-    if not (np.isfinite([header.scales, header.offsets]).all() and np.all(header.scales)):
-        raise PointFileError("broken header: scales and offsets must be numbers, and scales not 0")
     return header
 
 

@@ -4,14 +4,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._resolution import step_of_levels
+from sklearn_mcmd.planes._resolution import is_single, step_of_levels
 
 __all__ = ["Constants", "WholeCloud"]
 
 
 class Constants(NamedTuple):
     """What every tile must know of the whole cloud: the precision of the coordinates, float32 if it
-    holds all of them exactly, and the step to which they were rounded, 0 where there is none.
+    rounded them, and the step to which they were rounded, 0 where there is none.
     """
 
     dtype: str
@@ -35,8 +35,10 @@ class WholeCloud:
 
     def constants(self, dtype=None):
         """The `Constants` of all points that were taken, in a given precision or that of these."""
-        dtype = np.dtype(dtype or (np.float32 if self.single else np.float64))
-        levels = (axis.merged() for axis in self.axes)
+        levels = [axis.merged() for axis in self.axes]
+        if dtype is None:
+            dtype = np.float32 if self.single and is_single(levels) else np.float64
+        dtype = np.dtype(dtype)
         step = step_of_levels((values.astype(dtype), counts) for values, counts in levels)
         return Constants(dtype.name, float(step))
 

@@ -25,7 +25,7 @@ def test_info_shows_ranges_of_attributes_and_gathers_the_constant(room, tmp_path
     write_points(tmp_path / "room.npz", room.with_attributes(**values))
     out = run("info", tmp_path / "room.npz").stdout
     assert "uint16, 0 to 929" in out
-    assert "float64, 1.5 to 1.5, some NaN" in out
+    assert "float64, 1.5 to 1.5, some without a value" in out
     assert "ones 1" in out.split("constant")[1]
 
 
@@ -38,6 +38,31 @@ def test_info_names_the_coordinate_system_of_a_las_file(room, tmp_path):
     las.header.vlrs.append(WktCoordinateSystemVlr('PROJCS["Amersfoort / RD New",GEOGCS["x"]]'))
     las.write(tmp_path / "crs.las")
     assert "Amersfoort / RD New\n" in run("info", tmp_path / "crs.las").stdout
+
+
+def test_info_does_not_count_the_value_that_means_no_data(tmp_path):
+    laspy = pytest.importorskip("laspy")
+    header = laspy.LasHeader(version="1.4", point_format=6)
+    none = {"no_data": np.array([-9999.0])}
+    header.add_extra_dims([
+        laspy.ExtraBytesParams("depth", "f4", **none),
+        laspy.ExtraBytesParams("pair", "2f4", no_data=np.array([-1.0, -2.0])),
+        laspy.ExtraBytesParams("empty", "i2", **none),
+        laspy.ExtraBytesParams(
+            "scaled", "i2", scales=np.array([0.01]), offsets=np.array([5.0]), **none
+        ),
+    ])  # fmt: skip
+    las = laspy.LasData(header)
+    las.xyz = np.random.default_rng(0).random((4, 3))
+    las.depth, las.pair = [-9999, 1, 2, 3], [[-1, -2], [-2, -1], [3, 3], [4, 4]]
+    las.points.array["empty"], las.points.array["scaled"] = -9999, [-9999, 100, 200, 300]
+    las.write(tmp_path / "a.las")
+    out = run("info", tmp_path / "a.las").stdout
+    rows = dict(line[4:].split(maxsplit=1) for line in out.splitlines() if line[2:4] == "- ")
+    assert rows["depth"] == "float32, 1 to 3, some without a value"
+    assert rows["pair"] == "float32 x 2, -2 to 4, some without a value"
+    assert rows["scaled"] == "float64, 6 to 8, some without a value"
+    assert "empty nan" in out.split("constant")[1]
 
 
 def test_info_works_on_a_single_point(tmp_path):

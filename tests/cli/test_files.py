@@ -73,6 +73,32 @@ def test_single_precision_fine_enough_is_taken_without_a_word(verb, room, tmp_pa
     assert (result.exit_code, result.stderr) == (0, "")
 
 
+@pytest.mark.parametrize("extension", [".xyz", ".las"])
+@pytest.mark.parametrize("verb", VERBS)
+def test_whole_meters_in_national_coordinates_are_not_taken_for_single_precision(
+    verb, extension, tmp_path
+):
+    x, y = 10.0 * np.mgrid[:20, :20].reshape(2, -1)
+    X = np.column_stack([400_000 + x, 5_700_000 + y, 100 + x // 40])
+    source = tmp_path / f"in{extension}"
+    write_points(source, X)
+    result = run(verb, source, tmp_path / "out.npy", "--report", tmp_path / "report")
+    assert result.exit_code == 0, result.stderr
+    assert "precision" not in result.stderr
+    pages = "".join(page.read_text() for page in (tmp_path / "report").glob("*.html"))
+    assert "Single precision" not in pages
+
+
+@pytest.mark.parametrize("verb", [*VERBS, "view", "info"])
+def test_degrees_beside_meters_are_warned_of(verb, tmp_path):
+    X = np.random.default_rng(0).normal(size=(200, 3)) * [1, 1, 0.003]
+    write_points(tmp_path / "in.csv", X / [111_000, 111_000, 1] * [1, 1, 300] + [13.4, 52.5, 9])
+    target = {"view": ["-o", tmp_path / "out.html"], "info": []}.get(verb, [tmp_path / "out.npy"])
+    result = run(verb, tmp_path / "in.csv", *target)
+    assert "x and y seem to be degrees and heights are not" in result.stderr, result.output
+    assert "project the cloud first" in result.stderr
+
+
 # ---- bad input: exit code 1, one line, nothing written --------------------------------------
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sklearn_mcmd.io import PointCloud
-from sklearn_mcmd.io._units import length_unit
+from sklearn_mcmd.io._units import degrees_warning, length_unit
 
 GEOGRAPHIC = 'GEOGCS["NAD83",DATUM["x",SPHEROID["GRS 80",6378137,298.25]],UNIT["degree",0.0174533]]'
 FOOT = '["US survey foot",0.304800609601219]'
@@ -56,3 +56,72 @@ def test_a_real_file_in_feet_says_so(shared_data):
     from sklearn_mcmd.io import read_points
 
     assert length_unit(read_points(shared_data / "autzen_trim" / "autzen_trim.laz")) == "ft"
+
+
+RNG = np.random.default_rng(0)
+ROOM = RNG.random((500, 3)) * [4, 4, 2.5]
+TERRAIN = RNG.random((500, 3)) * [10_000, 10_000, 60]
+DEGREES = ROOM / [111_000, 67_000, 1] + [13.4, 52.5, 40]
+WKT2 = 'GEOGCRS["WGS 84",DATUM["x",ELLIPSOID["y",6378137,298.25]],CS[ellipsoidal,2]]'
+
+
+@pytest.mark.parametrize("xyz", [DEGREES, DEGREES[:, [1, 0, 2]], TERRAIN / [111_000, 67_000, 1]])
+def test_degrees_are_known_by_heights_that_reach_much_farther(xyz):
+    assert "a.las: x and y seem to be degrees" in degrees_warning("a.las", xyz)
+    assert "heights reach so much farther" in degrees_warning("a.las", xyz)
+
+
+@pytest.mark.parametrize(
+    ("wkt", "keys"),
+    [
+        (GEOGRAPHIC, ()), (WKT2, ()), (f'COMPD_CS["x",{GEOGRAPHIC},VERT_CS["y",UNIT["m",1]]]', ()),
+        ("", ((2048, 4326),)), ("", ((1024, 2), (2048, 4326))),
+    ],
+)  # fmt: skip
+def test_degrees_are_known_by_a_geographic_system(wkt, keys):
+    header = cloud(wkt, keys).metadata["las_header"]
+    assert "coordinate system is geographic" in degrees_warning("a.las", DEGREES, header)
+    flat = DEGREES * [1, 1, 0]
+    assert "coordinate system is geographic" in degrees_warning("a.las", flat, header)
+    assert degrees_warning("a.las", TERRAIN, header) is None  # no degrees, whatever it says
+
+
+@pytest.mark.parametrize(
+    ("wkt", "keys"),
+    [
+        (f'PROJCS["x",{GEOGRAPHIC},UNIT["metre",1]]', ()),
+        ('GEOCCS["x",DATUM["y"],UNIT["metre",1]]', ()),
+        ('GEODCRS["x",DATUM["y"],CS[Cartesian,3],LENGTHUNIT["metre",1]]', ()),
+        ('LOCAL_CS["site",UNIT["metre",1]]', ()),
+        ("", ((2048, 4326), (3072, 25833))), ("", ((1024, 1), (2048, 4258))),
+    ],
+)  # fmt: skip
+def test_a_system_that_is_not_geographic_is_believed(wkt, keys):
+    header = cloud(wkt, keys).metadata["las_header"]
+    assert degrees_warning("a.las", ROOM, header) is None
+    assert degrees_warning("a.las", DEGREES, header) is None
+
+
+@pytest.mark.parametrize("name", ["lon", "LON", "Longitude", "lon_deg", "gps lat"])
+def test_degrees_are_known_by_the_columns_that_are_chosen(name):
+    flat = DEGREES * [1, 1, 0]
+    assert f"they are {name})" in degrees_warning("a.csv", flat, columns={"x": name, "y": 2})
+    assert degrees_warning("a.csv", TERRAIN, columns={"x": name, "y": 2}) is None
+    assert degrees_warning("a.csv", flat, columns={"x": "along", "y": "plate"}) is None
+
+
+@pytest.mark.parametrize(
+    "xyz",
+    [
+        ROOM, ROOM / 100, ROOM * [0.01, 0.01, 1], TERRAIN, TERRAIN / 1000, ROOM[:1],
+        np.vstack([ROOM / 1000, [0, 0, 90]]), ROOM * 0, ROOM * [0, 0, 1],
+    ],
+)  # fmt: skip
+def test_small_things_and_poles_are_not_taken_for_degrees(xyz):
+    assert degrees_warning("a.las", xyz) is None
+
+
+def test_real_clouds_are_not_taken_for_degrees(shared_data):
+    for path in shared_data.glob("*/cloud.npz"):
+        with np.load(path) as told:
+            assert degrees_warning(path, told["xyz"]) is None

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.planes._resolution import coordinate_step
+from sklearn_mcmd.planes._resolution import coordinate_step, in_own_precision
 
 
 def rounded_plane(step, n=3000, seed=0):
@@ -74,3 +74,52 @@ def test_the_real_plane_in_centimeters_is_kept(shared_data):
     with np.load(shared_data / "laspy_plane_patch" / "cloud.npz") as arrays:
         X = arrays["xyz"]
     assert (MCMDOutlierDetector(random_state=0, n_jobs=2).fit_predict(X) == -1).mean() < 0.01
+
+
+NATIONAL, FAR = np.array([[400_000.0, 5_700_000.0, 100.0], [400_000.0, 9_000_000.0, 100.0]])
+
+
+def raster(step, corner=NATIONAL):
+    """Heights on a raster, whole ones."""
+    x, y = step * np.mgrid[:40, :40].reshape(2, -1)
+    return np.column_stack([x, y, np.round(5 * np.sin(x / 9 / step) + 0.3 * y / step)]) + corner
+
+
+def single(X):
+    return X.astype(np.float32).astype(float)
+
+
+RNG = np.random.default_rng(0)
+WHOLE = {
+    "a raster of 10 m": raster(10.0),
+    "centers of a raster of 1 m": raster(1.0, np.array([400_000.5, 5_700_000.5, 100])),
+    "heights of float32": single(raster(10.0) * [1, 1, 0.917]),
+    "whole meters anywhere": RNG.integers(0, 300, (2000, 3)) + NATIONAL,
+    "where float32 has steps of 1 m": RNG.integers(0, 300, (2000, 3)) + FAR,
+    "a raster there": single(raster(10.0, np.array([400_005.0, 9_000_005.0, 0])) * [1, 1, 0.917]),
+    "some points off it": np.vstack([raster(10.0), single(RNG.random((9, 3)) * 300 + NATIONAL)]),
+}
+ROUNDED = {
+    "a scan": RNG.random((2000, 3)) * 9 + NATIONAL,
+    "a scan of centimeters": np.round(RNG.random((2000, 3)) * 9 + NATIONAL, 2),
+    "where float32 has steps of 1 m": RNG.random((2000, 3)) * 9 + FAR,
+    "whole numbers as large on all axes": RNG.integers(0, 60, (2000, 3)) + 1.6e7,
+    "a tile": RNG.random((2000, 3)) * [1000, 1000, 50] + NATIONAL,
+    "a floor": RNG.random((2000, 3)) * [9, 9, 0] + NATIONAL,
+    "a room": RNG.random((2000, 3)) * 4 - 2,
+    "whole millimeters": RNG.integers(0, 4000, (2000, 3)).astype(float),
+}
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_whole_meters_in_national_coordinates_are_not_rounded_by_float32(name):
+    X = WHOLE[name]
+    assert np.array_equal(single(X), X)
+    assert in_own_precision(X).dtype == np.float64
+
+
+@pytest.mark.parametrize("name", ROUNDED)
+def test_numbers_that_were_float32_are_float32(name):
+    X = single(ROUNDED[name])
+    assert in_own_precision(X).dtype == np.float32
+    assert in_own_precision(X + 1e-4).dtype == np.float64

@@ -138,13 +138,11 @@ def test_a_file_of_an_index_that_is_missing_is_named(tmp_path):
         Catalog(index_of(tmp_path / "all.vpc", "gone.laz"))
 
 
-def test_a_scale_of_zero_is_refused(tmp_path):
-    path = write(tmp_path / "a.las")
-    with open(path, "rb+") as file:
-        file.seek(131)
-        file.write(bytes(8))
-    with pytest.raises(PointFileError, match="broken header"):
-        Catalog(path)
+def test_degrees_beside_meters_are_warned_of(tmp_path):
+    xyz = np.array([[13.4, 52.5, 40], [13.41, 52.51, 60]])
+    write_points(tmp_path / "a.las", xyz)
+    with pytest.warns(UserWarning, match="a.las: x and y seem to be degrees"):
+        Catalog(tmp_path)
 
 
 def test_a_folder_without_point_files_is_refused(tmp_path):

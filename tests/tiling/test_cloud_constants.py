@@ -16,6 +16,7 @@ CLOUDS = {
         [np.round(RNG.uniform(0, 2, (3_000, 3)), 2), RNG.uniform(0, 2, (9, 3))]
     ),
     "single precision": RNG.integers(0, 500, (3_000, 3)) / 64,
+    "whole meters": RNG.integers(0, 500, (3_000, 3)) + NATIONAL,
 }
 
 

@@ -1,0 +1,237 @@
+"""E57 by pye57: scans, moved by their poses, and colors."""
+
+import os
+import re
+import struct
+import warnings
+from types import FunctionType, SimpleNamespace
+from xml.etree import ElementTree
+
+import numpy as np
+
+from sklearn_mcmd._errors import warn_caller
+from sklearn_mcmd.io._las_structure import check_grid
+from sklearn_mcmd.io._point_cloud import (
+    COLORS,
+    PointCloud,
+    PointFileError,
+    check_room,
+    colors_of_bytes,
+    fit_dtype,
+    flat_columns,
+    import_extra,
+)
+
+__all__ = ["read_e57", "write_e57"]
+
+MERGED = "cloud without setup"  # name of a scan whose pose is no place of a scanner
+E57_FIELDS = {
+    "intensity": ("intensity", "f4"),
+    "red": ("colorRed", "u1"),
+    "green": ("colorGreen", "u1"),
+    "blue": ("colorBlue", "u1"),
+    "row_index": ("rowIndex", "u2"),
+    "column_index": ("columnIndex", "u2"),
+}
+COLOR_FIELDS = [E57_FIELDS[color][0] for color in COLORS]
+PAGE, CHECKSUM = 1024, 4  # bytes
+ANY = "{*}"  # of the spaces of names
+UNIT, FARTHEST = 1e-3, 1e9  # of a rotation's length, what differs from 1; meters of a translation
+
+
+def read_e57(path):
+    """Read all scans of an E57 file, each moved by its pose, as one cloud."""
+    pye57 = import_extra("pye57", "formats", "E57")
+    scans = _checked_scans(path)
+    readable = set(pye57.e57.SUPPORTED_POINT_FIELDS)
+    parts, setups, skipped, n_points = [], [], set(), 0
+    with pye57.E57(os.fsencode(path)) as file:
+        for i in range(file.scan_count):
+            header = file.get_header(i)
+            n_points += header.point_count
+            check_room(n_points // 8, path.stat().st_size, f"{n_points:,} points")
+            rotation, translation = _pose(f"{path}: scan {i + 1}", scans[i])
+            setups.append(_setup(header, translation))
+            skipped |= set(header.point_fields) - readable
+            if not header.point_count:
+                continue
+            xyz, attributes = _scan(pye57, file, header)
+            if header.has_pose():
+                xyz = file.to_global(xyz, rotation, translation)
+            attributes["scan_index"] = np.full(len(xyz), i, dtype=np.int32)
+            parts.append((xyz, attributes))
+    if not parts:
+        return PointCloud(np.empty((0, 3)))
+    shared = set.intersection(*(set(attributes) for _, attributes in parts))
+    skipped |= {name for _, attributes in parts for name in attributes if name not in shared}
+    if skipped:
+        warnings.warn(
+            f"{path}: fields that not every scan has, or that pye57 cannot read, are left out: "
+            f"{', '.join(sorted(skipped))}.",
+            stacklevel=3,
+        )
+    if len(parts) == 1:
+        shared.discard("scan_index")
+        setups = [setups[int(parts[0][1]["scan_index"][0])]]
+    xyz = np.concatenate([xyz for xyz, _ in parts])
+    merged = {
+        name: np.concatenate([attributes[name] for _, attributes in parts])
+        for name in parts[0][1]
+        if name in shared
+    }
+    metadata = {"sensor_origins": np.array(setups)}
+    return PointCloud(xyz, merged, metadata, n_dropped=n_points - len(xyz))
+
+
+def _checked_scans(path):
+    """The scans in the XML, and no XML that would end the process, or be read wrongly.
+
+    libe57 reads the prototype of points that have none, and numbers that are none as 0. It checks
+    all else itself, so reading needs no process of its own.
+    """
+    with open(path, "rb") as file:
+        if (start := file.read(48))[:8] != b"ASTM-E57" or len(start) < 48:
+            raise PointFileError("damaged or is of another format: it does not begin as E57 does")
+        at, length = struct.unpack_from("<QQ", start, 24)
+        check_room(at + length, os.fstat(file.fileno()).st_size, "points and XML")
+        file.seek(at - at % PAGE)
+        n_pages = (at % PAGE + length) // (PAGE - CHECKSUM) + 1
+        xml = b"".join(file.read(PAGE)[:-CHECKSUM] for _ in range(n_pages))[at % PAGE :][:length]
+    if b"<!DOCTYPE" in xml:  # which E57 does not have, and which may declare entities that grow
+        raise PointFileError("damaged: its XML declares a type of document")
+    root = ElementTree.fromstring(xml)
+    for node in root.iter():
+        _, _, name = node.tag.rpartition("}")
+        if node.get("type") == "CompressedVector" and node.find(f"{ANY}prototype") is None:
+            raise PointFileError(f"damaged: {name} does not say what it holds: no prototype")
+        if node.get("type") == "ScaledInteger" and name.startswith(("cartesian", "spherical")):
+            check_grid(name, float(node.get("scale", 1)), float(node.get("offset", 0)))
+    return root.findall(f"{ANY}data3D/*")
+
+
+def _pose(name, scan):
+    """Rotation and translation of a scan. Zeros are no rotation, as other programs take them."""
+    parts = []
+    for part, axes, values in (("rotation", "wxyz", [1, 0, 0, 0]), ("translation", "xyz", [0] * 3)):
+        if (told := scan.find(f"{ANY}pose/{ANY}{part}")) is not None:
+            values = [told.findtext(ANY + axis, "nan") or 0 for axis in axes]
+        parts.append(np.array(values, float))
+    rotation, translation = parts
+    length = np.linalg.norm(rotation)
+    if not (np.isfinite(length) and np.abs(translation).max() < FARTHEST):
+        raise PointFileError(
+            f"broken pose: rotation {rotation.tolist()}, translation {translation.tolist()}"
+        )
+    if abs(length - 1) > UNIT:
+        taken = "its direction" if length > UNIT else "no rotation"
+        warn_caller(f"{name}: its rotation has length {length:.3g}, not 1; {taken} is taken")
+    return rotation if length > UNIT else np.eye(1, 4)[0], translation
+
+
+def _scan(pye57, file, header):
+    """Coordinates as they are in a scan, and attributes, of all points that are not invalid."""
+    known, n = pye57.e57.SUPPORTED_POINT_FIELDS, header.point_count
+    data, buffers = {}, pye57.libe57.VectorSourceDestBuffer()
+    for field in known.keys() & set(header.point_fields):
+        # pye57 reads colors as bytes; single precision holds those of 16 bits, too.
+        data[field] = np.empty(n, "f" if field in COLOR_FIELDS else known[field])
+        array = file.image_file, field, data[field], n, True, True
+        buffers.append(pye57.libe57.SourceDestBuffer(*array))
+    if (n_read := header.points.reader(buffers).read()) != n:
+        raise PointFileError(f"a scan promises {n:,} points and holds {n_read:,}")
+    system = header.get_coordinate_system(pye57.e57.COORDINATE_SYSTEMS)
+    prototype = pye57.libe57.StructureNode(header.points.prototype())
+    invalid = data.get(f"{system.name.lower()}InvalidState")
+    if invalid is not None:
+        data = {field: values[invalid == 0] for field, values in data.items()}
+    xyz = np.column_stack([data[field] for field in system.value])
+    if system.name == "SPHERICAL":
+        xyz = pye57.utils.convert_spherical_to_cartesian(xyz)
+    data |= _colors(
+        header, prototype, {f: np.nan_to_num(data[f]) for f in COLOR_FIELDS if f in data}
+    )
+    return xyz, {ours: data[theirs] for ours, (theirs, _) in E57_FIELDS.items() if theirs in data}
+
+
+def _colors(header, prototype, colors):
+    """Integers up to 255 as they are; of others, the most that the file states becomes 65535."""
+    nodes, limits = [prototype[field] for field in colors], header.node
+    most = max((getattr(n, "scaledMaximum", n.maximum)() for n in nodes), default=0)
+    if colors and limits.isDefined("colorLimits"):
+        most = min(most, max(limits["colorLimits"][f"{f}Maximum"].value() for f in colors))
+    if most > 65535:  # neither tells
+        most = max(values.max(initial=0) for values in colors.values())
+    if most <= 255 and all(type(node).__name__ == "IntegerNode" for node in nodes):
+        return {field: values.astype(np.uint8) for field, values in colors.items()}
+    most, factor = max(most, 0), 65535 / most if most > 0 else 0.0
+    return {f: np.rint(v.clip(0, most) * factor).astype(np.uint16) for f, v in colors.items()}
+
+
+def _setup(header, position):
+    """Where the scanner of a scan stood, NaN if the scan does not tell.
+
+    Merged clouds are written as scans as well. A pose that moves nothing may be theirs, unless
+    there is a grid of measurements.
+    """
+    has_grid = {"rowIndex", "columnIndex"} <= set(header.point_fields)
+    merged = "name" in header.scan_fields and header["name"].value() == MERGED
+    if merged or not header.has_pose() or not (position.any() or has_grid):
+        return np.full(3, np.nan)
+    return position
+
+
+def write_e57(path, cloud):
+    """Write one E57 scan, with a pose in the middle of its points."""
+    pye57 = import_extra("pye57", "formats", "E57")
+    write_scan = _in_double_precision(pye57)
+    center = np.round(np.median(cloud.xyz, axis=0))
+    local = cloud.xyz - center
+    data = {f"cartesian{axis}": np.ascontiguousarray(local[:, i]) for i, axis in enumerate("XYZ")}
+    columns, of_colors = colors_of_bytes(flat_columns(cloud.attributes))
+    lost, rounded = [], [*COLORS] if of_colors else []
+    for name, values in columns.items():
+        theirs, code = E57_FIELDS.get(name, (name, None))
+        try:
+            data[theirs] = fit_dtype(name, values, {code}, "E57")
+        except PointFileError:
+            if name != "intensity" or values.dtype.kind not in "iuf":
+                lost.append(name)
+                continue
+            rounded.append(name)
+            with np.errstate(over="ignore"):
+                data[theirs] = values.astype(code)
+    if not np.isfinite(data.get("intensity", 0)).all():
+        lost.append("intensity")
+        del data["intensity"]
+    for group in (COLORS, ("row_index", "column_index")):  # written together or not at all
+        fields = [E57_FIELDS[name][0] for name in group]
+        if not all(f in data for f in fields):
+            lost += [n for n, f in zip(group, fields, strict=True) if data.pop(f, None) is not None]
+    told = {"not written": lost, "rounded": [name for name in rounded if name not in lost]}
+    if lost or rounded:
+        warnings.warn(
+            "E57 holds coordinates, finite intensity of single precision and colors of 8 bits only"
+            + "".join(f"; {how}: {', '.join(names)}" for how, names in told.items() if names),
+            stacklevel=3,
+        )
+    file = pye57.E57(os.fsencode(path), mode="w")
+    try:
+        write_scan(file, data, name=MERGED, translation=center)
+        file.close()
+    except Exception as err:
+        if hasattr(file, "image_file"):
+            del file.image_file  # else pye57 closes it again, and prints an error
+        if re.search("error_?write_?failed", str(err), re.IGNORECASE):
+            raise PointFileError("cannot be written: the disk may be full") from err
+        raise
+
+
+def _in_double_precision(pye57):
+    """pye57's function that writes a scan, for which single precision is fixed, with double."""
+    written = pye57.E57.write_scan_raw
+    library = pye57.libe57
+    double = SimpleNamespace(**{**vars(library), "E57_SINGLE": library.E57_DOUBLE})
+    names = {**written.__globals__, "libe57": double}
+    function = FunctionType(written.__code__, names, argdefs=written.__defaults__)
+    function.__kwdefaults__ = written.__kwdefaults__
+    return function

@@ -1,0 +1,306 @@
+"""E57: poses, colors, and what is dropped."""
+
+import re
+import struct
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
+
+pye57 = pytest.importorskip("pye57")
+
+
+def test_e57_scans_are_merged_with_their_poses(tmp_path):
+    zeros, ones = np.zeros(2), np.ones(2)
+    points = {"cartesianX": ones, "cartesianY": zeros, "cartesianZ": np.array([0.0, 3.0])}
+    with pye57.E57(str(tmp_path / "a.e57"), mode="w") as file:
+        file.write_scan_raw(points, translation=np.array([10.0, 0, 0]))
+        half = np.sqrt(0.5)  # a quarter turn about z takes the x axis to the y axis
+        file.write_scan_raw(points, rotation=np.array([half, 0, 0, half]))
+    cloud = read_points(tmp_path / "a.e57")
+    assert_allclose(cloud.xyz, [[11, 0, 0], [11, 0, 3], [0, 1, 0], [0, 1, 3]], atol=1e-12)
+    assert_array_equal(cloud.attributes["scan_index"], [0, 0, 1, 1])
+
+
+def test_points_that_e57_marks_invalid_are_dropped_and_counted(tmp_path):
+    points = {f"cartesian{axis}": np.array([0.0, 1, 2]) for axis in "XYZ"}
+    points["cartesianInvalidState"] = np.array([0, 2, 0], dtype=np.int8)
+    with pye57.E57(str(tmp_path / "a.e57"), mode="w") as file:
+        file.write_scan_raw(points)
+    cloud = read_points(tmp_path / "a.e57")
+    assert_array_equal(cloud.xyz[:, 0], [0, 2])
+    assert cloud.n_dropped == 1
+
+
+def test_e57_keeps_intensity_and_colors_and_says_what_it_loses(tmp_path, cloud):
+    value = np.arange(40)
+    colors = {c: (value * 256).astype(np.uint16) for c in ("red", "green", "blue")}
+    full = PointCloud(cloud.xyz, {"intensity": value, **colors, "score": value})
+    with pytest.warns(UserWarning, match="not written: score"):
+        write_points(tmp_path / "a.e57", full)
+    back = read_points(tmp_path / "a.e57")
+    assert sorted(back.attributes) == ["blue", "green", "intensity", "red"]
+    assert_array_equal(back.attributes["red"], value)
+    assert_array_equal(back.attributes["intensity"], value)
+    assert_allclose(back.xyz, cloud.xyz, rtol=1e-15)
+
+
+EXACT, COLORS = np.arange(40), ("red", "green", "blue")
+MISSING = np.where(EXACT == 3, np.nan, EXACT)
+
+
+@pytest.mark.parametrize(
+    ("attributes", "told"),
+    [
+        (dict.fromkeys(COLORS, np.uint16(EXACT * 257)), None),
+        (dict.fromkeys(COLORS, np.uint16(EXACT)), None),
+        (dict.fromkeys(COLORS, np.uint16(EXACT * 186)), "; rounded: red, green, blue"),
+        (dict.fromkeys(COLORS, EXACT / 40), "; not written: red, green, blue"),
+        ({"intensity": EXACT / 4}, None),
+        ({"intensity": EXACT / 3}, "; rounded: intensity"),
+        ({"intensity": np.uint32(EXACT + 2**24)}, "; rounded: intensity"),
+        ({"intensity": MISSING}, "; not written: intensity"),
+        ({"intensity": np.float32(MISSING)}, "; not written: intensity"),
+        ({"intensity": EXACT * 1e300}, "; not written: intensity"),
+        ({"intensity": EXACT / 3, "n": EXACT}, "; not written: n; rounded: intensity"),
+    ],
+)
+def test_e57_names_what_it_cannot_hold(tmp_path, cloud, attributes, told):
+    with warnings.catch_warnings(record=True, action="always") as shown:
+        write_points(tmp_path / "a.e57", PointCloud(cloud.xyz, attributes))
+    limits = "E57 holds coordinates, finite intensity of single precision and colors of 8 bits only"
+    assert [str(one.message) for one in shown] == ([limits + told] if told else [])
+    back = read_points(tmp_path / "a.e57").attributes
+    lost = (told or "").partition("not written: ")[2].partition(";")[0]
+    assert set(back) == set(attributes) - set(lost.split(", "))
+    if "intensity" in back:
+        assert_array_equal(back["intensity"], np.float32(attributes["intensity"]))
+
+
+def test_e57_refuses_to_lose_the_outlier_mark(tmp_path, cloud):
+    with pytest.raises(PointFileError, match="no place to mark outliers"):
+        write_points(tmp_path / "a.e57", cloud.xyz, noise=np.ones(40, dtype=bool))
+
+
+# ---- files that other programs write, and damaged ones ----------------------------------------
+
+PAGE, N = 1024, 50
+NUMBERS = np.arange(N)
+READ_ALL = """
+import sys
+from pathlib import Path
+from sklearn_mcmd.io import PointFileError, read_points
+for path in sorted(Path(sys.argv[1]).iterdir()):
+    print(path.stem, end=" ", flush=True)
+    try:
+        read_points(path)
+        print("read", flush=True)
+    except PointFileError as err:
+        print("refused", flush=True)
+"""
+
+
+def crc32c(data):
+    crc = 0xFFFFFFFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0x82F63B78 if crc & 1 else 0)
+    return crc ^ 0xFFFFFFFF
+
+
+def with_xml(source, target, *changes):
+    """A copy with another text in its XML, and right checksums."""
+    raw = source.read_bytes()
+    at, length = struct.unpack_from("<QQ", raw, 24)
+    data = b"".join(raw[i : i + PAGE - 4] for i in range(0, len(raw), PAGE))
+    at = at // PAGE * (PAGE - 4) + at % PAGE
+    xml = data[at : at + length].decode()
+    for pattern, words in changes:
+        xml, n = re.subn(pattern, words, xml, flags=re.DOTALL)
+        assert n, pattern
+    data = data[:at] + xml.encode()
+    data += bytes(-len(data) % (PAGE - 4))
+    size = len(data) // (PAGE - 4) * PAGE
+    head = struct.pack("<Q8xQ", size, len(xml.encode()))
+    data = data[:16] + head[:8] + data[24:32] + head[16:] + data[40:]
+    pages = (data[i : i + PAGE - 4] for i in range(0, len(data), PAGE - 4))
+    target.write_bytes(b"".join(page + struct.pack(">I", crc32c(page)) for page in pages))
+    return target
+
+
+@pytest.fixture
+def plain(tmp_path):
+    """A scan that is turned about z by a quarter and moved by 10, 20, 30."""
+    half = np.sqrt(0.5)
+    data = {f"cartesian{axis}": NUMBERS + 0.5 * i for i, axis in enumerate("XYZ")}
+    with pye57.E57(str(tmp_path / "plain.e57"), mode="w") as file:
+        file.write_scan_raw(
+            data, rotation=np.array([half, 0, 0, half]), translation=np.array([10.0, 20, 30])
+        )
+    return tmp_path / "plain.e57"
+
+
+def with_colors(path, nodes, colors, limits=None):
+    """A scan whose colors have types of our own; pye57 itself writes bytes only."""
+    libe57 = pye57.libe57
+    with pye57.E57(str(path), mode="w") as file:
+        image, buffers, prototype = file.image_file, libe57.VectorSourceDestBuffer(), None
+        scan, prototype = libe57.StructureNode(image), libe57.StructureNode(image)
+        columns = {f"cartesian{axis}": NUMBERS.astype(float) for axis in "XYZ"}
+        columns |= {f"color{c}": colors.astype(float) for c in ("Red", "Green", "Blue")}
+        for name, values in columns.items():
+            node = libe57.FloatNode(image) if "cart" in name else nodes(libe57, image)
+            prototype.set(name, node)
+            buffers.append(libe57.SourceDestBuffer(image, name, values, N, True, True))
+        if limits is not None:
+            scan.set("colorLimits", libe57.StructureNode(image))
+            for color in ("Red", "Green", "Blue"):
+                scan["colorLimits"].set(f"color{color}Maximum", libe57.FloatNode(image, limits))
+        points = libe57.CompressedVectorNode(image, prototype, libe57.VectorNode(image, True))
+        scan.set("points", points)
+        file.data3d.append(scan)
+        writer = points.writer(buffers)
+        writer.write(N)
+        writer.close()
+    return path
+
+
+@pytest.mark.parametrize(
+    ("nodes", "limits", "colors", "expected"),
+    [
+        (lambda lib, image: lib.IntegerNode(image, 0, 0, 255), None, NUMBERS, np.uint8(NUMBERS)),
+        (
+            lambda lib, image: lib.IntegerNode(image, 0, 0, 65535),
+            None, NUMBERS * 1000, np.uint16(NUMBERS * 1000),
+        ),
+        (
+            lambda lib, image: lib.IntegerNode(image, 0, 0, 4095),
+            None, NUMBERS * 80, np.uint16(np.rint(NUMBERS * 80 * 65535 / 4095)),
+        ),
+        (
+            lambda lib, image: lib.IntegerNode(image, 0, 0, 65535),
+            255.0, NUMBERS, np.uint8(NUMBERS),
+        ),
+        (
+            lambda lib, image: lib.ScaledIntegerNode(image, 0, 0, 1000, 0.001, 0.0),
+            None, NUMBERS / 50, np.uint16(np.rint(NUMBERS * 65535 / 50)),
+        ),
+        (
+            lambda lib, image: lib.FloatNode(image),
+            1.0, NUMBERS / 64, np.uint16(np.rint(NUMBERS * 65535 / 64)),
+        ),
+        (
+            lambda lib, image: lib.FloatNode(image),
+            None, NUMBERS / 49, np.uint16(np.rint(NUMBERS * 65535 / 49)),
+        ),
+        (lambda lib, image: lib.FloatNode(image), None, NUMBERS * 0, np.uint16(NUMBERS * 0)),
+    ],
+)  # fmt: skip
+def test_colors_of_all_types_and_limits_are_read(tmp_path, nodes, limits, colors, expected):
+    cloud = read_points(with_colors(tmp_path / "a.e57", nodes, colors, limits))
+    for color in COLORS:
+        assert cloud.attributes[color].dtype == expected.dtype
+        assert_array_equal(cloud.attributes[color], expected)
+
+
+def test_points_without_a_word_on_what_they_hold_do_not_end_the_process(plain, tmp_path):
+    """libe57 reads a null pointer there, so this is tried in another process."""
+    (tmp_path / "cut").mkdir()
+    prototype = r"<prototype.*</prototype>"
+    cuts = {
+        "prototype": [(prototype, "")],
+        "children": [(r"(<points[^>]*>).*(</points>)", r"\1\2")],
+        "renamed": [("prototype", "other")],
+        "another": [("</data3D>", '<x type="CompressedVector" fileOffset="48"/></data3D>')],
+        "prefix": [("<e57Root", '<e57Root xmlns:e="http://www.astm.org/COMMIT/E57/2010-e57-v1.0"'),
+                   (r"<(/?)prototype", r"<\1e:prototype")],
+        "points": [(r"<points.*</points>", "")],
+        "type": [('type="CompressedVector"', 'type="Structure"')],
+        "document": [("<e57Root", '<!DOCTYPE a [<!ENTITY b "c">]><e57Root')],
+        "end": [("</e57Root>", "")],
+        "fields": [(r"(<prototype[^>]*>).*(</prototype>)", r"\1\2")],
+    }  # fmt: skip
+    for name, changes in cuts.items():
+        with_xml(plain, tmp_path / "cut" / f"{name}.e57", *changes)
+    told = subprocess.run(
+        [sys.executable, "-c", READ_ALL, tmp_path / "cut"], capture_output=True, text=True
+    )
+    assert told.stdout.split("\n")[:-1] == [f"{name} refused" for name in sorted(cuts)]
+    assert told.returncode == 0
+
+
+def test_the_error_names_what_is_missing(plain, tmp_path):
+    for pattern, words, message in [
+        (r"<prototype.*</prototype>", "", "points does not say what it holds"),
+        ("<e57Root", "<!DOCTYPE a><e57Root", "declares a type of document"),
+        ('recordCount="50"', 'recordCount="60"', "promises 60 points and holds 50"),
+    ]:
+        with pytest.raises(PointFileError, match=message):
+            read_points(with_xml(plain, tmp_path / "a.e57", (pattern, words)))
+
+
+ROTATION = r"<rotation.*</rotation>"
+
+
+def rotation(w, x, y, z, order="wxyz"):
+    told = {"w": w, "x": x, "y": y, "z": z}
+    parts = "".join(f'<{axis} type="Float">{told[axis]}</{axis}>' for axis in order)
+    return ROTATION, f'<rotation type="Structure">{parts}</rotation>'
+
+
+def test_a_rotation_is_read_by_its_names_in_any_order(plain, tmp_path):
+    xyz = read_points(plain).xyz
+    turned = [9.5 - NUMBERS, 20 + NUMBERS, 31 + NUMBERS]
+    assert_allclose(xyz, np.transpose(turned))
+    half = np.sqrt(0.5)
+    for order in ("xyzw", "zwyx"):
+        with_xml(plain, tmp_path / "a.e57", rotation(half, 0, 0, half, order))
+        assert_allclose(read_points(tmp_path / "a.e57").xyz, xyz, rtol=1e-12)
+
+
+def test_a_rotation_of_zeros_is_no_rotation(plain, tmp_path):
+    with_xml(plain, tmp_path / "a.e57", rotation(0, 0, 0, 0))
+    with pytest.warns(UserWarning, match="scan 1: its rotation has length 0, not 1; no rotation"):
+        cloud = read_points(tmp_path / "a.e57")
+    assert_allclose(cloud.xyz, np.transpose([NUMBERS + 10, NUMBERS + 20.5, NUMBERS + 31]))
+    assert_array_equal(cloud.metadata["sensor_origins"], [[10, 20, 30]])
+
+
+@pytest.mark.parametrize(("factor", "told"), [(2.0, True), (0.1, True), (1 + 1e-6, False)])
+def test_a_rotation_of_another_length_turns_as_one_of_length_1(plain, tmp_path, factor, told):
+    half = factor * np.sqrt(0.5)
+    with_xml(plain, tmp_path / "a.e57", rotation(half, 0, 0, half))
+    with warnings.catch_warnings(record=True, action="always") as shown:
+        cloud = read_points(tmp_path / "a.e57")
+    assert [f"has length {factor:.3g}, not 1; its direction" in str(w.message) for w in shown] == (
+        [True] if told else []
+    )
+    assert_allclose(cloud.xyz, read_points(plain).xyz, rtol=1e-12)
+
+
+TRANSLATION = r'(<translation.*?<x type="Float">)1e\+01'
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        rotation("nan", 0, 0, 0), rotation(1, "inf", 0, 0), rotation(1, 0, 0, "1e999"),
+        *((TRANSLATION, rf"\g<1>{value}") for value in ("nan", "inf", "-1e999", "1e300", "1e12")),
+    ],
+)  # fmt: skip
+def test_a_pose_that_cannot_be_is_refused(plain, tmp_path, change):
+    with pytest.raises(PointFileError, match="broken pose: rotation"):
+        read_points(with_xml(plain, tmp_path / "a.e57", change))
+
+
+@pytest.mark.parametrize("scale", [0.0, 1e-300, 1e300])
+def test_scaled_integers_that_all_mean_one_number_are_refused(plain, tmp_path, scale):
+    node = f'<cartesianX type="ScaledInteger" minimum="0" maximum="4294967295" scale="{scale}"/>'
+    with pytest.raises(PointFileError, match="give no coordinates that differ"):
+        read_points(with_xml(plain, tmp_path / "a.e57", (r"<cartesianX.*?</cartesianX>", node)))
