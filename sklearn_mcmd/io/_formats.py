@@ -21,7 +21,6 @@ __all__ = [
     "TILED",
     "TILED_NAMES",
     "WITH_COLUMNS",
-    "Format",
     "format_of",
     "listed",
     "no_columns",

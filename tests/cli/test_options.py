@@ -7,6 +7,7 @@ import pytest
 
 from commands import error_line, files_in, run
 from sklearn_mcmd.io import read_points
+from sklearn_mcmd.io._formats import WITH_COLUMNS
 from sklearn_mcmd.tiling._folder import WorkFolder
 
 
@@ -92,7 +93,7 @@ def test_columns_of_files_that_name_their_own_are_refused(source, tmp_path):
     out = tmp_path / "out.laz"
     for verb in ("normals", "plane"):
         line = error_line(run(verb, source, out, "--columns", "x=1,y=2"))
-        assert "street.laz: --columns x=1,y=2 is for text, NPY, PLY and PCD" in line
+        assert f"street.laz: --columns x=1,y=2 is for {WITH_COLUMNS}" in line
     assert "is for text" in error_line(run("normals", tmp_path, out, "--columns", "x=1"))
 
 
