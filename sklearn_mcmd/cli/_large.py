@@ -108,7 +108,7 @@ def print_plan(source, target, catalog, estimator, memory, *, n_features=0, work
     )
 
     if catalog is None and source.suffix.lower() not in TILED:
-        raise PointFileError(f"{source}: --dry-run needs {TILED_NAMES}")
+        raise PointFileError(f"{source}: --dry-run is for {TILED_NAMES}")
     tiles = catalog is not None
     catalog = catalog or Catalog(source)
     xyz = next(iter(read_parts(catalog.paths[0], SAMPLE))).xyz[:SAMPLE]

@@ -65,7 +65,7 @@ def test_a_dry_run_shows_the_plan_and_writes_nothing(small_machine, source, tmp_
 def test_a_dry_run_of_another_format_is_refused(tmp_path):
     write_points(tmp_path / "a.xyz", street(50))
     line = error_line(run("denoise", tmp_path / "a.xyz", tmp_path / "b.las", "--dry-run"))
-    assert "a.xyz: --dry-run needs LAS or LAZ" in line
+    assert "a.xyz: --dry-run is for LAS and LAZ" in line
 
 
 def test_rates_that_exclude_each_other_are_wrong_usage_of_large_files_too(source, tmp_path):

@@ -60,8 +60,8 @@ def survey(path, names):
 @pytest.mark.parametrize("verb", ["denoise", "normals", "edges", "segment", "plane"])
 def test_coordinates_are_found_by_their_names_and_where_columns_says(verb, tmp_path):
     known = survey(tmp_path / "known.csv", "point,northing,easting,elevation")
-    unknown = survey(tmp_path / "unknown.csv", "point,nord,ost,level")
-    columns = ("--columns", "x=ost,y=nord,z=level")
+    unknown = survey(tmp_path / "unknown.csv", "point,north of,east of,level")
+    columns = ("--columns", "x=east of,y=north of,z=level")
     for out, options in (("a.csv", (known,)), ("b.csv", (unknown, *columns))):
         result = run(verb, *options[:1], tmp_path / out, *options[1:], "-q")
         assert result.exit_code == 0, result.output
@@ -70,7 +70,7 @@ def test_coordinates_are_found_by_their_names_and_where_columns_says(verb, tmp_p
     assert (first.xyz.min(axis=0) // 1 == [500_000, 5_000_000, 90]).all()
     assert "point" in first.attributes
     line = error_line(run(verb, unknown, tmp_path / "c.csv"))
-    assert "no x, y, z among the columns point, nord, ost, level: say which they are" in line
+    assert "no x, y, z among the columns point, north of, east of, level: say which they are" in line
     assert "--columns x=easting" in line
 
 
@@ -94,7 +94,7 @@ def test_columns_of_files_that_name_their_own_are_refused(source, tmp_path):
     for verb in ("normals", "plane"):
         line = error_line(run(verb, source, out, "--columns", "x=1,y=2"))
         assert f"street.laz: --columns x=1,y=2 is for {WITH_COLUMNS}" in line
-    assert "is for text" in error_line(run("normals", tmp_path, out, "--columns", "x=1"))
+    assert "is for PLY" in error_line(run("normals", tmp_path, out, "--columns", "x=1"))
 
 
 @pytest.mark.parametrize("verb", ["denoise", "normals", "edges", "segment", "plane", "view"])
