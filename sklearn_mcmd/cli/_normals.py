@@ -49,7 +49,7 @@ def normals(
     ] = NormalMethod.mcmd_z,
     radius: Annotated[
         float | None,
-        _options.number_option("Largest distance of a neighbor, in units of the file."),
+        _options.length_option("Largest distance of a neighbor, in units of the file."),
     ] = None,
     orientation: Annotated[
         Orientation,
@@ -91,6 +91,7 @@ def normals(
     restart: Restart = False,
     report: ReportFolder = None,
     columns: _options.Columns = None,
+    unit: _options.Unit = "",
     no_clobber: _options.NoClobber = False,
     allow_coarse: _options.AllowCoarse = False,
     config: Config = None,

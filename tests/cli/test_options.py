@@ -4,8 +4,10 @@ import shutil
 
 import numpy as np
 import pytest
+from typer.main import get_command
 
 from commands import error_line, files_in, run
+from sklearn_mcmd.cli import app
 from sklearn_mcmd.io import read_points
 from sklearn_mcmd.tiling._folder import WorkFolder
 
@@ -35,6 +37,43 @@ def test_numbers_that_must_be_positive_are_wrong_usage(tmp_path, option, value):
     result = run("normals", tmp_path / "in.xyz", tmp_path / "out.xyz", option, value)
     assert result.exit_code == 2
     assert option in result.stderr
+
+
+LENGTHS = {
+    "denoise": ("--noise-scale", "--above", "--below"),
+    "normals": ("--radius",),
+    "segment": ("--max-distance", "--max-gap"),
+    "plane": ("--sigma0", "--tolerance"),
+    "plan": ("--sigma0", "--width", "--height"),
+}
+
+
+@pytest.mark.parametrize(("verb", "option"), [(v, o) for v in LENGTHS for o in LENGTHS[v]])
+def test_a_length_may_have_a_unit_where_that_of_the_file_is_given(verb, option):
+    files = [] if verb == "plan" else ["in.las", "out.las"]
+    name = option[2:].replace("-", "_")
+
+    def value(*options):
+        command = get_command(app).commands[verb]
+        return command.make_context(verb, [*files, *options]).params[name]
+
+    assert value(option, "40mm", "--unit", "m") == pytest.approx(0.04, rel=1e-15)
+    assert value("--unit", "mm", option, "1 in") == pytest.approx(25.4, rel=1e-15)
+    assert value(option, "4e-2") == value(option, "4e-2", "--unit", "chain") == 0.04
+    for unit in ((), ("--unit", "chain")):
+        result = run(verb, *files, option, "40mm", *unit)
+        assert result.exit_code == 2
+        told = " ".join(result.stderr.replace("│", "").split())
+        assert f"'{option}': 40mm is no number. With a unit, it needs --unit" in told
+
+
+def test_a_height_may_lie_below_the_ground_and_is_finite(tmp_path):
+    command = get_command(app).commands["denoise"]
+    context = command.make_context("a", ["a.las", "b.las", "--below", "-50cm", "--unit", "m"])
+    assert context.params["below"] == -0.5
+    result = run("denoise", "a.las", "b.las", "--above", "nan")
+    assert result.exit_code == 2
+    assert "nan is not a height, such as 2.0" in " ".join(result.stderr.split())
 
 
 def test_zero_threads_are_wrong_usage(tmp_path):
