@@ -4,7 +4,7 @@ import sys
 import warnings
 from string import Template
 
-__all__ = ["ParameterError", "ParameterWarning", "warn", "warn_caller"]
+__all__ = ["ParameterError", "ParameterWarning", "counted", "warn", "warn_caller"]
 
 OWN = ("sklearn_mcmd.", "sklearn.", "contextlib")  # modules between a warning and who called
 
@@ -52,6 +52,11 @@ def warn_caller(message, category=UserWarning):
     while frame is not None and frame.f_globals.get("__name__", "").startswith(OWN):
         frame, level = frame.f_back, level + 1
     warnings.warn(message, category, stacklevel=level)
+
+
+def counted(n, noun):
+    """A number of things in words: 1 point, 2 points."""
+    return f"{n:,} {noun}{'s' * (n != 1)}"
 
 
 def _in_python(name, value):

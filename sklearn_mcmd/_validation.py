@@ -59,6 +59,11 @@ class OffsetOutlierMixin(OutlierMixin):
 class FittedScoresMixin(OffsetOutlierMixin):
     """Labels of the fitted cloud from ``scores_``, the ``score_samples`` that `fit` stores."""
 
+    @property
+    def labels_(self) -> NDArray[np.int64]:
+        """1 for inliers and -1 for outliers of the fitted cloud, by ``offset_``."""
+        return np.where(self.scores_ >= self.offset_, 1, -1)
+
     def fit_predict(self, X: ArrayLike, y: object = None) -> NDArray[np.int64]:
         """Label the points of a cloud by itself.
 
@@ -73,7 +78,7 @@ class FittedScoresMixin(OffsetOutlierMixin):
             1 for inliers (points of a surface) and -1 for outliers (or edges). They equal
             ``fit(X).predict(X)``, but points are judged only once.
         """
-        return np.where(self.fit(X).scores_ >= self.offset_, 1, -1)
+        return self.fit(X).labels_
 
 
 def validate_points(estimator, X, *, dtype=(np.float64, np.float32), **params):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sklearn_mcmd._errors import counted
 from sklearn_mcmd.cli._large import PARSED_SUFFIXES, is_several
 from sklearn_mcmd.io._point_cloud import joined
 from sklearn_mcmd.runtime._progress import progress_part
@@ -105,8 +106,7 @@ def read(source, target=None, results=None, *, columns=None):
     with progress_part(0.0, WORKING[0], "reading"):
         cloud = read_points(source, columns=columns)
     if cloud.n_dropped:
-        points = "1 point" if cloud.n_dropped == 1 else f"{cloud.n_dropped:,} points"
-        verb = "is" if cloud.n_dropped == 1 else "are"
+        points, verb = counted(cloud.n_dropped, "point"), "is" if cloud.n_dropped == 1 else "are"
         warnings.warn(
             f"{source}: {points} without finite coordinates {verb} left out", stacklevel=2
         )

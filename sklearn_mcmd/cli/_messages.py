@@ -7,7 +7,7 @@ from contextlib import contextmanager
 import numpy as np
 import typer
 
-from sklearn_mcmd._errors import ParameterError, ParameterWarning
+from sklearn_mcmd._errors import ParameterError, ParameterWarning, counted
 from sklearn_mcmd.cli._termination import tidy_when_terminated
 from sklearn_mcmd.runtime._interrupts import INTERRUPTED, raise_interrupts, was_interrupted
 
@@ -74,7 +74,7 @@ def _of_options(said):
 
 def _option(name, value):
     if name == "n_samples":
-        return f"{value} point(s)"
+        return counted(value, "point")
     if name == "row":
         return f"point {value + 1}"
     if name == "columns":

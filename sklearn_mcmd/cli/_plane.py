@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from sklearn_mcmd._extras import how_to_install
+from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.cli import _files, _messages, _options
 from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._large import is_several, large_catalog
@@ -211,12 +211,11 @@ def _rehearse(target, catalog, sheets, plot_wanted):
         with _files.standing_in(path):
             pass
     try:
-        import matplotlib  # noqa: F401
+        import_extra("matplotlib.figure", "plot", "the figure")
     except ImportError as err:
-        message = f"the figure needs matplotlib: {how_to_install('matplotlib', 'plot')}"
         if plot_wanted is not None:
-            raise ImportError(message) from err
-        warnings.warn(f"{message}; the text alone is written", stacklevel=2)
+            raise
+        warnings.warn(f"{err}; the text alone is written", stacklevel=2)
         return text, None
     with _files.standing_in(plot):
         pass

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd._errors import warn_caller
+from sklearn_mcmd._errors import counted, warn_caller
 from sklearn_mcmd.io._column_names import attribute_name, coordinate_columns, n_known_axes
 from sklearn_mcmd.io._point_cloud import (
     PointCloud,
@@ -168,7 +168,7 @@ def _begin(file, columns):
     fields = _row(line, delimiter, len(known or ()))
     if len(fields) < 3:
         raise PointFileError(
-            f"line {number} has {len(fields)} column(s); at least 3 (x, y, z) are needed"
+            f"line {number} has {counted(len(fields), 'column')}; at least 3 (x, y, z) are needed"
         )
     if known is None and headers:
         known = next((some for some in headers if len(some) == len(fields)), headers[0])

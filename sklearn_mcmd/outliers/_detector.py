@@ -143,6 +143,9 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
 
     Attributes
     ----------
+    labels_ : ndarray of int of shape (n_samples,)
+        1 for the fitted points that are real, and -1 for outliers: as `fit_predict` returns.
+
     offset_ : float
         Negative of the cutoff: ``decision_function = score_samples - offset_``.
 
@@ -411,8 +414,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             1 for inliers (points that are real) and -1 for outliers. They equal
             ``fit(X).predict(X)``, but points are judged only once.
         """
-        fitted = self.fit(X, sensor_origin=sensor_origin, intensity=intensity)
-        return np.where(fitted.scores_ >= fitted.offset_, 1, -1)
+        return self.fit(X, sensor_origin=sensor_origin, intensity=intensity).labels_
 
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
         """Opposite of how far each point is off the surfaces and stands off from all else.
