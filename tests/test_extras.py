@@ -41,7 +41,11 @@ def test_without_metadata_of_the_package_the_library_is_named(monkeypatch):
 
 @pytest.mark.parametrize(
     ("module", "extra", "absent"),
-    [("distributed", "dask", "dask"), ("matplotlib.figure", "plot", "PIL"), ("laspy", "las", "laspy")],
+    [
+        ("distributed", "dask", "dask"),
+        ("matplotlib.figure", "plot", "PIL"),
+        ("laspy", "las", "laspy"),
+    ],
 )
 def test_the_error_names_what_is_missing_even_if_another_library_needs_it(
     module, extra, absent, tmp_path, monkeypatch

@@ -55,7 +55,7 @@ class PlaneOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
     Attributes
     ----------
     labels_ : ndarray of int of shape (n_samples,)
-        1 for the fitted points that lie on their plane, and -1 for outliers: as `fit_predict` returns.
+        1 for the fitted points that are inliers, and -1 for outliers: as `fit_predict` returns.
 
     offset_ : float
         ``decision_function = score_samples - offset_``: the negative cut-off, or the quantile

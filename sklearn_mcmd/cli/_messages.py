@@ -1,5 +1,6 @@
 """Messages of the verbs: errors, warnings and summaries."""
 
+import logging
 import time
 import warnings
 from contextlib import contextmanager
@@ -116,6 +117,7 @@ def _plain_warnings(allow_coarse):
         # Deprecations are for programmers, though some libraries derive them from UserWarning.
         warnings.simplefilter("ignore", DeprecationWarning)
         warnings.showwarning = show
+        logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it tells where it keeps fonts
         yield
 
 

@@ -212,7 +212,7 @@ def _rehearse(target, catalog, sheets, plot_wanted):
             pass
     try:
         import_extra("matplotlib.figure", "plot", "the figure")
-    except ImportError as err:
+    except (ImportError, OSError) as err:  # it refuses to be without any folder to write to
         if plot_wanted is not None:
             raise
         warnings.warn(f"{err}; the text alone is written", stacklevel=2)

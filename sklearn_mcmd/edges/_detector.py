@@ -108,7 +108,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
     Attributes
     ----------
     labels_ : ndarray of int of shape (n_samples,)
-        1 for the fitted points that lie on a surface, and -1 for those of edges: as `fit_predict` returns.
+        1 for the fitted points of surfaces, and -1 for those of edges: as `fit_predict` returns.
 
     offset_ : float
         ``decision_function = score_samples - offset_``.
