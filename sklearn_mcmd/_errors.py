@@ -62,4 +62,6 @@ def counted(n, noun):
 def _in_python(name, value):
     if name == "row":
         return f"row {value}"
+    if name == "growth_neighbors=":  # of RegionGrowing, where the command line has two numbers
+        return "n_neighbors="
     return name if value is None else f"{name}={value!r}"

@@ -6,7 +6,7 @@ from sklearn.base import OutlierMixin
 from sklearn.utils import check_array
 from sklearn.utils.validation import validate_data
 
-from sklearn_mcmd._errors import ParameterError
+from sklearn_mcmd._errors import ParameterError, warn
 
 __all__ = [
     "FittedScoresMixin",
@@ -16,12 +16,15 @@ __all__ = [
     "check_n_kept",
     "check_sensor_origin",
     "check_sizes",
+    "check_work",
     "validate_points",
 ]
 
 # Float64 holds the fourth powers (of areas, squared) of coordinates up to LARGEST, and of
 # differences down to SMALLEST. All finite float32 coordinates are smaller than LARGEST.
 LARGEST, SMALLEST = 1e70, 1e-70
+# The usual number of neighbors; and steps, as of `check_work`, that nobody minds.
+USUAL, MOST_STEPS = 50, 2**24
 
 
 class OffsetOutlierMixin(OutlierMixin):
@@ -125,6 +128,24 @@ def check_sizes(n, d, n_neighbors):
         raise ParameterError(f"$n_samples {needed}", n_samples=n)
     if n_neighbors is not None and n_neighbors < d + 1:
         raise ParameterError(f"$n_neighbors={n_neighbors} {needed}")
+
+
+def check_work(n_neighbors, n, power=1, name="n_neighbors"):
+    """Tell of neighborhoods that take long; raise if they would be of all points, which are fewer.
+
+    The steps for one of n points grow as this power of `n_neighbors`. So clouds for which
+    neighborhoods of all points take up to `MOST_STEPS` may ask for any number.
+    """
+    if n_neighbors <= MOST_STEPS ** (1 / (1 + power)):
+        return
+    if n_neighbors <= n:
+        times = (n_neighbors / USUAL) ** power
+        warn(f"${name}={n_neighbors} takes at least {times:,.0f} times as long as {USUAL}.")
+    elif n * n**power > MOST_STEPS:
+        raise ParameterError(
+            f"${name}={n_neighbors} is more than the number of distinct points, {n:,}. Each point "
+            f"would get a plane of all of them, which takes too long: give fewer, such as {USUAL}."
+        )
 
 
 def check_extent(X):

@@ -23,6 +23,7 @@ from sklearn_mcmd._validation import (
     check_extent,
     check_inliers,
     check_sizes,
+    check_work,
     validate_points,
 )
 from sklearn_mcmd.edges._creases import FAR, CreaseModel
@@ -312,6 +313,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
 
     def _check_parameters(self, xyz):
         check_sizes(*xyz.shape, self.n_neighbors)
+        self._check_work(len(xyz))
         if self.criterion == "crease" and self.threshold == "mean":
             raise ValueError(
                 "threshold='mean' is for eigenvalues; criterion='crease' takes a distance in "
@@ -322,6 +324,9 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
                 f"$threshold={self.threshold:g} is in spacings of the points for "
                 f"$criterion='crease', and creases farther than {FAR:g} are not told: lower it."
             )
+
+    def _check_work(self, n):
+        check_work(self.n_neighbors, n, 2 if self.criterion == "crease" else 1)
 
     def _clean(self, xyz, detector):
         """Mask of the points to keep."""

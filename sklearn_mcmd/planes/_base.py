@@ -14,6 +14,7 @@ from sklearn_mcmd._validation import (
     OffsetOutlierMixin,
     check_extent,
     check_sizes,
+    check_work,
     validate_points,
 )
 from sklearn_mcmd.planes._comparators import settle_comparator
@@ -100,6 +101,7 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         check_sizes(n, d, fixed)
         check_extent(X)
         index = self._make_index(X.astype(np.float64, copy=False), radius)
+        self._check_work(len(index.points))
         self.n_neighbors_ = n if self.n_neighbors is None else index.n_neighbors
         if index.sizes is not None:
             self.n_neighbors_ = index.sizes[index.places]
@@ -112,6 +114,10 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         if X.dtype == np.float32 and (coarse := coarse_warning(index)):
             warn_caller(coarse)
         return X, index
+
+    def _check_work(self, n):
+        if isinstance(self.n_neighbors, Integral):
+            check_work(self.n_neighbors, n)
 
     def _make_index(self, xyz, radius):
         return NeighborIndex(xyz, self.n_neighbors, radius)

@@ -14,7 +14,7 @@ from sklearn_mcmd._sklearn import (
     StrOptions,
     fit_context,
 )
-from sklearn_mcmd._validation import validate_points
+from sklearn_mcmd._validation import check_work, validate_points
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.planes._columns import split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
@@ -336,9 +336,13 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         growth = ("links of neighbors", "growing regions", *narrow)
         return (*normals, *growth, "joining regions", "cylinders and the rest")
 
+    def _check_work(self, n):
+        check_work(self.n_neighbors, n, name="growth_neighbors")
+
     def _settle_columns(self, X):
         """Coordinates and planes of all points."""
         X = validate_points(self, X, ensure_min_features=2)
+        self._check_work(len(X))
         if self.normals == "precomputed":
             return split_columns(X, n_jobs=self.n_jobs)
         estimator = self.normal_estimator

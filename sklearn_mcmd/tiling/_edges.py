@@ -69,10 +69,10 @@ class Edges(Verb):
         self.by_distance = estimator.criterion == "crease"
 
     def prepare(self, catalog):
+        most = most_neighbors(catalog.n_points, self.estimator, self.detector, self.normals)
         warm_up(self.estimator)
         if self.detector is not None:
             self.detector, _ = recognized(self.detector, catalog)
-        most = most_neighbors(self.estimator, self.detector, self.normals)
         return sensed(sized("edges", self.normals), self.detector), 0, most
 
     def find(self, run):

@@ -8,7 +8,7 @@ from typer.main import get_command
 
 from commands import error_line, files_in, run
 from sklearn_mcmd.cli import app
-from sklearn_mcmd.io import read_points
+from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.tiling._folder import WorkFolder
 
 
@@ -74,6 +74,38 @@ def test_a_height_may_lie_below_the_ground_and_is_finite(tmp_path):
     result = run("denoise", "a.las", "b.las", "--above", "nan")
     assert result.exit_code == 2
     assert "nan is not a height, such as 2.0" in " ".join(result.stderr.split())
+
+
+@pytest.mark.parametrize(
+    ("verb", "option"),
+    [
+        *((verb, "--n-neighbors") for verb in ("denoise", "normals", "segment", "edges")),
+        ("segment", "--growth-neighbors"),
+    ],
+)
+def test_far_more_neighbors_than_points_are_refused_by_the_name_of_the_option(
+    verb, option, tmp_path
+):
+    path = tmp_path / "in.npy"
+    np.save(path, np.random.default_rng(0).uniform(size=(5_000, 3)))
+    line = error_line(run(verb, path, tmp_path / "out.npy", option, 10**6))
+    assert f"in.npy: {option} 1000000 is more than the number of distinct points, 5,000" in line
+
+
+@pytest.mark.parametrize("verb", ["denoise", "normals", "segment", "edges"])
+def test_tiles_refuse_too_many_neighbors_before_any_work(verb, tmp_path, small_machine):
+    cloud = PointCloud(np.random.default_rng(0).uniform(size=(5_000, 3)))
+    write_points(tmp_path / "in.las", cloud)
+    asked = verb, tmp_path / "in.las", tmp_path / "out.las", "--memory", "2MB", "--n-neighbors"
+    line = error_line(run(*asked, 10**6))
+    assert "--n-neighbors 1000000 is more than the number of distinct points, 5,000" in line
+    assert files_in(tmp_path) == ["in.las"]
+    told = run(*asked, 4_000).stderr.splitlines()
+    assert "2MB is too little" in told[-1]
+    assert "is needed with --n-neighbors 4000" in told[-1]
+    assert [line for line in told[:-1] if "compiling" not in line] == [
+        "mcmd: warning: --n-neighbors 4000 takes at least 6,400 times as long as 50."
+    ] * (verb == "edges")
 
 
 def test_zero_threads_are_wrong_usage(tmp_path):
