@@ -1,5 +1,7 @@
 """Labels from scores, and checks of clouds, for all estimators."""
 
+from numbers import Integral
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import OutlierMixin
@@ -130,13 +132,15 @@ def check_sizes(n, d, n_neighbors):
         raise ParameterError(f"$n_neighbors={n_neighbors} {needed}")
 
 
-def check_work(n_neighbors, n, power=1, name="n_neighbors"):
+def check_work(estimator, n):
     """Tell of neighborhoods that take long; raise if they would be of all points, which are fewer.
 
-    The steps for one of n points grow as this power of `n_neighbors`. So clouds for which
-    neighborhoods of all points take up to `MOST_STEPS` may ask for any number.
+    The `_work` of an estimator is the name of their size, and the power by which the steps for one
+    of n points grow with it. So clouds for which neighborhoods of all points take up to
+    `MOST_STEPS` may ask for any size.
     """
-    if n_neighbors <= MOST_STEPS ** (1 / (1 + power)):
+    n_neighbors, (name, power) = estimator.n_neighbors, estimator._work
+    if not isinstance(n_neighbors, Integral) or n_neighbors <= MOST_STEPS ** (1 / (1 + power)):
         return
     if n_neighbors <= n:
         times = (n_neighbors / USUAL) ** power

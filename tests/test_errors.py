@@ -81,11 +81,11 @@ def test_neighborhoods_of_all_points_of_a_small_cloud_are_taken_with_a_warning(n
 
 
 def test_large_neighborhoods_are_told_with_their_cost_and_usual_ones_are_not():
-    for power, n_neighbors, words in ((1, 5_000, "100 times"), (2, 500, "100 times")):
-        with pytest.warns(UserWarning, match=f"n_neighbors={n_neighbors} takes at least {words}"):
-            check_work(n_neighbors, 10_000, power)
+    for estimator, n_neighbors in ((RobustNormalEstimator, 5_000), (SharpFeatureDetector, 500)):
+        with pytest.warns(UserWarning, match=f"n_neighbors={n_neighbors} takes at least 100 times"):
+            check_work(estimator(n_neighbors), 10_000)
         with warnings.catch_warnings(action="error"):
-            check_work(n_neighbors // 2, 10**9, power)
+            check_work(estimator(n_neighbors // 2), 10**9)
 
 
 def test_a_grid_search_may_ask_for_nearly_all_points():

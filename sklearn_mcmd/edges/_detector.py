@@ -313,7 +313,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
 
     def _check_parameters(self, xyz):
         check_sizes(*xyz.shape, self.n_neighbors)
-        self._check_work(len(xyz))
+        check_work(self, len(xyz))
         if self.criterion == "crease" and self.threshold == "mean":
             raise ValueError(
                 "threshold='mean' is for eigenvalues; criterion='crease' takes a distance in "
@@ -325,8 +325,9 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
                 f"$criterion='crease', and creases farther than {FAR:g} are not told: lower it."
             )
 
-    def _check_work(self, n):
-        check_work(self.n_neighbors, n, 2 if self.criterion == "crease" else 1)
+    @property
+    def _work(self):
+        return "n_neighbors", 2 if self.criterion == "crease" else 1
 
     def _clean(self, xyz, detector):
         """Mask of the points to keep."""

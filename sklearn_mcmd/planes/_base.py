@@ -51,6 +51,8 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         "n_jobs": [Integral, None],
     }
 
+    _work: ClassVar = ("n_neighbors", 1)  # for `check_work`
+
     def _stages(self):
         """Names of the stages of a fit, which callbacks are told; some may be left out."""
         return ()
@@ -101,7 +103,7 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         check_sizes(n, d, fixed)
         check_extent(X)
         index = self._make_index(X.astype(np.float64, copy=False), radius)
-        self._check_work(len(index.points))
+        check_work(self, len(index.points))
         self.n_neighbors_ = n if self.n_neighbors is None else index.n_neighbors
         if index.sizes is not None:
             self.n_neighbors_ = index.sizes[index.places]
@@ -114,10 +116,6 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         if X.dtype == np.float32 and (coarse := coarse_warning(index)):
             warn_caller(coarse)
         return X, index
-
-    def _check_work(self, n):
-        if isinstance(self.n_neighbors, Integral):
-            check_work(self.n_neighbors, n)
 
     def _make_index(self, xyz, radius):
         return NeighborIndex(xyz, self.n_neighbors, radius)

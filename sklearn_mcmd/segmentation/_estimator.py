@@ -239,6 +239,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         "random_state": ["random_state"],
         "n_jobs": [Integral, None],
     }
+    _work: ClassVar = ("growth_neighbors", 1)  # for `check_work`, as the command line names it
 
     def __init__(
         self,
@@ -336,13 +337,10 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         growth = ("links of neighbors", "growing regions", *narrow)
         return (*normals, *growth, "joining regions", "cylinders and the rest")
 
-    def _check_work(self, n):
-        check_work(self.n_neighbors, n, name="growth_neighbors")
-
     def _settle_columns(self, X):
         """Coordinates and planes of all points."""
         X = validate_points(self, X, ensure_min_features=2)
-        self._check_work(len(X))
+        check_work(self, len(X))
         if self.normals == "precomputed":
             return split_columns(X, n_jobs=self.n_jobs)
         estimator = self.normal_estimator

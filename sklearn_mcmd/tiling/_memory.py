@@ -12,6 +12,7 @@ from joblib import effective_n_jobs
 from joblib.parallel import get_active_backend
 
 from sklearn_mcmd._errors import ParameterError
+from sklearn_mcmd._validation import check_work
 
 __all__ = [
     "Plan",
@@ -114,7 +115,7 @@ def most_neighbors(n_points, *estimators):
     """The largest number of neighbors of some estimators of so many points."""
     estimators = [estimator for estimator in estimators if estimator is not None]
     for estimator in estimators:
-        estimator._check_work(n_points)
+        check_work(estimator, n_points)
     numbers = [estimator.n_neighbors for estimator in estimators]
     return max((k for k in numbers if isinstance(k, Integral)), default=NEIGHBORS)
 
