@@ -4,7 +4,7 @@ import sys
 import warnings
 from string import Template
 
-__all__ = ["ParameterError", "ParameterWarning", "warn", "warn_caller"]
+__all__ = ["ParameterError", "ParameterWarning", "counted", "warn", "warn_caller"]
 
 OWN = ("sklearn_mcmd.", "sklearn.", "contextlib")  # modules between a warning and who called
 
@@ -54,7 +54,14 @@ def warn_caller(message, category=UserWarning):
     warnings.warn(message, category, stacklevel=level)
 
 
+def counted(n, noun):
+    """A number of things in words: 1 point, 2 points."""
+    return f"{n:,} {noun}{'s' * (n != 1)}"
+
+
 def _in_python(name, value):
     if name == "row":
         return f"row {value}"
+    if name == "growth_neighbors=":  # of RegionGrowing, where the command line has two numbers
+        return "n_neighbors="
     return name if value is None else f"{name}={value!r}"

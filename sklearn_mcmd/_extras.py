@@ -14,7 +14,7 @@ def import_extra(module, extra, purpose):
     try:
         return importlib.import_module(module)
     except ImportError as err:
-        library = module.partition(".")[0]
+        library = (err.name or module).partition(".")[0]  # maybe one that the module needs
         raise ImportError(
             f"{purpose} needs {library}, which is not installed: {how_to_install(library, extra)}"
         ) from err

@@ -1,12 +1,14 @@
 """Labels from scores, and checks of clouds, for all estimators."""
 
+from numbers import Integral
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import OutlierMixin
 from sklearn.utils import check_array
 from sklearn.utils.validation import validate_data
 
-from sklearn_mcmd._errors import ParameterError
+from sklearn_mcmd._errors import ParameterError, warn
 
 __all__ = [
     "FittedScoresMixin",
@@ -16,12 +18,15 @@ __all__ = [
     "check_n_kept",
     "check_sensor_origin",
     "check_sizes",
+    "check_work",
     "validate_points",
 ]
 
 # Float64 holds the fourth powers (of areas, squared) of coordinates up to LARGEST, and of
 # differences down to SMALLEST. All finite float32 coordinates are smaller than LARGEST.
 LARGEST, SMALLEST = 1e70, 1e-70
+# The usual number of neighbors; and steps, as of `check_work`, that nobody minds.
+USUAL, MOST_STEPS = 50, 2**24
 
 
 class OffsetOutlierMixin(OutlierMixin):
@@ -59,6 +64,11 @@ class OffsetOutlierMixin(OutlierMixin):
 class FittedScoresMixin(OffsetOutlierMixin):
     """Labels of the fitted cloud from ``scores_``, the ``score_samples`` that `fit` stores."""
 
+    @property
+    def labels_(self) -> NDArray[np.int64]:
+        """1 for inliers and -1 for outliers of the fitted cloud, by ``offset_``."""
+        return np.where(self.scores_ >= self.offset_, 1, -1)
+
     def fit_predict(self, X: ArrayLike, y: object = None) -> NDArray[np.int64]:
         """Label the points of a cloud by itself.
 
@@ -73,7 +83,7 @@ class FittedScoresMixin(OffsetOutlierMixin):
             1 for inliers (points of a surface) and -1 for outliers (or edges). They equal
             ``fit(X).predict(X)``, but points are judged only once.
         """
-        return np.where(self.fit(X).scores_ >= self.offset_, 1, -1)
+        return self.fit(X).labels_
 
 
 def validate_points(estimator, X, *, dtype=(np.float64, np.float32), **params):
@@ -120,6 +130,26 @@ def check_sizes(n, d, n_neighbors):
         raise ParameterError(f"$n_samples {needed}", n_samples=n)
     if n_neighbors is not None and n_neighbors < d + 1:
         raise ParameterError(f"$n_neighbors={n_neighbors} {needed}")
+
+
+def check_work(estimator, n):
+    """Tell of neighborhoods that take long; raise if they would be of all points, which are fewer.
+
+    The `_work` of an estimator is the name of their size, and the power by which the steps for one
+    of n points grow with it. So clouds for which neighborhoods of all points take up to
+    `MOST_STEPS` may ask for any size.
+    """
+    n_neighbors, (name, power) = estimator.n_neighbors, estimator._work
+    if not isinstance(n_neighbors, Integral) or n_neighbors <= MOST_STEPS ** (1 / (1 + power)):
+        return
+    if n_neighbors <= n:
+        times = (n_neighbors / USUAL) ** power
+        warn(f"${name}={n_neighbors} takes at least {times:,.0f} times as long as {USUAL}.")
+    elif n * n**power > MOST_STEPS:
+        raise ParameterError(
+            f"${name}={n_neighbors} is more than the number of distinct points, {n:,}. Each point "
+            f"would get a plane of all of them, which takes too long: give fewer, such as {USUAL}."
+        )
 
 
 def check_extent(X):

@@ -1,9 +1,12 @@
 """scikit-learn's own checks, on the fewest configurations that take every branch."""
 
+import numpy as np
 import pytest
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from sklearn_mcmd import (
+    BaardaPlaneDetector,
+    FuzzyPlaneDetector,
     MCMDOutlierDetector,
     RegionGrowing,
     RobustNormalEstimator,
@@ -65,3 +68,28 @@ QUICK = RobustNormalEstimator(max_outlier_rate=0.2, random_state=0)
 )  # fmt: skip
 def test_estimators_follow_the_conventions(estimator, check):
     check(estimator)
+
+
+@pytest.mark.parametrize(
+    "detector",
+    [
+        MCMDOutlierDetector(20, random_state=0),
+        MCMDOutlierDetector(20, strictness="surfaces", contamination=0.1, random_state=0),
+        PlaneOutlierDetector(20, random_state=0),
+        PlaneOutlierDetector(20, method="qsp", contamination=0.1, random_state=0),
+        SharpFeatureDetector(20, random_state=0),
+        BaardaPlaneDetector(sigma0="auto"),
+        FuzzyPlaneDetector(sigma0="auto"),
+    ],
+)
+def test_labels_of_the_fitted_cloud_are_those_that_fit_predict_returns(detector):
+    rng = np.random.default_rng(0)
+    X = rng.uniform(size=(400, 3)) * [4, 4, 0]
+    X[:, 2] = 2 * np.maximum(X[:, 0] - 3, 0) + rng.normal(0, 0.01, 400)
+    X[:20, 2] += rng.uniform(1, 3, 20)
+    assert not hasattr(detector, "labels_")
+    labels = detector.fit_predict(X)
+    assert set(labels) == {-1, 1}
+    np.testing.assert_array_equal(detector.labels_, labels)
+    assert detector.labels_.dtype == labels.dtype
+    np.testing.assert_array_equal(detector.predict(X), labels)

@@ -2,11 +2,13 @@
 
 import pickle
 import re
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 import typer
+from sklearn.model_selection import GridSearchCV
 
 import sklearn_mcmd
 from sklearn_mcmd import (
@@ -15,8 +17,11 @@ from sklearn_mcmd import (
     RobustNormalEstimator,
     SharpFeatureDetector,
 )
-from sklearn_mcmd._errors import ParameterError, ParameterWarning
+from sklearn_mcmd._errors import ParameterError, ParameterWarning, counted
+from sklearn_mcmd._validation import check_work
+from sklearn_mcmd.baselines import PlaneOutlierDetector
 from sklearn_mcmd.cli import app
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 
 TOO_FEW = ParameterError("$n_samples is less than $n_neighbors=4: lower $n_neighbors.", n_samples=2)
 
@@ -34,6 +39,65 @@ def test_names_and_fields_are_worded_by_whoever_shows_them():
 
 def test_a_message_may_have_signs_that_are_no_names():
     assert str(ParameterWarning("5 % or 3 $ of $row", row=7)) == "5 % or 3 $ of row 7"
+
+
+def test_one_thing_is_no_plural():
+    assert [counted(n, "point") for n in (0, 1, 2, 3000)] == [
+        "0 points", "1 point", "2 points", "3,000 points",
+    ]  # fmt: skip
+
+
+def test_no_message_leaves_the_plural_open():
+    paths = Path(sklearn_mcmd.__file__).parent.rglob("*.py")
+    assert not [path for path in paths if re.search(r"\w\(e?s\)[ ;,:.]", path.read_text("utf-8"))]
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        MCMDOutlierDetector(10**6, random_state=0),
+        MCMDOutlierDetector(10**6, strictness=None, random_state=0),
+        RobustNormalEstimator(10**6, random_state=0),
+        RegionGrowing(10**6),
+        SharpFeatureDetector(10**6),
+        SharpFeatureDetector(10**6, criterion="surface_variation"),
+        PlaneOutlierDetector(10**6),
+    ],
+)
+def test_far_more_neighbors_than_there_are_points_are_refused_at_once(estimator, monkeypatch):
+    X = np.random.default_rng(0).uniform(size=(23_000, 3))
+    monkeypatch.setattr(NeighborIndex, "query_own", None)  # no neighborhood is asked for
+    with pytest.raises(ValueError, match=r"n_neighbors=1000000 is more than .* 23,000"):
+        estimator.fit(X)
+
+
+@pytest.mark.parametrize("n_neighbors", [300, 10**6])
+def test_neighborhoods_of_all_points_of_a_small_cloud_are_taken_with_a_warning(n_neighbors):
+    X = np.random.default_rng(0).uniform(size=(200, 3)) * [1, 1, 0.01]
+    whole = MCMDOutlierDetector(200, random_state=0).fit(X)
+    with pytest.warns(UserWarning, match="neighborhoods of all of them are used"):
+        bounded = MCMDOutlierDetector(n_neighbors, random_state=0).fit(X)
+    np.testing.assert_array_equal(bounded.scores_, whole.scores_)
+
+
+def test_large_neighborhoods_are_told_with_their_cost_and_usual_ones_are_not():
+    for estimator, n_neighbors in ((RobustNormalEstimator, 5_000), (SharpFeatureDetector, 500)):
+        with pytest.warns(UserWarning, match=f"n_neighbors={n_neighbors} takes at least 100 times"):
+            check_work(estimator(n_neighbors), 10_000)
+        with warnings.catch_warnings(action="error"):
+            check_work(estimator(n_neighbors // 2), 10**9)
+
+
+def test_a_grid_search_may_ask_for_nearly_all_points():
+    """Of the points of a fold there are fewer than of the cloud."""
+    X = np.random.default_rng(0).uniform(size=(90, 3)) * [1, 1, 0.01]
+    y = np.ones(len(X), int)
+    grid = {"n_neighbors": [20, 60, 89]}
+    search = GridSearchCV(
+        MCMDOutlierDetector(random_state=0), grid, scoring="accuracy", cv=3, error_score="raise"
+    )
+    scores = search.fit(X, y).cv_results_["mean_test_score"]
+    assert np.isfinite(scores).all()
 
 
 def test_parameters_in_messages_are_options_of_a_verb():

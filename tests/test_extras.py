@@ -1,6 +1,7 @@
 """Libraries that are not installed with the package, and the words about them."""
 
 import re
+import sys
 import tomllib
 from importlib import metadata
 from pathlib import Path
@@ -36,6 +37,29 @@ def test_without_metadata_of_the_package_the_library_is_named(monkeypatch):
 
     monkeypatch.setattr(metadata, "requires", requires)
     assert how_to_install("laspy", "las") == 'pip install "laspy"'
+
+
+@pytest.mark.parametrize(
+    ("module", "extra", "absent"),
+    [
+        ("distributed", "dask", "dask"),
+        ("matplotlib.figure", "plot", "PIL"),
+        ("laspy", "las", "laspy"),
+    ],
+)
+def test_the_error_names_what_is_missing_even_if_another_library_needs_it(
+    module, extra, absent, tmp_path, monkeypatch
+):
+    package = tmp_path / module.split(".")[0]
+    package.mkdir()
+    package.joinpath("__init__.py").write_text(f"import {absent}")
+    for name in [name for name in sys.modules if name.split(".")[0] == package.name]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(sys.modules, absent, None)
+    with pytest.raises(ImportError) as error:
+        import_extra(module, extra, "This")
+    assert str(error.value).startswith(f"This needs {absent}, which is not installed: pip install ")
 
 
 def test_the_error_says_what_needs_which_library_and_how_to_get_it():

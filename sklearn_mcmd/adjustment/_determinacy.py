@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sklearn_mcmd._errors import ParameterError
+from sklearn_mcmd._errors import ParameterError, counted
 
 __all__ = ["AS_THICK_AS_WIDE", "check_distinct", "check_rank", "normal_pvalue"]
 
@@ -28,7 +28,7 @@ def check_distinct(X, n_samples):
         if n_samples > len(X):
             found += f", of which {len(X)} of positive weight,"
     else:
-        found = f"$X has {n_distinct} distinct point(s) in $n_samples, which"
+        found = f"$X has {counted(n_distinct, 'distinct point')} in $n_samples, which"
     raise ParameterError(
         f"{found} is too few to test a plane in {d}D: at least {d + 1} distinct points are "
         f"needed, because {d} determine a plane and leave no redundancy.",

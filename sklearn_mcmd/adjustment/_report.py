@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sklearn_mcmd._errors import counted
 from sklearn_mcmd._sklearn import validate_params
 from sklearn_mcmd.adjustment._base import N_WORST, PlaneDetector, check_points
 from sklearn_mcmd.adjustment._comparison import PlaneComparison
@@ -213,8 +214,7 @@ def _details(detector):
     if hasattr(detector, "elimination_step_"):
         removed = np.count_nonzero(detector.elimination_step_)
         back = np.count_nonzero((detector.elimination_step_ > 0) & (detector.labels_ == 1))
-        rounds = "1 round" if detector.n_iter_ == 1 else f"{detector.n_iter_} rounds"
-        return {"removed": f"{removed} in {rounds}, {back} came back"}
+        return {"removed": f"{removed} in {counted(detector.n_iter_, 'round')}, {back} came back"}
     if np.isnan(detector.defuzzification_limit_):
         return {"limit": "none: no residual is abnormal"}
     return {"limit": f"1 - C_H = {detector.defuzzification_complement_:.6g}"}

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
+from sklearn_mcmd._validation import FittedScoresMixin
 from sklearn_mcmd.baselines._methods import METHOD_NAMES
 from sklearn_mcmd.planes._base import BasePlaneOutliers, comparator_model_of
 from sklearn_mcmd.planes._comparators import settle_comparator
@@ -16,7 +17,7 @@ from sklearn_mcmd.runtime._tasks import fit_in_tasks
 __all__ = ["PlaneOutlierDetector"]
 
 
-class PlaneOutlierDetector(BasePlaneOutliers):
+class PlaneOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
     """Outliers of local neighborhoods by the methods that MCMD is compared with.
 
     The detector judges each point in the neighborhood of its nearest points: by its distance to
@@ -53,9 +54,15 @@ class PlaneOutlierDetector(BasePlaneOutliers):
 
     Attributes
     ----------
+    labels_ : ndarray of int of shape (n_samples,)
+        1 for the fitted points that are inliers, and -1 for outliers: as `fit_predict` returns.
+
     offset_ : float
         ``decision_function = score_samples - offset_``: the negative cut-off, or the quantile
         of the fitted points' scores that `contamination` asks for.
+
+    scores_ : ndarray of shape (n_samples,)
+        ``score_samples`` of the fitted points.
 
     n_neighbors_ : int
         Size of a neighborhood: `n_neighbors`, or the number of samples if that is smaller.
@@ -127,7 +134,7 @@ class PlaneOutlierDetector(BasePlaneOutliers):
     @fit_context(prefer_skip_nested_validation=True)
     @fit_in_tasks
     def fit(self, X: ArrayLike, y: object = None) -> Self:
-        """Store the cloud that points are scored against.
+        """Judge the points of a cloud, and keep what new points are scored against.
 
         Parameters
         ----------
@@ -160,10 +167,11 @@ class PlaneOutlierDetector(BasePlaneOutliers):
         xyz, index = self._index_cloud(X)
         precision, step = np.finfo(xyz.dtype).eps, coordinate_step(xyz)
         self._model = comparator_model_of(self, comparator, index, xyz.shape, precision, step)
+        self.scores_ = -self._score(xyz)
         if self.contamination == "auto":
             self.offset_ = -comparator.usual_cutoff(self.n_neighbors_, xyz.shape[1])
         else:
-            self.offset_ = float(np.percentile(-self._score(xyz), 100 * self.contamination))
+            self.offset_ = float(np.percentile(self.scores_, 100 * self.contamination))
         return self
 
     def _score(self, X):

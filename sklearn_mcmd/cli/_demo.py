@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.cli._denoise import denoise
 from sklearn_mcmd.cli._files import files_of, naming, read, refuse_existing
 from sklearn_mcmd.cli._messages import clear_exits, print_table, stopwatch
@@ -64,7 +65,7 @@ def demo(
         from sklearn_mcmd.cli import _demo_run
 
         seconds = stopwatch()
-
+        import_extra("matplotlib.figure", "plot", "the picture")
         street, clean, with_normals = (
             folder / f"{name}.laz" for name in ("street", "clean", "normals")
         )

@@ -59,7 +59,7 @@ def denoise(
     ] = "groups",
     noise_scale: Annotated[
         float | None,
-        _options.number_option(
+        _options.length_option(
             "The scanner's standard deviation, in units of the file. Distances to surfaces "
             "are divided by it.",
             "the noise around each point",
@@ -113,6 +113,7 @@ def denoise(
     restart: Restart = False,
     report: ReportFolder = None,
     columns: _options.Columns = None,
+    unit: _options.Unit = "",
     no_clobber: _options.NoClobber = False,
     allow_coarse: _options.AllowCoarse = False,
     config: Config = None,

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sklearn_mcmd._errors import counted
 from sklearn_mcmd.cli._large import is_several
 from sklearn_mcmd.io._formats import ALL, TILED, format_of, supported_extensions
 from sklearn_mcmd.io._point_cloud import joined
@@ -101,8 +102,7 @@ def read(source, target=None, results=None, *, columns=None):
     with progress_part(0.0, WORKING[0], "reading"):
         cloud = read_points(source, columns=columns)
     if cloud.n_dropped:
-        points = "1 point" if cloud.n_dropped == 1 else f"{cloud.n_dropped:,} points"
-        verb = "is" if cloud.n_dropped == 1 else "are"
+        points, verb = counted(cloud.n_dropped, "point"), "is" if cloud.n_dropped == 1 else "are"
         warnings.warn(f"{source}: {points} without coordinates {verb} left out", stacklevel=2)
     return cloud
 

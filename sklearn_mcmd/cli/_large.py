@@ -106,22 +106,23 @@ def print_plan(source, target, catalog, estimator, memory, *, n_features=0, work
         plan_run,
         usual_memory,
     )
+    from sklearn_mcmd.tiling._run import warm_up
 
     if catalog is None and source.suffix.lower() not in TILED:
         raise PointFileError(f"{source}: --dry-run is for {TILED_NAMES}")
     tiles = catalog is not None
     catalog = catalog or Catalog(source)
+    k = most_neighbors(catalog.n_points, estimator)
     xyz = next(iter(read_parts(catalog.paths[0], SAMPLE))).xyz[:SAMPLE]
     n_jobs, estimator = estimator.n_jobs, clone(estimator)
     estimator.set_params(**{name: 1 for name in estimator.get_params() if name.endswith("n_jobs")})
-    clone(estimator).fit(xyz[:2000])  # loads compiled code
+    warm_up(estimator)
     begin = time.perf_counter()
     clone(estimator).fit(xyz)
     seconds = (time.perf_counter() - begin) / len(xyz) * catalog.n_points
     rows = {"points": f"{catalog.n_points:,}", "files": f"{len(catalog):,}"}
     if tiles:
         limit = usual_memory() if memory is None else memory
-        k = most_neighbors(estimator)
         plan = plan_run(catalog.n_points, limit, n_jobs, n_features, work=work, n_neighbors=k)
         seconds *= MORE / (plan.n_workers * plan.n_threads)
         rows |= {

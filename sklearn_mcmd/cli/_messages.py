@@ -1,5 +1,6 @@
 """Messages of the verbs: errors, warnings and summaries."""
 
+import logging
 import time
 import warnings
 from contextlib import contextmanager
@@ -7,7 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 import typer
 
-from sklearn_mcmd._errors import ParameterError, ParameterWarning
+from sklearn_mcmd._errors import ParameterError, ParameterWarning, counted
 from sklearn_mcmd.cli._termination import tidy_when_terminated
 from sklearn_mcmd.runtime._interrupts import INTERRUPTED, raise_interrupts, was_interrupted
 
@@ -74,7 +75,7 @@ def _of_options(said):
 
 def _option(name, value):
     if name == "n_samples":
-        return f"{value} point(s)"
+        return counted(value, "point")
     if name == "row":
         return f"point {value + 1}"
     if name == "columns":
@@ -116,6 +117,7 @@ def _plain_warnings(allow_coarse):
         # Deprecations are for programmers, though some libraries derive them from UserWarning.
         warnings.simplefilter("ignore", DeprecationWarning)
         warnings.showwarning = show
+        logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it tells where it keeps fonts
         yield
 
 

@@ -35,7 +35,7 @@ def normals(
     ] = "mcmd_z",
     radius: Annotated[
         float | None,
-        _options.number_option("Largest distance of a neighbor, in units of the file."),
+        _options.length_option("Largest distance of a neighbor, in units of the file."),
     ] = None,
     orientation: Annotated[
         Literal["none", "up", "sensor", "mst"],
@@ -77,6 +77,7 @@ def normals(
     restart: Restart = False,
     report: ReportFolder = None,
     columns: _options.Columns = None,
+    unit: _options.Unit = "",
     no_clobber: _options.NoClobber = False,
     allow_coarse: _options.AllowCoarse = False,
     config: Config = None,

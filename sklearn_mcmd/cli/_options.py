@@ -2,6 +2,7 @@
 
 from math import inf, nan
 from pathlib import Path
+from string import ascii_letters
 from typing import Annotated
 
 import typer
@@ -20,9 +21,13 @@ __all__ = [
     "OutFiles",
     "Quiet",
     "RandomState",
+    "Unit",
     "colors_option",
+    "length_option",
     "number_or",
 ]
+
+METERS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
 
 
 def _is_positive(number):
@@ -56,6 +61,32 @@ def number_option(help, default=True, *words, metavar="NUMBER", hidden=False, **
     return typer.Option(
         parser=parser, metavar=metavar, help=help, show_default=default, hidden=hidden
     )
+
+
+def length_option(help, default=True, *words, metavar="LENGTH", hidden=False, **limits):
+    """The option of a length, as of `number_option`: in units of the file, or with its own."""
+    number = number_or(*words, **limits)
+
+    def parse(context: typer.Context, text):
+        digits = (text or "").rstrip(f"{ascii_letters} ")
+        if not digits or digits == text:
+            return text if text is None else number(text)
+        own, unit = text[len(digits) :].strip(), context.params["unit"]
+        if not METERS.keys() >= {own, unit}:
+            raise typer.BadParameter(
+                f"{text} is no number. With a unit, it needs --unit, the unit of the file; both "
+                f"are one of {', '.join(METERS)}"
+            )
+        return METERS[own] / METERS[unit] * number(digits)
+
+    return typer.Option(
+        parser=str, callback=parse, metavar=metavar, help=help, show_default=default, hidden=hidden
+    )
+
+
+def unit_option(help, hidden=False):
+    """The option of the unit of the file. It is read before lengths are."""
+    return typer.Option(help=help, is_eager=True, hidden=hidden)
 
 
 def _count_or_auto(text):
@@ -154,6 +185,9 @@ AllowCoarse = Annotated[
         "points, such as large coordinates in PLY or PCD. Without this they are an error.",
         hidden=True,
     ),
+]
+Unit = Annotated[
+    str, unit_option("Unit of the file, such as m, where an option has another, such as 4mm.", True)
 ]
 NoClobber = Annotated[
     bool, typer.Option("--no-clobber", help="Replace no file: if an output is there, fail.")

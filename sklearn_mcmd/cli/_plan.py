@@ -20,11 +20,11 @@ def _share(help, least=1e-300, below=1.0):
 
 def plan(
     points: Annotated[int, typer.Option(min=5, help="Points on the plane.")] = 100,
-    sigma0: Annotated[float, _options.number_option("Standard deviation of a point.")] = 1.0,
+    sigma0: Annotated[float, _options.length_option("Standard deviation of a point.")] = 1.0,
     width: Annotated[
-        float, _options.number_option("Of the plane, in the unit of sigma0, for the normal.")
+        float, _options.length_option("Of the plane, in the unit of sigma0, for the normal.")
     ] = 1.0,
-    height: Annotated[float, _options.number_option("The other side of the plane.")] = 1.0,
+    height: Annotated[float, _options.length_option("The other side of the plane.")] = 1.0,
     alpha: Annotated[float, _share("Level of the test of all points.")] = 0.05,
     outlier_rate: Annotated[
         float, _share("Share of outliers; there is at least one.", least=0.0, below=0.5)
@@ -36,7 +36,9 @@ def plan(
     repetitions: Annotated[
         int, typer.Option(min=100, help="Simulated planes of each size of bias.")
     ] = 10_000,
-    unit: Annotated[str, typer.Option(help="Unit of all lengths, such as m; only printed.")] = "",
+    unit: Annotated[
+        str, _options.unit_option("Unit of lengths without a unit, and of those that are printed.")
+    ] = "",
     random_state: _options.RandomState = 0,
     config: Config = None,
 ) -> None:

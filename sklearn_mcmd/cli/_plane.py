@@ -3,14 +3,13 @@
 import os
 import warnings
 from pathlib import Path
-from string import ascii_letters
 from typing import Annotated, Literal
 
 import numpy as np
 import typer
 
 from sklearn_mcmd._choices import Correction, EliminationRule, Surface, Test
-from sklearn_mcmd._extras import how_to_install
+from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.cli import _files, _messages, _options
 from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._large import is_several, large_catalog
@@ -21,7 +20,6 @@ from sklearn_mcmd.io._point_cloud import with_results
 __all__ = ["plane"]
 
 FIGURE_EXTENSIONS = (".png", ".pdf", ".svg")
-METERS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
 # Number of points that suffices to find the step of their coordinates.
 MAX_LOOKED_AT = 20_000
 
@@ -30,8 +28,8 @@ OutFiles = Annotated[
     Path | None,
     typer.Argument(
         metavar="OUT",
-        help="Point file to write, of any format, or a folder for several files; may be IN. With "
-        "--against or --tolerance it may be left out: then the summary is all that is told.",
+        help="Point file to write, of any format, or a folder for several files; may be IN. It "
+        "may be left out: then the summary is all that is told.",
         show_default=False,
     ),
 ]
@@ -66,13 +64,13 @@ def plane(
     ] = 0.05,
     sigma0: Annotated[
         str,
-        _options.number_option(
+        _options.length_option(
             "Standard deviation of a coordinate, in units of the file. Give it if you know it. "
             "auto: estimated from the points that pass; a rough surface then passes like a "
             "smooth one.",
             True,
             "auto",
-            metavar="NUMBER|auto",
+            metavar="LENGTH|auto",
         ),
     ] = "auto",
     correction: Annotated[
@@ -118,12 +116,11 @@ def plane(
         ),
     ] = None,
     tolerance: Annotated[
-        str | None,
-        typer.Option(
+        float | None,
+        _options.length_option(
+            "Width of the zone that shall hold the points: a number in units of the file, or such "
+            "as 5mm with --unit. Says how many are outside, and whether that is more than noise.",
             metavar="WIDTH",
-            help="Width of the zone that shall hold the points: a number in units of the file, or "
-            "such as 5mm with --unit. The report says how many are outside, and whether that is "
-            "more than noise.",
         ),
     ] = None,
     text: Annotated[
@@ -140,7 +137,10 @@ def plane(
         ),
     ] = None,
     unit: Annotated[
-        str, typer.Option(help="Unit of the file, such as m, for the report and --tolerance.")
+        str,
+        _options.unit_option(
+            "Unit of the file, such as m, for what is told and for lengths with a unit."
+        ),
     ] = "",
     random_state: _options.RandomState = 0,
     report: ReportFolder = None,
@@ -165,12 +165,9 @@ def plane(
     )
     if method == "baarda":
         params["random_state"] = random_state
-    width = None if tolerance is None else _width(tolerance, unit)
-    more_to_tell = against is not None or width is not None
-    if target is None and (not more_to_tell or text or plot or report):
+    if target is None and (text or plot or report):
         raise typer.BadParameter(
-            "is missing. It can be left out with --against or --tolerance, if there are no --text, "
-            "--plot and --report.",
+            "is missing. It can be left out if there are no --text, --plot and --report.",
             param_hint="OUT",
         )
     sheets = () if target is None else _choose_sheets(source, target, text, plot)
@@ -185,7 +182,7 @@ def plane(
             with _files.working(source, "plane"):
                 _files.warn_if_coarse(cloud)
                 detector, residuals = _test_plane(cloud.xyz, method, params)
-            more = _further(detector, cloud, width, against, method, params, columns)
+            more = _further(detector, cloud, tolerance, against, method, params, columns)
             if target is not None:
                 words = _write_all(
                     source, target, catalog, sheets, cloud, detector, residuals, unit, more
@@ -207,12 +204,11 @@ def _rehearse(target, catalog, sheets, plot_wanted):
         with _files.standing_in(path):
             pass
     try:
-        import matplotlib  # noqa: F401
-    except ImportError as err:
-        message = f"the figure needs matplotlib: {how_to_install('matplotlib', 'plot')}"
+        import_extra("matplotlib.figure", "plot", "the figure")
+    except (ImportError, OSError) as err:  # it refuses to be without any folder to write to
         if plot_wanted is not None:
-            raise ImportError(message) from err
-        warnings.warn(f"{message}; the text alone is written", stacklevel=2)
+            raise
+        warnings.warn(f"{err}; the text alone is written", stacklevel=2)
         return text, None
     with _files.standing_in(plot):
         pass
@@ -249,26 +245,6 @@ def _detector_params(method, alpha, test, sigma0, correction, elimination, surfa
             "--method fuzzy is of one least-squares plane.", param_hint="--robust-start"
         )
     return params
-
-
-def _width(tolerance, unit):
-    """The tolerance in units of the file, from a number or one with a unit."""
-    number = tolerance.rstrip(f"{ascii_letters} ")
-    own = tolerance[len(number) :].strip()
-    factor = 1.0
-    if own:
-        if unit not in METERS or own not in METERS:
-            raise typer.BadParameter(
-                f"{tolerance} is no number. With a unit, it needs --unit; both are one of "
-                f"{', '.join(METERS)}",
-                param_hint="--tolerance",
-            )
-        factor = METERS[own] / METERS[unit]
-    try:
-        return factor * _options.number_or()(number)
-    except typer.BadParameter as err:
-        err.param_hint = "--tolerance"
-        raise
 
 
 def _choose_sheets(source, target, text, plot):
@@ -442,7 +418,8 @@ def _summarize(source, target, sheets, detector, residuals, unit, more, seconds)
     ]
     told = {}
     if "flatness" in more:
-        told["tolerance"] = rows_of.flatness_rows(more["flatness"], unit)["verdict"]
+        rows = rows_of.flatness_rows(more["flatness"], unit)
+        told = {"tolerance": rows["verdict"], "outside": rows["outside"], "zone": rows["zone"]}
     if "comparison" in more:
         both = rows_of.comparison_rows(more["comparison"], unit)
         told |= {"against": both["verdict"], "tilt": both["tilt"], "offset": both["offset"]}

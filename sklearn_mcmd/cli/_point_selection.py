@@ -5,6 +5,8 @@ from typing import Annotated, NamedTuple
 import numpy as np
 import typer
 
+from sklearn_mcmd.cli._options import length_option
+
 __all__ = ["Above", "Below", "IgnoreClass", "Judged", "LowGroups", "OnlyClass", "judged_points"]
 
 
@@ -22,14 +24,10 @@ def _classes(text):
         raise typer.BadParameter(f"{text} {err}, such as 6,9") from err
 
 
-def _height(text):
-    try:
-        height = float(text)
-    except ValueError:
-        height = np.nan
-    if not np.isfinite(height):
-        raise typer.BadParameter(f"{text} is no height, such as 2.0")
-    return height
+def _height_option(help):
+    return length_option(
+        help, metavar="HEIGHT", hidden=True, expected="a height, such as 2.0", fits=np.isfinite
+    )
 
 
 IgnoreClass = Annotated[
@@ -53,22 +51,15 @@ OnlyClass = Annotated[
 ]
 Above = Annotated[
     float | None,
-    typer.Option(
-        parser=_height,
-        metavar="HEIGHT",
-        help="Judge only points that are higher than this over the ground (class 2): over the mean "
-        "of the three ground points that are nearest in plan. All are used.",
-        hidden=True,
+    _height_option(
+        "Judge only points that are higher than this over the ground (class 2): over the mean "
+        "of the three ground points that are nearest in plan. All are used."
     ),
 ]
 Below = Annotated[
     float | None,
-    typer.Option(
-        parser=_height,
-        metavar="HEIGHT",
-        help="Judge only points that are lower than this over the ground; -0.5 is half a unit "
-        "under it.",
-        hidden=True,
+    _height_option(
+        "Judge only points that are lower than this over the ground; -0.5 is half a unit under it."
     ),
 ]
 LowGroups = Annotated[

@@ -35,14 +35,14 @@ def segment(
     ] = 15.0,
     max_distance: Annotated[
         float | None,
-        _options.number_option(
+        _options.length_option(
             "Largest distance of a neighbor from a point's plane, in units of the file.",
             "by the scatter of each neighborhood",
         ),
     ] = None,
     max_gap: Annotated[
         float | None,
-        _options.number_option(
+        _options.length_option(
             "Largest distance of a neighbor, in units of the file.",
             "by the spacing of each neighborhood",
         ),
@@ -116,6 +116,7 @@ def segment(
     restart: Restart = False,
     report: ReportFolder = None,
     columns: _options.Columns = None,
+    unit: _options.Unit = "",
     no_clobber: _options.NoClobber = False,
     allow_coarse: _options.AllowCoarse = False,
     config: Config = None,

@@ -24,6 +24,7 @@ from sklearn_mcmd._validation import (
     check_extent,
     check_inliers,
     check_sizes,
+    check_work,
     validate_points,
 )
 from sklearn_mcmd.edges._creases import FAR, CreaseModel
@@ -108,6 +109,9 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
 
     Attributes
     ----------
+    labels_ : ndarray of int of shape (n_samples,)
+        1 for the fitted points of surfaces, and -1 for those of edges: as `fit_predict` returns.
+
     offset_ : float
         ``decision_function = score_samples - offset_``.
 
@@ -306,6 +310,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
 
     def _check_parameters(self, xyz):
         check_sizes(*xyz.shape, self.n_neighbors)
+        check_work(self, len(xyz))
         if self.criterion == "crease" and self.threshold == "mean":
             raise ValueError(
                 "threshold='mean' is for eigenvalues; criterion='crease' takes a distance in "
@@ -316,6 +321,10 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
                 f"$threshold={self.threshold:g} is in spacings of the points for "
                 f"$criterion='crease', and creases farther than {FAR:g} are not told: lower it."
             )
+
+    @property
+    def _work(self):
+        return "n_neighbors", 2 if self.criterion == "crease" else 1
 
     def _clean(self, xyz, detector):
         """Mask of the points to keep."""

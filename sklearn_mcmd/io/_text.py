@@ -172,7 +172,7 @@ def _begin(file, columns, extension):
     fields = _row(line, delimiter, len(known or ()))
     if len(fields) < 3:
         raise PointFileError(
-            f"line {number} has {len(fields)} column(s); at least 3 (x, y, z) are needed"
+            f"line {number} has {counted(len(fields), 'column')}; at least 3 (x, y, z) are needed"
         )
     if known is None:
         widths = {len(fields), len(fields) - (fields[-1] == "")}
@@ -233,7 +233,7 @@ class _Table:
 
     def _promise(self):
         n_points = self.counts[-1]
-        return f"line {self.counted} promises {n_points:,} point{'s' * (n_points != 1)}"
+        return f"line {self.counted} promises {counted(n_points, 'point')}"
 
     def _part(self, part):
         """A table of lines: as NumPy reads them, else with other numbers, else cell by cell."""

@@ -145,6 +145,9 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
 
     Attributes
     ----------
+    labels_ : ndarray of int of shape (n_samples,)
+        1 for the fitted points that are real, and -1 for outliers: as `fit_predict` returns.
+
     offset_ : float
         Negative of the cutoff: ``decision_function = score_samples - offset_``.
 
@@ -221,7 +224,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
     a step is the least scale, so one step is no outlier. Copies of a point count once in planes
     and surfaces. In company they count as measurements: a place that was measured often keeps
     company with itself. If the cloud holds fewer than `n_neighbors` distinct points, all of them
-    are used, with a warning.
+    are used, with a warning. From 4,097 of them on so many neighbors are refused.
 
     The time grows as ``n_samples * n_trials_ * n_neighbors`` and as ``n_samples *
     log(n_samples)`` for the search. In `fit` the memory beyond the cloud is about ``200 + 2 *
@@ -414,8 +417,7 @@ class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
             1 for inliers (points that are real) and -1 for outliers. They equal
             ``fit(X).predict(X)``, but points are judged only once.
         """
-        fitted = self.fit(X, sensor_origin=sensor_origin, intensity=intensity)
-        return np.where(fitted.scores_ >= fitted.offset_, 1, -1)
+        return self.fit(X, sensor_origin=sensor_origin, intensity=intensity).labels_
 
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
         """Opposite of how far each point is off the surfaces and stands off from all else.

@@ -15,6 +15,7 @@ from sklearn_mcmd._validation import (
     OffsetOutlierMixin,
     check_extent,
     check_sizes,
+    check_work,
     validate_points,
 )
 from sklearn_mcmd.planes._comparators import settle_comparator
@@ -50,6 +51,8 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         "random_state": ["random_state"],
         "n_jobs": [Integral, None],
     }
+
+    _work: ClassVar = ("n_neighbors", 1)  # for `check_work`
 
     def _stages(self):
         """Names of the stages of a fit, which callbacks are told; some may be left out."""
@@ -101,6 +104,7 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         check_sizes(n, d, fixed)
         check_extent(X)
         index = self._make_index(X.astype(np.float64, copy=False), radius)
+        check_work(self, len(index.points))
         self.n_neighbors_ = n if self.n_neighbors is None else index.n_neighbors
         if index.sizes is not None:
             self.n_neighbors_ = index.sizes[index.places]

@@ -5,9 +5,12 @@ import stat
 import tempfile
 from importlib import import_module
 
-from sklearn_mcmd.runtime._progress import watch_compilation
+from sklearn_mcmd._errors import warn_caller
+from sklearn_mcmd.runtime import _progress
 
 __all__ = ["compiled_function"]
+
+EACH_TIME = "compiling for this computer (each time, as no folder can keep it)"
 
 
 def compiled_function(module, name):
@@ -17,15 +20,27 @@ def compiled_function(module, name):
     except RuntimeError:  # Numba found no folder to write compiled code to
         import numba
 
+        from sklearn_mcmd.runtime import _kernels
+
         numba.config.CACHE_DIR = _own_folder()
+        if not numba.config.CACHE_DIR:
+            _kernels.is_kept, _progress.COMPILING = False, EACH_TIME
+            warn_caller(
+                "Compiled code cannot be kept, so each run compiles anew, for half a minute: the "
+                "folders of the package, of the user's caches and of temporary files cannot be "
+                "written. Set the environment variable NUMBA_CACHE_DIR to a folder that can.",
+            )
         return _load(module, name)
 
 
 def _own_folder():
-    """A temporary folder to which no other user can write: what lies there is run as code."""
+    """A temporary folder to which no other user can write: what lies there is run as code.
+
+    "" if there is no place for one.
+    """
     user = os.getuid() if hasattr(os, "getuid") else ""  # Windows has a folder for each user
-    path = os.path.join(tempfile.gettempdir(), f"sklearn_mcmd-{user}")
     try:
+        path = os.path.join(tempfile.gettempdir(), f"sklearn_mcmd-{user}")
         os.makedirs(path, mode=0o700, exist_ok=True)
         status = os.lstat(path)
         own = stat.S_ISDIR(status.st_mode) and user in ("", status.st_uid)
@@ -33,10 +48,13 @@ def _own_folder():
             return path
     except OSError:
         pass
-    return tempfile.mkdtemp(prefix="sklearn_mcmd-")
+    try:
+        return tempfile.mkdtemp(prefix="sklearn_mcmd-")
+    except OSError:
+        return ""
 
 
 def _load(module, name):
     function = getattr(import_module(f"sklearn_mcmd.{module}"), name)
-    watch_compilation()
+    _progress.watch_compilation()
     return function

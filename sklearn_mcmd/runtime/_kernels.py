@@ -15,6 +15,8 @@ __all__ = ["kernel"]
 
 ROOT = Path(__file__).parents[1]
 
+is_kept = True  # whether some folder can be written
+
 
 def kernel(function=None, **options):
     """Compile a function by Numba, without the interpreter's lock; see `numba.njit`.
@@ -31,6 +33,7 @@ def kernel(function=None, **options):
         return lambda function: kernel(function, **options)
     options |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": not options.get("cache")}
     options["forceinline"] = "fastmath" in options
+    options["cache"] = is_kept and options.get("cache", False)
     compiled = njit(nogil=True, error_model="numpy", **options)(function)
     files = getattr(
         getattr(compiled, "_cache", None), "_cache_file", None

@@ -25,7 +25,7 @@ __all__ = [
     "watch_compilation",
 ]
 
-COMPILING = "compiling for this computer (once; then kept on disk)"
+COMPILING = "compiling for this computer (once; then kept on disk)"  # or as `_compiling` says
 PATIENCE = 1.0  # seconds of compiling that pass without a word where nobody listens
 
 _span = ContextVar("sklearn_mcmd_progress", default=None)

@@ -14,7 +14,7 @@ from sklearn_mcmd._sklearn import (
     StrOptions,
     fit_context,
 )
-from sklearn_mcmd._validation import validate_points
+from sklearn_mcmd._validation import check_work, validate_points
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.planes._columns import split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
@@ -239,6 +239,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         "random_state": ["random_state"],
         "n_jobs": [Integral, None],
     }
+    _work: ClassVar = ("growth_neighbors", 1)  # for `check_work`, as the command line names it
 
     def __init__(
         self,
@@ -339,6 +340,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
     def _settle_columns(self, X):
         """Coordinates and planes of all points."""
         X = validate_points(self, X, ensure_min_features=2)
+        check_work(self, len(X))
         if self.normals == "precomputed":
             return split_columns(X, n_jobs=self.n_jobs)
         estimator = self.normal_estimator

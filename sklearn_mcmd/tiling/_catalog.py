@@ -9,7 +9,7 @@ from urllib.request import url2pathname
 
 import numpy as np
 
-from sklearn_mcmd._errors import warn_caller
+from sklearn_mcmd._errors import counted, warn_caller
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import check_file, one_clear_line
 from sklearn_mcmd.io._formats import INDEX, TILED, listed
@@ -103,8 +103,7 @@ class Catalog:
         return len(self.paths)
 
     def __repr__(self) -> str:
-        files = "1 file" if len(self) == 1 else f"{len(self)} files"
-        return f"Catalog({files}, {self.n_points:,} points)"
+        return f"Catalog({counted(len(self), 'file')}, {counted(self.n_points, 'point')})"
 
 
 def stamp_of(path):

@@ -79,13 +79,14 @@ class Denoise(Verb):
         for path in catalog.paths:
             if is_denoised(read_header(path)):
                 warn_caller(denoised_before(path))
+        most = most_neighbors(catalog.n_points, self.estimator)
         self.detector, self.seen_as = recognized(self.estimator, catalog, self.choice)
         detector = self.detector
         if self.sensor is not None:  # any position will do
             detector = clone(detector).set_params(sensor_origin="origin")
         self.cutoff = cutoff_of(detector)
         work = "outliers" if self.limits is None else "heights"
-        return sensed(work, self.detector, self.sensor), 0, most_neighbors(self.estimator)
+        return sensed(work, self.detector, self.sensor), 0, most
 
     def find(self, run):
         self.n_used = self.n_judged = int(run.cells.counts.sum())

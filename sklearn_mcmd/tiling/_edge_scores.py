@@ -24,9 +24,12 @@ def tell_faces(cell, job, fitted):
     whole_of(job).put(cell, **told_planes(cell, job, fitted)[2])
 
 
-def find_distances(job, all_cells, detector, n_threads):
-    """Write the scores of the points of `all_cells`, once the planes of kept places are known."""
-    (cells, columns), whole = job.open(), whole_of(job)
+def find_distances(whole, job, all_cells, detector, n_threads):
+    """Write the scores of the points of `all_cells`, once the planes of kept places are known.
+
+    `whole` has these places: what it opens here it may free meanwhile.
+    """
+    cells, columns = job.open()
     index = StoredIndex(whole, cells, detector.n_neighbors)
     planes = whole.planes(changing=True)
     kept, radius, spacing = (index.empty(len(whole)) for _ in range(3))

@@ -69,10 +69,10 @@ class Edges(Verb):
         self.by_distance = estimator.criterion == "crease"
 
     def prepare(self, catalog):
+        most = most_neighbors(catalog.n_points, self.estimator, self.detector, self.normals)
         warm_up(self.estimator)
         if self.detector is not None:
             self.detector, _ = recognized(self.detector, catalog)
-        most = most_neighbors(self.estimator, self.detector, self.normals)
         return sensed(sized("edges", self.normals), self.detector), 0, most
 
     def find(self, run):
@@ -101,7 +101,7 @@ class Edges(Verb):
             if not all(map(is_done, range(n_cells))):
                 n_threads = run.plan.n_workers * run.plan.n_threads
                 with progress_part(ENDS["normals"], 1.0), whole.releasing():
-                    find_distances(job, run.cells, self.estimator, n_threads)
+                    find_distances(whole, job, run.cells, self.estimator, n_threads)
             self.limit = crease_width(self.estimator)
         else:
             known = {"all_cells": run.folder.cells, "criterion": self.estimator.criterion}

@@ -12,6 +12,7 @@ from joblib import effective_n_jobs
 from joblib.parallel import get_active_backend
 
 from sklearn_mcmd._errors import ParameterError
+from sklearn_mcmd._validation import check_work
 
 __all__ = [
     "Plan",
@@ -110,9 +111,12 @@ def parse_memory(memory):
     return float(number) * (1024 if binary else 1000) ** power
 
 
-def most_neighbors(*estimators):
-    """The largest number of neighbors of some estimators."""
-    numbers = [e.n_neighbors for e in estimators if e is not None]
+def most_neighbors(n_points, *estimators):
+    """The largest number of neighbors of some estimators of so many points."""
+    estimators = [estimator for estimator in estimators if estimator is not None]
+    for estimator in estimators:
+        check_work(estimator, n_points)
+    numbers = [estimator.n_neighbors for estimator in estimators]
     return max((k for k in numbers if isinstance(k, Integral)), default=NEIGHBORS)
 
 
@@ -210,7 +214,8 @@ def plan_run(
     costs, more = costs_of(work), 4 * max(0, n_neighbors - NEIGHBORS)
     stored, bytes_a_point = costs.stored + more, costs.tile + FEATURE * n_features + 2 * more
     own = PROCESS + PART * PART_POINT  # of the process that reads and writes
-    least, why = PROCESS + LEAST_TILE * bytes_a_point, ""
+    least = PROCESS + LEAST_TILE * bytes_a_point
+    why = f" with $n_neighbors={n_neighbors}" if more else ""
     if costs.whole:
         joins = work.startswith("regions")
         at_once = JOINED_POINT * min(n_points, JOINED_AT_ONCE) if joins else 0

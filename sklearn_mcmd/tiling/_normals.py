@@ -65,13 +65,13 @@ class Normals(Verb):
             raise ValueError('sensor_origin is given but orientation is not "sensor".')
 
     def prepare(self, catalog):
-        estimator = self.estimator
+        estimator, most = self.estimator, most_neighbors(catalog.n_points, self.estimator)
         if self.sensor is not None:  # any position will do
             estimator = clone(estimator).set_params(sensor_origin="origin")
         self.names, _ = normal_columns(warm_up(estimator, 1_500))
         work = sensed("tree" if has_tree(self.estimator) else "normals", None, self.sensor)
         n_features = len(self.names) - len(NORMAL_COLUMNS)
-        return sized(work, self.estimator), n_features, most_neighbors(self.estimator)
+        return sized(work, self.estimator), n_features, most
 
     def find(self, run):
         folder, n_cells = run.folder, len(run.cells)

@@ -43,6 +43,7 @@ __all__ = ["Run", "RunReport", "Verb", "check_seed", "run_by_tiles", "warm_up"]
 
 # Shares of the time, for the display of progress.
 SCATTERED, COMPUTED = 0.07, 0.93
+WARM_UP = 100  # neighbors at most that load or compile the code
 # Share of a tile that comes to the left when it is divided. Results do not depend on it.
 CUT = 0.5
 
@@ -193,13 +194,15 @@ def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
 def warm_up(estimator, n_points=3_000):
     """An estimator fitted to so many points; compiled code is then on disk for all processes.
 
-    Half of the points lie in a plane, and half in a volume.
+    Half of the points lie in a plane, and half in a volume. Large neighborhoods are made smaller.
     """
+    asked = {name: k for name, k in estimator.get_params().items() if name.endswith("n_neighbors")}
+    fewer = {name: min(k, WARM_UP) for name, k in asked.items() if isinstance(k, Integral)}
     points = np.random.default_rng(0).uniform(size=(n_points, 3)) * [1, 1, 0.01]
     points[: n_points // 2, 2] *= 100
     with warnings.catch_warnings(), progress_part(0.0, 0.0):
         warnings.simplefilter("ignore")
-        return clone(estimator).fit(points)
+        return clone(estimator).set_params(**fewer).fit(points)
 
 
 def check_seed(estimator):

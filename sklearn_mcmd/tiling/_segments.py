@@ -49,9 +49,10 @@ class Segments(Verb):
         self.colors = colors
 
     def prepare(self, catalog):
-        warm_up(self.estimator)
         normals = self.estimator.normal_estimator
-        return sized("regions", normals), 0, most_neighbors(self.estimator, normals)
+        most = most_neighbors(catalog.n_points, self.estimator, normals)
+        warm_up(self.estimator)
+        return sized("regions", normals), 0, most
 
     def find(self, run):
         self.columns = CellColumns(run.folder.results)

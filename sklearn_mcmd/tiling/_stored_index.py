@@ -58,9 +58,9 @@ class StoredIndex:
         """The neighborhoods of all places, on disk."""
         near = self._whole.open("near")
         if near.shape[1] > self.n_neighbors:
-            near, stored = self.empty((len(near), self.n_neighbors), np.int32), near
+            near = self.empty((len(near), self.n_neighbors), np.int32)
             for rows in slices(len(near), CHUNK):
-                near[rows] = stored[rows, : self.n_neighbors]
+                near[rows] = self._whole.rows_of("near", rows)[:, : self.n_neighbors]
         return Neighborhoods(near, np.full(len(near), self.n_neighbors))
 
     def _sized(self, rows, sizes):

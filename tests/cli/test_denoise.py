@@ -157,7 +157,7 @@ def test_few_points_give_one_warning_line_and_an_answer(room, tmp_path):
     assert result.exit_code == 0
     assert result.stderr == (
         "mcmd: warning: --n-neighbors 50 is more than the number of distinct points, 30 of 30 "
-        "point(s): neighborhoods of all of them are used.\n"
+        "points: neighborhoods of all of them are used.\n"
     )
 
 

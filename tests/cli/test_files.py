@@ -135,7 +135,7 @@ def bad_input(kind, folder):
         ("only nan", "holds no points with finite coordinates"),
         ("two columns", "2 column"),
         ("words", "holds no row of numbers (header: 'x, y, z')"),
-        ("three points", "3 point(s) is too few for planes in 3D: at least 4"),
+        ("three points", "3 points is too few for planes in 3D: at least 4"),
     ],
 )
 @pytest.mark.parametrize("verb", ["denoise", "normals"])

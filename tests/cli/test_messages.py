@@ -79,7 +79,7 @@ def test_a_cloud_of_few_distinct_points_is_told_how_many_it_has(verb, n, tmp_pat
     size = 40 if verb == "edges" else 50  # the verb's own, not that of a step within
     assert f"--n-neighbors {size} is more than the number of distinct points" in result.stderr
     assert result.stderr.count("is more than") == 1
-    assert f"points, {n} of 70 point(s):" in result.stderr
+    assert f"points, {n} of 70 points:" in result.stderr
     assert not any(word in result.stderr for word in PYTHON)
 
 
@@ -108,8 +108,8 @@ def test_more_trials_than_are_made_are_told_of_the_option(tmp_path):
 @pytest.mark.parametrize(
     ("cloud", "words"),
     [
-        ([[0, 0, 0]], "in.xyz: 1 point(s) is too few to test a plane in 3D"),
-        (np.eye(3)[[0, 1, 2, 0, 1]], "the cloud has 3 distinct point(s) in 5 point(s), which is"),
+        ([[0, 0, 0]], "in.xyz: 1 point is too few to test a plane in 3D"),
+        (np.eye(3)[[0, 1, 2, 0, 1]], "the cloud has 3 distinct points in 5 points, which is"),
         (np.arange(9)[:, None] * np.ones(3), "The 9 points of the cloud lie on one line"),
     ],
 )

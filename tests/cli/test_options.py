@@ -4,9 +4,11 @@ import shutil
 
 import numpy as np
 import pytest
+from typer.main import get_command
 
 from commands import error_line, files_in, run
-from sklearn_mcmd.io import read_points
+from sklearn_mcmd.cli import app
+from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._formats import WITH_COLUMNS
 from sklearn_mcmd.tiling._folder import WorkFolder
 
@@ -36,6 +38,75 @@ def test_numbers_that_must_be_positive_are_wrong_usage(tmp_path, option, value):
     result = run("normals", tmp_path / "in.xyz", tmp_path / "out.xyz", option, value)
     assert result.exit_code == 2
     assert option in result.stderr
+
+
+LENGTHS = {
+    "denoise": ("--noise-scale", "--above", "--below"),
+    "normals": ("--radius",),
+    "segment": ("--max-distance", "--max-gap"),
+    "plane": ("--sigma0", "--tolerance"),
+    "plan": ("--sigma0", "--width", "--height"),
+}
+
+
+@pytest.mark.parametrize(("verb", "option"), [(v, o) for v in LENGTHS for o in LENGTHS[v]])
+def test_a_length_may_have_a_unit_where_that_of_the_file_is_given(verb, option):
+    files = [] if verb == "plan" else ["in.las", "out.las"]
+    name = option[2:].replace("-", "_")
+
+    def value(*options):
+        command = get_command(app).commands[verb]
+        return command.make_context(verb, [*files, *options]).params[name]
+
+    assert value(option, "40mm", "--unit", "m") == pytest.approx(0.04, rel=1e-15)
+    assert value("--unit", "mm", option, "1 in") == pytest.approx(25.4, rel=1e-15)
+    assert value(option, "4e-2") == value(option, "4e-2", "--unit", "chain") == 0.04
+    for unit in ((), ("--unit", "chain")):
+        result = run(verb, *files, option, "40mm", *unit)
+        assert result.exit_code == 2
+        told = " ".join(result.stderr.replace("│", "").split())
+        assert f"'{option}': 40mm is no number. With a unit, it needs --unit" in told
+
+
+def test_a_height_may_lie_below_the_ground_and_is_finite(tmp_path):
+    command = get_command(app).commands["denoise"]
+    context = command.make_context("a", ["a.las", "b.las", "--below", "-50cm", "--unit", "m"])
+    assert context.params["below"] == -0.5
+    result = run("denoise", "a.las", "b.las", "--above", "nan")
+    assert result.exit_code == 2
+    assert "nan is not a height, such as 2.0" in " ".join(result.stderr.split())
+
+
+@pytest.mark.parametrize(
+    ("verb", "option"),
+    [
+        *((verb, "--n-neighbors") for verb in ("denoise", "normals", "segment", "edges")),
+        ("segment", "--growth-neighbors"),
+    ],
+)
+def test_far_more_neighbors_than_points_are_refused_by_the_name_of_the_option(
+    verb, option, tmp_path
+):
+    path = tmp_path / "in.npy"
+    np.save(path, np.random.default_rng(0).uniform(size=(5_000, 3)))
+    line = error_line(run(verb, path, tmp_path / "out.npy", option, 10**6))
+    assert f"in.npy: {option} 1000000 is more than the number of distinct points, 5,000" in line
+
+
+@pytest.mark.parametrize("verb", ["denoise", "normals", "segment", "edges"])
+def test_tiles_refuse_too_many_neighbors_before_any_work(verb, tmp_path, small_machine):
+    cloud = PointCloud(np.random.default_rng(0).uniform(size=(5_000, 3)))
+    write_points(tmp_path / "in.las", cloud)
+    asked = verb, tmp_path / "in.las", tmp_path / "out.las", "--memory", "2MB", "--n-neighbors"
+    line = error_line(run(*asked, 10**6))
+    assert "--n-neighbors 1000000 is more than the number of distinct points, 5,000" in line
+    assert files_in(tmp_path) == ["in.las"]
+    told = run(*asked, 4_000).stderr.splitlines()
+    assert "2MB is too little" in told[-1]
+    assert "is needed with --n-neighbors 4000" in told[-1]
+    assert [line for line in told[:-1] if "compiling" not in line] == [
+        "mcmd: warning: --n-neighbors 4000 takes at least 6,400 times as long as 50."
+    ] * (verb == "edges")
 
 
 def test_zero_threads_are_wrong_usage(tmp_path):
@@ -70,7 +141,9 @@ def test_coordinates_are_found_by_their_names_and_where_columns_says(verb, tmp_p
     assert (first.xyz.min(axis=0) // 1 == [500_000, 5_000_000, 90]).all()
     assert "point" in first.attributes
     line = error_line(run(verb, unknown, tmp_path / "c.csv"))
-    assert "no x, y, z among the columns point, north of, east of, level: say which they are" in line
+    assert (
+        "no x, y, z among the columns point, north of, east of, level: say which they are" in line
+    )
     assert "--columns x=easting" in line
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from commands import error_line, files_in, run
-from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector, flatness
 from sklearn_mcmd.cli import _files, _plane
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 
@@ -422,16 +422,40 @@ def test_a_comparison_needs_no_output(wall, wall_file, tmp_path):
     assert result.stdout.startswith(f"{wall_file}\n")
     assert re.search(r"against +moved\n", result.stdout)
     assert "report" not in result.stdout
-    assert run("plane", wall_file, "--tolerance", 0.5).exit_code == 0
     assert files_in(tmp_path) == ["later.laz", "wall.laz"]
 
 
-@pytest.mark.parametrize("options", [(), ("--tolerance", 1, "--text", "a.txt")])
+def test_without_an_output_the_summary_is_that_of_one_and_nothing_is_written(wall_file, tmp_path):
+    told = run("plane", wall_file, "--sigma0", 0.004)
+    assert told.exit_code == 0, told.output
+    assert files_in(tmp_path) == ["wall.laz"]
+    written = run("plane", wall_file, tmp_path / "out.laz", "--sigma0", 0.004)
+    shared = [line for line in written.stdout.splitlines()[1:] if "report" not in line]
+    assert told.stdout.splitlines()[1:-1] == shared[:-1]  # the last has the seconds
+
+
+@pytest.mark.parametrize("options", [("--text", "a.txt"), ("--tolerance", 1, "--plot", "a.png")])
 def test_without_an_output_nothing_can_be_written(options, wall_file, tmp_path):
     result = run("plane", wall_file, *options)
     assert result.exit_code == 2
-    assert "is missing. It can be left out with --against" in " ".join(result.stderr.split())
+    assert "is missing. It can be left out if there are no" in " ".join(result.stderr.split())
     assert files_in(tmp_path) == ["wall.laz"]
+
+
+def test_the_zone_and_the_share_outside_stand_in_the_summary(wall_file):
+    result = run("plane", wall_file, "--sigma0", "4mm", "--tolerance", "5cm", "--unit", "m")
+    flat = flatness(
+        BaardaPlaneDetector(
+            sigma0=0.004, surface="orthogonal", robust_start=True, random_state=0
+        ).fit(read_points(wall_file).xyz),
+        read_points(wall_file).xyz,
+        0.05,
+    )
+    assert 0 < flat.n_outside < N
+    outside = re.search(r"outside +(\d+) of 600 points \((\S+) %\)", result.stdout)
+    assert (int(outside[1]), outside[2]) == (flat.n_outside, f"{flat.n_outside / 6:.2f}")
+    zone = re.search(r"zone +(\S+) m by least squares, (\S+) m at least", result.stdout)
+    assert zone.groups() == (f"{flat.zone:.4g}", f"{flat.minimum_zone:.4g}")
 
 
 def test_a_wall_at_its_own_place_is_the_same(wall_file, tmp_path):
@@ -462,14 +486,14 @@ def test_a_tolerance_has_the_unit_of_the_file_or_its_own(width, unit, wall_file,
         (("--tolerance", "5MM", "--unit", "m"), "5MM is no number. With a unit, it needs --unit"),
         (("--tolerance", "0"), "0 is not a number above 0"),
         (("--tolerance", "5,5"), "5,5 is not a number above 0"),
-        (("--tolerance", "nan"), "nan is no number"),
+        (("--tolerance", "nan"), "nan is not a number above 0"),
     ],
 )
 def test_widths_that_cannot_be_are_refused_before_the_work(options, words, wall_file, tmp_path):
     result = run("plane", wall_file, tmp_path / "out.laz", *options)
     assert result.exit_code == 2
     told = " ".join(result.stderr.replace("│", "").split())
-    assert f"Invalid value for --tolerance: {words}" in told
+    assert f"Invalid value for '--tolerance': {words}" in told
     assert files_in(tmp_path) == ["wall.laz"]
 
 

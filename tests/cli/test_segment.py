@@ -139,7 +139,7 @@ def test_too_few_points_fail_in_one_line(tmp_path):
     write_points(tmp_path / "few.csv", np.eye(3))
     result = run("segment", tmp_path / "few.csv", tmp_path / "out.csv")
     assert result.exit_code == 1
-    assert "3 point(s) is too few for planes" in result.stderr
+    assert "3 points is too few for planes" in result.stderr
     assert len(result.stderr.splitlines()) == 1
 
 

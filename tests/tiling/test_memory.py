@@ -1,11 +1,21 @@
 """Plans stay within the memory."""
 
+from collections import defaultdict
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 
-from sklearn_mcmd import RobustNormalEstimator
+from sklearn_mcmd import (
+    MCMDOutlierDetector,
+    RegionGrowing,
+    RobustNormalEstimator,
+    SharpFeatureDetector,
+)
 from sklearn_mcmd.tiling import process_files
 from sklearn_mcmd.tiling._memory import PROCESS, parse_memory, plan_run, usual_memory
+from sklearn_mcmd.tiling._stored_columns import StoredColumns
+from tiled import divide
 
 
 @pytest.mark.parametrize(
@@ -90,3 +100,39 @@ def test_wrong_divisions_are_refused_before_a_file_is_read(wrong):
     (name,) = wrong
     with pytest.raises(ValueError, match=rf"^{name}=.* must be"):
         process_files("nowhere.las", "out.las", RobustNormalEstimator(random_state=0), **wrong)
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        MCMDOutlierDetector(20, random_state=0),
+        RobustNormalEstimator("auto", random_state=0),
+        RegionGrowing(normal_estimator=RobustNormalEstimator(20, random_state=0)),
+        SharpFeatureDetector(20, random_state=0),
+    ],
+)
+def test_one_process_that_works_on_all_places_frees_what_it_opens(
+    estimator, small_file, tmp_path, monkeypatch
+):
+    """Else all that it has read of files stays in its memory: 300 bytes a point."""
+    at_work, names, freed, kept = [], defaultdict(set), set(), set()
+    releasing, opened = StoredColumns.releasing, StoredColumns.open
+
+    @contextmanager
+    def begin(whole):
+        at_work.append(whole)
+        with releasing(whole):
+            yield
+        at_work.remove(whole)
+        freed.update(names[whole])
+
+    def note(whole, name, *kinds, **more):
+        names[whole].add(name)
+        kept.update(name for of in at_work if whole is not of)
+        return opened(whole, name, *kinds, **more)
+
+    monkeypatch.setattr(StoredColumns, "releasing", begin)
+    monkeypatch.setattr(StoredColumns, "open", note)
+    divide(small_file, tmp_path / "out.las", estimator, tile_size=1_500, n_jobs=1)
+    assert {"points", "near"} <= freed
+    assert not kept
