@@ -16,7 +16,7 @@ SHARED = {
     "_extras": set(),
     "_sklearn": set(),
     "_validation": {"_errors"},
-    "runtime": set(),
+    "runtime": {"_errors"},
 }
 ROOMS = {
     "planes": set(),

@@ -11,7 +11,7 @@ from itertools import chain, islice
 
 import numpy as np
 
-from sklearn_mcmd._errors import warn_caller
+from sklearn_mcmd._errors import counted, warn_caller
 from sklearn_mcmd.io._column_names import are_names, attribute_name, coordinate_columns
 from sklearn_mcmd.io._fixed_columns import COLUMNS, fitting, names_after_xyz, with_bytes
 from sklearn_mcmd.io._numerals import MISSING, named_nans, number_of, plain_numbers
@@ -132,7 +132,7 @@ def _begin(file, columns, extension):
     told = list(columns.values()) if columns else []
     numbered = len(told) == 3 and all(str(which).isdecimal() for which in told)
     positions = [int(which) - 1 for which in told] if numbered else [0, 1, 2]
-    headers, comments, known, delimiter, number, counts, counted = [], [], None, None, 0, [], 0
+    headers, comments, known, delimiter, number, counts, counted_at = [], [], None, None, 0, [], 0
     while True:
         line, number = named_nans(_decoded(file.readline(LONGEST))), number + 1
         if not line or len(headers) > MOST_HEADERS:
@@ -161,7 +161,7 @@ def _begin(file, columns, extension):
                 "is an ESRI ASCII grid: convert it to rows of x y z, as gdal_translate -of XYZ does"
             )
         if len(fields) == 1 and fields[0].isdecimal() and not any(counts):  # as in PTS
-            counts, counted = [*counts, int(fields[0])], number
+            counts, counted_at = [*counts, int(fields[0])], number
         elif any(_is_value(fields[i]) for i in positions if i < len(fields)):
             break
         else:
@@ -191,7 +191,7 @@ def _begin(file, columns, extension):
     names = [name or f"column_{i}" for i, name in enumerate(names, start=1)]
     if known is not None or columns:
         positions = coordinate_columns(names, columns)
-    return _Table(number, fields, delimiter, names, positions, counts, counted), line
+    return _Table(number, fields, delimiter, names, positions, counts, counted_at), line
 
 
 @dataclass
@@ -204,7 +204,7 @@ class _Table:
     names: list
     positions: list  # of x, y, z
     counts: list  # of points of each scan, empty if the file does not say
-    counted: int  # number of the last count's line
+    counted_at: int  # number of the last count's line
     parts: list = field(default_factory=list)
     words: dict = field(default_factory=dict)  # columns with words: line and text of the first
     gaps: set = field(default_factory=set)  # columns with gaps
@@ -225,7 +225,7 @@ class _Table:
             elif any(fields := self._row(plain_numbers(part[0], self.comma))):
                 if len(fields) > 1 or not fields[0].isdecimal():
                     raise PointFileError(f"{self._promise()}, line {self.at} is one more")
-                left, self.counted = int(fields[0]), self.at
+                left, self.counted_at = int(fields[0]), self.at
                 self.counts.append(left)
             self.at += len(part)
         if 0 < left < math.inf:
@@ -233,7 +233,7 @@ class _Table:
 
     def _promise(self):
         n_points = self.counts[-1]
-        return f"line {self.counted} promises {counted(n_points, 'point')}"
+        return f"line {self.counted_at} promises {counted(n_points, 'point')}"
 
     def _part(self, part):
         """A table of lines: as NumPy reads them, else with other numbers, else cell by cell."""

@@ -298,7 +298,8 @@ def test_points_that_cannot_be_written_leave_no_report(wall_file, tmp_path, monk
 def test_without_matplotlib_the_text_is_written_and_the_figure_named(
     wall_file, tmp_path, monkeypatch
 ):
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    for name in ("matplotlib", "matplotlib.figure"):
+        monkeypatch.setitem(sys.modules, name, None)
     result = run("plane", wall_file, tmp_path / "out.laz")
     assert result.exit_code == 0
     assert 'pip install "matplotlib>=' in result.stderr
