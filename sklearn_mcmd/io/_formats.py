@@ -48,33 +48,22 @@ class Format(NamedTuple):
 
 EVERYTHING = "everything numeric"
 FORMATS = (
-    Format(
-        "LAS and LAZ", (".las", ".laz"), "las",
-        "everything but waveform samples of LAS 1.3; results become extra dimensions",
-        _las.read_las, _las.write_las, marks=True, tiles=True, sensor="LAS's scan angles",
-    ),
+    Format("LAS and LAZ", (".las", ".laz"), "las",
+           "everything but waveform samples of LAS 1.3; results become extra dimensions",
+           _las.read_las, _las.write_las, marks=True, tiles=True, sensor="LAS's scan angles"),
     Format("COPC", (".copc.laz",), "las", "as LAZ; read only", _las.read_las, tiles=True),
-    Format(
-        "PLY", (".ply",), "formats", "all fields of points; no faces",
-        scans.read_ply, scans.write_ply, columns=True, encodings=("ascii", "binary"),
-    ),
-    Format(
-        "PCD", (".pcd",), "formats", "all fields of points, the grid, the viewpoint",
-        scans.read_pcd, scans.write_pcd, columns=True, sensor="PCD's VIEWPOINT",
-        encodings=("ascii", "binary", "binary_compressed"),
-    ),
-    Format(
-        "E57", (".e57",), "formats", "coordinates, intensity, colors, rows and columns; no results",
-        scans.read_e57, scans.write_e57, attributes=False, sensor="E57's poses",
-    ),
-    Format(
-        "PTX", (".ptx",), None, "coordinates, intensity, colors, rows and columns; read only",
-        _ptx.read_ptx, sensor="PTX's poses",
-    ),
-    Format(
-        "text", (".xyz", ".txt", ".csv"), None, EVERYTHING,
-        _text.read_text, _text.write_text, columns=True,
-    ),
+    Format("PLY", (".ply",), "formats", "all fields of points; no faces",
+           scans.read_ply, scans.write_ply, columns=True, encodings=("ascii", "binary")),
+    Format("PCD", (".pcd",), "formats", "all fields of points, the grid, the viewpoint",
+           scans.read_pcd, scans.write_pcd, columns=True, sensor="PCD's VIEWPOINT",
+           encodings=("ascii", "binary", "binary_compressed")),
+    Format("E57", (".e57",), "formats",
+           "coordinates, intensity, colors, rows and columns; no results",
+           scans.read_e57, scans.write_e57, attributes=False, sensor="E57's poses"),
+    Format("PTX", (".ptx",), None, "coordinates, intensity, colors, rows and columns; read only",
+           _ptx.read_ptx, sensor="PTX's poses"),
+    Format("text", (".xyz", ".txt", ".csv"), None, EVERYTHING,
+           _text.read_text, _text.write_text, columns=True),
     Format("NPY", (".npy",), None, EVERYTHING, _arrays.read_npy, _arrays.write_npy, columns=True),
     Format("NPZ", (".npz",), None, EVERYTHING, _arrays.read_npz, _arrays.write_npz),
 )  # fmt: skip
