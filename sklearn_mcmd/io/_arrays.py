@@ -24,7 +24,7 @@ def read_npy(path, columns=None):
     array = np.load(path, allow_pickle=False)
     shape, named = array.shape[:2], array.dtype.names is not None
     if (array.ndim == 2 and named) or (array.ndim == 3 and array.shape[2] == 3):
-        array = _flat(array, shape)
+        array = array.reshape(-1, *array.shape[2:])
     if named:
         return with_cells(cloud_from_records(array, columns), shape)
     if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "biuf":
@@ -63,16 +63,13 @@ def read_npz(path):
         found = ", ".join(f"{n} {a.shape}" for n, a in arrays.items()) or "nothing"
         raise PointFileError(f"needs an array xyz of shape (n, 3), or x, y, z; it holds {found}")
     shape = xyz.shape[:2]
-    if xyz.ndim == 3:
-        xyz, arrays = _flat(xyz, shape), {name: _flat(a, shape) for name, a in arrays.items()}
+    if xyz.ndim == 3:  # organized, and others of its shape with it
+        grids = {name: a for name, a in (arrays | {"xyz": xyz}).items() if a.shape[:2] == shape}
+        arrays |= {name: a.reshape(-1, *a.shape[2:]) for name, a in grids.items()}
+        xyz = arrays.pop("xyz")
     per_point = {name: a for name, a in arrays.items() if a.ndim in (1, 2) and len(a) == len(xyz)}
     others = {name: a for name, a in arrays.items() if name not in per_point}
     return with_cells(PointCloud(xyz, per_point, {"npz_arrays": others} if others else {}), shape)
-
-
-def _flat(array, shape):
-    """An array with a value for each cell of a grid as one for each point, row by row."""
-    return array.reshape(-1, *array.shape[2:]) if array.shape[:2] == shape else array
 
 
 def write_npy(path, cloud):

@@ -48,47 +48,29 @@ class Format(NamedTuple):
     sensor: str = ""  # what tells where it stood
 
 
-EVERYTHING = "everything numeric"
+EVERYTHING, TEXT = "everything numeric", (_text.read_text, _text.write_text)
 FORMATS = (
-    Format(
-        "LAS and LAZ", (".las", ".laz"), "las",
-        "everything but waveform samples of LAS 1.3; results become extra dimensions",
-        _las.read_las, _las.write_las, marks=True, tiles=True, sensor="LAS's scan angles",
-    ),
+    Format("LAS and LAZ", (".las", ".laz"), "las",
+           "everything but waveform samples of LAS 1.3; results become extra dimensions",
+           _las.read_las, _las.write_las, marks=True, tiles=True, sensor="LAS's scan angles"),
     Format("COPC", (".copc.laz",), "las", "as LAZ; read only", _las.read_las, tiles=True),
-    Format(
-        "PLY", (".ply",), "formats", "all fields of points; no faces",
-        scans.read_ply, scans.write_ply, columns=True, encodings=("ascii", "binary"),
-    ),
-    Format(
-        "PCD", (".pcd",), "formats", "all fields of points, the grid, the viewpoint",
-        scans.read_pcd, scans.write_pcd, columns=True, sensor="PCD's VIEWPOINT",
-        encodings=("ascii", "binary", "binary_compressed"),
-    ),
-    Format(
-        "E57", (".e57",), "formats", "coordinates, intensity, colors, rows and columns; no results",
-        _e57.read_e57, _e57.write_e57, results="", sensor="E57's poses",
-    ),
-    Format(
-        "PTX", (".ptx",), None, "coordinates, intensity, colors, rows and columns; read only",
-        _ptx.read_ptx, sensor="PTX's poses",
-    ),
-    Format(
-        "PTS", (".pts",), None, "coordinates, intensity, colors; no results",
-        _text.read_text, _text.write_text, columns=True, results="",
-    ),
-    Format(
-        "XYZN", (".xyzn",), None, "coordinates and normals",
-        _text.read_text, _text.write_text, columns=True, results="normals",
-    ),
-    Format(
-        "XYZRGB", (".xyzrgb",), None, "coordinates and colors; no results",
-        _text.read_text, _text.write_text, columns=True, results="",
-    ),
-    Format(
-        "text", (".xyz", ".txt", ".csv", ".asc"), None, EVERYTHING,
-        _text.read_text, _text.write_text, columns=True,
-    ),
+    Format("PLY", (".ply",), "formats", "all fields of points; no faces",
+           scans.read_ply, scans.write_ply, columns=True, encodings=("ascii", "binary")),
+    Format("PCD", (".pcd",), "formats", "all fields of points, the grid, the viewpoint",
+           scans.read_pcd, scans.write_pcd, columns=True, sensor="PCD's VIEWPOINT",
+           encodings=("ascii", "binary", "binary_compressed")),
+    Format("E57", (".e57",), "formats",
+           "coordinates, intensity, colors, rows and columns; no results",
+           _e57.read_e57, _e57.write_e57, results="", sensor="E57's poses"),
+    Format("PTX", (".ptx",), None, "coordinates, intensity, colors, rows and columns; read only",
+           _ptx.read_ptx, sensor="PTX's poses"),
+    Format("PTS", (".pts",), None, "coordinates, intensity, colors; no results",
+           *TEXT, columns=True, results=""),
+    Format("XYZN", (".xyzn",), None, "coordinates and normals",
+           *TEXT, columns=True, results="normals"),
+    Format("XYZRGB", (".xyzrgb",), None, "coordinates and colors; no results",
+           *TEXT, columns=True, results=""),
+    Format("text", (".xyz", ".txt", ".csv", ".asc"), None, EVERYTHING, *TEXT, columns=True),
     Format("NPY", (".npy",), None, EVERYTHING, _arrays.read_npy, _arrays.write_npy, columns=True),
     Format("NPZ", (".npz",), None, EVERYTHING, _arrays.read_npz, _arrays.write_npz),
 )  # fmt: skip

@@ -167,7 +167,7 @@ def test_columns_of_files_that_name_their_own_are_refused(source, tmp_path):
     for verb in ("normals", "plane"):
         line = error_line(run(verb, source, out, "--columns", "x=1,y=2"))
         assert f"street.laz: --columns x=1,y=2 is for {WITH_COLUMNS}" in line
-    assert "is for PLY" in error_line(run("normals", tmp_path, out, "--columns", "x=1"))
+    assert f"is for {WITH_COLUMNS}" in error_line(run("normals", tmp_path, out, "--columns", "x=1"))
 
 
 @pytest.mark.parametrize("verb", ["denoise", "normals", "edges", "segment", "plane", "view"])
