@@ -135,9 +135,8 @@ def check_sizes(n, d, n_neighbors):
 def check_work(estimator, n):
     """Tell of neighborhoods that take long; raise if they would be of all points, which are fewer.
 
-    The `_work` of an estimator is the name of their size, and the power by which the steps for one
-    of n points grow with it. So clouds for which neighborhoods of all points take up to
-    `MOST_STEPS` may ask for any size.
+    An estimator's `_work` is the name of their size, and the power by which the steps for one of n
+    points grow with it. Clouds of which all neighborhoods of all take `MOST_STEPS` may have any.
     """
     n_neighbors, (name, power) = estimator.n_neighbors, estimator._work
     if not isinstance(n_neighbors, Integral) or n_neighbors <= MOST_STEPS ** (1 / (1 + power)):
@@ -147,8 +146,8 @@ def check_work(estimator, n):
         warn(f"${name}={n_neighbors} takes at least {times:,.0f} times as long as {USUAL}.")
     elif n * n**power > MOST_STEPS:
         raise ParameterError(
-            f"${name}={n_neighbors} is more than the number of distinct points, {n:,}. Each point "
-            f"would get a plane of all of them, which takes too long: give fewer, such as {USUAL}."
+            f"${name}={n_neighbors} is more than there are points, {n:,}. Each point would get a "
+            f"plane of all of them, which takes too long: give fewer, such as {USUAL}."
         )
 
 

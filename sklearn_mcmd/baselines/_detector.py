@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
-from sklearn_mcmd._validation import FittedScoresMixin
 from sklearn_mcmd.baselines._methods import METHOD_NAMES
 from sklearn_mcmd.planes._base import BasePlaneOutliers, comparator_model_of
 from sklearn_mcmd.planes._comparators import settle_comparator
@@ -17,7 +16,7 @@ from sklearn_mcmd.runtime._tasks import fit_in_tasks
 __all__ = ["PlaneOutlierDetector"]
 
 
-class PlaneOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
+class PlaneOutlierDetector(BasePlaneOutliers):
     """Outliers of local neighborhoods by the methods that MCMD is compared with.
 
     The detector judges each point in the neighborhood of its nearest points: by its distance to

@@ -65,7 +65,7 @@ def demo(
         from sklearn_mcmd.cli import _demo_run
 
         seconds = stopwatch()
-        import_extra("matplotlib.figure", "plot", "the picture")
+        import_extra("matplotlib", "plot", "the picture")
         street, clean, with_normals = (
             folder / f"{name}.laz" for name in ("street", "clean", "normals")
         )

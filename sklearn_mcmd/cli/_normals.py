@@ -77,7 +77,7 @@ def normals(
     restart: Restart = False,
     report: ReportFolder = None,
     columns: _options.Columns = None,
-    unit: _options.Unit = "",
+    unit: _options.HiddenUnit = "",
     no_clobber: _options.NoClobber = False,
     allow_coarse: _options.AllowCoarse = False,
     config: Config = None,

@@ -12,6 +12,7 @@ from sklearn_mcmd.io._formats import INDEX, TILED_NAMES, WITH_COLUMNS
 __all__ = [
     "AllowCoarse",
     "Columns",
+    "HiddenUnit",
     "InFiles",
     "MaxOutlierRate",
     "NJobs",
@@ -82,11 +83,6 @@ def length_option(help, default=True, *words, metavar="LENGTH", hidden=False, **
     return typer.Option(
         parser=str, callback=parse, metavar=metavar, help=help, show_default=default, hidden=hidden
     )
-
-
-def unit_option(help, hidden=False):
-    """The option of the unit of the file. It is read before lengths are."""
-    return typer.Option(help=help, is_eager=True, hidden=hidden)
 
 
 def _count_or_auto(text):
@@ -186,9 +182,9 @@ AllowCoarse = Annotated[
         hidden=True,
     ),
 ]
-Unit = Annotated[
-    str, unit_option("Unit of the file, such as m, where an option has another, such as 4mm.", True)
-]
+UNIT = {"is_eager": True, "help": "Unit of the file, such as m. Lengths may then have another."}
+Unit = Annotated[str, typer.Option(**UNIT)]
+HiddenUnit = Annotated[str, typer.Option(hidden=True, **UNIT)]
 NoClobber = Annotated[
     bool, typer.Option("--no-clobber", help="Replace no file: if an output is there, fail.")
 ]

@@ -36,9 +36,7 @@ def plan(
     repetitions: Annotated[
         int, typer.Option(min=100, help="Simulated planes of each size of bias.")
     ] = 10_000,
-    unit: Annotated[
-        str, _options.unit_option("Unit of lengths without a unit, and of those that are printed.")
-    ] = "",
+    unit: _options.Unit = "",
     random_state: _options.RandomState = 0,
     config: Config = None,
 ) -> None:

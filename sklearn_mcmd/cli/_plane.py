@@ -136,12 +136,7 @@ def plane(
             show_default="OUT, its extension replaced by _report.png",
         ),
     ] = None,
-    unit: Annotated[
-        str,
-        _options.unit_option(
-            "Unit of the file, such as m, for what is told and for lengths with a unit."
-        ),
-    ] = "",
+    unit: _options.Unit = "",
     random_state: _options.RandomState = 0,
     report: ReportFolder = None,
     columns: _options.Columns = None,
@@ -204,7 +199,7 @@ def _rehearse(target, catalog, sheets, plot_wanted):
         with _files.standing_in(path):
             pass
     try:
-        import_extra("matplotlib.figure", "plot", "the figure")
+        import_extra("matplotlib", "plot", "the figure")
     except (ImportError, OSError) as err:  # it refuses to be without any folder to write to
         if plot_wanted is not None:
             raise
@@ -423,6 +418,8 @@ def _summarize(source, target, sheets, detector, residuals, unit, more, seconds)
     if "comparison" in more:
         both = rows_of.comparison_rows(more["comparison"], unit)
         told |= {"against": both["verdict"], "tilt": both["tilt"], "offset": both["offset"]}
+    if sheets:
+        told["report"] = ", ".join(str(path) for path in sheets if path is not None)
     _messages.print_summary(
         *(source, target, len(is_outlier), seconds),
         outliers=_messages.count_and_share(is_outlier),
@@ -432,9 +429,4 @@ def _summarize(source, target, sheets, detector, residuals, unit, more, seconds)
         sigma0=f"{detector.sigma0_:.4g}{unit} ({rows_of.sigma0_origin(detector)})",
         **{"global test": rows_of.global_test_row(detector)},
         **told,
-        **(
-            {"report": ", ".join(str(path) for path in sheets if path is not None)}
-            if sheets
-            else {}
-        ),
     )

@@ -116,7 +116,7 @@ def segment(
     restart: Restart = False,
     report: ReportFolder = None,
     columns: _options.Columns = None,
-    unit: _options.Unit = "",
+    unit: _options.HiddenUnit = "",
     no_clobber: _options.NoClobber = False,
     allow_coarse: _options.AllowCoarse = False,
     config: Config = None,

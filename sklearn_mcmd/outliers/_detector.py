@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn_mcmd._choices import OutlierMethod, Strictness, choices_of
 from sklearn_mcmd._errors import ParameterError, warn_caller
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
-from sklearn_mcmd._validation import FittedScoresMixin, check_sensor_origin
+from sklearn_mcmd._validation import check_sensor_origin
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff
 from sklearn_mcmd.outliers._intensity import ranks_of_intensity
 from sklearn_mcmd.outliers._levels import LEVELS
@@ -30,7 +30,7 @@ EXACT_PLANE_SCORE = 1e6
 CROWDED = 5
 
 
-class MCMDOutlierDetector(FittedScoresMixin, BasePlaneOutliers):
+class MCMDOutlierDetector(BasePlaneOutliers):
     """Outliers by maximum consistency with minimum distance (MCMD).
 
     The detector finds the plane that most neighbors of a point agree on. It draws planes through

@@ -12,7 +12,7 @@ from sklearn_mcmd._choices import RuleMethod, choices_of
 from sklearn_mcmd._errors import warn, warn_caller
 from sklearn_mcmd._sklearn import CallbackSupportMixin, DocLinkMixin, Interval, StrOptions
 from sklearn_mcmd._validation import (
-    OffsetOutlierMixin,
+    FittedScoresMixin,
     check_extent,
     check_sizes,
     check_work,
@@ -138,10 +138,11 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         return min(needed, most)
 
 
-class BasePlaneOutliers(OffsetOutlierMixin, BaseLocalPlanes):
+class BasePlaneOutliers(FittedScoresMixin, BaseLocalPlanes):
     """Outliers by a score and an offset: subclasses have `fit` and `_score`.
 
-    `_score` returns how abnormal points are: larger is more abnormal. `fit` sets ``offset_``.
+    `_score` returns how abnormal points are: larger is more abnormal. `fit` sets ``scores_`` and
+    ``offset_``.
     """
 
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:

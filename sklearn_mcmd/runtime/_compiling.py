@@ -3,14 +3,13 @@
 import os
 import stat
 import tempfile
+from contextlib import suppress
 from importlib import import_module
 
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.runtime import _progress
 
 __all__ = ["compiled_function"]
-
-EACH_TIME = "compiling for this computer (each time, as no folder can keep it)"
 
 
 def compiled_function(module, name):
@@ -24,34 +23,28 @@ def compiled_function(module, name):
 
         numba.config.CACHE_DIR = _own_folder()
         if not numba.config.CACHE_DIR:
-            _kernels.is_kept, _progress.COMPILING = False, EACH_TIME
+            _kernels.is_kept = False
+            _progress.COMPILING = "compiling for this computer (each time: no folder can keep it)"
             warn_caller(
-                "Compiled code cannot be kept, so each run compiles anew, for half a minute: the "
-                "folders of the package, of the user's caches and of temporary files cannot be "
-                "written. Set the environment variable NUMBA_CACHE_DIR to a folder that can.",
+                "Compiled code cannot be kept, so each run compiles anew, for half a minute: no "
+                "folder for it can be written. Set the environment variable NUMBA_CACHE_DIR to one."
             )
         return _load(module, name)
 
 
 def _own_folder():
-    """A temporary folder to which no other user can write: what lies there is run as code.
-
-    "" if there is no place for one.
-    """
+    """A temporary folder, or "", to which no other user can write: what lies there is run."""
     user = os.getuid() if hasattr(os, "getuid") else ""  # Windows has a folder for each user
-    try:
+    with suppress(OSError):
         path = os.path.join(tempfile.gettempdir(), f"sklearn_mcmd-{user}")
         os.makedirs(path, mode=0o700, exist_ok=True)
         status = os.lstat(path)
         own = stat.S_ISDIR(status.st_mode) and user in ("", status.st_uid)
         if own and os.access(path, os.W_OK) and (user == "" or not status.st_mode & 0o022):
             return path
-    except OSError:
-        pass
-    try:
+    with suppress(OSError):
         return tempfile.mkdtemp(prefix="sklearn_mcmd-")
-    except OSError:
-        return ""
+    return ""
 
 
 def _load(module, name):

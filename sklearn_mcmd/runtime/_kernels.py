@@ -32,12 +32,10 @@ def kernel(function=None, **options):
     if function is None:
         return lambda function: kernel(function, **options)
     options |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": not options.get("cache")}
-    options["forceinline"] = "fastmath" in options
-    options["cache"] = is_kept and options.get("cache", False)
+    options |= {"forceinline": "fastmath" in options, "cache": is_kept and "cache" in options}
     compiled = njit(nogil=True, error_model="numpy", **options)(function)
-    files = getattr(
-        getattr(compiled, "_cache", None), "_cache_file", None
-    )  # None where nothing is kept
+    # None where nothing is kept.
+    files = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     if files is not None:
         files._source_stamp = (files._source_stamp, _stamp())
         files._load_index = _unless_damaged(files._load_index, {})

@@ -25,10 +25,7 @@ def tell_faces(cell, job, fitted):
 
 
 def find_distances(whole, job, all_cells, detector, n_threads):
-    """Write the scores of the points of `all_cells`, once the planes of kept places are known.
-
-    `whole` has these places: what it opens here it may free meanwhile.
-    """
+    """Write the scores of the points of `all_cells`, by the planes of the kept places: `whole`."""
     cells, columns = job.open()
     index = StoredIndex(whole, cells, detector.n_neighbors)
     planes = whole.planes(changing=True)

@@ -113,10 +113,10 @@ def parse_memory(memory):
 
 def most_neighbors(n_points, *estimators):
     """The largest number of neighbors of some estimators of so many points."""
-    estimators = [estimator for estimator in estimators if estimator is not None]
-    for estimator in estimators:
+    numbers = []
+    for estimator in filter(None, estimators):
         check_work(estimator, n_points)
-    numbers = [estimator.n_neighbors for estimator in estimators]
+        numbers.append(estimator.n_neighbors)
     return max((k for k in numbers if isinstance(k, Integral)), default=NEIGHBORS)
 
 

@@ -1,9 +1,11 @@
 """mcmd demo: the files it writes and the accuracy it claims."""
 
+import sys
+
 import numpy as np
 import pytest
 
-from commands import run
+from commands import error_line, files_in, run
 from sklearn_mcmd.cli import _demo_run
 from sklearn_mcmd.cli._demo_run import _sides
 from sklearn_mcmd.io import read_points
@@ -91,3 +93,10 @@ def test_the_demo_replaces_no_street_of_others(room_file, tmp_path):
     assert result.exit_code == 1
     assert "already holds street.laz, of no earlier demo" in result.stderr
     assert (tmp_path / "street.laz").read_bytes() == before
+
+
+def test_without_matplotlib_the_demo_says_so_before_its_work(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    line = error_line(run("demo", tmp_path / "demo"))
+    assert "the picture needs matplotlib, which is not installed: pip install" in line
+    assert files_in(tmp_path) == []

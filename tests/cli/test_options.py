@@ -90,7 +90,7 @@ def test_far_more_neighbors_than_points_are_refused_by_the_name_of_the_option(
     path = tmp_path / "in.npy"
     np.save(path, np.random.default_rng(0).uniform(size=(5_000, 3)))
     line = error_line(run(verb, path, tmp_path / "out.npy", option, 10**6))
-    assert f"in.npy: {option} 1000000 is more than the number of distinct points, 5,000" in line
+    assert f"in.npy: {option} 1000000 is more than there are points, 5,000" in line
 
 
 @pytest.mark.parametrize("verb", ["denoise", "normals", "segment", "edges"])
@@ -99,7 +99,7 @@ def test_tiles_refuse_too_many_neighbors_before_any_work(verb, tmp_path, small_m
     write_points(tmp_path / "in.las", cloud)
     asked = verb, tmp_path / "in.las", tmp_path / "out.las", "--memory", "2MB", "--n-neighbors"
     line = error_line(run(*asked, 10**6))
-    assert "--n-neighbors 1000000 is more than the number of distinct points, 5,000" in line
+    assert "--n-neighbors 1000000 is more than there are points, 5,000" in line
     assert files_in(tmp_path) == ["in.las"]
     told = run(*asked, 4_000).stderr.splitlines()
     assert "2MB is too little" in told[-1]
