@@ -153,7 +153,7 @@ def test_an_outlier_rate_out_of_range_is_named_with_the_range(verb, rate, room_f
         ("normals", "--radius", "inf", "a number above 0"),
         ("segment", "--max-angle", "0", "a number above 0 and up to 90"),
         ("edges", "--threshold", "0", "a number above 0"),
-        ("plane", "--sigma0", "5mm", "5mm is no number. With a unit, it needs --unit"),
+        ("plane", "--sigma0", "-5", "auto or a number above 0"),
         ("plane", "--alpha", "1", "a number between 0 and 1"),
     ],
 )
