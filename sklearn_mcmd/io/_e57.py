@@ -20,6 +20,7 @@ from sklearn_mcmd.io._point_cloud import (
     fit_dtype,
     flat_columns,
     import_extra,
+    joined,
 )
 
 __all__ = ["read_e57", "write_e57"]
@@ -44,7 +45,7 @@ def read_e57(path):
     pye57 = import_extra("pye57", "formats", "E57")
     scans = _checked_scans(path)
     readable = set(pye57.e57.SUPPORTED_POINT_FIELDS)
-    parts, setups, skipped, n_points = [], [], set(), 0
+    clouds, setups, skipped, n_points = {}, [], set(), 0
     with pye57.E57(os.fsencode(path)) as file:
         for i in range(file.scan_count):
             header = file.get_header(i)
@@ -58,29 +59,28 @@ def read_e57(path):
             xyz, attributes = _scan(pye57, file, header)
             if header.has_pose():
                 xyz = file.to_global(xyz, rotation, translation)
-            attributes["scan_index"] = np.full(len(xyz), i, dtype=np.int32)
-            parts.append((xyz, attributes))
-    if not parts:
-        return PointCloud(np.empty((0, 3)))
-    shared = set.intersection(*(set(attributes) for _, attributes in parts))
-    skipped |= {name for _, attributes in parts for name in attributes if name not in shared}
+            clouds[i] = PointCloud(xyz, attributes)
     if skipped:
-        warnings.warn(
-            f"{path}: fields that not every scan has, or that pye57 cannot read, are left out: "
-            f"{', '.join(sorted(skipped))}.",
-            stacklevel=3,
+        warn_caller(
+            f"{path}: fields that pye57 cannot read are left out: {', '.join(sorted(skipped))}"
         )
-    if len(parts) == 1:
-        shared.discard("scan_index")
-        setups = [setups[int(parts[0][1]["scan_index"][0])]]
-    xyz = np.concatenate([xyz for xyz, _ in parts])
-    merged = {
-        name: np.concatenate([attributes[name] for _, attributes in parts])
-        for name in parts[0][1]
-        if name in shared
-    }
-    metadata = {"sensor_origins": np.array(setups)}
-    return PointCloud(xyz, merged, metadata, n_dropped=n_points - len(xyz))
+    if not clouds:
+        return PointCloud(np.empty((0, 3)))
+    if len(clouds) == 1:
+        i, cloud = clouds.popitem()
+        setups = [setups[i]]
+    else:
+        for i, cloud in clouds.items():
+            cloud.attributes["scan_index"] = np.full(len(cloud), i, dtype=np.int32)
+        colors = [(c.attributes, n) for c in clouds.values() for n in COLORS if n in c.attributes]
+        if len({attributes[name].dtype for attributes, name in colors}) > 1:
+            for attributes, name in colors:
+                if attributes[name].dtype == np.uint8:
+                    attributes[name] = attributes[name] * np.uint16(257)
+        cloud = joined([*clouds.values()])
+    cloud.metadata["sensor_origins"] = np.array(setups)
+    cloud.n_dropped = n_points - len(cloud)
+    return cloud
 
 
 def _checked_scans(path):

@@ -15,7 +15,7 @@ from sklearn_mcmd.io._las_structure import (
     record_length,
     start_of_longest,
 )
-from sklearn_mcmd.io._laz import read_compressed_points, write_compressed
+from sklearn_mcmd.io._laz import compressed_parts, write_compressed
 from sklearn_mcmd.io._point_cloud import (
     COLORS,
     PointCloud,
@@ -33,7 +33,7 @@ __all__ = [
     "import_laspy",
     "is_denoised",
     "las_of_cloud",
-    "plain_parts",
+    "parts_of",
     "read_header",
     "read_las",
     "write_las",
@@ -53,15 +53,15 @@ def read_las(path):
     """Read LAS, LAZ or COPC in one pass. Plain attributes are views of the raw records."""
     with open(path, "rb") as file:
         header = header_of(path, file)
-        if header.are_points_compressed and header.point_count:
-            points = read_compressed_points(file, header)
-        else:
-            points = next(plain_parts(file, header, header.point_count), b"")
+        points = next(parts_of(file, header, header.point_count), b"")
     return cloud_of_points(points, header)
 
 
-def plain_parts(file, header, n_points):
-    """The records of successive points of a file that is not compressed, as bytes."""
+def parts_of(file, header, n_points):
+    """The records of successive points behind a header, as bytes; of LAZ at least a chunk."""
+    if header.are_points_compressed and header.point_count:
+        yield from compressed_parts(file, header, n_points)
+        return
     size = record_length(file)
     file.seek(header.offset_to_point_data)
     for start in range(0, header.point_count, n_points or 1):
@@ -146,13 +146,19 @@ def is_denoised(header):
 
 
 def cloud_of_points(points, header):
-    """The cloud of some of a file's points, given as bytes."""
+    """The cloud of some of a file's points, given as bytes, of which attributes are views."""
     laspy = import_laspy(compressed=False)
     records = laspy.PackedPointRecord.from_buffer(points, header.point_format).array
     records = laspy.ScaleAwarePointRecord(
         records, header.point_format, header.scales, header.offsets
     )
-    return _cloud(laspy.LasData(header, records))
+    las = laspy.LasData(header, records)
+    names = las.point_format.dimension_names
+    attributes = {name: np.asarray(las[name]) for name in names if name not in ("X", "Y", "Z")}
+    metadata = {"las_header": header, "las_points": las.points.array}
+    if is_denoised(header):
+        metadata["denoised"] = True
+    return PointCloud(_coordinates(las.points.array, header), attributes, metadata)
 
 
 def las_of_cloud(laspy, cloud, noise=None):
@@ -199,20 +205,6 @@ def _forget_ranges(header):
         for described in record.extra_bytes_structs:
             if described.data_type != 0:  # else the options are a number of bytes
                 described.options &= ~(described.MIN_BIT_MASK | described.MAX_BIT_MASK)
-
-
-def _cloud(las):
-    """The cloud of laspy's data. Plain attributes are views of the raw records."""
-    attributes = {
-        name: np.asarray(las[name])
-        for name in las.point_format.dimension_names
-        if name not in ("X", "Y", "Z")
-    }
-    records = las.points.array
-    metadata = {"las_header": las.header, "las_points": records}
-    if is_denoised(las.header):
-        metadata["denoised"] = True
-    return PointCloud(_coordinates(records, las.header), attributes, metadata)
 
 
 def _with_colors(laspy, las, attributes, from_las):

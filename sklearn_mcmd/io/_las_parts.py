@@ -9,7 +9,7 @@ from sklearn_mcmd.io._las import (
     header_of,
     import_laspy,
     las_of_cloud,
-    plain_parts,
+    parts_of,
     read_header,
 )
 from sklearn_mcmd.io._las_structure import order_bounds
@@ -29,11 +29,7 @@ def read_parts(path, n_points):
     """
     with one_clear_line(path, "read"), open(path, "rb") as file:
         header = header_of(path, file)
-        if header.are_points_compressed and header.point_count:
-            parts = compressed_parts(file, header, n_points)
-        else:
-            parts = plain_parts(file, header, n_points)
-        for points in parts:
+        for points in parts_of(file, header, n_points):
             yield cloud_of_points(points, header)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from sklearn_mcmd.io._las_structure import as_described, record_length
 from sklearn_mcmd.io._point_cloud import PointFileError, check_room, import_extra
 
-__all__ = ["compressed_parts", "read_compressed_points", "write_compressed"]
+__all__ = ["compressed_parts", "write_compressed"]
 
 # LASzip's items: number -> (bytes, layers). Each "extra byte", items 0 and 14, is one layer.
 ITEMS = {
@@ -42,17 +42,12 @@ POINTS_A_TIME = 2_000_000
 WAVE_PACKET_FORMATS = (4, 5, 9, 10)
 
 
-def read_compressed_points(file, header):
-    """The point records (n * record length bytes) behind a header that laspy has read.
-
-    The file may be at any position. The header's LASzip record is removed, as laspy does.
-    """
-    parts = list(compressed_parts(file, header, header.point_count))
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)
-
-
 def compressed_parts(file, header, n_points):
-    """The same in parts of whole chunks, of about `n_points` points each but at least a chunk."""
+    """The point records (n * record length bytes) behind a header that laspy has read, in parts.
+
+    Each is of whole chunks, of about `n_points` points but at least a chunk. The file may be at any
+    position. The header's LASzip record is removed, as laspy does.
+    """
     lazrs = import_extra("lazrs", "las", "LAZ")
     names = [type(record).__name__ for record in header.vlrs]
     if "LasZipVlr" not in names:
@@ -103,7 +98,8 @@ def _refuse_changed(laspy, buffer, las):
     buffer.seek(0)
     with laspy.open(buffer, closefd=False) as reader:
         header = reader.header
-    stored = read_compressed_points(buffer, header).view(las.points.array.dtype)
+    stored = next(compressed_parts(buffer, header, header.point_count))
+    stored = stored.view(las.points.array.dtype)
     changed = [
         name
         for name in stored.dtype.names

@@ -228,9 +228,7 @@ def joined(clouds):
     shared = [n for n, shape in shapes[0].items() if all(s.get(n) == shape for s in shapes)]
     lost = sorted(set().union(*shapes) - set(shared))
     if lost:
-        warnings.warn(
-            f"attributes that not all clouds have are left out: {', '.join(lost)}", stacklevel=2
-        )
+        warn_caller(f"attributes that not all clouds have are left out: {', '.join(lost)}")
     return PointCloud(
         np.concatenate([cloud.xyz for cloud in clouds]),
         {name: np.concatenate([cloud.attributes[name] for cloud in clouds]) for name in shared},
