@@ -108,7 +108,8 @@ def read(source, target=None, results=None, *, columns=None):
         points = "1 point" if cloud.n_dropped == 1 else f"{cloud.n_dropped:,} points"
         verb = "is" if cloud.n_dropped == 1 else "are"
         warnings.warn(
-            f"{source}: {points} without finite coordinates {verb} left out", stacklevel=2
+            f"{source}: {points} without finite coordinates or a return {verb} left out",
+            stacklevel=2,
         )
     return cloud
 

@@ -8,6 +8,7 @@ from types import FunctionType, SimpleNamespace
 import numpy as np
 
 from sklearn_mcmd.io._arrays import cloud_from_records
+from sklearn_mcmd.io._no_returns import NoReturns
 from sklearn_mcmd.io._point_cloud import (
     COLORS,
     PointCloud,
@@ -167,7 +168,8 @@ def read_e57(path):
             header = file.get_header(i)
             n_points += header.point_count
             check_room(n_points // 8, path.stat().st_size, f"{n_points:,} points")
-            setups.append(_setup(file, i, header))
+            position = np.asarray(file.scan_position(i), float)[0]
+            setups.append(_setup(position, header))
             skipped |= set(header.point_fields) - readable
             if not header.point_count:
                 continue
@@ -177,6 +179,11 @@ def read_e57(path):
             xyz = np.column_stack([scan[f"cartesian{axis}"] for axis in "XYZ"])
             attributes = {ours: scan[theirs] for theirs, ours in names.items() if theirs in scan}
             attributes["scan_index"] = np.full(len(xyz), i, dtype=np.int32)
+            no_returns = NoReturns().add(xyz - position)  # zeros, moved by the pose
+            if no_returns.n_left_out:
+                warnings.warn(no_returns.warning(f"{path}, scan {i}"), stacklevel=3)
+                kept = (xyz != position).any(axis=1)
+                xyz, attributes = xyz[kept], {name: a[kept] for name, a in attributes.items()}
             parts.append((xyz, attributes))
     if not parts:
         return PointCloud(np.empty((0, 3)))
@@ -201,13 +208,12 @@ def read_e57(path):
     return PointCloud(xyz, merged, metadata, n_dropped=n_points - len(xyz))
 
 
-def _setup(file, i, header):
-    """Where the scanner of a scan stood, NaN if the scan does not tell.
+def _setup(position, header):
+    """Where the scanner of a scan stood, by its pose; NaN if the scan does not tell.
 
     Merged clouds are written as scans as well. A pose that moves nothing may be theirs, unless
     there is a grid of measurements.
     """
-    position = np.asarray(file.scan_position(i), float)[0]
     has_grid = {"rowIndex", "columnIndex"} <= set(header.point_fields)
     merged = "name" in header.scan_fields and header["name"].value() == MERGED
     if merged or not header.has_pose() or not (position.any() or has_grid):

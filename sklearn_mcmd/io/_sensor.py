@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 from sklearn_mcmd.io._trajectory import Trajectory, positions_at, trajectory_of
 
-__all__ = ["Stated", "sensor_origins", "stated_positions"]
+__all__ = ["Stated", "place_words", "rows_of_sensor", "sensor_origins", "stated_positions"]
 
 SETUPS = "sensor_origins"  # in the metadata: (n_scans, 3), NaN where a scan tells none
 NO_VIEWPOINT = (0.0, 0.0, 0.0)
@@ -21,10 +21,28 @@ class Stated(NamedTuple):
         For each point, or for all; None if the file does not tell.
     words : str
         Where they are from, or why there are none.
+    setups : ndarray of int of shape (n,), or None
+        Of points of several setups, their numbers.
     """
 
     positions: np.ndarray | None
     words: str
+    setups: np.ndarray | None = None
+
+
+def place_words(positions, words):
+    """Positions (m, 3), or what bounds them, and in brackets what tells them."""
+    low, high = (np.round(end(positions, axis=0), 3) for end in (np.min, np.max))
+    first, last = (", ".join(f"{value:.10g}" for value in place) for place in (low, high))
+    return f"{first} ({words})" if first == last else f"from {first} to {last} ({words})"
+
+
+def rows_of_sensor(where, doubt, n_by_rays):
+    """What to tell of a sensor in a table: where it was, "" if that is not known or not used, what
+    speaks against it, and the outliers that coordinates alone would keep."""
+    rows = {"sensor": where, "by rays": f"{n_by_rays:,} outliers are so by rays alone"}
+    rows = rows if where else {"sensor": "not used"} if doubt else {}
+    return rows | ({"doubt": doubt} if doubt else {})
 
 
 def sensor_origins(
@@ -116,11 +134,12 @@ def stated_positions(cloud):
 
 
 def _of_setups(cloud):
-    setups = np.asarray(cloud.metadata[SETUPS], float)
-    if len(setups) > 1:
+    positions, setups = np.asarray(cloud.metadata[SETUPS], float), None
+    if len(positions) > 1:
         if "scan_index" not in cloud.attributes:
             return Stated(None, "points have lost the attribute scan_index")
-        setups = setups[np.asarray(cloud.attributes["scan_index"])]
-    if not np.isfinite(setups).all():
+        setups = np.asarray(cloud.attributes["scan_index"])
+        positions = positions[setups]
+    if not np.isfinite(positions).all():
         return Stated(None, "not all of the scans have a pose that says where the scanner stood")
-    return Stated(setups, "E57 setup" if len(setups) == 1 else "E57 setups")
+    return Stated(positions, "pose of the setup" if setups is None else "poses of setups", setups)

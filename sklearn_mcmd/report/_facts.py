@@ -86,7 +86,7 @@ class Facts(NamedTuple):
         """Names and values of a table about the cloud, as it was read."""
         rows = [("points", f"{self.n_points:,}")]
         if cloud.n_dropped:
-            rows.append(("left out", f"{cloud.n_dropped:,} without finite coordinates"))
+            rows.append(("left out", f"{cloud.n_dropped:,} without finite coordinates or a return"))
         rows += bounds_rows(self.low, self.high)
         header = cloud.metadata.get("las_header")
         if header is not None:

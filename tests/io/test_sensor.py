@@ -35,7 +35,7 @@ def test_each_point_of_e57_has_the_position_of_its_scan(tmp_path):
     expected = np.repeat([[10.0, 0, 1], [0, 7, 2]], 2, axis=0)
     assert_allclose(sensor_origins(cloud), expected, atol=1e-12)
     assert_allclose(sensor_origins(cloud.subset(np.array([3, 0]))), expected[[3, 0]], atol=1e-12)
-    assert stated_positions(cloud).words == "E57 setups"
+    assert stated_positions(cloud).words == "poses of setups"
 
 
 def test_one_scan_has_one_position(tmp_path):
