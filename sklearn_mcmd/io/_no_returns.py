@@ -13,19 +13,26 @@ class NoReturns:
     """Counts the rows of zeros of a file, part by part.
 
     They are many if there are more than rows of which single coordinates are 0: where rounding or a
-    plan makes zeros, most of them are such. A few may be a point.
+    plan makes zeros, most of them are such. Nor has the place of the largest x, y and z as many
+    copies. A few may be a point.
     """
 
     def __init__(self):
         self.n_points = self.n_large = self.n_zeros = self.n_exact = self.n_beside = 0
-        self.first = None
+        self.first, self.end = None, ((), 0)
 
     def add(self, xyz):
         largest = np.abs(xyz).max(axis=1, initial=0)
         zeros = np.flatnonzero(largest < ZERO)
         if self.first is None and len(zeros):
             self.first = self.n_points + int(zeros[0])
-        n_exact = np.count_nonzero(largest == 0)
+        n_exact, end = np.count_nonzero(largest == 0), xyz[largest > 0]
+        if len(end):
+            for axis in range(3):
+                end = end[end[:, axis] == end[:, axis].max()]
+            place, last = tuple(end[0]), self.end
+            n_copies = len(end) + last[1] * (last[0] == place)
+            self.end = max(last, (place, n_copies))
         self.n_beside += np.count_nonzero((xyz == 0).any(axis=1)) - n_exact
         self.n_exact += n_exact
         self.n_points += len(xyz)
@@ -35,7 +42,8 @@ class NoReturns:
 
     @property
     def n_left_out(self):
-        return self.n_exact if self.n_exact > max(FEW, self.n_beside) else 0
+        many = max(FEW, self.n_beside, self.end[1]) < self.n_exact < self.n_points
+        return self.n_exact if many else 0
 
     def warning(self, path):
         """What to warn of, or None if a few zeros are not amid large coordinates."""

@@ -104,8 +104,8 @@ def test_an_error_is_one_line_whatever_names_a_file_holds(name, tmp_path):
 
 def test_what_is_compressed_as_far_as_can_be_is_read(tmp_path):
     """The bounds are those of the compressions, not those of usual files."""
-    xyz = np.zeros((200_000, 3))
-    xyz[0] = 1  # of which the rest is far from empty
+    xyz = np.ones((200_000, 3))
+    xyz[0] = 2  # of which the rest is far from empty
     np.savez_compressed(tmp_path / "a.npz", xyz=xyz)
     assert xyz.nbytes > 900 * (tmp_path / "a.npz").stat().st_size
     assert len(read_points(tmp_path / "a.npz")) == len(xyz)
