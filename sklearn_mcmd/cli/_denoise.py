@@ -215,9 +215,7 @@ def denoise(
                 if origins is not None and (recognize or sensor == _sensor.AUTO):
                     params["sensor_origin"] = _sensor.AUTO  # which doubts what it is given
                 detector = _find_outliers(_files.coordinates(some), origins, light, **params)
-            rays = detector._cloud
-            where, doubt = where if rays.rays is not None else "", refused or rays.ray_doubt
-            sensed = rows_of_sensor(where, doubt, detector.n_by_rays_)
+            sensed = _sensed(detector, where, refused)
             classes, score, under = _verdict(cloud, points, detector, low_groups)
             is_outlier = classes != 0
             _warn_if_without_scale(_n_without_scale(score[is_outlier]), len(cloud))
@@ -299,6 +297,15 @@ def _detector(params):
     from sklearn_mcmd import MCMDOutlierDetector
 
     return MCMDOutlierDetector(**params)
+
+
+def _sensed(detector, where, refused):
+    """The rows on the sensor, which `rows_of_sensor` makes; "" is what is not used."""
+    from sklearn_mcmd.outliers._kinds import judged_cloud
+
+    judged = judged_cloud(detector)
+    where = "" if judged.rays is None else where
+    return rows_of_sensor(where, refused or judged.ray_doubt, detector.n_by_rays_)
 
 
 def _find_outliers(xyz, origins=None, intensity=None, **params):

@@ -32,7 +32,8 @@ def read_parts(path, n_points):
 
 def no_returns_of(path):
     """The `NoReturns` of a file whose bounds hold 0, 0, 0; of no points otherwise."""
-    status = path.stat()
+    with one_clear_line(path, "read"):
+        status = path.stat()
     return _no_returns(path, status.st_size, status.st_mtime_ns)
 
 

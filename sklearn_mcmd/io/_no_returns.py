@@ -13,8 +13,8 @@ class NoReturns:
     """Counts the rows of zeros of a file, part by part.
 
     They are many if there are more than rows of which single coordinates are 0: where rounding or a
-    plan makes zeros, most of them are such. Nor has the place of the largest x, y and z as many
-    copies. A few may be a point.
+    plan makes zeros, most of them are such. Nor has the place with the largest coordinate as many
+    copies, as where all do. A few may be a point.
     """
 
     def __init__(self):
@@ -26,13 +26,13 @@ class NoReturns:
         zeros = np.flatnonzero(largest < ZERO)
         if self.first is None and len(zeros):
             self.first = self.n_points + int(zeros[0])
-        n_exact, end = np.count_nonzero(largest == 0), xyz[largest > 0]
-        if len(end):
+        n_exact, top = np.count_nonzero(largest == 0), largest[largest < np.inf].max(initial=0)
+        if top > 0:
+            end = xyz[largest == top]
             for axis in range(3):
                 end = end[end[:, axis] == end[:, axis].max()]
-            place, last = tuple(end[0]), self.end
-            n_copies = len(end) + last[1] * (last[0] == place)
-            self.end = max(last, (place, n_copies))
+            place, last = (top, *end[0]), self.end
+            self.end = max(last, (place, len(end) + last[1] * (last[0] == place)))
         self.n_beside += np.count_nonzero((xyz == 0).any(axis=1)) - n_exact
         self.n_exact += n_exact
         self.n_points += len(xyz)

@@ -81,6 +81,8 @@ def sensor_origins(
 
     Notes
     -----
+    Files may be wrong, and ``mcmd denoise`` asks the points whether they were measured from there.
+
     *E57.* The pose of a scan says where the scanner stood. A pose that moves nothing counts only if
     the scan has a grid of rows and columns: programs that merge scans write such a pose, too.
 

@@ -16,6 +16,7 @@ from sklearn_mcmd.io._sensor import place_words, rows_of_sensor
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff, sample_step
 from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, share_to_flag
+from sklearn_mcmd.outliers._kinds import judged_cloud
 from sklearn_mcmd.outliers._model import n_by_rays
 from sklearn_mcmd.outliers._volumes import lost_volumes, words_of
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
@@ -299,7 +300,7 @@ def _judge_together(job, cells, n_places):
     origins = stored_origins(job.cells)
     detector, put = fit_together(job.detector, cells, job.constants.dtype, words, origins)
     put(job.columns, -detector.scores_, SCORED)
-    _tell_rays(CellColumns(job.columns), detector._cloud)
+    _tell_rays(CellColumns(job.columns), judged_cloud(detector))
     return -detector.offset_
 
 

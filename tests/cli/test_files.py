@@ -23,7 +23,7 @@ def test_points_without_finite_coordinates_are_counted_in_a_warning(room, tmp_pa
     (tmp_path / "holes.xyz").write_text(rows + "nan 0 0\n0 inf 0\n")
     result = run("denoise", tmp_path / "holes.xyz", tmp_path / "out.xyz")
     assert result.exit_code == 0
-    assert "2 points without finite coordinates are left out" in result.stderr
+    assert "2 points without finite coordinates or a return are left out" in result.stderr
     assert len(result.stderr.splitlines()) == 1
 
 

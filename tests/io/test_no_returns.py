@@ -74,16 +74,26 @@ def test_zeros_of_e57_are_left_out_wherever_the_pose_moves_them(tmp_path):
     [
         np.vstack([OWN_FRAME, np.zeros((8, 3))]),  # a target at the origin
         np.round(np.vstack([OWN_FRAME * [1, 1, 0.01], np.zeros((20, 3))])),  # coarse steps
-        np.insert(np.zeros((50, 2)), 2, np.arange(50) // 10, axis=1),  # repeated along an axis
+        np.repeat(np.outer(np.arange(30.0), [1, 2, 3]), 10, axis=0),  # every place ten times
         np.vstack([OWN_FRAME * [1, 1, 0], np.zeros((200, 3))]),  # a plan at height 0
     ],
-    ids=["few", "rounded", "axis", "plan"],
+    ids=["few", "rounded", "copies", "plan"],
 )
 def test_zeros_that_may_be_points_are_kept(tmp_path, xyz):
     np.save(tmp_path / "a.npy", xyz)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert len(read_points(tmp_path / "a.npy")) == len(xyz)
+
+
+def test_of_parts_as_many_are_left_out_as_of_the_whole():
+    tens = np.repeat(np.outer(np.arange(-3.0, 4), [1, 2, 3]), 10, axis=0)
+    for xyz, n_left_out in ((SPINNING, 90), (tens, 0), (np.vstack([tens, np.zeros((9, 3))]), 19)):
+        for n_parts in (1, 3, 7):
+            no_returns = NoReturns()
+            for part in np.array_split(xyz, n_parts):
+                no_returns.add(part)
+            assert no_returns.n_left_out == n_left_out
 
 
 def test_parts_of_las_leave_out_what_the_whole_file_does(tmp_path):
