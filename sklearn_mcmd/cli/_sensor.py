@@ -167,16 +167,15 @@ def sensor_of_rays(source, cloud, used, sensor=None, trajectory=None, recognize=
     from sklearn_mcmd.io._sensor import Stated, place_words, stated_positions
     from sklearn_mcmd.outliers._view import view_from_origin, views_from_setups
 
-    stated, doubt, xyz = Stated(None, ""), "", cloud.xyz[used]
+    (told, words, setups), doubt, xyz = Stated(None, ""), "", cloud.xyz[used]
     if isinstance(sensor, tuple) or trajectory is not None:
         told = np.atleast_2d(sensor_of_options(source, cloud, sensor, trajectory))
-        stated = Stated(told, "given" if trajectory is None else "trajectory")
+        words = "given" if trajectory is None else "trajectory"
     elif sensor == AUTO or (recognize and "las_header" not in cloud.metadata):
-        stated = stated_positions(cloud)
-        if sensor == AUTO and stated.positions is None:
+        told, words, setups = stated_positions(cloud)
+        if sensor == AUTO and told is None:
             sensor_of_options(source, cloud, sensor)  # which says why
-    told, words, setups = stated
-    told = told if np.ndim(told) != 2 or len(told) == 1 else told[used]
+    told = told[used] if np.ndim(told) == 2 and len(told) > 1 else told
     if told is not None and words != "given" and (len(told) == 1 or setups is not None):
         seen = views_from_setups(xyz, told, setups if setups is None else setups[used])
         if not all(seen):
