@@ -1,4 +1,4 @@
-"""benchmarks/bench_stated.py: what it says of a position that is right, and of one on the ground."""
+"""benchmarks/bench_stated.py: what it says of a right position, and of one on the ground."""
 
 import importlib
 import sys

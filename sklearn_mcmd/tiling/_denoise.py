@@ -139,7 +139,7 @@ class Denoise(Verb):
             return {}
         words = self.seen_as or SOURCES[self.sensor and self.sensor.kind]
         if positions is None:
-            positions = _one_position(self.detector, np.ones((1, 3)))
+            positions = _one_position(self.detector, np.full((1, 3), np.nan))
         told, n = columns.report(ALL, RAYS), n_by_rays(columns.read(ALL, RAYS), self.cutoff)
         return rows_of_sensor(
             place_words(positions, words) if told["used"] else "", told["doubt"], n
