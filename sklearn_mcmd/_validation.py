@@ -19,6 +19,7 @@ __all__ = [
     "check_sensor_origin",
     "check_sizes",
     "check_work",
+    "is_auto",
     "validate_points",
 ]
 
@@ -175,6 +176,11 @@ def check_extent(X):
             f"$X has {len(near)} points within {SMALLEST:g} of the origin that are not equal, but "
             "squares of their differences vanish. Set their coordinates to 0."
         )
+
+
+def is_auto(sensor_origin):
+    """Whether the cloud is to tell where the sensor stood."""
+    return isinstance(sensor_origin, str) and sensor_origin == "auto"
 
 
 def check_sensor_origin(sensor_origin, X):

@@ -15,6 +15,7 @@ from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.cli._scheduler import Scheduler, engine
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, noise_classes
 from sklearn_mcmd.io._point_cloud import denoised_before, with_results, without_outliers
+from sklearn_mcmd.io._sensor import rows_of_sensor
 
 __all__ = ["denoise"]
 
@@ -145,7 +146,7 @@ def denoise(
     _sensor.check_one_position(sensor, trajectory)
     recognize = sensor is None and trajectory is None and strictness != PAPER
     sensor = None if sensor == _sensor.NONE else sensor
-    params = {
+    params: dict = {
         "n_neighbors": n_neighbors,
         "method": method,
         "strictness": None if strictness == PAPER else strictness,
@@ -193,14 +194,15 @@ def denoise(
                 target, *_denoised(cloud, nothing.astype(np.uint8), nothing, mark), whole=mark
             )
             some = cloud if points.used.all() else cloud.subset(points.used)
-            origins, seen_as = _sensor.sensor_of_options(source, cloud, sensor, trajectory), ""
-            if np.ndim(origins) == 2:
-                origins = origins[points.used]
             light = _sensor.intensity_of(source, cloud)[points.used] if intensity else None
             with _files.working(source):
-                if recognize:
-                    origins, seen_as = _sensor.stated_or_seen(cloud, points.used)
+                origins, where, refused = _sensor.sensor_of_rays(
+                    source, cloud, points.used, sensor, trajectory, recognize
+                )
+                if origins is not None and (recognize or sensor == _sensor.AUTO):
+                    params["sensor_origin"] = _sensor.AUTO  # which doubts what it is given
                 detector = _find_outliers(_files.coordinates(some), origins, light, **params)
+            sensed = _sensed(detector, where, refused)
             classes, score, under = _verdict(cloud, points, detector, low_groups)
             is_outlier = classes != 0
             _warn_if_without_scale(_n_without_scale(score[is_outlier]), len(cloud))
@@ -212,7 +214,7 @@ def denoise(
             write_report_of(
                 report, source, target, seconds,
                 lambda: _contents(
-                    some, detector, mark, is_outlier[points.used], len(cloud), together
+                    some, detector, mark, is_outlier[points.used], len(cloud), together, sensed
                 ),
             )  # fmt: skip
         if not quiet:
@@ -220,7 +222,7 @@ def denoise(
                 {} if points.judged.all() else {"judged": _messages.count_and_share(points.judged)}
             )
             found = {"marked" if mark else "removed": _messages.count_and_share(is_outlier)}
-            judged |= _sensor_row(seen_as)
+            judged |= sensed
             _messages.print_summary(source, target, len(cloud), seconds(), **judged, **found)
 
 
@@ -250,14 +252,9 @@ def _by_tiles(
             *(source, target, told.n_points, seconds()),
             **(judged if told.n_judged < told.n_points else {}),
             tiles=f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
-            **_sensor_row(told.seen_as),
+            **told.sensor,
             **{"marked" if mode == "mark" else "removed": found},
         )
-
-
-def _sensor_row(words):
-    """What tells where the sensor stood, unless an option does, for the summary."""
-    return {"sensor": words} if words else {}
 
 
 def _tile_contents(catalog, target, params, told, mark):
@@ -271,7 +268,7 @@ def _tile_contents(catalog, target, params, told, mark):
     if cutoff is None and not found_by_run and params["strictness"] is not None:
         cutoff = CUTOFF
     n_others = told.n_points - told.n_used
-    verdict = Verdict(told.n_outliers, told.n_used, n_others, cutoff)
+    verdict = Verdict(told.n_outliers, told.n_used, n_others, cutoff, told.sensor)
     return denoise_contents(shown, verdict, marked=mark, together=told.together)
 
 
@@ -290,9 +287,18 @@ def _detector(params):
     return MCMDOutlierDetector(**params)
 
 
-def _find_outliers(xyz, sensor_origin=None, intensity=None, **params):
+def _sensed(detector, where, refused):
+    """The rows on the sensor, which `rows_of_sensor` makes; "" is what is not used."""
+    from sklearn_mcmd.outliers._kinds import judged_cloud
+
+    judged = judged_cloud(detector)
+    where = "" if judged.rays is None else where
+    return rows_of_sensor(where, refused or judged.ray_doubt, detector.n_by_rays_)
+
+
+def _find_outliers(xyz, origins=None, intensity=None, **params):
     """The fitted detector."""
-    return _detector(params).fit(xyz, sensor_origin=sensor_origin, intensity=intensity)
+    return _detector(params).fit(xyz, sensor_origin=origins, intensity=intensity)
 
 
 def _verdict(cloud, points, detector, low_groups):
@@ -317,7 +323,7 @@ def _verdict(cloud, points, detector, low_groups):
     return classes, score, under
 
 
-def _contents(cloud, detector, mark, found, n_all, together):
+def _contents(cloud, detector, mark, found, n_all, together, sensed):
     from sklearn_mcmd.outliers._kinds import plane_scales
     from sklearn_mcmd.report._denoise import Verdict, denoise_contents
     from sklearn_mcmd.report._shown import Shown
@@ -330,7 +336,8 @@ def _contents(cloud, detector, mark, found, n_all, together):
     if n_others:
         rows = [("points", f"{n_all:,}"), ("used", f"{len(cloud):,}, as follows"), *shown.rows[1:]]
         shown = shown._replace(rows=rows)
-    verdict = Verdict(np.count_nonzero(found), len(cloud), n_others, -float(detector.offset_))
+    n_found, cutoff = np.count_nonzero(found), -float(detector.offset_)
+    verdict = Verdict(n_found, len(cloud), n_others, cutoff, sensed)
     return denoise_contents(shown, verdict, marked=mark, together=together, judged=[detector])
 
 

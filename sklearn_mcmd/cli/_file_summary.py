@@ -5,7 +5,7 @@ from scipy.spatial import cKDTree
 
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._las import coordinate_system
-from sklearn_mcmd.io._sensor import stated_positions
+from sklearn_mcmd.io._sensor import place_words, stated_positions
 from sklearn_mcmd.report._facts import distinct_points, median_spacing
 
 __all__ = ["summarize", "summarize_each"]
@@ -86,15 +86,11 @@ def _without_data(cloud, name):
 
 
 def _sensor(cloud):
-    """Where the sensor stood, as the file tells, or why it is not known."""
-    positions, words = stated_positions(cloud)
-    if positions is None:
-        return f"not known: {words}"
-    places = np.unique(positions, axis=0)
-    first = ", ".join(f"{value:.10g}" for value in np.round(positions[0], 3))
-    if len(places) == 1:
-        return f"at {first} ({words})"
-    return f"at {len(places):,} places, first {first} ({words})"
+    """Where the sensor stood, as the file states, or why it is not known."""
+    positions, words, _ = stated_positions(cloud)
+    return (
+        f"not known: {words}" if positions is None else f"stated: {place_words(positions, words)}"
+    )
 
 
 @np.errstate(over="ignore")

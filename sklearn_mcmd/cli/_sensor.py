@@ -1,5 +1,6 @@
 """What options tell of the sensor: where it stood, by itself, file or trajectory; and intensity."""
 
+import warnings
 from pathlib import Path
 from typing import Annotated
 
@@ -17,7 +18,7 @@ __all__ = [
     "intensity_of",
     "path_of_options",
     "sensor_of_options",
-    "stated_or_seen",
+    "sensor_of_rays",
     "work_if_seen",
     "work_of_options",
 ]
@@ -61,8 +62,9 @@ SensorOrView = Annotated[
         "--sensor",
         parser=_position_or_none,
         metavar="X,Y,Z|auto|none",
-        help="Where the sensor stood, in the coordinates of the file. auto: as the file says, by "
-        f"{SENSORS}; mcmd info shows it. none: not known.",
+        help="Where the sensor stood, in the coordinates of the file. auto: as the file states, by "
+        f"{SENSORS}; mcmd info shows it. It is used if the cloud looks as if it was measured from "
+        "there. none: not known.",
         show_default="auto, but by no scan angles; else the origin if the cloud shows that it was "
         "taken from there",
     ),
@@ -156,18 +158,39 @@ def intensity_of(source, cloud):
     raise ValueError(f"{source}: --intensity: the file has none, or the same at all points")
 
 
-def stated_or_seen(cloud, used):
-    """Positions for the used points that the file states, or the origin if these were taken from
-    there, else None; and in words, what tells.
+def sensor_of_rays(source, cloud, used, sensor=None, trajectory=None, recognize=False):
+    """Positions for the used points, (3,) or one for each, or None; in words where they are; and
+    what speaks against those that the file states, which are not used then.
 
-    Scan angles, which take long and tell of aircraft, are left to those who ask for them.
+    What options tell is taken as it is. If neither they nor the file tell, `recognize` asks whether
+    the points were taken from the origin. Scan angles, which take long and tell of aircraft, are
+    left to those who ask for them. A sensor that moves has no even steps to be asked for.
     """
-    from sklearn_mcmd.io._sensor import stated_positions
-    from sklearn_mcmd.outliers._view import view_from_origin
+    from sklearn_mcmd.io._sensor import Stated, place_words, stated_positions
+    from sklearn_mcmd.outliers._view import view_from_origin, views_from_setups
 
-    if "las_header" not in cloud.metadata:
-        positions, words = stated_positions(cloud)
-        if positions is not None:
-            return (positions[0] if len(positions) == 1 else positions[used]), words
-    words = view_from_origin(lambda: [cloud.xyz[used]])
-    return (np.zeros(3) if words else None), words
+    (told, words, setups), doubt, xyz = Stated(None, ""), "", cloud.xyz[used]
+    if isinstance(sensor, tuple) or trajectory is not None:
+        told = np.atleast_2d(sensor_of_options(source, cloud, sensor, trajectory))
+        words = "given" if trajectory is None else "trajectory"
+    elif sensor == AUTO or (recognize and "las_header" not in cloud.metadata):
+        told, words, setups = stated_positions(cloud)
+        if sensor == AUTO and told is None:
+            sensor_of_options(source, cloud, sensor)  # which says why
+    told = told[used] if np.ndim(told) == 2 and len(told) > 1 else told
+    if told is not None and words != "given" and (len(told) == 1 or setups is not None):
+        seen = views_from_setups(xyz, told, setups if setups is None else setups[used])
+        if not all(seen):
+            which = "" if setups is None else f"of {seen.count(False)} of {len(seen)} setups "
+            doubt = (
+                f"the file says that the sensor was at {place_words(told, words)}, but points "
+                f"{which}do not look as if measured from there; that may be a local origin"
+            )
+            remedy = "give --sensor X,Y,Z if it is right; --sensor none is silent"
+            warnings.warn(f"{source}: {doubt}. It is not used; {remedy}", stacklevel=2)
+            told = None
+    if told is None and recognize and (words := view_from_origin(lambda: [xyz])):
+        told = np.zeros((1, 3))
+    if told is None:
+        return None, "", doubt
+    return told[0] if len(told) == 1 else told, place_words(told, words), doubt

@@ -11,6 +11,7 @@ import numpy as np
 
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io._las_structure import check_grid
+from sklearn_mcmd.io._no_returns import NoReturns
 from sklearn_mcmd.io._point_cloud import (
     COLORS,
     PointCloud,
@@ -57,6 +58,11 @@ def read_e57(path):
             if not header.point_count:
                 continue
             xyz, attributes = _scan(pye57, file, header)
+            no_returns = NoReturns().add(xyz)  # in the frame of the scan
+            if no_returns.n_left_out:
+                warn_caller(no_returns.warning(f"{path}, scan {i + 1}"))
+                kept = xyz.any(axis=1)
+                xyz, attributes = xyz[kept], {name: a[kept] for name, a in attributes.items()}
             if header.has_pose():
                 xyz = file.to_global(xyz, rotation, translation)
             clouds[i] = PointCloud(xyz, attributes)

@@ -63,8 +63,9 @@ def read_points(
     UserWarning
         If columns of words, or fields of other formats, are left out. If integers of text are
         rounded: beyond 2**53 in a column with gaps. If points are 0, 0, 0 where most coordinates
-        are 100,000 and more: rays without a return. If x and y seem to be degrees, unlike z.
-        If LAS describes more of a point than there is, or a rotation of E57 is not of length 1.
+        are 100,000 and more, or many are: rays without a return. If x and y seem to be degrees,
+        unlike z. If LAS describes more of a point than there is, or a rotation of E57 is not of
+        length 1.
 
     See Also
     --------
@@ -73,8 +74,10 @@ def read_points(
 
     Notes
     -----
-    Points with a coordinate that is not finite (common in organized PCD) or that E57 marks
-    invalid, and PTX's rays without a return, are dropped and counted in ``PointCloud.n_dropped``.
+    Points with a coordinate that is not finite (common in organized PCD), or that E57 marks
+    invalid, are dropped and counted in ``PointCloud.n_dropped``. So are rows of zeros, which
+    scanners write for rays without a return: all of PTX, of other formats if there are more than 8,
+    and more than rows with a single coordinate 0. In E57 they are where the scanner stood.
 
     Whitespace, commas, semicolons or tabs may separate text, which is UTF-8, UTF-16 with a mark, or
     Latin-1. A header has no number among its first three fields. Titles above it and units below it
@@ -135,18 +138,20 @@ def read_points(
             options["columns"] = columns
         check_file(path)
         cloud = known.read(path, **options)
-        finite = np.isfinite(cloud.xyz).all(axis=1)
-        if not finite.all():
-            n_dropped = cloud.n_dropped + int(np.count_nonzero(~finite))
-            cloud = cloud.subset(finite)
+        no_returns, kept = NoReturns().add(cloud.xyz), np.isfinite(cloud.xyz).all(axis=1)
+        if no_returns.n_left_out:
+            kept &= cloud.xyz.any(axis=1)
+        if not kept.all():
+            n_dropped = cloud.n_dropped + int(np.count_nonzero(~kept))
+            cloud = cloud.subset(kept)
             cloud.n_dropped = n_dropped
         if len(cloud) == 0:
             dropped = f" with finite coordinates ({cloud.n_dropped} dropped)"
             raise PointFileError("holds no points" + (dropped if cloud.n_dropped else ""))
-    if no_returns := NoReturns().add(cloud.xyz).warning(path):
-        warnings.warn(no_returns, stacklevel=2)
-    if degrees := degrees_warning(path, cloud.xyz, cloud.metadata.get("las_header"), columns):
-        warnings.warn(degrees, stacklevel=2)
+    header = cloud.metadata.get("las_header")
+    for words in (no_returns.warning(path), degrees_warning(path, cloud.xyz, header, columns)):
+        if words:
+            warnings.warn(words, stacklevel=2)
     return cloud
 
 

@@ -1,6 +1,7 @@
 """LAS and LAZ in parts: files that are larger than memory are read and written piece by piece."""
 
 from contextlib import contextmanager, suppress
+from functools import cache
 from hashlib import sha256
 
 from sklearn_mcmd.io._files import one_clear_line
@@ -14,10 +15,11 @@ from sklearn_mcmd.io._las import (
 )
 from sklearn_mcmd.io._las_structure import order_bounds
 from sklearn_mcmd.io._laz import WAVE_PACKET_FORMATS, compressed_parts
+from sklearn_mcmd.io._no_returns import NoReturns
 from sklearn_mcmd.io._point_cloud import PointFileError
 from sklearn_mcmd.io._waveforms import place_waveforms
 
-__all__ = ["read_parts", "writing_parts"]
+__all__ = ["no_returns_of", "read_parts", "writing_parts"]
 
 POINTS_A_TIME = 250_000
 
@@ -27,6 +29,31 @@ def read_parts(path, n_points):
 
     A part has `n_points` at most, but of a compressed file at least one of its chunks.
     """
+    some = no_returns_of(path).n_left_out
+    for cloud in _all_parts(path, n_points):
+        cloud = cloud.subset(cloud.xyz.any(axis=1)) if some else cloud
+        if len(cloud):
+            yield cloud
+
+
+def no_returns_of(path):
+    """The `NoReturns` of a file whose bounds hold 0, 0, 0; of no points otherwise."""
+    with one_clear_line(path, "read"):
+        status = path.stat()
+    return _no_returns(path, status.st_size, status.st_mtime_ns)
+
+
+@cache
+def _no_returns(path, _size, _time):
+    with one_clear_line(path, "read"):
+        header, found = read_header(path), NoReturns()
+    if (header.mins <= 0).all() and (header.maxs >= 0).all():
+        for cloud in _all_parts(path, POINTS_A_TIME):
+            found.add(cloud.xyz)
+    return found
+
+
+def _all_parts(path, n_points):
     with one_clear_line(path, "read"), open(path, "rb") as file:
         header = header_of(path, file)
         for points in parts_of(file, header, n_points):

@@ -1,35 +1,58 @@
-"""Rows of zeros amid large coordinates: rays without a return, which are no points."""
+"""Rows of zeros: rays without a return, which are no points."""
 
 import numpy as np
 
 __all__ = ["NoReturns"]
 
 LARGE, ZERO = 1e5, 1e-6
+# A place that was measured more often than this keeps company with itself, in outliers/.
+FEW = 8
 
 
 class NoReturns:
-    """Counts the rows of zeros of a file, part by part."""
+    """Counts the rows of zeros of a file, part by part.
+
+    They are many if there are more than rows of which single coordinates are 0: where rounding or a
+    plan makes zeros, most of them are such. Nor has the place with the largest coordinate as many
+    copies, as where all do. A few may be a point.
+    """
 
     def __init__(self):
-        self.n_points = self.n_large = self.n_zeros = 0
-        self.first = None
+        self.n_points = self.n_large = self.n_zeros = self.n_exact = self.n_beside = 0
+        self.first, self.end = None, ((), 0)
 
     def add(self, xyz):
         largest = np.abs(xyz).max(axis=1, initial=0)
         zeros = np.flatnonzero(largest < ZERO)
         if self.first is None and len(zeros):
             self.first = self.n_points + int(zeros[0])
+        n_exact, top = np.count_nonzero(largest == 0), largest[largest < np.inf].max(initial=0)
+        if top > 0:
+            end = xyz[largest == top]
+            for axis in range(3):
+                end = end[end[:, axis] == end[:, axis].max()]
+            place, last = (top, *end[0]), self.end
+            self.end = max(last, (place, len(end) + last[1] * (last[0] == place)))
+        self.n_beside += np.count_nonzero((xyz == 0).any(axis=1)) - n_exact
+        self.n_exact += n_exact
         self.n_points += len(xyz)
         self.n_large += np.count_nonzero(largest >= LARGE)
         self.n_zeros += len(zeros)
         return self
 
+    @property
+    def n_left_out(self):
+        many = max(FEW, self.n_beside, self.end[1]) < self.n_exact < self.n_points
+        return self.n_exact if many else 0
+
     def warning(self, path):
-        """What to warn of, or None if most other points are not large."""
-        if not self.n_zeros or 2 * self.n_large <= self.n_points - self.n_zeros:
+        """What to warn of, or None if a few zeros are not amid large coordinates."""
+        n, many = self.n_zeros, self.n_left_out
+        if not many and (not n or 2 * self.n_large <= self.n_points - n):
             return None
+        where = "" if many else f" amid coordinates of {LARGE:,.0f} and more"
+        done = "they are left out; points at one place are kept if moved" if many else "remove them"
         return (
-            f"{path}: {self.n_zeros:,} of {self.n_points:,} points are 0, 0, 0 amid coordinates of "
-            f"{LARGE:,.0f} and more, the first is point {self.first + 1}: no returns, as it seems; "
-            "remove them"
+            f"{path}: {n:,} of {self.n_points:,} points are 0, 0, 0{where}, the first is point "
+            f"{self.first + 1}: no returns, as it seems; {done}"
         )

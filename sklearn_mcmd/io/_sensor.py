@@ -9,7 +9,7 @@ from sklearn_mcmd.io._formats import SENSORS
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 from sklearn_mcmd.io._trajectory import Trajectory, positions_at, trajectory_of
 
-__all__ = ["Stated", "sensor_origins", "stated_positions"]
+__all__ = ["Stated", "place_words", "rows_of_sensor", "sensor_origins", "stated_positions"]
 
 SETUPS = "sensor_origins"  # in the metadata: (n_scans, 3), NaN where a scan tells none
 NO_VIEWPOINT = (0.0, 0.0, 0.0)
@@ -22,10 +22,28 @@ class Stated(NamedTuple):
         For each point, or for all; None if the file does not tell.
     words : str
         Where they are from, or why there are none.
+    setups : ndarray of int of shape (n,), or None
+        Of points of several setups, their numbers.
     """
 
     positions: np.ndarray | None
     words: str
+    setups: np.ndarray | None = None
+
+
+def place_words(positions, words):
+    """Positions (m, 3), or what bounds them, and in brackets what tells them."""
+    low, high = (np.round(end(positions, axis=0), 3) for end in (np.min, np.max))
+    first, last = (", ".join(f"{value:.10g}" for value in place) for place in (low, high))
+    return f"{first} ({words})" if first == last else f"from {first} to {last} ({words})"
+
+
+def rows_of_sensor(where, doubt, n_by_rays):
+    """What to tell of a sensor in a table: where it was, "" if that is not known or not used, what
+    speaks against it, and the outliers that coordinates alone would keep."""
+    rows = {"sensor": where, "by rays": f"{n_by_rays:,} outliers are so by rays alone"}
+    rows = rows if where else {"sensor": "not used"} if doubt else {}
+    return rows | ({"doubt": doubt} if doubt else {})
 
 
 def sensor_origins(
@@ -64,6 +82,8 @@ def sensor_origins(
 
     Notes
     -----
+    Files may be wrong, and ``mcmd denoise`` asks the points whether they were measured from there.
+
     *E57, PTX.* The pose of a scan says where the scanner stood. A pose that moves nothing counts
     only if the scan has a grid of rows and columns: programs that merge scans write such a pose,
     too. In PTX each pose needs a grid, and one that moves nothing must not name another place.
@@ -118,11 +138,13 @@ def stated_positions(cloud):
 
 
 def _of_setups(cloud):
-    setups = np.asarray(cloud.metadata[SETUPS], float)
-    if len(setups) > 1:
+    positions, setups = np.asarray(cloud.metadata[SETUPS], float), None
+    if len(positions) > 1:
         if "scan_index" not in cloud.attributes:
             return Stated(None, "points have lost the attribute scan_index")
-        setups = setups[np.asarray(cloud.attributes["scan_index"])]
-    if not np.isfinite(setups).all():
+        setups = np.asarray(cloud.attributes["scan_index"])
+        positions = positions[setups]
+    if not np.isfinite(positions).all():
         return Stated(None, "not all of the scans have a pose that says where the scanner stood")
-    return Stated(setups, "pose of the scan" if len(setups) == 1 else "poses of the scans")
+    words = "pose of the scan" if setups is None else "poses of the scans"
+    return Stated(positions, words, setups)

@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn_mcmd._choices import OutlierMethod, Strictness, choices_of
 from sklearn_mcmd._errors import ParameterError, warn_caller
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
-from sklearn_mcmd._validation import check_sensor_origin
+from sklearn_mcmd._validation import check_sensor_origin, is_auto
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff
 from sklearn_mcmd.outliers._intensity import ranks_of_intensity
 from sklearn_mcmd.outliers._levels import LEVELS
-from sklearn_mcmd.outliers._model import JudgedCloud
+from sklearn_mcmd.outliers._model import JudgedCloud, n_by_rays
 from sklearn_mcmd.outliers._view import origin_if_seen
 from sklearn_mcmd.planes._base import BasePlaneOutliers
 from sklearn_mcmd.runtime._progress import progress_part, told_to
@@ -131,8 +131,9 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         Where the sensor stood, in units of X. "origin" is the origin of the coordinates, where
         a turn of a spinning scanner or a depth image has it. "auto" takes the origin if the cloud
         shows that it was taken from there, see :ref:`recognized`, and else None. `fit` takes a
-        position for each point. With it, company also counts in the distance between beams at
-        the range of a point. What beams pass on their way to the background is empty space, and
+        position for each point; under "auto" that is not used where it would condemn surfaces, see
+        :ref:`stated`. With it, company also counts in the distance between beams at the range of a
+        point. What beams pass on their way to the background is empty space, and
         surfaces that contain the rays are mixed pixels. See :ref:`sensor`. None goes by
         coordinates alone.
 
@@ -173,7 +174,10 @@ class MCMDOutlierDetector(BasePlaneOutliers):
 
     sensor_origin_ : ndarray of shape (n_features,) or None
         The one position of the sensor that was used, given or recognized; None where none was
-        known, or one for each point.
+        known or used, or one for each point.
+
+    n_by_rays_ : int
+        Fitted points that rays alone flag: coordinates alone would keep them.
 
     n_neighbors_ : int
         Size of a neighborhood: `n_neighbors`, or the number of samples if that is smaller.
@@ -342,10 +346,11 @@ class MCMDOutlierDetector(BasePlaneOutliers):
                 " and ".join(f"{name}={value}" for name, value in given.items())
                 + " exclude each other: leave all but one of them None."
             )
+        doubted = is_auto(sensor_origin) or is_auto(self.sensor_origin)
         if sensor_origin is None:
             sensor_origin = self.sensor_origin
         one_plane = self.strictness is None or self.n_neighbors is None
-        auto = isinstance(sensor_origin, str) and sensor_origin == "auto"
+        auto = is_auto(sensor_origin)
         for name, value in (("sensor_origin", sensor_origin), ("intensity", intensity)):
             if one_plane and value is not None and not (auto and name == "sensor_origin"):
                 lacks = ["$n_neighbors"] * (self.n_neighbors is None)
@@ -367,7 +372,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
             sensor_origin = None if one_plane else origin_if_seen(xyz)
         origins = check_sensor_origin(sensor_origin, xyz)
         one = origins is not None and np.asarray(sensor_origin).shape != xyz.shape
-        self.sensor_origin_ = origins[0].copy() if one else None
+        one = origins[0].copy() if one else None
         if origins is not None:
             origins = origins[self._model.index.rows]
         ranks = ranks_of_intensity(intensity, self._model.index, len(xyz))
@@ -383,15 +388,18 @@ class MCMDOutlierDetector(BasePlaneOutliers):
             begin = 0.4  # for the display of progress
             with progress_part(0.0, begin, "cutoff by simulation"), told_to(None):
                 cutoff = calibrated_cutoff(self._model, settings, self.false_positive_rate)
-        self._cloud = JudgedCloud(self._model, origins=origins, intensity=ranks, **settings)
+        given = {"origins": origins, "intensity": ranks, "doubted": doubted}
+        self._cloud = JudgedCloud(self._model, **given, **settings)
         with progress_part(begin, 1.0):
             found = self._cloud.fit(xyz.astype(np.float64, copy=False))
+        self.sensor_origin_ = None if self._cloud.rays is None else one
         self.plane_index_, self.on_surface_, *company = found[1:]
         self.isolation_, self.separation_, self.group_index_ = company
         self.scores_ = np.negative(found.scores, out=found.scores)
         self.offset_ = -cutoff
         if (share := share_to_flag(self)) is not None:
             self.offset_ = float(np.percentile(self.scores_, 100 * share))
+        self.n_by_rays_ = n_by_rays(self._cloud.raised, -self.offset_)
         return self
 
     def fit_predict(

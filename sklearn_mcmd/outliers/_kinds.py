@@ -2,9 +2,14 @@
 
 import numpy as np
 
-__all__ = ["KINDS", "kinds_of_outliers", "plane_scales", "reasons_of"]
+__all__ = ["KINDS", "judged_cloud", "kinds_of_outliers", "plane_scales", "reasons_of"]
 
 KINDS = ("isolated", "in groups", "off surfaces")
+
+
+def judged_cloud(detector):
+    """The `JudgedCloud` of a fitted detector."""
+    return detector._cloud
 
 
 def plane_scales(detector):

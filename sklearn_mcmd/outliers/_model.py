@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sklearn_mcmd._errors import warn
 from sklearn_mcmd.outliers._intensity import darkness
 from sklearn_mcmd.outliers._isolation import chosen_rows, mean_distance
 from sklearn_mcmd.outliers._levels import LEVELS
@@ -22,13 +23,15 @@ from sklearn_mcmd.planes._rules import small_sample_inflation
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice, run, slices
 from sklearn_mcmd.runtime._progress import progress_part
 
-__all__ = ["JudgedCloud", "Judgement", "both_spacings", "joined_scores", "least_of"]
+__all__ = ["JudgedCloud", "Judgement", "both_spacings", "joined_scores", "least_of", "n_by_rays"]
 
 # A surface has as many points as a neighborhood: fewer cannot fill that of a plane of their own. A
 # thing has as many as two. In a small cloud both have this share of it.
 THING, LEAST_SHARE = 2.0, 1 / 5
 # Fields of the planes that no later step asks for.
 UNUSED = "eigenvalues", "spacing", "normal_error"
+USED = "Look at what goes by it, or give another $sensor_origin, or none"
+NOT_USED = "It is not used. Give $sensor_origin as it was, or none"
 FITTING = 0.65  # share of the time that planes take, for the display of progress
 
 
@@ -59,10 +62,16 @@ class JudgedCloud:
     neighborhood. `noise_scale` is the standard deviation of the noise, in the place of
     each plane's own if it is not None. `origins`, float64 (n, d), tells where the sensor stood when
     it measured each point of the model's index, and `intensity` (n,) is that of these points, as
-    ranks from 0 to 1; see `ranks_of_intensity`.
+    ranks from 0 to 1; see `ranks_of_intensity`. An origin that is `doubted` is not used if surfaces
+    would go by it.
+
+    `ray_doubt` says in words that they would, else it is "". `raised` (m, 3) has the places of
+    which rays think worse than coordinates: both scores, and measurements.
     """
 
-    def __init__(self, model, *, strictness, noise_scale, n_jobs, origins=None, intensity=None):
+    def __init__(
+        self, model, *, strictness, noise_scale, n_jobs, origins=None, intensity=None, doubted=False
+    ):
         self.model = model
         self.own_planes_only = strictness is None or model.index.n_neighbors is None
         self.level = None if strictness is None else LEVELS[strictness]
@@ -74,8 +83,8 @@ class JudgedCloud:
         self.surface_limits = SurfaceLimits()
         self.off_surface_limits = OffSurfaceLimits()
         self.origins = origins
-        self.intensity = intensity
-        self.rays = None
+        self.intensity, self.doubted = intensity, doubted
+        self.rays, self.ray_doubt, self.raised = None, "", np.empty((0, 3))
 
     def fit(self, X):
         """The `Judgement` of the points X (n, d), those that the model has indexed."""
@@ -120,15 +129,20 @@ class JudgedCloud:
             with progress_part(0.4, 1.0):
                 self.off_surface = OffSurface(places, least, self.off_surface_limits, self.n_jobs)
         rest, off_surface = self.off_surface.rows, self.off_surface
-        apart = off_surface.isolation, off_surface.separation
-        doubt = self._doubt(rest)
-        if self.rays is not None:
+        points, doubt = off_surface.points, self._doubt(rest)
+        apart = off_surface.isolation * doubt, off_surface.separation
+        if self.rays is None:
+            distances[rest] = self._joined(distances[rest], *apart, points)
+        else:
             known = places.spacing, self.explained, self.to_planes
-            apart = self.rays.judge(off_surface, *known, doubt)
-            off_surface.isolation, off_surface.separation = apart
-        elif self.intensity is not None:
-            off_surface.isolation *= doubt
-        distances[rest] = self._joined(distances[rest], *apart, off_surface.points)
+            by_rays = self.rays.judge(off_surface, *known, doubt)
+            # To coordinates, sheets of rays are surfaces.
+            without = np.where(self.rays.of_sheets, 0.0, distances[rest])
+            without = self._joined(without, *apart, points)
+            distances[rest] = told = self._joined(distances[rest], *by_rays, points)
+            raised, apart = np.column_stack([told, without, off_surface.counts]), by_rays
+            self.raised = raised[told > without]
+        off_surface.isolation, off_surface.separation = apart
         self.point_scores = distances
         return owners
 
@@ -232,6 +246,12 @@ class JudgedCloud:
             self.explaining = find_surfaces(index, planes, distances, least, limits, barred)
         if self.rays is not None:
             self.rays.settle_sheets(planes, distances, least)
+            self.ray_doubt = self.rays.doubt(self.explaining, self.counts)
+            if self.ray_doubt and self.doubted:
+                self.rays = None
+                self.explaining = find_surfaces(index, planes, distances, least, limits)
+            if self.ray_doubt:
+                warn(f"{self.ray_doubt}. {NOT_USED if self.doubted else USED}")
         others = np.flatnonzero(~self.explaining)
         queries = chosen_rows(index, points, ~self.explaining)
         with progress_part(0.6, 1.0):
@@ -278,6 +298,12 @@ class JudgedCloud:
 
         limit = self.surface_limits.explained
         return joined_scores(distances, isolation, separation, self.level, limit, beside)
+
+
+def n_by_rays(raised, cutoff):
+    """Measurements beyond the cutoff by rays alone, of places that `JudgedCloud` has `raised`."""
+    told, without, counts = raised.T
+    return int(counts[(told > cutoff) & (without <= cutoff)].sum())
 
 
 def least_of(n_neighbors, n_places, n_points):

@@ -21,8 +21,8 @@ class RayEvidence:
 
     `scatter` (n,) is how much the ranges of beams differ from a plane, in steps; see
     `Rays.measure`. Points `on_sheet`, bool (n,), have planes that contain the rays to them, which
-    are part of no surface. Off-surface points `by_sheet`, bool (m,), are isolated by a sheet of
-    rays; `judge` finds them.
+    are part of no surface. Off-surface points `of_sheets`, bool (m,), are explained by a sheet of
+    rays, and those `by_sheet` isolated by it; `judge` finds them.
     """
 
     def __init__(self, index, origins, planes, limits, n_jobs):
@@ -39,6 +39,18 @@ class RayEvidence:
         least *= self.rays.limits.sheet
         self.on_sheet = find_surfaces(
             self.index, planes, distances, least, self.limits, ~self.on_sheet
+        )
+
+    def doubt(self, on_surface, counts):
+        """What speaks against the position, in words: that sheets of rays would have a large share
+        of all that is flat. Surfaces are bool (n,), `counts` (n,) measurements at the points."""
+        sheets, surfaces = counts[self.on_sheet].sum(), counts[on_surface].sum()
+        share = sheets / max(1, sheets + surfaces)
+        if share <= self.rays.limits.mistaken:
+            return ""
+        return (
+            f"as seen from the sensor, {100 * share:.0f} % of all that is flat would be sheets of "
+            "rays. Mixed pixels are fewer: it seems to have stood elsewhere"
         )
 
     def judge(self, off_surface, spacing, explained, to_planes, doubt=1.0):
@@ -71,7 +83,7 @@ class RayEvidence:
         together = np.ones(len(rest))
         together[rows] = around.pooled(groups[rows], index.points[rest[rows]]).together()
         rays.release()
-        self.by_sheet = on_sheet > isolation
+        self.of_sheets, self.by_sheet = on_sheet > 0, on_sheet > isolation
         return np.maximum(isolation, on_sheet), _separation(off_surface.separation, together, step)
 
     def judge_new(self, queries, around, apart, spacing, explained, to_planes, doubt=1.0):

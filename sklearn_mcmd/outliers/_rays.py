@@ -36,6 +36,8 @@ class RayLimits(NamedTuple):
         Most points of a surface have a beam's point within this many steps.
     sheet : float
         Least size of a sheet of rays, of the least size of a surface.
+    mistaken : float
+        Where sheets hold a larger share of all that is flat, the sensor was elsewhere.
     """
 
     n_beams: int = 8
@@ -43,6 +45,7 @@ class RayLimits(NamedTuple):
     usual: float = 2.0
     alone: float = 1.25
     sheet: float = 0.5
+    mistaken: float = 0.1
 
 
 class Witnesses(NamedTuple):

@@ -1,4 +1,4 @@
-"""Whether a cloud was taken from the origin of its coordinates: what directions to points tell.
+"""Whether a cloud was taken from the origin, or from another position: what directions tell.
 
 A scanner or a camera sends its beams at even steps of angle, so its points are at uneven distances
 from each other in space, and at even ones as seen from where it stood. From beside it, points that
@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from sklearn_mcmd.outliers._rays import DIFFERS, RayLimits, one_far_position
 
-__all__ = ["origin_if_seen", "view_from_origin"]
+__all__ = ["origin_if_seen", "view_from_origin", "views_from_setups"]
 
 # Seen from where the sensor stood, gaps are uneven by .01 to .44 of what they are in space, with a
 # fifth of outliers as well. See docs/sensor.rst for other clouds.
@@ -37,7 +37,7 @@ def view_from_origin(parts):
     depend on the order of points, or on how they are divided.
     """
     (here,) = _views(parts, np.zeros((1, 3)))
-    if here is None or here.uneven() >= EVEN * here.uneven_in_space():
+    if here is None or not here.is_even():
         return ""
     mean, error = here.uneven_beside_others()
     aside = ASIDE * here.usual_range * np.vstack([np.eye(3), -np.eye(3)])
@@ -49,6 +49,20 @@ def view_from_origin(parts):
             return ""
     one_side = np.linalg.norm(here.directions.mean(axis=0)) > 0.5
     return "a view from the origin" if one_side else "a turn about the origin"
+
+
+def views_from_setups(points, positions, setups=None):
+    """Whether points look as if measured from where a file states: bool for each setup.
+
+    Points (n, 3) have `positions` (1, 3) or (n, 3); `setups` (n,) number those that are several.
+    The file's word stands where steps are even: no position aside has to be worse.
+    """
+    groups = [slice(None)]
+    if setups is not None:
+        groups = [np.flatnonzero(setups == setup) for setup in np.unique(setups)]
+    local = [points[rows] - positions[rows][0] for rows in groups]
+    views = [_views(lambda xyz=xyz: [xyz], np.zeros((1, 3)))[0] for xyz in local]
+    return [view is not None and view.is_even() for view in views]
 
 
 class _View:
@@ -67,6 +81,10 @@ class _View:
         beams = asked & (distances[:, 1] > one_beam)
         self.gaps = distances[beams, 1]
         self.usual = np.maximum(np.median(distances[:, 1][rows[beams]], axis=1), one_beam)
+
+    def is_even(self):
+        """Whether directions are at even steps, as a sensor makes them, unlike the points."""
+        return self.uneven() < EVEN * self.uneven_in_space()
 
     def uneven(self):
         return _uneven(self.gaps)[0]

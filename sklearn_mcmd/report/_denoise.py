@@ -1,5 +1,6 @@
 """What a report says about outliers."""
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -30,12 +31,14 @@ WORDS = {
 
 
 class Verdict(NamedTuple):
-    """Outliers, points that were used, all others, and the cutoff of scores; None if unknown."""
+    """Outliers, points that were used, all others, the cutoff of scores, None if unknown, and rows
+    on the sensor."""
 
     n: int
     n_all: int
     n_others: int
     cutoff: float | None
+    sensor: Mapping[str, str] = {}
 
 
 def shown_of_tiles(catalog, outputs, run, marked):
@@ -59,14 +62,14 @@ def denoise_contents(shown, verdict, *, marked, together="", judged=()):
     knows which points were removed. Outliers are marked, or dropped. `together` says where they lie
     together, by `words_of`; `judged` has the fitted detector, if it is there.
     """
-    n, n_all, n_others, cutoff = verdict
+    n, n_all, n_others, cutoff, sensor = verdict
     given, xyz, near = shown.cloud.attributes, shown.xyz, shown.near
     found, score = given.get("outlier"), given.get("outlier_score")
     cards = [(f"{n_all:,}", "points that were used" if n_others else "points in the input")]
     if n_others:
         cards.append((f"{n_others:,}", "others, neither judged nor used"))
     cards.append((f"{n:,}", f"outliers, {percent(n, n_all)}"))
-    notes = together_notes(together) + _judged_notes(n, n_all)
+    notes = _sensor_notes(sensor) + together_notes(together) + _judged_notes(n, n_all)
     if found is None:
         words = "The outputs replaced the inputs, or have other coordinates. --mode mark keeps "
         words += "outliers, and then they have maps."
@@ -102,7 +105,7 @@ def denoise_contents(shown, verdict, *, marked, together="", judged=()):
         notes=notes + shown.notes,
         checks=f"many outliers, many that lie together, {shown.checks}",
         sections=sections,
-        cloud_rows=shown.rows,
+        cloud_rows=[*shown.rows, *sensor.items()],
         output=f"{n_out:,} points{shown.files}" + ", with outlier_score and marks" * marked,
         shown=shown.cloud,
     )
@@ -127,6 +130,14 @@ def _grade_table(score, cutoff):
         "error, 100 a gross one."
     )
     return words + table(("outliers", "score", "points", "share"), rows, numbers=(2, 3))
+
+
+def _sensor_notes(sensor):
+    """What speaks against the position of the sensor."""
+    if "doubt" not in sensor:
+        return []
+    title, remedy = "Where was the sensor?", "Give --sensor X,Y,Z as it was, or --sensor none."
+    return [Note(title, f"{sensor['sensor']}: {sensor['doubt']}.", remedy)]
 
 
 def _judged_notes(n, n_all):

@@ -1,4 +1,4 @@
-"""A catalog: what one or many point files hold, from their headers alone."""
+"""A catalog: what one or many point files hold, from their headers."""
 
 import json
 import os
@@ -14,6 +14,7 @@ from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import check_file, one_clear_line
 from sklearn_mcmd.io._formats import INDEX, TILED, listed
 from sklearn_mcmd.io._las import coordinate_system, read_header
+from sklearn_mcmd.io._las_parts import no_returns_of
 from sklearn_mcmd.io._units import degrees_warning
 
 __all__ = ["Catalog", "paths_of", "stamp_of"]
@@ -22,7 +23,9 @@ PROJECTION = "LASF_Projection"  # of the records that tell the coordinate system
 
 
 class Catalog:
-    """One or many LAS, LAZ or COPC files as one cloud; no points are read.
+    """One or many LAS, LAZ or COPC files as one cloud.
+
+    Points are read only where their bounds hold 0, 0, 0, to count rays without a return.
 
     Parameters
     ----------
@@ -37,7 +40,7 @@ class Catalog:
     is_many : bool
         Whether it is a folder, an index or several files.
     counts : list of int
-        Points of each file.
+        Points of each file, without rays that have no return.
     record_sizes : list of int
         Bytes of each point of a file, when it is not compressed.
     low, high : ndarray of shape (3,)
@@ -79,7 +82,8 @@ class Catalog:
             with one_clear_line(path, "read"):
                 headers.append(_checked_header(path))
                 self.stamps.append(stamp_of(path))
-        self.counts = [int(header.point_count) for header in headers]
+        left_out = [no_returns_of(path).n_left_out for path in self.paths]
+        self.counts = [int(h.point_count) - n for h, n in zip(headers, left_out, strict=True)]
         self.record_sizes = [int(header.point_format.size) for header in headers]
         self.low = np.min([header.mins for header in headers], axis=0)
         self.high = np.max([header.maxs for header in headers], axis=0)

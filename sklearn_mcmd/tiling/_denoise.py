@@ -7,15 +7,18 @@ from sklearn.base import clone
 
 from sklearn_mcmd._choices import Mode, choices_of
 from sklearn_mcmd._errors import warn_caller
-from sklearn_mcmd._validation import check_sensor_origin
+from sklearn_mcmd._validation import check_sensor_origin, is_auto
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, LowestPoints, classes_of_noise, ground_in
 from sklearn_mcmd.io._ground import HeightLimits
 from sklearn_mcmd.io._las import is_denoised, read_header
 from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.io._point_cloud import denoised_before, with_results, without_outliers
+from sklearn_mcmd.io._sensor import place_words, rows_of_sensor
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff, sample_step
 from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, share_to_flag
+from sklearn_mcmd.outliers._kinds import judged_cloud
+from sklearn_mcmd.outliers._model import n_by_rays
 from sklearn_mcmd.outliers._volumes import losses_of
 from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
 from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part
@@ -49,6 +52,8 @@ __all__ = ["Denoise", "check_detector", "cutoff_of", "evenly_along_x", "judge_ce
 WARM_UP = 3_000  # points that load or compile the code
 # The ends of the work on heights and on scores, as a share of the time, and then of each sweep.
 HEIGHTS, VERDICTS = 0.15, 0.99
+RAYS = "by_rays"  # the name of what they tell of a cloud
+SOURCES = {"angles": "scan angles", "trajectory": "trajectory", "positions": "given", None: "given"}
 ENDS = {"places": 0.02, "neighbors": 0.2, "planes": 0.75}
 
 
@@ -84,6 +89,8 @@ class Denoise(Verb):
         detector = self.detector
         if self.sensor is not None:  # any position will do
             detector = clone(detector).set_params(sensor_origin="origin")
+            if self.sensor.kind == "angles":  # which nobody told
+                self.detector = clone(detector).set_params(sensor_origin="auto")
         self.cutoff = cutoff_of(detector)
         work = "outliers" if self.limits is None else "heights"
         return sensed(work, self.detector, self.sensor), 0, most
@@ -121,8 +128,21 @@ class Denoise(Verb):
             "removed_fraction": n_outliers / run.catalog.n_points,
             "n_judged": self.n_judged,
             "n_used": self.n_used,
-            "seen_as": self.seen_as,
+            "sensor": self._sensed(run),
         }
+
+    def _sensed(self, run):
+        """The rows of a report on the sensor."""
+        columns, positions = CellColumns(run.folder.results), stored_origins(run.folder.cells)
+        if not columns.is_done(ALL, RAYS):
+            return {}
+        words = self.seen_as or SOURCES[self.sensor and self.sensor.kind]
+        if positions is None:
+            positions = _one_position(self.detector, np.full((1, 3), np.nan))
+        told, n = columns.report(ALL, RAYS), n_by_rays(columns.read(ALL, RAYS), self.cutoff)
+        return rows_of_sensor(
+            place_words(positions, words) if told["used"] else "", told["doubt"], n
+        )
 
     def make(self, cloud, values, xyz):
         scores, depths = _judged(values)
@@ -193,6 +213,8 @@ def check_detector(estimator):
 def cutoff_of(estimator):
     """The cutoff, where the cloud has no part in it; compiled code is then on disk for all."""
     detector = clone(estimator)
+    if is_auto(detector.sensor_origin):  # which would see nothing in other points
+        detector.set_params(sensor_origin="origin")
     if detector.cutoff is None and share_to_flag(detector) is None:
         detector.set_params(false_positive_rate=None)  # it takes long, and is found later
     return -warm_up(detector, WARM_UP).offset_
@@ -238,22 +260,37 @@ def _judge(job, cells, whole, n_threads):
         spacings = whole.open("spacing"), whole.open("other_spacing")
         judged.judge(whole.open("counts"), job.n_points, lambda: (whole.planes(), *spacings))
         scores = judged.point_scores
+        _tell_rays(columns, judged)
     for cell in range(len(cells)):
         own, rows = scores[whole.rows(cell)], cells.read(cell)["row"]
         write_results(job.columns, cell, rows, own[columns.read(cell, "place_of")], SCORED)
 
 
+def _tell_rays(columns, judged):
+    """Keep what a `JudgedCloud` found by rays, where it knew of any."""
+    if judged.rays is not None or judged.ray_doubt:
+        columns.write(ALL, **{RAYS: judged.raised})
+        columns.finish(ALL, RAYS, used=judged.rays is not None, doubt=judged.ray_doubt)
+
+
 def _origins(job, cells, whole, index):
     """Where the sensor was for each place, by the first point there; None if it is not known."""
-    origins, stored = job.detector.sensor_origin, stored_origins(job.cells)
-    if stored is not None:
-        origins = index.empty(index.points.shape)
-        for cell in range(len(cells)):
-            own, rows = whole.rows(cell), cells.read(cell)["row"]
-            first = np.empty(own.stop - own.start, rows.dtype)
-            first[whole.columns.read(cell, "place_of")[::-1]] = rows[::-1]
-            origins[own] = stored[first]
+    stored = stored_origins(job.cells)
+    if stored is None:
+        return _one_position(job.detector, index.points)
+    origins = index.empty(index.points.shape)
+    for cell in range(len(cells)):
+        own, rows = whole.rows(cell), cells.read(cell)["row"]
+        first = np.empty(own.stop - own.start, rows.dtype)
+        first[whole.columns.read(cell, "place_of")[::-1]] = rows[::-1]
+        origins[own] = stored[first]
     return check_sensor_origin(origins, index.points)
+
+
+def _one_position(detector, points):
+    """That of a detector, whose "auto" `recognized` has left where it is the origin."""
+    origin = detector.sensor_origin
+    return check_sensor_origin("origin" if is_auto(origin) else origin, points)
 
 
 def _judge_together(job, cells, n_places):
@@ -262,6 +299,7 @@ def _judge_together(job, cells, n_places):
     origins = stored_origins(job.cells)
     detector, put = fit_together(job.detector, cells, job.constants.dtype, words, origins)
     put(job.columns, -detector.scores_, SCORED)
+    _tell_rays(CellColumns(job.columns), judged_cloud(detector))
     return -detector.offset_
 
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.base import clone
 
+from sklearn_mcmd._validation import is_auto
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._model import JudgedCloud
 from sklearn_mcmd.planes._base import model_of
@@ -58,7 +59,8 @@ class Job(NamedTuple):
         constants, detector = self.constants, clone(self.detector)
         precision = np.finfo(constants.dtype).eps
         model = model_of(detector, index, index.points.shape, precision, constants.step)
-        return JudgedCloud(model, **self.settings, n_jobs=n_jobs, origins=origins)
+        told = {"origins": origins, "doubted": is_auto(detector.sensor_origin)}
+        return JudgedCloud(model, **self.settings, n_jobs=n_jobs, **told)
 
     def stored_columns(self):
         """What `find_planes` fills: names, dtypes and shapes of a row."""

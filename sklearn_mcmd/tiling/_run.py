@@ -4,7 +4,7 @@ import shutil
 import time
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import contextmanager
 from numbers import Integral
 from pathlib import Path
@@ -17,8 +17,7 @@ from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._ground import check_ground
-from sklearn_mcmd.io._las_parts import read_parts
-from sklearn_mcmd.io._no_returns import NoReturns
+from sklearn_mcmd.io._las_parts import no_returns_of, read_parts
 from sklearn_mcmd.runtime._interrupts import ignoring_interrupts
 from sklearn_mcmd.runtime._progress import progress_part, tell_share
 from sklearn_mcmd.tiling._catalog import Catalog
@@ -79,9 +78,9 @@ class RunReport(NamedTuple):
         Where hundreds of outliers lie together, in words; "" if nowhere.
     n_upright : int
         Normals of upright faces.
-    seen_as : str
-        Of a cloud that was recognized as taken from the origin: "a turn about the origin" or "a
-        view from the origin".
+    sensor : dict of str to str
+        Of outliers: "sensor", where it was; "by rays", points that are outliers by rays alone; and
+        "doubt", what speaks against the position. Empty if none was known.
     """
 
     n_points: int
@@ -100,7 +99,7 @@ class RunReport(NamedTuple):
     n_used: int = 0
     together: str = ""
     n_upright: int = 0
-    seen_as: str = ""
+    sensor: Mapping[str, str] = {}
 
 
 class Run(NamedTuple):
@@ -290,9 +289,7 @@ def _scatter(verb, catalog, folder, capacity):
         ground = GroundWriter(folder.cells / GROUND, capacity, CUT)
     origins = None if verb.sensor is None else OriginWriter(folder.cells, verb.sensor)
     for path in catalog.paths:
-        no_returns = NoReturns()
         for cloud in read_parts(path, PART):
-            no_returns.add(cloud.xyz)
             with one_clear_line(path, "read"):
                 chosen = None if choice is None else choice.of(cloud)
             xyz = cloud.xyz if chosen is None else cloud.xyz[chosen]
@@ -306,7 +303,7 @@ def _scatter(verb, catalog, folder, capacity):
                 origins.add(cloud, path)
             row += len(cloud)
             tell_share(row / catalog.n_points)
-        if warning := no_returns.warning(path):
+        if warning := no_returns_of(path).warning(path):
             warn_caller(warning)
     if not writer.n_points:
         raise PointFileError(

@@ -8,6 +8,7 @@ from sklearn.base import clone
 from sklearn.utils.validation import check_array
 
 from sklearn_mcmd._errors import warn_caller
+from sklearn_mcmd._validation import is_auto
 from sklearn_mcmd.io import PointCloud, sensor_origins
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._las_parts import read_parts
@@ -147,9 +148,11 @@ def check_one_origin(estimator):
 
 
 def recognized(detector, catalog, choice=None):
-    """A detector whose "auto" the points of a catalog have settled, and in words what they are."""
-    auto = isinstance(detector.sensor_origin, str) and detector.sensor_origin == "auto"
-    if not auto:
+    """A detector whose "auto" the points of a catalog have settled, and in words what they are.
+
+    "auto" stays where they are recognized: a detector doubts what nobody told it.
+    """
+    if not is_auto(detector.sensor_origin):
         return detector, ""
 
     def parts():
@@ -160,7 +163,7 @@ def recognized(detector, catalog, choice=None):
                 yield cloud.xyz if chosen is None else cloud.xyz[chosen]
 
     told = "" if detector.strictness is None else view_from_origin(parts)
-    return clone(detector).set_params(sensor_origin="origin" if told else None), told
+    return clone(detector).set_params(sensor_origin="auto" if told else None), told
 
 
 def sensor_path(estimator, given):

@@ -7,6 +7,7 @@ from commands import error_line, run
 from scenes import scanned
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.cli import _denoise
+from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._classes import noise_classes
 
@@ -186,6 +187,7 @@ def test_exact_planes_are_warned_about_where_they_make_outliers(strictness, tmp_
 def turn(tmp_path):
     """A turn of a spinning sensor at the origin, in a file."""
     xyz = scanned("make_lidar_turn", 4_000)[0].data
+    xyz = xyz[xyz.any(axis=1)]  # rays without a return are left out when they are read
     np.save(tmp_path / "turn.npy", xyz)
     return tmp_path / "turn.npy", xyz
 
@@ -204,7 +206,7 @@ def test_the_position_of_the_sensor_reaches_the_detector(turn, tmp_path):
 def test_a_turn_is_recognized_unless_that_is_refused(turn, tmp_path, small_machine):
     write_points(tmp_path / "in.las", np.round(turn[1], 3))
     tiles = ("--memory", "2MB", "--n-jobs", 1)
-    clouds, told = {}, "sensor   a turn about the origin"
+    clouds, told = {}, "sensor   0, 0, 0 (a turn about the origin)"
     for name, options in {
         "told": ("--sensor", "0,0,0"),
         "seen": (),
@@ -217,6 +219,32 @@ def test_a_turn_is_recognized_unless_that_is_refused(turn, tmp_path, small_machi
         assert (told in result.output) == (name in ("seen", "tiles"))
         clouds[name] = (tmp_path / f"{name}.las").read_bytes()
     assert clouds["told"] == clouds["seen"] == clouds["tiles"] != clouds["not"]
+
+
+def test_a_pose_that_is_a_local_origin_loses_no_points_and_the_report_says_so(tmp_path):
+    """Points that are even in space, and a pose on the ground, as programs merge scans."""
+    pye57 = pytest.importorskip("pye57")
+    xyz = make_street(8_000, outlier_share=0.02, random_state=3).data
+    raw = {f"cartesian{axis}": np.ascontiguousarray(xyz[:, i]) for i, axis in enumerate("XYZ")}
+    with pye57.E57(str(tmp_path / "in.e57"), mode="w") as file:
+        file.write_scan_raw(raw, translation=np.array([5e5, 0, 100]))
+    clouds, page = {}, tmp_path / "report" / "index.html"
+    for name, options in {"stated": (), "none": ("--sensor", "none")}.items():
+        args = ("denoise", tmp_path / "in.e57", tmp_path / f"{name}.npy", *options)
+        result = run(*args, "--report", tmp_path / "report")
+        assert result.exit_code == 0, result.output
+        said = "sensor was at 500000, 0, 100 (pose of the scan), but points do not look as if"
+        assert (said in " ".join(result.output.split())) == (name == "stated")
+        assert (said in page.read_text()) == (name == "stated")
+        clouds[name] = np.load(tmp_path / f"{name}.npy")
+    np.testing.assert_array_equal(clouds["stated"], clouds["none"])
+    args = ("denoise", tmp_path / "in.e57", tmp_path / "told.npy", "--sensor", "500000,0,100")
+    result = run(*args, "--report", tmp_path / "report")
+    assert len(np.load(tmp_path / "told.npy")) < 0.7 * len(xyz)  # what is told is used
+    for words in (result.output, page.read_text()):
+        assert "500000, 0, 100 (given)" in words
+        assert "outliers are so by rays alone" in words
+        assert "would be sheets of rays" in words
 
 
 @pytest.mark.parametrize(

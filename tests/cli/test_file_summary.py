@@ -124,7 +124,7 @@ def test_info_names_the_position_of_the_sensor_where_a_format_can_tell_it(room, 
     pytest.importorskip("pypcd4")
     room.metadata["pcd_viewpoint"] = (1.2, 3.4, 5.6, 1.0, 0.0, 0.0, 0.0)
     write_points(tmp_path / "room.pcd", room)
-    assert "at 1.2, 3.4, 5.6 (PCD's VIEWPOINT)" in run("info", tmp_path / "room.pcd").stdout
+    assert "stated: 1.2, 3.4, 5.6 (PCD's VIEWPOINT)" in run("info", tmp_path / "room.pcd").stdout
     del room.metadata["pcd_viewpoint"]
     write_points(tmp_path / "room.pcd", room)
     assert "not known: PCD's VIEWPOINT is 0 0 0" in run("info", tmp_path / "room.pcd").stdout
@@ -132,16 +132,14 @@ def test_info_names_the_position_of_the_sensor_where_a_format_can_tell_it(room, 
     assert "sensor" not in run("info", tmp_path / "room.csv").stdout
 
 
-def test_info_counts_the_places_of_the_sensor(tmp_path):
+def test_info_bounds_the_places_of_the_sensor(tmp_path):
     pye57 = pytest.importorskip("pye57")
     points = {f"cartesian{axis}": np.arange(3.0) for axis in "XYZ"}
     with pye57.E57(str(tmp_path / "a.e57"), mode="w") as file:
         for x in (1.5, 7.0):
             file.write_scan_raw(points, translation=np.array([x, 0, 1]))
-    assert (
-        "at 2 places, first 1.5, 0, 1 (poses of the scans)"
-        in run("info", tmp_path / "a.e57").stdout
-    )
+    told = run("info", tmp_path / "a.e57").stdout
+    assert "stated: from 1.5, 0, 1 to 7, 0, 1 (poses of the scans)" in told
 
 
 def test_info_of_a_folder_has_a_line_for_each_file_and_one_for_all(tmp_path):

@@ -110,6 +110,22 @@ def test_a_file_that_tells_no_position_is_named_by_tiles_too(small_machine, sour
     assert files_in(tmp_path) == ["street.laz"]
 
 
+@pytest.mark.parametrize("verb", ["denoise", "normals", "segment", "edges"])
+def test_rays_without_a_return_are_left_out_by_tiles_too(small_machine, tmp_path, verb):
+    xyz = street(8_000).xyz
+    xyz = np.round(xyz - xyz.mean(axis=0), 3)
+    xyz[::4] = 0.0
+    write_points(tmp_path / "in.las", xyz)
+    a, b = tmp_path / "a.las", tmp_path / "b.las"
+    for target, options in ((a, ()), (b, ("--memory", "2MB", *ONE))):
+        result = run(verb, tmp_path / "in.las", target, *options)
+        assert result.exit_code == 0, result.output
+        assert "2,000 of 8,000 points are 0, 0, 0, the first is point 1" in result.stderr
+        assert ("tiles" in result.stdout) == (target == b)
+    assert a.read_bytes() == b.read_bytes()
+    assert 5_500 < len(read_points(a)) <= 6_000
+
+
 def test_sizes_of_neighborhoods_are_found_by_tiles_too(small_machine, source, tmp_path):
     a, b = tmp_path / "a.laz", tmp_path / "b.laz"
     assert run("normals", source, a, "--n-neighbors", "auto").exit_code == 0

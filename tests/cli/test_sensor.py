@@ -11,9 +11,10 @@ from sklearn_mcmd.cli._sensor import (
     check_one_position,
     intensity_of,
     sensor_of_options,
-    stated_or_seen,
+    sensor_of_rays,
     work_if_seen,
 )
+from sklearn_mcmd.datasets import make_lidar_turn
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 
 TIMED = PointCloud(np.eye(3), {"time": np.array([0.0, 1, 2])})
@@ -88,11 +89,76 @@ def test_a_file_without_intensity_is_named(attributes):
         intensity_of("a.las", PointCloud(np.eye(3), attributes))
 
 
-def test_what_a_file_states_comes_before_what_its_points_show():
-    position, words = stated_or_seen(VIEWED, np.ones(len(VIEWED), bool))
-    assert_array_equal(position, [1, 2, 3])
-    assert words == "PCD's VIEWPOINT"
-    assert stated_or_seen(TIMED, np.ones(len(TIMED), bool)) == (None, "")
+def told(cloud, rows=slice(None), **options):
+    used = np.zeros(len(cloud), bool)
+    used[rows] = True
+    return sensor_of_rays("a.e57", cloud, used, **options)
+
+
+@pytest.fixture(scope="module")
+def setups():
+    """Two turns, each about a position of its own, that a file states."""
+    positions = np.array([[500.0, 0, 2], [530.0, 7, 2]])
+    turn = make_lidar_turn(4_000, random_state=0).data
+    index = np.repeat([0, 1], len(turn))
+    cloud = PointCloud(np.vstack([turn, turn]) + positions[index], {"scan_index": index})
+    cloud.metadata["sensor_origins"] = positions
+    return cloud
+
+
+def test_positions_that_a_file_states_are_used_where_points_look_measured_from_there(setups):
+    half = slice(None, None, 2)
+    positions, words, doubt = told(setups, half, recognize=True)
+    assert_array_equal(
+        positions, setups.metadata["sensor_origins"][setups.attributes["scan_index"]][half]
+    )
+    assert words == "from 500, 0, 2 to 530, 7, 2 (poses of the scans)"
+    assert doubt == ""
+    one = setups.subset(slice(0, 4_000))
+    one.attributes.pop("scan_index")
+    one.metadata["sensor_origins"] = setups.metadata["sensor_origins"][:1]
+    for asked in ({"recognize": True}, {"sensor": "auto"}):
+        positions, words, _ = told(one, **asked)
+        assert_array_equal(positions, [500, 0, 2])
+        assert words == "500, 0, 2 (pose of the scan)"
+
+
+def test_other_positions_that_a_file_states_are_not_used_and_the_line_says_so(setups):
+    wrong = PointCloud(
+        setups.xyz, setups.attributes, {"sensor_origins": [[500, 0, 2], [530, 7, 0]]}
+    )
+    line = (
+        r"a\.e57: .* at from 500, 0, 0 to 530, 7, 2 \(poses of the scans\), but points of 1 of 2 "
+        r"setups do not look .* is not used; give --sensor X,Y,Z if it is right; --sensor none is"
+    )
+    wrong.metadata["sensor_origins"] = [[500, 0, 2], [530, 7, 0]]
+    for asked in ({"recognize": True}, {"sensor": "auto"}):
+        with pytest.warns(UserWarning, match=line):
+            positions, words, doubt = told(wrong, **asked)
+        assert (positions, words) == (None, "")
+        assert doubt.startswith("the file says that the sensor was at")
+
+
+def test_what_options_tell_is_used_as_it_is(setups, tmp_path):
+    positions, words, doubt = told(setups, sensor=(1.0, 2.0, 3.0))
+    assert_array_equal(positions, [1, 2, 3])
+    assert (words, doubt) == ("1, 2, 3 (given)", "")
+    (tmp_path / "path.csv").write_text("time,x,y,z\n0,0,0,5\n2,4,0,5\n")
+    positions, words, _ = told(TIMED, slice(1, 3), trajectory=tmp_path / "path.csv")
+    assert_array_equal(positions, [[2, 0, 5], [4, 0, 5]])
+    assert words == "from 2, 0, 5 to 4, 0, 5 (trajectory)"
+    assert told(setups) == told(TIMED, recognize=True) == (None, "", "")
+    with pytest.raises(PointFileError, match="no position of the sensor is known"):
+        told(TIMED, sensor="auto")
+
+
+def test_where_the_statement_is_wrong_the_origin_may_be_right():
+    turn = make_lidar_turn(4_000, random_state=0).data
+    cloud = PointCloud(turn, {}, {"pcd_viewpoint": (9.0, 9.0, 1.0, 1.0, 0.0, 0.0, 0.0)})
+    with pytest.warns(UserWarning, match="9, 9, 1 .PCD's VIEWPOINT., but points do not"):
+        positions, words, _ = told(cloud, recognize=True)
+    assert_array_equal(positions, [0, 0, 0])
+    assert words == "0, 0, 0 (a turn about the origin)"
 
 
 def test_a_file_that_may_be_recognized_is_planned_with_rays(tmp_path):

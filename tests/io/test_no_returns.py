@@ -1,4 +1,4 @@
-"""Rows of zeros amid large coordinates are named wherever files are read."""
+"""Rows of zeros are named wherever files are read, and left out where they are many."""
 
 import warnings
 
@@ -7,7 +7,9 @@ import pytest
 
 from sklearn_mcmd.io import read_points, write_points
 from sklearn_mcmd.io._formats import supported_extensions
+from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.io._no_returns import NoReturns
+from sklearn_mcmd.tiling import Catalog
 
 CORNER = np.array([500_000, 200_000, 100])
 SURVEY = CORNER + np.round(np.random.default_rng(0).uniform(0, 20, (30, 3)), 2)
@@ -40,3 +42,66 @@ def test_an_origin_among_smaller_coordinates_is_a_point(tmp_path, shift):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         read_points(tmp_path / "a.npy")
+
+
+OWN_FRAME = np.random.default_rng(1).normal(size=(300, 3))
+SPINNING = np.insert(OWN_FRAME, np.repeat([0, 40, 200], 30), 0, axis=0)
+
+
+@pytest.mark.filterwarnings("ignore:.*there are none, and few programs")
+@pytest.mark.parametrize("extension", supported_extensions(written=True))
+def test_many_zeros_in_the_frame_of_the_scanner_are_left_out_of_every_format(tmp_path, extension):
+    libraries = {".e57": "pye57", ".pcd": "pypcd4", ".ply": "plyfile"}
+    pytest.importorskip(libraries.get(extension, "laspy"))
+    write_points(tmp_path / f"a{extension}", np.round(SPINNING, 3))
+    with pytest.warns(UserWarning, match="90 of 390 points are 0, 0, 0, the first is point 1: no"):
+        cloud = read_points(tmp_path / f"a{extension}")
+    np.testing.assert_allclose(cloud.xyz, np.round(OWN_FRAME, 3), rtol=0, atol=1e-12)
+    assert cloud.n_dropped == 90
+
+
+def test_zeros_of_e57_are_left_out_wherever_the_pose_moves_them(tmp_path):
+    pye57 = pytest.importorskip("pye57")
+    raw = {f"cartesian{axis}": SPINNING[:, i].copy() for i, axis in enumerate("XYZ")}
+    pose = {"translation": np.array([5e5, 5.4e6, 100]), "rotation": np.array([0.6, 0, 0, 0.8])}
+    with pye57.E57(str(tmp_path / "a.e57"), mode="w") as file:
+        file.write_scan_raw(raw, **pose)
+    with pytest.warns(UserWarning, match=r"a.e57, scan 1: 90 of 390 points are 0, 0, 0"):
+        cloud = read_points(tmp_path / "a.e57")
+    assert (len(cloud), cloud.n_dropped) == (300, 90)
+
+
+@pytest.mark.parametrize(
+    "xyz",
+    [
+        np.vstack([OWN_FRAME, np.zeros((8, 3))]),  # a target at the origin
+        np.round(np.vstack([OWN_FRAME * [1, 1, 0.01], np.zeros((20, 3))])),  # coarse steps
+        np.repeat(np.outer(np.arange(30.0), [1, 2, 3]), 10, axis=0),  # every place ten times
+        np.vstack([OWN_FRAME * [1, 1, 0], np.zeros((200, 3))]),  # a plan at height 0
+    ],
+    ids=["few", "rounded", "copies", "plan"],
+)
+def test_zeros_that_may_be_points_are_kept(tmp_path, xyz):
+    np.save(tmp_path / "a.npy", xyz)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(read_points(tmp_path / "a.npy")) == len(xyz)
+
+
+def test_of_parts_as_many_are_left_out_as_of_the_whole():
+    tens = np.repeat(np.outer(np.arange(-3.0, 4), [1, 2, 3]), 10, axis=0)
+    for xyz, n_left_out in ((SPINNING, 90), (tens, 0), (np.vstack([tens, np.zeros((9, 3))]), 19)):
+        for n_parts in (1, 3, 7):
+            no_returns = NoReturns()
+            for part in np.array_split(xyz, n_parts):
+                no_returns.add(part)
+            assert no_returns.n_left_out == n_left_out
+
+
+def test_parts_of_las_leave_out_what_the_whole_file_does(tmp_path):
+    write_points(tmp_path / "a.las", np.round(SPINNING, 3))
+    with pytest.warns(UserWarning, match="90 of 390"):
+        whole = read_points(tmp_path / "a.las").xyz
+    parts = [part.xyz for part in read_parts(tmp_path / "a.las", 20)]
+    np.testing.assert_array_equal(np.vstack(parts), whole)
+    assert Catalog(tmp_path / "a.las").counts == [300]

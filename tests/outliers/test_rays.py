@@ -11,7 +11,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_lidar_turn, make_street
+from sklearn_mcmd.datasets import make_lidar_turn, make_mobile_scan, make_street
 from sklearn_mcmd.outliers._kinds import reasons_of
 from sklearn_mcmd.outliers._rays import RayLimits, Rays, one_far_position
 
@@ -98,6 +98,46 @@ def test_sheets_are_told_as_the_reason(street):
     assert reason.startswith("single point")
 
 
+def test_a_position_on_the_ground_is_doubted_and_that_of_the_scanner_is_not(street):
+    """The ground contains the rays from a point on it; most of it would be sheets of rays."""
+    X, plain = street.data, detector().fit(street.data)
+    ground = street.sensor_origins[0] * [1, 1, 0]
+    with pytest.warns(UserWarning, match="% of all that is flat would be sheets .* or none"):
+        told = detector(sensor_origin=ground).fit(X)
+    assert_array_equal(told.sensor_origin_, ground)  # what is told is used
+    assert np.mean(told.scores_ < -3) > 0.5 > 0.1 > np.mean(plain.scores_ < -3)
+    with pytest.warns(UserWarning, match="It is not used"):
+        claimed = detector(sensor_origin="auto").fit(X, sensor_origin=ground)
+    assert claimed.sensor_origin_ is None
+    assert claimed.n_by_rays_ == 0
+    assert_array_equal(claimed.scores_, plain.scores_)
+    assert_array_equal(claimed.score_samples(X[:50] + 0.01), plain.score_samples(X[:50] + 0.01))
+    right = detector(sensor_origin="auto").fit(X, sensor_origin=street.sensor_origins[0])
+    assert_array_equal(right.sensor_origin_, street.sensor_origins[0])
+
+
+def test_a_sensor_that_moves_along_the_ground_is_doubted():
+    drive = make_mobile_scan(8_000, outlier_share=0.2, random_state=1)
+    right = detector(sensor_origin="auto").fit(drive.data, sensor_origin=drive.sensor_origins)
+    assert right.n_by_rays_ > 0
+    with pytest.warns(UserWarning, match="It is not used"):
+        wrong = detector(sensor_origin="auto").fit(
+            drive.data, sensor_origin=drive.sensor_origins * [1, 1, 0]
+        )
+    assert_array_equal(wrong.scores_, detector().fit(drive.data).scores_)
+
+
+def test_outliers_by_rays_alone_are_those_that_coordinates_keep(street):
+    """Without rays, what is usual around is that of the sheets, too; so both numbers are near."""
+    told = detector(sensor_origin=street.sensor_origins[0]).fit(street.data)
+    plain = detector().fit(street.data)
+    alone = np.count_nonzero((told.scores_ < -3) & (plain.scores_ >= -3))
+    assert abs(told.n_by_rays_ - alone) < 0.1 * alone
+    assert (plain.n_by_rays_, detector(strictness=None).fit(street.data).n_by_rays_) == (0, 0)
+    gross = detector(sensor_origin=street.sensor_origins[0], cutoff=6.0).fit(street.data)
+    assert 0 < gross.n_by_rays_ < told.n_by_rays_
+
+
 def test_sheets_go_at_every_strictness(street):
     mixed = street.target == -1
     for strictness in ("isolated", "surfaces"):
@@ -174,6 +214,7 @@ def test_points_at_the_sensor_go_by_coordinates(snowed):
     assert flagged[: len(X)][snow].mean() > 0.95
 
 
+@pytest.mark.filterwarnings("ignore:as seen from the sensor")  # which is in the plane
 def test_a_point_so_near_to_the_sensor_that_squares_vanish_is_where_the_sensor_is():
     rng = np.random.default_rng(0)
     X = rng.uniform(-1, 1, (600, 3)) * [1, 1, 0] + rng.normal(0, 0.01, (600, 3))

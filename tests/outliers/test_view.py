@@ -13,7 +13,7 @@ from sklearn_mcmd.datasets import (
     make_street,
 )
 from sklearn_mcmd.outliers import _view
-from sklearn_mcmd.outliers._view import view_from_origin
+from sklearn_mcmd.outliers._view import view_from_origin, views_from_setups
 
 
 def seen(points):
@@ -107,6 +107,41 @@ NEVER = {
 def test_no_other_clouds_are_recognized(cloud):
     points = NEVER[cloud]()
     assert seen(points) == seen(points[::-1]) == ""
+
+
+def test_what_a_file_states_is_believed_where_the_cloud_looks_measured_from_there(turn):
+    """A turn that is told half a meter wrong, too; but no local origin of any cloud."""
+    at = np.array([[500_000.0, 5_400_000, 100]])
+    assert views_from_setups(turn + at, at) == [True]
+    moved = turn + np.array([0.5, 0, 0])
+    assert (seen(moved), views_from_setups(moved + at, at)) == ("", [True])
+    street = make_street(8_000, random_state=0)
+    drive = make_mobile_scan(8_000, random_state=0).data
+    far = np.array([[0.0, 0, 1e4]])
+    for points, position in (
+        (turn, [[0, 0, turn[:, 2].min()]]),  # the ground
+        (street.data, street.sensor_origins[:1]),  # points that are even in space
+        (street.data, [[0, 0, 0]]),
+        (drive, drive[:1] * 0),
+        (drive, drive.mean(axis=0)[None]),
+        (turn + far, -far),
+        (turn[:10], [[0, 0, 0]]),
+    ):
+        assert views_from_setups(points, np.array(position, float)) == [False]
+
+
+def test_each_setup_answers_for_its_own_points(turn):
+    positions = np.array([[30.0, 0, 0], [0, 40.0, 2]])
+    points, setups = (
+        np.vstack([turn, turn]) + np.repeat(positions, len(turn), axis=0),
+        np.repeat([4, 9], len(turn)),
+    )
+    of_each = np.repeat(positions, len(turn), axis=0)
+    order = np.random.default_rng(0).permutation(len(points))
+    points, of_each, setups = points[order], of_each[order], setups[order]
+    assert views_from_setups(points, of_each, setups) == [True, True]
+    of_each[setups == 9] -= [0, 0, 3.0]
+    assert views_from_setups(points, of_each, setups) == [True, False]
 
 
 def test_the_order_and_the_division_of_points_do_not_matter(turn, monkeypatch):

@@ -14,13 +14,13 @@ from sklearn_mcmd.tiling import Catalog
 WKT = 'LOCAL_CS["{}",UNIT["metre",1]]'
 
 
-def write(path, n=5, crs=None, point_format=6):
+def write(path, n=5, crs=None, point_format=6, first=0):
     header = laspy.LasHeader(version="1.4", point_format=point_format)
     header.scales = [0.01] * 3
     if crs is not None:
         header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(WKT.format(crs)))
     las = laspy.LasData(header)
-    las.x = las.y = las.z = np.arange(n, dtype=float)
+    las.x = las.y = las.z = np.arange(first, first + n, dtype=float)
     las.write(path)
     return path
 
@@ -49,8 +49,8 @@ def test_files_are_taken_in_the_order_that_they_are_given(tmp_path):
     assert Catalog(paths).paths == paths
 
 
-def test_no_points_are_read(tmp_path):
-    path = write(tmp_path / "a.laz", 100_000)
+def test_no_points_are_read_unless_bounds_hold_the_origin(tmp_path):
+    path = write(tmp_path / "a.laz", 100_000, first=1)
     content = path.read_bytes()
     start = laspy.open(io.BytesIO(content)).header.offset_to_point_data
     path.write_bytes(content[:start] + bytes(len(content) - start))

@@ -43,7 +43,7 @@ def far_apart():
 SCENES = {
     "street": lambda: street_with_tree(2_500),
     "airborne": lambda: make_airborne_scan(2_000, random_state=0).data,
-    "turn": lambda: make_lidar_turn(3_000, random_state=0).data,
+    "turn": lambda: (turn := make_lidar_turn(3_000, random_state=0).data)[turn.any(axis=1)],
     "copies": with_copies,
     "far apart": far_apart,
     "volume": lambda: RNG.uniform(0, 4, (1_500, 3)),

@@ -11,6 +11,8 @@ from flights import flight, of
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, SharpFeatureDetector
 from sklearn_mcmd.datasets import make_lidar_turn, make_mobile_scan
 from sklearn_mcmd.io import PointCloud, Trajectory, read_points, sensor_origins, write_points
+from sklearn_mcmd.io._sensor import place_words, rows_of_sensor
+from sklearn_mcmd.outliers._ray_evidence import RayEvidence
 from sklearn_mcmd.tiling import TilingError, process_files
 from sklearn_mcmd.tiling._memory import plan_run
 from tiled import in_memory
@@ -68,9 +70,10 @@ def test_a_turn_is_recognized_as_in_memory(tmp_path, strictness):
     write_points(path, PointCloud(np.round(xyz, 3)))
     detector = clone(DETECTOR).set_params(sensor_origin="auto", strictness=strictness)
     fitted = clone(detector).fit(read_points(path).xyz)
+    words = "" if strictness is None else "0, 0, 0 (a turn about the origin)"
     assert (fitted.sensor_origin_ is None) == (strictness is None)
     told = process_files(path, tmp_path / "b.las", detector, mode="mark", tile_size=900)
-    assert told.seen_as == ("" if strictness is None else "a turn about the origin")
+    assert told.sensor.get("sensor", "") == words
     found = read_points(tmp_path / "b.las").attributes["outlier_score"]
     assert_array_equal(found, -fitted.scores_.astype(np.float32))
 
@@ -127,6 +130,40 @@ def test_flight_lines_over_several_files_are_adjusted_together(tmp_path):
     process_files(sources, tmp_path / "out", DETECTOR, mode="mark", **options)
     found = [read_points(tmp_path / f"out/{name}.las").attributes["outlier_score"] for name in "ab"]
     assert_array_equal(np.concatenate(found), -expected.astype(np.float32))
+
+
+def test_scan_angles_that_are_doubted_are_not_used(tmp_path, monkeypatch):
+    xyz, _, given = flight(step=1.0)
+    write_points(path := tmp_path / "a.las", of(xyz, given))
+    monkeypatch.setattr(RayEvidence, "doubt", lambda *_: "it cannot be")
+    expected = clone(DETECTOR).fit(read_points(path).xyz).scores_
+    options = {"sensor_origin": "auto", "tile_size": 900, "mode": "mark"}
+    with pytest.warns(UserWarning, match="it cannot be. It is not used"):
+        told = process_files(path, tmp_path / "b.las", DETECTOR, **options)
+    assert told.sensor == {"sensor": "not used", "doubt": "it cannot be"}
+    found = read_points(tmp_path / "b.las").attributes["outlier_score"]
+    assert_array_equal(found, -expected.astype(np.float32))
+
+
+@pytest.mark.filterwarnings("ignore:.*outliers lie together")
+@pytest.mark.parametrize("n_points", [4_000, 700])
+def test_a_trajectory_along_the_ground_is_doubted_and_used_as_in_memory(drive, tmp_path, n_points):
+    path, (times, positions) = tmp_path / "a.las", drive[1]
+    write_points(path, read_points(drive[0]).subset(slice(0, n_points)))
+    low = Trajectory(times, positions * [1, 1, 0])
+    cloud = read_points(path)
+    origins = sensor_origins(cloud, low)
+    with pytest.warns(UserWarning, match="would be sheets of rays"):
+        fitted = clone(DETECTOR).fit(cloud.xyz, sensor_origin=origins)
+    with pytest.warns(UserWarning, match="would be sheets of rays"):
+        told = process_files(
+            path, tmp_path / "b.las", DETECTOR, mode="mark", sensor_origin=low, tile_size=300
+        )
+    found = read_points(tmp_path / "b.las").attributes["outlier_score"]
+    assert_array_equal(found, -fitted.scores_.astype(np.float32))
+    where = place_words(origins, "trajectory")
+    assert told.sensor == rows_of_sensor(where, fitted._cloud.ray_doubt, fitted.n_by_rays_)
+    assert fitted.n_by_rays_ > 100
 
 
 def test_edges_of_what_a_detector_with_a_position_leaves_are_those_of_memory(turn, tmp_path):
