@@ -12,10 +12,10 @@ ESTIMATORS = sorted(set(sklearn_mcmd._HOMES) - {"RegionGrowing"})
 N_TYPES = {  # as docs/policy.rst tells
     "BaardaPlaneDetector": 2,
     "FuzzyPlaneDetector": 2,
-    "MCMDOutlierDetector": 13,
+    "MCMDOutlierDetector": 14,
     "RegionGrowing": 12,
     "RobustNormalEstimator": 11,
-    "SharpFeatureDetector": 20,
+    "SharpFeatureDetector": 21,
 }
 
 
