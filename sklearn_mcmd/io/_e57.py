@@ -3,7 +3,6 @@
 import os
 import re
 import struct
-import warnings
 from types import FunctionType, SimpleNamespace
 from xml.etree import ElementTree
 
@@ -209,10 +208,9 @@ def write_e57(path, cloud):
             lost += [n for n, f in zip(group, fields, strict=True) if data.pop(f, None) is not None]
     told = {"not written": lost, "rounded": [name for name in rounded if name not in lost]}
     if lost or rounded:
-        warnings.warn(
+        warn_caller(
             "E57 holds coordinates, finite intensity of single precision and colors of 8 bits only"
-            + "".join(f"; {how}: {', '.join(names)}" for how, names in told.items() if names),
-            stacklevel=3,
+            + "".join(f"; {how}: {', '.join(names)}" for how, names in told.items() if names)
         )
     file = pye57.E57(os.fsencode(path), mode="w")
     try:

@@ -24,6 +24,7 @@ from sklearn_mcmd.io._point_cloud import (
     flat_columns,
     import_extra,
 )
+from sklearn_mcmd.io._units import GEOGRAPHIC, PROJECTED, system_of
 from sklearn_mcmd.io._waveforms import place_waveforms
 
 __all__ = [
@@ -220,17 +221,14 @@ def header_of(path, file):
 
 def coordinate_system(header):
     """Name or EPSG code of the coordinate system of a LAS header, or None."""
-    name = None
-    for record in [*header.vlrs, *(header.evlrs or [])]:
-        wkt = getattr(record, "string", "")
+    wkts, keys = system_of(header)
+    for wkt in wkts:
         if wkt.count('"') >= 2:  # WKT begins with its kind and its name
             return wkt.split('"')[1]
-        for key in getattr(record, "geo_keys", ()):
-            # GeoTIFF: 3072 is a projected system, 2048 a geographic one, both as EPSG codes.
-            if key.id == 3072 or (key.id == 2048 and name is None):
-                code = key.value_offset
-                name = "user-defined" if code == USER_DEFINED else f"EPSG:{code}"
-    return name
+    code = keys.get(PROJECTED, keys.get(GEOGRAPHIC))
+    if code is None:
+        return None
+    return "user-defined" if code == USER_DEFINED else f"EPSG:{code}"
 
 
 def is_denoised(header):
@@ -426,7 +424,7 @@ def _same(stored, values):
 
 
 def _add_dimensions(laspy, las, columns, replaced):
-    params, values = [], {}
+    params = []
     for name, column in columns.items():
         if len(name.encode()) > 32:
             raise PointFileError(
@@ -437,10 +435,9 @@ def _add_dimensions(laspy, las, columns, replaced):
         if dtype.str[1:] not in EXTRA_DTYPES:
             raise PointFileError(f"attribute {name!r} of dtype {dtype} cannot be stored in LAS")
         params.append(laspy.ExtraBytesParams(name, dtype))
-        values[name] = column
     if replaced:
         las.remove_extra_dims(list(replaced))
     if params:
         las.add_extra_dims(params)
-    for name, column in values.items():
+    for name, column in columns.items():
         las[name] = column

@@ -48,10 +48,10 @@ def compressed_parts(file, header, n_points):
     position. The header's LASzip record is removed, as laspy does.
     """
     lazrs = import_extra("lazrs", "las", "LAZ")
-    names = [type(record).__name__ for record in header.vlrs]
-    if "LasZipVlr" not in names:
+    records = header.vlrs.extract("LasZipVlr")
+    if not records:
         raise PointFileError("damaged: the record that says how its points are compressed is gone")
-    record = header.vlrs.pop(names.index("LasZipVlr")).record_data
+    record = records[0].record_data
     size = record_length(file)
     layout = _Layout(record, header.point_format.id, size)
     chunks = _chunks(lazrs, file, header, record, layout)

@@ -1,6 +1,5 @@
 """The point cloud that readers return and writers take, and the one error of both."""
 
-import warnings
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -244,9 +243,7 @@ def with_results(cloud, results):
         else:
             kept[name] = values
     if replaced:
-        warnings.warn(
-            f"the results replace what the input calls {', '.join(replaced)}", stacklevel=2
-        )
+        warn_caller(f"the results replace what the input calls {', '.join(replaced)}")
     return PointCloud(cloud.xyz, {**kept, **results}, dict(cloud.metadata), cloud.n_dropped)
 
 
