@@ -27,6 +27,7 @@ __all__ = [
     "has_colors",
     "import_extra",
     "joined",
+    "joined_scans",
     "made_of_bytes",
     "with_cells",
     "with_results",
@@ -232,6 +233,30 @@ def joined(clouds):
         np.concatenate([cloud.xyz for cloud in clouds]),
         {name: np.concatenate([cloud.attributes[name] for cloud in clouds]) for name in shared},
     )
+
+
+def joined_scans(scans, setups, n_points):
+    """One cloud of scans, by their numbers, of the points that a file holds, valid or not.
+
+    `setups` tells where the scanner of each stood. Colors of 8 bits get 16 if others have them.
+    """
+    if not scans:
+        return PointCloud(np.empty((0, 3)), n_dropped=n_points)
+    if len(scans) == 1:
+        ((number, cloud),) = scans.items()
+        setups = [setups[number]]
+    else:
+        for number, scan in scans.items():
+            scan.attributes["scan_index"] = np.full(len(scan), number, np.int32)
+        colors = [(c.attributes, n) for c in scans.values() for n in COLORS if n in c.attributes]
+        if any(attributes[name].dtype == np.uint16 for attributes, name in colors):
+            for attributes, name in colors:
+                if attributes[name].dtype == np.uint8:
+                    attributes[name] = attributes[name] * np.uint16(257)
+        cloud = joined([*scans.values()])
+    cloud.metadata["sensor_origins"] = np.array(setups)
+    cloud.n_dropped = n_points - len(cloud)
+    return cloud
 
 
 def with_results(cloud, results):
