@@ -6,7 +6,7 @@ import io
 import numpy as np
 
 from sklearn_mcmd._extras import import_extra
-from sklearn_mcmd.plotting._still import ball_picture
+from sklearn_mcmd.plotting._still import ball_picture, distance_colors
 from sklearn_mcmd.plotting._views import look, round_length, thinned
 from sklearn_mcmd.report._html import chips, figure, text
 
@@ -53,10 +53,7 @@ def found_maps(xyz, found, near, noun):
         marked = found[rows]
         part, size = xyz[rows[~marked]], LEAST_FOUND
         if len(part):
-            nearness = look(part, view).nearness
-            far, close = np.quantile(nearness, [0.01, 0.99])
-            share = np.clip((nearness - far) / max(close - far, 1e-300), 0.0, 1.0)[:, None]
-            colors = (1 - share) * np.array(FAR) + share * np.array(NEAR)
+            colors = distance_colors(look(part, view).nearness, FAR, NEAR)
             plot_cloud(part, color=colors, view=view, ax=ax)
             size = max(size, ENLARGED * float(np.sqrt(ax.collections[0].get_sizes()[0])))
         if marked.any():

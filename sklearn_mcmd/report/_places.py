@@ -42,9 +42,8 @@ class Places(NamedTuple):
         return cls(cells * side, side, n_all, n_found)
 
     def where(self, number):
-        """A cell in words."""
-        (x, y), side = self.low[number].tolist(), self.side
-        return f"x {_number(x)} to {_number(x + side)}, y {_number(y)} to {_number(y + side)}"
+        """The ranges of x and of y of a cell, in words."""
+        return [f"{_number(a)} to {_number(a + self.side)}" for a in self.low[number].tolist()]
 
     def fullest(self):
         """The numbers of the cells where most was found."""
@@ -60,7 +59,7 @@ def place_sections(places, xyz, found, near, noun):
     total = places.n_found.sum()
     rows = [
         (
-            *places.where(i).split(", "),
+            *places.where(i),
             f"{places.n_found[i]:,}",
             percent(places.n_found[i], places.n_all[i]),
             percent(places.n_found[i], total),
@@ -69,7 +68,7 @@ def place_sections(places, xyz, found, near, noun):
     ]
     cells = table(
         ("x", "y", noun, "of the cell's points", f"of all {noun}"),
-        [(x[2:], y[2:], *rest) for x, y, *rest in rows],
+        rows,
         numbers=(2, 3, 4),
     )
     intro = paragraph(
