@@ -36,7 +36,8 @@ def maps(draw, xyz, near, legend=(), views=tuple(VIEWS)):
     axes. The legend has pairs of a color and words; a view may come with its caption.
     """
     rows = np.flatnonzero(near)
-    figures = [_map(draw, xyz, rows, *_view(view)) for view in views]
+    named = [(view, VIEWS[view]) if isinstance(view, str) else view for view in views]
+    figures = [_map(draw, xyz, rows, view, caption) for view, caption in named]
     outside = len(xyz) - len(rows)
     words = '<p class="soft">Lengths are in units of the file.'
     words += f" {outside:,} points far from the others are not drawn.</p>" if outside else "</p>"
@@ -72,12 +73,10 @@ def ball():
     return figure(inner, "A ball in these colors", "ball")
 
 
-def _view(view):
-    return (view, VIEWS[view]) if isinstance(view, str) else view
-
-
 def _map(draw, xyz, rows, view, caption):
     new_figure = import_extra("matplotlib.figure", "plot", "--report").Figure
+    from PIL import Image  # comes with it
+
     places = look(xyz[rows], view).places
     low, high = places.min(axis=0), places.max(axis=0)
     width, height = high - low
@@ -103,7 +102,7 @@ def _map(draw, xyz, rows, view, caption):
         f'<div class="scale" style="width:{100 * length / width:.2f}%">'
         f"<span>{length:g}</span></div>"
     )
-    image = f'<img src="{_encoded(_opened(buffer))}" alt="{text(caption)}">'
+    image = f'<img src="{_encoded(Image.open(buffer).convert("RGBA"))}" alt="{text(caption)}">'
     kind = "high" if shape > 0.5 else "wide"
     inner = f'<div class="map" style="--shape:{shape:.4f}">{image}{bar}</div>'
     return figure(inner, caption, kind)
@@ -120,12 +119,6 @@ def _strip(drawn, ax):
     if ax.get_legend() is not None:
         ax.get_legend().remove()
     ax.set_position((0.0, 0.0, 1.0, 1.0))
-
-
-def _opened(buffer):
-    from PIL import Image
-
-    return Image.open(buffer).convert("RGBA")
 
 
 def _encoded(image):

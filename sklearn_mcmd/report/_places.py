@@ -66,22 +66,14 @@ def place_sections(places, xyz, found, near, noun):
         )
         for i in fullest
     ]
-    cells = table(
-        ("x", "y", noun, "of the cell's points", f"of all {noun}"),
-        rows,
-        numbers=(2, 3, 4),
-    )
+    header = ("x", "y", noun, "of the cell's points", f"of all {noun}")
     intro = paragraph(
         f"The fullest cells of a grid of {places.side:g} in plan, seen from above; "
         f"{len(places.n_all):,} cells hold points."
     )
     heights = height_rows(xyz[near, 2], found[near])
-    return (
-        intro
-        + cells
-        + "<h3>By height</h3>"
-        + bar_table(("z", f"{noun}, and share of the points there"), heights)
-    )
+    bars = bar_table(("z", f"{noun}, and share of the points there"), heights)
+    return intro + table(header, rows, numbers=(2, 3, 4)) + "<h3>By height</h3>" + bars
 
 
 def height_rows(z, found):
