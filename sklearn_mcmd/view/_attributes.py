@@ -38,7 +38,7 @@ NAMES = {
     "segment": {-1: "none"},
     "classification": dict(enumerate(CLASSES.split("; "))),
 }
-NOISE = {7, 18}  # classes of LAS
+OUTLIERS = {"outlier": {1}, "classification": {7, 18}}  # of attributes that the package writes
 
 
 class ColumnSource(NamedTuple):
@@ -110,9 +110,10 @@ def plan_attributes(clouds, only=None):
     as in the file or in the page. Returns the sources, the constants of each cloud, and the names
     of attributes that hold no numbers.
     """
-    tables = [_numeric(flat_columns(attributes)) for attributes in clouds]
-    skipped = sorted({name for _, others in tables for name in others})
-    columns = [known for known, _ in tables]
+    tables = [flat_columns(attributes) for attributes in clouds]
+    columns = [{k: v for k, v in table.items() if v.dtype.kind in "biuf"} for table in tables]
+    pairs = zip(tables, columns, strict=True)
+    skipped = sorted({name for table, known in pairs for name in table.keys() - known.keys()})
     sources = []
     for name, kind, parts, code in (
         ("normal", "normal", ("normal_x", "normal_y", "normal_z"), code_normals),
@@ -176,12 +177,6 @@ def _code_colors(colors):
     return [bits[:, i].copy() for i in range(3)]
 
 
-def _numeric(columns):
-    """Columns of numbers, and the names of the others."""
-    known = {name: values for name, values in columns.items() if values.dtype.kind in "biuf"}
-    return known, [name for name in columns if name not in known]
-
-
 def _join(columns, names, name, code):
     """Three columns of each cloud as one attribute; they are taken out of the clouds."""
     joined = []
@@ -232,17 +227,9 @@ def _classes(name, arrays, distinct, counts):
         "values": values,
         "names": {str(v): known[v] for v in values if v in known},
     }
-    outliers = _outlier_codes(name.lower(), values)
+    marks = OUTLIERS.get(name.lower(), set())
+    outliers = [code for code, value in enumerate(values) if value in marks]
     return ColumnSource(info | ({"outliers": outliers} if outliers else {}), codes)
-
-
-def _outlier_codes(name, values):
-    """Which codes mean outliers, of the attributes that the package writes."""
-    if name == "outlier":
-        return [code for code, value in enumerate(values) if value == 1]
-    if name == "classification":
-        return [code for code, value in enumerate(values) if value in NOISE]
-    return []
 
 
 def is_wanted(info, wanted):

@@ -225,27 +225,18 @@ def _pack(clouds, rows, only):
     for number, order in enumerate(rows):
         present = [i for i, source in enumerate(sources) if source.codes[number] is not None]
         columns = [column for i in present for column in sources[i].codes[number]]
-        packed = pack_points(steps[number], order, columns)
-        for chunk in packed.chunks:
-            for column in chunk["columns"]:
-                column[2] += len(blocks)
-        blocks += packed.blocks
         told.append(
             {
                 "n": len(order),
                 "attributes": present,
                 "constants": {k: _plain(v) for k, v in constants[number].items()},
-                "chunks": packed.chunks,
+                "chunks": pack_points(steps[number], order, columns, blocks),
             }
         )
     middle = np.rint(np.median(steps[0], axis=0)).astype(np.int64)
     reach = max(int(np.abs(part.astype(np.int64) - middle).max()) for part in steps)
-    manifest = {
+    manifest = grid._asdict() | {
         "low": grid.low.tolist(),
-        "step": grid.step,
-        "error": grid.error,
-        "spacing": grid.spacing,
-        "reach": grid.reach,
         "extent": np.max([part.max(axis=0) for part in steps], axis=0).tolist(),
         "middle": middle.tolist(),
         "drawn": float(np.spacing(np.float32(reach * grid.step)) / 2),
