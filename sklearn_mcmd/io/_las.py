@@ -275,13 +275,9 @@ def las_of_cloud(laspy, cloud, noise=None):
     _store_coordinates(las, cloud.xyz)
     _store_attributes(laspy, las, attributes)
     if noise is not None:
-        classes = np.array(las.classification)
-        if las.header.point_format.id < FIRST_WITH_HIGH_NOISE:
-            noise = noise != 0
-        if noise.dtype == bool:
+        if noise.dtype == bool or las.header.point_format.id < FIRST_WITH_HIGH_NOISE:
             noise = np.where(noise, LOW_NOISE, 0)
-        classes = np.where(noise != 0, noise, classes)
-        las.classification = classes
+        las.classification = np.where(noise, noise, np.array(las.classification))
     _forget_ranges(las.header)
     return las
 
