@@ -131,10 +131,7 @@ class PlaneAdjustment:
 
 
 def adjust_plane(
-    X: ArrayLike,
-    weights: ArrayLike | None = None,
-    *,
-    surface: Surface = "vertical",
+    X: ArrayLike, weights: ArrayLike | None = None, *, surface: Surface = "vertical"
 ) -> PlaneAdjustment:
     """Weighted least-squares plane, its cofactors and variance factor (Eqs 2-4, 9).
 

@@ -34,11 +34,7 @@ UNCONTROLLED = 1e-10
     },
     prefer_skip_nested_validation=True,
 )
-def local_level(
-    alpha: float,
-    n: int,
-    correction: Correction = "sidak",
-) -> float:
+def local_level(alpha: float, n: int, correction: Correction = "sidak") -> float:
     """Level of one of n tests that gives all together the level alpha (Eq. 1).
 
     Parameters

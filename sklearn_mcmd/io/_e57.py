@@ -3,7 +3,6 @@
 import os
 import re
 import struct
-import warnings
 from types import FunctionType, SimpleNamespace
 from xml.etree import ElementTree
 
@@ -21,7 +20,7 @@ from sklearn_mcmd.io._point_cloud import (
     fit_dtype,
     flat_columns,
     import_extra,
-    joined,
+    joined_scans,
 )
 
 __all__ = ["read_e57", "write_e57"]
@@ -70,23 +69,7 @@ def read_e57(path):
         warn_caller(
             f"{path}: fields that pye57 cannot read are left out: {', '.join(sorted(skipped))}"
         )
-    if not clouds:
-        return PointCloud(np.empty((0, 3)))
-    if len(clouds) == 1:
-        i, cloud = clouds.popitem()
-        setups = [setups[i]]
-    else:
-        for i, cloud in clouds.items():
-            cloud.attributes["scan_index"] = np.full(len(cloud), i, dtype=np.int32)
-        colors = [(c.attributes, n) for c in clouds.values() for n in COLORS if n in c.attributes]
-        if len({attributes[name].dtype for attributes, name in colors}) > 1:
-            for attributes, name in colors:
-                if attributes[name].dtype == np.uint8:
-                    attributes[name] = attributes[name] * np.uint16(257)
-        cloud = joined([*clouds.values()])
-    cloud.metadata["sensor_origins"] = np.array(setups)
-    cloud.n_dropped = n_points - len(cloud)
-    return cloud
+    return joined_scans(clouds, setups, n_points)
 
 
 def _checked_scans(path):
@@ -215,10 +198,9 @@ def write_e57(path, cloud):
             lost += [n for n, f in zip(group, fields, strict=True) if data.pop(f, None) is not None]
     told = {"not written": lost, "rounded": [name for name in rounded if name not in lost]}
     if lost or rounded:
-        warnings.warn(
+        warn_caller(
             "E57 holds coordinates, finite intensity of single precision and colors of 8 bits only"
-            + "".join(f"; {how}: {', '.join(names)}" for how, names in told.items() if names),
-            stacklevel=3,
+            + "".join(f"; {how}: {', '.join(names)}" for how, names in told.items() if names)
         )
     file = pye57.E57(os.fsencode(path), mode="w")
     try:

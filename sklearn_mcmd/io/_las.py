@@ -1,7 +1,8 @@
 """LAS and LAZ: attributes, coordinate system and integer coordinates are kept."""
 
 import copy
-import warnings
+from contextlib import contextmanager, suppress
+from hashlib import sha256
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from sklearn_mcmd.io._las_structure import (
     record_length,
     start_of_longest,
 )
-from sklearn_mcmd.io._laz import compressed_parts, write_compressed
+from sklearn_mcmd.io._laz import WAVE_PACKET_FORMATS, compressed_parts
 from sklearn_mcmd.io._point_cloud import (
     COLORS,
     PointCloud,
@@ -23,6 +24,7 @@ from sklearn_mcmd.io._point_cloud import (
     flat_columns,
     import_extra,
 )
+from sklearn_mcmd.io._units import GEOGRAPHIC, PROJECTED, system_of
 from sklearn_mcmd.io._waveforms import place_waveforms
 
 __all__ = [
@@ -32,13 +34,14 @@ __all__ = [
     "header_of",
     "import_laspy",
     "is_denoised",
-    "las_of_cloud",
     "parts_of",
     "read_header",
     "read_las",
     "write_las",
+    "writing_parts",
 ]
 
+WRITTEN_AT_ONCE, CHECKED_AT_ONCE = 2_000_000, 250_000  # points
 FIRST_WITH_HIGH_NOISE = 6  # point format
 USER_DEFINED = 32767  # GeoTIFF's code for a system without a code
 COLORED_FORMAT = {0: 2, 1: 3, 4: 5, 6: 7, 9: 10}  # from point format to the same with colors
@@ -74,15 +77,106 @@ def parts_of(file, header, n_points):
 
 def write_las(path, cloud, noise=None):
     """Write LAS or LAZ. Values that did not change since reading are written bit for bit."""
+    with writing_parts(path) as write:
+        write(cloud, noise)
+
+
+@contextmanager
+def writing_parts(path):
+    """A function that appends the points of a cloud to a new LAS or LAZ file.
+
+    It takes a cloud, and which of its points to mark as noise, as `write_points` does. All clouds
+    must come from one file, in its order, with the same new attributes.
+    """
     compressed = path.name.lower().endswith(".laz")
     laspy = import_laspy(compressed)
-    las = las_of_cloud(laspy, cloud, noise)
-    if compressed:
-        write_compressed(laspy, path, las)
-    else:
-        las.write(str(path))
+    writer, header, written = None, None, {}
+    with open(path, "wb+") as file:
+        sink = _Sink(file)
+
+        def write(cloud, noise=None):
+            nonlocal writer, header
+            las = las_of_cloud(laspy, cloud, noise)
+            with sink.telling():
+                if writer is None:
+                    header = las.header
+                    backend = laspy.LazBackend.LazrsParallel if compressed else None
+                    writer = laspy.open(
+                        sink, "w", header=header, laz_backend=backend, closefd=False
+                    )
+                if las.point_format != writer.header.point_format:
+                    raise PointFileError(
+                        "an attribute fits its dimension in a part of the file only"
+                    )
+                for start in range(0, len(las.points), WRITTEN_AT_ONCE):  # Ctrl-C ends between
+                    writer.write_points(las.points[start : start + WRITTEN_AT_ONCE])
+            if compressed and header.point_format.id in WAVE_PACKET_FORMATS:
+                _digest(written, las.points.array)
+
+        try:
+            yield write
+        except BaseException:
+            if writer is not None:
+                with suppress(Exception):  # the first error counts
+                    writer.close()
+            raise
+        with sink.telling():
+            if header.version.minor >= 4 and header.evlrs is not None:
+                writer.write_evlrs(header.evlrs)
+            writer.close()
+    if written:
+        _refuse_changed(path, written)
     order_bounds(path)
-    place_waveforms(path, las.header)
+    place_waveforms(path, header)
+
+
+def _digest(digests, records):
+    """Add some records to the digest of each of their fields."""
+    for name in records.dtype.names:
+        digests.setdefault(name, sha256()).update(records[name].tobytes())
+
+
+def _refuse_changed(path, written):
+    """Raise if points changed: lazrs 0.8 mixes up wave packets of several scanner channels."""
+    stored = {}
+    with open(path, "rb") as file:
+        header = read_header(path)
+        for points in compressed_parts(file, header, CHECKED_AT_ONCE):
+            _digest(stored, points.view(header.point_format.dtype()))
+    changed = [name for name, told in written.items() if told.digest() != stored[name].digest()]
+    if changed:
+        raise PointFileError(
+            f"lazrs cannot compress these wave packets without loss ({', '.join(changed)} would "
+            f"change, point format {header.point_format.id}, as of several scanner channels); "
+            "write .las instead"
+        )
+
+
+class _Sink:
+    """A file for lazrs, which turns every error of Python's code into one of its own."""
+
+    def __init__(self, file):
+        self.file, self.error = file, None
+
+    def __getattr__(self, name):
+        return getattr(self.file, name)
+
+    def write(self, data):
+        try:
+            return self.file.write(data)
+        except BaseException as err:
+            self.error = err
+            raise
+
+    @contextmanager
+    def telling(self):
+        """Raise the error of the file in the place of what lazrs made of it."""
+        try:
+            yield
+        except BaseException as err:
+            if self.error is not None and err is not self.error:
+                raise self.error from err
+            raise
 
 
 def read_header(path):
@@ -127,17 +221,14 @@ def header_of(path, file):
 
 def coordinate_system(header):
     """Name or EPSG code of the coordinate system of a LAS header, or None."""
-    name = None
-    for record in [*header.vlrs, *(header.evlrs or [])]:
-        wkt = getattr(record, "string", "")
+    wkts, keys = system_of(header)
+    for wkt in wkts:
         if wkt.count('"') >= 2:  # WKT begins with its kind and its name
             return wkt.split('"')[1]
-        for key in getattr(record, "geo_keys", ()):
-            # GeoTIFF: 3072 is a projected system, 2048 a geographic one, both as EPSG codes.
-            if key.id == 3072 or (key.id == 2048 and name is None):
-                code = key.value_offset
-                name = "user-defined" if code == USER_DEFINED else f"EPSG:{code}"
-    return name
+    code = keys.get(PROJECTED, keys.get(GEOGRAPHIC))
+    if code is None:
+        return None
+    return "user-defined" if code == USER_DEFINED else f"EPSG:{code}"
 
 
 def is_denoised(header):
@@ -174,24 +265,19 @@ def las_of_cloud(laspy, cloud, noise=None):
         records = laspy.ScaleAwarePointRecord(
             cloud.metadata["las_points"].copy(), header.point_format, header.scales, header.offsets
         )
-        attributes = cloud.attributes
     else:
-        header, attributes = _new_header(laspy, cloud)
+        header = _new_header(laspy, cloud)
         records = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=header)
     if cloud.metadata.get("denoised") and not is_denoised(header):
         header.vlrs.append(laspy.VLR(*DENOISED))
     las = laspy.LasData(header, records)
-    las, attributes = _with_colors(laspy, las, attributes, "las_points" in cloud.metadata)
+    las, attributes = _with_colors(laspy, las, cloud.attributes, "las_points" in cloud.metadata)
     _store_coordinates(las, cloud.xyz)
     _store_attributes(laspy, las, attributes)
     if noise is not None:
-        classes = np.array(las.classification)
-        if las.header.point_format.id < FIRST_WITH_HIGH_NOISE:
-            noise = noise != 0
-        if noise.dtype == bool:
+        if noise.dtype == bool or las.header.point_format.id < FIRST_WITH_HIGH_NOISE:
             noise = np.where(noise, LOW_NOISE, 0)
-        classes = np.where(noise != 0, noise, classes)
-        las.classification = classes
+        las.classification = np.where(noise, noise, np.array(las.classification))
     _forget_ranges(las.header)
     return las
 
@@ -274,14 +360,14 @@ def _store_coordinates(las, xyz):
 
 def _new_header(laspy, cloud):
     """A LAS 1.4 header, with colors if there are any, on a grid that fits the coordinates."""
-    attributes = dict(cloud.attributes)
-    colored = set(COLORS) <= attributes.keys()
-    header = laspy.LasHeader(version="1.4", point_format=7 if colored else 6)
+    header = laspy.LasHeader(
+        version="1.4", point_format=7 if set(COLORS) <= cloud.attributes.keys() else 6
+    )
     low, high = cloud.xyz.min(axis=0), cloud.xyz.max(axis=0)
     scale = scale_of(cloud.xyz)
     header.scales = np.full(3, scale)
     header.offsets = np.array([offset_of(a, b, scale) for a, b in zip(low, high, strict=True)])
-    return header, attributes
+    return header
 
 
 def _store_attributes(laspy, las, attributes):
@@ -296,10 +382,9 @@ def _store_attributes(laspy, las, attributes):
             stale.add(name)
         for column, part in flat_columns({name: values}).items():
             if column in standard:
-                warnings.warn(
+                warn_caller(
                     f"{column!r} does not fit the LAS dimension of that name; it is stored as "
-                    f"the extra dimension {column + '_value'!r}.",
-                    stacklevel=5,
+                    f"the extra dimension {column + '_value'!r}."
                 )
                 column += "_value"
             if column in new or (column != name and column in attributes):
@@ -335,7 +420,7 @@ def _same(stored, values):
 
 
 def _add_dimensions(laspy, las, columns, replaced):
-    params, values = [], {}
+    params = []
     for name, column in columns.items():
         if len(name.encode()) > 32:
             raise PointFileError(
@@ -346,10 +431,9 @@ def _add_dimensions(laspy, las, columns, replaced):
         if dtype.str[1:] not in EXTRA_DTYPES:
             raise PointFileError(f"attribute {name!r} of dtype {dtype} cannot be stored in LAS")
         params.append(laspy.ExtraBytesParams(name, dtype))
-        values[name] = column
     if replaced:
         las.remove_extra_dims(list(replaced))
     if params:
         las.add_extra_dims(params)
-    for name, column in values.items():
+    for name, column in columns.items():
         las[name] = column

@@ -49,8 +49,7 @@ def joined_header(paths):
         low, high = np.minimum(low, other.mins), np.maximum(high, other.maxs)
     header.scales, header.offsets = scales, _offsets(first.offsets, scales, low, high)
     forget_copc(header)
-    for record in [r for r in header.vlrs if type(r).__name__ == "LasZipVlr"]:
-        header.vlrs.remove(record)
+    header.vlrs.extract("LasZipVlr")
     names = [dimension.name for dimension in first.point_format.extra_dimensions]
     if len(formats) > 1 or names != list(dimensions):
         point_format = laspy.PointFormat(_richest(formats))

@@ -6,7 +6,7 @@ table, and in layered chunks (point formats 6 to 10) the sizes of the layers. Th
 remain unchecked. lazrs reads them without requesting memory.
 
 lazrs turns every error in Python code that it calls into its own error, even a KeyboardInterrupt.
-So it gets bytes in memory, never a file.
+So it gets bytes in memory to read, and a file that remembers its error to write.
 """
 
 import io
@@ -18,7 +18,7 @@ import numpy as np
 from sklearn_mcmd.io._las_structure import as_described, record_length
 from sklearn_mcmd.io._point_cloud import PointFileError, check_room, import_extra
 
-__all__ = ["compressed_parts", "write_compressed"]
+__all__ = ["WAVE_PACKET_FORMATS", "compressed_parts"]
 
 # LASzip's items: number -> (bytes, layers). Each "extra byte", items 0 and 14, is one layer.
 ITEMS = {
@@ -38,7 +38,6 @@ BYTES_PER_ENTRY = 16  # of the table, at most: two integers with their probabili
 # points a byte if all are alike. lazrs comes to 655.
 POINTS_A_BYTE = 2_900
 CHUNKS_A_TIME = 64  # enough for all processors, and few enough for Ctrl-C to end soon
-POINTS_A_TIME = 2_000_000
 WAVE_PACKET_FORMATS = (4, 5, 9, 10)
 
 
@@ -49,10 +48,10 @@ def compressed_parts(file, header, n_points):
     position. The header's LASzip record is removed, as laspy does.
     """
     lazrs = import_extra("lazrs", "las", "LAZ")
-    names = [type(record).__name__ for record in header.vlrs]
-    if "LasZipVlr" not in names:
+    records = header.vlrs.extract("LasZipVlr")
+    if not records:
         raise PointFileError("damaged: the record that says how its points are compressed is gone")
-    record = header.vlrs.pop(names.index("LasZipVlr")).record_data
+    record = records[0].record_data
     size = record_length(file)
     layout = _Layout(record, header.point_format.id, size)
     chunks = _chunks(lazrs, file, header, record, layout)
@@ -75,42 +74,6 @@ def compressed_parts(file, header, n_points):
             done += n
         yield as_described(points.reshape(-1), size, header.point_format)
         first = last
-
-
-def write_compressed(laspy, path, las):
-    """Compress LAZ in memory and write it; refuse wave packets that would change."""
-    buffer = io.BytesIO()
-    with laspy.open(
-        buffer, "w", header=las.header, laz_backend=laspy.LazBackend.LazrsParallel, closefd=False
-    ) as writer:
-        for start in range(0, len(las.points), POINTS_A_TIME):
-            writer.write_points(las.points[start : start + POINTS_A_TIME])
-        if las.header.version.minor >= 4 and las.evlrs is not None:
-            writer.write_evlrs(las.evlrs)
-    if las.header.point_format.id in WAVE_PACKET_FORMATS:
-        _refuse_changed(laspy, buffer, las)
-    with open(path, "wb") as file:
-        file.write(buffer.getbuffer())
-
-
-def _refuse_changed(laspy, buffer, las):
-    """Raise if points changed: lazrs 0.8 mixes up wave packets of several scanner channels."""
-    buffer.seek(0)
-    with laspy.open(buffer, closefd=False) as reader:
-        header = reader.header
-    stored = next(compressed_parts(buffer, header, header.point_count))
-    stored = stored.view(las.points.array.dtype)
-    changed = [
-        name
-        for name in stored.dtype.names
-        if stored[name].tobytes() != las.points.array[name].tobytes()
-    ]
-    if changed:
-        raise PointFileError(
-            f"lazrs cannot compress these wave packets without loss ({', '.join(changed)} would "
-            f"change, point format {las.header.point_format.id}, as of several scanner channels); "
-            "write .las instead"
-        )
 
 
 class _Layout:

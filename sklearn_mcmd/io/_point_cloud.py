@@ -1,6 +1,5 @@
 """The point cloud that readers return and writers take, and the one error of both."""
 
-import warnings
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -28,6 +27,7 @@ __all__ = [
     "has_colors",
     "import_extra",
     "joined",
+    "joined_scans",
     "made_of_bytes",
     "with_cells",
     "with_results",
@@ -235,6 +235,30 @@ def joined(clouds):
     )
 
 
+def joined_scans(scans, setups, n_points):
+    """One cloud of scans, by their numbers, of the points that a file holds, valid or not.
+
+    `setups` tells where the scanner of each stood. Colors of 8 bits get 16 if others have them.
+    """
+    if not scans:
+        return PointCloud(np.empty((0, 3)), n_dropped=n_points)
+    if len(scans) == 1:
+        ((number, cloud),) = scans.items()
+        setups = [setups[number]]
+    else:
+        for number, scan in scans.items():
+            scan.attributes["scan_index"] = np.full(len(scan), number, np.int32)
+        colors = [(c.attributes, n) for c in scans.values() for n in COLORS if n in c.attributes]
+        if any(attributes[name].dtype == np.uint16 for attributes, name in colors):
+            for attributes, name in colors:
+                if attributes[name].dtype == np.uint8:
+                    attributes[name] = attributes[name] * np.uint16(257)
+        cloud = joined([*scans.values()])
+    cloud.metadata["sensor_origins"] = np.array(setups)
+    cloud.n_dropped = n_points - len(cloud)
+    return cloud
+
+
 def with_results(cloud, results):
     """The cloud with results, which replace input attributes written under the same names."""
     kept, replaced = {}, []
@@ -244,9 +268,7 @@ def with_results(cloud, results):
         else:
             kept[name] = values
     if replaced:
-        warnings.warn(
-            f"the results replace what the input calls {', '.join(replaced)}", stacklevel=2
-        )
+        warn_caller(f"the results replace what the input calls {', '.join(replaced)}")
     return PointCloud(cloud.xyz, {**kept, **results}, dict(cloud.metadata), cloud.n_dropped)
 
 

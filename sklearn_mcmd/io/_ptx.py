@@ -5,7 +5,7 @@ from math import prod
 
 import numpy as np
 
-from sklearn_mcmd.io._point_cloud import CELL, PointCloud, PointFileError, check_room, joined
+from sklearn_mcmd.io._point_cloud import CELL, PointCloud, PointFileError, check_room, joined_scans
 
 __all__ = ["read_ptx"]
 
@@ -20,7 +20,7 @@ RIGID = 2e-3  # sqrt(3) / 1000 and less, by which three decimals make a rotation
 
 def read_ptx(path):
     """Read all scans, each moved by its matrix, as one cloud; rays without a return are dropped."""
-    clouds, setups, n_points = [], [], 0
+    scans, setups, n_points = {}, [], 0
     with open(path, encoding="utf-8-sig", errors="surrogateescape") as file:
         lines = ((i, line) for i, line in enumerate(file, start=1) if line.strip())
         for first in lines:
@@ -37,17 +37,12 @@ def read_ptx(path):
                 if table.shape[1] == 7 and np.isin(table[kept, 4:], range(256)).all():
                     attributes |= zip(VALUES[1:], table[kept, 4:].T.astype(np.uint8), strict=True)
                 attributes |= zip(CELL[::-1], (cell[kept] for cell in cells), strict=True)
-                attributes["scan_index"] = np.full(len(kept), len(clouds), np.int32)[kept]
                 xyz = table[kept, :3] @ matrix[:3, :3] + matrix[3, :3]
-                clouds.append(PointCloud(xyz, attributes))
+                scans[len(scans)] = PointCloud(xyz, attributes)
                 # Where nothing is moved, points may have been moved before.
                 known = min(shape) > 1 and ((matrix != np.eye(4)).any() or not position.any())
                 setups.append(matrix[3, :3] if known else np.full(3, np.nan))
-    cloud = joined(clouds) if clouds else PointCloud(np.empty((0, 3)))
-    if len(clouds) == 1:
-        del cloud.attributes["scan_index"]
-    cloud.metadata, cloud.n_dropped = {"sensor_origins": np.array(setups)}, n_points - len(cloud)
-    return cloud
+    return joined_scans(scans, setups, n_points)
 
 
 def _header(lines):

@@ -3,11 +3,11 @@
 import io
 import os
 import re
-import warnings
 from math import prod
 
 import numpy as np
 
+from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io._arrays import cloud_from_records
 from sklearn_mcmd.io._point_cloud import (
     CELL,
@@ -46,7 +46,7 @@ def read_ply(path, columns=None):
     vertices = ply["vertex"].data
     lists = [name for name in vertices.dtype.names if vertices.dtype[name].hasobject]
     if lists:
-        warnings.warn(f"{path}: list properties are left out: {', '.join(lists)}.", stacklevel=3)
+        warn_caller(f"{path}: list properties are left out: {', '.join(lists)}.")
         vertices = vertices[[n for n in vertices.dtype.names if n not in lists]]
     metadata = {"ply_comments": list(ply.comments), "ply_obj_info": list(ply.obj_info)}
     if DENOISED in ply.comments:
@@ -75,19 +75,16 @@ def write_ply(path, cloud, encoding="binary"):
     columns = {n: fit_dtype(n, v, PLY_DTYPES, "PLY") for n, v in columns.items()}
     columns = {**_axes(cloud.xyz), **columns}
     records = np.rec.fromarrays([*columns.values()], names=[*columns])
+    comments = list(cloud.metadata.get("ply_comments", []))
+    if cloud.metadata.get("denoised") and DENOISED not in comments:
+        comments.append(DENOISED)
     plyfile.PlyData(
         [plyfile.PlyElement.describe(records, "vertex")],
         text=encoding == "ascii",
         byte_order="=" if encoding == "ascii" else "<",
-        comments=_comments(cloud),
+        comments=comments,
         obj_info=cloud.metadata.get("ply_obj_info", []),
     ).write(str(path))
-
-
-def _comments(cloud):
-    comments = cloud.metadata.get("ply_comments", [])
-    marked = DENOISED in comments or not cloud.metadata.get("denoised")
-    return comments if marked else [*comments, DENOISED]
 
 
 def read_pcd(path, columns=None):

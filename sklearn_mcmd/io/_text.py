@@ -15,12 +15,7 @@ from sklearn_mcmd._errors import counted, warn_caller
 from sklearn_mcmd.io._column_names import are_names, attribute_name, coordinate_columns
 from sklearn_mcmd.io._fixed_columns import COLUMNS, fitting, names_after_xyz, with_bytes
 from sklearn_mcmd.io._numerals import MISSING, named_nans, number_of, plain_numbers
-from sklearn_mcmd.io._point_cloud import (
-    PointCloud,
-    PointFileError,
-    fit_dtype,
-    flat_columns,
-)
+from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, fit_dtype, flat_columns
 
 __all__ = ["read_text", "text_rows", "write_text"]
 

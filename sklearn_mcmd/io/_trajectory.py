@@ -1,13 +1,13 @@
 """Trajectories: where a sensor was at which time, and so where it was for each point."""
 
 import os
-import warnings
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io._files import check_file, one_clear_line
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 from sklearn_mcmd.io._text import read_text
@@ -138,7 +138,7 @@ def settle_shift(times, trajectory):
     begin, end = trajectory.times[[0, -1]]
     shift, words = _shift(times, begin, end)
     if words:
-        warnings.warn(f"the times of points and trajectory begin elsewhere: {words}", stacklevel=4)
+        warn_caller(f"the times of points and trajectory begin elsewhere: {words}")
     n_outside = np.count_nonzero(~((times - shift >= begin) & (times - shift <= end)))
     if n_outside:
         raise PointFileError(
@@ -165,28 +165,18 @@ def _shift(times, begin, end):
     def within(shift):
         return np.count_nonzero((times - shift >= begin) & (times - shift <= end))
 
-    if within(0.0):
-        return 0.0, ""
-    in_weeks = "seconds of the week"
+    week, plain, adjusted = "seconds of the week", "GPS seconds", "GPS seconds less 1e9"
+    known = [(0.0, ""), (-ADJUSTED, f"taken as {adjusted}, and as {plain}")]
+    known.append((ADJUSTED, f"taken as {plain}, and as {adjusted}"))
     points_in_weeks = times.min() >= 0 and times.max() <= WEEK
     path_in_weeks = begin >= 0 and end <= WEEK
-    for offset, of_points, of_path in (
-        (-ADJUSTED, "GPS seconds less 1e9", "GPS seconds"),
-        (ADJUSTED, "GPS seconds", "GPS seconds less 1e9"),
-    ):
-        if within(offset):
-            return offset, f"taken as {of_points}, and as {of_path}"
     if points_in_weeks != path_in_weeks:
         middle = np.median(times) - (begin + end) / 2
-        for offset, words in (
-            (0.0, "GPS seconds"),
-            (-ADJUSTED if path_in_weeks else ADJUSTED, "GPS seconds less 1e9"),
-        ):
+        for offset, other in ((0.0, plain), (-ADJUSTED if path_in_weeks else ADJUSTED, adjusted)):
+            of_points, of_path = (week, other) if points_in_weeks else (other, week)
             shift = offset + WEEK * np.round((middle - offset) / WEEK)
-            if within(shift):
-                both = (in_weeks, words) if points_in_weeks else (words, in_weeks)
-                return shift, "taken as {}, and as {}".format(*both)
-    return 0.0, ""
+            known.append((shift, f"taken as {of_points}, and as {of_path}"))
+    return next(((shift, words) for shift, words in known if within(shift)), (0.0, ""))
 
 
 def warn_if_far(low, high, positions):
@@ -195,8 +185,7 @@ def warn_if_far(low, high, positions):
     between = np.maximum(low - positions.max(axis=0), positions.min(axis=0) - high)
     away = float(np.linalg.norm(np.maximum(between, 0.0)))
     if away > FAR * extent:
-        warnings.warn(
+        warn_caller(
             f"the trajectory is {away:,.0f} away from the points, which extend over {extent:,.0f}: "
-            "it seems to be in another coordinate system",
-            stacklevel=4,
+            "it seems to be in another coordinate system"
         )

@@ -4,13 +4,13 @@ import re
 
 import numpy as np
 
-__all__ = ["degrees_warning", "length_unit"]
+__all__ = ["GEOGRAPHIC", "PROJECTED", "degrees_warning", "length_unit", "system_of"]
 
 METERS = {1.0: "m", 0.3048: "ft", 0.3048006: "US ft"}
 GEOTIFF = {9001: "m", 9002: "ft", 9003: "US ft"}
 PLANE_UNIT, HEIGHT_UNIT = 3076, 4099  # GeoTIFF's keys
-MODEL, ELLIPSOID, PROJECTED = 1024, 2048, 3072  # the first is 2 for geographic systems
-GEOGRAPHIC = re.compile(r"(?!.*(?:PROJ|GEOCCS|Cartesian)).*\bGEO[GD]", re.DOTALL)  # WKT
+MODEL, GEOGRAPHIC, PROJECTED = 1024, 2048, 3072  # the first is 2 for geographic systems
+GEOGRAPHIC_WKT = re.compile(r"(?!.*(?:PROJ|GEOCCS|Cartesian)).*\bGEO[GD]", re.DOTALL)
 DEGREES = re.compile(r"(?<![a-z])(lon|long|longitude|lng|lat|latitude)(?![a-z])", re.IGNORECASE)
 # Heights that reach so many times as far as x and y: of meters beside degrees, all terrain does
 # that does not rise by less than 0.002 of its width; of one unit, only a wire that hangs down.
@@ -27,7 +27,7 @@ def length_unit(cloud):
     """
     if "sensor_origins" in cloud.metadata:
         return "m"
-    found, (wkts, keys) = set(), _system(cloud.metadata.get("las_header"))
+    found, (wkts, keys) = set(), system_of(cloud.metadata.get("las_header"))
     for wkt in wkts:
         if "PROJ" in wkt:
             factors = UNIT.findall(PARTS.sub("", wkt))
@@ -45,13 +45,13 @@ def degrees_warning(path, xyz, header=None, columns=None):
     `read_points`; else the extents of most of the points (n, 3), or of their bounds.
     """
     low, high = np.quantile(xyz[:: len(xyz) // SAMPLE + 1], [0.01, 0.99], axis=0)
-    wkts, keys = _system(header)
+    wkts, keys = system_of(header)
     named = [str(name) for name in (columns or {}).values() if DEGREES.search(str(name))]
     extent_x, extent_y, height = np.subtract(high, low)
     if not (np.sort(np.abs([low, high]).max(axis=0)[:2]) <= (90, 360)).all():
         return None
-    if any(map(GEOGRAPHIC.match, wkts)) or (
-        ELLIPSOID in keys and PROJECTED not in keys and keys.get(MODEL, 2) == 2
+    if any(map(GEOGRAPHIC_WKT.match, wkts)) or (
+        GEOGRAPHIC in keys and PROJECTED not in keys and keys.get(MODEL, 2) == 2
     ):
         reason = "its coordinate system is geographic"
     elif named:
@@ -66,7 +66,7 @@ def degrees_warning(path, xyz, header=None, columns=None):
     )
 
 
-def _system(header):
+def system_of(header):
     """What a LAS header tells of its coordinate system: texts in WKT, and GeoTIFF's keys."""
     records = [] if header is None else [*header.vlrs, *(header.evlrs or [])]
     wkts = [record.string for record in records if getattr(record, "string", "")]

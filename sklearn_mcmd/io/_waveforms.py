@@ -1,7 +1,8 @@
 """The position of the waveform samples in a LAS file, to which its wave packets point."""
 
 import struct
-import warnings
+
+from sklearn_mcmd._errors import warn_caller
 
 __all__ = ["place_waveforms"]
 
@@ -22,10 +23,9 @@ def place_waveforms(path, header):
         file.seek(START_FIELD)
         file.write(struct.pack("<Q", start))
     if not start:
-        warnings.warn(
+        warn_caller(
             "the samples of waveforms that the input holds behind its points are not copied; "
-            "what the points say of them is.",
-            stacklevel=5,
+            "what the points say of them is."
         )
 
 

@@ -2,11 +2,7 @@
 
 import numpy as np
 
-from sklearn_mcmd.normals._neighbor_planes_numba import (
-    cost_of_plane,
-    height_over,
-    localize,
-)
+from sklearn_mcmd.normals._neighbor_planes_numba import cost_of_plane, height_over, localize
 from sklearn_mcmd.runtime._kernels import kernel
 
 __all__ = ["doubted_errors"]

@@ -3,14 +3,7 @@
 import numpy as np
 from scipy.special import chdtri
 
-__all__ = [
-    "CHANCE",
-    "PIVOT",
-    "least_members",
-    "n_terms",
-    "noise_quantiles",
-    "tangents_of",
-]
+__all__ = ["CHANCE", "PIVOT", "least_members", "n_terms", "noise_quantiles", "tangents_of"]
 
 # Least pivot of the quadric's equations. With less, as on two scan lines, the members do not
 # determine the quadric.

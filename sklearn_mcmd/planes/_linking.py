@@ -8,13 +8,7 @@ from sklearn_mcmd.runtime._chunks import each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.runtime._progress import progress_part
 
-__all__ = [
-    "LinkLimits",
-    "connected",
-    "connected_planes",
-    "farthest_neighbors",
-    "row_linker",
-]
+__all__ = ["LinkLimits", "connected", "connected_planes", "farthest_neighbors", "row_linker"]
 
 
 class LinkLimits(NamedTuple):

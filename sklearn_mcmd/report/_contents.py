@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any, NamedTuple
 
-__all__ = ["Contents", "Note", "Parameter", "Run", "Section", "percent", "share"]
+__all__ = ["Contents", "Note", "Parameter", "Run", "Section", "note_if", "percent", "share"]
 
 
 class Parameter(NamedTuple):
@@ -40,6 +40,11 @@ class Note(NamedTuple):
     title: str
     text: str
     remedy: str
+
+
+def note_if(holds, title, text, remedy):
+    """Notes on a measurement: this one if the matter `holds`, else none."""
+    return [Note(title, text, remedy)] if holds else []
 
 
 class Section(NamedTuple):

@@ -7,7 +7,7 @@ import numpy as np
 
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
 from sklearn_mcmd.outliers._kinds import KINDS, kinds_of_outliers, plane_scales, reasons_of
-from sklearn_mcmd.report._contents import Contents, Note, Section, percent, share
+from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._html import paragraph, table
 from sklearn_mcmd.report._maps import found_maps
@@ -134,53 +134,45 @@ def _grade_table(score, cutoff):
 
 def _sensor_notes(sensor):
     """What speaks against the position of the sensor."""
-    if "doubt" not in sensor:
-        return []
-    title, remedy = "Where was the sensor?", "Give --sensor X,Y,Z as it was, or --sensor none."
-    return [Note(title, f"{sensor['sensor']}: {sensor['doubt']}.", remedy)]
+    return note_if(
+        "doubt" in sensor,
+        "Where was the sensor?",
+        f"The position is {sensor.get('sensor')}: {sensor.get('doubt')}.",
+        "Give --sensor X,Y,Z as it was, or --sensor none.",
+    )
 
 
 def _judged_notes(n, n_all):
     """Notes on a verdict: its share."""
-    if n <= MANY * n_all:
-        return []
-    return [
-        Note(
-            "Many outliers.",
-            f"{share(n, n_all)} are flagged. Planes withstand up to a half of outliers in a "
-            "neighborhood, and some neighborhoods now have more.",
-            "Look at the maps before points are dropped; --mode mark keeps them all.",
-        )
-    ]
+    return note_if(
+        n > MANY * n_all,
+        "Many outliers.",
+        f"{share(n, n_all)} are flagged. Planes withstand up to a half of outliers in a "
+        "neighborhood, and some neighborhoods now have more.",
+        "Look at the maps before points are dropped; --mode mark keeps them all.",
+    )
 
 
 def _surface_notes(detector, n_all):
     from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
 
-    notes = []
     n_exact = int(np.count_nonzero(detector.scores_ < -EXACT_PLANE_SCORE))
-    if n_exact >= 0.01 * n_all:
-        notes.append(
-            Note(
-                "Planes without noise.",
-                f"{share(n_exact, n_all)} are outliers only because most of their neighbors lie "
-                "exactly in one plane, as where coordinates are rounded more coarsely than the "
-                "noise.",
-                "Check these before they are dropped (--mode mark).",
-            )
-        )
+    notes = note_if(
+        n_exact >= 0.01 * n_all,
+        "Planes without noise.",
+        f"{share(n_exact, n_all)} are outliers only because most of their neighbors lie exactly in "
+        "one plane, as where coordinates are rounded more coarsely than the noise.",
+        "Check these before they are dropped (--mode mark).",
+    )
     n_on = int(np.count_nonzero(detector.on_surface_))
-    if n_on < 0.5 * n_all and plane_scales(detector) is not None:
-        notes.append(
-            Note(
-                "Few points on surfaces.",
-                f"Only {share(n_on, n_all)} lie on a surface. The others are judged by the "
-                "company that they keep, which finds fewer outliers.",
-                "That is right for foliage. If these are surfaces, they are noisy: give more "
-                "--n-neighbors.",
-            )
-        )
-    return notes
+    return notes + note_if(
+        n_on < 0.5 * n_all and plane_scales(detector) is not None,
+        "Few points on surfaces.",
+        f"Only {share(n_on, n_all)} lie on a surface. The others are judged by the company that "
+        "they keep, which finds fewer outliers.",
+        "That is right for foliage. If these are surfaces, they are noisy: give more "
+        "--n-neighbors.",
+    )
 
 
 def _kind_table(detector, found):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sklearn_mcmd.report._contents import Contents, Note, Section, percent, share
+from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._html import paragraph
 from sklearn_mcmd.report._maps import found_maps
@@ -65,22 +65,16 @@ def _score_words(is_crease):
 
 def _notes(n, n_all):
     """Warnings of no edges, or of edges that are areas."""
-    if n == 0:
-        return [
-            Note(
-                "No edges.",
-                "No point lies on an edge: there are none, they are blunter than --min-angle, or "
-                "the neighborhoods do not see two faces.",
-                "Give a smaller --min-angle or more --n-neighbors.",
-            )
-        ]
-    if n <= MANY * n_all:
-        return []
-    return [
-        Note(
-            "Edges that are areas.",
-            f"{share(n, n_all)} lie on edges. Lines take few points, so these are things as narrow "
-            "as a neighborhood, foliage, or noise.",
-            "Denoise the cloud first, or give a smaller --threshold or a larger --min-angle.",
-        )
-    ]
+    return note_if(
+        n == 0,
+        "No edges.",
+        "No point lies on an edge: there are none, they are blunter than --min-angle, or the "
+        "neighborhoods do not see two faces.",
+        "Give a smaller --min-angle or more --n-neighbors.",
+    ) + note_if(
+        n > MANY * n_all,
+        "Edges that are areas.",
+        f"{share(n, n_all)} lie on edges. Lines take few points, so these are things as narrow as "
+        "a neighborhood, foliage, or noise.",
+        "Denoise the cloud first, or give a smaller --threshold or a larger --min-angle.",
+    )

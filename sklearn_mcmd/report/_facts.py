@@ -94,13 +94,9 @@ class Facts(NamedTuple):
         rows.append(("attributes", ", ".join(cloud.attributes) or "none"))
         if np.isfinite(self.spacing):
             rows.append(("spacing", f"{self.spacing:.3g} (median distance to the nearest)"))
-            rows.append(
-                (
-                    f"neighborhoods of {self.n_neighbors}",
-                    f"radius {self.radius:.3g} (median); 5 % are larger than "
-                    f"{self.sparse_radius:.3g}",
-                )
-            )
+            sizes = f"radius {self.radius:.3g} (median); 5 % are larger than "
+            sizes += f"{self.sparse_radius:.3g}"
+            rows.append((f"neighborhoods of {self.n_neighbors}", sizes))
         if np.isfinite(self.noise):
             rows.append(("noise about planes", f"{self.noise:.2g} (median standard deviation)"))
         if self.step:

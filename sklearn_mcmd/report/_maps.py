@@ -6,7 +6,7 @@ import io
 import numpy as np
 
 from sklearn_mcmd._extras import import_extra
-from sklearn_mcmd.plotting._still import ball_picture
+from sklearn_mcmd.plotting._still import ball_picture, distance_colors
 from sklearn_mcmd.plotting._views import look, round_length, thinned
 from sklearn_mcmd.report._html import chips, figure, text
 
@@ -36,7 +36,8 @@ def maps(draw, xyz, near, legend=(), views=tuple(VIEWS)):
     axes. The legend has pairs of a color and words; a view may come with its caption.
     """
     rows = np.flatnonzero(near)
-    figures = [_map(draw, xyz, rows, *_view(view)) for view in views]
+    named = [(view, VIEWS[view]) if isinstance(view, str) else view for view in views]
+    figures = [_map(draw, xyz, rows, view, caption) for view, caption in named]
     outside = len(xyz) - len(rows)
     words = '<p class="soft">Lengths are in units of the file.'
     words += f" {outside:,} points far from the others are not drawn.</p>" if outside else "</p>"
@@ -53,10 +54,7 @@ def found_maps(xyz, found, near, noun):
         marked = found[rows]
         part, size = xyz[rows[~marked]], LEAST_FOUND
         if len(part):
-            nearness = look(part, view).nearness
-            far, close = np.quantile(nearness, [0.01, 0.99])
-            share = np.clip((nearness - far) / max(close - far, 1e-300), 0.0, 1.0)[:, None]
-            colors = (1 - share) * np.array(FAR) + share * np.array(NEAR)
+            colors = distance_colors(look(part, view).nearness, FAR, NEAR)
             plot_cloud(part, color=colors, view=view, ax=ax)
             size = max(size, ENLARGED * float(np.sqrt(ax.collections[0].get_sizes()[0])))
         if marked.any():
@@ -75,12 +73,10 @@ def ball():
     return figure(inner, "A ball in these colors", "ball")
 
 
-def _view(view):
-    return (view, VIEWS[view]) if isinstance(view, str) else view
-
-
 def _map(draw, xyz, rows, view, caption):
     new_figure = import_extra("matplotlib.figure", "plot", "--report").Figure
+    from PIL import Image  # comes with it
+
     places = look(xyz[rows], view).places
     low, high = places.min(axis=0), places.max(axis=0)
     width, height = high - low
@@ -106,7 +102,7 @@ def _map(draw, xyz, rows, view, caption):
         f'<div class="scale" style="width:{100 * length / width:.2f}%">'
         f"<span>{length:g}</span></div>"
     )
-    image = f'<img src="{_encoded(_opened(buffer))}" alt="{text(caption)}">'
+    image = f'<img src="{_encoded(Image.open(buffer).convert("RGBA"))}" alt="{text(caption)}">'
     kind = "high" if shape > 0.5 else "wide"
     inner = f'<div class="map" style="--shape:{shape:.4f}">{image}{bar}</div>'
     return figure(inner, caption, kind)
@@ -123,12 +119,6 @@ def _strip(drawn, ax):
     if ax.get_legend() is not None:
         ax.get_legend().remove()
     ax.set_position((0.0, 0.0, 1.0, 1.0))
-
-
-def _opened(buffer):
-    from PIL import Image
-
-    return Image.open(buffer).convert("RGBA")
 
 
 def _encoded(image):

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from sklearn_mcmd.report._contents import Contents, Note, Section, percent, share
+from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._html import paragraph, table
 from sklearn_mcmd.report._maps import ball, maps
@@ -99,28 +99,21 @@ def _maps_of(xyz, normals, near):
 
 def _notes(errors, removed):
     """Notes on standard errors, None if they are not known, and on removed shares."""
-    notes, n_all = [], len(removed)
+    n_all, n_half = len(removed), int(np.count_nonzero(removed > HALF))
     n = 0 if errors is None else int(np.count_nonzero(~(errors <= UNRELIABLE)))
-    if n > SOME * n_all:
-        notes.append(
-            Note(
-                "Unreliable normals.",
-                f"{share(n, n_all, 'normals')} have a standard error above {UNRELIABLE:g} degrees: "
-                "their neighborhoods are sparse, narrow or noisy.",
-                "Give more --n-neighbors, or --n-neighbors auto, and look at the table of places.",
-            )
-        )
-    n_half = int(np.count_nonzero(removed > HALF))
-    if n_half > SOME * n_all:
-        notes.append(
-            Note(
-                "Neighborhoods of several things.",
-                f"For {share(n_half, n_all)} more than {100 * HALF:g} % of the neighborhood was "
-                "removed: it reaches over an edge, into foliage, or holds many outliers.",
-                "Denoise the cloud first, or give a smaller --n-neighbors.",
-            )
-        )
-    return notes
+    return note_if(
+        n > SOME * n_all,
+        "Unreliable normals.",
+        f"{share(n, n_all, 'normals')} have a standard error above {UNRELIABLE:g} degrees: their "
+        "neighborhoods are sparse, narrow or noisy.",
+        "Give more --n-neighbors, or --n-neighbors auto, and look at the table of places.",
+    ) + note_if(
+        n_half > SOME * n_all,
+        "Neighborhoods of several things.",
+        f"For {share(n_half, n_all)} more than {100 * HALF:g} % of the neighborhood was removed: "
+        "it reaches over an edge, into foliage, or holds many outliers.",
+        "Denoise the cloud first, or give a smaller --n-neighbors.",
+    )
 
 
 def _error_table(errors):

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from sklearn_mcmd.report._contents import Note, percent
+from sklearn_mcmd._errors import counted
+from sklearn_mcmd.report._contents import note_if, percent
 
 __all__ = ["CHECKS", "CHECKS_OF_ALL", "cloud_notes", "together_notes"]
 
@@ -26,26 +27,23 @@ SPARSE = 5.0
 def cloud_notes(facts, *, local=True):
     """What is the matter with the cloud itself; not `local`: where no neighborhoods are taken."""
     makers = (*OF_ALL, *OF_NEIGHBORHOODS) if local else OF_ALL
-    return [note for note in (make(facts) for make in makers) if note is not None]
+    return [note for make in makers for note in make(facts)]
 
 
 def _few(facts):
-    if facts.n_distinct >= FEW * facts.n_neighbors and facts.n_neighbors < facts.n_distinct:
-        return None
-    return Note(
+    return note_if(
+        facts.n_distinct < FEW * facts.n_neighbors or facts.n_distinct <= facts.n_neighbors,
         "Few points.",
-        f"The cloud has {facts.n_distinct:,} distinct point{'s' * (facts.n_distinct > 1)}, and a "
-        f"neighborhood takes {facts.n_neighbors:,} of them. What is a surface and what is usual is "
-        "then a guess.",
+        f"The cloud has {counted(facts.n_distinct, 'distinct point')}, and a neighborhood takes "
+        f"{facts.n_neighbors:,} of them. What is a surface and what is usual is then a guess.",
         "Give a larger part of the scan, or a smaller --n-neighbors.",
     )
 
 
 def _copies(facts):
     n = facts.n_points - facts.n_distinct
-    if n <= COPIES * facts.n_points:
-        return None
-    return Note(
+    return note_if(
+        n > COPIES * facts.n_points,
         "Duplicates.",
         f"{n:,} points ({percent(n, facts.n_points)}) lie exactly where another one does. They "
         "count once in planes, and say nothing about noise.",
@@ -54,9 +52,8 @@ def _copies(facts):
 
 
 def _rounded(facts):
-    if not facts.step or not facts.noise <= STEP * facts.step:
-        return None
-    return Note(
+    return note_if(
+        facts.step and facts.noise <= STEP * facts.step,
         "Rounded coordinates.",
         f"Coordinates are multiples of {facts.step:.3g}, which is coarser than the noise. "
         "Distances from surfaces are told in steps and no longer in noise; what is off by less "
@@ -66,9 +63,8 @@ def _rounded(facts):
 
 
 def _coarse(facts):
-    if not facts.rounding:
-        return None
-    return Note(
+    return note_if(
+        facts.rounding,
         "Single precision far from the origin.",
         f"The coordinates have the digits of float32, which rounds to {facts.rounding:.2g} so far "
         f"from the origin. Neighborhoods have a radius of {facts.radius:.2g}: their planes follow "
@@ -79,20 +75,19 @@ def _coarse(facts):
 
 def _far(facts):
     n = int(np.count_nonzero(~facts.near))
-    if n == 0:
-        return None
-    return Note(
+    spans = " x ".join(f"{value:.4g}" for value in facts.high - facts.low)
+    return note_if(
+        n > 0,
         "Points far from all others.",
         f"{n:,} points ({percent(n, facts.n_points)}) lie farther from the rest than this is "
-        f"wide: the file spans {_spans(facts.high - facts.low)}. Maps leave them out.",
+        f"wide: the file spans {spans}. Maps leave them out.",
         "Check them, and cut them off if they are no part of the scan.",
     )
 
 
 def _sparse(facts):
-    if not facts.sparse_radius > SPARSE * facts.radius:
-        return None
-    return Note(
+    return note_if(
+        facts.sparse_radius > SPARSE * facts.radius,
         "Sparse parts.",
         f"A neighborhood of {facts.n_neighbors} points usually has a radius of {facts.radius:.2g}. "
         f"For 5 % of the points it is more than {facts.sparse_radius:.2g}: smaller things are not "
@@ -102,9 +97,8 @@ def _sparse(facts):
 
 
 def _noisy(facts):
-    if not facts.noise > FLAT * facts.radius:
-        return None
-    return Note(
+    return note_if(
+        facts.noise > FLAT * facts.radius,
         "Noise hides the surfaces.",
         f"Points scatter by {facts.noise:.2g} about their planes, and neighborhoods have a radius "
         f"of {facts.radius:.2g}. From 0.15 of the radius on (0.6 spacings with 50 neighbors) "
@@ -119,12 +113,10 @@ OF_NEIGHBORHOODS = (_few, _sparse, _noisy)
 
 def together_notes(words):
     """The note on outliers that lie together, if there are `words_of` such."""
-    remedy = (
+    return note_if(
+        words,
+        "Outliers lie together.",
+        f"{words}.",
         "Look at the maps. A thing that is sparser than what is around it is kept if the dense "
-        "parts are thinned to its spacing first."
+        "parts are thinned to its spacing first.",
     )
-    return [Note("Outliers lie together.", f"{words}.", remedy)] if words else []
-
-
-def _spans(extent):
-    return " x ".join(f"{value:.4g}" for value in extent)

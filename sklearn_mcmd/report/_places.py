@@ -42,9 +42,8 @@ class Places(NamedTuple):
         return cls(cells * side, side, n_all, n_found)
 
     def where(self, number):
-        """A cell in words."""
-        (x, y), side = self.low[number].tolist(), self.side
-        return f"x {_number(x)} to {_number(x + side)}, y {_number(y)} to {_number(y + side)}"
+        """The ranges of x and of y of a cell, in words."""
+        return [f"{_number(a)} to {_number(a + self.side)}" for a in self.low[number].tolist()]
 
     def fullest(self):
         """The numbers of the cells where most was found."""
@@ -60,29 +59,21 @@ def place_sections(places, xyz, found, near, noun):
     total = places.n_found.sum()
     rows = [
         (
-            *places.where(i).split(", "),
+            *places.where(i),
             f"{places.n_found[i]:,}",
             percent(places.n_found[i], places.n_all[i]),
             percent(places.n_found[i], total),
         )
         for i in fullest
     ]
-    cells = table(
-        ("x", "y", noun, "of the cell's points", f"of all {noun}"),
-        [(x[2:], y[2:], *rest) for x, y, *rest in rows],
-        numbers=(2, 3, 4),
-    )
+    header = ("x", "y", noun, "of the cell's points", f"of all {noun}")
     intro = paragraph(
         f"The fullest cells of a grid of {places.side:g} in plan, seen from above; "
         f"{len(places.n_all):,} cells hold points."
     )
     heights = height_rows(xyz[near, 2], found[near])
-    return (
-        intro
-        + cells
-        + "<h3>By height</h3>"
-        + bar_table(("z", f"{noun}, and share of the points there"), heights)
-    )
+    bars = bar_table(("z", f"{noun}, and share of the points there"), heights)
+    return intro + table(header, rows, numbers=(2, 3, 4)) + "<h3>By height</h3>" + bars
 
 
 def height_rows(z, found):

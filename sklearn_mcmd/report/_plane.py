@@ -8,7 +8,7 @@ from sklearn_mcmd.adjustment._base import sigma0_is_rounding
 from sklearn_mcmd.adjustment._report import global_test_row, sigma0_origin
 from sklearn_mcmd.adjustment._report_lines import usual_reliability
 from sklearn_mcmd.io._point_cloud import with_results
-from sklearn_mcmd.report._contents import Contents, Note, Section, percent, share
+from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
 from sklearn_mcmd.report._facts import Facts
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._html import chips, paragraph, pre
@@ -122,32 +122,24 @@ def _found_biases(xyz, reliability, near, unit):
 
 
 def _notes(detector, n, n_all, unit):
-    notes = []
-    if n > MANY * n_all:
-        notes.append(
-            Note(
-                "Many outliers.",
-                f"{share(n, n_all)} do not belong to the plane. It may be two planes, or a curved "
-                "one.",
-                "Look at the map of residuals, and cut out one plane.",
-            )
-        )
-    if sigma0_is_rounding(detector):
-        notes.append(
-            Note(
-                "No noise to test against.",
-                f"sigma0 is {detector.sigma0_:.2g}{unit}, the rounding of float64: the points lie "
-                "exactly on the plane, or a smaller sigma0 was given.",
-                "Give --sigma0, the standard deviation of the scanner.",
-            )
-        )
-    elif detector.global_test_pvalue_ < detector.global_test_level_:
-        notes.append(
-            Note(
-                "The plane and sigma0 do not fit.",
-                f"Global test: {global_test_row(detector)}. The points without outliers scatter "
-                f"more than sigma0 = {detector.sigma0_:.3g}{unit} says.",
-                "Check --sigma0, or whether the surface is a plane.",
-            )
-        )
-    return notes
+    is_exact = sigma0_is_rounding(detector)
+    notes = note_if(
+        n > MANY * n_all,
+        "Many outliers.",
+        f"{share(n, n_all)} do not belong to the plane. It may be two planes, or a curved one.",
+        "Look at the map of residuals, and cut out one plane.",
+    )
+    notes += note_if(
+        is_exact,
+        "No noise to test against.",
+        f"sigma0 is {detector.sigma0_:.2g}{unit}, the rounding of float64: the points lie exactly "
+        "on the plane, or a smaller sigma0 was given.",
+        "Give --sigma0, the standard deviation of the scanner.",
+    )
+    return notes + note_if(
+        detector.global_test_pvalue_ < detector.global_test_level_ and not is_exact,
+        "The plane and sigma0 do not fit.",
+        f"Global test: {global_test_row(detector)}. The points without outliers scatter more than "
+        f"sigma0 = {detector.sigma0_:.3g}{unit} says.",
+        "Check --sigma0, or whether the surface is a plane.",
+    )

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.report._contents import Contents, Note, Section, percent, share
+from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._html import paragraph, table
 from sklearn_mcmd.report._maps import maps
@@ -143,29 +143,23 @@ def _size_words(sizes, n_all):
 
 def _left_over_notes(inside, n_all):
     """A warning of many points without a region, if they are many."""
-    if n_all - inside <= LEFT_OVER * n_all:
-        return []
-    return [
-        Note(
-            "Many points without a region.",
-            f"{share(n_all - inside, n_all)} belong to no region: foliage, outliers, or "
-            "surfaces that are too noisy or too curved for the limits.",
-            "Denoise the cloud first. If surfaces are missing, give a larger --max-angle or "
-            "more --n-neighbors.",
-        )
-    ]
+    return note_if(
+        n_all - inside > LEFT_OVER * n_all,
+        "Many points without a region.",
+        f"{share(n_all - inside, n_all)} belong to no region: foliage, outliers, or surfaces that "
+        "are too noisy or too curved for the limits.",
+        "Denoise the cloud first. If surfaces are missing, give a larger --max-angle or more "
+        "--n-neighbors.",
+    )
 
 
 def _small_notes(n_all, sizes):
     """A warning of points in small regions, if they are many."""
     in_small = int(sizes[sizes < SMALL].sum())
-    if in_small <= PIECES * n_all:
-        return []
-    return [
-        Note(
-            "Many small regions.",
-            f"{share(in_small, n_all)} are in regions of fewer than {SMALL} points: surfaces "
-            "fall to pieces, or the cloud is full of small things.",
-            "Give more --n-neighbors for smoother normals, or a larger --min-region-size.",
-        )
-    ]
+    return note_if(
+        in_small > PIECES * n_all,
+        "Many small regions.",
+        f"{share(in_small, n_all)} are in regions of fewer than {SMALL} points: surfaces fall to "
+        "pieces, or the cloud is full of small things.",
+        "Give more --n-neighbors for smoother normals, or a larger --min-region-size.",
+    )

@@ -7,12 +7,7 @@ from scipy.spatial import cKDTree
 
 from sklearn_mcmd.runtime._chunks import run, slices
 from sklearn_mcmd.segmentation._graph import CUTOFF
-from sklearn_mcmd.segmentation._region_sums import (
-    PART,
-    median_by_region,
-    region_moments,
-    relabeled,
-)
+from sklearn_mcmd.segmentation._region_sums import PART, median_by_region, region_moments, relabeled
 
 __all__ = ["MOST_NOISE", "join_coplanar", "own_noise", "region_planes"]
 

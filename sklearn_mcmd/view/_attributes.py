@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.io._point_cloud import flat_columns
+from sklearn_mcmd.io._point_cloud import COLORS, flat_columns
 
 __all__ = [
     "ColumnSource",
@@ -25,35 +25,20 @@ NORMAL_TOP = 4094  # even, so that normals along the axes are exact
 FEW = 64  # this many distinct whole numbers are classes
 MANY = 65_535  # classes of an attribute that is known to hold labels
 LABELS = {"region", "segment", "label", "cluster", "instance", "classification", "class"}
+CLASSES = (  # of LAS, from 0 on
+    "never classified; unclassified; ground; low vegetation; medium vegetation; high vegetation; "
+    "building; noise; model key point; water; rail; road; overlap; wire, guard; wire, conductor; "
+    "transmission tower; wire connector; bridge deck; high noise"
+)
 NAMES = {
     "outlier": {0: "regular", 1: "outlier"},
     "true_outlier": {0: "regular", 1: "outlier"},
     "edge": {0: "surface", 1: "edge"},
     "region": {-1: "none"},
     "segment": {-1: "none"},
-    "classification": {
-        0: "never classified",
-        1: "unclassified",
-        2: "ground",
-        3: "low vegetation",
-        4: "medium vegetation",
-        5: "high vegetation",
-        6: "building",
-        7: "noise",
-        8: "model key point",
-        9: "water",
-        10: "rail",
-        11: "road",
-        12: "overlap",
-        13: "wire, guard",
-        14: "wire, conductor",
-        15: "transmission tower",
-        16: "wire connector",
-        17: "bridge deck",
-        18: "high noise",
-    },
+    "classification": dict(enumerate(CLASSES.split("; "))),
 }
-NOISE = {7, 18}  # classes of LAS
+OUTLIERS = {"outlier": {1}, "classification": {7, 18}}  # of attributes that the package writes
 
 
 class ColumnSource(NamedTuple):
@@ -104,13 +89,6 @@ class NumberCode(NamedTuple):
         codes = np.clip(np.rint((numbers - self.low) / self.step), 0, TOP) + 1
         return np.where(known, codes, 0).astype(np.uint16)
 
-    def decode(self, codes):
-        """The values of codes, NaN for 0."""
-        values = self.low + self.step * (np.asarray(codes, np.float64) - 1)
-        if self.width is not None:
-            values = self.center + self.width * np.sinh(values)
-        return np.where(np.asarray(codes) == 0, np.nan, values)
-
     def info(self, exact):
         """What the page needs; `error` is absolute near the center, `relative` holds far away."""
         told = {"low": self.low, "step": self.step}
@@ -132,15 +110,17 @@ def plan_attributes(clouds, only=None):
     as in the file or in the page. Returns the sources, the constants of each cloud, and the names
     of attributes that hold no numbers.
     """
-    tables = [_numeric(flat_columns(attributes)) for attributes in clouds]
-    skipped = sorted({name for _, others in tables for name in others})
-    columns = [known for known, _ in tables]
+    tables = [flat_columns(attributes) for attributes in clouds]
+    columns = [{k: v for k, v in table.items() if v.dtype.kind in "biuf"} for table in tables]
+    pairs = zip(tables, columns, strict=True)
+    skipped = sorted({name for table, known in pairs for name in table.keys() - known.keys()})
     sources = []
-    normals = _join(columns, ("normal_x", "normal_y", "normal_z"), "normal", code_normals)
-    colors = _join(columns, ("red", "green", "blue"), "color", _code_colors)
-    for joined, kind in ((normals, "normal"), (colors, "rgb")):
+    for name, kind, parts, code in (
+        ("normal", "normal", ("normal_x", "normal_y", "normal_z"), code_normals),
+        ("color", "rgb", COLORS, _code_colors),
+    ):
+        joined = _join(columns, parts, name, code)
         if any(codes is not None for codes in joined):
-            name = "normal" if kind == "normal" else "color"
             name = free_name(name, {other for table in columns for other in table})
             sources.append(ColumnSource({"name": name, "kind": kind}, joined))
     constants = [{} for _ in columns]
@@ -197,12 +177,6 @@ def _code_colors(colors):
     return [bits[:, i].copy() for i in range(3)]
 
 
-def _numeric(columns):
-    """Columns of numbers, and the names of the others."""
-    known = {name: values for name, values in columns.items() if values.dtype.kind in "biuf"}
-    return known, [name for name in columns if name not in known]
-
-
 def _join(columns, names, name, code):
     """Three columns of each cloud as one attribute; they are taken out of the clouds."""
     joined = []
@@ -253,17 +227,9 @@ def _classes(name, arrays, distinct, counts):
         "values": values,
         "names": {str(v): known[v] for v in values if v in known},
     }
-    outliers = _outlier_codes(name.lower(), values)
+    marks = OUTLIERS.get(name.lower(), set())
+    outliers = [code for code, value in enumerate(values) if value in marks]
     return ColumnSource(info | ({"outliers": outliers} if outliers else {}), codes)
-
-
-def _outlier_codes(name, values):
-    """Which codes mean outliers, of the attributes that the package writes."""
-    if name == "outlier":
-        return [code for code, value in enumerate(values) if value == 1]
-    if name == "classification":
-        return [code for code, value in enumerate(values) if value in NOISE]
-    return []
 
 
 def is_wanted(info, wanted):

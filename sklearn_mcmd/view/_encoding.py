@@ -7,12 +7,12 @@ and each column is written as differences of neighbors, byte by byte.
 
 import zlib
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-__all__ = ["Grid", "PackedCloud", "pack_column", "pack_points", "shuffled"]
+__all__ = ["Grid", "pack_column", "pack_points", "shuffled"]
 
 FIRST_CHUNK, LARGEST_CHUNK = 1 << 16, 1 << 20
 SPACING_SAMPLE = 20_000
@@ -71,16 +71,6 @@ class Grid(NamedTuple):
         return self.low + self.step * np.asarray(steps, dtype=np.float64)
 
 
-class PackedCloud(NamedTuple):
-    """Chunks as the page reads them, and blocks of text.
-
-    A chunk tells its points and, of each column, width, filter, block and bytes.
-    """
-
-    chunks: list[dict[str, Any]]
-    blocks: list[str]
-
-
 def typical_spacing(xyz):
     """Median distances to the nearest other place and to the fourth; 0 if there is one place.
 
@@ -102,16 +92,17 @@ def shuffled(n_points, most, seed=0):
     return np.random.default_rng(seed).permutation(n_points)[:most]
 
 
-def pack_points(steps, rows, columns):
-    """Pack one cloud.
+def pack_points(steps, rows, columns, blocks):
+    """Pack one cloud: add its blocks of text to a list, and return chunks as the page reads them.
 
     `steps` (n, 3) of uint32 are coordinates of points in random order, `rows` the row of each in
-    its file, and `columns` have unsigned whole numbers of 8 or 16 bits.
+    its file, and `columns` have unsigned whole numbers of 8 or 16 bits. A chunk tells its points
+    and, of each column, width, filter, block and bytes.
     """
     bounds = _chunk_bounds(len(rows))
     largest = slice(bounds[-2], bounds[-1])
     by_place = _is_smaller_by_place(steps[largest], rows[largest], columns, largest)
-    chunks, blocks = [], []
+    chunks = []
     for start, stop in pairwise(bounds):
         part = slice(start, stop)
         order = start + _order(steps[part], rows[part], by_place)
@@ -125,7 +116,7 @@ def pack_points(steps, rows, columns):
             described.append([width, int(delta), len(blocks), len(packed)])
             blocks.append(_text(packed))
         chunks.append({"n": stop - start, "columns": described})
-    return PackedCloud(chunks, blocks)
+    return chunks
 
 
 def pack_column(values, level=6):

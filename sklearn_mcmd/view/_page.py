@@ -4,9 +4,9 @@ import html
 import json
 import math
 import os
-import warnings
 from base64 import b64encode
 from collections.abc import Collection, Sequence
+from dataclasses import KW_ONLY, dataclass
 from functools import cache
 from hashlib import sha256
 from importlib.resources import files
@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io._files import read_points, replacing
 from sklearn_mcmd.io._point_cloud import PointCloud
 from sklearn_mcmd.io._units import length_unit
@@ -32,21 +33,11 @@ SUFFIXES = (".html", ".htm")
 # In the order in which they are joined; together they are the page's one script.
 SCRIPTS = ("decode", "colors", "scene", "camera", "renderer", "measure", "panel", "picture", "main")
 # What the page colors by at first: the first of these that the clouds have.
-FIRST_COLORS = (
-    *(
-        "region",
-        "edge",
-        "outlier",
-        "outlier_score",
-        "residual",
-        "normal",
-        "color",
-        "classification",
-    ),
-    *("surface_variation", "mean_curvature", "intensity"),
-)
+FIRST_COLORS = ["region", "edge", "outlier", "outlier_score", "residual", "normal", "color"]
+FIRST_COLORS += ["classification", "surface_variation", "mean_curvature", "intensity"]
 
 
+@dataclass(eq=False, repr=False)
 class CloudPage:
     """One HTML page that shows point clouds, made by :func:`sklearn_mcmd.plotting.view`.
 
@@ -88,25 +79,17 @@ class CloudPage:
     >>> page.save("cube.html")  # doctest: +SKIP
     """
 
-    def __init__(
-        self,
-        html: str,
-        *,
-        n_points: int,
-        n_shown: int,
-        error: float,
-        spacing: float,
-        height: int = 640,
-        drawn_error: float = 0.0,
-    ) -> None:
-        self.html = html
-        self.n_points = n_points
-        self.n_shown = n_shown
-        self.error = error
-        self.spacing = spacing
-        check_count(height, "height")
-        self.height = height
-        self.drawn_error = drawn_error
+    html: str
+    _: KW_ONLY
+    n_points: int
+    n_shown: int
+    error: float
+    spacing: float
+    height: int = 640
+    drawn_error: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_count(self.height, "height")
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the page. An existing file is replaced only by a complete new one.
@@ -169,7 +152,10 @@ def cloud_page(
     if isinstance(only, str):
         raise ValueError(f"only must be a collection of names, got the string {only!r}.")
     if names is None:
-        named = [_name(cloud, number) for number, cloud in enumerate(clouds, 1)]
+        named = [
+            Path(cloud).name if isinstance(cloud, str | os.PathLike) else f"cloud {number}"
+            for number, cloud in enumerate(clouds, 1)
+        ]
     elif isinstance(names, str) or len(names) != len(clouds):
         raise ValueError(
             f"names must have one entry for each of {len(clouds)} clouds, got {names!r}."
@@ -186,9 +172,7 @@ def cloud_page(
     kept = [cloud.subset(chosen) for (cloud, _), chosen in zip(finite, rows, strict=True)]
     n_shown = sum(map(len, rows))
     if n_shown < sum(sizes):
-        warnings.warn(
-            f"the page holds {n_shown:,} of {sum(sizes):,} points, chosen at random", stacklevel=3
-        )
+        warn_caller(f"the page holds {n_shown:,} of {sum(sizes):,} points, chosen at random")
     manifest, blocks = _pack(kept, rows, only)
     for told, name, size, cloud in zip(manifest["clouds"], named, sizes, kept, strict=True):
         told |= {"name": str(name), "total": size, "dropped": cloud.n_dropped}
@@ -233,9 +217,7 @@ def _pack(clouds, rows, only):
     grid = Grid.of([cloud.xyz for cloud in clouds])
     sources, constants, skipped = plan_attributes([c.attributes for c in clouds], only)
     if skipped:
-        warnings.warn(
-            f"attributes that hold no numbers are left out: {', '.join(skipped)}", stacklevel=4
-        )
+        warn_caller(f"attributes that hold no numbers are left out: {', '.join(skipped)}")
     if only is not None and (missing := _missing(only, sources, constants)):
         raise ValueError(f"no cloud has an attribute {', '.join(map(repr, missing))}")
     told, blocks = [], []
@@ -243,27 +225,18 @@ def _pack(clouds, rows, only):
     for number, order in enumerate(rows):
         present = [i for i, source in enumerate(sources) if source.codes[number] is not None]
         columns = [column for i in present for column in sources[i].codes[number]]
-        packed = pack_points(steps[number], order, columns)
-        for chunk in packed.chunks:
-            for column in chunk["columns"]:
-                column[2] += len(blocks)
-        blocks += packed.blocks
         told.append(
             {
                 "n": len(order),
                 "attributes": present,
                 "constants": {k: _plain(v) for k, v in constants[number].items()},
-                "chunks": packed.chunks,
+                "chunks": pack_points(steps[number], order, columns, blocks),
             }
         )
     middle = np.rint(np.median(steps[0], axis=0)).astype(np.int64)
     reach = max(int(np.abs(part.astype(np.int64) - middle).max()) for part in steps)
-    manifest = {
+    manifest = grid._asdict() | {
         "low": grid.low.tolist(),
-        "step": grid.step,
-        "error": grid.error,
-        "spacing": grid.spacing,
-        "reach": grid.reach,
         "extent": np.max([part.max(axis=0) for part in steps], axis=0).tolist(),
         "middle": middle.tolist(),
         "drawn": float(np.spacing(np.float32(reach * grid.step)) / 2),
@@ -334,12 +307,6 @@ def _missing(only, sources, constants):
     ]
 
 
-def _name(cloud, number):
-    if isinstance(cloud, str | os.PathLike):
-        return Path(cloud).name
-    return f"cloud {number}"
-
-
 def _as_cloud(cloud):
     """A cloud, and its rows with finite coordinates, at least one."""
     if isinstance(cloud, str | os.PathLike):
@@ -349,9 +316,7 @@ def _as_cloud(cloud):
     rows = np.flatnonzero(np.isfinite(cloud.xyz).all(axis=1))
     if len(rows) < len(cloud):
         n_left_out = len(cloud) - len(rows)
-        warnings.warn(
-            f"{n_left_out:,} points without finite coordinates are left out", stacklevel=4
-        )
+        warn_caller(f"{n_left_out:,} points without finite coordinates are left out")
     if len(rows) == 0:
         raise ValueError("A cloud without points (with finite coordinates) cannot be shown.")
     return cloud, rows

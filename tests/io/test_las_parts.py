@@ -59,13 +59,13 @@ def test_a_truncated_file_is_named(path):
 
 
 def test_a_full_disk_is_told_as_such(path, monkeypatch):
-    from sklearn_mcmd.io import _las_parts
+    from sklearn_mcmd.io import _las
 
     def fail(self, data):
         self.error = OSError(errno.ENOSPC, "No space left on device")
         raise self.error
 
-    monkeypatch.setattr(_las_parts._Sink, "write", fail)
+    monkeypatch.setattr(_las._Sink, "write", fail)
     part = next(read_parts(path, 60_000))
     with (
         pytest.raises(OSError, match="No space left"),

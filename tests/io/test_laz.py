@@ -330,7 +330,7 @@ def test_laz_is_written_as_laspy_writes_it(tmp_path):
 def test_laz_in_several_parts_is_the_same_file(tmp_path, monkeypatch):
     cloud = PointCloud(np.random.default_rng(0).integers(0, 999, (120_000, 3)) / 100)
     write_points(tmp_path / "a.laz", cloud)
-    monkeypatch.setattr("sklearn_mcmd.io._laz.POINTS_A_TIME", 7_001)
+    monkeypatch.setattr("sklearn_mcmd.io._las.WRITTEN_AT_ONCE", 7_001)
     write_points(tmp_path / "b.laz", cloud)
     assert (tmp_path / "b.laz").read_bytes() == (tmp_path / "a.laz").read_bytes()
 

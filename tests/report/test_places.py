@@ -29,7 +29,7 @@ def test_the_fullest_cells_come_first_and_empty_ones_not_at_all():
     fullest = places.fullest()
     assert (np.diff(places.n_found[fullest]) <= 0).all()
     assert (places.n_found[fullest] > 0).all()
-    assert places.where(fullest[0]) == "x 1018 to 1019, y 2019 to 2020"
+    assert places.where(fullest[0]) == ["1018 to 1019", "2019 to 2020"]
 
 
 def test_heights_count_every_point_once_from_the_top():

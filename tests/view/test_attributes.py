@@ -16,6 +16,12 @@ def plan(**columns):
     return {source.info["name"]: source for source in sources}, constants[0], skipped
 
 
+def decoded(code, codes):
+    """The values of codes, as the page computes them."""
+    values = code.low + code.step * (codes.astype(np.float64) - 1)
+    return values if code.width is None else code.center + code.width * np.sinh(values)
+
+
 @given(numbers)
 @example(np.array([8388608, 0, 0, 4.67e-302, 4.67e-302]))
 @example(np.array([1, 0, 0, 5e-324, 5e-324]))
@@ -28,16 +34,16 @@ def test_a_number_is_within_the_stated_error(values):
         told["error"] + told.get("relative", 0) * np.abs(values - told.get("center", 0))
     )
     rounding = 1e-9 * np.abs(values).max()
-    assert (np.abs(code.decode(codes) - values) <= reach + rounding + 1e-300).all()
+    assert (np.abs(decoded(code, codes) - values) <= reach + rounding + 1e-300).all()
 
 
 def test_scores_with_a_long_tail_keep_their_small_values_apart():
     rng = np.random.default_rng(0)
     scores = np.r_[rng.gamma(2, 0.5, 1000), 1e6, 1e9]
     code = NumberCode.for_values(scores)
-    decoded = code.decode(code.encode(scores))
-    np.testing.assert_allclose(decoded[:1000], scores[:1000], atol=0.002)
-    np.testing.assert_allclose(decoded[1000:], scores[1000:], rtol=1e-3)
+    values = decoded(code, code.encode(scores))
+    np.testing.assert_allclose(values[:1000], scores[:1000], atol=0.002)
+    np.testing.assert_allclose(values[1000:], scores[1000:], rtol=1e-3)
     assert (np.diff(code.encode(np.sort(scores)).astype(int)) >= 0).all()
 
 

@@ -123,9 +123,10 @@ def test_each_point_keeps_its_row_and_its_values(order):
         steps = rng.permutation(rng.integers(0, 1000, (n, 3)))
     steps, values = steps.astype(np.uint32), rng.integers(0, 65536, n).astype(np.uint16)
     rows = shuffled(n, n)
-    packed = pack_points(steps[rows], rows, [values[rows]])
-    assert [chunk["n"] for chunk in packed.chunks] == [64, 128, 256, 256, 256, 40]
-    parts = [read_chunk(chunk, packed.blocks) for chunk in packed.chunks]
+    blocks = ["of another cloud"]
+    chunks = pack_points(steps[rows], rows, [values[rows]], blocks)
+    assert [chunk["n"] for chunk in chunks] == [64, 128, 256, 256, 256, 40]
+    parts = [read_chunk(chunk, blocks) for chunk in chunks]
     x, y, z, row, value = (np.concatenate(column) for column in zip(*parts, strict=True))
     np.testing.assert_array_equal(np.sort(row), np.arange(n))
     np.testing.assert_array_equal(np.column_stack([x, y, z]), steps[row])
@@ -141,8 +142,8 @@ def test_any_first_part_is_a_thinned_cloud(order):
         xy = xy[np.lexsort(xy.T)]
     steps = np.column_stack([xy, np.zeros(n, int)]).astype(np.uint32)
     rows = shuffled(n, n)
-    packed = pack_points(steps[rows], rows, [])
-    x, y, _, _ = read_chunk(packed.chunks[0], packed.blocks)
+    blocks = []
+    x, y, _, _ = read_chunk(pack_points(steps[rows], rows, [], blocks)[0], blocks)
     for part in (500, 2000, 7000):
         counts, _, _ = np.histogram2d(x[:part], y[:part], bins=5, range=[[0, 1000]] * 2)
         assert np.abs(counts - part / 25).max() < 5 * np.sqrt(part / 25)
