@@ -36,19 +36,10 @@ FITTING = 0.65  # share of the time that planes take, for the display of progres
 
 
 class Judgement(NamedTuple):
-    """What is found of each point of a cloud.
+    """What is found of each point of a cloud; the last three as the detector has them."""
 
-    scores : ndarray of shape (n,)
-        The larger, the more abnormal.
-    plane_index : ndarray of int of shape (n,)
-        The row whose plane explains the point best, its own if none does.
-    on_surface : ndarray of bool of shape (n,)
-    isolation, separation, group_index : ndarray of shape (n,) or None
-        As the detector has them.
-    """
-
-    scores: np.ndarray
-    plane_index: np.ndarray
+    scores: np.ndarray  # the larger, the more abnormal
+    plane_index: np.ndarray  # the row whose plane explains the point best, its own if none does
     on_surface: np.ndarray
     isolation: np.ndarray | None = None
     separation: np.ndarray | None = None

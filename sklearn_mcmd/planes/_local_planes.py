@@ -45,25 +45,15 @@ class RuleFit:
 
 
 class PlaneSettings(NamedTuple):
-    """How the plane of a neighborhood is found.
+    """How the plane of a neighborhood is found."""
 
-    method : str, key of `METHODS`; without meaning where there is a comparator
-    precision : float
-        Relative rounding error of the coordinates, eps of their dtype.
-    step : float
-        Step to which the coordinates were rounded before.
-    support_fraction, cutoff : float
-    reweight : bool
-    comparator : baselines.Method
-        Judges neighborhoods in the place of a rule; trials are then its tables.
-    """
-
-    method: str
-    precision: float
-    step: float = 0.0
+    method: str  # key of `METHODS`; without meaning where there is a comparator
+    precision: float  # relative rounding error of the coordinates, eps of their dtype
+    step: float = 0.0  # to which the coordinates were rounded before
     support_fraction: float = 0.5
     cutoff: float | None = None
     reweight: bool = False
+    # A `baselines.Method` that judges in the place of a rule; trials are then its tables.
     comparator: object = None
 
 

@@ -16,15 +16,9 @@ BANDS = 12  # heights, at most
 
 
 class Places(NamedTuple):
-    """Cells of a grid in plan, those that hold points.
+    """Cells of a grid in plan, those that hold points."""
 
-    low : ndarray of float of shape (m, 2)
-        Their lower corners.
-    side : float
-    n_all, n_found : ndarray of int of shape (m,)
-    """
-
-    low: np.ndarray
+    low: np.ndarray  # their lower corners, (m, 2)
     side: float
     n_all: np.ndarray
     n_found: np.ndarray

@@ -20,18 +20,12 @@ SMALL, PIECES = 100, 0.2
 
 
 class Regions(NamedTuple):
-    """What a table of regions shows, the largest first.
-
-    sizes : sequence of int
-    normals, centroids : ndarray of shape (n_regions, 3)
-    errors : ndarray of shape (n_regions,)
-        Root mean square distances from their planes.
-    """
+    """What a table of regions shows, the largest first."""
 
     sizes: np.ndarray
     normals: np.ndarray
     centroids: np.ndarray
-    errors: np.ndarray
+    errors: np.ndarray  # root mean square distances from their planes
 
     @classmethod
     def of_sample(cls, cloud, sizes):

@@ -38,16 +38,11 @@ class VoteLimits(NamedTuple):
 
 
 class _Cells(NamedTuple):
-    """Small neighborhoods that divide the regions, in the order in which they were begun.
+    """Small neighborhoods that divide the regions, in the order in which they were begun."""
 
-    members : ndarray of int32, rows of the points, cell after cell
-    starts : ndarray of int of shape (n_cells + 1,), where each begins
-    of : ndarray of int32 of shape (n,), cell of each point, -1 for none
-    """
-
-    members: np.ndarray
-    starts: np.ndarray
-    of: np.ndarray
+    members: np.ndarray  # int32, rows of the points, cell after cell
+    starts: np.ndarray  # int (n_cells + 1,), where each begins
+    of: np.ndarray  # int32 (n,), cell of each point, -1 for none
 
     def rows(self, cells):
         """Rows of the points of some cells, and the cell of each."""
