@@ -12,6 +12,7 @@ from sklearn_mcmd.plotting._views import VIEW, camera, draw_scale_bar, look
 __all__ = [
     "ball_picture",
     "check_points",
+    "distance_colors",
     "draw_ball",
     "edge_columns",
     "normal_colors",
@@ -110,7 +111,7 @@ def plot_cloud(
     )
     ax.set_axis_off()
 
-    color = _distance_colors(depth) if color is None else _as_rgb(color, len(points))
+    color = distance_colors(depth) if color is None else _as_rgb(color, len(points))
     size = _marker_size(ax, high - low, len(points)) if size is None else size
     sizes = np.full(len(points), float(size))
     if outliers is not None:
@@ -270,11 +271,12 @@ def edge_columns(is_edge, score, paints):
     return columns
 
 
-def _distance_colors(depth):
+def distance_colors(depth, far=FAR, near=NEAR):
+    """A color between that of far and that of near points, for each depth (n,)."""
     # Percentiles, because a single far point would take the contrast from all others.
-    far, near = np.percentile(depth, [1, 99])
-    share = np.clip((depth - far) / max(near - far, np.finfo(float).tiny), 0.0, 1.0)[:, None]
-    return (1 - share) * np.array(FAR) + share * np.array(NEAR)
+    low, high = np.percentile(depth, [1, 99])
+    share = np.clip((depth - low) / max(high - low, np.finfo(float).tiny), 0.0, 1.0)[:, None]
+    return (1 - share) * np.array(far) + share * np.array(near)
 
 
 def _marker_size(ax, extent, n_points):

@@ -46,8 +46,9 @@ class Places(NamedTuple):
         return order[self.n_found[order] > 0]
 
 
-def place_sections(places, xyz, found, near, noun):
-    """Tables: the fullest cells, and heights."""
+def place_sections(xyz, found, near, noun):
+    """Tables of what was `found`: the fullest of its `Places`, and heights."""
+    places = Places.of(xyz, found, near)
     fullest = places.fullest()
     if len(fullest) == 0:
         return paragraph(f"There are no {noun}.")
