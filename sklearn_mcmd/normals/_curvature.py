@@ -38,7 +38,7 @@ class Curvatures(NamedTuple):
     (m, 3) are unit vectors in the surface, whose last coordinate that is not zero is positive.
     """
 
-    max_curvature: np.ndarray
+    max_curvature: np.ndarray  # (m,)
     min_curvature: np.ndarray
     max_error: np.ndarray
     min_error: np.ndarray

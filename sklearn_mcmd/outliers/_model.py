@@ -36,7 +36,7 @@ FITTING = 0.65  # share of the time that planes take, for the display of progres
 
 
 class Judgement(NamedTuple):
-    """What is found of each point of a cloud; the last three as the detector has them."""
+    """What is found of each of n points: arrays (n,), the last three as the detector has them."""
 
     scores: np.ndarray  # the larger, the more abnormal
     plane_index: np.ndarray  # the row whose plane explains the point best, its own if none does

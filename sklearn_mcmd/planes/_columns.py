@@ -22,7 +22,7 @@ ROWS_AT_ONCE = 100_000
 class Columns(NamedTuple):
     """The first 3 d + 3 columns of a transformer; features may follow."""
 
-    coordinates: np.ndarray
+    coordinates: np.ndarray  # (n, d), as normals and eigenvalues; all others (n,)
     normals: np.ndarray
     surface_variation: np.ndarray
     eigenvalues: np.ndarray

@@ -26,7 +26,7 @@ class Neighborhoods(NamedTuple):
 class Planes(NamedTuple):
     """Planes of m neighborhoods, one row each; lengths are in units of the points."""
 
-    centroids: np.ndarray
+    centroids: np.ndarray  # (m, d), as both below; all others (m,)
     normals: np.ndarray
     eigenvalues: np.ndarray  # of the covariance of the kept members, ascending
     scale: np.ndarray  # standard deviation of the noise along the normal; negative: no plane

@@ -171,7 +171,8 @@ class _Strips:
 
     def asked(self, border):
         """The vote of two patches, their names, rows of their strip, and which are the first's."""
-        names, centers = sorted(border.tolist(), key=self._n_cells), self.centers
+        names = sorted(border.tolist(), key=lambda name: len(self.groups[name]))
+        centers = self.centers
         small, large = (self.groups[name] for name in names)
         if len(small) * len(large) <= FEW:
             large = large[_compiled("strip_of")(centers[small], centers[large])]
@@ -187,9 +188,6 @@ class _Strips:
             vote = _compiled("vote")
             value = vote(local, weights, cell, first, self.normals[names], limits, sides)
         return value, names, rows, sides
-
-    def _n_cells(self, name):
-        return len(self.groups[name])
 
 
 def _strip(small, large):

@@ -41,8 +41,8 @@ class Moments(NamedTuple):
     """What is known of regions."""
 
     sizes: np.ndarray  # points, or the sum of their weights
-    centroids: np.ndarray
-    covariances: np.ndarray
+    centroids: np.ndarray  # (n_regions, d), as low and high
+    covariances: np.ndarray  # (n_regions, d, d)
     low: np.ndarray  # corners of their boxes
     high: np.ndarray
 

@@ -33,17 +33,8 @@ SUFFIXES = (".html", ".htm")
 SCRIPTS = ("decode", "colors", "scene", "camera", "renderer", "measure", "panel", "picture", "main")
 # What the page colors by at first: the first of these that the clouds have.
 FIRST_COLORS = (
-    *(
-        "region",
-        "edge",
-        "outlier",
-        "outlier_score",
-        "residual",
-        "normal",
-        "color",
-        "classification",
-    ),
-    *("surface_variation", "mean_curvature", "intensity"),
+    *("region", "edge", "outlier", "outlier_score", "residual", "normal", "color"),
+    *("classification", "surface_variation", "mean_curvature", "intensity"),
 )
 
 
