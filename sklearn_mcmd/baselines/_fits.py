@@ -10,6 +10,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.random import sample_without_replacement
 
 from sklearn_mcmd.planes._plane import fit_planes, orthogonal_distances
+from sklearn_mcmd.planes._rules import robust_distances
 
 __all__ = [
     "Found",
@@ -94,14 +95,13 @@ class Found(NamedTuple):
 
 @dataclass(frozen=True)
 class WhitenedModel:
-    """Lengths of whitened deviations from a center; see `_rules.robust_distances`."""
+    """Lengths of whitened deviations from a center."""
 
     centers: np.ndarray
     whitening: np.ndarray
 
     def score(self, points):
-        whitened = (points - self.centers[:, None]) @ self.whitening
-        return np.sqrt(np.square(whitened).sum(axis=-1))
+        return robust_distances(points, self.centers, self.whitening)
 
 
 class Method(ABC):

@@ -28,12 +28,7 @@ SCAN_PARAMETERS = {
 
 
 class Scanning(NamedTuple):
-    """How a scene is scanned: parameters of `make_street`, and the outliers that there can be.
-
-    possible_kinds : tuple of str
-    beam_divergence, snow : float
-        Radians, and mm of water an hour; for scan lines only.
-    """
+    """How a scene is scanned: parameters of `make_street`, and the outliers that there can be."""
 
     sampling: str
     spacing_growth: float
@@ -42,8 +37,8 @@ class Scanning(NamedTuple):
     outlier_share: float
     outlier_kinds: Sequence[str]
     possible_kinds: tuple[str, ...] = tuple(MAKERS)
-    beam_divergence: float = 0.0
-    snow: float = 0.0
+    beam_divergence: float = 0.0  # radians; for scan lines only
+    snow: float = 0.0  # mm of water an hour; for scan lines only
 
 
 def scan(make_scene, n_samples, scanning, random_state):

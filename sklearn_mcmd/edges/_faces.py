@@ -24,30 +24,15 @@ LIKELIEST = ExplainLimits(likely=True)
 
 
 class Faces(NamedTuple):
-    """The plane given to each of m points.
+    """The plane given to each of m points."""
 
-    normals : ndarray of shape (m, d)
-    levels : ndarray of shape (m,)
-        n . x of the plane's points.
-    height : ndarray of shape (m,)
-        Of the point above its plane.
-    scale : ndarray of shape (m,)
-        Standard deviation of the noise.
-    spacing : ndarray of shape (m,)
-        Of the points around.
-    flat : ndarray of bool of shape (m,)
-        Whether the plane is that of a face, not of foliage or a cluster.
-    on_face : ndarray of bool of shape (m,)
-        Whether the point lies on such a plane.
-    """
-
-    normals: np.ndarray
-    levels: np.ndarray
-    height: np.ndarray
-    scale: np.ndarray
-    spacing: np.ndarray
-    flat: np.ndarray
-    on_face: np.ndarray
+    normals: np.ndarray  # (m, d)
+    levels: np.ndarray  # (m,), as all below: n . x of the plane's points
+    height: np.ndarray  # of the point above its plane
+    scale: np.ndarray  # standard deviation of the noise
+    spacing: np.ndarray  # of the points around
+    flat: np.ndarray  # bool: whether the plane is that of a face, not of foliage or a cluster
+    on_face: np.ndarray  # bool: whether the point lies on such a plane
 
     @classmethod
     def empty(cls, m, d, make=np.empty):

@@ -34,20 +34,15 @@ class Curvatures(NamedTuple):
 
     A curvature is positive where the surface bends to the side of its normal. If nothing determines
     the curvatures of a point, these and the directions are 0, and the errors are one over the
-    radius of its neighborhood, which is the largest error.
-
-    max_curvature, min_curvature : ndarray of shape (m,)
-    max_error, min_error, mean_error : ndarray of shape (m,)
-        Standard errors of these and of their mean.
-    max_direction, min_direction : ndarray of shape (m, 3)
-        Unit vectors in the surface; the last coordinate that is not zero is positive.
+    radius of its neighborhood, which is the largest error. Errors are standard errors. Directions
+    (m, 3) are unit vectors in the surface, whose last coordinate that is not zero is positive.
     """
 
-    max_curvature: np.ndarray
+    max_curvature: np.ndarray  # (m,)
     min_curvature: np.ndarray
     max_error: np.ndarray
     min_error: np.ndarray
-    mean_error: np.ndarray
+    mean_error: np.ndarray  # of the mean of both curvatures
     max_direction: np.ndarray
     min_direction: np.ndarray
 
@@ -84,25 +79,14 @@ class Jets(NamedTuple):
     """Quadrics of m neighborhoods, one row each, in radii of the neighborhoods.
 
     Coordinates u and v along the tangents begin at the point, and the height is along the normal.
-
-    slopes : ndarray of shape (m, 2)
-        Coefficients of u and v.
-    bends : ndarray of shape (m, 3)
-        Coefficients of uu, uv and vv.
-    factors : ndarray of shape (m, 6)
-        Rows of the lower triangle L; the covariance of the bends is the noise's variance times the
-        inverse of L L'.
-    noise : ndarray of shape (m,)
-        Standard deviation of the members from the quadric.
-    n_used : ndarray of int of shape (m,)
-        Number of members; 0 where they do not determine the quadric.
+    The covariance of the bends is the noise's variance times the inverse of L L'.
     """
 
-    slopes: np.ndarray
-    bends: np.ndarray
-    factors: np.ndarray
-    noise: np.ndarray
-    n_used: np.ndarray
+    slopes: np.ndarray  # (m, 2), coefficients of u and v
+    bends: np.ndarray  # (m, 3), coefficients of uu, uv and vv
+    factors: np.ndarray  # (m, 6), rows of the lower triangle L
+    noise: np.ndarray  # (m,), standard deviation of the members from the quadric
+    n_used: np.ndarray  # int (m,), members; 0 where they do not determine the quadric
 
     @classmethod
     def undetermined(cls, m):

@@ -42,21 +42,12 @@ UNUSED = "spacing"
 
 
 class Surfaces(NamedTuple):
-    """What is known of the surfaces of m points before any plane is lent.
-
-    planes : Planes
-    forms : ndarray of int8 of shape (m,)
-        ROUGH, FLAT or BENT.
-    noise : ndarray of shape (m,)
-        What the surface, flat or curved, leaves of the neighborhood as a whole.
-    left : ndarray of shape (m,)
-        What the surface leaves of the members of its plane.
-    """
+    """What is known of the surfaces of m points before any plane is lent."""
 
     planes: Planes
-    forms: np.ndarray
-    noise: np.ndarray
-    left: np.ndarray
+    forms: np.ndarray  # int8 (m,): ROUGH, FLAT or BENT
+    noise: np.ndarray  # (m,), what the surface, flat or curved, leaves of the neighborhood
+    left: np.ndarray  # (m,), what it leaves of the members of its plane
 
     @classmethod
     def empty(cls, m, d):

@@ -6,16 +6,10 @@ __all__ = ["LEVELS", "Level"]
 
 
 class Level(NamedTuple):
-    """What counts beside isolation.
+    """What counts beside isolation."""
 
-    groups : bool
-        Whether a small group that stands off is an outlier.
-    off_surfaces : bool
-        Whether a point on no surface is an outlier, whatever company it has.
-    """
-
-    groups: bool
-    off_surfaces: bool
+    groups: bool  # whether a small group that stands off is an outlier
+    off_surfaces: bool  # whether a point on no surface is, whatever company it has
 
 
 # By the words of `Strictness`. Each level flags all that those before it flag.

@@ -23,7 +23,7 @@ from sklearn_mcmd.planes._rules import small_sample_inflation
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice, run, slices
 from sklearn_mcmd.runtime._progress import progress_part
 
-__all__ = ["JudgedCloud", "Judgement", "both_spacings", "joined_scores", "least_of", "n_by_rays"]
+__all__ = ["JudgedCloud", "Judgement", "n_by_rays"]
 
 # A surface has as many points as a neighborhood: fewer cannot fill that of a plane of their own. A
 # thing has as many as two. In a small cloud both have this share of it.
@@ -36,19 +36,10 @@ FITTING = 0.65  # share of the time that planes take, for the display of progres
 
 
 class Judgement(NamedTuple):
-    """What is found of each point of a cloud.
+    """What is found of each of n points: arrays (n,), the last three as the detector has them."""
 
-    scores : ndarray of shape (n,)
-        The larger, the more abnormal.
-    plane_index : ndarray of int of shape (n,)
-        The row whose plane explains the point best, its own if none does.
-    on_surface : ndarray of bool of shape (n,)
-    isolation, separation, group_index : ndarray of shape (n,) or None
-        As the detector has them.
-    """
-
-    scores: np.ndarray
-    plane_index: np.ndarray
+    scores: np.ndarray  # the larger, the more abnormal
+    plane_index: np.ndarray  # the row whose plane explains the point best, its own if none does
     on_surface: np.ndarray
     isolation: np.ndarray | None = None
     separation: np.ndarray | None = None
@@ -123,7 +114,7 @@ class JudgedCloud:
         with progress_part(begin, 1.0, "outliers"):
             with progress_part(0.0, 0.4):
                 owners, distances = self._find_surfaces(planes)
-            _, least = least_of(index.n_neighbors, len(index.points), n_points)
+            least = min(THING * index.n_neighbors, LEAST_SHARE * n_points)
             places = Places.of(index, counts, self.explained, *spacings)
             del planes, spacings
             with progress_part(0.4, 1.0):
@@ -221,9 +212,17 @@ class JudgedCloud:
         each_slice(n, self.model.chunk(), task, self.n_jobs)
         return planes, spacing, other_spacing
 
-    def _spacings(self, points, near):
+    def _spacings(self, queries, near):
+        """Mean distance of some of the points to the nearest measurements, and to those at other
+        places; `near` (m, k) are rows of the nearest, itself the first."""
         n_near = self.off_surface_limits.n_near
-        return both_spacings(self.model.index.points, self.counts, points, near, n_near)
+        near = near[:, : n_near + 1]
+        distances = distances_between(self.model.index.points[near], queries)
+        counts = self.counts[near]
+        counts[:, 0] -= 1  # itself
+        spacing = mean_distance(distances, counts, n_near)
+        counts[:, 0] = 0
+        return spacing, mean_distance(distances, counts, n_near)
 
     def _find_surfaces(self, planes):
         """What explains points: its rows, and how far from it they are."""
@@ -238,7 +237,7 @@ class JudgedCloud:
             distances[rows] = own_distances(part, self.planes.take(rows), self._floor(part, 0.0))
 
         run([(rows,) for rows in slices(n, chunk)], measure, self.n_jobs)
-        (least, _), barred = least_of(k, n, n), None
+        least, barred = min(k, LEAST_SHARE * n), None
         if self.origins is not None:
             self.rays = RayEvidence(index, self.origins, self.planes, limits, self.n_jobs)
             barred = self.rays.on_sheet
@@ -289,61 +288,29 @@ class JudgedCloud:
         return max(self.model.rounding, 8 * precision) * np.abs(queries).max(axis=1)
 
     def _joined(self, distances, isolation, separation, points):
-        beside = None
-        if self.level.off_surfaces and self.explained.any():
+        """One score: a point is as wrong as the best of its excuses leaves it.
 
-            def beside(rows):
-                gaps, near = self.off_surface.reference.query(points[rows], 1)
-                return ratio(gaps[:, 0], self.explained_scale[near[:, 0]])
-
-        limit = self.surface_limits.explained
-        return joined_scores(distances, isolation, separation, self.level, limit, beside)
+        Distances are from surfaces, inf of the lost, which none reaches. At the strictest level
+        these are as wrong as their distance from the nearest point on a surface says, in its
+        standard deviations, or as `isolation` and `separation` say if that is more.
+        """
+        apart = np.maximum(isolation, separation) if self.level.groups else isolation
+        if not (self.level.off_surfaces and self.explained.any()):
+            limit = self.surface_limits.explained
+            return np.where(distances > limit, np.minimum(distances, apart), distances)
+        scores = distances.copy()
+        lost = np.flatnonzero(np.isinf(distances))
+        if len(lost):
+            gaps, near = self.off_surface.reference.query(points[lost], 1)
+            beside = ratio(gaps[:, 0], self.explained_scale[near[:, 0]])
+            scores[lost] = np.maximum(beside, apart[lost])
+        return scores
 
 
 def n_by_rays(raised, cutoff):
     """Measurements beyond the cutoff by rays alone, of places that `JudgedCloud` has `raised`."""
     told, without, counts = raised.T
     return int(counts[(told > cutoff) & (without <= cutoff)].sum())
-
-
-def least_of(n_neighbors, n_places, n_points):
-    """Places that a surface has at least, and measurements of a group that is a thing."""
-    surface = min(n_neighbors, LEAST_SHARE * n_places)
-    return surface, min(THING * n_neighbors, LEAST_SHARE * n_points)
-
-
-def both_spacings(points, counts, queries, near, n_near):
-    """Mean distance of queries to measurements, and to those at other places: the nearest `n_near`.
-
-    The queries (m, d) are some of the points; `counts` (n,) are the measurements at each of these,
-    and `near` (m, k) rows of the nearest, itself the first.
-    """
-    near = near[:, : n_near + 1]
-    distances, counts = distances_between(points[near], queries), counts[near]
-    counts[:, 0] -= 1  # itself
-    spacing = mean_distance(distances, counts, n_near)
-    counts[:, 0] = 0
-    return spacing, mean_distance(distances, counts, n_near)
-
-
-def joined_scores(distances, isolation, separation, level, limit, beside):
-    """One score: a point is as wrong as the best of its excuses leaves it.
-
-    Distances are from surfaces, inf of the lost, which none reaches; a surface explains points
-    within the limit. ``beside(rows)``, of a `Level` with ``off_surfaces`` where there are surfaces,
-    gives how far the lost of these rows are from the nearest point on a surface, in standard
-    deviations.
-    """
-    apart = isolation
-    if level.groups:
-        apart = np.maximum(isolation, separation)
-    if beside is None:
-        return np.where(distances > limit, np.minimum(distances, apart), distances)
-    scores = distances.copy()
-    lost = np.flatnonzero(np.isinf(distances))
-    if len(lost):
-        scores[lost] = np.maximum(beside(lost), apart[lost])
-    return scores
 
 
 def _measurements(index, n):

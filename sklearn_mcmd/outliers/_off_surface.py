@@ -28,47 +28,33 @@ STANDS_OFF = SurfaceLimits().explained
 class OffSurfaceLimits(NamedTuple):
     """When points are near each other.
 
-    n_near : int
-        Spacing is the mean distance to this many neighbors.
-    n_usual : int
-        The usual spacing around a point is that of this many nearest points on surfaces.
-    usual : float
-        Of their spacings it is this quantile.
-    reach : float
-        Two off-surface points are of one group if they are within this many usual spacings.
-    rest_weight : float
-        Weight of the spacing among off-surface points against that among all points, in their
-        geometric mean.
-    flat : float
-        A group is flat if its standard deviation along its longest axis is so many times the one
-        off its plane.
+    Two off-surface points are of one group if they are within `reach` usual spacings. The usual
+    spacing around a point is the quantile `usual` of those of the `n_usual` nearest points on
+    surfaces. A group is flat if its standard deviation along its longest axis is `flat` times the
+    one off its plane.
     """
 
-    n_near: int = 8
+    n_near: int = 8  # spacing is the mean distance to this many neighbors
     n_usual: int = 128
     usual: float = 0.75
     reach: float = 2.5
+    # Weight of the spacing among off-surface points against that among all points, in their
+    # geometric mean.
     rest_weight: float = 2 / 3
     flat: float = 3.0
 
 
 class Places(NamedTuple):
-    """The places of a cloud, which are its distinct points, and how close they lie.
+    """The places of a cloud, which are its n distinct points, and how close they lie.
 
-    cloud : NeighborIndex, or what answers as one
-        Of n points.
-    counts : ndarray of int of shape (n,)
-        Measurements at each: a place that was measured often is near to itself.
-    explained : ndarray of bool of shape (n,)
-        Points that a surface explains. All others are off-surface points.
-    spacing : ndarray of shape (m,)
-        Mean distance of each off-surface point to its nearest measurements, by `mean_distance`.
-    usual_spacing : ndarray of shape (n - m,), or (n,) if a surface explains none
-        The same of the others, to measurements at other places, which is never 0.
+    Points that a surface explains are `explained`, bool (n,); the other m are off-surface points.
+    Their `spacing` (m,) is the mean distance to the nearest measurements, by `mean_distance`. The
+    `usual_spacing` is that of the explained, or of all if there are none, to measurements at other
+    places, which is never 0.
     """
 
-    cloud: NeighborIndex
-    counts: np.ndarray
+    cloud: NeighborIndex  # or what answers as one
+    counts: np.ndarray  # measurements at each: a place measured often is near to itself
     explained: np.ndarray
     spacing: np.ndarray
     usual_spacing: np.ndarray

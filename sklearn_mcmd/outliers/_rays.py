@@ -23,71 +23,39 @@ CHUNK = 4096
 
 
 class RayLimits(NamedTuple):
-    """What rays tell.
+    """What rays tell."""
 
-    n_beams : int
-        Beams next to a ray, by their direction.
-    searched : int
-        Beams next to a ray among which those of other groups are sought, in `n_beams`.
-    usual : float
-        Beams are around a group within this many of the cloud's usual steps, and a step counts as
-        that many at most.
-    alone : float
-        Most points of a surface have a beam's point within this many steps.
-    sheet : float
-        Least size of a sheet of rays, of the least size of a surface.
-    mistaken : float
-        Where sheets hold a larger share of all that is flat, the sensor was elsewhere.
-    """
-
-    n_beams: int = 8
-    searched: float = 8.0
+    n_beams: int = 8  # beams next to a ray, by their direction
+    searched: float = 8.0  # beams among which those of other groups are sought, in `n_beams`
+    # Beams are around a group within this many of the cloud's usual steps, and a step counts as
+    # that many at most.
     usual: float = 2.0
-    alone: float = 1.25
-    sheet: float = 0.5
-    mistaken: float = 0.1
+    alone: float = 1.25  # most points of a surface have a beam's point within this many steps
+    sheet: float = 0.5  # least size of a sheet of rays, of the least size of a surface
+    mistaken: float = 0.1  # where sheets hold more of all that is flat, the sensor was elsewhere
 
 
 class Witnesses(NamedTuple):
-    """The beams next to the rays of m points.
+    """The k beams next to the rays of m points.
 
-    rows : ndarray of int32 of shape (m, k)
-        Of the points that the beams met.
-    asked : ndarray of bool of shape (m, k)
-        Which of them are asked.
-    farther : ndarray of shape (m, k)
-        1 where the beam passes the point and goes on, -1 where it ends before, and between the
-        two where it ends nearby. Around groups 1 of beams without an echo, too.
-    step : ndarray of shape (m,)
-        0 of points where the sensor is.
+    A beam is `farther`, 1, where it passes the point and goes on, -1 where it ends before, and
+    between the two where it ends nearby. Around groups 1 of beams without an echo, too.
     """
 
-    rows: np.ndarray
-    asked: np.ndarray
-    farther: np.ndarray
-    step: np.ndarray
+    rows: np.ndarray  # int32 (m, k), of the points that the beams met
+    asked: np.ndarray  # bool (m, k), which of them are asked
+    farther: np.ndarray  # (m, k)
+    step: np.ndarray  # (m,), 0 of points where the sensor is
 
 
 class Emptiness(NamedTuple):
-    """What the beams next to points say about their places: sums over the beams, of shape (m,).
+    """What the beams next to points say about their places: sums over the beams, of shape (m,)."""
 
-    passing : ndarray
-        Beams that go on behind the point, or around groups have no echo. The place is empty.
-    ending : ndarray
-        Beams that end before the point.
-    hidden : ndarray
-        Those of them that end on a surface.
-    near : ndarray
-        Beams that end near the point, on no surface.
-    asked : ndarray
-        All.
-    """
-
-    passing: np.ndarray
-    ending: np.ndarray
-    hidden: np.ndarray
-    near: np.ndarray
-    asked: np.ndarray
+    passing: np.ndarray  # go on behind the point, or have no echo around a group: it is empty there
+    ending: np.ndarray  # end before the point
+    hidden: np.ndarray  # of these, end on a surface
+    near: np.ndarray  # end near the point, on no surface
+    asked: np.ndarray  # all
 
     @classmethod
     def of(cls, witnesses, on_surface):

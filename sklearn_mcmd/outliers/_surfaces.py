@@ -15,23 +15,14 @@ NEAREST = ExplainLimits(likely=False)
 
 
 class SurfaceLimits(NamedTuple):
-    """What a surface is.
+    """What a surface is."""
 
-    explained : float
-        A plane explains points within this many of its standard deviations.
-    flat : float
-        Largest ratio of a plane's standard deviation to the radius of its neighborhood. A filled
-        ball has 0.45: a third of that.
-    angle : float
-        Largest angle between the normals of linked points, in degrees.
-    n_links : int
-        Linked points are among each other's nearest, this many.
-    """
-
-    explained: float = 3.0
+    explained: float = 3.0  # a plane explains points within this many of its standard deviations
+    # Largest ratio of a plane's standard deviation to the radius of its neighborhood. A filled
+    # ball has 0.45: a third of that.
     flat: float = 0.15
-    angle: float = 25.0
-    n_links: int = 16
+    angle: float = 25.0  # largest angle between the normals of linked points, in degrees
+    n_links: int = 16  # linked points are among each other's nearest, this many
 
 
 def find_surfaces(index, planes, distances, least, limits, barred=None):

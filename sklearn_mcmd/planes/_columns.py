@@ -20,23 +20,14 @@ ROWS_AT_ONCE = 100_000
 
 
 class Columns(NamedTuple):
-    """The first 3 d + 3 columns of a transformer; features may follow.
+    """The first 3 d + 3 columns of a transformer; features may follow."""
 
-    coordinates, normals : ndarray of shape (n, d)
-    surface_variation : ndarray of shape (n,)
-    eigenvalues : ndarray of shape (n, d)
-    offset : ndarray of shape (n,)
-        Signed distance of each point's plane from the point, along its normal.
-    scale : ndarray of shape (n,)
-        Standard deviation of the plane's noise.
-    """
-
-    coordinates: np.ndarray
+    coordinates: np.ndarray  # (n, d), as normals and eigenvalues; all others (n,)
     normals: np.ndarray
     surface_variation: np.ndarray
     eigenvalues: np.ndarray
-    offset: np.ndarray
-    scale: np.ndarray
+    offset: np.ndarray  # signed distance of each point's plane from the point, along its normal
+    scale: np.ndarray  # standard deviation of the plane's noise
 
     def planes(self, rows, n_jobs=None):
         """The planes of some of the points: float64, of points that are projected on them.

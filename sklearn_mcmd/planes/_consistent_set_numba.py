@@ -65,31 +65,19 @@ class WorkArrays(NamedTuple):
 
     Python makes them, and also gives some of them as a second type, since Numba takes long to
     compile either.
-
-    local : float64 (3, k), coordinates
-    rotated : float64 (3, k), coordinates in other axes
-    local32 : float32 (rows, FEATURES), members and their products, and rows that pad
-    lanes : float64 (13, lanes), planes, and the corners of minimal subsets
-    lanes32 : float32 (21 + rows, lanes)
-    lane_bits : the same as int32
-    levels : int16 (rows + 2, wide lanes), and the counts and the limits
-    least : float64 (n_trials,)
-    keys : int64 (k,)
-    key_numbers : the same as float64
-    member : float64 (k,)
     """
 
-    local: np.ndarray
-    rotated: np.ndarray
-    local32: np.ndarray
-    lanes: np.ndarray
-    lanes32: np.ndarray
-    lane_bits: np.ndarray
-    levels: np.ndarray
-    least: np.ndarray
-    keys: np.ndarray
-    key_numbers: np.ndarray
-    member: np.ndarray
+    local: np.ndarray  # float64 (3, k), coordinates
+    rotated: np.ndarray  # float64 (3, k), coordinates in other axes
+    local32: np.ndarray  # float32 (rows, FEATURES), members and their products, and rows that pad
+    lanes: np.ndarray  # float64 (13, lanes), planes, and the corners of minimal subsets
+    lanes32: np.ndarray  # float32 (21 + rows, lanes)
+    lane_bits: np.ndarray  # the same as int32
+    levels: np.ndarray  # int16 (rows + 2, wide lanes), and the counts and the limits
+    least: np.ndarray  # float64 (n_trials,)
+    keys: np.ndarray  # int64 (k,)
+    key_numbers: np.ndarray  # the same as float64
+    member: np.ndarray  # float64 (k,)
 
     @classmethod
     def of(cls, n_trials, k):

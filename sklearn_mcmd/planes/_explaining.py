@@ -12,21 +12,16 @@ __all__ = ["ExplainLimits", "explain"]
 class ExplainLimits(NamedTuple):
     """Conditions under which a plane explains a point.
 
-    likely : bool
-        Whether the owner is the most likely plane, by Bayes' rule. If a point lies on a flat and on
-        a rough plane, the flat one wins. The prior probability of a plane is the share of its
-        neighborhood that it keeps. Otherwise the owner is the nearest plane, in standard
-        deviations.
-    explained : float
-        Number of its standard deviations within which a plane explains points. Planes that explain
-        the point come first, others only where there is none.
-    tie : float
-        Costs that differ by no more than this share of one plus the cost are equal. The nearest
-        of equal planes is the owner: points that were lent one plane differ by rounding.
+    The owner is the nearest plane, in standard deviations, or the most `likely` one, by Bayes'
+    rule. If a point lies on a flat and on a rough plane, the flat one then wins. The prior
+    probability of a plane is the share of its neighborhood that it keeps. Planes that explain the
+    point come first, others only where there is none.
     """
 
     likely: bool
-    explained: float = np.inf
+    explained: float = np.inf  # standard deviations within which a plane explains points
+    # Costs that differ by no more than this share of one plus the cost are equal. The nearest of
+    # equal planes is the owner: points that were lent one plane differ by rounding.
     tie: float = 1e-9
 
 

@@ -14,23 +14,15 @@ __all__ = ["LinkLimits", "connected", "connected_planes", "farthest_neighbors", 
 class LinkLimits(NamedTuple):
     """When two points are linked.
 
-    min_cosine : float
-        Least cosine of the angle between their normals, whatever the signs of these.
-    explained : float
-        A plane explains a point within so many of its standard deviations.
-    max_gap : float
-        Largest distance between the points, in their units.
-    mutual : bool
-        Whether each plane must explain the other's point. Otherwise that of the point whose
-        neighbors are asked must explain the neighbor.
-    both_near : bool
-        Whether each must be as near to the other as the last of the other's neighbors. Otherwise
-        one among the other's suffices, and the link stands in the row of that other one only.
+    If it is `mutual`, each plane must explain the other's point. Otherwise that of the point whose
+    neighbors are asked must explain the neighbor. With `both_near` each must be as near to the
+    other as the last of the other's neighbors. Otherwise one among the other's suffices, and the
+    link stands in the row of that other one only.
     """
 
-    min_cosine: float
-    explained: float = 3.0
-    max_gap: float = np.inf
+    min_cosine: float  # least cosine of the angle between their normals, whatever their signs
+    explained: float = 3.0  # standard deviations within which a plane explains a point
+    max_gap: float = np.inf  # largest distance between the points, in their units
     mutual: bool = True
     both_near: bool = False
 

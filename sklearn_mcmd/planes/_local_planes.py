@@ -45,25 +45,15 @@ class RuleFit:
 
 
 class PlaneSettings(NamedTuple):
-    """How the plane of a neighborhood is found.
+    """How the plane of a neighborhood is found."""
 
-    method : str, key of `METHODS`; without meaning where there is a comparator
-    precision : float
-        Relative rounding error of the coordinates, eps of their dtype.
-    step : float
-        Step to which the coordinates were rounded before.
-    support_fraction, cutoff : float
-    reweight : bool
-    comparator : baselines.Method
-        Judges neighborhoods in the place of a rule; trials are then its tables.
-    """
-
-    method: str
-    precision: float
-    step: float = 0.0
+    method: str  # key of `METHODS`; without meaning where there is a comparator
+    precision: float  # relative rounding error of the coordinates, eps of their dtype
+    step: float = 0.0  # to which the coordinates were rounded before
     support_fraction: float = 0.5
     cutoff: float | None = None
     reweight: bool = False
+    # A `baselines.Method` that judges in the place of a rule; trials are then its tables.
     comparator: object = None
 
 
@@ -146,8 +136,7 @@ class LocalPlaneModel:
         fit = self._fit_compiled if self.ready() else self._fit_numpy
         fit(queries, neighborhoods, rounding, planes, directions, distance)
         self._measure_flat(queries, neighborhoods, rounding, planes, distance)
-        spacing, radius = extents(self.index.points, queries, neighborhoods)
-        planes.spacing[:], planes.radius[:] = spacing, radius
+        planes.spacing[:], planes.radius[:] = extents(self.index.points, queries, neighborhoods)
         self._finish(planes, directions, neighborhoods.sizes)
         return planes, distance
 
@@ -213,13 +202,9 @@ class LocalPlaneModel:
     def _fit_whole(self):
         points = self.index.points[None]
         found = self.fit_rule(points, np.array([points.shape[1]]), self.rounding)
-        centroids, eigenvalues, axes = fit_planes(points, found.support)
         plane = Planes.empty(1, points.shape[2])
-        plane.scale[:], plane.centroids[:], plane.eigenvalues[:] = (
-            found.scale,
-            centroids,
-            eigenvalues,
-        )
+        plane.scale[:] = found.scale
+        plane.centroids[:], plane.eigenvalues[:], axes = fit_planes(points, found.support)
         plane.normals[:] = axes[..., 0]
         plane.kept[:] = found.support.mean(axis=1)
         self._finish(plane, axes[..., -1], np.array([points.shape[1]]))

@@ -28,20 +28,13 @@ FORMS = {"pca": (False, None), "mcmd_z": (True, None), "mcmd_md": (True, True)}
 
 
 class Room(NamedTuple):
-    """Memory for numbers of one neighborhood of k members, and to sort them.
+    """Memory for numbers of one neighborhood of k members, and to sort them."""
 
-    numbers : float64 (k,)
-    bits : the same as int64
-    keys : int64 (k,)
-    key_numbers : the same as float64
-    query : float64 (3,)
-    """
-
-    numbers: np.ndarray
-    bits: np.ndarray
-    keys: np.ndarray
-    key_numbers: np.ndarray
-    query: np.ndarray
+    numbers: np.ndarray  # float64 (k,)
+    bits: np.ndarray  # the same as int64
+    keys: np.ndarray  # int64 (k,)
+    key_numbers: np.ndarray  # the same as float64
+    query: np.ndarray  # float64 (3,)
 
 
 def fit_neighborhoods_3d(points, around, queries, trials, form, rule, planes, directions, distance):

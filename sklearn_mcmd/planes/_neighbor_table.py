@@ -96,22 +96,13 @@ class Plain(NamedTuple):
 
 
 class Packed(NamedTuple):
-    """Neighbors of successive rows, two bytes each.
+    """Neighbors of successive rows, two bytes each."""
 
-    codes : ndarray of uint16 of shape (m, k)
-        Place of a neighbor's group in its block's list, times 16, and place in the group.
-    groups : ndarray of int32
-        The lists of all blocks.
-    starts : ndarray of int64 of shape (n_blocks + 1,)
-        Where the list of each block starts.
-    block : int
-        Rows of a block.
-    """
-
+    # uint16 (m, k): place of a neighbor's group in its block's list, times 16, and in the group.
     codes: np.ndarray
-    groups: np.ndarray
-    starts: np.ndarray
-    block: int
+    groups: np.ndarray  # int32, the lists of all blocks
+    starts: np.ndarray  # int64 (n_blocks + 1,), where the list of each block starts
+    block: int  # rows of a block
 
     def take(self, rows, k):
         found = np.empty((len(rows), min(k, self.codes.shape[1])), np.int32)

@@ -8,15 +8,10 @@ __all__ = ["Neighborhoods", "Planes"]
 
 
 class Neighborhoods(NamedTuple):
-    """The neighbors of m queries as rows of an index's points, the nearest first.
+    """The neighbors of m queries as rows of an index's points, the nearest first."""
 
-    indices : ndarray of int32 of shape (m, k)
-        Members beyond the size repeat the first.
-    sizes : ndarray of int64 of shape (m,)
-    """
-
-    indices: np.ndarray
-    sizes: np.ndarray
+    indices: np.ndarray  # int32 (m, k); members beyond the size repeat the first
+    sizes: np.ndarray  # int64 (m,)
 
     def take(self, rows):
         """The neighborhoods of some of the queries."""
@@ -29,29 +24,16 @@ class Neighborhoods(NamedTuple):
 
 
 class Planes(NamedTuple):
-    """Planes of m neighborhoods, one row each; lengths are in units of the points.
+    """Planes of m neighborhoods, one row each; lengths are in units of the points."""
 
-    centroids, normals : ndarray of shape (m, d)
-    eigenvalues : ndarray of shape (m, d)
-        Of the covariance of the kept members, ascending.
-    scale : ndarray of shape (m,)
-        Standard deviation of the noise along the normal; negative where there is no plane.
-    kept : ndarray of shape (m,)
-        Share of the neighborhood that is kept after outliers are removed.
-    radius, spacing : ndarray of shape (m,)
-        Distance of the last neighbor from the query, and the mean distance of all of them.
-    normal_error : ndarray of shape (m,)
-        Root mean square tilt of the normal in degrees, see `normal_errors`.
-    """
-
-    centroids: np.ndarray
+    centroids: np.ndarray  # (m, d), as both below; all others (m,)
     normals: np.ndarray
-    eigenvalues: np.ndarray
-    scale: np.ndarray
-    kept: np.ndarray
-    radius: np.ndarray
-    spacing: np.ndarray
-    normal_error: np.ndarray
+    eigenvalues: np.ndarray  # of the covariance of the kept members, ascending
+    scale: np.ndarray  # standard deviation of the noise along the normal; negative: no plane
+    kept: np.ndarray  # share of the neighborhood that is kept after outliers are removed
+    radius: np.ndarray  # distance of the last neighbor from the query
+    spacing: np.ndarray  # mean distance of all neighbors from it
+    normal_error: np.ndarray  # root mean square tilt in degrees, see `normal_errors`
 
     @classmethod
     def empty(cls, m, d):

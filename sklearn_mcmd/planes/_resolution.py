@@ -11,7 +11,6 @@ __all__ = [
     "in_own_precision",
     "is_single",
     "least_scales",
-    "levels_of",
     "step_of_levels",
 ]
 

@@ -15,26 +15,14 @@ CAPACITY = 4096
 
 
 class Tree(NamedTuple):
-    """Boxes of points, as compiled code takes them.
+    """Boxes of points, as compiled code takes them."""
 
-    points : ndarray of float64 of shape (n, 3)
-        In the order of the leaves.
-    first, last : ndarray of int64 of shape (n_nodes,)
-        Rows of `points` in each node, from the first up to before the last.
-    left : ndarray of int64 of shape (n_nodes,)
-        The first of two children, which the other follows; -1 of a leaf.
-    boxes : ndarray of shape (n_nodes, 6)
-        The low and the high corner of the box of the node's points.
-    leaves : ndarray of int64 of shape (n_leaves,)
-        In the order of their rows.
-    """
-
-    points: np.ndarray
-    first: np.ndarray
-    last: np.ndarray
-    left: np.ndarray
-    boxes: np.ndarray
-    leaves: np.ndarray
+    points: np.ndarray  # float64 (n, 3), in the order of the leaves
+    first: np.ndarray  # int64 (n_nodes,), the first row of `points` in each node
+    last: np.ndarray  # int64 (n_nodes,), the one behind the last
+    left: np.ndarray  # int64 (n_nodes,), the first of two children, the other follows; -1: leaf
+    boxes: np.ndarray  # (n_nodes, 6), low and high corner of the box of the node's points
+    leaves: np.ndarray  # int64 (n_leaves,), in the order of their rows
 
 
 class SelfSearch:

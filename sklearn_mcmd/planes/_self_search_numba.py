@@ -16,26 +16,17 @@ STACK = 256  # nodes that wait, of which a tree has few at a time
 
 
 class Near(NamedTuple):
-    """A list of candidates, and room to sort those of one query.
-
-    x, y, z : coordinates
-    rows : rows of points
-    squares : squared distances from the query
-    bits : the same as integers
-    keys : squared distances with places in the last bits, of those that are near enough
-    places : of those that are nearest, in order
-    bins : counts
-    """
+    """A list of candidates, and room to sort those of one query."""
 
     x: np.ndarray
     y: np.ndarray
     z: np.ndarray
-    rows: np.ndarray
-    squares: np.ndarray
-    bits: np.ndarray
-    keys: np.ndarray
-    places: np.ndarray
-    bins: np.ndarray
+    rows: np.ndarray  # of points
+    squares: np.ndarray  # squared distances from the query
+    bits: np.ndarray  # the same as integers
+    keys: np.ndarray  # squared distances with places in the last bits, of those near enough
+    places: np.ndarray  # of those that are nearest, in order
+    bins: np.ndarray  # counts
 
     @classmethod
     def of(cls, capacity):

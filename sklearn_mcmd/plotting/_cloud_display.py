@@ -39,20 +39,12 @@ View = str | tuple[float, float]
 
 
 class Picture(NamedTuple):
-    """What a display draws.
+    """What a display draws."""
 
-    colors : ndarray of shape (n, 3)
-    labels : ndarray of shape (n,)
-        Of clouds with too many points, rare labels keep more of theirs.
-    title : str
-    complete : callable, default=None
-        Given the axes, adds a legend or the like.
-    """
-
-    colors: NDArray[np.floating]
-    labels: NDArray[Any]
+    colors: NDArray[np.floating]  # (n, 3)
+    labels: NDArray[Any]  # of clouds with too many points, rare labels keep more of theirs
     title: str
-    complete: "Callable[[Axes], object] | None" = None
+    complete: "Callable[[Axes], object] | None" = None  # adds a legend or the like to the axes
 
 
 class CloudDisplay(ABC):

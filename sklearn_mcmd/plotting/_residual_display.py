@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from sklearn_mcmd.plotting._cloud_display import CloudDisplay, Picture, is_minus_one, one_for_each
 from sklearn_mcmd.plotting._still import check_points, color_modules
 
-__all__ = ["PlaneResidualDisplay", "along_normal"]
+__all__ = ["PlaneResidualDisplay", "along_normal", "those_of_plane"]
 
 if TYPE_CHECKING:
     from typing import Self
@@ -78,15 +78,13 @@ class PlaneResidualDisplay(CloudDisplay):
         return estimator.residuals(X), estimator.labels_
 
     def _usual_view(self):
-        return along_normal(self.xyz[self._kept()])
-
-    def _kept(self):
-        return ~self.is_outlier if not self.is_outlier.all() else self.is_outlier
+        return along_normal(self.xyz[those_of_plane(self.is_outlier)])
 
     def _picture(self, view):
         cm, colors = color_modules()
         # Three standard deviations of what is kept; an outlier would take the contrast of all.
-        reach = 3 * np.sqrt(np.mean(self.residuals[self._kept()] ** 2)) or 1.0
+        kept = self.residuals[those_of_plane(self.is_outlier)]
+        reach = 3 * np.sqrt(np.mean(kept**2)) or 1.0
         shade = cm.ScalarMappable(colors.Normalize(-reach, reach, clip=True), "RdBu_r")
         n = np.count_nonzero(self.is_outlier)
         title = f"Residuals of {len(self.xyz):,} points, {n:,} outliers"
@@ -98,6 +96,11 @@ class PlaneResidualDisplay(CloudDisplay):
                 shade, ax=ax, label="residual", shrink=0.7, extend="both"
             ),
         )
+
+
+def those_of_plane(is_outlier):
+    """The points that are no outliers; all if there are none."""
+    return is_outlier if is_outlier.all() else ~is_outlier
 
 
 def along_normal(points):

@@ -111,7 +111,7 @@ def plot_cloud(
     )
     ax.set_axis_off()
 
-    color = distance_colors(depth, FAR, NEAR) if color is None else _as_rgb(color, len(points))
+    color = distance_colors(depth) if color is None else _as_rgb(color, len(points))
     size = _marker_size(ax, high - low, len(points)) if size is None else size
     sizes = np.full(len(points), float(size))
     if outliers is not None:
@@ -271,11 +271,11 @@ def edge_columns(is_edge, score, paints):
     return columns
 
 
-def distance_colors(nearness, far, near):
-    """Colors of points (n,) between those of the farthest and of the nearest."""
+def distance_colors(depth, far=FAR, near=NEAR):
+    """A color between that of far and that of near points, for each depth (n,)."""
     # Percentiles, because a single far point would take the contrast from all others.
-    low, high = np.percentile(nearness, [1, 99])
-    share = np.clip((nearness - low) / max(high - low, np.finfo(float).tiny), 0.0, 1.0)[:, None]
+    low, high = np.percentile(depth, [1, 99])
+    share = np.clip((depth - low) / max(high - low, np.finfo(float).tiny), 0.0, 1.0)[:, None]
     return (1 - share) * np.array(far) + share * np.array(near)
 
 

@@ -15,23 +15,14 @@ class Parameter(NamedTuple):
 
 
 class Run(NamedTuple):
-    """The command that is reported.
-
-    verb : str
-    command : str
-        As it was typed.
-    parameters : sequence of Parameter
-    source, target : Path
-    seconds : float
-        Of all work before the report.
-    """
+    """The command that is reported."""
 
     verb: str
-    command: str
+    command: str  # as it was typed
     parameters: tuple[Parameter, ...]
     source: Path
     target: Path
-    seconds: float
+    seconds: float  # of all work before the report
 
 
 class Note(NamedTuple):
@@ -55,32 +46,16 @@ class Section(NamedTuple):
 
 
 class Contents(NamedTuple):
-    """All that a verb has to say.
+    """All that a verb has to say."""
 
-    headline : str
-        One sentence, the result.
-    cards : list of (str, str)
-        Numbers and what they count.
-    notes : list of Note
-    checks : str
-        What was looked for, told where there is no note.
-    sections : list of Section
-    cloud_rows : list of (str, str)
-        What the input holds.
-    output : str
-        What the output holds.
-    shown : PointCloud or None
-        For the page to look around in.
-    """
-
-    headline: str
-    cards: list[tuple[str, str]]
+    headline: str  # one sentence, the result
+    cards: list[tuple[str, str]]  # numbers and what they count
     notes: list[Note]
-    checks: str
+    checks: str  # what was looked for, told where there is no note
     sections: list[Section]
-    cloud_rows: list[tuple[str, str]]
-    output: str
-    shown: Any = None
+    cloud_rows: list[tuple[str, str]]  # what the input holds
+    output: str  # what the output holds
+    shown: Any = None  # a PointCloud for the page to look around in
 
 
 def percent(n, n_all):

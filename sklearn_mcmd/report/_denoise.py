@@ -12,7 +12,7 @@ from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._html import paragraph, table
 from sklearn_mcmd.report._maps import found_maps
 from sklearn_mcmd.report._notes import together_notes
-from sklearn_mcmd.report._places import Places, place_sections
+from sklearn_mcmd.report._places import place_sections
 from sklearn_mcmd.report._shown import Shown, removed_of, step_of
 
 __all__ = ["Verdict", "denoise_contents", "shown_of_tiles"]
@@ -94,8 +94,7 @@ def denoise_contents(shown, verdict, *, marked, together="", judged=()):
             drawn = _kind_table(detector, found) + _worst_table(detector, xyz, found)
             sections.append(Section("What they are", drawn))
     if found is not None:
-        places = Places.of(xyz, found, near)
-        drawn = place_sections(places, xyz, found, near, "outliers")
+        drawn = place_sections(xyz, found, near, "outliers")
         sections.append(Section("Places", shown.words + drawn))
     n_out = n_all + n_others - (0 if marked else n)
     done = "are marked" if marked else "were removed"

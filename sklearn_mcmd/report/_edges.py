@@ -6,7 +6,7 @@ from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, s
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._html import paragraph
 from sklearn_mcmd.report._maps import found_maps
-from sklearn_mcmd.report._places import Places, place_sections
+from sklearn_mcmd.report._places import place_sections
 
 __all__ = ["edges_contents"]
 
@@ -26,7 +26,6 @@ def edges_contents(shown, criterion, n, limit, cards):
     values = shown.cloud.attributes["edge_score"].astype(np.float64)
     if limit is None:
         limit = values[found].min(initial=values.max())
-    places = Places.of(xyz, found, near)
     name = "distance to the nearest crease, in spacings" if is_crease else criterion
     limit_name = "limit, in spacings" if is_crease else f"limit of {criterion}"
     drawn = histogram(values, cutoff=limit, cutoff_name="limit", above=not is_crease, name=name)
@@ -46,9 +45,7 @@ def edges_contents(shown, criterion, n, limit, cards):
                 "Where the edges are", shown.words + found_maps(xyz, found, near, "edge points")
             ),
             Section("Scores", shown.words + drawn + _score_words(is_crease)),
-            Section(
-                "Places", shown.words + place_sections(places, xyz, found, near, "edge points")
-            ),
+            Section("Places", shown.words + place_sections(xyz, found, near, "edge points")),
         ],
         cloud_rows=shown.rows,
         output=f"{n_all:,} points{shown.files}, with edge and edge_score",

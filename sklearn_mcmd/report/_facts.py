@@ -16,40 +16,22 @@ SPARSE = 0.95  # the quantile that tells how large the largest neighborhoods are
 
 
 class Facts(NamedTuple):
-    """Measurements of a cloud of n points.
-
-    n_points, n_distinct : int
-    low, high : ndarray of shape (3,)
-    near : ndarray of bool of shape (n,)
-        Points that are not far from all others.
-    n_neighbors : int
-        Of a neighborhood, as far as there are so many points.
-    spacing : float
-        Median distance of a point to the nearest other place.
-    radius, sparse_radius : float
-        Of neighborhoods: the median, and what 5 % of the points exceed.
-    step : float
-        To which coordinates are rounded; 0 if none was found.
-    rounding : float
-        Step of float32 at a typical coordinate, if float32 holds the coordinates and is too coarse
-        for the neighborhoods; else 0.
-    noise : float
-        Median standard deviation of points about the planes of their neighborhoods; NaN if planes
-        are not known.
-    """
+    """Measurements of a cloud of n points."""
 
     n_points: int
     n_distinct: int
     low: np.ndarray
     high: np.ndarray
-    near: np.ndarray
-    n_neighbors: int
-    spacing: float
-    radius: float
-    sparse_radius: float
-    step: float
+    near: np.ndarray  # bool (n,), points that are not far from all others
+    n_neighbors: int  # of a neighborhood, as far as there are so many points
+    spacing: float  # median distance of a point to the nearest other place
+    radius: float  # of neighborhoods: the median,
+    sparse_radius: float  # and what 5 % of the points exceed
+    step: float  # to which coordinates are rounded; 0 if none was found
+    # Step of float32 at a typical coordinate, if float32 holds the coordinates and is too coarse
+    # for the neighborhoods; else 0.
     rounding: float
-    noise: float
+    noise: float  # median standard deviation about the planes; NaN if these are not known
 
     @classmethod
     def of(cls, xyz, n_neighbors, scales=None):

@@ -6,11 +6,13 @@ import io
 import numpy as np
 
 from sklearn_mcmd._extras import import_extra
+from sklearn_mcmd.plotting import plot_cloud
+from sklearn_mcmd.plotting._cloud_display import FOUND
 from sklearn_mcmd.plotting._still import ball_picture, distance_colors
 from sklearn_mcmd.plotting._views import look, round_length, thinned
 from sklearn_mcmd.report._html import chips, figure, text
 
-__all__ = ["DIM", "ball", "found_maps", "maps"]
+__all__ = ["ball", "found_maps", "maps"]
 
 # Points that were not found, from far to near: to be seen on white and on black.
 FAR, NEAR = (0.72, 0.76, 0.81), (0.46, 0.51, 0.58)
@@ -46,8 +48,6 @@ def maps(draw, xyz, near, legend=(), views=tuple(VIEWS)):
 
 def found_maps(xyz, found, near, noun):
     """Maps of which points were `found`, on top of the others, which are shaded by distance."""
-    from sklearn_mcmd.plotting import plot_cloud
-    from sklearn_mcmd.plotting._cloud_display import FOUND
 
     def draw(rows, view, ax, max_points):
         rows = rows[thinned(found[rows], max_points)]

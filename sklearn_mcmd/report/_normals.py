@@ -4,11 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 
+from sklearn_mcmd.plotting import NormalsDisplay
 from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._html import paragraph, table
 from sklearn_mcmd.report._maps import ball, maps
-from sklearn_mcmd.report._places import Places, place_sections
+from sklearn_mcmd.report._places import place_sections
 
 __all__ = ["normals_contents"]
 
@@ -37,7 +38,7 @@ def normals_contents(shown, names, removed):
     sections = [Section("Normals", shown.words + _maps_of(xyz, normals, near))]
     if errors is not None:
         known, unreliable = errors[np.isfinite(errors)], ~(errors <= UNRELIABLE)
-        n, places = int(np.count_nonzero(unreliable)), Places.of(xyz, unreliable, near)
+        n = int(np.count_nonzero(unreliable))
         median, most = np.quantile(known, [0.5, 0.95]) if known.size else (np.nan, np.nan)
         headline = f"{n_all:,} points have normals. Half of these are exact to {median:.2g} "
         headline += f"degrees, 95 % to {most:.2g} (standard errors)."
@@ -49,7 +50,7 @@ def normals_contents(shown, names, removed):
             Section("How exact they are", shown.words + _errors_drawn(errors)),
             Section(
                 "Where they are unreliable",
-                shown.words + place_sections(places, xyz, unreliable, near, "unreliable normals"),
+                shown.words + place_sections(xyz, unreliable, near, "unreliable normals"),
             ),
         ]
     left = given["removed_fraction"]
@@ -89,7 +90,6 @@ def _errors_drawn(errors):
 
 def _maps_of(xyz, normals, near):
     """Maps by direction, and the legend."""
-    from sklearn_mcmd.plotting import NormalsDisplay
 
     def draw(rows, view, ax, max_points):
         NormalsDisplay(xyz[rows], normals[rows]).plot(view=view, ax=ax, max_points=max_points)

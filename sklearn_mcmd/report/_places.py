@@ -16,15 +16,9 @@ BANDS = 12  # heights, at most
 
 
 class Places(NamedTuple):
-    """Cells of a grid in plan, those that hold points.
+    """Cells of a grid in plan, those that hold points."""
 
-    low : ndarray of float of shape (m, 2)
-        Their lower corners.
-    side : float
-    n_all, n_found : ndarray of int of shape (m,)
-    """
-
-    low: np.ndarray
+    low: np.ndarray  # their lower corners, (m, 2)
     side: float
     n_all: np.ndarray
     n_found: np.ndarray
@@ -51,8 +45,9 @@ class Places(NamedTuple):
         return order[self.n_found[order] > 0]
 
 
-def place_sections(places, xyz, found, near, noun):
-    """Tables: the fullest cells, and heights."""
+def place_sections(xyz, found, near, noun):
+    """Tables of what was `found`: the fullest of its `Places`, and heights."""
+    places = Places.of(xyz, found, near)
     fullest = places.fullest()
     if len(fullest) == 0:
         return paragraph(f"There are no {noun}.")

@@ -8,6 +8,8 @@ from sklearn_mcmd.adjustment._base import sigma0_is_rounding
 from sklearn_mcmd.adjustment._report import global_test_row, sigma0_origin
 from sklearn_mcmd.adjustment._report_lines import usual_reliability
 from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.plotting import PlaneResidualDisplay, plot_cloud
+from sklearn_mcmd.plotting._residual_display import along_normal, those_of_plane
 from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
 from sklearn_mcmd.report._facts import Facts
 from sklearn_mcmd.report._histogram import histogram
@@ -33,7 +35,7 @@ def plane_contents(cloud, detector, residuals, text, unit):
     n = int(np.count_nonzero(found))
     facts = Facts.of(cloud.xyz, NEIGHBORS, np.array([detector.sigma0_]))
     unit = f" {unit}" if unit else ""
-    rms = float(np.sqrt(np.mean(residuals[_kept(found)] ** 2)))
+    rms = float(np.sqrt(np.mean(residuals[those_of_plane(found)] ** 2)))
     others, without = ("the others", "without outliers") if n < n_all else ("all", "of all")
     precision, reliability = detector.precision(), usual_reliability(detector, cloud.xyz)
     results = {"residual": residuals, "test_statistic": detector.test_statistic_}
@@ -70,22 +72,14 @@ def plane_contents(cloud, detector, residuals, text, unit):
     )
 
 
-def _kept(found):
-    """The points that are no outliers; all of them if there are none."""
-    return ~found if not found.all() else found
-
-
 def _maps(xyz, residuals, found, near, rms, unit):
-    from sklearn_mcmd.plotting import PlaneResidualDisplay
-    from sklearn_mcmd.plotting._residual_display import along_normal
-
     def draw(rows, view, ax, max_points):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a layout that bars of colors cannot have here
             display = PlaneResidualDisplay(xyz[rows], residuals[rows], found[rows])
             display.plot(view=view, ax=ax, max_points=max_points)
 
-    front = along_normal(xyz[_kept(found)])
+    front = along_normal(xyz[those_of_plane(found)])
     across = "front" if front[1] > 45 else "top"  # floors are seen from their edge, walls too
     views = [(front, "Along the normal of the plane"), across]
     ends = [
@@ -97,9 +91,6 @@ def _maps(xyz, residuals, found, near, rms, unit):
 
 def _found_biases(xyz, reliability, near, unit):
     """The map of minimal detectable biases, if there are any."""
-    from sklearn_mcmd.plotting import plot_cloud
-    from sklearn_mcmd.plotting._residual_display import along_normal
-
     if reliability is None or not np.isfinite(reliability.minimal_bias).any():
         return []
     bias = reliability.minimal_bias

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sklearn_mcmd.plotting import SegmentationDisplay, region_colors
 from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._html import paragraph, table
@@ -20,18 +21,12 @@ SMALL, PIECES = 100, 0.2
 
 
 class Regions(NamedTuple):
-    """What a table of regions shows, the largest first.
-
-    sizes : sequence of int
-    normals, centroids : ndarray of shape (n_regions, 3)
-    errors : ndarray of shape (n_regions,)
-        Root mean square distances from their planes.
-    """
+    """What a table of regions shows, a row each, the largest first."""
 
     sizes: np.ndarray
     normals: np.ndarray
     centroids: np.ndarray
-    errors: np.ndarray
+    errors: np.ndarray  # root mean square distances from their planes
 
     @classmethod
     def of_sample(cls, cloud, sizes):
@@ -91,7 +86,6 @@ def segment_contents(shown, regions, n_regions, inside):
 
 def _maps_of(xyz, labels, near):
     """Maps of a color for each region."""
-    from sklearn_mcmd.plotting import SegmentationDisplay
 
     def draw(rows, view, ax, max_points):
         SegmentationDisplay(xyz[rows], labels[rows]).plot(view=view, ax=ax, max_points=max_points)
@@ -103,8 +97,6 @@ def _maps_of(xyz, labels, near):
 def _region_table(regions, n_all):
     """The largest regions with size, direction, noise and place."""
     from matplotlib.colors import to_hex
-
-    from sklearn_mcmd.plotting import region_colors
 
     sizes, normals = regions.sizes, regions.normals
     if len(sizes) == 0:

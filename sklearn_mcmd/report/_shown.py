@@ -19,37 +19,17 @@ PART = 1_000_000  # points that are read at a time
 
 
 class Shown(NamedTuple):
-    """What a report shows, and what it knows of the whole.
+    """What a report shows, and what it knows of the whole."""
 
-    cloud : PointCloud
-        All points, or every so many-th, with the attributes that were written.
-    n_all : int
-        Points of the whole.
-    near : ndarray of bool of shape (n,)
-        Points that are not far from all others.
-    words : str
-        Markup that states the sample; "" if all points are shown.
-    rows : list of (str, str)
-        What the input holds.
-    notes : list of Note
-        What is the matter with the cloud itself.
-    checks : str
-        What was looked for in the cloud itself.
-    cards : list of (str, str)
-        Tiles and files.
-    files : str
-        Words on the number of outputs; "" if there is one.
-    """
-
-    cloud: PointCloud
-    n_all: int
-    near: np.ndarray
-    words: str
-    rows: list[tuple[str, str]]
-    notes: list[Note]
-    checks: str
-    cards: list[tuple[str, str]]
-    files: str
+    cloud: PointCloud  # all points, or every so many-th, with the attributes that were written
+    n_all: int  # points of the whole
+    near: np.ndarray  # bool (n,), points that are not far from all others
+    words: str  # markup that states the sample; "" if all points are shown
+    rows: list[tuple[str, str]]  # what the input holds
+    notes: list[Note]  # what is the matter with the cloud itself
+    checks: str  # what was looked for in the cloud itself
+    cards: list[tuple[str, str]]  # tiles and files
+    files: str  # words on the number of outputs; "" if there is one
 
     @property
     def xyz(self):

@@ -33,22 +33,13 @@ _listeners: list = []  # those in force; any thread may compile and tell them
 
 
 class Told(NamedTuple):
-    """What a listener is told.
+    """What a listener is told."""
 
-    stage : str or None
-        What is done. With a share of None: what is compiled, or None when that is done.
-    share : float or None
-        Share of the whole work that is done, from 0 to 1.
-    part : float
-        Share of the stage.
-    note : str
-        What else there is to say, such as a rate.
-    """
-
+    # What is done. With a share of None: what is compiled, or None when that is done.
     stage: str | None
-    share: float | None
-    part: float = 0.0
-    note: str = ""
+    share: float | None  # of the whole work that is done, from 0 to 1
+    part: float = 0.0  # share of the stage
+    note: str = ""  # what else there is to say, such as a rate
 
 
 @dataclass(frozen=True)

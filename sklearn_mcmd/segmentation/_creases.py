@@ -38,16 +38,11 @@ class VoteLimits(NamedTuple):
 
 
 class _Cells(NamedTuple):
-    """Small neighborhoods that divide the regions, in the order in which they were begun.
+    """Small neighborhoods that divide the regions, in the order in which they were begun."""
 
-    members : ndarray of int32, rows of the points, cell after cell
-    starts : ndarray of int of shape (n_cells + 1,), where each begins
-    of : ndarray of int32 of shape (n,), cell of each point, -1 for none
-    """
-
-    members: np.ndarray
-    starts: np.ndarray
-    of: np.ndarray
+    members: np.ndarray  # int32, rows of the points, cell after cell
+    starts: np.ndarray  # int (n_cells + 1,), where each begins
+    of: np.ndarray  # int32 (n,), cell of each point, -1 for none
 
     def rows(self, cells):
         """Rows of the points of some cells, and the cell of each."""
@@ -176,7 +171,8 @@ class _Strips:
 
     def asked(self, border):
         """The vote of two patches, their names, rows of their strip, and which are the first's."""
-        names, centers = sorted(border.tolist(), key=self._n_cells), self.centers
+        names = sorted(border.tolist(), key=lambda name: len(self.groups[name]))
+        centers = self.centers
         small, large = (self.groups[name] for name in names)
         if len(small) * len(large) <= FEW:
             large = large[_compiled("strip_of")(centers[small], centers[large])]
@@ -192,9 +188,6 @@ class _Strips:
             vote = _compiled("vote")
             value = vote(local, weights, cell, first, self.normals[names], limits, sides)
         return value, names, rows, sides
-
-    def _n_cells(self, name):
-        return len(self.groups[name])
 
 
 def _strip(small, large):

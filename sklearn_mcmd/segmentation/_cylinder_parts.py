@@ -28,25 +28,18 @@ LEAST_SIZE = 2 * N_PARAMETERS
 class _Part:
     """A narrow region, or several joined.
 
-    members : rows of the points, in an order that depends on nothing but their places
-    around : their neighbors, (n, n_around)
-    floor : mean square below which deviations are rounding
-    ceiling : mean square above which they are those of a volume
-    plane, curve : mean squares about the plane and about the cylinder, by degrees of freedom
-    cylinder : None where there are too few points
-
     It is curved if two conditions hold. Its plane leaves more than `MOST_NOISE` times the root mean
     square that its cylinder leaves. And `CUTOFF` times the latter, on both sides, fits into the
     neighborhoods' radius: this distinguishes a surface from a volume, such as foliage.
     """
 
-    members: np.ndarray
-    around: np.ndarray
-    floor: float
-    ceiling: float
-    plane: float
-    curve: float
-    cylinder: Cylinder | None
+    members: np.ndarray  # rows of the points, in an order that depends on nothing but their places
+    around: np.ndarray  # their neighbors, (n, n_around)
+    floor: float  # mean square below which deviations are rounding
+    ceiling: float  # mean square above which they are those of a volume
+    plane: float  # mean square about the plane, by degrees of freedom,
+    curve: float  # and about the cylinder
+    cylinder: Cylinder | None  # None where there are too few points
 
     @property
     def curved(self):

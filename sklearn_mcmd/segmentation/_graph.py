@@ -42,17 +42,12 @@ VARIATION_BITS, HEIGHT_BITS = 30, 16
 
 
 class GrowthRules(NamedTuple):
-    """What makes neighbors parts of one surface; the parameters of `RegionGrowing`.
+    """What makes neighbors parts of one surface; the parameters of `RegionGrowing`."""
 
-    min_cosine : least cosine of the angle between their normals
-    max_distance, max_gap : lengths in units of the points, or None
-    mutual : whether planes must explain each other
-    """
-
-    min_cosine: float
-    max_distance: float | None = None
+    min_cosine: float  # least cosine of the angle between their normals
+    max_distance: float | None = None  # in units of the points, as `max_gap`
     max_gap: float | None = None
-    mutual: bool = True
+    mutual: bool = True  # whether planes must explain each other
 
 
 def link_neighbors(index, planes, floor, rules, n_jobs=None):

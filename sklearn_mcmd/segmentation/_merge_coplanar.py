@@ -91,7 +91,8 @@ def own_noise(covariances, radius):
 def _pool(sizes, centroids, covariances, noise, part):
     """Sizes, centroids, covariances and noise of joined regions, from those of their parts."""
     n_parts = int(part.max()) + 1
-    share = _grouping(part, n_parts, sizes)
+    of_part = part, np.arange(len(part))
+    share = coo_array((sizes, of_part), shape=(n_parts, len(part))).tocsr()
     total = np.bincount(part, sizes, n_parts)
     # The first part is the origin, so that large coordinates cost no accuracy.
     first = np.unique(part, return_index=True)[1]
@@ -215,13 +216,3 @@ def _near(parts, pairs, most, n_jobs=None):
 
     run([(large,) for large in np.unique(pairs[:, 1]).tolist()], search, n_jobs)
     return near
-
-
-def _grouping(labels, n_regions, weights=None):
-    """Sparse matrix (n_regions, n) of weights, 1 by default; `indices` are the rows by region.
-
-    It sorts by counting; the rows of a region keep their order.
-    """
-    n = len(labels)
-    weights = np.ones(n) if weights is None else weights
-    return coo_array((weights, (labels, np.arange(n))), shape=(n_regions, n)).tocsr()

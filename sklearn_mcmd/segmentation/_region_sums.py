@@ -38,20 +38,12 @@ BITS = 52
 
 
 class Moments(NamedTuple):
-    """What is known of regions.
+    """What is known of regions."""
 
-    sizes : ndarray of shape (n_regions,)
-        Points, or the sum of their weights.
-    centroids : ndarray of shape (n_regions, d)
-    covariances : ndarray of shape (n_regions, d, d)
-    low, high : ndarray of shape (n_regions, d)
-        Corners of their boxes.
-    """
-
-    sizes: np.ndarray
-    centroids: np.ndarray
-    covariances: np.ndarray
-    low: np.ndarray
+    sizes: np.ndarray  # points, or the sum of their weights
+    centroids: np.ndarray  # (n_regions, d), as low and high
+    covariances: np.ndarray  # (n_regions, d, d)
+    low: np.ndarray  # corners of their boxes
     high: np.ndarray
 
 
@@ -228,19 +220,12 @@ def _medians(values, labels, number, n_regions):
 
 
 class _Groups(NamedTuple):
-    """Rows of a part by their regions.
+    """Rows of a part by their regions."""
 
-    rows : ndarray of int, region after region
-    regions : ndarray of int of shape (m,), ascending
-    starts, counts : ndarray of int of shape (m,)
-        Where the rows of each region start, and how many they are.
-    part : slice
-    """
-
-    rows: np.ndarray
-    regions: np.ndarray
-    starts: np.ndarray
-    counts: np.ndarray
+    rows: np.ndarray  # region after region
+    regions: np.ndarray  # (m,), ascending
+    starts: np.ndarray  # where the rows of each region start,
+    counts: np.ndarray  # and how many they are
     part: slice
 
     def take(self, values):

@@ -73,9 +73,7 @@ class Denoise(Verb):
         check_detector(estimator)
         choice = Choice(ignore_classes, only_classes)
         self.mode, self.limits = mode, HeightLimits.of(above, below, low_groups)
-        content = mode if choice == Choice() else f"{mode} {tuple(choice)}"
-        if self.limits is not None:
-            content += f" {tuple(self.limits)}"
+        content = f"{mode} {choice} {self.limits}"
         super().__init__(clone(estimator).set_params(n_jobs=1), content, choice)
         self.needs_ground = self.limits is not None
         self.sensor = sensor_path(estimator, sensor_origin)
@@ -86,12 +84,10 @@ class Denoise(Verb):
                 warn_caller(denoised_before(path))
         most = most_neighbors(catalog.n_points, self.estimator)
         self.detector, self.seen_as = recognized(self.estimator, catalog, self.choice)
-        detector = self.detector
-        if self.sensor is not None:  # any position will do
-            detector = clone(detector).set_params(sensor_origin="origin")
-            if self.sensor.kind == "angles":  # which nobody told
-                self.detector = clone(detector).set_params(sensor_origin="auto")
-        self.cutoff = cutoff_of(detector)
+        if self.sensor is not None:  # any position will do; those of angles nobody told
+            told = "auto" if self.sensor.kind == "angles" else "origin"
+            self.detector = clone(self.detector).set_params(sensor_origin=told)
+        self.cutoff = cutoff_of(self.detector)
         work = "outliers" if self.limits is None else "heights"
         return sensed(work, self.detector, self.sensor), 0, most
 
@@ -229,7 +225,7 @@ def judge_cells(job, cells, columns, n_workers, cutoff):
     sweep("places", find_places)
     whole = whole_of(job)
     if len(whole) < max(COMPILE_FROM, job.detector.n_neighbors + 1):
-        return _judge_together(job, cells, len(whole))
+        return _judge_together(job, cells)
     if not all(has_scores(job.columns, cell) for cell in range(n_cells)):
         whole.join("points", "counts")
         whole.make(**job.stored_columns())
@@ -293,12 +289,10 @@ def _one_position(detector, points):
     return check_sensor_origin("origin" if is_auto(origin) else origin, points)
 
 
-def _judge_together(job, cells, n_places):
+def _judge_together(job, cells):
     """Scores of a cloud of few places, which other code judges than tiles."""
-    words = f" at {n_places:,} places"
-    origins = stored_origins(job.cells)
-    detector, put = fit_together(job.detector, cells, job.constants.dtype, words, origins)
-    put(job.columns, -detector.scores_, SCORED)
+    detector, put = fit_together(job, job.detector, cells)
+    put(-detector.scores_, SCORED)
     _tell_rays(CellColumns(job.columns), judged_cloud(detector))
     return -detector.offset_
 

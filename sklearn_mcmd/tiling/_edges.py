@@ -38,7 +38,6 @@ from sklearn_mcmd.tiling._result_files import (
 )
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
 from sklearn_mcmd.tiling._sensor_origins import recognized
-from sklearn_mcmd.tiling._stored_columns import whole_of
 from sklearn_mcmd.tiling._sweeps import Sweeps
 
 __all__ = ["Edges"]
@@ -92,9 +91,9 @@ class Edges(Verb):
         k, stored = (self.estimator.n_neighbors, FACES) if self.by_distance else (0, {})
         whole = find_planes(sweep, kept, job, k, self.estimator.n_neighbors, **stored)
         if whole is None:
-            words = f", of which {len(whole_of(job)):,} places are no outliers,"
-            detector, put = fit_together(self.estimator, run.cells, job.constants.dtype, words)
-            put(run.folder.results, detector.scores_, SCORED)
+            words = ", of which {:,} places are no outliers,"
+            detector, put = fit_together(job, self.estimator, run.cells, words)
+            put(detector.scores_, SCORED)
             self.limit = detector.offset_
         elif self.by_distance:
             whole.remove(*OWN)

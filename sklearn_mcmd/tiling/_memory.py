@@ -34,21 +34,13 @@ SHARE, UNKNOWN = 0.5, 4e9
 
 
 class Costs(NamedTuple):
-    """Bytes that a work takes, measured, see docs/tiling.rst: for each point.
+    """Bytes that a work takes, measured, see docs/tiling.rst: for each point."""
 
-    tile, stored, cloud : int
-        Of a tile, of temporary files, and of a cloud in memory besides what its record has.
-    whole : int
-        Of all points, in one process that works on all at once.
-    does : str
-        What that process does.
-    """
-
-    tile: int
-    stored: int
-    cloud: int
-    whole: int = 0
-    does: str = ""
+    tile: int  # of a tile
+    stored: int  # of temporary files
+    cloud: int  # of a cloud in memory besides what its record has
+    whole: int = 0  # of all points, in one process that works on all at once
+    does: str = ""  # what that process does
 
 
 COSTS = {

@@ -22,8 +22,7 @@ from sklearn_mcmd.tiling._result_files import (
     write_results,
 )
 from sklearn_mcmd.tiling._run import Verb, check_seed, warm_up
-from sklearn_mcmd.tiling._sensor_origins import check_one_origin, sensor_path, stored_origins
-from sklearn_mcmd.tiling._stored_columns import whole_of
+from sklearn_mcmd.tiling._sensor_origins import check_one_origin, sensor_path
 from sklearn_mcmd.tiling._sweeps import Sweeps
 
 __all__ = ["Normals", "check_normals", "without_sides"]
@@ -85,10 +84,8 @@ class Normals(Verb):
         whole = find_planes(sweeps, run.cells, job)
         if whole is not None:
             return whole.remove("near", "larger", *OWN)
-        words, dtype = f" at {len(whole_of(job)):,} places", job.constants.dtype
-        origins = stored_origins(folder.cells)
-        fitted, put = fit_together(self.estimator, run.cells, dtype, words, origins=origins)
-        put(folder.results, normal_columns(fitted)[1], result_dtype(len(self.names)))
+        fitted, put = fit_together(job, self.estimator, run.cells)
+        put(normal_columns(fitted)[1], result_dtype(len(self.names)))
 
     def write(self, run):
         results = Results(run.folder.results, len(run.cells), result_dtype(len(self.names)))

@@ -21,24 +21,14 @@ __all__ = ["Job", "find_planes"]
 
 
 class Job(NamedTuple):
-    """What all sweeps over the cells of a cloud know.
+    """What all sweeps over the cells of a cloud know."""
 
-    cells, columns : Path
-        Folders of `Cells` and `CellColumns`.
-    detector : MCMDOutlierDetector
-    constants : Constants
-    n_points : int
-        Of the whole cloud.
-    n_threads : int
-        Of each worker.
-    """
-
-    cells: Path
-    columns: Path
+    cells: Path  # folder of `Cells`
+    columns: Path  # folder of `CellColumns`
     detector: MCMDOutlierDetector
     constants: Constants
-    n_points: int = 0
-    n_threads: int = 1
+    n_points: int = 0  # of the whole cloud
+    n_threads: int = 1  # of each worker
 
     def open(self):
         """The cells, and the columns of their places."""

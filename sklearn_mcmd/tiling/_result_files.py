@@ -6,6 +6,8 @@ import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.tiling._cell_columns import in_place_of
+from sklearn_mcmd.tiling._sensor_origins import stored_origins
+from sklearn_mcmd.tiling._stored_columns import whole_of
 
 __all__ = [
     "LABELED",
@@ -130,28 +132,28 @@ def write_results(folder, cell, rows, values, dtype):
         temporary.write_bytes(results.data)  # unlike tofile, it says why it fails
 
 
-def fit_together(estimator, cells, dtype, words, origins=None):
+def fit_together(job, estimator, cells, words=" at {:,} places"):
     """An estimator fitted to all points of a cloud in the order of the inputs, and `put`.
 
     Clouds of so few places are worked on in one piece, by other code than tiles.
-    ``put(folder, values, dtype)`` writes values of these points as results. `words` tell where the
-    points are, such as " at 600 places", for the error. `origins` are where the sensor was for
-    each point of the inputs.
+    ``put(values, dtype)`` writes values of these points as results of the job. `words` tell where
+    the points are, for the error.
     """
     n_points = int(cells.counts.sum())
     if n_points > MOST_COPIES:
+        words = words.format(len(whole_of(job)))
         raise ValueError(f"{n_points:,} points{words} are no cloud to be divided into tiles")
     records = [cells.read(cell) for cell in range(len(cells))]
     rows, points = (np.concatenate([part[name] for part in records]) for name in ("row", "xyz"))
     order = np.argsort(rows)
-    fitted = clone(estimator)
+    fitted, origins = clone(estimator), stored_origins(cells.folder)
     given = {} if origins is None else {"sensor_origin": origins[rows[order]]}
-    fitted.fit(points[order].astype(dtype), **given)
+    fitted.fit(points[order].astype(job.constants.dtype), **given)
     places, ends = np.empty_like(order), np.cumsum([len(part) for part in records])[:-1]
     places[order] = np.arange(len(order))
 
-    def put(folder, values, dtype):
+    def put(values, dtype):
         for cell, some in enumerate(np.split(places, ends)):
-            write_results(folder, cell, records[cell]["row"], values[some], dtype)
+            write_results(job.columns, cell, records[cell]["row"], values[some], dtype)
 
     return fitted, put

@@ -105,9 +105,8 @@ def _segment(growing, job, run):
     k = growing.n_neighbors
     whole = find_planes(sweeps, cells, job, k, k, variation=variation, **STORED)
     if whole is None:
-        words = f" at {len(whole_of(job)):,} places"
-        fitted, put = fit_together(growing, cells, job.constants.dtype, words)
-        put(columns.folder, fitted.labels_, LABELED)
+        fitted, put = fit_together(job, growing, cells)
+        put(fitted.labels_, LABELED)
         return fitted.region_sizes_
     whole.join("counts")
     whole.remove(*OWN)

@@ -46,7 +46,5 @@ def test_heights_count_every_point_once_from_the_top():
 def test_one_height_and_nothing_found_are_no_error():
     xyz = np.zeros((10, 3))
     near = np.ones(10, bool)
-    places = Places.of(xyz, near, near)
-    assert "10 (100.0 %)" in place_sections(places, xyz, near, near, "outliers")
-    none = Places.of(xyz, ~near, near)
-    assert "There are no outliers" in place_sections(none, xyz, ~near, near, "outliers")
+    assert "10 (100.0 %)" in place_sections(xyz, near, near, "outliers")
+    assert "There are no outliers" in place_sections(xyz, ~near, near, "outliers")
