@@ -98,7 +98,8 @@ def read_cloud(name, path):
         classes = noise = None
         if "classification" in arrays:
             codes = arrays["classification"]
-            classes = np.array([LAS_CLASSES[code] for code in codes.tolist()])
+            named = (LAS_CLASSES.get(code, f"class {code}") for code in codes.tolist())
+            classes = np.array([*named])
             noise = codes == LAS_NOISE
         elif "label_ground" in arrays:
             classes = np.where(arrays["label_ground"] == 1, "ground", "other")
