@@ -1,18 +1,17 @@
 """What ``denoise``, ``normals``, ``segment`` and ``edges`` share: options, help, and the run."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from inspect import Signature, getdoc, signature
-from typing import Any, NamedTuple
+from types import SimpleNamespace
 
 from sklearn_mcmd.cli import _files, _messages, _options
 from sklearn_mcmd.cli._config import Config
-from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, print_plan
+from sklearn_mcmd.cli._large import DryRun, Memory, Restart, large_catalog, outputs_of, print_plan
 from sklearn_mcmd.cli._progress_bar import progress
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.cli._scheduler import Scheduler, engine
 
-__all__ = ["CloudVerb", "Outcome", "command_of", "tiles_row"]
+__all__ = ["CloudVerb", "command_of", "counts", "tiles_row"]
 
 BY_TILES = """
 LAS and LAZ that need more than --memory, and folders of them, are divided into tiles, and with
@@ -21,14 +20,6 @@ a run ends early, they are kept, and the same command goes on from there, or beg
 --restart. --dry-run tells tiles, memory and time. If IN is a folder or an index .vpc, a folder
 OUT gets one file for each; an OUT that ends in .las or .laz gets all.
 """
-
-
-class Outcome(NamedTuple):
-    """The number of points, and what makes the `Contents` of a report and rows of the summary."""
-
-    n_points: int
-    contents: Callable[[], Any]
-    rows: Callable[[], dict]
 
 
 @dataclass
@@ -64,19 +55,24 @@ class CloudVerb:
         return [self.target]
 
     def estimator(self):
-        raise NotImplementedError
+        """The estimator, with its parameters as options tell them."""
 
     def dry_estimator(self):
         """The estimator whose time a dry run measures, which reads no positions of the sensor."""
         return self.estimator()
 
-    def in_memory(self):
-        """Read, find and write; return the `Outcome`."""
-        raise NotImplementedError
+    def tile_options(self):
+        """What `process_files` takes beside the estimator."""
+        return {}
 
-    def by_tiles(self, catalog):
-        """The same by tiles."""
-        raise NotImplementedError
+    def in_memory(self):
+        """Read, find and write; return `counts`, and what makes the `Contents` of a report."""
+
+    def tile_contents(self, catalog, told):
+        """The `Contents` of a report on a run by tiles."""
+
+    def rows(self, told):
+        """Rows of the summary; `told` are `counts` of a cloud in memory, or what tiles came to."""
 
     def made(self, kind, **others):
         """An estimator: its parameters are the options of the same names, and others."""
@@ -87,26 +83,21 @@ class CloudVerb:
         """The cloud, if OUT can be written and has a place for these results."""
         return _files.read(self.source, self.target, results, columns=self.columns)
 
-    def process(self, catalog, **options):
-        """The report of a run by tiles."""
+    def by_tiles(self, catalog):
         from sklearn_mcmd.tiling import process_files
 
         estimator = self.estimator()
-        return process_files(
+        told = process_files(
             catalog, self.target, estimator, memory=self.memory, n_jobs=estimator.n_jobs,
-            restart=self.restart, **options,
+            restart=self.restart, **self.tile_options(),
         )  # fmt: skip
-
-    def targets(self, catalog):
-        from sklearn_mcmd.tiling._outputs import targets_of
-
-        return targets_of(catalog, self.target)
+        return told, lambda: self.tile_contents(catalog, told)
 
     def shown(self, catalog, told, *names):
         """What a report shows of these attributes of a run by tiles."""
         from sklearn_mcmd.report._shown import Shown
 
-        return Shown.of_tiles(catalog, self.targets(catalog), told, names)
+        return Shown.of_tiles(catalog, outputs_of(catalog, self.target), told, names)
 
     def run(self):
         seconds, size, work = _messages.stopwatch(), self.n_features, self.work
@@ -121,14 +112,21 @@ class CloudVerb:
             self.no_clobber, *self.outputs(), report=self.report, catalog=catalog
         )
         with progress(type(self).__name__.lower(), self.quiet):
-            outcome = self.in_memory() if catalog is None else self.by_tiles(catalog)
-            write_report_of(self.report, source, target, seconds, outcome.contents)
+            told, contents = self.in_memory() if catalog is None else self.by_tiles(catalog)
+            write_report_of(self.report, source, target, seconds, contents)
         if not self.quiet:
-            _messages.print_summary(source, target, outcome.n_points, seconds(), **outcome.rows())
+            _messages.print_summary(source, target, told.n_points, seconds(), **self.rows(told))
+
+
+def counts(n_points, **others):
+    """What was found in memory, by the names of `RunReport`; there are no tiles."""
+    return SimpleNamespace(n_points=n_points, n_tiles=0, **others)
 
 
 def tiles_row(told):
-    """The row of a summary that tells of tiles."""
+    """The row of the summary on tiles, where there are any."""
+    if told.n_tiles == 0:
+        return {}
     return {"tiles": f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before"}
 
 

@@ -7,9 +7,12 @@ from typing import Annotated, Literal
 import numpy as np
 import typer
 
+import sklearn_mcmd
 from sklearn_mcmd._choices import Mode, OutlierMethod, Strictness
-from sklearn_mcmd.cli import _files, _messages, _options, _point_selection, _sensor
-from sklearn_mcmd.cli._cloud_verb import CloudVerb, Outcome, command_of, tiles_row
+from sklearn_mcmd.cli import _files, _options, _point_selection, _sensor
+from sklearn_mcmd.cli._cloud_verb import CloudVerb, command_of, counts, tiles_row
+from sklearn_mcmd.cli._large import outputs_of
+from sklearn_mcmd.cli._messages import number_and_share
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, noise_classes
 from sklearn_mcmd.io._point_cloud import denoised_before, with_results, without_outliers
 from sklearn_mcmd.io._sensor import rows_of_sensor
@@ -138,11 +141,9 @@ class Denoise(CloudVerb):
             )
 
     def estimator(self):
-        from sklearn_mcmd import MCMDOutlierDetector
-
         auto = _sensor.AUTO if self.recognize else None
         return self.made(
-            MCMDOutlierDetector,
+            sklearn_mcmd.MCMDOutlierDetector,
             strictness=None if self.strictness == PAPER else self.strictness,
             sensor_origin=self.sensor if isinstance(self.sensor, tuple) else auto,
         )
@@ -152,6 +153,7 @@ class Denoise(CloudVerb):
         return self.estimator().set_params(sensor_origin=origin)
 
     def in_memory(self):
+        from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
         from sklearn_mcmd.outliers._volumes import losses_of
 
         cloud = self.read("marks of outliers" if self.mark else None)
@@ -165,22 +167,23 @@ class Denoise(CloudVerb):
         detector, sensed = self._find(cloud, some, points.used)
         classes, score, under = _verdict(cloud, points, detector, self.low_groups)
         is_outlier = classes != 0
-        _warn_if_without_scale(_n_without_scale(score[is_outlier]), len(cloud))
+        _warn_if_without_scale(np.sum(score[is_outlier] > EXACT_PLANE_SCORE), len(cloud))
         removed = (is_outlier & ~under)[points.used]
         together = losses_of(detector, lambda: [(some.xyz, removed)], len(some))
         if together:
             warnings.warn(together, stacklevel=2)
-        _files.write(self.target, *_denoised(cloud, classes, score, self.mark))
-        n_judged, n_found = np.count_nonzero(points.judged), np.count_nonzero(is_outlier)
+        told = counts(
+            len(cloud), n_judged=np.count_nonzero(points.judged),
+            n_outliers=np.count_nonzero(is_outlier), together=together, sensor=sensed,
+        )  # fmt: skip
         found = is_outlier[points.used]
-        return Outcome(
-            len(cloud),
-            lambda: _contents(some, detector, self.mark, found, len(cloud), together, sensed),
-            lambda: self._rows(n_judged, n_found, len(cloud), sensed),
-        )
+        _files.write(self.target, *_denoised(cloud, classes, score, self.mark))
+        return told, lambda: _contents(some, detector, self.mark, found, told)
 
     def _find(self, cloud, some, used):
         """The detector that judged some of the points, and rows on the sensor."""
+        from sklearn_mcmd.outliers._kinds import judged_cloud
+
         light = _sensor.intensity_of(self.source, cloud)[used] if self.intensity else None
         with _files.working(self.source):
             origins, where, refused = _sensor.sensor_of_rays(
@@ -189,34 +192,35 @@ class Denoise(CloudVerb):
             doubted = origins is not None and (self.recognize or self.sensor == _sensor.AUTO)
             detector = self.estimator().set_params(sensor_origin=_sensor.AUTO if doubted else None)
             detector.fit(_files.coordinates(some), sensor_origin=origins, intensity=light)
-        return detector, _sensed(detector, where, refused)
+        judged = judged_cloud(detector)
+        where = "" if judged.rays is None else where  # it is not used
+        return detector, rows_of_sensor(where, refused or judged.ray_doubt, detector.n_by_rays_)
 
-    def _rows(self, n_judged, n_found, n_points, more):
+    def rows(self, told):
         rows = {}
-        if n_judged < n_points:
-            rows["judged"] = _messages.number_and_share(n_judged, n_points)
-        found = _messages.number_and_share(n_found, n_points)
-        return rows | more | {"marked" if self.mark else "removed": found}
+        if told.n_judged < told.n_points:
+            rows["judged"] = number_and_share(told.n_judged, told.n_points)
+        found = number_and_share(told.n_outliers, told.n_points)
+        return rows | tiles_row(told) | told.sensor | {"marked" if self.mark else "removed": found}
+
+    def tile_options(self):
+        return self.heights | {
+            "mode": self.mode,
+            "ignore_classes": self.choice.ignored,
+            "only_classes": self.choice.only,
+            "sensor_origin": _sensor.path_of_options(self.sensor, self.trajectory),
+        }
 
     def by_tiles(self, catalog):
-        told = self.process(
-            catalog, mode=self.mode, ignore_classes=self.choice.ignored,
-            only_classes=self.choice.only, **self.heights,
-            sensor_origin=_sensor.path_of_options(self.sensor, self.trajectory),
-        )  # fmt: skip
+        told, contents = super().by_tiles(catalog)
         _warn_if_without_scale(told.n_exact, told.n_points)
-        more = tiles_row(told) | told.sensor
-        return Outcome(
-            told.n_points,
-            lambda: self._tile_contents(catalog, told),
-            lambda: self._rows(told.n_judged, told.n_outliers, told.n_points, more),
-        )
+        return told, contents
 
-    def _tile_contents(self, catalog, told):
+    def tile_contents(self, catalog, told):
         from sklearn_mcmd.outliers._detector import CUTOFF
         from sklearn_mcmd.report._denoise import Verdict, denoise_contents, shown_of_tiles
 
-        shown = shown_of_tiles(catalog, self.targets(catalog), told, self.mark)
+        shown = shown_of_tiles(catalog, outputs_of(catalog, self.target), told, self.mark)
         found_by_run = (self.contamination, self.false_positive_rate) != (None, None)
         cutoff = self.cutoff
         if cutoff is None and not found_by_run and self.strictness != PAPER:
@@ -237,15 +241,6 @@ def _at_most_one(verb, *names):
         raise typer.BadParameter(
             f"{' and '.join(given)} exclude each other: leave all but one out."
         )
-
-
-def _sensed(detector, where, refused):
-    """The rows on the sensor, which `rows_of_sensor` makes; "" is what is not used."""
-    from sklearn_mcmd.outliers._kinds import judged_cloud
-
-    judged = judged_cloud(detector)
-    where = "" if judged.rays is None else where
-    return rows_of_sensor(where, refused or judged.ray_doubt, detector.n_by_rays_)
 
 
 def _verdict(cloud, points, detector, low_groups):
@@ -270,7 +265,7 @@ def _verdict(cloud, points, detector, low_groups):
     return classes, score, under
 
 
-def _contents(cloud, detector, mark, found, n_all, together, sensed):
+def _contents(cloud, detector, mark, found, told):
     from sklearn_mcmd.outliers._kinds import plane_scales
     from sklearn_mcmd.report._denoise import Verdict, denoise_contents
     from sklearn_mcmd.report._shown import Shown
@@ -279,19 +274,17 @@ def _contents(cloud, detector, mark, found, n_all, together, sensed):
         cloud, detector.n_neighbors_, plane_scales(detector), outlier=found.astype(np.uint8),
         outlier_score=(-detector.scores_).astype(np.float32),
     )  # fmt: skip
-    n_others = n_all - len(cloud)
+    n_others = told.n_points - len(cloud)
     if n_others:
-        rows = [("points", f"{n_all:,}"), ("used", f"{len(cloud):,}, as follows"), *shown.rows[1:]]
+        rows = [
+            ("points", f"{told.n_points:,}"),
+            ("used", f"{len(cloud):,}, as follows"),
+            *shown.rows[1:],
+        ]
         shown = shown._replace(rows=rows)
     n_found, cutoff = np.count_nonzero(found), -float(detector.offset_)
-    verdict = Verdict(n_found, len(cloud), n_others, cutoff, sensed)
-    return denoise_contents(shown, verdict, marked=mark, together=together, judged=[detector])
-
-
-def _n_without_scale(scores):
-    from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
-
-    return np.count_nonzero(scores > EXACT_PLANE_SCORE)
+    verdict = Verdict(n_found, len(cloud), n_others, cutoff, told.sensor)
+    return denoise_contents(shown, verdict, marked=mark, together=told.together, judged=[detector])
 
 
 def _warn_if_without_scale(n_without, n_points):

@@ -6,9 +6,11 @@ from typing import Annotated
 import numpy as np
 import typer
 
+import sklearn_mcmd
 from sklearn_mcmd._choices import Criterion
-from sklearn_mcmd.cli import _files, _messages, _options
-from sklearn_mcmd.cli._cloud_verb import CloudVerb, Outcome, command_of, tiles_row
+from sklearn_mcmd.cli import _files, _options
+from sklearn_mcmd.cli._cloud_verb import CloudVerb, command_of, counts, tiles_row
+from sklearn_mcmd.cli._messages import number_and_share
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 
 __all__ = ["edges"]
@@ -54,11 +56,8 @@ class Edges(CloudVerb):
     work = "edges"
 
     def estimator(self):
-        from sklearn_mcmd import SharpFeatureDetector
-
-        return self.made(
-            SharpFeatureDetector, outlier_detector=None if self.denoise else "passthrough"
-        )
+        detector = None if self.denoise else "passthrough"
+        return self.made(sklearn_mcmd.SharpFeatureDetector, outlier_detector=detector)
 
     def in_memory(self):
         from sklearn_mcmd.plotting._still import edge_columns
@@ -71,23 +70,17 @@ class Edges(CloudVerb):
         with _files.working(self.source):
             detector = self.estimator().fit(_files.coordinates(cloud))
         is_edge, score = _verdict(detector)
+        told = counts(len(cloud), n_edges=np.count_nonzero(is_edge))
         _files.write(self.target, with_results(cloud, edge_columns(is_edge, score, colors)))
-        return Outcome(
-            len(cloud),
-            contents=lambda: _contents(cloud, detector),
-            rows=lambda: {"edges": _messages.count_and_share(is_edge)},
-        )
+        return told, lambda: _contents(cloud, detector)
 
-    def by_tiles(self, catalog):
-        told = self.process(catalog, colors=self.colors)
-        found = _messages.number_and_share(told.n_edges, told.n_points)
-        return Outcome(
-            told.n_points,
-            contents=lambda: self._tile_contents(catalog, told),
-            rows=lambda: tiles_row(told) | {"edges": found},
-        )
+    def tile_options(self):
+        return {"colors": self.colors}
 
-    def _tile_contents(self, catalog, told):
+    def rows(self, told):
+        return tiles_row(told) | {"edges": number_and_share(told.n_edges, told.n_points)}
+
+    def tile_contents(self, catalog, told):
         from sklearn_mcmd.edges._detector import crease_width
         from sklearn_mcmd.report._edges import edges_contents
 

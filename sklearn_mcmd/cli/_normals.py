@@ -6,9 +6,10 @@ from typing import Annotated, Literal
 import numpy as np
 import typer
 
+import sklearn_mcmd
 from sklearn_mcmd._choices import RuleMethod
 from sklearn_mcmd.cli import _files, _options, _sensor
-from sklearn_mcmd.cli._cloud_verb import CloudVerb, Outcome, command_of, tiles_row
+from sklearn_mcmd.cli._cloud_verb import CloudVerb, command_of, counts, tiles_row
 from sklearn_mcmd.io._point_cloud import with_results
 
 __all__ = ["normals"]
@@ -77,7 +78,13 @@ class Normals(CloudVerb):
     n_jobs: _options.NJobs = -1
 
     def __post_init__(self):
-        _check_sensor(self.orientation, self.sensor, self.trajectory)
+        given = self.sensor is not None or self.trajectory is not None
+        if given != (self.orientation == "sensor"):
+            raise typer.BadParameter(
+                "--orientation sensor needs --sensor X,Y,Z|auto or --trajectory FILE, and these "
+                "need --orientation sensor: give both or neither."
+            )
+        _sensor.check_one_position(self.sensor, self.trajectory)
         self.features = _parse_features(self.features)
         self.n_features = len(_feature_columns(self.features))
         work = "tree" if self.orientation == "mst" else "normals"
@@ -85,10 +92,8 @@ class Normals(CloudVerb):
         self.work = _sensor.work_of_options(work, self.sensor, self.trajectory, rays=False)
 
     def estimator(self):
-        from sklearn_mcmd import RobustNormalEstimator
-
         return self.made(
-            RobustNormalEstimator,
+            sklearn_mcmd.RobustNormalEstimator,
             orientation=DIRECTIONS.get(self.orientation, self.orientation),
             sensor_origin=self.sensor if isinstance(self.sensor, tuple) else None,
         )
@@ -100,6 +105,8 @@ class Normals(CloudVerb):
         return estimator
 
     def in_memory(self):
+        from sklearn_mcmd.planes._orientation import count_upright
+
         cloud = self.read("normals")
         sizes = ["n_neighbors"] if self.n_neighbors == "auto" else []
         blanks = dict.fromkeys([*self._columns(), *sizes], _files.blank(cloud))
@@ -108,34 +115,29 @@ class Normals(CloudVerb):
         with _files.working(self.source):
             fitted = self.estimator().fit(_files.coordinates(cloud), sensor_origin=origins)
             results = _results(fitted)
-        _files.write(self.target, with_results(cloud, results))
-        return Outcome(
+        told = counts(
             len(cloud),
-            contents=lambda: _contents(cloud, fitted, results),
-            rows=lambda: self._rows(fitted, results),
+            removed_fraction=results["removed_fraction"].mean(dtype=np.float64),
+            n_upright=count_upright(fitted.normals_),
+            variation=np.median(results["surface_variation"]),
         )
+        _files.write(self.target, with_results(cloud, results))
+        return told, lambda: _contents(cloud, fitted, results)
 
-    def _rows(self, fitted, results):
-        from sklearn_mcmd.planes._orientation import count_upright
+    def tile_options(self):
+        return {"sensor_origin": _sensor.path_of_options(self.sensor, self.trajectory)}
 
-        variation = np.median(results["surface_variation"])
-        return {
-            "removed": _removed(results["removed_fraction"].mean(dtype=np.float64)),
-            "surface variation": f"{variation:.2g} (median)",
-        } | _sides(self.orientation, count_upright(fitted.normals_), len(fitted.normals_))
+    def rows(self, told):
+        rows = tiles_row(told)
+        rows["removed"] = f"{100 * told.removed_fraction:.2f} % of an average neighborhood"
+        if told.n_tiles == 0:  # tiles do not tell it
+            rows["surface variation"] = f"{told.variation:.2g} (median)"
+        if self.orientation == "none" and told.n_upright > SOME_UPRIGHT * told.n_points:
+            share = f"{100 * told.n_upright / told.n_points:.0f} % are of upright faces"
+            rows["sides"] = f"{share}, to either side by chance; see --orientation sensor and mst"
+        return rows
 
-    def by_tiles(self, catalog):
-        path = _sensor.path_of_options(self.sensor, self.trajectory)
-        told = self.process(catalog, sensor_origin=path)
-        removed = {"removed": _removed(told.removed_fraction)}
-        sides = _sides(self.orientation, told.n_upright, told.n_points)
-        return Outcome(
-            told.n_points,
-            contents=lambda: self._tile_contents(catalog, told),
-            rows=lambda: tiles_row(told) | removed | sides,
-        )
-
-    def _tile_contents(self, catalog, told):
+    def tile_contents(self, catalog, told):
         from sklearn_mcmd.report._normals import normals_contents
 
         names = self._columns()
@@ -149,18 +151,6 @@ class Normals(CloudVerb):
 
 
 normals = command_of(Normals)
-
-
-def _sides(orientation, n_upright, n_points):
-    """The row of the summary that names the option where noise decides the side of many."""
-    if orientation != "none" or n_upright <= SOME_UPRIGHT * n_points:
-        return {}
-    share = f"{100 * n_upright / n_points:.0f} % are of upright faces"
-    return {"sides": f"{share}, to either side by chance; see --orientation sensor and mst"}
-
-
-def _removed(share):
-    return f"{100 * share:.2f} % of an average neighborhood"
 
 
 def _results(fitted):
@@ -185,17 +175,6 @@ def _feature_columns(features):
     from sklearn_mcmd.normals._features import feature_columns
 
     return feature_columns(features, "xyz")
-
-
-def _check_sensor(orientation, sensor, trajectory):
-    """Wrong usage where a position is asked for or given, but not both."""
-    given = sensor is not None or trajectory is not None
-    if given != (orientation == "sensor"):
-        raise typer.BadParameter(
-            "--orientation sensor needs --sensor X,Y,Z|auto or --trajectory FILE, and these need "
-            "--orientation sensor: give both or neither."
-        )
-    _sensor.check_one_position(sensor, trajectory)
 
 
 def _parse_features(text):

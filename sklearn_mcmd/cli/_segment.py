@@ -8,8 +8,10 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from sklearn_mcmd.cli import _files, _messages, _options
-from sklearn_mcmd.cli._cloud_verb import CloudVerb, Outcome, command_of, tiles_row
+import sklearn_mcmd
+from sklearn_mcmd.cli import _files, _options
+from sklearn_mcmd.cli._cloud_verb import CloudVerb, command_of, counts, tiles_row
+from sklearn_mcmd.cli._messages import number_and_share
 from sklearn_mcmd.cli._region_files import check_regions_file, write_regions
 from sklearn_mcmd.io._files import replacing
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
@@ -122,10 +124,9 @@ class Segment(CloudVerb):
         return [self.target] if self.regions is None else [self.target, self.regions]
 
     def estimator(self):
-        from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
-
-        normals = self.made(RobustNormalEstimator)
-        return self.made(RegionGrowing, n_neighbors=self.growth_neighbors, normal_estimator=normals)
+        normals = self.made(sklearn_mcmd.RobustNormalEstimator)
+        own = {"n_neighbors": self.growth_neighbors, "normal_estimator": normals}
+        return self.made(sklearn_mcmd.RegionGrowing, **own)
 
     def in_memory(self):
         cloud = self.read("regions")
@@ -136,29 +137,27 @@ class Segment(CloudVerb):
                 pass
         with _files.working(self.source):
             fitted = self.estimator().fit(_files.coordinates(cloud))
+        n_inside, sizes = np.count_nonzero(fitted.labels_ >= 0), fitted.region_sizes_
+        told = counts(len(cloud), n_regions=len(sizes), n_inside=n_inside, largest=sizes)
         with ExitStack() as stack:  # no file is replaced before both are on the disk
             if self.regions is not None:
                 temporary = stack.enter_context(replacing(self.regions))
                 with _files.naming(self.regions):
                     write_regions(temporary, fitted.regions_)
             _files.write(self.target, _segmented(cloud, fitted.labels_, colors))
-        n_inside = np.count_nonzero(fitted.labels_ >= 0)
-        return Outcome(
-            len(cloud),
-            contents=lambda: _contents(cloud, fitted, n_inside),
-            rows=lambda: _rows(fitted.n_regions_, n_inside, len(cloud), fitted.region_sizes_),
-        )
+        return told, lambda: _contents(cloud, fitted, n_inside)
 
-    def by_tiles(self, catalog):
-        told = self.process(catalog, colors=self.colors)
-        found = told.n_regions, told.n_inside, told.n_points, told.largest
-        return Outcome(
-            told.n_points,
-            contents=lambda: self._tile_contents(catalog, told),
-            rows=lambda: tiles_row(told) | _rows(*found),
-        )
+    def tile_options(self):
+        return {"colors": self.colors}
 
-    def _tile_contents(self, catalog, told):
+    def rows(self, told):
+        return tiles_row(told) | {
+            "regions": f"{told.n_regions:,}",
+            "inside": number_and_share(told.n_inside, told.n_points),
+            "largest": ", ".join(f"{size:,}" for size in told.largest[:LARGEST_SHOWN]) or "none",
+        }
+
+    def tile_contents(self, catalog, told):
         from sklearn_mcmd.report._segment import Regions, segment_contents
 
         shown = self.shown(catalog, told, "region")
@@ -167,14 +166,6 @@ class Segment(CloudVerb):
 
 
 segment = command_of(Segment)
-
-
-def _rows(n_regions, n_inside, n_points, sizes):
-    return {
-        "regions": f"{n_regions:,}",
-        "inside": _messages.number_and_share(n_inside, n_points),
-        "largest": ", ".join(f"{size:,}" for size in sizes[:LARGEST_SHOWN]) or "none",
-    }
 
 
 def _contents(cloud, fitted, n_inside):
