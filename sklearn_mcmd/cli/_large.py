@@ -64,15 +64,8 @@ def large_catalog(source, memory, n_features, always=False, columns=None, *, wor
     """
     if not source.exists():
         raise FileNotFoundError(ENOENT, "no such file or folder", str(source))
-    several = is_several(source)
-    if columns is not None and (always or several or source.suffix.lower() in TILED):
-        told = no_columns(columns)
-        raise ValueError(f"{source}: {told}") from told
-    if always or several:
-        from sklearn_mcmd.tiling import Catalog
-
-        return Catalog(source)
-    if source.suffix.lower() not in TILED:
+    always = always or is_several(source)
+    if not always and source.suffix.lower() not in TILED:
         if memory is not None:
             warnings.warn(
                 f"{source}: is read as a whole, whatever --memory is; only {TILED_NAMES} are "
@@ -80,9 +73,14 @@ def large_catalog(source, memory, n_features, always=False, columns=None, *, wor
                 stacklevel=2,
             )
         return None
+    if columns is not None:
+        told = no_columns(columns)
+        raise ValueError(f"{source}: {told}") from told
     from sklearn_mcmd.tiling import Catalog
     from sklearn_mcmd.tiling._memory import bytes_in_memory, usual_memory
 
+    if always:
+        return Catalog(source)
     try:
         catalog = Catalog(source)
     except PointFileError:
