@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from sklearn_mcmd import __version__
 from sklearn_mcmd.cli._config import config
 from sklearn_mcmd.cli._demo import demo, info
 from sklearn_mcmd.cli._denoise import denoise
@@ -39,8 +40,6 @@ app = typer.Typer(
 
 def _show_version(value: bool):
     if value:
-        from sklearn_mcmd import __version__
-
         typer.echo(f"mcmd {__version__}")
         raise typer.Exit
 

@@ -1,5 +1,6 @@
 """``--config FILE``, settings in a file; ``mcmd config``, all of them with their defaults."""
 
+import json
 import tomllib
 from pathlib import Path
 from textwrap import indent, wrap
@@ -90,10 +91,7 @@ def _lines(option):
     if default is None:
         words = words if isinstance(words, str) else "not given"
         return f"{help}\n# {option.name} = {words}"
-    if isinstance(default, bool):
-        return f"{help}\n{option.name} = {str(default).lower()}"
-    shown = f'"{default}"' if isinstance(default, str) else default
-    return f"{help}\n{option.name} = {shown}"
+    return f"{help}\n{option.name} = {json.dumps(default)}"
 
 
 def _as_typed(value):

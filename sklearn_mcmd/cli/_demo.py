@@ -13,6 +13,7 @@ from sklearn_mcmd.cli._messages import clear_exits, print_table, stopwatch
 from sklearn_mcmd.cli._normals import normals
 from sklearn_mcmd.cli._options import Columns, NJobs, NoClobber, Quiet
 from sklearn_mcmd.cli._progress_bar import progress
+from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.runtime._interrupts import ignore_interrupts
 
 __all__ = ["demo", "info"]
@@ -30,7 +31,6 @@ def info(
     """
     with clear_exits():
         from sklearn_mcmd.cli._file_summary import summarize, summarize_each
-        from sklearn_mcmd.io import PointFileError
 
         paths = files_of(source)
         if paths == [source]:
@@ -66,11 +66,8 @@ def demo(
 
         seconds = stopwatch()
         import_extra("matplotlib", "plot", "the picture")
-        street, clean, with_normals = (
-            folder / f"{name}.laz" for name in ("street", "clean", "normals")
-        )
-        picture = folder / "demo.png"
-        outputs = (street, clean, with_normals, picture)
+        names = "street.laz", "clean.laz", "normals.laz", "demo.png"
+        outputs = street, clean, with_normals, picture = [folder / name for name in names]
         refuse_existing(no_clobber, *outputs)
         there = [path.name for path in outputs if os.path.exists(path)]
         if there and not force and not _demo_run.made_by_demo(street):

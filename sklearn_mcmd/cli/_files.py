@@ -9,9 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from sklearn_mcmd._errors import counted
-from sklearn_mcmd.cli._large import is_several
+from sklearn_mcmd.cli._large import is_several, outputs_of
+from sklearn_mcmd.io import PointCloud, read_points, write_points
+from sklearn_mcmd.io._files import check_writable, one_clear_line, system_error
 from sklearn_mcmd.io._formats import ALL, TILED, format_of, supported_extensions
+from sklearn_mcmd.io._grid import scale_of
 from sklearn_mcmd.io._point_cloud import joined
+from sklearn_mcmd.planes._resolution import coarse_warning, in_own_precision
 from sklearn_mcmd.runtime._progress import progress_part
 
 __all__ = [
@@ -36,8 +40,6 @@ WORKING = (0.04, 0.97)
 
 def coordinates(cloud):
     """Coordinates in their real precision. The estimators warn if float32 is too coarse."""
-    from sklearn_mcmd.planes._resolution import in_own_precision
-
     return in_own_precision(cloud.xyz)
 
 
@@ -45,7 +47,6 @@ def warn_if_coarse(cloud):
     """Warn as estimators with neighborhoods do, for a verb whose estimator has none."""
     if coordinates(cloud).dtype == np.float32:
         from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-        from sklearn_mcmd.planes._resolution import coarse_warning
 
         if coarse := coarse_warning(NeighborIndex(cloud.xyz, USUAL_NEIGHBORS)):
             warnings.warn(coarse, stacklevel=2)
@@ -54,8 +55,6 @@ def warn_if_coarse(cloud):
 @contextmanager
 def naming(path):
     """Name the file in the system's errors of writing."""
-    from sklearn_mcmd.io._files import system_error
-
     try:
         yield
     except OSError as err:
@@ -93,8 +92,6 @@ def read(source, target=None, results=None, *, columns=None):
 
     `columns` is as of `read_points`.
     """
-    from sklearn_mcmd.io import PointCloud, read_points
-
     if target is not None:
         rehearse(target, PointCloud(np.zeros((1, 3))))
         if results and (one := format_of(target)).results not in (ALL, results):
@@ -117,10 +114,9 @@ def refuse_existing(no_clobber, *targets, report=None, catalog=None):
     known = set()
     if catalog is not None:
         from sklearn_mcmd.tiling._folder import WorkFolder
-        from sklearn_mcmd.tiling._outputs import targets_of
 
         known = WorkFolder.written(targets[0])
-        targets = (*targets_of(catalog, targets[0]), *targets[1:])
+        targets = (*outputs_of(catalog, targets[0]), *targets[1:])
     if report is not None:
         from sklearn_mcmd.report._folder import PAGE, VIEW
 
@@ -147,8 +143,6 @@ def write(target, cloud, noise=None):
 
 
 def _write(target, cloud, noise):
-    from sklearn_mcmd.io import write_points
-
     with naming(target):
         write_points(target, cloud, noise=noise)
 
@@ -159,9 +153,6 @@ def rehearse(target, cloud, noise=None, *, whole=True):
     `whole` says that all points will be written.
     """
     if whole and target.suffix.lower() in TILED and "las_header" not in cloud.metadata:
-        from sklearn_mcmd.io._files import one_clear_line
-        from sklearn_mcmd.io._grid import scale_of
-
         with one_clear_line(target, "written"):
             scale_of(cloud.xyz)
     with standing_in(target) as stand_in:
@@ -171,8 +162,6 @@ def rehearse(target, cloud, noise=None, *, whole=True):
 @contextmanager
 def standing_in(target):
     """A path beside `target` for trial writing; errors name `target` itself."""
-    from sklearn_mcmd.io._files import check_writable, system_error
-
     real = check_writable(target)
     try:
         with (

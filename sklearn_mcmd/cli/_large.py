@@ -8,9 +8,11 @@ from typing import Annotated
 import typer
 
 from sklearn_mcmd.cli._messages import print_table
+from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._formats import INDEX, TILED, TILED_NAMES, no_columns
+from sklearn_mcmd.io._las_parts import read_parts
 
-__all__ = ["DryRun", "Memory", "Restart", "is_several", "large_catalog", "print_plan"]
+__all__ = ["DryRun", "Memory", "Restart", "is_several", "large_catalog", "outputs_of", "print_plan"]
 
 SAMPLE = 50_000  # points whose time is measured
 MORE = 1.25  # time of tiles over that in memory, at most; see docs/tiling.rst
@@ -62,15 +64,8 @@ def large_catalog(source, memory, n_features, always=False, columns=None, *, wor
     """
     if not source.exists():
         raise FileNotFoundError(ENOENT, "no such file or folder", str(source))
-    several = is_several(source)
-    if columns is not None and (always or several or source.suffix.lower() in TILED):
-        told = no_columns(columns)
-        raise ValueError(f"{source}: {told}") from told
-    if always or several:
-        from sklearn_mcmd.tiling import Catalog
-
-        return Catalog(source)
-    if source.suffix.lower() not in TILED:
+    always = always or is_several(source)
+    if not always and source.suffix.lower() not in TILED:
         if memory is not None:
             warnings.warn(
                 f"{source}: is read as a whole, whatever --memory is; only {TILED_NAMES} are "
@@ -78,16 +73,27 @@ def large_catalog(source, memory, n_features, always=False, columns=None, *, wor
                 stacklevel=2,
             )
         return None
-    from sklearn_mcmd.io import PointFileError
+    if columns is not None:
+        told = no_columns(columns)
+        raise ValueError(f"{source}: {told}") from told
     from sklearn_mcmd.tiling import Catalog
     from sklearn_mcmd.tiling._memory import bytes_in_memory, usual_memory
 
+    if always:
+        return Catalog(source)
     try:
         catalog = Catalog(source)
     except PointFileError:
         return None
     limit = usual_memory() if memory is None else memory
     return catalog if bytes_in_memory(catalog, n_features, work=work) > limit else None
+
+
+def outputs_of(catalog, target):
+    """The files to write, one for each of a catalog, or one."""
+    from sklearn_mcmd.tiling._outputs import targets_of
+
+    return targets_of(catalog, target)
 
 
 def print_plan(source, target, catalog, estimator, memory, *, n_features=0, work="normals"):
@@ -97,15 +103,8 @@ def print_plan(source, target, catalog, estimator, memory, *, n_features=0, work
     """
     from sklearn.base import clone
 
-    from sklearn_mcmd.io import PointFileError
-    from sklearn_mcmd.io._las_parts import read_parts
     from sklearn_mcmd.tiling import Catalog
-    from sklearn_mcmd.tiling._memory import (
-        bytes_in_memory,
-        most_neighbors,
-        plan_run,
-        usual_memory,
-    )
+    from sklearn_mcmd.tiling._memory import bytes_in_memory, most_neighbors, plan_run, usual_memory
     from sklearn_mcmd.tiling._run import warm_up
 
     if catalog is None and source.suffix.lower() not in TILED:

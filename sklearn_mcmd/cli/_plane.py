@@ -2,20 +2,28 @@
 
 import os
 import warnings
+from contextlib import ExitStack
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 import typer
 
+from sklearn_mcmd import __version__
 from sklearn_mcmd._choices import Correction, EliminationRule, Surface, Test
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.cli import _files, _messages, _options
 from sklearn_mcmd.cli._config import Config
-from sklearn_mcmd.cli._large import is_several, large_catalog
+from sklearn_mcmd.cli._large import is_several, large_catalog, outputs_of
 from sklearn_mcmd.cli._progress_bar import progress
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
+from sklearn_mcmd.io import PointCloud, read_points
+from sklearn_mcmd.io._files import replacing
+from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
+from sklearn_mcmd.io._las_parts import writing_parts
 from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.planes._resolution import coordinate_step
 
 __all__ = ["plane"]
 
@@ -179,12 +187,14 @@ def plane(
                 detector, residuals = _test_plane(cloud.xyz, method, params)
             more = _further(detector, cloud, tolerance, against, method, params, columns)
             if target is not None:
+                from sklearn_mcmd.report._plane import plane_contents
+
                 words = _write_all(
                     source, target, catalog, sheets, cloud, detector, residuals, unit, more
                 )
                 write_report_of(
                     report, source, target, seconds,
-                    lambda: _contents(cloud, detector, residuals, words, unit),
+                    lambda: plane_contents(cloud, detector, residuals, words, unit),
                 )  # fmt: skip
         if not quiet:
             _summarize(source, target, sheets, detector, residuals, unit, more, seconds())
@@ -193,7 +203,7 @@ def plane(
 def _rehearse(target, catalog, sheets, plot_wanted):
     """The paths of text and figure after a trial; None for a figure that cannot be drawn."""
     if catalog is not None:
-        _targets(catalog, target)
+        outputs_of(catalog, target)
     text, plot = sheets
     for path in (text,) if catalog is not None else (target, text):
         with _files.standing_in(path):
@@ -212,8 +222,6 @@ def _rehearse(target, catalog, sheets, plot_wanted):
 
 def _read(source, target, catalog, columns):
     """The points to test; of several files that are written one by one, the coordinates alone."""
-    from sklearn_mcmd.io import PointCloud
-
     if target is None:
         return _files.read_all(source, columns)
     if catalog is not None:
@@ -298,7 +306,6 @@ def _check_width(detector, xyz):
     """Raise if the points that pass are no sheet, but lie around a line or a place."""
     from sklearn_mcmd.adjustment._determinacy import AS_THICK_AS_WIDE, normal_pvalue
     from sklearn_mcmd.adjustment._plane import adjust_plane
-    from sklearn_mcmd.planes._resolution import coordinate_step
 
     retained = adjust_plane(xyz[detector.support_], surface="orthogonal")
     thick = np.sqrt(retained.sum_of_squares / retained.n_observations)
@@ -325,10 +332,7 @@ def _write_all(source, target, catalog, sheets, cloud, detector, residuals, unit
 
     Returns the text.
     """
-    from contextlib import ExitStack
-
     from sklearn_mcmd.adjustment import plot_report, text_report
-    from sklearn_mcmd.io._files import replacing
 
     text_file, plot = sheets
     title = f"Plane test of {source.name}"
@@ -351,26 +355,15 @@ def _write_all(source, target, catalog, sheets, cloud, detector, residuals, unit
     return text
 
 
-def _targets(catalog, target):
-    from sklearn_mcmd.tiling._outputs import targets_of
-
-    return targets_of(catalog, target)
-
-
 def _write_each(catalog, target, results):
     """Write the points of each file with their results, or all into one file."""
-    from sklearn_mcmd.io import read_points
-    from sklearn_mcmd.io._files import replacing
-    from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
-    from sklearn_mcmd.io._las_parts import writing_parts
-
-    targets = _targets(catalog, target)
+    paths = outputs_of(catalog, target)
     ends = np.cumsum(catalog.counts)[:-1]
     parts = zip(*(np.split(values, ends) for values in results), strict=True)
     clouds = map(read_points, catalog.paths)
-    if len(targets) == len(catalog):
-        targets[0].parent.mkdir(exist_ok=True)
-        for path, cloud, part in zip(targets, clouds, parts, strict=True):
+    if len(paths) == len(catalog):
+        paths[0].parent.mkdir(exist_ok=True)
+        for path, cloud, part in zip(paths, clouds, parts, strict=True):
             _files.write(path, *_tested(cloud, *part))
         return
     header = joined_header(catalog.paths)
@@ -379,17 +372,8 @@ def _write_each(catalog, target, results):
             put(*_tested(joined_cloud(cloud, header), *part))
 
 
-def _contents(cloud, detector, residuals, text, unit):
-    from sklearn_mcmd.report._plane import plane_contents
-
-    return plane_contents(cloud, detector, residuals, text, unit)
-
-
 def _record(source, target, plot):
     """The report's last lines: input, output, program and date."""
-    from datetime import datetime
-
-    from sklearn_mcmd import __version__
     from sklearn_mcmd.adjustment._report_lines import with_heading
 
     rows = {

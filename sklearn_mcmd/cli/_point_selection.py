@@ -6,14 +6,15 @@ import numpy as np
 import typer
 
 from sklearn_mcmd.cli._options import length_option
+from sklearn_mcmd.io._classes import class_numbers
+from sklearn_mcmd.io._files import one_clear_line
+from sklearn_mcmd.io._point_cloud import PointFileError
 
 __all__ = ["Above", "Below", "IgnoreClass", "Judged", "LowGroups", "OnlyClass", "judged_points"]
 
 
 def _classes(text):
     """Classes, separated by commas."""
-    from sklearn_mcmd.io._classes import class_numbers
-
     try:
         numbers = [int(part) for part in text.split(",")]
     except ValueError:
@@ -91,9 +92,7 @@ class Judged(NamedTuple):
 
 def judged_points(source, cloud, choice, above=None, below=None, low_groups=False):
     """The `Judged` points of a cloud; errors name its source."""
-    from sklearn_mcmd.io._files import one_clear_line
     from sklearn_mcmd.io._ground import NONE_JUDGED, HeightLimits, ground_of, heights_over_ground
-    from sklearn_mcmd.io._point_cloud import PointFileError
 
     with one_clear_line(source, "read"):
         used, ground = choice.of(cloud), None

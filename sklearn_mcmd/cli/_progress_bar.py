@@ -3,7 +3,9 @@
 import sys
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+
+from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part
 
 __all__ = ["progress"]
 
@@ -20,16 +22,10 @@ def progress(title, quiet):
     """
     from rich.console import Console
 
-    from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part
-
     console = Console(stderr=True)
-    if quiet:
-        show = _nothing
-    elif console.is_terminal:
-        show = _bars
-    else:
-        show = _lines
-    with show(title, console) as state, listen_to_progress(state and state.hear):
+    show = _bars if console.is_terminal else _lines
+    shown = nullcontext() if quiet else show(title, console)
+    with shown as state, listen_to_progress(state and state.hear):
         yield progress_part
 
 
@@ -61,11 +57,6 @@ class _State:
             if self.doing != before:
                 self.since = time.monotonic()
             self.changed(self)
-
-
-@contextmanager
-def _nothing(title, console):
-    yield None
 
 
 @contextmanager

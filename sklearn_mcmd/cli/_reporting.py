@@ -8,6 +8,7 @@ import typer
 from typer.core import TyperCommand
 
 from sklearn_mcmd.cli._messages import clear_exits
+from sklearn_mcmd.report._contents import Parameter, Run
 from sklearn_mcmd.runtime._interrupts import ignore_interrupts
 from sklearn_mcmd.runtime._progress import current_span, progress_part
 
@@ -63,28 +64,20 @@ def write_report_of(report, source, target, seconds, contents):
     time.
     """
     if report is not None:
-        _write_report(report, source, target, seconds, contents)
+        from sklearn_mcmd.report._folder import write_report
+
+        name, typed = report.context.command.name, report.context.meta[TYPED]
+        command, parameters = shlex.join(["mcmd", name, *typed]), _parameters(report.context)
+        run = Run(name, command, tuple(parameters), source, target, seconds())
+        with progress_part(1.0, 1.0, "report"):
+            span, made = current_span(), contents()
+            if span is not None:
+                span.tell(DRAWN)
+            write_report(report.folder, run, made)
     ignore_interrupts()
 
 
-def _write_report(report, source, target, seconds, contents):
-    from sklearn_mcmd.report._contents import Run
-    from sklearn_mcmd.report._folder import write_report
-
-    context = report.context
-    command = shlex.join(["mcmd", context.command.name, *context.meta[TYPED]])
-    parameters = tuple(_parameters(context))
-    run = Run(context.command.name, command, parameters, source, target, seconds())
-    with progress_part(1.0, 1.0, "report"):
-        span, made = current_span(), contents()
-        if span is not None:
-            span.tell(DRAWN)
-        write_report(report.folder, run, made)
-
-
 def _parameters(context):
-    from sklearn_mcmd.report._contents import Parameter
-
     for parameter in context.command.params:
         if parameter.param_type_name != "option" or parameter.name == "help":
             continue

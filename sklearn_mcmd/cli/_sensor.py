@@ -7,7 +7,11 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from sklearn_mcmd.io import PointFileError, read_trajectory, sensor_origins
+from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._formats import SENSORS, TILED
+from sklearn_mcmd.io._las import read_header
+from sklearn_mcmd.io._sensor import Stated, place_words, stated_positions
 
 __all__ = [
     "Intensity",
@@ -103,8 +107,6 @@ def work_of_options(work, sensor, trajectory, *, rays):
 def work_if_seen(work, source):
     """The same work with rays if a LAS may be recognized, which is known when it is read: unless
     its bounds tell that the origin is far away."""
-    from sklearn_mcmd.io import PointFileError
-    from sklearn_mcmd.io._las import read_header
     from sklearn_mcmd.outliers._rays import one_far_position
 
     if "rays" in work or not source.is_file() or source.suffix.lower() not in TILED:
@@ -121,8 +123,6 @@ def path_of_options(sensor, trajectory):
     """What `process_files` takes beside an estimator, which may have one position."""
     if trajectory is None:
         return sensor if sensor == AUTO else None
-    from sklearn_mcmd.io import read_trajectory
-
     return read_trajectory(trajectory)
 
 
@@ -135,10 +135,6 @@ def sensor_of_options(source, cloud, sensor=None, trajectory=None):
         return None
     if isinstance(sensor, tuple):
         return np.array(sensor)
-    from sklearn_mcmd.io import read_trajectory, sensor_origins
-    from sklearn_mcmd.io._files import one_clear_line
-    from sklearn_mcmd.io._sensor import stated_positions
-
     path = None if trajectory is None else read_trajectory(trajectory)
     with one_clear_line(source, "read"):
         if path is None:
@@ -166,7 +162,6 @@ def sensor_of_rays(source, cloud, used, sensor=None, trajectory=None, recognize=
     the points were taken from the origin. Scan angles, which take long and tell of aircraft, are
     left to those who ask for them. A sensor that moves has no even steps to be asked for.
     """
-    from sklearn_mcmd.io._sensor import Stated, place_words, stated_positions
     from sklearn_mcmd.outliers._view import view_from_origin, views_from_setups
 
     (told, words, setups), doubt, xyz = Stated(None, ""), "", cloud.xyz[used]

@@ -1,5 +1,6 @@
 """``mcmd view``."""
 
+import warnings
 from pathlib import Path
 from typing import Annotated
 
@@ -67,8 +68,7 @@ def view(
         refuse_existing(no_clobber, page)
         with progress("view", quiet):
             made = _make(
-                *(sources, page, columns),
-                **{"color": color, "only": only, "max_points": max_points, "title": title},
+                sources, page, columns, only, color=color, max_points=max_points, title=title
             )
             with progress_part(0.97, 1.0, "writing"):
                 made.save(page)
@@ -77,7 +77,7 @@ def view(
             _report(sources, page, made, seconds())
 
 
-def _make(sources, page, columns, *, only, **options):
+def _make(sources, page, columns, only, **options):
     from sklearn_mcmd.view._page import check_suffix, cloud_page
 
     check_suffix(page)
@@ -104,8 +104,5 @@ def _report(sources, page, made, seconds):
         seconds=f"{seconds:.1f}",
     )
     if size > LARGE_PAGE:
-        typer.echo(
-            f"mcmd: warning: the page has {size / 1e6:.0f} MB; --only or --max-points makes it "
-            "smaller",
-            err=True,
-        )
+        words = "--only or --max-points makes it smaller"
+        warnings.warn(f"the page has {size / 1e6:.0f} MB; {words}", stacklevel=2)

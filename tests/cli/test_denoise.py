@@ -6,7 +6,6 @@ import pytest
 from commands import error_line, run
 from scenes import scanned
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.cli import _denoise
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._classes import noise_classes
@@ -289,13 +288,13 @@ def test_tiles_take_a_position(turn, tmp_path, small_machine):
 @pytest.fixture
 def asked_for(monkeypatch):
     """What the detector is given beside coordinates."""
-    given, find = [], _denoise._find_outliers
+    given, fit = [], MCMDOutlierDetector.fit
 
-    def find_outliers(xyz, origins, intensity, **params):
+    def remember(self, X, *, intensity, **others):
         given.append(intensity)
-        return find(xyz, origins, intensity, **params)
+        return fit(self, X, intensity=intensity, **others)
 
-    monkeypatch.setattr(_denoise, "_find_outliers", find_outliers)
+    monkeypatch.setattr(MCMDOutlierDetector, "fit", remember)
     return given
 
 

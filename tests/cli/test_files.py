@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from commands import error_line, files_in, run
-from sklearn_mcmd.cli import _denoise, _normals
+from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
 from sklearn_mcmd.io import read_points, write_points
 from sklearn_mcmd.io._formats import ALL, format_of, supported_extensions
 
@@ -187,8 +187,8 @@ def test_an_output_that_cannot_be_is_refused_before_the_work(
     def work(*args, **kwargs):
         raise AssertionError("the long work began")
 
-    monkeypatch.setattr(_denoise, "_find_outliers", work)
-    monkeypatch.setattr(_normals, "_find_normals", work)
+    monkeypatch.setattr(MCMDOutlierDetector, "fit", work)
+    monkeypatch.setattr(RobustNormalEstimator, "fit", work)
     target = bad_output(kind, tmp_path)
     before = files_in(tmp_path)
     line = error_line(run(verb, room_file, target))
@@ -201,7 +201,7 @@ def test_an_attribute_the_output_cannot_hold_is_refused_before_the_work(
     room, tmp_path, monkeypatch
 ):
     write_points(tmp_path / "in.npz", room.with_attributes(**{"a" * 40: np.ones(len(room))}))
-    monkeypatch.setattr(_denoise, "_find_outliers", None)  # calling it would be a TypeError
+    monkeypatch.setattr(MCMDOutlierDetector, "fit", None)  # calling it would be a TypeError
     line = error_line(run("denoise", tmp_path / "in.npz", tmp_path / "out.laz"))
     assert "longer than the 32 bytes" in line
     assert str(tmp_path / "out.laz") in line

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from commands import error_line, files_in, run
+from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd._errors import ParameterError
-from sklearn_mcmd.cli import _denoise
 from sklearn_mcmd.io import PointCloud, write_points
 from sklearn_mcmd.tiling import TilingError
 
@@ -24,7 +24,7 @@ def failing(monkeypatch):
         def fail(*args, **kwargs):
             raise error
 
-        monkeypatch.setattr(_denoise, "_find_outliers", fail)
+        monkeypatch.setattr(MCMDOutlierDetector, "fit", fail)
 
     return set_error
 
@@ -47,7 +47,7 @@ def test_an_interrupt_ends_in_one_line_and_keeps_the_old_file(failing, room_file
 
 
 def test_an_error_of_the_program_itself_is_not_hidden(room_file, tmp_path, monkeypatch):
-    monkeypatch.setattr(_denoise, "_find_outliers", lambda *args, **kwargs: 1 / 0)
+    monkeypatch.setattr(MCMDOutlierDetector, "fit", lambda *args, **kwargs: 1 / 0)
     result = run("denoise", room_file, tmp_path / "out.laz")
     assert isinstance(result.exception, ZeroDivisionError)
 
@@ -57,14 +57,14 @@ def test_deprecations_within_libraries_are_not_told_to_users(room_file, tmp_path
     class Deprecated(UserWarning, DeprecationWarning):
         pass
 
-    find = _denoise._find_outliers
+    fit = MCMDOutlierDetector.fit
 
     def warn(*args, **kwargs):
         warnings.warn("parseString is deprecated", Deprecated, stacklevel=2)
         warnings.warn("the scan is sparse", UserWarning, stacklevel=2)
-        return find(*args, **kwargs)
+        return fit(*args, **kwargs)
 
-    monkeypatch.setattr(_denoise, "_find_outliers", warn)
+    monkeypatch.setattr(MCMDOutlierDetector, "fit", warn)
     result = run("denoise", room_file, tmp_path / "out.laz", "--quiet")
     assert result.stderr == "mcmd: warning: the scan is sparse\n"
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.cli import _denoise, _normals, _segment, app
+from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
+from sklearn_mcmd.cli import _denoise, app
 from sklearn_mcmd.outliers._calibration import LEAST_EXPECTED, MOST
 
 VERBS = {
-    "denoise": (_denoise, "_find_outliers"),
-    "normals": (_normals, "_find_normals"),
-    "segment": (_segment, "_growing"),
+    "denoise": MCMDOutlierDetector,
+    "normals": RobustNormalEstimator,
+    "segment": RegionGrowing,
 }
 
 
@@ -123,12 +123,11 @@ def test_a_rate_beyond_the_noise_of_the_planes_is_reached(room, room_file, tmp_p
 def test_the_ends_of_the_range_are_parsed(verb, given, parsed, room_file, tmp_path, monkeypatch):
     asked = []
 
-    def work(*given, **params):
-        settings = [part for part in (*given, params) if isinstance(part, dict)]
-        asked.extend(part["max_outlier_rate"] for part in settings if "max_outlier_rate" in part)
+    def work(self, *args, **kwargs):
+        asked.append(getattr(self, "normal_estimator", self).max_outlier_rate)
         raise ValueError("enough is known")
 
-    monkeypatch.setattr(*VERBS[verb], work)
+    monkeypatch.setattr(VERBS[verb], "fit", work)
     assert run(verb, room_file, tmp_path / "out.npy", "--max-outlier-rate", given).exit_code == 1
     assert asked == [parsed]
 

@@ -11,7 +11,7 @@ import pytest
 
 from commands import error_line, files_in, run
 from pages import read_page
-from sklearn_mcmd.cli import _denoise
+from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 
 VERBS = ("denoise", "normals", "segment", "edges")
@@ -174,7 +174,7 @@ def refuse_to_work(monkeypatch):
     def work(*args, **kwargs):
         raise AssertionError("the long work began")
 
-    monkeypatch.setattr(_denoise, "_find_outliers", work)
+    monkeypatch.setattr(MCMDOutlierDetector, "fit", work)
 
 
 def test_a_folder_that_cannot_be_written_is_refused_before_the_work(
