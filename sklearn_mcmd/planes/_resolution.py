@@ -116,28 +116,20 @@ def in_own_precision(X):
 def is_single(levels):
     """Whether float32 rounded coordinates that it holds exactly, from what `levels_of` gives.
 
-    It holds whole meters in national coordinates, too, whose differences it does not show. They are
-    multiples of 1 and of two float32 steps where coordinates are largest; or of 1 on all axes, also
-    where the steps of float32 are finer.
+    Float32 holds whole meters, too, and rasters, whose own steps are longer than its steps. The
+    axis tells on which float32 is finest, of those on which its steps matter and values differ.
     """
     axes = []
     for values, counts in levels:
         usual = values[np.searchsorted(np.cumsum(counts), counts.sum() / 2)]
-        axes.append((float(np.spacing(np.float32(abs(usual)))), values - usual, counts))
-    step, *largest = max(axes, key=lambda axis: axis[0])
-    if step <= COARSE_ROUNDING:  # too fine to matter: numbers that differ by 1 have that radius
+        step = float(np.spacing(np.float32(abs(usual))))
+        # Numbers that differ by 1 have a radius of which a finer step is too small to matter.
+        if step > COARSE_ROUNDING and counts.max() < ON_LATTICE * counts.sum():
+            axes.append((step, values, counts))
+    if not axes:
         return True
-    return not (
-        _are_multiples(max(1.0, 2 * step), *largest)
-        or (
-            min(axis[0] for axis in axes) < step
-            and all(_are_multiples(max(1.0, step), *a) for _, *a in axes)
-        )
-    )
-
-
-def _are_multiples(step, differences, counts):
-    return counts[differences % step == 0].sum() >= ON_LATTICE * counts.sum()
+    step, *finest = min(axes, key=lambda axis: axis[0])
+    return step_of_levels([finest]) < 2 * step
 
 
 def _typical(counts):

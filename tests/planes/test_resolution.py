@@ -97,6 +97,9 @@ WHOLE = {
     "whole meters anywhere": RNG.integers(0, 300, (2000, 3)) + NATIONAL,
     "where float32 has steps of 1 m": RNG.integers(0, 300, (2000, 3)) + FAR,
     "a raster there": single(raster(10.0, np.array([400_005.0, 9_000_005.0, 0])) * [1, 1, 0.917]),
+    "eastings with the number of the zone": raster(10.0, np.array([32_400_000, 5_700_000, 100])),
+    "half meters": single(raster(0.5) * [1, 1, 0.917]),
+    "5 m where float32 has steps of 1 m": single(raster(5.0, FAR) * [1, 1, 0.917]),
     "some points off it": np.vstack([raster(10.0), single(RNG.random((9, 3)) * 300 + NATIONAL)]),
 }
 ROUNDED = {
@@ -106,6 +109,9 @@ ROUNDED = {
     "whole numbers as large on all axes": RNG.integers(0, 60, (2000, 3)) + 1.6e7,
     "a tile": RNG.random((2000, 3)) * [1000, 1000, 50] + NATIONAL,
     "a floor": RNG.random((2000, 3)) * [9, 9, 0] + NATIONAL,
+    "a wall along an axis": RNG.normal(0, [9, 0.05, 9], (2000, 3)) + NATIONAL,
+    "a wall along the other": RNG.normal(0, [0.001, 9, 9], (2000, 3)) + NATIONAL,
+    "eastings with the number of the zone": RNG.random((2000, 3)) * 60 + [32_400_000, 5.7e6, 100],
     "a room": RNG.random((2000, 3)) * 4 - 2,
     "whole millimeters": RNG.integers(0, 4000, (2000, 3)).astype(float),
 }
