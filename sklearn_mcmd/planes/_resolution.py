@@ -125,7 +125,7 @@ def is_single(levels):
         step = float(np.spacing(np.float32(abs(usual))))
         # Numbers that differ by 1 have a radius of which a finer step is too small to matter.
         if step > COARSE_ROUNDING and counts.max() < ON_LATTICE * counts.sum():
-            axes.append((step, values, counts))
+            axes.append((step, values.astype(float, copy=False), counts))
     if not axes:
         return True
     step, *finest = min(axes, key=lambda axis: axis[0])
