@@ -10,7 +10,7 @@ import numpy as np
 
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io._las_structure import check_grid
-from sklearn_mcmd.io._no_returns import NoReturns
+from sklearn_mcmd.io._no_returns import TOLD, NoReturns
 from sklearn_mcmd.io._point_cloud import (
     COLORS,
     PointCloud,
@@ -45,7 +45,7 @@ def read_e57(path):
     pye57 = import_extra("pye57", "formats", "E57")
     scans = _checked_scans(path)
     readable = set(pye57.e57.SUPPORTED_POINT_FIELDS)
-    clouds, setups, skipped, n_points = {}, [], set(), 0
+    clouds, setups, skipped, n_points, n_told = {}, [], set(), 0, 0
     with pye57.E57(os.fsencode(path)) as file:
         for i in range(file.scan_count):
             header = file.get_header(i)
@@ -59,6 +59,7 @@ def read_e57(path):
             xyz, attributes = _scan(pye57, file, header)
             no_returns = NoReturns().add(xyz)  # in the frame of the scan
             if no_returns.n_left_out:
+                n_told += no_returns.n_left_out
                 warn_caller(no_returns.warning(f"{path}, scan {i + 1}"))
                 kept = xyz.any(axis=1)
                 xyz, attributes = xyz[kept], {name: a[kept] for name, a in attributes.items()}
@@ -69,7 +70,9 @@ def read_e57(path):
         warn_caller(
             f"{path}: fields that pye57 cannot read are left out: {', '.join(sorted(skipped))}"
         )
-    return joined_scans(clouds, setups, n_points)
+    cloud = joined_scans(clouds, setups, n_points)
+    cloud.metadata[TOLD] = n_told
+    return cloud
 
 
 def _checked_scans(path):

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
 from sklearn_mcmd.io._formats import ALL, format_of, no_columns
-from sklearn_mcmd.io._no_returns import NoReturns
+from sklearn_mcmd.io._no_returns import TOLD, NoReturns
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 from sklearn_mcmd.io._units import degrees_warning
 
@@ -77,7 +77,7 @@ def read_points(
     Points with a coordinate that is not finite (common in organized PCD), or that E57 marks
     invalid, are dropped and counted in ``PointCloud.n_dropped``. So are rows of zeros, which
     scanners write for rays without a return: all of PTX, of other formats if there are more than 8,
-    and more than rows with a single coordinate 0. In E57 they are where the scanner stood.
+    and more than rows with two coordinates 0. In E57 they are where the scanner stood.
 
     Whitespace, commas, semicolons or tabs may separate text, which is UTF-8, UTF-16 with a mark, or
     Latin-1. A header has no number among its first three fields. Titles above it and units below it
@@ -145,6 +145,7 @@ def read_points(
             n_dropped = cloud.n_dropped + int(np.count_nonzero(~kept))
             cloud = cloud.subset(kept)
             cloud.n_dropped = n_dropped
+            cloud.metadata[TOLD] = cloud.metadata.get(TOLD, 0) + no_returns.n_left_out
         if len(cloud) == 0:
             dropped = f" with finite coordinates ({cloud.n_dropped} dropped)"
             raise PointFileError("holds no points" + (dropped if cloud.n_dropped else ""))

@@ -66,7 +66,8 @@ class PointCloud:
         scanner of each scan of E57 or PTX stood, ``sensor_origins``, NaN where that is not known.
     n_dropped : int, default=0
         Number of points of the file that were left out, because a coordinate was not finite,
-        or the file says that there is no point.
+        or the file says that there is no point. ``metadata["n_no_returns"]`` of them were warned of
+        as rows of zeros.
 
     Raises
     ------

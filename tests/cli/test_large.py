@@ -121,6 +121,7 @@ def test_rays_without_a_return_are_left_out_by_tiles_too(small_machine, tmp_path
         result = run(verb, tmp_path / "in.las", target, *options)
         assert result.exit_code == 0, result.output
         assert "2,000 of 8,000 points are 0, 0, 0, the first is point 1" in result.stderr
+        assert result.stderr.count("left out") == 1
         assert ("tiles" in result.stdout) == (target == b)
     assert a.read_bytes() == b.read_bytes()
     assert 5_500 < len(read_points(a)) <= 6_000
