@@ -64,8 +64,8 @@ def read_points(
         If columns of words, or fields of other formats, are left out. If integers of text are
         rounded: beyond 2**53 in a column with gaps. If points are 0, 0, 0 where most coordinates
         are 100,000 and more, or many are: rays without a return. If x and y seem to be degrees,
-        unlike z. If LAS describes more of a point than there is, or a rotation of E57 is not of
-        length 1.
+        unlike z. If LAS describes more of a point than there is, or holds more records than its
+        header counts, or a rotation of E57 is not of length 1.
 
     See Also
     --------

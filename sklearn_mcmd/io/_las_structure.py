@@ -20,11 +20,14 @@ __all__ = [
 
 SMALLEST_HEADER, LAS_14_HEADER = 227, 375
 VLR_HEADER, EVLR_HEADER = 54, 60
-LENGTH_FIELD, GRID_FIELD, BOUNDS_FIELD = 105, 131, 179
+LENGTH_FIELD, GRID_FIELD, BOUNDS_FIELD, WAVEFORMS_FIELD = 105, 131, 179, 227
 
 
 def check_structure(file):
-    """Refuse impossible counts: laspy would loop over them for hours, or request their memory."""
+    """Refuse impossible counts: laspy would loop over them for hours, or request their memory.
+
+    Return how many records are behind the points that the header counts, if these are uncompressed.
+    """
     size = os.fstat(file.fileno()).st_size  # of this file: another may take its name meanwhile
     file.seek(0)
     start = file.read(LAS_14_HEADER)
@@ -34,8 +37,10 @@ def check_structure(file):
         raise PointFileError(f"truncated: {size} bytes are fewer than a LAS header")
     header_size, points_at, n_vlrs = struct.unpack_from("<HII", start, 94)
     format_id, record_length, n_points = struct.unpack_from("<BHI", start, 104)
-    evlrs_at = n_evlrs = 0
-    if start[25] >= 4:  # the minor version
+    evlrs_at = n_evlrs = waveforms_at = 0
+    if start[25] >= 3:  # the minor version
+        waveforms_at = int.from_bytes(start[WAVEFORMS_FIELD : WAVEFORMS_FIELD + 8], "little")
+    if start[25] >= 4:
         if len(start) < LAS_14_HEADER:
             raise PointFileError(f"truncated: {size} bytes are fewer than a LAS 1.4 header")
         evlrs_at, n_evlrs, n_points = struct.unpack_from("<QIQ", start, 235)
@@ -43,14 +48,21 @@ def check_structure(file):
         raise PointFileError(f"truncated: the points begin at byte {points_at} of {size}")
     if VLR_HEADER * n_vlrs > size - header_size or not _fit(file, evlrs_at, n_evlrs, size):
         raise PointFileError("broken header: more metadata records than the file has room for")
-    if format_id & 0xC0 != 0x80 and n_points * record_length > size - points_at:
+    is_compressed, end = format_id & 0xC0 == 0x80, points_at + n_points * record_length
+    if not is_compressed and end > size:
         raise PointFileError(
             f"truncated: {n_points} points of {record_length} bytes need "
-            f"{points_at + n_points * record_length} bytes, the file has {size}"
+            f"{end} bytes, the file has {size}"
         )
     grid = np.frombuffer(start, "<f8", 6, GRID_FIELD).reshape(2, 3)
     for axis, scale, offset in zip("xyz", *grid, strict=True):
         check_grid(axis, scale, offset)
+    if is_compressed or not record_length:
+        return 0
+    file.seek(end)
+    is_padding = not any(file.read(record_length))
+    behind = [at for at in (evlrs_at * (n_evlrs > 0), waveforms_at, size) if at >= end]
+    return 0 if is_padding else (min(behind) - end) // record_length
 
 
 def check_grid(axis, scale, offset):
