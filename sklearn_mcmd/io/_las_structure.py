@@ -6,7 +6,6 @@ import struct
 
 import numpy as np
 
-from sklearn_mcmd.io._grid import LARGEST
 from sklearn_mcmd.io._point_cloud import PointFileError
 
 __all__ = [
@@ -20,6 +19,7 @@ __all__ = [
 
 SMALLEST_HEADER, LAS_14_HEADER = 227, 375
 VLR_HEADER, EVLR_HEADER = 54, 60
+SAME_PLACE = 1_000
 LENGTH_FIELD, GRID_FIELD, BOUNDS_FIELD, WAVEFORMS_FIELD = 105, 131, 179, 227
 
 
@@ -69,7 +69,8 @@ def check_grid(axis, scale, offset):
     """Refuse a scale that puts all points at one place about the offset, or beyond all bounds."""
     with np.errstate(invalid="ignore"):
         finest = np.spacing(max(abs(offset), 1.0))
-    if not finest / LARGEST <= abs(scale) <= 1 / np.finfo(float).eps:
+    # A thousand records in one step of double precision would be one place.
+    if not finest / SAME_PLACE <= abs(scale) <= 1 / np.finfo(float).eps:
         raise PointFileError(
             f"broken header: scale {scale:g} and offset {offset:g} of {axis} give no "
             "coordinates that differ; get the file anew from where it was made"

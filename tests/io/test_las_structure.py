@@ -72,6 +72,21 @@ def test_scales_and_offsets_that_cannot_be_are_refused(tmp_path, field, value):
             read(path)
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_an_offset_that_takes_the_place_of_all_coordinates_of_an_axis_is_refused(tmp_path, axis):
+    path = change(write(tmp_path / "a.las"), SCALES + 24 + 8 * axis, struct.pack("<d", 1e17))
+    for read in (read_points, Catalog):
+        with pytest.raises(PointFileError, match=f"offset 1e\\+17 of {'xyz'[axis]} give no"):
+            read(path)
+
+
+@pytest.mark.parametrize(("scale", "offset"), [(1e-6, 5e6), (1e-3, 0.0), (1e-9, 0.0), (1e-3, 1e12)])
+def test_offsets_that_can_be_are_read(tmp_path, scale, offset):
+    path = write(tmp_path / "a.las")
+    change(path, SCALES, struct.pack("<6d", *[scale] * 3, *[offset] * 3))
+    assert len(np.unique(read_points(path).xyz[:, 0])) == N
+
+
 @pytest.mark.parametrize("scale", [1e-9, 1e-3, -1e-3, 1.0, 1000.0])
 def test_scales_that_can_be_are_read(tmp_path, scale):
     header = laspy.LasHeader(version="1.4", point_format=6)
