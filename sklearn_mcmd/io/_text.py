@@ -171,8 +171,9 @@ def _begin(file, columns, extension):
         )
     if known is None:
         widths = {len(fields), len(fields) - (fields[-1] == "")}
-        named = (some for some in headers + comments if len(some) in widths)
-        known = next(named, headers[0] if headers else None)
+        named = [some for some in headers + comments if len(some) in widths]
+        whole = (some for some in named if _has_coordinates(some, columns))
+        known = next(chain(whole, named, headers[:1]), None)
     if known is not None:
         if known[-1] == "" and len(known) == len(fields) + 1:
             known = known[:-1]
@@ -187,6 +188,11 @@ def _begin(file, columns, extension):
     if known is not None or columns:
         positions = coordinate_columns(names, columns)
     return _Table(number, fields, delimiter, names, positions, counts, counted_at), line
+
+
+def _has_coordinates(names, columns):
+    with suppress(PointFileError):
+        return bool(coordinate_columns(names, columns))
 
 
 @dataclass

@@ -270,6 +270,15 @@ def test_of_several_comments_the_one_with_a_name_for_each_column_counts(tmp_path
     assert_array_equal(cloud.attributes["label"], [4])
 
 
+@pytest.mark.parametrize("first", ["Leica,RTC360,Berlin,A", "m,m,m,s", "a,b,c,d"])
+def test_of_several_comments_the_first_that_holds_coordinates_counts(tmp_path, first):
+    cloud = read(tmp_path, f"# {first}\n# z,y,x,label\n# x,y,z,other\n3,2,1,4\n")
+    assert_array_equal(cloud.xyz, [[1, 2, 3]])
+    assert list(cloud.attributes) == ["label"]
+    with pytest.raises(PointFileError, match=f"among the columns {first.replace(',', ', ')}"):
+        read(tmp_path, f"# {first}\n# scanned,by,hand,today\n3,2,1,4\n")
+
+
 # ---- numbers and encodings -------------------------------------------------------------
 
 
