@@ -86,7 +86,8 @@ def read_points(
     is a header if it has a field for each column, and two of them are names as people give them, or
     none is a number and commas without blanks are between them. Columns without a name are called
     ``column_4`` and so on. Between semicolons or tabs, the first number with a comma or point tells
-    which of them is decimal for the whole file; elsewhere points are. Empty cells, NA, N/A, NULL
+    which of them is decimal for the whole file, of coordinates apart from others; elsewhere points
+    are. Empty cells, NA, N/A, NULL
     and None are NaN; in coordinates they are an error. Columns that hold other words, such as
     dates, are left out. Attributes that are integers in all rows are exact up to 64 bits.
 

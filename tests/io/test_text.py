@@ -321,6 +321,68 @@ def test_rows_with_another_decimal_sign_are_refused_by_their_line(
         read(tmp_path, "\n".join(rows))
 
 
+@pytest.mark.parametrize("part", [1, 2, 100])
+@pytest.mark.parametrize(
+    ("rows", "truth"),
+    [
+        (["1;2;3;0.5", "1,5;2;3;0.5"], [[1, 2, 3, 0.5], [1.5, 2, 3, 0.5]]),
+        (
+            ["1;2;3;0.5", "4;5;6;7", "1,5;2;3;1.234"],
+            [[1, 2, 3, 0.5], [4, 5, 6, 7], [1.5, 2, 3, 1.234]],
+        ),
+        (["1;2;3;0,5", "1.5;2;3;0,25"], [[1, 2, 3, 0.5], [1.5, 2, 3, 0.25]]),
+        (["1,5;2;3;0.5", "7;8;9;0.25"], [[1.5, 2, 3, 0.5], [7, 8, 9, 0.25]]),
+        (["1;2;3;0.5", "4;5;6;1.5"], [[1, 2, 3, 0.5], [4, 5, 6, 1.5]]),
+        (["1;2;3;0,5", "4,5;5;6;1,5"], [[1, 2, 3, 0.5], [4.5, 5, 6, 1.5]]),
+    ],
+)
+def test_the_sign_of_an_attribute_decides_no_coordinates(tmp_path, monkeypatch, rows, truth, part):
+    monkeypatch.setattr(_text, "ROWS_A_TIME", part)
+    cloud = read(tmp_path, "\n".join(rows))
+    assert_array_equal(np.c_[cloud.xyz, cloud.attributes["column_4"]], truth)
+
+
+@pytest.mark.parametrize("part", [1, 100])
+@pytest.mark.parametrize(
+    "rows", [["1;2;3;0,5", "1,5;2;3;4", "1.5;2;3;4"], ["1;2;3;0.5", "1,5;2;3;4", "1.5;2;3;4"]]
+)
+def test_coordinates_have_one_sign_whatever_attributes_have(tmp_path, monkeypatch, rows, part):
+    monkeypatch.setattr(_text, "ROWS_A_TIME", part)
+    with pytest.raises(
+        PointFileError, match=r"line 3: '1\.5' is not a number with a decimal comma"
+    ):
+        read(tmp_path, "\n".join(rows))
+
+
+@pytest.mark.parametrize("part", [1, 100])
+@pytest.mark.parametrize(
+    ("rows", "line"),
+    [
+        (['"345,678";"567,890";12'], 1),
+        (["345;567;12", '1;"-567,890";12'], 2),
+        (["x;y;z;i", '1;2;3;"12,345"'], 2),
+    ],
+)
+def test_thousands_or_decimals_in_quotes_are_asked_for(tmp_path, monkeypatch, rows, line, part):
+    monkeypatch.setattr(_text, "ROWS_A_TIME", part)
+    with pytest.raises(PointFileError, match=f"line {line}: are there thousands or decimals"):
+        read(tmp_path, "\n".join(rows))
+
+
+@pytest.mark.parametrize(
+    ("row", "truth"),
+    [
+        ("345,678;567,890;12", [345.678, 567.89, 12]),  # no spreadsheet leaves thousands so
+        ('"1,5";"567,890";"12,125"', [1.5, 567.89, 12.125]),  # the first is beyond doubt
+        ('"452348,901";"567,890";12', [452348.901, 567.89, 12]),
+        ('"0,125";"567,890";12', [0.125, 567.89, 12]),
+        ('"5,411,234";"1.5";12', [5411234, 1.5, 12]),
+    ],
+)
+def test_commas_beyond_doubt_are_read_in_quotes(tmp_path, row, truth):
+    assert_array_equal(read(tmp_path, row).xyz, [truth])
+
+
 @pytest.mark.parametrize("text", ["1,5 2,5 3,5\n", "1,5\n", "x y z\n1,5 2 3\n", '"1,5","2","3"\n'])
 def test_decimal_commas_where_commas_may_separate_columns_are_refused(tmp_path, text):
     with pytest.raises(PointFileError, match=r"decimal commas: replace|2 column|names 3 columns"):
