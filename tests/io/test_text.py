@@ -383,6 +383,31 @@ def test_commas_beyond_doubt_are_read_in_quotes(tmp_path, row, truth):
     assert_array_equal(read(tmp_path, row).xyz, [truth])
 
 
+@pytest.mark.parametrize("part", [1, 100])
+@pytest.mark.parametrize("separator", [";", "\t"])
+@pytest.mark.parametrize(
+    ("mark", "encoding"),
+    [*((mark, "utf-8") for mark in "'\u2019\xa0\u202f"), ("\u2019", "cp1252"), ("\xa0", "cp1252")],
+)
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_thousands_of_swiss_and_french_are_read(
+    tmp_path, monkeypatch, mark, decimal, separator, encoding, part
+):
+    monkeypatch.setattr(_text, "ROWS_A_TIME", part)
+    rows = ["E;N;H;i", "1^347^452.548;-567^890.1;412;1^000", "452^347;567^890.25;412.5;2"]
+    text = "\n".join(rows).replace(".", decimal).replace("^", mark).replace(";", separator)
+    (tmp_path / "a.txt").write_bytes(text.encode(encoding))
+    cloud = read_points(tmp_path / "a.txt")
+    assert_array_equal(cloud.xyz, [[1347452.548, -567890.1, 412], [452347, 567890.25, 412.5]])
+    assert_array_equal(cloud.attributes["i"], [1000, 2])
+
+
+@pytest.mark.parametrize("cell", ["45'23", "1'234'56", "0'123.5", "1'234\xa0567", "1234'567", "5'"])
+def test_marks_that_separate_no_thousands_are_no_number(tmp_path, cell):
+    with pytest.raises(PointFileError, match=r"line 2: .* is not a number"):
+        read(tmp_path, f"1;2;3\n{cell};2;3\n")
+
+
 @pytest.mark.parametrize("text", ["1,5 2,5 3,5\n", "1,5\n", "x y z\n1,5 2 3\n", '"1,5","2","3"\n'])
 def test_decimal_commas_where_commas_may_separate_columns_are_refused(tmp_path, text):
     with pytest.raises(PointFileError, match=r"decimal commas: replace|2 column|names 3 columns"):
