@@ -51,7 +51,7 @@ def read_e57(path):
             header = file.get_header(i)
             n_points += header.point_count
             check_room(n_points // 8, path.stat().st_size, f"{n_points:,} points")
-            rotation, translation = _pose(f"{path}: scan {i + 1}", scans[i])
+            rotation, translation = _pose(path, i + 1, scans[i])
             setups.append(_setup(header, translation))
             skipped |= set(header.point_fields) - readable
             if not header.point_count:
@@ -101,22 +101,29 @@ def _checked_scans(path):
     return root.findall(f"{ANY}data3D/*")
 
 
-def _pose(name, scan):
+def _pose(path, number, scan):
     """Rotation and translation of a scan. Zeros are no rotation, as other programs take them."""
     parts = []
     for part, axes, values in (("rotation", "wxyz", [1, 0, 0, 0]), ("translation", "xyz", [0] * 3)):
         if (told := scan.find(f"{ANY}pose/{ANY}{part}")) is not None:
             values = [told.findtext(ANY + axis, "nan") or 0 for axis in axes]
-        parts.append(np.array(values, float))
-    rotation, translation = parts
-    length = np.linalg.norm(rotation)
-    if not (np.isfinite(length) and np.abs(translation).max() < FARTHEST):
+        parts.append(values)
+    try:
+        rotation, translation = (np.array(values, float) for values in parts)
+        length = np.linalg.norm(rotation)
+        if not (np.isfinite(length) and np.abs(translation).max() < FARTHEST):
+            raise ValueError
+    except ValueError:
+        turn, move = (" ".join(map(str, values)) for values in parts)
         raise PointFileError(
-            f"broken pose: rotation {rotation.tolist()}, translation {translation.tolist()}"
-        )
+            f"scan {number}: broken pose: rotation {turn}, translation {move}; get the file anew "
+            "from where it was made, or without that scan"
+        ) from None
     if abs(length - 1) > UNIT:
         taken = "its direction" if length > UNIT else "no rotation"
-        warn_caller(f"{name}: its rotation has length {length:.3g}, not 1; {taken} is taken")
+        warn_caller(
+            f"{path}: scan {number}: its rotation has length {length:.3g}, not 1; {taken} is taken"
+        )
     return rotation if length > UNIT else np.eye(1, 4)[0], translation
 
 

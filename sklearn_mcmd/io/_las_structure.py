@@ -17,7 +17,7 @@ __all__ = [
     "start_of_longest",
 ]
 
-SMALLEST_HEADER, LAS_14_HEADER = 227, 375
+SMALLEST_HEADER, LAS_14_HEADER, LAS_15_HEADER = 227, 375, 393
 VLR_HEADER, EVLR_HEADER = 54, 60
 SAME_PLACE = 1_000
 LENGTH_FIELD, GRID_FIELD, BOUNDS_FIELD, WAVEFORMS_FIELD = 105, 131, 179, 227
@@ -36,11 +36,15 @@ def check_structure(file):
     if len(start) < SMALLEST_HEADER:
         raise PointFileError(f"truncated: {size} bytes are fewer than a LAS header")
     header_size, points_at, n_vlrs = struct.unpack_from("<HII", start, 94)
+    major, minor = start[24:26]
+    if (major, minor) > (1, 5) or (minor == 5 and header_size < LAS_15_HEADER):
+        told = f"LAS {major}.{minor} with a header of {header_size} bytes is not known"
+        raise PointFileError(f"{told}; write it as LAS 1.4 where it was made")
     format_id, record_length, n_points = struct.unpack_from("<BHI", start, 104)
     evlrs_at = n_evlrs = waveforms_at = 0
-    if start[25] >= 3:  # the minor version
+    if minor >= 3:
         waveforms_at = int.from_bytes(start[WAVEFORMS_FIELD : WAVEFORMS_FIELD + 8], "little")
-    if start[25] >= 4:
+    if minor >= 4:
         if len(start) < LAS_14_HEADER:
             raise PointFileError(f"truncated: {size} bytes are fewer than a LAS 1.4 header")
         evlrs_at, n_evlrs, n_points = struct.unpack_from("<QIQ", start, 235)

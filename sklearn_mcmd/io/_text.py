@@ -173,8 +173,10 @@ def _begin(file, columns, extension):
     if known is None:
         widths = {len(fields), len(fields) - (fields[-1] == "")}
         named = [some for some in headers + comments if len(some) in widths]
-        whole = (some for some in named if _has_coordinates(some, columns))
-        known = next(chain(whole, named, headers[:1]), None)
+        known = (named + headers[:1] + [None])[0]
+        for some in reversed(named):
+            with suppress(PointFileError):
+                known = coordinate_columns(some, columns) and some
     if known is not None:
         if known[-1] == "" and len(known) == len(fields) + 1:
             known = known[:-1]
@@ -191,11 +193,6 @@ def _begin(file, columns, extension):
     table = _Table(number, fields, delimiter, names, positions, counts, counted_at)
     table.settle(fields, line, number)
     return table, line
-
-
-def _has_coordinates(names, columns):
-    with suppress(PointFileError):
-        return bool(coordinate_columns(names, columns))
 
 
 @dataclass

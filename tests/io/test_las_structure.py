@@ -121,6 +121,14 @@ def test_the_oldest_versions_become_las_1_2_with_the_same_points(tmp_path, way, 
     assert after.points.array.tobytes() == before.tobytes()
 
 
+@pytest.mark.parametrize(("major", "minor"), [(1, 5), (1, 6), (2, 0)])
+def test_versions_whose_header_is_not_known_are_refused(tmp_path, major, minor):
+    path = change(write(tmp_path / "a.las"), MINOR - 1, bytes([major, minor]))
+    for read in (read_points, Catalog):
+        with pytest.raises(PointFileError, match=f"LAS {major}.{minor} with a header of 375 bytes"):
+            read(path)
+
+
 COUNTS = {"1.2": (107, "<I"), "1.3": (107, "<I"), "1.4": (247, "<Q")}
 
 
