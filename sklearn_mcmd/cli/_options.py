@@ -72,13 +72,15 @@ def length_option(help, default=True, *words, metavar="LENGTH", hidden=False, **
         digits = (text or "").rstrip(f"{ascii_letters} ")
         if not digits or digits == text:
             return text if text is None else number(text)
-        own, unit = text[len(digits) :].strip(), context.params["unit"]
+        length, own, unit = number(digits), text[len(digits) :].strip(), context.params["unit"]
+        if own in METERS and not unit:
+            raise typer.BadParameter(f"{text}: say the unit of the file as well, such as --unit m")
         if not METERS.keys() >= {own, unit}:
             raise typer.BadParameter(
                 f"{text} is no number. With a unit, it needs --unit, the unit of the file; both "
                 f"are one of {', '.join(METERS)}"
             )
-        return METERS[own] / METERS[unit] * number(digits)
+        return METERS[own] / METERS[unit] * length
 
     return typer.Option(
         parser=str, callback=parse, metavar=metavar, help=help, show_default=default, hidden=hidden

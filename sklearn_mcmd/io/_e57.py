@@ -10,7 +10,7 @@ import numpy as np
 
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io._las_structure import check_grid
-from sklearn_mcmd.io._no_returns import NoReturns
+from sklearn_mcmd.io._no_returns import TOLD, NoReturns
 from sklearn_mcmd.io._point_cloud import (
     COLORS,
     PointCloud,
@@ -45,13 +45,13 @@ def read_e57(path):
     pye57 = import_extra("pye57", "formats", "E57")
     scans = _checked_scans(path)
     readable = set(pye57.e57.SUPPORTED_POINT_FIELDS)
-    clouds, setups, skipped, n_points = {}, [], set(), 0
+    clouds, setups, skipped, n_points, n_told = {}, [], set(), 0, 0
     with pye57.E57(os.fsencode(path)) as file:
         for i in range(file.scan_count):
             header = file.get_header(i)
             n_points += header.point_count
             check_room(n_points // 8, path.stat().st_size, f"{n_points:,} points")
-            rotation, translation = _pose(f"{path}: scan {i + 1}", scans[i])
+            rotation, translation = _pose(path, i + 1, scans[i])
             setups.append(_setup(header, translation))
             skipped |= set(header.point_fields) - readable
             if not header.point_count:
@@ -59,6 +59,7 @@ def read_e57(path):
             xyz, attributes = _scan(pye57, file, header)
             no_returns = NoReturns().add(xyz)  # in the frame of the scan
             if no_returns.n_left_out:
+                n_told += no_returns.n_left_out
                 warn_caller(no_returns.warning(f"{path}, scan {i + 1}"))
                 kept = xyz.any(axis=1)
                 xyz, attributes = xyz[kept], {name: a[kept] for name, a in attributes.items()}
@@ -69,7 +70,9 @@ def read_e57(path):
         warn_caller(
             f"{path}: fields that pye57 cannot read are left out: {', '.join(sorted(skipped))}"
         )
-    return joined_scans(clouds, setups, n_points)
+    cloud = joined_scans(clouds, setups, n_points)
+    cloud.metadata[TOLD] = n_told
+    return cloud
 
 
 def _checked_scans(path):
@@ -98,22 +101,29 @@ def _checked_scans(path):
     return root.findall(f"{ANY}data3D/*")
 
 
-def _pose(name, scan):
+def _pose(path, number, scan):
     """Rotation and translation of a scan. Zeros are no rotation, as other programs take them."""
     parts = []
     for part, axes, values in (("rotation", "wxyz", [1, 0, 0, 0]), ("translation", "xyz", [0] * 3)):
         if (told := scan.find(f"{ANY}pose/{ANY}{part}")) is not None:
             values = [told.findtext(ANY + axis, "nan") or 0 for axis in axes]
-        parts.append(np.array(values, float))
-    rotation, translation = parts
-    length = np.linalg.norm(rotation)
-    if not (np.isfinite(length) and np.abs(translation).max() < FARTHEST):
+        parts.append(values)
+    try:
+        rotation, translation = (np.array(values, float) for values in parts)
+        length = np.linalg.norm(rotation)
+        if not (np.isfinite(length) and np.abs(translation).max() < FARTHEST):
+            raise ValueError
+    except ValueError:
+        turn, move = (" ".join(map(str, values)) for values in parts)
         raise PointFileError(
-            f"broken pose: rotation {rotation.tolist()}, translation {translation.tolist()}"
-        )
+            f"scan {number}: broken pose: rotation {turn}, translation {move}; get the file anew "
+            "from where it was made, or without that scan"
+        ) from None
     if abs(length - 1) > UNIT:
         taken = "its direction" if length > UNIT else "no rotation"
-        warn_caller(f"{name}: its rotation has length {length:.3g}, not 1; {taken} is taken")
+        warn_caller(
+            f"{path}: scan {number}: its rotation has length {length:.3g}, not 1; {taken} is taken"
+        )
     return rotation if length > UNIT else np.eye(1, 4)[0], translation
 
 

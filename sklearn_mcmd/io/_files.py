@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
 from sklearn_mcmd.io._formats import ALL, format_of, no_columns
-from sklearn_mcmd.io._no_returns import NoReturns
+from sklearn_mcmd.io._no_returns import TOLD, NoReturns
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 from sklearn_mcmd.io._units import degrees_warning
 
@@ -64,8 +64,8 @@ def read_points(
         If columns of words, or fields of other formats, are left out. If integers of text are
         rounded: beyond 2**53 in a column with gaps. If points are 0, 0, 0 where most coordinates
         are 100,000 and more, or many are: rays without a return. If x and y seem to be degrees,
-        unlike z. If LAS describes more of a point than there is, or a rotation of E57 is not of
-        length 1.
+        unlike z. If LAS describes more of a point than there is, or holds more records than its
+        header counts, or a rotation of E57 is not of length 1.
 
     See Also
     --------
@@ -77,7 +77,7 @@ def read_points(
     Points with a coordinate that is not finite (common in organized PCD), or that E57 marks
     invalid, are dropped and counted in ``PointCloud.n_dropped``. So are rows of zeros, which
     scanners write for rays without a return: all of PTX, of other formats if there are more than 8,
-    and more than rows with a single coordinate 0. In E57 they are where the scanner stood.
+    and more than rows with two coordinates 0. In E57 they are where the scanner stood.
 
     Whitespace, commas, semicolons or tabs may separate text, which is UTF-8, UTF-16 with a mark, or
     Latin-1. A header has no number among its first three fields. Titles above it and units below it
@@ -86,7 +86,8 @@ def read_points(
     is a header if it has a field for each column, and two of them are names as people give them, or
     none is a number and commas without blanks are between them. Columns without a name are called
     ``column_4`` and so on. Between semicolons or tabs, the first number with a comma or point tells
-    which of them is decimal for the whole file; elsewhere points are. Empty cells, NA, N/A, NULL
+    which of them is decimal for the whole file, of coordinates apart from others; elsewhere points
+    are. Empty cells, NA, N/A, NULL
     and None are NaN; in coordinates they are an error. Columns that hold other words, such as
     dates, are left out. Attributes that are integers in all rows are exact up to 64 bits.
 
@@ -145,6 +146,7 @@ def read_points(
             n_dropped = cloud.n_dropped + int(np.count_nonzero(~kept))
             cloud = cloud.subset(kept)
             cloud.n_dropped = n_dropped
+            cloud.metadata[TOLD] = cloud.metadata.get(TOLD, 0) + no_returns.n_left_out
         if len(cloud) == 0:
             dropped = f" with finite coordinates ({cloud.n_dropped} dropped)"
             raise PointFileError("holds no points" + (dropped if cloud.n_dropped else ""))

@@ -38,7 +38,8 @@ def scale_of(xyz, axes=slice(None)):
         bound = asked if asked is not None and asked >= PRECISE else max(_fine(xyz), asked or 0)
         if finest > bound:
             _refuse(values, np.median(sample, axis=0), bound)
-    return finest
+        # Finer than double precision no step can be told.
+        return max(finest, 10.0 ** np.floor(np.log10(np.spacing(np.abs(values).max()))))
 
 
 def fits(extent, scale):

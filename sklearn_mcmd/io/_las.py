@@ -6,7 +6,7 @@ from hashlib import sha256
 
 import numpy as np
 
-from sklearn_mcmd._errors import warn_caller
+from sklearn_mcmd._errors import counted, warn_caller
 from sklearn_mcmd.io._classes import LOW_NOISE
 from sklearn_mcmd.io._grid import LARGEST, fits, offset_of, scale_of
 from sklearn_mcmd.io._las_structure import (
@@ -188,7 +188,7 @@ def read_header(path):
 def header_of(path, file):
     """The header of a file that is open. Its bounds are in order, the file at any position."""
     laspy = import_laspy(path.name.lower().endswith(".laz"))
-    check_structure(file)
+    n_behind = check_structure(file)
     length = record_length(file)
     header = laspy.LasHeader.read_from(start_of_longest(file))
     header.read_evlrs(file)
@@ -203,6 +203,11 @@ def header_of(path, file):
         raise PointFileError(
             f"broken header: points of {length} bytes, of which point format "
             f"{header.point_format.id} needs {standard}"
+        )
+    if n_behind:
+        warn_caller(
+            f"{path}: holds {counted(n_behind, 'record')} more than its header counts, as it "
+            "seems; they are not read. Get the file anew from where it was made"
         )
     if n_more > 0:
         header.point_format.dimensions.append(

@@ -6,7 +6,6 @@ import struct
 
 import numpy as np
 
-from sklearn_mcmd.io._grid import LARGEST
 from sklearn_mcmd.io._point_cloud import PointFileError
 
 __all__ = [
@@ -18,13 +17,17 @@ __all__ = [
     "start_of_longest",
 ]
 
-SMALLEST_HEADER, LAS_14_HEADER = 227, 375
+SMALLEST_HEADER, LAS_14_HEADER, LAS_15_HEADER = 227, 375, 393
 VLR_HEADER, EVLR_HEADER = 54, 60
-LENGTH_FIELD, GRID_FIELD, BOUNDS_FIELD = 105, 131, 179
+SAME_PLACE = 1_000
+LENGTH_FIELD, GRID_FIELD, BOUNDS_FIELD, WAVEFORMS_FIELD = 105, 131, 179, 227
 
 
 def check_structure(file):
-    """Refuse impossible counts: laspy would loop over them for hours, or request their memory."""
+    """Refuse impossible counts: laspy would loop over them for hours, or request their memory.
+
+    Return how many records are behind the points that the header counts, if these are uncompressed.
+    """
     size = os.fstat(file.fileno()).st_size  # of this file: another may take its name meanwhile
     file.seek(0)
     start = file.read(LAS_14_HEADER)
@@ -33,9 +36,15 @@ def check_structure(file):
     if len(start) < SMALLEST_HEADER:
         raise PointFileError(f"truncated: {size} bytes are fewer than a LAS header")
     header_size, points_at, n_vlrs = struct.unpack_from("<HII", start, 94)
+    major, minor = start[24:26]
+    if (major, minor) > (1, 5) or (minor == 5 and header_size < LAS_15_HEADER):
+        told = f"LAS {major}.{minor} with a header of {header_size} bytes is not known"
+        raise PointFileError(f"{told}; write it as LAS 1.4 where it was made")
     format_id, record_length, n_points = struct.unpack_from("<BHI", start, 104)
-    evlrs_at = n_evlrs = 0
-    if start[25] >= 4:  # the minor version
+    evlrs_at = n_evlrs = waveforms_at = 0
+    if minor >= 3:
+        waveforms_at = int.from_bytes(start[WAVEFORMS_FIELD : WAVEFORMS_FIELD + 8], "little")
+    if minor >= 4:
         if len(start) < LAS_14_HEADER:
             raise PointFileError(f"truncated: {size} bytes are fewer than a LAS 1.4 header")
         evlrs_at, n_evlrs, n_points = struct.unpack_from("<QIQ", start, 235)
@@ -43,21 +52,29 @@ def check_structure(file):
         raise PointFileError(f"truncated: the points begin at byte {points_at} of {size}")
     if VLR_HEADER * n_vlrs > size - header_size or not _fit(file, evlrs_at, n_evlrs, size):
         raise PointFileError("broken header: more metadata records than the file has room for")
-    if format_id & 0xC0 != 0x80 and n_points * record_length > size - points_at:
+    is_compressed, end = format_id & 0xC0 == 0x80, points_at + n_points * record_length
+    if not is_compressed and end > size:
         raise PointFileError(
             f"truncated: {n_points} points of {record_length} bytes need "
-            f"{points_at + n_points * record_length} bytes, the file has {size}"
+            f"{end} bytes, the file has {size}"
         )
     grid = np.frombuffer(start, "<f8", 6, GRID_FIELD).reshape(2, 3)
     for axis, scale, offset in zip("xyz", *grid, strict=True):
         check_grid(axis, scale, offset)
+    if is_compressed or not record_length:
+        return 0
+    file.seek(end)
+    is_padding = not any(file.read(record_length))
+    behind = [at for at in (evlrs_at * (n_evlrs > 0), waveforms_at, size) if at >= end]
+    return 0 if is_padding else (min(behind) - end) // record_length
 
 
 def check_grid(axis, scale, offset):
     """Refuse a scale that puts all points at one place about the offset, or beyond all bounds."""
     with np.errstate(invalid="ignore"):
         finest = np.spacing(max(abs(offset), 1.0))
-    if not finest / LARGEST <= abs(scale) <= 1 / np.finfo(float).eps:
+    # A thousand records in one step of double precision would be one place.
+    if not finest / SAME_PLACE <= abs(scale) <= 1 / np.finfo(float).eps:
         raise PointFileError(
             f"broken header: scale {scale:g} and offset {offset:g} of {axis} give no "
             "coordinates that differ; get the file anew from where it was made"

@@ -2,9 +2,10 @@
 
 import numpy as np
 
-__all__ = ["NoReturns"]
+__all__ = ["TOLD", "NoReturns"]
 
 LARGE, ZERO = 1e5, 1e-6
+TOLD = "n_no_returns"  # in the metadata: how many of those that were left out had a warning
 # A place that was measured more often than this keeps company with itself, in outliers/.
 FEW = 8
 
@@ -12,8 +13,8 @@ FEW = 8
 class NoReturns:
     """Counts the rows of zeros of a file, part by part.
 
-    They are many if there are more than rows of which single coordinates are 0: where rounding or a
-    plan makes zeros, most of them are such. Nor has the place with the largest coordinate as many
+    They are many if there are more than rows of which two coordinates are 0: rounding makes more of
+    these, rays without a return make none. Nor has the place with the largest coordinate as many
     copies, as where all do. A few may be a point.
     """
 
@@ -33,7 +34,7 @@ class NoReturns:
                 end = end[end[:, axis] == end[:, axis].max()]
             place, last = (top, *end[0]), self.end
             self.end = max(last, (place, len(end) + last[1] * (last[0] == place)))
-        self.n_beside += np.count_nonzero((xyz == 0).any(axis=1)) - n_exact
+        self.n_beside += np.count_nonzero((xyz == 0).sum(axis=1) == 2)
         self.n_exact += n_exact
         self.n_points += len(xyz)
         self.n_large += np.count_nonzero(largest >= LARGE)
@@ -43,7 +44,7 @@ class NoReturns:
     @property
     def n_left_out(self):
         many = max(FEW, self.n_beside, self.end[1]) < self.n_exact < self.n_points
-        return self.n_exact if many else 0
+        return int(self.n_exact) if many else 0
 
     def warning(self, path):
         """What to warn of, or None if a few zeros are not amid large coordinates."""
@@ -51,7 +52,7 @@ class NoReturns:
         if not many and (not n or 2 * self.n_large <= self.n_points - n):
             return None
         where = "" if many else f" amid coordinates of {LARGE:,.0f} and more"
-        done = "they are left out; points at one place are kept if moved" if many else "remove them"
+        done = "they are left out" if many else "remove them"
         return (
             f"{path}: {n:,} of {self.n_points:,} points are 0, 0, 0{where}, the first is point "
             f"{self.first + 1}: no returns, as it seems; {done}"

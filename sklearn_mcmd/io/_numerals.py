@@ -10,6 +10,9 @@ MISSING = {"", "na", "n/a", "null", "none"}
 SWAPPED = str.maketrans(",.", ".,")
 # Commas that can only separate thousands: several of them, or before a point.
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:(?:,\d{3})+\.\d*|(?:,\d{3}){2,})")
+# Swiss and French: an apostrophe or a blank that does not break, also as bytes of Latin-1.
+MARKS = r"['\u2019\xa0\u202f\x92\udca0\udc92]"
+MARKED = re.compile(rf"[+-]?[1-9]\d{{0,2}}({MARKS})\d{{3}}(?:\1\d{{3}})*(?:\.\d*)?")
 FORTRAN = re.compile(r"(\d\.\d*|\.\d+)[dD]([+-]?\d+)")  # always with a point
 WINDOWS = re.compile(  # older and newer libraries of C
     r"([+-]?)(?:1[.,]#(IND|QNAN|SNAN|INF)[\de]*(?:[+-]\d+)?|nan\(\w*\))", re.IGNORECASE
@@ -25,6 +28,8 @@ def number_of(cell, comma=False):
         cell = cell.translate(SWAPPED)
     if "," in cell and THOUSANDS.fullmatch(cell):
         cell = cell.replace(",", "")
+    elif marked := MARKED.fullmatch(cell):
+        cell = cell.replace(marked[1], "")
     try:
         return float(FORTRAN.sub(r"\1e\2", cell)) if "_" not in cell else None
     except ValueError:

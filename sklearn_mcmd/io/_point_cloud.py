@@ -66,7 +66,8 @@ class PointCloud:
         scanner of each scan of E57 or PTX stood, ``sensor_origins``, NaN where that is not known.
     n_dropped : int, default=0
         Number of points of the file that were left out, because a coordinate was not finite,
-        or the file says that there is no point.
+        or the file says that there is no point. ``metadata["n_no_returns"]`` of them were warned of
+        as rows of zeros.
 
     Raises
     ------
@@ -222,13 +223,13 @@ def made_of_bytes(colors):
     return not low.any() or (low == colors >> 8).all()
 
 
-def joined(clouds):
+def joined(clouds, called="clouds"):
     """One cloud of several, with the attributes that all of them have; others are warned of."""
     shapes = [{name: a.shape[1:] for name, a in cloud.attributes.items()} for cloud in clouds]
     shared = [n for n, shape in shapes[0].items() if all(s.get(n) == shape for s in shapes)]
     lost = sorted(set().union(*shapes) - set(shared))
     if lost:
-        warn_caller(f"attributes that not all clouds have are left out: {', '.join(lost)}")
+        warn_caller(f"attributes that not all {called} have are left out: {', '.join(lost)}")
     return PointCloud(
         np.concatenate([cloud.xyz for cloud in clouds]),
         {name: np.concatenate([cloud.attributes[name] for cloud in clouds]) for name in shared},
@@ -253,7 +254,7 @@ def joined_scans(scans, setups, n_points):
             for attributes, name in colors:
                 if attributes[name].dtype == np.uint8:
                     attributes[name] = attributes[name] * np.uint16(257)
-        cloud = joined([*scans.values()])
+        cloud = joined([*scans.values()], "scans")
     cloud.metadata["sensor_origins"] = np.array(setups)
     cloud.n_dropped = n_points - len(cloud)
     return cloud

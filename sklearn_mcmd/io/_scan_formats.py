@@ -103,6 +103,8 @@ def read_pcd(path, columns=None):
             f"the header promises {header.points} points, the file holds {len(records)}"
         )
     metadata = {"pcd_viewpoint": tuple(header.viewpoint)}
+    if not np.isfinite(header.viewpoint).all():
+        warn_caller(f"{path}: VIEWPOINT has numbers that are not finite; it is taken as not known")
     cloud = cloud_from_records(records, columns, metadata=metadata)
     attributes = {}
     for name, values in cloud.attributes.items():

@@ -124,6 +124,8 @@ def stated_positions(cloud):
         return _of_setups(cloud)
     if "pcd_viewpoint" in cloud.metadata:
         position = np.array([cloud.metadata["pcd_viewpoint"][:3]], float)
+        if not np.isfinite(cloud.metadata["pcd_viewpoint"]).all():
+            return Stated(None, "PCD's VIEWPOINT has numbers that are not finite")
         if tuple(position[0]) == NO_VIEWPOINT:
             return Stated(
                 None, "PCD's VIEWPOINT is 0 0 0, which is also written where it is not known"

@@ -23,6 +23,7 @@ NUMBERS = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8"}
 COMMENTS = ("#", "//")
 ROWS_A_TIME = 100_000
 LIST = re.compile(r"(?<!\d),|,(?!\d)")  # commas that are no part of a number
+IN_DOUBT = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 LONGEST, MOST_HEADERS = 1_000_000, 10  # characters of a line, and lines before the first row
 
 
@@ -171,8 +172,11 @@ def _begin(file, columns, extension):
         )
     if known is None:
         widths = {len(fields), len(fields) - (fields[-1] == "")}
-        named = (some for some in headers + comments if len(some) in widths)
-        known = next(named, headers[0] if headers else None)
+        named = [some for some in headers + comments if len(some) in widths]
+        known = (named + headers[:1] + [None])[0]
+        for some in reversed(named):
+            with suppress(PointFileError):
+                known = coordinate_columns(some, columns) and some
     if known is not None:
         if known[-1] == "" and len(known) == len(fields) + 1:
             known = known[:-1]
@@ -186,7 +190,9 @@ def _begin(file, columns, extension):
     names = [name or f"column_{i}" for i, name in enumerate(names, start=1)]
     if known is not None or columns:
         positions = coordinate_columns(names, columns)
-    return _Table(number, fields, delimiter, names, positions, counts, counted_at), line
+    table = _Table(number, fields, delimiter, names, positions, counts, counted_at)
+    table.settle(fields, line, number)
+    return table, line
 
 
 @dataclass
@@ -206,9 +212,9 @@ class _Table:
 
     def __post_init__(self):
         self.first = self.at
-        # Whether commas are decimal, None until a number tells. Elsewhere they separate columns.
-        self.comma = None if self.delimiter in (";", "\t") else False
-        self._settle(self.fields)
+        # Whether commas are decimal in coordinates, and in others: None until a number tells.
+        # Elsewhere they separate columns.
+        self.comma = self.others = None if self.delimiter in (";", "\t") else False
 
     def read(self, lines):
         """Read all rows. Where the file tells how many, other scans may follow with their own."""
@@ -232,14 +238,18 @@ class _Table:
 
     def _part(self, part):
         """A table of lines: as NumPy reads them, else with other numbers, else cell by cell."""
-        table = None if self.comma else self._parsed(part)
+        comma = self.others if self.comma is None else self.comma
+        if self.others is not comma:
+            return self._slow(part)
+        table = None if comma else self._parsed(part)
         if table is None:
-            table = self._parsed([plain_numbers(line, self.comma) for line in part])
+            table = self._parsed([plain_numbers(line, comma) for line in part])
         if table is None:
             return self._slow(part)
-        for line in part if self.comma is None else []:
-            if "." in line:
-                self._settle(self._row(line))
+        last = None if self.others is None else max(self.positions) + 1
+        for number, line in enumerate(part, self.at) if self.comma is None else []:
+            if any("." in cell or "," in cell for cell in line.split(self.delimiter)[:last]):
+                self.settle(self._row(line), line, number)
         return table
 
     def _parsed(self, lines):
@@ -271,7 +281,7 @@ class _Table:
                 told = f"; {self._promise()}" if self.counts else ""
                 words = f"line {at} has {len(fields)} columns, line {self.first} has {width}"
                 raise PointFileError(words + told)
-            self._settle(fields)
+            self.settle(fields, line, at)
             rows.append(fields)
             numbers.append(at)
         table = np.full((len(rows), width), np.nan)
@@ -279,7 +289,7 @@ class _Table:
             if j in self.positions:
                 table[:, j] = [self._coordinate(*cell) for cell in zip(cells, numbers, strict=True)]
             elif j not in self.words:
-                values = [number_of(cell, self.comma) for cell in cells]
+                values = [number_of(cell, self.others) for cell in cells]
                 table[:, j] = values  # None becomes NaN
                 if None in values:
                     i = values.index(None)
@@ -288,14 +298,19 @@ class _Table:
                     self.gaps.add(j)
         return table
 
-    def _settle(self, fields):
-        """Learn from the first number with a comma or point which of them is decimal."""
-        cells = [fields[j] for j in self.positions] + fields if self.comma is None else []
-        for cell in cells:
-            points, commas = number_of(cell), number_of(cell, comma=True)
-            if {",", "."} & set(cell) and {points, commas} != {None}:
-                self.comma = points is None
-                return
+    def settle(self, fields, line, number):
+        """Learn from the first number with a comma or point which of them is decimal.
+
+        Attributes may have another than coordinates, if theirs comes first or in the same row.
+        """
+        if self.comma is not None or len(fields) != len(self.names):
+            return
+        self.comma = _decimal([fields[j] for j in self.positions], line, number)
+        if self.others is None:
+            others = [cell for j, cell in enumerate(fields) if j not in self.positions]
+            self.others = _decimal(others, line, number)
+        if self.others is None:
+            self.others = self.comma
 
     def _coordinate(self, cell, number):
         value, remedy = number_of(cell, self.comma), ""
@@ -312,6 +327,20 @@ class _Table:
                 "and leave out those between thousands"
             )
         raise PointFileError(f"line {number}: {_decoded(cell)[:40]!r} is not a number{remedy}")
+
+
+def _decimal(cells, line, number):
+    """Whether commas are decimal in some cells of a line, None if no number tells."""
+    for cell in cells:
+        points, commas = number_of(cell), number_of(cell, comma=True)
+        if {",", "."} & set(cell) and {points, commas} != {None}:
+            if points is None and f'"{cell}"' in line and IN_DOUBT.fullmatch(cell):
+                raise PointFileError(
+                    f'line {number}: are there thousands or decimals behind the comma of "{cell}"? '
+                    "Write it without quotes if decimals, and without commas if thousands"
+                )
+            return points is None
+    return None
 
 
 def _filled(cell):

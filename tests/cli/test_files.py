@@ -27,6 +27,22 @@ def test_points_without_finite_coordinates_are_counted_in_a_warning(room, tmp_pa
     assert len(result.stderr.splitlines()) == 1
 
 
+@pytest.mark.parametrize(("name", "n_others"), [("a.npy", 0), ("a.e57", 0), ("a.npy", 1)])
+def test_rays_without_a_return_are_told_once_and_apart_from_holes(room, tmp_path, name, n_others):
+    if name.endswith(".e57"):
+        pytest.importorskip("pye57")
+    xyz = np.insert(np.round(room.xyz, 3), 5, np.zeros((20, 3)), axis=0)
+    xyz[:n_others, 0] = np.nan
+    path = tmp_path / name
+    np.save(path, xyz) if n_others else write_points(path, xyz)
+    result = run("normals", tmp_path / name, tmp_path / "out.npy")
+    assert result.exit_code == 0, result.output
+    zeros, *others = [line for line in result.stderr.splitlines() if "left out" in line]
+    assert f"20 of {len(xyz):,} points are 0, 0, 0" in zeros
+    assert len(others) == n_others
+    assert not others or "a.npy: 1 point without coordinates is left out" in others[0]
+
+
 def test_normals_of_the_input_are_replaced_with_a_warning(room, tmp_path):
     stale = np.tile([9.0, 9.0, 9.0], (len(room), 1))
     write_points(tmp_path / "in.npz", room.with_attributes(normals=stale))

@@ -110,6 +110,19 @@ def test_a_file_that_tells_no_position_is_named_by_tiles_too(small_machine, sour
     assert files_in(tmp_path) == ["street.laz"]
 
 
+def test_records_beyond_those_that_a_header_counts_are_told_once(small_machine, tmp_path):
+    write_points(tmp_path / "in.las", street(8_000).xyz)
+    raw = bytearray((tmp_path / "in.las").read_bytes())
+    raw[247:255] = (7_000).to_bytes(8, "little")
+    (tmp_path / "in.las").write_bytes(raw)
+    for verb in (["info"], ["normals"], ["normals", "--memory", "2MB", *ONE]):
+        target = [tmp_path / "out.las"] * (verb != ["info"])
+        result = run(verb[0], tmp_path / "in.las", *target, *verb[1:])
+        assert result.exit_code == 0, result.output
+        assert result.stderr.count("in.las: holds 1,000 records more than its header counts") == 1
+        assert ("tiles" in result.stdout) == ("2MB" in verb)
+
+
 @pytest.mark.parametrize("verb", ["denoise", "normals", "segment", "edges"])
 def test_rays_without_a_return_are_left_out_by_tiles_too(small_machine, tmp_path, verb):
     xyz = street(8_000).xyz
@@ -121,6 +134,7 @@ def test_rays_without_a_return_are_left_out_by_tiles_too(small_machine, tmp_path
         result = run(verb, tmp_path / "in.las", target, *options)
         assert result.exit_code == 0, result.output
         assert "2,000 of 8,000 points are 0, 0, 0, the first is point 1" in result.stderr
+        assert result.stderr.count("left out") == 1
         assert ("tiles" in result.stdout) == (target == b)
     assert a.read_bytes() == b.read_bytes()
     assert 5_500 < len(read_points(a)) <= 6_000

@@ -61,11 +61,25 @@ def test_a_length_may_have_a_unit_where_that_of_the_file_is_given(verb, option):
     assert value(option, "40mm", "--unit", "m") == pytest.approx(0.04, rel=1e-15)
     assert value("--unit", "mm", option, "1 in") == pytest.approx(25.4, rel=1e-15)
     assert value(option, "4e-2") == value(option, "4e-2", "--unit", "chain") == 0.04
-    for unit in ((), ("--unit", "chain")):
-        result = run(verb, *files, option, "40mm", *unit)
+    for text, unit, words in (
+        ("40mm", (), "40mm: say the unit of the file as well, such as --unit m"),
+        ("40mm", ("--unit", "chain"), "40mm is no number. With a unit, it needs --unit"),
+        ("40chain", (), "40chain is no number. With a unit, it needs --unit"),
+    ):
+        result = run(verb, *files, option, text, *unit)
         assert result.exit_code == 2
         told = " ".join(result.stderr.replace("│", "").split())
-        assert f"'{option}': 40mm is no number. With a unit, it needs --unit" in told
+        assert f"'{option}': {words}" in told
+
+
+@pytest.mark.parametrize("unit", [(), ("--unit", "m")])
+@pytest.mark.parametrize(
+    ("option", "words"), [("--sigma0", "auto or a number above 0"), ("--tolerance", "a number abo")]
+)
+def test_the_sign_of_a_length_is_its_fault_whatever_the_unit(option, words, unit):
+    result = run("plane", "in.las", "out.las", option, "-4mm", *unit)
+    assert result.exit_code == 2
+    assert f"'{option}': -4 is not {words}" in " ".join(result.stderr.replace("│", "").split())
 
 
 def test_a_height_may_lie_below_the_ground_and_is_finite(tmp_path):

@@ -482,7 +482,7 @@ def test_a_tolerance_has_the_unit_of_the_file_or_its_own(width, unit, wall_file,
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--tolerance", "5mm"), "5mm is no number"),
+        (("--tolerance", "5mm"), "5mm: say the unit of the file as well, such as --unit m"),
         (("--tolerance", "5km", "--unit", "m"), "5km is no number"),
         (("--tolerance", "5MM", "--unit", "m"), "5MM is no number. With a unit, it needs --unit"),
         (("--tolerance", "0"), "0 is not a number above 0"),

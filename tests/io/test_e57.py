@@ -304,10 +304,13 @@ TRANSLATION = r'(<translation.*?<x type="Float">)1e\+01'
     [
         rotation("nan", 0, 0, 0), rotation(1, "inf", 0, 0), rotation(1, 0, 0, "1e999"),
         *((TRANSLATION, rf"\g<1>{value}") for value in ("nan", "inf", "-1e999", "1e300", "1e12")),
+        (TRANSLATION, r"\g<1>ten"), rotation("half", 0, 0, 0),
     ],
 )  # fmt: skip
 def test_a_pose_that_cannot_be_is_refused(plain, tmp_path, change):
-    with pytest.raises(PointFileError, match="broken pose: rotation"):
+    with pytest.raises(
+        PointFileError, match=r"e57: scan 1: broken pose: rotation .*get the file anew"
+    ):
         read_points(with_xml(plain, tmp_path / "a.e57", change))
 
 

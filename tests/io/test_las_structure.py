@@ -1,6 +1,7 @@
 """LAS headers that cannot be, or that are older or longer than what they describe."""
 
 import struct
+import warnings
 
 import numpy as np
 import pytest
@@ -71,6 +72,21 @@ def test_scales_and_offsets_that_cannot_be_are_refused(tmp_path, field, value):
             read(path)
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_an_offset_that_takes_the_place_of_all_coordinates_of_an_axis_is_refused(tmp_path, axis):
+    path = change(write(tmp_path / "a.las"), SCALES + 24 + 8 * axis, struct.pack("<d", 1e17))
+    for read in (read_points, Catalog):
+        with pytest.raises(PointFileError, match=f"offset 1e\\+17 of {'xyz'[axis]} give no"):
+            read(path)
+
+
+@pytest.mark.parametrize(("scale", "offset"), [(1e-6, 5e6), (1e-3, 0.0), (1e-9, 0.0), (1e-3, 1e12)])
+def test_offsets_that_can_be_are_read(tmp_path, scale, offset):
+    path = write(tmp_path / "a.las")
+    change(path, SCALES, struct.pack("<6d", *[scale] * 3, *[offset] * 3))
+    assert len(np.unique(read_points(path).xyz[:, 0])) == N
+
+
 @pytest.mark.parametrize("scale", [1e-9, 1e-3, -1e-3, 1.0, 1000.0])
 def test_scales_that_can_be_are_read(tmp_path, scale):
     header = laspy.LasHeader(version="1.4", point_format=6)
@@ -103,6 +119,58 @@ def test_the_oldest_versions_become_las_1_2_with_the_same_points(tmp_path, way, 
     assert str(after.header.version) == "1.2"
     assert after.header.global_encoding.value == 0
     assert after.points.array.tobytes() == before.tobytes()
+
+
+@pytest.mark.parametrize(("major", "minor"), [(1, 5), (1, 6), (2, 0)])
+def test_versions_whose_header_is_not_known_are_refused(tmp_path, major, minor):
+    path = change(write(tmp_path / "a.las"), MINOR - 1, bytes([major, minor]))
+    for read in (read_points, Catalog):
+        with pytest.raises(PointFileError, match=f"LAS {major}.{minor} with a header of 375 bytes"):
+            read(path)
+
+
+COUNTS = {"1.2": (107, "<I"), "1.3": (107, "<I"), "1.4": (247, "<Q")}
+
+
+def counting(path, version, n_counted, tail=b"", waveforms=False):
+    """A file whose header counts fewer points than there are, and bytes behind these."""
+    write(path, version, 6 if version == "1.4" else 1)
+    if waveforms:
+        change(path, 227, struct.pack("<Q", len(path.read_bytes())))
+    path.write_bytes(path.read_bytes() + tail)
+    position, code = COUNTS[version]
+    return change(path, position, struct.pack(code, n_counted))
+
+
+@pytest.mark.parametrize("version", COUNTS)
+@pytest.mark.parametrize("waveforms", [False, True])
+def test_records_behind_those_that_the_header_counts_are_told(tmp_path, version, waveforms):
+    behind = waveforms and version != "1.2"
+    path = counting(tmp_path / "a.las", version, 30, bytes(range(90)) * behind, behind)
+    for read in (read_points, Catalog, lambda path: next(read_parts(path, 10))):
+        with pytest.warns(UserWarning, match="a.las: holds 20 records more than its header counts"):
+            read(path)
+
+
+def test_extended_records_are_no_points(tmp_path):
+    path = write(tmp_path / "a.las")
+    las = laspy.read(path)
+    las.evlrs = laspy.vlrs.vlrlist.VLRList([laspy.VLR("us", 1, "", bytes(range(200)))])
+    las.write(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read_points(path)
+    change(path, *[247, struct.pack("<Q", 49)])
+    with pytest.warns(UserWarning, match="a.las: holds 1 record more than its header counts"):
+        read_points(path)
+
+
+@pytest.mark.parametrize("tail", [b"", b"signature", bytes(4096)], ids=["none", "short", "padding"])
+def test_what_is_no_record_behind_the_points_has_no_warning(tmp_path, tail):
+    path = counting(tmp_path / "a.las", "1.2", N, tail)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(read_points(path)) == N
 
 
 def shortened(path, n_bytes):

@@ -77,15 +77,35 @@ def test_zeros_of_e57_are_left_out_wherever_the_pose_moves_them(tmp_path):
         np.vstack([OWN_FRAME, np.zeros((8, 3))]),  # a target at the origin
         np.round(np.vstack([OWN_FRAME * [1, 1, 0.01], np.zeros((20, 3))])),  # coarse steps
         np.repeat(np.outer(np.arange(30.0), [1, 2, 3]), 10, axis=0),  # every place ten times
-        np.vstack([OWN_FRAME * [1, 1, 0], np.zeros((200, 3))]),  # a plan at height 0
+        np.vstack([OWN_FRAME * [1, 0, 0], np.zeros((200, 3))]),  # along an axis
     ],
-    ids=["few", "rounded", "copies", "plan"],
+    ids=["few", "rounded", "copies", "axis"],
 )
 def test_zeros_that_may_be_points_are_kept(tmp_path, xyz):
     np.save(tmp_path / "a.npy", xyz)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert len(read_points(tmp_path / "a.npy")) == len(xyz)
+
+
+TURN = np.linspace(0.1, 6.2, 50)
+RINGS = [np.c_[np.cos(TURN), np.sin(TURN), np.full(50, np.tan(e))] for e in np.arange(-8, 9) / 60]
+FLOOR = np.c_[np.random.default_rng(2).integers(1, 5_000, (3_000, 2)), np.zeros(3_000)]
+
+
+@pytest.mark.parametrize(
+    ("points", "n_zeros"),
+    [
+        (OWN_FRAME * [1, 1, 0], 200),  # a lidar of one plane, or a plan
+        (np.vstack(RINGS), 30),  # the middle one is level
+        (np.vstack([OWN_FRAME * 1_000, FLOOR]), 100),  # a floor at height 0
+    ],
+    ids=["plan", "rings", "floor"],
+)
+def test_zeros_are_no_returns_where_more_points_have_one_coordinate_0(tmp_path, points, n_zeros):
+    np.save(tmp_path / "a.npy", np.vstack([points, np.zeros((n_zeros, 3))]))
+    with pytest.warns(UserWarning, match=f"a.npy: {n_zeros} of .* no returns.*they are left out$"):
+        np.testing.assert_array_equal(read_points(tmp_path / "a.npy").xyz, points)
 
 
 def test_of_parts_as_many_are_left_out_as_of_the_whole():

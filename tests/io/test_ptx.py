@@ -94,7 +94,7 @@ def test_colors_have_eight_bits_and_scans_without_them_take_them_from_all(tmp_pa
     table[0, 4] = 300
     cloud = read_points(written(tmp_path, header((4, 3)), body(table)))
     assert_array_equal(cloud.attributes["red"], table[:, 4])
-    with pytest.warns(UserWarning, match="are left out: blue, green, red"):
+    with pytest.warns(UserWarning, match="not all scans have are left out: blue, green, red"):
         read_points(written(tmp_path, header((4, 3)), body(table), header((4, 3)), body(scan())))
 
 

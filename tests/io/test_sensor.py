@@ -1,5 +1,6 @@
 """Positions of the sensor that files tell, and that they do not claim what they do not know."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,23 @@ def test_the_viewpoint_of_pcd_is_the_position_unless_it_is_the_usual_zeros():
     assert_array_equal(sensor_origins(cloud), [[1, 2, 3]] * 2)
     cloud.metadata["pcd_viewpoint"] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
     with pytest.raises(PointFileError, match="also written where it is not known"):
+        sensor_origins(cloud)
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "-inf"])
+@pytest.mark.parametrize("place", [0, 2, 4])
+def test_a_viewpoint_that_is_not_finite_is_not_known(tmp_path, number, place):
+    pytest.importorskip("pypcd4")
+    write_points(tmp_path / "a.pcd", PointCloud(POINTS), encoding="ascii")
+    numbers = ["1", "2", "3", "1", "0", "0", "0"]
+    numbers[place] = number
+    text = (tmp_path / "a.pcd").read_text()
+    (tmp_path / "a.pcd").write_text(re.sub("VIEWPOINT.*", f"VIEWPOINT {' '.join(numbers)}", text))
+    with pytest.warns(UserWarning, match="a.pcd: VIEWPOINT has numbers that are not finite"):
+        cloud = read_points(tmp_path / "a.pcd")
+    with pytest.raises(
+        PointFileError, match=r"no position .* VIEWPOINT has numbers that are not f"
+    ):
         sensor_origins(cloud)
 
 

@@ -270,6 +270,15 @@ def test_of_several_comments_the_one_with_a_name_for_each_column_counts(tmp_path
     assert_array_equal(cloud.attributes["label"], [4])
 
 
+@pytest.mark.parametrize("first", ["Leica,RTC360,Berlin,A", "m,m,m,s", "a,b,c,d"])
+def test_of_several_comments_the_first_that_holds_coordinates_counts(tmp_path, first):
+    cloud = read(tmp_path, f"# {first}\n# z,y,x,label\n# x,y,z,other\n3,2,1,4\n")
+    assert_array_equal(cloud.xyz, [[1, 2, 3]])
+    assert list(cloud.attributes) == ["label"]
+    with pytest.raises(PointFileError, match=f"among the columns {first.replace(',', ', ')}"):
+        read(tmp_path, f"# {first}\n# scanned,by,hand,today\n3,2,1,4\n")
+
+
 # ---- numbers and encodings -------------------------------------------------------------
 
 
@@ -310,6 +319,93 @@ def test_rows_with_another_decimal_sign_are_refused_by_their_line(
     monkeypatch.setattr(_text, "ROWS_A_TIME", part)
     with pytest.raises(PointFileError, match=f"line {line}: .* with a decimal {sign}, as those"):
         read(tmp_path, "\n".join(rows))
+
+
+@pytest.mark.parametrize("part", [1, 2, 100])
+@pytest.mark.parametrize(
+    ("rows", "truth"),
+    [
+        (["1;2;3;0.5", "1,5;2;3;0.5"], [[1, 2, 3, 0.5], [1.5, 2, 3, 0.5]]),
+        (
+            ["1;2;3;0.5", "4;5;6;7", "1,5;2;3;1.234"],
+            [[1, 2, 3, 0.5], [4, 5, 6, 7], [1.5, 2, 3, 1.234]],
+        ),
+        (["1;2;3;0,5", "1.5;2;3;0,25"], [[1, 2, 3, 0.5], [1.5, 2, 3, 0.25]]),
+        (["1,5;2;3;0.5", "7;8;9;0.25"], [[1.5, 2, 3, 0.5], [7, 8, 9, 0.25]]),
+        (["1;2;3;0.5", "4;5;6;1.5"], [[1, 2, 3, 0.5], [4, 5, 6, 1.5]]),
+        (["1;2;3;0,5", "4,5;5;6;1,5"], [[1, 2, 3, 0.5], [4.5, 5, 6, 1.5]]),
+    ],
+)
+def test_the_sign_of_an_attribute_decides_no_coordinates(tmp_path, monkeypatch, rows, truth, part):
+    monkeypatch.setattr(_text, "ROWS_A_TIME", part)
+    cloud = read(tmp_path, "\n".join(rows))
+    assert_array_equal(np.c_[cloud.xyz, cloud.attributes["column_4"]], truth)
+
+
+@pytest.mark.parametrize("part", [1, 100])
+@pytest.mark.parametrize(
+    "rows", [["1;2;3;0,5", "1,5;2;3;4", "1.5;2;3;4"], ["1;2;3;0.5", "1,5;2;3;4", "1.5;2;3;4"]]
+)
+def test_coordinates_have_one_sign_whatever_attributes_have(tmp_path, monkeypatch, rows, part):
+    monkeypatch.setattr(_text, "ROWS_A_TIME", part)
+    with pytest.raises(
+        PointFileError, match=r"line 3: '1\.5' is not a number with a decimal comma"
+    ):
+        read(tmp_path, "\n".join(rows))
+
+
+@pytest.mark.parametrize("part", [1, 100])
+@pytest.mark.parametrize(
+    ("rows", "line"),
+    [
+        (['"345,678";"567,890";12'], 1),
+        (["345;567;12", '1;"-567,890";12'], 2),
+        (["x;y;z;i", '1;2;3;"12,345"'], 2),
+    ],
+)
+def test_thousands_or_decimals_in_quotes_are_asked_for(tmp_path, monkeypatch, rows, line, part):
+    monkeypatch.setattr(_text, "ROWS_A_TIME", part)
+    with pytest.raises(PointFileError, match=f"line {line}: are there thousands or decimals"):
+        read(tmp_path, "\n".join(rows))
+
+
+@pytest.mark.parametrize(
+    ("row", "truth"),
+    [
+        ("345,678;567,890;12", [345.678, 567.89, 12]),  # no spreadsheet leaves thousands so
+        ('"1,5";"567,890";"12,125"', [1.5, 567.89, 12.125]),  # the first is beyond doubt
+        ('"452348,901";"567,890";12', [452348.901, 567.89, 12]),
+        ('"0,125";"567,890";12', [0.125, 567.89, 12]),
+        ('"5,411,234";"1.5";12', [5411234, 1.5, 12]),
+    ],
+)
+def test_commas_beyond_doubt_are_read_in_quotes(tmp_path, row, truth):
+    assert_array_equal(read(tmp_path, row).xyz, [truth])
+
+
+@pytest.mark.parametrize("part", [1, 100])
+@pytest.mark.parametrize("separator", [";", "\t"])
+@pytest.mark.parametrize(
+    ("mark", "encoding"),
+    [*((mark, "utf-8") for mark in "'\u2019\xa0\u202f"), ("\u2019", "cp1252"), ("\xa0", "cp1252")],
+)
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_thousands_of_swiss_and_french_are_read(
+    tmp_path, monkeypatch, mark, decimal, separator, encoding, part
+):
+    monkeypatch.setattr(_text, "ROWS_A_TIME", part)
+    rows = ["E;N;H;i", "1^347^452.548;-567^890.1;412;1^000", "452^347;567^890.25;412.5;2"]
+    text = "\n".join(rows).replace(".", decimal).replace("^", mark).replace(";", separator)
+    (tmp_path / "a.txt").write_bytes(text.encode(encoding))
+    cloud = read_points(tmp_path / "a.txt")
+    assert_array_equal(cloud.xyz, [[1347452.548, -567890.1, 412], [452347, 567890.25, 412.5]])
+    assert_array_equal(cloud.attributes["i"], [1000, 2])
+
+
+@pytest.mark.parametrize("cell", ["45'23", "1'234'56", "0'123.5", "1'234\xa0567", "1234'567", "5'"])
+def test_marks_that_separate_no_thousands_are_no_number(tmp_path, cell):
+    with pytest.raises(PointFileError, match=r"line 2: .* is not a number"):
+        read(tmp_path, f"1;2;3\n{cell};2;3\n")
 
 
 @pytest.mark.parametrize("text", ["1,5 2,5 3,5\n", "1,5\n", "x y z\n1,5 2 3\n", '"1,5","2","3"\n'])
