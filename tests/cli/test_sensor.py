@@ -32,13 +32,18 @@ def test_other_positions_are_wrong_usage(text):
         _position(text)
 
 
-def test_options_tell_one_position_or_one_for_each_point_or_none(tmp_path):
+def test_options_tell_one_position_or_one_for_each_point_or_none(setups, tmp_path):
     (tmp_path / "path.csv").write_text("time,x,y,z\n0,0,0,5\n2,4,0,5\n")
-    assert sensor_of_options("a.pcd", VIEWED) is None
-    assert_array_equal(sensor_of_options("a.pcd", VIEWED, (4.0, 5.0, 6.0)), [4, 5, 6])
-    assert_array_equal(sensor_of_options("a.pcd", VIEWED, "auto"), [1, 2, 3])
-    found = sensor_of_options("a.csv", TIMED, trajectory=tmp_path / "path.csv")
+    assert sensor_of_options("a.e57", setups, None, None) == (None, "", "")
+    found, words, _ = sensor_of_options("a.e57", setups, (4.0, 5.0, 6.0), None)
+    assert_array_equal(found, [[4, 5, 6]])
+    assert words == "given"
+    found, words, _ = sensor_of_options("a.e57", setups, "auto", None)
+    assert_array_equal(found, setups.metadata["sensor_origins"][setups.attributes["scan_index"]])
+    assert words == "poses of the scans"
+    found, words, _ = sensor_of_options("a.csv", TIMED, None, tmp_path / "path.csv")
     assert_array_equal(found, [[0, 0, 5], [2, 0, 5], [4, 0, 5]])
+    assert words == "trajectory"
 
 
 def test_a_position_and_a_trajectory_are_wrong_usage(tmp_path):
@@ -48,10 +53,10 @@ def test_a_position_and_a_trajectory_are_wrong_usage(tmp_path):
 
 def test_errors_name_the_file_of_the_points(tmp_path):
     with pytest.raises(PointFileError, match=r"a\.csv: no position of the sensor is known"):
-        sensor_of_options("a.csv", TIMED, "auto")
+        sensor_of_options("a.csv", TIMED, "auto", None)
     (tmp_path / "path.csv").write_text("time,x,y,z\n0,0,0,5\n2,4,0,5\n")
     with pytest.raises(PointFileError, match=r"a\.pcd: points have no times"):
-        sensor_of_options("a.pcd", VIEWED, trajectory=tmp_path / "path.csv")
+        sensor_of_options("a.pcd", VIEWED, None, tmp_path / "path.csv")
 
 
 @pytest.mark.parametrize(
