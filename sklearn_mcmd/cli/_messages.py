@@ -4,6 +4,7 @@ import logging
 import time
 import warnings
 from contextlib import contextmanager
+from contextvars import ContextVar
 
 import numpy as np
 import typer
@@ -19,7 +20,10 @@ __all__ = [
     "print_summary",
     "print_table",
     "stopwatch",
+    "warned",
 ]
+
+_shown = ContextVar("shown", default=())  # warnings of the run
 
 
 @contextmanager
@@ -99,17 +103,17 @@ def _coarse_words(warning):
 
 @contextmanager
 def _plain_warnings(allow_coarse):
-    """Show each warning for users once, in one line."""
-    shown = set()
+    """Show each warning for users once, in one line, and keep it for `warned`."""
+    shown = []
 
     def show(message, category, *args, **kwargs):
         if _is_coarse(message) and not allow_coarse:
             raise message
         words = _coarse_words(message) if _is_coarse(message) else _of_options(message)
-        text = " ".join(words.split())
+        text = _printable(" ".join(words.split()))
         if text not in shown:
-            shown.add(text)
-            typer.echo(f"mcmd: warning: {_printable(text)}", err=True)
+            shown.append(text)
+            typer.echo(f"mcmd: warning: {text}", err=True)
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -118,7 +122,16 @@ def _plain_warnings(allow_coarse):
         warnings.simplefilter("ignore", DeprecationWarning)
         warnings.showwarning = show
         logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it tells where it keeps fonts
-        yield
+        token = _shown.set(shown)
+        try:
+            yield
+        finally:
+            _shown.reset(token)
+
+
+def warned():
+    """What the run has warned of until now, as on the terminal."""
+    return tuple(_shown.get())
 
 
 def print_table(title, **rows):
