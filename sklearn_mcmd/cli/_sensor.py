@@ -29,6 +29,7 @@ __all__ = [
 ]
 
 AUTO, NONE = "auto", "none"
+MOST = 10  # numbers of scans in a message
 NAMES = "intensity", "reflectance", "reflectivity"
 
 
@@ -171,13 +172,23 @@ def _doubt(xyz, positions, words, setups):
     from sklearn_mcmd.outliers._view import views_from_setups
 
     seen = views_from_setups(xyz, positions, setups)
-    if all(seen):
+    if False in seen:
+        wrong = [] if setups is None else np.unique(setups)[[s is False for s in seen]] + 1
+        which = f"of {_scans(wrong)} " if len(wrong) else ""
+        why = f"points {which}do not look as if measured from there; that may be a local origin"
+    elif True in seen:  # setups that cannot be asked have no vote
         return ""
-    which = "" if setups is None else f"of {seen.count(False)} of {len(seen)} setups "
-    return (
-        f"the file says that the sensor was at {place_words(positions, words)}, but points "
-        f"{which}do not look as if measured from there; that may be a local origin"
-    )
+    else:
+        why = "that is too far away to be asked" if "far" in seen else "too few points can be asked"
+    place = place_words(positions, words)
+    at = "" if place.startswith("from") else "at "
+    return f"the file says that the sensor was {at}{place}, but {why}"
+
+
+def _scans(numbers):
+    """Numbers of scans in words, the first ten of many."""
+    more = f" and {len(numbers) - MOST:,} more" if len(numbers) > MOST else ""
+    return f"scan{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers[:MOST]))}{more}"
 
 
 def sensor_of_normals(source, cloud, sensor, trajectory):

@@ -52,7 +52,8 @@ def view_from_origin(parts):
 
 
 def views_from_setups(points, positions, setups=None):
-    """Whether points look as if measured from where a file states: bool for each setup.
+    """Whether points look as if measured from where a file states: for each setup True or False,
+    or why it cannot be asked, "far" or "few".
 
     Points (n, 3) have `positions` (1, 3) or (n, 3); `setups` (n,) number those that are several.
     The file's word stands where steps are even: no position aside has to be worse.
@@ -61,8 +62,14 @@ def views_from_setups(points, positions, setups=None):
     if setups is not None:
         groups = [np.flatnonzero(setups == setup) for setup in np.unique(setups)]
     local = [points[rows] - positions[rows][0] for rows in groups]
-    views = [_views(lambda xyz=xyz: [xyz], np.zeros((1, 3)))[0] for xyz in local]
-    return [view is not None and view.is_even() for view in views]
+    return [_looks_even(xyz) for xyz in local]
+
+
+def _looks_even(points):
+    (view,) = _views(lambda: [points], np.zeros((1, 3)))
+    if view is None:
+        return "far" if len(points) and one_far_position(points, np.zeros((1, 3))) else "few"
+    return bool(view.is_even())
 
 
 class _View:

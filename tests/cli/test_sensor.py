@@ -8,6 +8,7 @@ from numpy.testing import assert_array_equal
 from commands import error_line, run
 from sklearn_mcmd.cli._sensor import (
     _position,
+    _scans,
     check_one_position,
     intensity_of,
     sensor_of_options,
@@ -133,15 +134,34 @@ def test_other_positions_that_a_file_states_are_not_used_and_the_line_says_so(se
         setups.xyz, setups.attributes, {"sensor_origins": [[500, 0, 2], [530, 7, 0]]}
     )
     line = (
-        r"a\.e57: .* at from 500, 0, 0 to 530, 7, 2 \(poses of the scans\), but points of 1 of 2 "
-        r"setups do not look .* is not used; give --sensor X,Y,Z if it is right; --sensor none is"
+        r"a\.e57: .* was from 500, 0, 0 to 530, 7, 2 \(poses of the scans\), but points of scan 2 "
+        r"do not look .* is not used; give --sensor X,Y,Z if it is right; --sensor none is"
     )
     wrong.metadata["sensor_origins"] = [[500, 0, 2], [530, 7, 0]]
     for asked in ({"recognize": True}, {"sensor": "auto"}):
         with pytest.warns(UserWarning, match=line):
             positions, words, doubt = told(wrong, **asked)
         assert (positions, words) == (None, "")
-        assert doubt.startswith("the file says that the sensor was at")
+        assert doubt.startswith("the file says that the sensor was from")
+
+
+def test_a_setup_that_cannot_be_asked_has_no_vote(setups):
+    """Five points of the second setup; and only those. Points far from it, and only those."""
+    few = setups.subset(np.arange(len(setups)) < 4_005)
+    far = PointCloud(setups.xyz.copy(), setups.attributes, setups.metadata)
+    far.xyz[4_000:] += [0, 0, 9_000]
+    for cloud, why in ((few, "too few points can be asked"), (far, "that is too far away to be")):
+        positions, _, doubt = told(cloud, recognize=True)
+        assert doubt == ""
+        assert_array_equal(np.unique(positions, axis=0), setups.metadata["sensor_origins"])
+        with pytest.warns(UserWarning, match=rf"was at 530, 7, 2 .*, but {why}"):
+            assert told(cloud, slice(4_000, None), recognize=True)[0] is None
+
+
+def test_scans_that_speak_against_their_positions_are_named_by_number_the_first_ten():
+    assert _scans([3]) == "scan 3"
+    assert _scans(range(2, 5)) == "scans 2, 3, 4"
+    assert _scans(range(1, 14)) == "scans 1, 2, 3, 4, 5, 6, 7, 8, 9, 10 and 3 more"
 
 
 def test_what_options_tell_is_used_as_it_is(setups, tmp_path):
