@@ -6,12 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sklearn_mcmd.io._formats import SENSORS
-from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
+from sklearn_mcmd.io._point_cloud import SETUPS, PointCloud, PointFileError
 from sklearn_mcmd.io._trajectory import Trajectory, positions_at, trajectory_of
 
 __all__ = ["Stated", "place_words", "rows_of_sensor", "sensor_origins", "stated_positions"]
 
-SETUPS = "sensor_origins"  # in the metadata: (n_scans, 3), NaN where a scan tells none
 NO_VIEWPOINT = (0.0, 0.0, 0.0)
 
 
