@@ -12,8 +12,8 @@ from sklearn_mcmd.outliers._rays import DIFFERS, RayLimits, one_far_position
 
 __all__ = ["origin_if_seen", "view_from_origin", "views_from_setups"]
 
-# Seen from where the sensor stood, gaps are uneven by .01 to .44 of what they are in space, with a
-# fifth of outliers as well. See docs/sensor.rst for other clouds.
+# Seen from where the sensor stood, gaps are uneven by .03 to .44 of what they are in space, with a
+# fifth of outliers as well, but for streets of `make_street`: .53 and .68. See docs/sensor.rst.
 EVEN = 0.5
 # Directions nearer than this share of the usual gap are one beam, with several echoes. Positions
 # beside the origin are this share of the usual range away.
