@@ -4,7 +4,6 @@ import logging
 import time
 import warnings
 from contextlib import contextmanager
-from contextvars import ContextVar
 
 import numpy as np
 import typer
@@ -22,8 +21,6 @@ __all__ = [
     "stopwatch",
     "warned",
 ]
-
-_shown = ContextVar("shown", default=())  # warnings of the run
 
 
 @contextmanager
@@ -120,18 +117,14 @@ def _plain_warnings(allow_coarse):
         warnings.simplefilter("always", UserWarning)
         # Deprecations are for programmers, though some libraries derive them from UserWarning.
         warnings.simplefilter("ignore", DeprecationWarning)
-        warnings.showwarning = show
+        warnings.showwarning, show.told = show, shown
         logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it tells where it keeps fonts
-        token = _shown.set(shown)
-        try:
-            yield
-        finally:
-            _shown.reset(token)
+        yield
 
 
 def warned():
     """What the run has warned of until now, as on the terminal."""
-    return tuple(_shown.get())
+    return getattr(warnings.showwarning, "told", [])
 
 
 def print_table(title, **rows):

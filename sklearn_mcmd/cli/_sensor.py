@@ -139,7 +139,7 @@ def intensity_of(source, cloud):
 
 
 def sensor_of_options(source, cloud, sensor, trajectory, used=slice(None), recognize=False):
-    """Positions for the used points, (1, 3) or (m, 3), or None if no option tells them; in words
+    """Positions for the used points, (3,) or (m, 3), or None if no option tells them; in words
     what tells them; and what speaks against those that the file states, which are not given then.
 
     The sensor is three floats, "auto", or None. What is typed is taken as it is; what the file
@@ -147,7 +147,7 @@ def sensor_of_options(source, cloud, sensor, trajectory, used=slice(None), recog
     which take long and tell of aircraft. A sensor that moves has no even steps to be asked for.
     """
     if isinstance(sensor, tuple):
-        return np.array([sensor]), "given", ""
+        return np.array(sensor), "given", ""
     if trajectory is not None:
         path = read_trajectory(trajectory)
         with one_clear_line(source, "read"):
@@ -164,7 +164,7 @@ def sensor_of_options(source, cloud, sensor, trajectory, used=slice(None), recog
     doubt = ""
     if len(told) == 1 or setups is not None:
         doubt = _doubt(cloud.xyz[used], told, words, setups if setups is None else setups[used])
-    return (None if doubt else told), words, doubt
+    return None if doubt else told[0] if len(told) == 1 else told, words, doubt
 
 
 def _doubt(xyz, positions, words, setups):
@@ -173,8 +173,7 @@ def _doubt(xyz, positions, words, setups):
 
     seen = views_from_setups(xyz, positions, setups)
     if False in seen:
-        wrong = [] if setups is None else np.unique(setups)[[s is False for s in seen]] + 1
-        which = f"of {_scans(wrong)} " if len(wrong) else ""
+        which = "" if setups is None else _scans(np.unique(setups)[[s is False for s in seen]] + 1)
         why = f"points {which}do not look as if measured from there; that may be a local origin"
     elif True in seen:  # setups that cannot be asked have no vote
         return ""
@@ -188,11 +187,11 @@ def _doubt(xyz, positions, words, setups):
 def _scans(numbers):
     """Numbers of scans in words, the first ten of many."""
     more = f" and {len(numbers) - MOST:,} more" if len(numbers) > MOST else ""
-    return f"scan{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers[:MOST]))}{more}"
+    return f"of scan{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers[:MOST]))}{more} "
 
 
 def sensor_of_normals(source, cloud, sensor, trajectory):
-    """Positions for all points, (1, 3) or (n, 3), and the row of the summary on them; or None, {}.
+    """Positions for all points, (3,) or (n, 3), and the row of the summary on them; or None, {}.
 
     A position that is doubted is an error: normals to another side than asked are wrong results.
     """
@@ -200,16 +199,12 @@ def sensor_of_normals(source, cloud, sensor, trajectory):
     if doubt:
         remedy = "give --sensor X,Y,Z where it stood, or --orientation up or mst"
         raise PointFileError(f"{source}: {doubt}. It is not used; {remedy}")
-    return (None, {}) if told is None else (_one(told), {"sensor": place_words(told, words)})
+    return (None, {}) if told is None else (told, {"sensor": place_words(told, words)})
 
 
 def sensor_of_rays(source, cloud, used, sensor=None, trajectory=None, recognize=False):
-    """Positions for the used points, (3,) or one for each, or None; in words where they are; and
-    what speaks against those that the file states, which are not used then.
-
-    If neither options nor the file tell, `recognize` asks whether the points were taken from the
-    origin.
-    """
+    """As `sensor_of_options`, but in words where positions are. What speaks against them is warned
+    of; and if `recognize`, the points may have been taken from the origin."""
     from sklearn_mcmd.outliers._view import view_from_origin
 
     told, words, doubt = sensor_of_options(source, cloud, sensor, trajectory, used, recognize)
@@ -217,11 +212,5 @@ def sensor_of_rays(source, cloud, used, sensor=None, trajectory=None, recognize=
         remedy = "give --sensor X,Y,Z if it is right; --sensor none is silent"
         warnings.warn(f"{source}: {doubt}. It is not used; {remedy}", stacklevel=2)
     if told is None and recognize and (words := view_from_origin(lambda: [cloud.xyz[used]])):
-        told = np.zeros((1, 3))
-    if told is None:
-        return None, "", doubt
-    return _one(told), place_words(told, words), doubt
-
-
-def _one(positions):
-    return positions[0] if len(positions) == 1 else positions
+        told = np.zeros(3)
+    return told, "" if told is None else place_words(told, words), doubt

@@ -31,8 +31,8 @@ class Stated(NamedTuple):
 
 
 def place_words(positions, words):
-    """Positions (m, 3), or what bounds them, and in brackets what tells them."""
-    low, high = (np.round(end(positions, axis=0), 3) for end in (np.min, np.max))
+    """Positions (m, 3) or (3,), or what bounds them, and in brackets what tells them."""
+    low, high = (np.round(end(np.atleast_2d(positions), axis=0), 3) for end in (np.min, np.max))
     first, last = (", ".join(f"{value:.10g}" for value in place) for place in (low, high))
     return f"{first} ({words})" if first == last else f"from {first} to {last} ({words})"
 

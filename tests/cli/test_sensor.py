@@ -37,7 +37,7 @@ def test_options_tell_one_position_or_one_for_each_point_or_none(setups, tmp_pat
     (tmp_path / "path.csv").write_text("time,x,y,z\n0,0,0,5\n2,4,0,5\n")
     assert sensor_of_options("a.e57", setups, None, None) == (None, "", "")
     found, words, _ = sensor_of_options("a.e57", setups, (4.0, 5.0, 6.0), None)
-    assert_array_equal(found, [[4, 5, 6]])
+    assert_array_equal(found, [4, 5, 6])
     assert words == "given"
     found, words, _ = sensor_of_options("a.e57", setups, "auto", None)
     assert_array_equal(found, setups.metadata["sensor_origins"][setups.attributes["scan_index"]])
@@ -159,9 +159,9 @@ def test_a_setup_that_cannot_be_asked_has_no_vote(setups):
 
 
 def test_scans_that_speak_against_their_positions_are_named_by_number_the_first_ten():
-    assert _scans([3]) == "scan 3"
-    assert _scans(range(2, 5)) == "scans 2, 3, 4"
-    assert _scans(range(1, 14)) == "scans 1, 2, 3, 4, 5, 6, 7, 8, 9, 10 and 3 more"
+    assert _scans([3]) == "of scan 3 "
+    assert _scans(range(2, 5)) == "of scans 2, 3, 4 "
+    assert _scans(range(1, 14)) == "of scans 1, 2, 3, 4, 5, 6, 7, 8, 9, 10 and 3 more "
 
 
 def test_what_options_tell_is_used_as_it_is(setups, tmp_path):
