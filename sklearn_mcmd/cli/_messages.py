@@ -19,6 +19,7 @@ __all__ = [
     "print_summary",
     "print_table",
     "stopwatch",
+    "warned",
 ]
 
 
@@ -99,26 +100,31 @@ def _coarse_words(warning):
 
 @contextmanager
 def _plain_warnings(allow_coarse):
-    """Show each warning for users once, in one line."""
-    shown = set()
+    """Show each warning for users once, in one line, and keep it for `warned`."""
+    shown = []
 
     def show(message, category, *args, **kwargs):
         if _is_coarse(message) and not allow_coarse:
             raise message
         words = _coarse_words(message) if _is_coarse(message) else _of_options(message)
-        text = " ".join(words.split())
+        text = _printable(" ".join(words.split()))
         if text not in shown:
-            shown.add(text)
-            typer.echo(f"mcmd: warning: {_printable(text)}", err=True)
+            shown.append(text)
+            typer.echo(f"mcmd: warning: {text}", err=True)
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", UserWarning)
         # Deprecations are for programmers, though some libraries derive them from UserWarning.
         warnings.simplefilter("ignore", DeprecationWarning)
-        warnings.showwarning = show
+        warnings.showwarning, show.told = show, shown
         logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it tells where it keeps fonts
         yield
+
+
+def warned():
+    """What the run has warned of until now, as on the terminal."""
+    return getattr(warnings.showwarning, "told", [])
 
 
 def print_table(title, **rows):

@@ -111,7 +111,9 @@ class Normals(CloudVerb):
         sizes = ["n_neighbors"] if self.n_neighbors == "auto" else []
         blanks = dict.fromkeys([*self._columns(), *sizes], _files.blank(cloud))
         _files.rehearse(self.target, with_results(cloud, blanks))
-        origins = _sensor.sensor_of_options(self.source, cloud, self.sensor, self.trajectory)
+        origins, sensed = _sensor.sensor_of_normals(
+            self.source, cloud, self.sensor, self.trajectory
+        )
         with _files.working(self.source):
             fitted = self.estimator().fit(_files.coordinates(cloud), sensor_origin=origins)
             results = _results(fitted)
@@ -120,9 +122,10 @@ class Normals(CloudVerb):
             removed_fraction=results["removed_fraction"].mean(dtype=np.float64),
             n_upright=count_upright(fitted.normals_),
             variation=np.median(results["surface_variation"]),
+            sensor=sensed,
         )
         _files.write(self.target, with_results(cloud, results))
-        return told, lambda: _contents(cloud, fitted, results)
+        return told, lambda: _contents(cloud, fitted, results, sensed)
 
     def tile_options(self):
         return {"sensor_origin": _sensor.path_of_options(self.sensor, self.trajectory)}
@@ -132,6 +135,7 @@ class Normals(CloudVerb):
         rows["removed"] = f"{100 * told.removed_fraction:.2f} % of an average neighborhood"
         if told.n_tiles == 0:  # tiles do not tell it
             rows["surface variation"] = f"{told.variation:.2g} (median)"
+            rows |= told.sensor
         if self.orientation == "none" and told.n_upright > SOME_UPRIGHT * told.n_points:
             share = f"{100 * told.n_upright / told.n_points:.0f} % are of upright faces"
             rows["sides"] = f"{share}, to either side by chance; see --orientation sensor and mst"
@@ -161,13 +165,14 @@ def _results(fitted):
     return dict(zip(names, columns.T.copy(), strict=True))
 
 
-def _contents(cloud, fitted, results):
+def _contents(cloud, fitted, results, sensed):
     from sklearn_mcmd.report._normals import normals_contents
     from sklearn_mcmd.report._shown import Shown
 
     told = results | {"normal_error": fitted.normal_error_.astype(np.float32)}
     n_neighbors = int(np.median(fitted.n_neighbors_))
     shown = Shown.of_memory(cloud, n_neighbors, fitted.plane_scale_, **told)
+    shown = shown._replace(rows=[*shown.rows, *sensed.items()])
     return normals_contents(shown, results, float(fitted.removed_fraction_.mean()))
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, NamedTuple
 import typer
 from typer.core import TyperCommand
 
-from sklearn_mcmd.cli._messages import clear_exits
+from sklearn_mcmd.cli._messages import clear_exits, warned
 from sklearn_mcmd.report._contents import Parameter, Run
 from sklearn_mcmd.runtime._interrupts import ignore_interrupts
 from sklearn_mcmd.runtime._progress import current_span, progress_part
@@ -65,6 +65,7 @@ def write_report_of(report, source, target, seconds, contents):
     """
     if report is not None:
         from sklearn_mcmd.report._folder import write_report
+        from sklearn_mcmd.report._notes import with_warnings
 
         name, typed = report.context.command.name, report.context.meta[TYPED]
         command, parameters = shlex.join(["mcmd", name, *typed]), _parameters(report.context)
@@ -73,7 +74,7 @@ def write_report_of(report, source, target, seconds, contents):
             span, made = current_span(), contents()
             if span is not None:
                 span.tell(DRAWN)
-            write_report(report.folder, run, made)
+            write_report(report.folder, run, with_warnings(made, warned()))
     ignore_interrupts()
 
 

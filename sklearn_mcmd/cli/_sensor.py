@@ -11,7 +11,7 @@ from sklearn_mcmd.io import PointFileError, read_trajectory, sensor_origins
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._formats import SENSORS, TILED
 from sklearn_mcmd.io._las import read_header
-from sklearn_mcmd.io._sensor import Stated, place_words, stated_positions
+from sklearn_mcmd.io._sensor import place_words, stated_positions
 
 __all__ = [
     "Intensity",
@@ -21,6 +21,7 @@ __all__ = [
     "check_one_position",
     "intensity_of",
     "path_of_options",
+    "sensor_of_normals",
     "sensor_of_options",
     "sensor_of_rays",
     "work_if_seen",
@@ -28,6 +29,7 @@ __all__ = [
 ]
 
 AUTO, NONE = "auto", "none"
+MOST = 10  # numbers of scans in a message
 NAMES = "intensity", "reflectance", "reflectivity"
 
 
@@ -56,7 +58,7 @@ SensorOrigin = Annotated[
         parser=_position,
         metavar="X,Y,Z|auto",
         help="Where the sensor stood, in the coordinates of the file. auto: as the file says, by "
-        f"{SENSORS}; mcmd info shows it.",
+        f"{SENSORS}, if the cloud looks as if it was measured from there; mcmd info shows it.",
         show_default="not known",
     ),
 ]
@@ -126,24 +128,6 @@ def path_of_options(sensor, trajectory):
     return read_trajectory(trajectory)
 
 
-def sensor_of_options(source, cloud, sensor=None, trajectory=None):
-    """Positions of the sensor: (3,), or (n, 3) for each point, or None if no option tells.
-
-    The sensor is three floats or "auto"; errors name the source of the cloud.
-    """
-    if sensor is None and trajectory is None:
-        return None
-    if isinstance(sensor, tuple):
-        return np.array(sensor)
-    path = None if trajectory is None else read_trajectory(trajectory)
-    with one_clear_line(source, "read"):
-        if path is None:
-            positions = stated_positions(cloud).positions
-            if positions is not None and len(positions) == 1:
-                return positions[0]
-        return sensor_origins(cloud, path)
-
-
 def intensity_of(source, cloud):
     """The intensity of each point, as files name it; of four columns without names the last."""
     given = {name.lower().removeprefix("scalar_"): a for name, a in cloud.attributes.items()}
@@ -154,38 +138,79 @@ def intensity_of(source, cloud):
     raise ValueError(f"{source}: --intensity: the file has none, or the same at all points")
 
 
-def sensor_of_rays(source, cloud, used, sensor=None, trajectory=None, recognize=False):
-    """Positions for the used points, (3,) or one for each, or None; in words where they are; and
-    what speaks against those that the file states, which are not used then.
+def sensor_of_options(source, cloud, sensor, trajectory, used=slice(None), recognize=False):
+    """Positions for the used points, (3,) or (m, 3), or None if no option tells them; in words
+    what tells them; and what speaks against those that the file states, which are not given then.
 
-    What options tell is taken as it is. If neither they nor the file tell, `recognize` asks whether
-    the points were taken from the origin. Scan angles, which take long and tell of aircraft, are
-    left to those who ask for them. A sensor that moves has no even steps to be asked for.
+    The sensor is three floats, "auto", or None. What is typed is taken as it is; what the file
+    states is asked, and is taken with no option as well if `recognize`, unless it is scan angles,
+    which take long and tell of aircraft. A sensor that moves has no even steps to be asked for.
     """
-    from sklearn_mcmd.outliers._view import view_from_origin, views_from_setups
-
-    (told, words, setups), doubt, xyz = Stated(None, ""), "", cloud.xyz[used]
-    if isinstance(sensor, tuple) or trajectory is not None:
-        told = np.atleast_2d(sensor_of_options(source, cloud, sensor, trajectory))
-        words = "given" if trajectory is None else "trajectory"
-    elif sensor == AUTO or (recognize and "las_header" not in cloud.metadata):
+    if isinstance(sensor, tuple):
+        return np.array(sensor), "given", ""
+    if trajectory is not None:
+        path = read_trajectory(trajectory)
+        with one_clear_line(source, "read"):
+            return sensor_origins(cloud, path)[used], "trajectory", ""
+    if not (sensor == AUTO or (recognize and "las_header" not in cloud.metadata)):
+        return None, "", ""
+    with one_clear_line(source, "read"):
         told, words, setups = stated_positions(cloud)
-        if sensor == AUTO and told is None:
-            sensor_of_options(source, cloud, sensor)  # which says why
-    told = told[used] if np.ndim(told) == 2 and len(told) > 1 else told
-    if told is not None and words != "given" and (len(told) == 1 or setups is not None):
-        seen = views_from_setups(xyz, told, setups if setups is None else setups[used])
-        if not all(seen):
-            which = "" if setups is None else f"of {seen.count(False)} of {len(seen)} setups "
-            doubt = (
-                f"the file says that the sensor was at {place_words(told, words)}, but points "
-                f"{which}do not look as if measured from there; that may be a local origin"
-            )
-            remedy = "give --sensor X,Y,Z if it is right; --sensor none is silent"
-            warnings.warn(f"{source}: {doubt}. It is not used; {remedy}", stacklevel=2)
-            told = None
-    if told is None and recognize and (words := view_from_origin(lambda: [xyz])):
-        told = np.zeros((1, 3))
+        if told is None and sensor == AUTO:
+            sensor_origins(cloud)  # which says why
     if told is None:
-        return None, "", doubt
-    return told[0] if len(told) == 1 else told, place_words(told, words), doubt
+        return None, "", ""
+    told = told if len(told) == 1 else told[used]
+    doubt = ""
+    if len(told) == 1 or setups is not None:
+        doubt = _doubt(cloud.xyz[used], told, words, setups if setups is None else setups[used])
+    return None if doubt else told[0] if len(told) == 1 else told, words, doubt
+
+
+def _doubt(xyz, positions, words, setups):
+    """What speaks against positions that a file states, "" if nothing does."""
+    from sklearn_mcmd.outliers._view import views_from_setups
+
+    seen = views_from_setups(xyz, positions, setups)
+    if False in seen:
+        which = "" if setups is None else _scans(np.unique(setups)[[s is False for s in seen]] + 1)
+        why = f"points {which}do not look as if measured from there; that may be a local origin"
+    elif True in seen:  # setups that cannot be asked have no vote
+        return ""
+    else:
+        why = "that is too far away to be asked" if "far" in seen else "too few points can be asked"
+    place = place_words(positions, words)
+    at = "" if place.startswith("from") else "at "
+    return f"the file says that the sensor was {at}{place}, but {why}"
+
+
+def _scans(numbers):
+    """Numbers of scans in words, the first ten of many."""
+    more = f" and {len(numbers) - MOST:,} more" if len(numbers) > MOST else ""
+    return f"of scan{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers[:MOST]))}{more} "
+
+
+def sensor_of_normals(source, cloud, sensor, trajectory):
+    """Positions for all points, (3,) or (n, 3), and the row of the summary on them; or None, {}.
+
+    A position that is doubted is an error: normals to another side than asked are wrong results.
+    """
+    told, words, doubt = sensor_of_options(source, cloud, sensor, trajectory)
+    if doubt:
+        remedy = "give --sensor X,Y,Z where it stood, or --orientation up or mst"
+        raise PointFileError(f"{source}: {doubt}. It is not used; {remedy}")
+    return (None, {}) if told is None else (told, {"sensor": place_words(told, words)})
+
+
+def sensor_of_rays(source, cloud, used, sensor=None, trajectory=None, recognize=False):
+    """As `sensor_of_options`, but in words where positions are. What speaks against them is warned
+    of; and if `recognize`, the points may have been taken from the origin."""
+    from sklearn_mcmd.outliers._view import view_from_origin
+
+    told, words, doubt = sensor_of_options(source, cloud, sensor, trajectory, used, recognize)
+    if doubt:
+        remedy = "give --sensor X,Y,Z if it is right; --sensor none is silent"
+        warnings.warn(f"{source}: {doubt}. It is not used; {remedy}", stacklevel=2)
+    if told is None and recognize and (words := view_from_origin(lambda: [cloud.xyz[used]])):
+        told = np.zeros(3)
+    return told, "" if told is None else place_words(told, words), doubt

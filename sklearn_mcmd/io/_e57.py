@@ -12,7 +12,9 @@ from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io._las_structure import check_grid
 from sklearn_mcmd.io._no_returns import TOLD, NoReturns
 from sklearn_mcmd.io._point_cloud import (
+    CELL,
     COLORS,
+    SETUPS,
     PointCloud,
     PointFileError,
     check_room,
@@ -180,10 +182,14 @@ def _setup(header, position):
 
 
 def write_e57(path, cloud):
-    """Write one E57 scan, with a pose in the middle of its points."""
+    """Write one E57 scan, with the pose of a single setup, or one in the middle of its points."""
     pye57 = import_extra("pye57", "formats", "E57")
     write_scan = _in_double_precision(pye57)
-    center = np.round(np.median(cloud.xyz, axis=0))
+    setups = np.reshape(cloud.metadata.get(SETUPS, []), (-1, 3)).astype(float)
+    stood = np.isfinite(setups).all(axis=1)
+    has_grid = set(CELL) <= cloud.attributes.keys()
+    keep = len(setups) == 1 and stood[0] and (setups.any() or has_grid)  # as `_setup` reads
+    center = setups[0] if keep else np.round(np.median(cloud.xyz, axis=0))
     local = cloud.xyz - center
     data = {f"cartesian{axis}": np.ascontiguousarray(local[:, i]) for i, axis in enumerate("XYZ")}
     columns, of_colors = colors_of_bytes(flat_columns(cloud.attributes))
@@ -202,10 +208,12 @@ def write_e57(path, cloud):
     if not np.isfinite(data.get("intensity", 0)).all():
         lost.append("intensity")
         del data["intensity"]
-    for group in (COLORS, ("row_index", "column_index")):  # written together or not at all
+    for group in (COLORS, CELL):  # written together or not at all
         fields = [E57_FIELDS[name][0] for name in group]
         if not all(f in data for f in fields):
             lost += [n for n, f in zip(group, fields, strict=True) if data.pop(f, None) is not None]
+    if stood.any() and not keep:
+        lost.append("poses of the scans")
     told = {"not written": lost, "rounded": [name for name in rounded if name not in lost]}
     if lost or rounded:
         warn_caller(
@@ -214,7 +222,7 @@ def write_e57(path, cloud):
         )
     file = pye57.E57(os.fsencode(path), mode="w")
     try:
-        write_scan(file, data, name=MERGED, translation=center)
+        write_scan(file, data, name=None if keep else MERGED, translation=center)
         file.close()
     except Exception as err:
         if hasattr(file, "image_file"):

@@ -15,6 +15,7 @@ from sklearn_mcmd._errors import warn_caller
 __all__ = [
     "CELL",
     "COLORS",
+    "SETUPS",
     "SHAPE",
     "PointCloud",
     "PointFileError",
@@ -36,6 +37,7 @@ __all__ = [
 
 RESERVED = {"x", "y", "z", "xyz"}
 COLORS = ("red", "green", "blue")
+SETUPS = "sensor_origins"  # in the metadata: (n_scans, 3), NaN where a scan tells none
 CELL = ("row_index", "column_index")  # of a point in the grid of an organized cloud or a scan
 SHAPE = "grid_shape"  # of an organized cloud, in its metadata: rows and columns
 
@@ -255,7 +257,7 @@ def joined_scans(scans, setups, n_points):
                 if attributes[name].dtype == np.uint8:
                     attributes[name] = attributes[name] * np.uint16(257)
         cloud = joined([*scans.values()], "scans")
-    cloud.metadata["sensor_origins"] = np.array(setups)
+    cloud.metadata[SETUPS] = np.array(setups)
     cloud.n_dropped = n_points - len(cloud)
     return cloud
 

@@ -6,12 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sklearn_mcmd.io._formats import SENSORS
-from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
+from sklearn_mcmd.io._point_cloud import SETUPS, PointCloud, PointFileError
 from sklearn_mcmd.io._trajectory import Trajectory, positions_at, trajectory_of
 
 __all__ = ["Stated", "place_words", "rows_of_sensor", "sensor_origins", "stated_positions"]
 
-SETUPS = "sensor_origins"  # in the metadata: (n_scans, 3), NaN where a scan tells none
 NO_VIEWPOINT = (0.0, 0.0, 0.0)
 
 
@@ -32,8 +31,8 @@ class Stated(NamedTuple):
 
 
 def place_words(positions, words):
-    """Positions (m, 3), or what bounds them, and in brackets what tells them."""
-    low, high = (np.round(end(positions, axis=0), 3) for end in (np.min, np.max))
+    """Positions (m, 3) or (3,), or what bounds them, and in brackets what tells them."""
+    low, high = (np.round(end(np.atleast_2d(positions), axis=0), 3) for end in (np.min, np.max))
     first, last = (", ".join(f"{value:.10g}" for value in place) for place in (low, high))
     return f"{first} ({words})" if first == last else f"from {first} to {last} ({words})"
 

@@ -12,8 +12,8 @@ from sklearn_mcmd.outliers._rays import DIFFERS, RayLimits, one_far_position
 
 __all__ = ["origin_if_seen", "view_from_origin", "views_from_setups"]
 
-# Seen from where the sensor stood, gaps are uneven by .01 to .44 of what they are in space, with a
-# fifth of outliers as well. See docs/sensor.rst for other clouds.
+# Seen from where the sensor stood, gaps are uneven by .03 to .44 of what they are in space, with a
+# fifth of outliers as well, but for streets of `make_street`: .53 and .68. See docs/sensor.rst.
 EVEN = 0.5
 # Directions nearer than this share of the usual gap are one beam, with several echoes. Positions
 # beside the origin are this share of the usual range away.
@@ -52,7 +52,8 @@ def view_from_origin(parts):
 
 
 def views_from_setups(points, positions, setups=None):
-    """Whether points look as if measured from where a file states: bool for each setup.
+    """Whether points look as if measured from where a file states: for each setup True or False,
+    or why it cannot be asked, "far" or "few".
 
     Points (n, 3) have `positions` (1, 3) or (n, 3); `setups` (n,) number those that are several.
     The file's word stands where steps are even: no position aside has to be worse.
@@ -61,8 +62,14 @@ def views_from_setups(points, positions, setups=None):
     if setups is not None:
         groups = [np.flatnonzero(setups == setup) for setup in np.unique(setups)]
     local = [points[rows] - positions[rows][0] for rows in groups]
-    views = [_views(lambda xyz=xyz: [xyz], np.zeros((1, 3)))[0] for xyz in local]
-    return [view is not None and view.is_even() for view in views]
+    return [_looks_even(xyz) for xyz in local]
+
+
+def _looks_even(points):
+    (view,) = _views(lambda: [points], np.zeros((1, 3)))
+    if view is None:
+        return "far" if len(points) and one_far_position(points, np.zeros((1, 3))) else "few"
+    return bool(view.is_even())
 
 
 class _View:

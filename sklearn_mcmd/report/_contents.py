@@ -30,12 +30,13 @@ class Note(NamedTuple):
 
     title: str
     text: str
-    remedy: str
+    remedy: str = ""
+    warned: str = ""  # words of a warning on the terminal that is on the same matter
 
 
-def note_if(holds, title, text, remedy):
-    """Notes on a measurement: this one if the matter `holds`, else none."""
-    return [Note(title, text, remedy)] if holds else []
+def note_if(holds, *words, warned=""):
+    """Notes on a measurement: the `Note` of these words if the matter `holds`, else none."""
+    return [Note(*words, warned=warned)] if holds else []
 
 
 class Section(NamedTuple):

@@ -138,6 +138,7 @@ def _sensor_notes(sensor):
         "Where was the sensor?",
         f"The position is {sensor.get('sensor')}: {sensor.get('doubt')}.",
         "Give --sensor X,Y,Z as it was, or --sensor none.",
+        warned=sensor.get("doubt", ""),
     )
 
 
@@ -162,6 +163,7 @@ def _surface_notes(detector, n_all):
         f"{share(n_exact, n_all)} are outliers only because most of their neighbors lie exactly in "
         "one plane, as where coordinates are rounded more coarsely than the noise.",
         "Check these before they are dropped (--mode mark).",
+        warned="are outliers only because most of their neighbors lie exactly in one plane",
     )
     n_on = int(np.count_nonzero(detector.on_surface_))
     return notes + note_if(

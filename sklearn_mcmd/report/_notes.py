@@ -3,9 +3,9 @@
 import numpy as np
 
 from sklearn_mcmd._errors import counted
-from sklearn_mcmd.report._contents import note_if, percent
+from sklearn_mcmd.report._contents import Note, note_if, percent
 
-__all__ = ["CHECKS", "CHECKS_OF_ALL", "cloud_notes", "together_notes"]
+__all__ = ["CHECKS", "CHECKS_OF_ALL", "cloud_notes", "together_notes", "with_warnings"]
 
 CHECKS_OF_ALL = (
     "duplicates, coordinates that are rounded or too coarse, and points far from all others"
@@ -70,6 +70,7 @@ def _coarse(facts):
         f"from the origin. Neighborhoods have a radius of {facts.radius:.2g}: their planes follow "
         "the rounding.",
         "Write the file in double precision, as LAS, LAZ or text, or subtract an offset before.",
+        warned="single precision (float32) rounds coordinates",
     )
 
 
@@ -119,4 +120,13 @@ def together_notes(words):
         f"{words}.",
         "Look at the maps. A thing that is sparser than what is around it is kept if the dense "
         "parts are thinned to its spacing first.",
+        warned=words,
     )
+
+
+def with_warnings(contents, warned):
+    """The same with what the run warned of on the terminal, unless a note is on that matter."""
+    told = [note.warned for note in contents.notes if note.warned]
+    new = [words for words in warned if not any(part in words for part in told)]
+    notes = [Note("Warned on the terminal.", words) for words in new]
+    return contents._replace(notes=notes + contents.notes)

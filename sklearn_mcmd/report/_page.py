@@ -70,7 +70,7 @@ def _notes(contents):
         return f"<section><h2>Warnings</h2>{paragraph(words, 'fine')}</section>"
     notes = "".join(
         f"<li><strong>{html.escape(note.title)}</strong> <span>{html.escape(note.text)}</span>"
-        f"<em>{html.escape(note.remedy)}</em></li>"
+        + (f"<em>{html.escape(note.remedy)}</em></li>" if note.remedy else "</li>")
         for note in contents.notes
     )
     n = len(contents.notes)

@@ -5,8 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from commands import files_in, run
+from commands import error_line, files_in, run
 from sklearn_mcmd import RobustNormalEstimator
+from sklearn_mcmd.datasets import make_lidar_turn
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 
 
@@ -39,28 +40,56 @@ def test_normals_look_at_the_sensor_also_at_negative_coordinates(room_file, tmp_
     assert (np.einsum("ij,ij->i", normals, to_sensor) >= -1e-5).all()
 
 
-@pytest.mark.parametrize("told", ["auto", "trajectory"])
-def test_normals_look_at_where_the_file_or_a_trajectory_says(told, room, tmp_path):
+def test_normals_look_at_where_a_trajectory_says(room, tmp_path):
     path = np.array([[0.0, 5, 5, 9], [1, -5, -5, -9]])  # time, x, y, z
     times = np.linspace(0, 1, len(room))
     origins = np.stack([np.interp(times, path[:, 0], path[:, i]) for i in (1, 2, 3)], axis=1)
-    if told == "auto":
-        pytest.importorskip("pypcd4")
-        viewpoint = (5.0, 5.0, -9.0, 1.0, 0.0, 0.0, 0.0)
-        source, options = tmp_path / "in.pcd", ("--sensor", "auto")
-        write_points(source, PointCloud(room.xyz, {}, {"pcd_viewpoint": viewpoint}))
-        origins = np.tile(viewpoint[:3], (len(room), 1))
-    else:
-        source, options = tmp_path / "in.csv", ("--trajectory", tmp_path / "path.csv")
-        write_points(source, PointCloud(room.xyz, {"time": times}))
-        np.savetxt(options[1], path, delimiter=",", header="time,x,y,z", comments="")
-    target = tmp_path / "out.npy"
-    result = run("normals", source, target, "--orientation", "sensor", *options)
-    assert result.exit_code == 0, result.output
-    out = np.load(target)
-    normals = np.column_stack([out[f"normal_{a}"] for a in "xyz"])
-    xyz = np.column_stack([out[a] for a in "xyz"])
+    write_points(tmp_path / "in.csv", PointCloud(room.xyz, {"time": times}))
+    np.savetxt(tmp_path / "path.csv", path, delimiter=",", header="time,x,y,z", comments="")
+    result = oriented(tmp_path / "in.csv", tmp_path, "--trajectory", tmp_path / "path.csv")
+    assert "(trajectory)" in row_of_sensor(result)
+    normals, xyz = written(tmp_path)
     assert (np.einsum("ij,ij->i", normals, origins - xyz) >= -1e-4).all()
+
+
+def oriented(source, folder, *options):
+    args = ("--orientation", "sensor", *options, "--report", folder / "report")
+    return run("normals", source, folder / "out.npy", *args)
+
+
+def row_of_sensor(result):
+    assert result.exit_code == 0, result.output
+    return re.search(r"^  sensor +(.*)$", result.stdout, re.MULTILINE)[1]
+
+
+def written(folder):
+    out = np.load(folder / "out.npy")
+    return [np.column_stack([out[f"{name}{a}"] for a in "xyz"]) for name in ("normal_", "")]
+
+
+def test_normals_look_at_where_the_file_says_that_shows_steps_of_a_scanner(tmp_path):
+    pytest.importorskip("pypcd4")
+    turn, stood = make_lidar_turn(4_000, random_state=0).data, np.array([5.0, 6, 7])
+    viewpoint = {"pcd_viewpoint": (*stood, 1.0, 0.0, 0.0, 0.0)}
+    write_points(tmp_path / "in.pcd", PointCloud(turn + stood, {}, viewpoint))
+    result = oriented(tmp_path / "in.pcd", tmp_path, "--sensor", "auto")
+    assert row_of_sensor(result) == "5, 6, 7 (PCD's VIEWPOINT)"
+    assert "5, 6, 7 (PCD&#x27;s VIEWPOINT)" in (tmp_path / "report" / "index.html").read_text()
+    normals, xyz = written(tmp_path)
+    assert (np.einsum("ij,ij->i", normals, stood - xyz) >= -1e-4).all()
+
+
+def test_normals_do_not_look_at_a_local_origin_that_a_file_states(room, tmp_path):
+    """What is typed is taken: the same place, from which the points were not measured."""
+    pytest.importorskip("pypcd4")
+    viewpoint = {"pcd_viewpoint": (1.0, 2.0, -3.0, 1.0, 0.0, 0.0, 0.0)}
+    write_points(tmp_path / "in.pcd", PointCloud(room.xyz, {}, viewpoint))
+    line = error_line(oriented(tmp_path / "in.pcd", tmp_path, "--sensor", "auto"))
+    assert "in.pcd: the file says that the sensor was at 1, 2, -3 (PCD's VIEWPOINT), but" in line
+    assert "give --sensor X,Y,Z where it stood, or --orientation up or mst" in line
+    assert files_in(tmp_path) == ["in.pcd"]
+    typed = oriented(tmp_path / "in.pcd", tmp_path, "--sensor", "1,2,-3")
+    assert row_of_sensor(typed) == "1, 2, -3 (given)"
 
 
 @pytest.mark.parametrize("orientation", ["none", "up", "mst"])

@@ -228,3 +228,57 @@ def test_normals_by_least_squares_of_chosen_sizes_have_a_report(room_file, tmp_p
     pca = ("--method", "pca", "--features", "all", "--report", tmp_path / "r")
     assert run("normals", room_file, tmp_path / "o.laz", *pca).exit_code == 0
     assert files_in(tmp_path / "r") == ["index.html", "view.html"]
+
+
+def degrees_file(folder, n):
+    """A box of ten meters, in degrees beside meters."""
+    xyz = np.random.default_rng(0).uniform(size=(n, 3)) * 10
+    write_points(folder / "degrees.laz", PointCloud(xyz / [111e3, 67e3, 1] + [13.4, 52.5, 40]))
+    return folder / "degrees.laz"
+
+
+def warnings_on(page):
+    notes = re.findall(r"<li><strong>(.*?)</strong> <span>(.*?)</span>", page.read_text())
+    return [html.unescape(text) for title, text in notes if title == "Warned on the terminal."]
+
+
+@pytest.mark.parametrize("verb", [*VERBS, "plane"])
+def test_what_a_run_warned_of_stands_on_its_page(verb, room_file, tmp_path):
+    result = run(verb, degrees_file(tmp_path, 900), tmp_path / "o.laz", "--report", tmp_path / "r")
+    assert result.exit_code == 0, result.output
+    (warned,) = warnings_on(tmp_path / "r" / "index.html")
+    assert f"mcmd: warning: {warned}" in result.stderr.splitlines()
+    assert "x and y seem to be degrees" in warned
+    assert "Nothing to warn of" not in words_of(tmp_path / "r" / "index.html")
+    result = run(verb, room_file, tmp_path / "o.laz", "--report", tmp_path / "r")
+    assert "warning" not in result.stderr
+    assert warnings_on(tmp_path / "r" / "index.html") == []  # of another run
+
+
+def test_what_a_run_by_tiles_warned_of_stands_on_its_page(small_machine, tmp_path):
+    options = ("--memory", "2MB", "--n-jobs", 1, "--report", tmp_path / "r")
+    result = run("denoise", degrees_file(tmp_path, 6_000), tmp_path / "o.laz", *options)
+    assert "tiles" in result.stdout, result.output
+    warned = warnings_on(tmp_path / "r" / "index.html")
+    assert [f"mcmd: warning: {text}" for text in warned] == result.stderr.splitlines()
+    assert "x and y seem to be degrees" in warned[0]
+
+
+def test_what_the_page_says_itself_is_not_said_twice(tmp_path):
+    """A position that is doubted, and planes without noise."""
+    rng = np.random.default_rng(0)
+    plane = rng.uniform(0, 6, (2_000, 3)) * [1, 1, 0]
+    plane[::25, 2] = rng.uniform(0.05, 0.3, 80)
+    viewpoint = {"pcd_viewpoint": (3.0, 3.0, 0.5, 1.0, 0.0, 0.0, 0.0)}
+    pytest.importorskip("pypcd4")
+    write_points(tmp_path / "a.pcd", PointCloud(plane, {}, viewpoint))
+    strict = ("--strictness", "surfaces", "--report", tmp_path / "r")
+    result = run("denoise", tmp_path / "a.pcd", tmp_path / "o.npy", *strict)
+    words = words_of(tmp_path / "r" / "index.html")
+    for warned, title in (
+        ("but points do not look as if measured from there", "Where was the sensor?"),
+        ("are outliers only because most of their neighbors", "Planes without noise."),
+    ):
+        assert warned in result.stderr
+        assert title in words
+    assert warnings_on(tmp_path / "r" / "index.html") == []

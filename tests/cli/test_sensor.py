@@ -8,6 +8,7 @@ from numpy.testing import assert_array_equal
 from commands import error_line, run
 from sklearn_mcmd.cli._sensor import (
     _position,
+    _scans,
     check_one_position,
     intensity_of,
     sensor_of_options,
@@ -32,13 +33,18 @@ def test_other_positions_are_wrong_usage(text):
         _position(text)
 
 
-def test_options_tell_one_position_or_one_for_each_point_or_none(tmp_path):
+def test_options_tell_one_position_or_one_for_each_point_or_none(setups, tmp_path):
     (tmp_path / "path.csv").write_text("time,x,y,z\n0,0,0,5\n2,4,0,5\n")
-    assert sensor_of_options("a.pcd", VIEWED) is None
-    assert_array_equal(sensor_of_options("a.pcd", VIEWED, (4.0, 5.0, 6.0)), [4, 5, 6])
-    assert_array_equal(sensor_of_options("a.pcd", VIEWED, "auto"), [1, 2, 3])
-    found = sensor_of_options("a.csv", TIMED, trajectory=tmp_path / "path.csv")
+    assert sensor_of_options("a.e57", setups, None, None) == (None, "", "")
+    found, words, _ = sensor_of_options("a.e57", setups, (4.0, 5.0, 6.0), None)
+    assert_array_equal(found, [4, 5, 6])
+    assert words == "given"
+    found, words, _ = sensor_of_options("a.e57", setups, "auto", None)
+    assert_array_equal(found, setups.metadata["sensor_origins"][setups.attributes["scan_index"]])
+    assert words == "poses of the scans"
+    found, words, _ = sensor_of_options("a.csv", TIMED, None, tmp_path / "path.csv")
     assert_array_equal(found, [[0, 0, 5], [2, 0, 5], [4, 0, 5]])
+    assert words == "trajectory"
 
 
 def test_a_position_and_a_trajectory_are_wrong_usage(tmp_path):
@@ -48,10 +54,10 @@ def test_a_position_and_a_trajectory_are_wrong_usage(tmp_path):
 
 def test_errors_name_the_file_of_the_points(tmp_path):
     with pytest.raises(PointFileError, match=r"a\.csv: no position of the sensor is known"):
-        sensor_of_options("a.csv", TIMED, "auto")
+        sensor_of_options("a.csv", TIMED, "auto", None)
     (tmp_path / "path.csv").write_text("time,x,y,z\n0,0,0,5\n2,4,0,5\n")
     with pytest.raises(PointFileError, match=r"a\.pcd: points have no times"):
-        sensor_of_options("a.pcd", VIEWED, trajectory=tmp_path / "path.csv")
+        sensor_of_options("a.pcd", VIEWED, None, tmp_path / "path.csv")
 
 
 @pytest.mark.parametrize(
@@ -128,15 +134,34 @@ def test_other_positions_that_a_file_states_are_not_used_and_the_line_says_so(se
         setups.xyz, setups.attributes, {"sensor_origins": [[500, 0, 2], [530, 7, 0]]}
     )
     line = (
-        r"a\.e57: .* at from 500, 0, 0 to 530, 7, 2 \(poses of the scans\), but points of 1 of 2 "
-        r"setups do not look .* is not used; give --sensor X,Y,Z if it is right; --sensor none is"
+        r"a\.e57: .* was from 500, 0, 0 to 530, 7, 2 \(poses of the scans\), but points of scan 2 "
+        r"do not look .* is not used; give --sensor X,Y,Z if it is right; --sensor none is"
     )
     wrong.metadata["sensor_origins"] = [[500, 0, 2], [530, 7, 0]]
     for asked in ({"recognize": True}, {"sensor": "auto"}):
         with pytest.warns(UserWarning, match=line):
             positions, words, doubt = told(wrong, **asked)
         assert (positions, words) == (None, "")
-        assert doubt.startswith("the file says that the sensor was at")
+        assert doubt.startswith("the file says that the sensor was from")
+
+
+def test_a_setup_that_cannot_be_asked_has_no_vote(setups):
+    """Five points of the second setup; and only those. Points far from it, and only those."""
+    few = setups.subset(np.arange(len(setups)) < 4_005)
+    far = PointCloud(setups.xyz.copy(), setups.attributes, setups.metadata)
+    far.xyz[4_000:] += [0, 0, 9_000]
+    for cloud, why in ((few, "too few points can be asked"), (far, "that is too far away to be")):
+        positions, _, doubt = told(cloud, recognize=True)
+        assert doubt == ""
+        assert_array_equal(np.unique(positions, axis=0), setups.metadata["sensor_origins"])
+        with pytest.warns(UserWarning, match=rf"was at 530, 7, 2 .*, but {why}"):
+            assert told(cloud, slice(4_000, None), recognize=True)[0] is None
+
+
+def test_scans_that_speak_against_their_positions_are_named_by_number_the_first_ten():
+    assert _scans([3]) == "of scan 3 "
+    assert _scans(range(2, 5)) == "of scans 2, 3, 4 "
+    assert _scans(range(1, 14)) == "of scans 1, 2, 3, 4, 5, 6, 7, 8, 9, 10 and 3 more "
 
 
 def test_what_options_tell_is_used_as_it_is(setups, tmp_path):

@@ -82,6 +82,35 @@ def test_e57_names_what_it_cannot_hold(tmp_path, cloud, attributes, told):
         assert_array_equal(back["intensity"], np.float32(attributes["intensity"]))
 
 
+def with_poses(path, *places, **fields):
+    points = {f"cartesian{axis}": np.linspace(1, 9, 40) ** i for i, axis in enumerate("XYZ", 1)}
+    with pye57.E57(str(path), mode="w") as file:
+        for place in places:
+            file.write_scan_raw(points | fields, translation=np.array(place, float))
+
+
+@pytest.mark.parametrize("place", [(500_000.25, 5_400_000, 101.5), (0, 0, 0)])
+def test_the_pose_of_one_scan_is_written_again(tmp_path, place):
+    grid = {"rowIndex": np.arange(40), "columnIndex": np.arange(40)}
+    with_poses(tmp_path / "a.e57", place, **grid)
+    cloud = read_points(tmp_path / "a.e57")
+    write_points(tmp_path / "b.e57", cloud)
+    again = read_points(tmp_path / "b.e57")
+    assert_array_equal(again.metadata["sensor_origins"], [place])
+    assert_allclose(again.xyz, cloud.xyz, rtol=1e-15)
+
+
+def test_poses_that_one_scan_cannot_hold_are_named(tmp_path):
+    with_poses(tmp_path / "a.e57", (5, 6, 7), (8, 9, 10))
+    with pytest.warns(UserWarning, match="not written: scan_index, poses of the scans"):
+        write_points(tmp_path / "b.e57", read_points(tmp_path / "a.e57"))
+    assert np.isnan(read_points(tmp_path / "b.e57").metadata["sensor_origins"]).all()
+    with_poses(tmp_path / "a.e57", (0, 0, 0))  # which is no pose without a grid
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        write_points(tmp_path / "b.e57", read_points(tmp_path / "a.e57"))
+
+
 def test_e57_refuses_to_lose_the_outlier_mark(tmp_path, cloud):
     with pytest.raises(PointFileError, match="no place to mark outliers"):
         write_points(tmp_path / "a.e57", cloud.xyz, noise=np.ones(40, dtype=bool))

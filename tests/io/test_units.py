@@ -121,6 +121,13 @@ def test_small_things_and_poles_are_not_taken_for_degrees(xyz):
     assert degrees_warning("a.las", xyz) is None
 
 
+def test_heights_of_200_times_the_extent_of_x_and_y_are_the_limit():
+    box = np.stack(np.meshgrid(*[np.linspace(0, 1, 11)] * 3), axis=-1).reshape(-1, 3)
+    for times, warns in ((190, False), (210, True)):
+        xyz = box * [0.001, 0.001, 0.001 * times] + [13.4, 52.5, 40]
+        assert (degrees_warning("a.las", xyz) is not None) == warns
+
+
 def test_real_clouds_are_not_taken_for_degrees(shared_data):
     for path in shared_data.glob("*/cloud.npz"):
         with np.load(path) as told:

@@ -1,11 +1,15 @@
 """What rays tell equals what the literal oracle says, on small clouds."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from reference import judged
 from sklearn_mcmd import MCMDOutlierDetector
+from sklearn_mcmd.outliers._ray_evidence import RayEvidence
+from sklearn_mcmd.outliers._rays import RayLimits
 from sklearn_mcmd.planes._consistent_set import draw_trials
 
 FORM = {"n_neighbors": 30, "max_outlier_rate": 0.2, "random_state": 0}
@@ -74,6 +78,21 @@ def test_what_rays_tell_equals_the_literal_oracle(cloud):
     assert_allclose(found.isolation_, company[0], rtol=1e-9)
     assert_allclose(found.separation_, company[1], rtol=1e-9)
     assert_allclose(-found.scores_, scores["groups"], rtol=1e-9)
+
+
+@pytest.mark.parametrize(("n_sheets", "doubted"), [(10, False), (11, True)])
+def test_a_position_is_doubted_if_more_than_a_tenth_of_all_that_is_flat_is_sheets(
+    n_sheets, doubted
+):
+    """Measurements count, not places: one place of a sheet has all but one of them."""
+    evidence = RayEvidence.__new__(RayEvidence)
+    evidence.rays = SimpleNamespace(limits=RayLimits())
+    evidence.on_sheet = np.repeat([True, False], [2, 50])
+    counts = np.array([n_sheets - 1, 1, *np.repeat(90 / 45, 45), *np.repeat(9, 5)])
+    surfaces = np.repeat([False, True, False], [2, 45, 5])
+    words = evidence.doubt(surfaces, counts)
+    assert bool(words) == doubted
+    assert "11 % of all that is flat would be sheets" in words or not doubted
 
 
 @pytest.mark.parametrize(

@@ -117,15 +117,12 @@ def test_what_a_file_states_is_believed_where_the_cloud_looks_measured_from_ther
     assert (seen(moved), views_from_setups(moved + at, at)) == ("", [True])
     street = make_street(8_000, random_state=0)
     drive = make_mobile_scan(8_000, random_state=0).data
-    far = np.array([[0.0, 0, 1e4]])
     for points, position in (
         (turn, [[0, 0, turn[:, 2].min()]]),  # the ground
         (street.data, street.sensor_origins[:1]),  # points that are even in space
         (street.data, [[0, 0, 0]]),
         (drive, drive[:1] * 0),
         (drive, drive.mean(axis=0)[None]),
-        (turn + far, -far),
-        (turn[:10], [[0, 0, 0]]),
     ):
         assert views_from_setups(points, np.array(position, float)) == [False]
 
@@ -142,6 +139,16 @@ def test_each_setup_answers_for_its_own_points(turn):
     assert views_from_setups(points, of_each, setups) == [True, True]
     of_each[setups == 9] -= [0, 0, 3.0]
     assert views_from_setups(points, of_each, setups) == [True, False]
+
+
+def test_setups_of_few_points_and_those_that_are_far_away_say_so(turn):
+    points = np.vstack([turn, turn[:16], turn[:17], turn + np.array([0, 0, 9e3])])
+    setups = np.repeat([1, 2, 3, 4], [len(turn), 16, 17, len(turn)])
+    origins = np.zeros_like(points)
+    assert views_from_setups(points, origins, setups)[::3] == [True, "far"]
+    assert views_from_setups(points, origins, setups)[1] == "few"
+    assert views_from_setups(points, origins, setups)[2] in (True, False)
+    assert views_from_setups(points[:0], origins[:1]) == ["few"]
 
 
 def test_the_order_and_the_division_of_points_do_not_matter(turn, monkeypatch):
