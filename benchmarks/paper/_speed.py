@@ -3,10 +3,11 @@
 Times are CPU seconds of the process, which other processes hardly change.
 """
 
+import warnings
 from time import process_time
 
 import numpy as np
-from scipy.optimize import curve_fit
+from scipy.optimize import OptimizeWarning, curve_fit
 
 from benchmarks.paper import _draw
 from benchmarks.paper._clouds import contaminated_planes
@@ -232,6 +233,8 @@ def fit_power(sizes, seconds):
     def model(n, log_a, log_b, log_c):
         return np.log(np.exp(log_a) + np.exp(log_b) * n ** np.exp(log_c))
 
-    best, covariance = curve_fit(model, sizes, np.log(seconds), start, maxfev=20_000)
+    with warnings.catch_warnings():  # times of a busy machine may show no power: the error is inf
+        warnings.simplefilter("ignore", OptimizeWarning)
+        best, covariance = curve_fit(model, sizes, np.log(seconds), start, maxfev=20_000)
     exponent = np.exp(best[2])
     return np.exp(best[0]), exponent, exponent * np.sqrt(covariance[2, 2])
