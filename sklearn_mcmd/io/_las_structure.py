@@ -41,9 +41,8 @@ def check_structure(file):
         told = f"LAS {major}.{minor} with a header of {header_size} bytes is not known"
         raise PointFileError(f"{told}; write it as LAS 1.4 where it was made")
     format_id, record_length, n_points = struct.unpack_from("<BHI", start, 104)
-    evlrs_at = n_evlrs = waveforms_at = 0
-    if minor >= 3:
-        waveforms_at = int.from_bytes(start[WAVEFORMS_FIELD : WAVEFORMS_FIELD + 8], "little")
+    evlrs_at = n_evlrs = 0
+    waveforms_at = int.from_bytes(start[WAVEFORMS_FIELD:][:8] if minor >= 3 else b"", "little")
     if minor >= 4:
         if len(start) < LAS_14_HEADER:
             raise PointFileError(f"truncated: {size} bytes are fewer than a LAS 1.4 header")
@@ -61,12 +60,11 @@ def check_structure(file):
     grid = np.frombuffer(start, "<f8", 6, GRID_FIELD).reshape(2, 3)
     for axis, scale, offset in zip("xyz", *grid, strict=True):
         check_grid(axis, scale, offset)
-    if is_compressed or not record_length:
+    file.seek(min(end, size))
+    if is_compressed or not any(file.read(record_length)):  # no record, or padding
         return 0
-    file.seek(end)
-    is_padding = not any(file.read(record_length))
     behind = [at for at in (evlrs_at * (n_evlrs > 0), waveforms_at, size) if at >= end]
-    return 0 if is_padding else (min(behind) - end) // record_length
+    return (min(behind) - end) // record_length
 
 
 def check_grid(axis, scale, offset):

@@ -212,8 +212,7 @@ class _Table:
 
     def __post_init__(self):
         self.first = self.at
-        # Whether commas are decimal in coordinates, and in others: None until a number tells.
-        # Elsewhere they separate columns.
+        # Whether commas are decimal, of coordinates and of others: None until a number tells.
         self.comma = self.others = None if self.delimiter in (";", "\t") else False
 
     def read(self, lines):
@@ -305,12 +304,11 @@ class _Table:
         """
         if self.comma is not None or len(fields) != len(self.names):
             return
-        self.comma = _decimal([fields[j] for j in self.positions], line, number)
+        own = [fields[j] for j in self.positions]
+        others = [cell for j, cell in enumerate(fields) if j not in self.positions]
+        self.comma = _decimal(own, line, number)
         if self.others is None:
-            others = [cell for j, cell in enumerate(fields) if j not in self.positions]
-            self.others = _decimal(others, line, number)
-        if self.others is None:
-            self.others = self.comma
+            self.others = _decimal(others + own, line, number)
 
     def _coordinate(self, cell, number):
         value, remedy = number_of(cell, self.comma), ""
