@@ -55,7 +55,7 @@ def fitting(extension, columns):
     words = [f"not written: {', '.join(lost)}"] if lost else []
     words += ["rounded to 8 bits: colors"] if rounded and "red" in names else []
     if not names and extension != ".pts":
-        words.append("there are none, and few programs read rows without them")
+        words.append(f"few programs read {name} without the last three")
     if words:
         holds = ", ".join(COLUMNS[extension][0])
         warn_caller(f"{name} holds x, y, z and {holds} only; {'; '.join(words)}")

@@ -136,8 +136,8 @@ BYTES_OF = dict(zip((*COLORS, *NORMALS), np.r_[BYTES.T, BYTES.T], strict=True))
     [
         (".pts", BYTES.astype(np.uint16) * 250, "rounded to 8 bits: colors"),
         (".pts", BYTES / 255, "not written: red, green, blue"),
-        (".xyzrgb", BYTES - 1, "not written: red, green, blue; there are none, and few programs"),
-        (".xyzn", BYTES, "not written: red, green, blue; there are none, and few programs read"),
+        (".xyzrgb", BYTES - 1, "not written: red, green, blue; few programs read XYZRGB"),
+        (".xyzn", BYTES, "not written: red, green, blue; few programs read XYZN without"),
     ],
 )
 def test_colors_that_do_not_fit_are_warned_of(tmp_path, extension, colors, message):

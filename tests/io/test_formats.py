@@ -26,7 +26,7 @@ from sklearn_mcmd.tiling import Catalog
 
 ROOT = Path(__file__).parents[2]
 # XYZN and XYZRGB say so where they have nothing but coordinates.
-pytestmark = pytest.mark.filterwarnings("ignore:.*there are none, and few programs")
+pytestmark = pytest.mark.filterwarnings("ignore:.*few programs read")
 WRITTEN = [one for one in FORMATS if one.write]
 EXTENSIONS = [extension for one in FORMATS for extension in one.extensions]
 
