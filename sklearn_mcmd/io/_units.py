@@ -4,6 +4,8 @@ import re
 
 import numpy as np
 
+from sklearn_mcmd.io._point_cloud import SETUPS
+
 __all__ = ["GEOGRAPHIC", "PROJECTED", "degrees_warning", "length_unit", "system_of"]
 
 METERS = {1.0: "m", 0.3048: "ft", 0.3048006: "US ft"}
@@ -25,7 +27,7 @@ def length_unit(cloud):
 
     LAS tells by its coordinate system, if that is projected. E57 and PTX are always in meters.
     """
-    if "sensor_origins" in cloud.metadata:
+    if SETUPS in cloud.metadata:
         return "m"
     found, (wkts, keys) = set(), system_of(cloud.metadata.get("las_header"))
     for wkt in wkts:
