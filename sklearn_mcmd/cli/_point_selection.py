@@ -1,16 +1,16 @@
 """Which points of a cloud a verb judges: options, and the points."""
 
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import typer
 
-from sklearn_mcmd.cli._options import length_option
+from sklearn_mcmd.cli._options import length, option
 from sklearn_mcmd.io._classes import class_numbers
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._point_cloud import PointFileError
 
-__all__ = ["Above", "Below", "IgnoreClass", "Judged", "LowGroups", "OnlyClass", "judged_points"]
+__all__ = ["Judged", "classes_option", "height_option", "judged_points"]
 
 
 def _classes(text):
@@ -25,69 +25,20 @@ def _classes(text):
         raise typer.BadParameter(f"{text} {err}, such as 6,9") from err
 
 
-def _height_option(help):
-    return length_option(
-        help, metavar="HEIGHT", hidden=True, expected="a height, such as 2.0", fits=np.isfinite
-    )
+def classes_option(help):
+    return option(None, help, parser=_classes, metavar="CLASSES")
 
 
-IgnoreClass = Annotated[
-    tuple | None,
-    typer.Option(
-        parser=_classes,
-        metavar="CLASSES",
-        help="Points of these classes, such as 6,9, are neither judged nor used to judge others. "
-        "They are kept as they are. So are points that are marked withheld, always.",
-        show_default="none",
-    ),
-]
-OnlyClass = Annotated[
-    tuple | None,
-    typer.Option(
-        parser=_classes,
-        metavar="CLASSES",
-        help="Only points of these classes are judged and used. All others are kept as they are.",
-        show_default="all",
-    ),
-]
-Above = Annotated[
-    float | None,
-    _height_option(
-        "Judge only points that are higher than this over the ground (class 2): over the mean "
-        "of the three ground points that are nearest in plan. All are used."
-    ),
-]
-Below = Annotated[
-    float | None,
-    _height_option(
-        "Judge only points that are lower than this over the ground; -0.5 is half a unit under it."
-    ),
-]
-LowGroups = Annotated[
-    bool,
-    typer.Option(
-        "--low-groups",
-        help="A group of any number of points is an outlier if it lies below the ground (class 2) "
-        "by more sizes of its own than the cutoff. Otherwise large groups are kept.",
-        hidden=True,
-    ),
-]
+def height_option(help):
+    return length(None, help, metavar="HEIGHT", hidden=True, signed=True)
 
 
 class Judged(NamedTuple):
-    """Points of a cloud (n,).
+    """Points of a cloud (n,)."""
 
-    used : ndarray of bool
-        They are judged, or others are judged by them.
-    judged : ndarray of bool
-        They may be outliers.
-    ground : ndarray of bool or None
-        Where heights are asked for.
-    """
-
-    used: np.ndarray
-    judged: np.ndarray
-    ground: np.ndarray | None
+    used: np.ndarray  # bool: they are judged, or others are judged by them
+    judged: np.ndarray  # bool: they may be outliers
+    ground: np.ndarray | None  # bool, where heights are asked for
 
 
 def judged_points(source, cloud, choice, above=None, below=None, low_groups=False):

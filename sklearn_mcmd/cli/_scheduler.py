@@ -2,34 +2,17 @@
 
 import asyncio
 from contextlib import contextmanager
-from typing import Annotated
-
-import typer
 
 from sklearn_mcmd._extras import import_extra
 
-__all__ = ["Scheduler", "engine"]
+__all__ = ["joblib_by"]
 
 SECONDS = 5.0  # that a scheduler has for its answer
 
-Scheduler = Annotated[
-    str | None,
-    typer.Option(
-        metavar="ADDRESS",
-        help="Divide the work among the workers of this dask scheduler, such as tcp://node1:8786. "
-        "They must see the folder of OUT.",
-        show_default="processes of this machine",
-        hidden=True,
-    ),
-]
-
 
 @contextmanager
-def engine(scheduler):
-    """Make joblib send its work to a scheduler of dask.distributed, if there is an address."""
-    if scheduler is None:
-        yield
-        return
+def joblib_by(scheduler):
+    """Make joblib send its work to the scheduler of dask.distributed at this address."""
     distributed = import_extra("distributed", "dask", "--scheduler")
     import joblib
 

@@ -1,4 +1,4 @@
-"""Ctrl-C, met by real processes: one line and 130, until their outputs are there."""
+"""Signals, met by real processes: one line and an exit code, until the outputs are there."""
 
 import os
 import subprocess
@@ -12,8 +12,8 @@ from sklearn_mcmd.planes._local_planes import COMPILE_FROM
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
 
-# The program meets Ctrl-C at a moment of its own, which does not depend on how fast it is.
-CTRL_C = """
+# The program meets a signal at a moment of its own, which does not depend on how fast it is.
+SEND = """
 import os, signal, sys
 
 def ctrl_c():
@@ -55,16 +55,30 @@ def tell_and_stop(self, share):
 
 Span.tell = tell_and_stop
 """
-SUMMING_UP = """
-from sklearn_mcmd.cli import {module}
+# The rehearsal is of one point.
+WRITING = """
+import time
+from sklearn_mcmd.io import _formats
 
-told = {module}.{function}
+def stuck(path, cloud):
+    path.write_text("half of it")
+    if len(cloud) > 1:
+        os.kill(os.getpid(), signal.{name})
+        time.sleep(3600)
+
+known = _formats._BY_EXTENSION
+known[".xyz"] = known[".xyz"]._replace(write=stuck)
+"""
+SUMMING_UP = """
+from sklearn_mcmd.cli import _messages
+
+told = _messages.print_table
 
 def tell_late(*args, **kwargs):
     ctrl_c()
     told(*args, **kwargs)
 
-{module}.{function} = tell_late
+_messages.print_table = tell_late
 """
 # Python calls the first while its handlers are in force, and the second when they are gone.
 CLEARING_UP = """
@@ -80,9 +94,9 @@ late = Late()
 
 
 def outcome_of(moment, *args, **variables):
-    """Exit code, stdout and stderr of a command that meets Ctrl-C."""
+    """Exit code, stdout and stderr of a command that meets a signal."""
     done = subprocess.run(
-        [sys.executable, "-c", CTRL_C + moment + MAIN, *map(str, args)],
+        [sys.executable, "-c", SEND + moment + MAIN, *map(str, args)],
         capture_output=True,
         text=True,
         env=os.environ | variables,
@@ -91,8 +105,11 @@ def outcome_of(moment, *args, **variables):
 
 
 def printed_by(code):
-    """What a program prints, and what it says of errors."""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    """What a program prints in whose name signals are handled, and what it says of errors."""
+    begin = (
+        "from sklearn_mcmd.runtime._interrupts import *\nhandle_signals('mcmd')\nimport signal\n"
+    )
+    done = subprocess.run([sys.executable, "-c", begin + code], capture_output=True, text=True)
     return done.stdout, done.stderr
 
 
@@ -113,27 +130,28 @@ def test_ctrl_c_ends_in_one_line_while_code_is_compiled(tmp_path):
     assert files_in(tmp_path) == ["compiled", "in.npy"]
 
 
-def test_ctrl_c_ends_in_one_line_while_planes_are_fitted(room_file, tmp_path):
-    code, out, err = outcome_of(FITTING, "denoise", room_file, tmp_path / "out.npy")
-    assert (code, out) == (130, "")
-    assert err.splitlines()[-1] == "mcmd: interrupted"  # a slow machine tells its progress before
+@pytest.mark.parametrize(
+    ("moment", "expected"),
+    [
+        (FITTING, 130),
+        (WRITING.format(name="SIGINT"), 130),
+        (WRITING.format(name="SIGTERM"), 143),
+        (WRITING.format(name="SIGHUP"), 129),
+    ],
+)
+def test_a_signal_during_the_work_leaves_no_file(moment, expected, room_file, tmp_path):
+    code, out, err = outcome_of(moment, "denoise", room_file, tmp_path / "out.xyz")
+    assert (code, out) == (expected, "")
+    if code == 130:
+        assert err.splitlines()[-1] == "mcmd: interrupted"  # a slow machine tells its progress
     assert files_in(tmp_path) == ["room.laz"]
 
 
 @pytest.mark.parametrize(
-    ("verb", "function", "arguments"),
-    [
-        ("denoise", "_messages.print_summary", ["out.xyz"]),
-        ("view", "_view._report", ["-o", "out.html"]),
-    ],
+    ("verb", "options", "name"), [("denoise", [], "out.xyz"), ("view", ["-o"], "out.html")]
 )
-def test_ctrl_c_comes_too_late_when_the_output_is_there(
-    verb, function, arguments, room_file, tmp_path
-):
-    module, function = function.split(".")
-    *options, name = arguments
-    moment = SUMMING_UP.format(module=module, function=function)
-    code, out, _ = outcome_of(moment, verb, room_file, *options, tmp_path / name)
+def test_ctrl_c_comes_too_late_when_the_output_is_there(verb, options, name, room_file, tmp_path):
+    code, out, _ = outcome_of(SUMMING_UP, verb, room_file, *options, tmp_path / name)
     assert code == 0
     assert "points" in out
     assert files_in(tmp_path) == sorted([name, "room.laz"])
@@ -149,10 +167,6 @@ def test_ctrl_c_does_not_change_how_a_command_has_ended_while_python_clears_up(r
 
 def test_a_verb_within_another_one_does_not_end_its_interrupts():
     code = (
-        "import signal\n"
-        "from sklearn_mcmd.runtime._interrupts import "
-        "exit_at_once, ignore_interrupts, raise_interrupts\n"
-        "exit_at_once('mcmd')\n"
         "with raise_interrupts():\n"
         "    with raise_interrupts():\n"
         "        ignore_interrupts()\n"
@@ -170,9 +184,6 @@ def test_a_verb_within_another_one_does_not_end_its_interrupts():
 
 def test_ctrl_c_that_a_library_turns_into_another_error_is_still_an_interruption():
     code = (
-        "import signal\n"
-        "from sklearn_mcmd.runtime._interrupts import exit_at_once\n"
-        "exit_at_once('mcmd')\n"
         "import typer\n"
         "from sklearn_mcmd.cli._messages import clear_exits\n"
         "try:\n"
@@ -189,9 +200,7 @@ def test_ctrl_c_that_a_library_turns_into_another_error_is_still_an_interruption
 
 def test_ctrl_c_that_a_callback_forgets_comes_again():
     code = (
-        "import signal, time\n"
-        "from sklearn_mcmd.runtime._interrupts import exit_at_once, raise_interrupts\n"
-        "exit_at_once('mcmd')\n"
+        "import time\n"
         "class Forgets:\n"
         "    def __del__(self):\n"
         "        signal.raise_signal(signal.SIGINT)\n"
@@ -207,14 +216,12 @@ def test_ctrl_c_that_a_callback_forgets_comes_again():
     assert printed_by(code) == ("came again True\n", "")
 
 
-def test_a_process_that_ignores_ctrl_c_goes_on_ignoring_it():
+def test_signals_that_a_process_ignores_stay_ignored():
     code = (
-        "import signal\n"
-        "from sklearn_mcmd.runtime._interrupts import exit_at_once\n"
-        "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
-        "exit_at_once('mcmd')\n"
-        "signal.raise_signal(signal.SIGINT)\n"
+        "both = signal.SIGINT, signal.SIGHUP\n"  # as of nohup
+        "for number in both: signal.signal(number, signal.SIG_IGN)\n"
+        "handle_signals('mcmd')\n"
+        "for number in both: signal.raise_signal(number)\n"
         "print('goes on')\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (done.returncode, done.stdout) == (0, "goes on\n")
+    assert printed_by(code) == ("goes on\n", "")

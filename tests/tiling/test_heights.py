@@ -1,5 +1,7 @@
 """Heights over the ground by tiles are those in memory to the last bit."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,7 +10,7 @@ from numpy.testing import assert_array_equal
 from sklearn.base import clone
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.cli._denoise import _denoised, _verdict
+from sklearn_mcmd.cli._denoise import Denoise, _verdict
 from sklearn_mcmd.cli._point_selection import judged_points
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.io._classes import Choice
@@ -82,7 +84,8 @@ def in_memory(source, target, mode="mark", choice=None, detector=DETECTOR, **hei
     fitted = clone(detector).fit(single if np.array_equal(single, used) else used)
     low_groups = heights.get("low_groups", False)
     classes, score, _ = _verdict(cloud, points, fitted, low_groups)
-    made, noise = _denoised(cloud, classes, score, mode == "mark")
+    found = SimpleNamespace(classes=classes, score=score)
+    made, noise = Denoise(source, target, mode=mode).written(cloud, found)
     write_points(target, made, noise=noise)
     return points, classes
 
