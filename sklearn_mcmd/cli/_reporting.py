@@ -70,7 +70,7 @@ def write_report_of(verb, seconds, contents):
         with progress_part(1.0, 1.0, "report"):
             span, made = current_span(), contents()
             if span is not None:
-                span.tell(DRAWN)
+                span.report(DRAWN)
             write_report(folder, run, with_warnings(made, warned()))
     ignore_interrupts()
 

@@ -16,7 +16,7 @@ from sklearn_mcmd.outliers._levels import LEVELS
 from sklearn_mcmd.outliers._model import JudgedCloud, n_by_rays
 from sklearn_mcmd.outliers._view import origin_if_seen
 from sklearn_mcmd.planes._base import BasePlaneOutliers
-from sklearn_mcmd.runtime._progress import progress_part, told_to
+from sklearn_mcmd.runtime._progress import heard_by, progress_part
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
 __all__ = ["EXACT_PLANE_SCORE", "MCMDOutlierDetector", "share_to_flag"]
@@ -386,7 +386,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
             cutoff = self._model.settings.cutoff if one_plane else CUTOFF
         if self.false_positive_rate is not None:
             begin = 0.4  # for the display of progress
-            with progress_part(0.0, begin, "cutoff by simulation"), told_to(None):
+            with progress_part(0.0, begin, "cutoff by simulation"), heard_by(None):
                 cutoff = calibrated_cutoff(self._model, settings, self.false_positive_rate)
         given = {"origins": origins, "intensity": ranks, "doubted": doubted}
         self._cloud = JudgedCloud(self._model, **given, **settings)

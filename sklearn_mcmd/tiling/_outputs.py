@@ -8,7 +8,7 @@ from sklearn_mcmd.io._files import check_writable, one_clear_line, replacing
 from sklearn_mcmd.io._formats import TILED, format_of, listed, supported_extensions
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._las_parts import read_parts, writing_parts
-from sklearn_mcmd.runtime._progress import tell_share
+from sklearn_mcmd.runtime._progress import report_share
 from sklearn_mcmd.tiling._catalog import stamp_of
 from sklearn_mcmd.tiling._memory import PART
 from sklearn_mcmd.tiling._publish_outputs import places_of
@@ -100,7 +100,7 @@ def write_outputs(run, verb, results):
                     write(made, marked)
                     n_written += len(made)
                     first += len(cloud)
-                    tell_share(first / catalog.n_points)
+                    report_share(first / catalog.n_points)
         run.folder.mark_written(i, place, verb.content)
         if n_written == 0:
             warn_caller(f"{targets[i]}: all points are outliers, so the file has none")

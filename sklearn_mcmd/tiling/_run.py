@@ -19,7 +19,7 @@ from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._ground import check_ground
 from sklearn_mcmd.io._las_parts import no_returns_of, read_parts
 from sklearn_mcmd.runtime._interrupts import ignoring_interrupts
-from sklearn_mcmd.runtime._progress import progress_part, tell_share
+from sklearn_mcmd.runtime._progress import progress_part, report_share
 from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
 from sklearn_mcmd.tiling._cloud_constants import WholeCloud
@@ -302,7 +302,7 @@ def _scatter(verb, catalog, folder, capacity):
             if origins is not None:
                 origins.add(cloud, path)
             row += len(cloud)
-            tell_share(row / catalog.n_points)
+            report_share(row / catalog.n_points)
         if warning := no_returns_of(path).warning(path):
             warn_caller(warning)
     if not writer.n_points:

@@ -11,7 +11,7 @@ from joblib import Parallel, delayed
 
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.planes._resolution import coarse_warning
-from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part, tell_share
+from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part, report_share
 
 __all__ = ["Sweeps", "TilingError", "compute_cells", "warn_if_coarse"]
 
@@ -63,7 +63,7 @@ def compute_cells(task, cells, todo, n_workers):
             between = _between(*cells.extent(cell))
             warn_caller(f"tile {cell} failed ({between}): {error}")
         rate = (n_done - n_before) / max(time.monotonic() - begin, 1e-9)
-        tell_share(n_done / n_points, f"{rate:,.0f} points/s")
+        report_share(n_done / n_points, f"{rate:,.0f} points/s")
     if n_failed:
         raise TilingError(f"{n_failed} of {len(cells)} tiles failed")
 

@@ -10,7 +10,7 @@ import pytest
 
 from sklearn_mcmd.cli import _progress_bar
 from sklearn_mcmd.cli._progress_bar import progress
-from sklearn_mcmd.runtime._progress import progress_part, tell_share
+from sklearn_mcmd.runtime._progress import progress_part, report_share
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def work():
     for i, stage in enumerate(["reading", "outliers"]):
         with progress_part(i / 2, (i + 1) / 2, stage):
             for share in (0.5, 0.25, 1.0):
-                tell_share(share, "12 points/s")
+                report_share(share, "12 points/s")
 
 
 def test_without_a_terminal_each_long_stage_is_told_once_in_a_plain_line(impatient, capsys):

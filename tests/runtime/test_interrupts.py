@@ -46,14 +46,14 @@ event.register("numba:compile", Listener())
 FITTING = """
 from sklearn_mcmd.runtime._progress import Span
 
-tell = Span.tell
+report = Span.report
 
-def tell_and_stop(self, share):
-    tell(self, share)
+def report_and_stop(self, share):
+    report(self, share)
     if self.stage == "planes" and share > 0:
         ctrl_c()
 
-Span.tell = tell_and_stop
+Span.report = report_and_stop
 """
 # The rehearsal is of one point.
 WRITING = """

@@ -38,7 +38,7 @@ def all_told(work):
 def test_parts_of_parts_are_shares_of_the_whole():
     def work():
         with progress_part(0.0, 0.5, "first"):
-            current_span().tell(0.5)
+            current_span().report(0.5)
         with progress_part(0.5, 1.0, "second"), progress_part(0.0, 0.2):
             pass
 
@@ -52,9 +52,9 @@ def test_a_stage_is_told_from_its_begin_to_its_end_whatever_its_share_of_the_who
     def work():
         with progress_part(0.5, 0.75, "stage"):
             with progress_part(0.0, 0.5):
-                current_span().tell(0.5)
+                current_span().report(0.5)
             with progress_part(0.5, 1.0):
-                current_span().tell(0.5)
+                current_span().report(0.5)
 
     told = all_told(work)
     assert [t.part for t in told] == [0, 0, 0.25, 0.5, 0.5, 0.75, 1, 1]
